@@ -16,32 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from agglo_core.errors import AggloError, MeshError
 
-__all__ = [
-    "Bytes",
-    "FieldState",
-    "Float",
-    "Index",
-    "Int",
-    "Mask",
-    "UInt64",
-    "exact_cast",
-    "first_of_each",
-    "fits_in_index",
-    "frozen",
-    "frozen_float",
-    "frozen_index",
-    "frozen_int",
-    "index_cast",
-    "is_masked_array",
-    "label_order",
-    "narrow",
-    "owned",
-    "plain_array",
-    "splitmix",
-    "trusted",
-    "trusted_copy",
-]
-
 T = TypeVar("T")
 
 Float = NDArray[np.float64]

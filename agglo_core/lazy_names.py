@@ -9,8 +9,6 @@ from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
 
-__all__ = ["import_name", "names_in_stub"]
-
 _STATEMENT = re.compile(r"^from ([\w.]+) import (?:\(([^)]*)\)|(.*))", re.MULTILINE)
 _NAME = re.compile(r"(\w+) as \w+")
 _ALIAS = re.compile(r"^(\w+) = (\w+)", re.MULTILINE)

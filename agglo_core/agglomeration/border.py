@@ -16,23 +16,6 @@ from agglo_core.protocols import Bisector, LevelBisector, Target
 from agglo_core.registry.attribution import Member, attributed
 from agglo_core.registry.containment import shown
 
-__all__ = [
-    "bisect_by_block",
-    "bisector_for",
-    "broken_blocks",
-    "broken_halves",
-    "checked_labels",
-    "checked_moves",
-    "checked_parts",
-    "checked_sides",
-    "checked_sizes",
-    "checked_split",
-    "checked_widths",
-    "one_sided_blocks",
-    "require_no_worse",
-    "sides_by_share",
-]
-
 
 def bisector_for(member: Member, target: Target) -> Member:
     """Return the bisector for this target: the same one if the target makes no difference to it."""

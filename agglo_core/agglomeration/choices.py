@@ -13,8 +13,6 @@ from agglo_core.registry import KINDS, Registry, describe
 from agglo_core.registry.attribution import Member
 from agglo_core.registry.options import name_and_options
 
-__all__ = ["POLISH", "Choice", "chosen", "new_run", "short_name"]
-
 Choice = str | tuple[str, Mapping[str, Any]] | Any
 """A component: its name, its name with options, or an object that has a method of its kind."""
 

@@ -19,8 +19,6 @@ from agglo_core.errors import OptionError, PluginError
 from agglo_core.graph import Graph
 from agglo_core.registry.attribution import Member, attributed
 
-__all__ = ["bounded_goals", "constrained", "forbidden_by", "naming"]
-
 
 def constrained(graph: Graph, constraints: Sequence[Member], there: Graph) -> Graph:
     """The graph ``there``, of the same edges as ``graph``, without those that constraints forbid.

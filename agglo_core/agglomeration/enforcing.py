@@ -20,8 +20,6 @@ from agglo_core.graph import Graph
 from agglo_core.progress import phase
 from agglo_core.registry.attribution import Member, attributed
 
-__all__ = ["PartRules", "part_rules"]
-
 _ROUNDS = 8
 """Times that splitting and joining are repeated to meet a count."""
 

@@ -22,8 +22,6 @@ from agglo_core.graph import Graph
 from agglo_core.mesh import compared_diameters
 from agglo_core.protocols import Target
 
-__all__ = ["TARGETS", "CountGoal", "Goal", "Numbers", "SizeGoal", "check_targets", "resolve_goals"]
-
 Numbers = float | Sequence[float]
 
 TARGETS = ("h_star", "h_factor", "n_parts", "cells_per_part")

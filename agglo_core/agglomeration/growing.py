@@ -17,8 +17,6 @@ from agglo_core.graph import Graph
 from agglo_core.progress import phase
 from agglo_core.registry.attribution import attributed
 
-__all__ = ["grown_levels"]
-
 
 def grown_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass) -> list[Int] | None:
     """Labels of each coarse level, finest first; None if the bisector wants to be asked depth by depth.

@@ -9,8 +9,6 @@ from agglo_core.arrays import Int, UInt64
 from agglo_core.graph import Graph
 from agglo_core.progress import Tell
 
-__all__ = ["Growing", "Growth", "GrowthToSize", "RestartedGrowth"]
-
 
 class Growth(Protocol):
     """Pieces of a graph that are split again and again."""

@@ -10,8 +10,6 @@ from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.compiled.graphs import flood
 from agglo_core.compiled.ring_search import connected
 
-__all__ = ["broken_halves"]
-
 _THIN = 4  # times the nodes along the cut: blocks of fewer are looked at as a whole
 
 

@@ -18,8 +18,6 @@ from agglo_core.hierarchy import by_first_cell
 from agglo_core.progress import Tell, phase
 from agglo_core.protocols import Target
 
-__all__ = ["kway_levels"]
-
 
 def kway_levels(graph: Graph, goals: Sequence[Goal], nested: bool, run: Run, post: PostPass) -> list[Int]:
     """Labels of each coarse level, finest first.

@@ -20,8 +20,6 @@ from agglo_core.arrays import Float, Int, Mask, frozen_int
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import by_first_cell
 
-__all__ = ["line_levels", "lines_of_cells"]
-
 STRONG = 4.0
 """Couplings this many times the weakest of both cells make lines."""
 

@@ -9,8 +9,6 @@ import numpy as np
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.compiled.geometry import distinct_vertices, largest_distance
 
-__all__ = ["merged_parts"]
-
 _FINE = (
     2.0**40
 )  # scores that agree to so many parts of 1 are equal, whatever the order their sums were made in

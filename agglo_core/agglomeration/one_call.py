@@ -19,8 +19,6 @@ from agglo_core.mesh import Mesh
 from agglo_core.progress import Listener
 from agglo_core.registry import Registry
 
-__all__ = ["agglomerate", "changed"]
-
 _COUNTS, _SIZES = ("n_parts", "cells_per_part"), ("h_star", "h_factor")
 _DEFAULT = Pipeline()
 _NAMES = frozenset(each.name for each in fields(Pipeline))

@@ -17,8 +17,6 @@ from agglo_core.graph import Graph
 from agglo_core.graph.ordering import curve_order
 from agglo_core.progress import phase
 
-__all__ = ["ordered_levels"]
-
 
 def ordered_levels(
     graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass, *, kway: bool, nested: bool

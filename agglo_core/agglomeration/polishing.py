@@ -22,8 +22,6 @@ from agglo_core.hierarchy import by_first_cell
 from agglo_core.progress import Tell, phase
 from agglo_core.protocols import Target
 
-__all__ = ["PartRefiner", "PostPass", "merge_parts"]
-
 
 @runtime_checkable
 class PartRefiner(Protocol):

@@ -7,8 +7,6 @@ import numpy as np
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import OptionError
 
-__all__ = ["TooFewPartsError", "apportion", "split_quotas"]
-
 
 class TooFewPartsError(OptionError):
     """Fewer parts are asked for than the mesh has components."""

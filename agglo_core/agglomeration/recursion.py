@@ -23,8 +23,6 @@ from agglo_core.hierarchy import Tree
 from agglo_core.progress import Tell, phase
 from agglo_core.split.side_shares import side_shares
 
-__all__ = ["grow", "recursive_levels", "warn_of_large_cells"]
-
 
 @dataclass
 class _Growth:

@@ -20,8 +20,6 @@ from agglo_core.mesh.marks import marked, weights_of
 from agglo_core.registry import Registry
 from agglo_core.registry.attribution import Member, attributed
 
-__all__ = ["BALANCES", "BOUNDS", "Balance", "Marks", "Names", "Rules", "imbalance"]
-
 Balance = Literal["cells", "measure", "weights"]
 BALANCES = ("cells", "measure", "weights")
 Names = str | Sequence[str]

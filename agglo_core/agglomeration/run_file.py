@@ -11,8 +11,6 @@ from agglo_core.errors import FileError
 from agglo_core.registry.code_options import written
 from agglo_core.registry.toml_files import read_toml
 
-__all__ = ["RunFile"]
-
 COMPONENTS = ("bisector", "fixer")
 COMPONENT_LISTS = ("refiners", "post_refiners", "constraints")
 

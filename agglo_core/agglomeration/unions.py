@@ -9,8 +9,6 @@ import numpy as np
 from agglo_core.arrays import Float, Int, Mask, frozen_int
 from agglo_core.graph import Graph
 
-__all__ = ["Refused", "merged_pairs"]
-
 Refused = Callable[[Int, Mask], Mask]
 """``refused(labels, asked)``: which of the parts asked for ``(k,)`` may not be."""
 

@@ -13,8 +13,6 @@ from agglo_core.graph import Graph
 from agglo_core.graph.ordering import curve_order
 from agglo_core.progress import TimeLimit
 
-__all__ = ["Annealing", "Shapes", "Weights"]
-
 _RATIO = 0.95
 """Radius of a disc or ball over its dimension times measure over surface, so that real parts, which are
 rugged, get about the ratio of their inscribed circle."""

@@ -28,8 +28,6 @@ from agglo_core.anneal.state import (
 from agglo_core.anneal.widths import joined_width, left_width
 from agglo_core.compiled.compiling import helper, kernel
 
-__all__ = ["anneal_circles"]
-
 _GROWTH = 1.3
 """The radius of a circle does not grow by more than this factor, nearly always, when one cell joins."""
 

@@ -11,20 +11,6 @@ import numpy as np
 from agglo_core.anneal.state import MEASURE
 from agglo_core.compiled.compiling import ONE, helper, kernel
 
-__all__ = [
-    "ACROSS",
-    "CENTRED",
-    "MOMENT",
-    "RADIUS",
-    "Circles",
-    "centre_of",
-    "centred_radius",
-    "circle_inside",
-    "circle_state",
-    "outline",
-    "touches",
-]
-
 RADIUS, ACROSS, CENTRED, MOMENT = 0, 1, 3, 4
 """Columns of a part: radius of its circle, its centre, that of the circle about the centroid, moments."""
 

@@ -11,8 +11,6 @@ import numpy as np
 from agglo_core.anneal.state import COUNT
 from agglo_core.compiled.compiling import ONE, helper
 
-__all__ = ["Shares", "drawn_loss", "drawn_move", "most_draws", "share_seed"]
-
 
 class Shares(NamedTuple):
     """Cells share by share, where each share starts ``(S + 1,)``, the share of each part ``(k,)``.

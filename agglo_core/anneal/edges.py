@@ -10,8 +10,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-__all__ = ["Edges", "cell_edges"]
-
 
 class Edges(NamedTuple):
     """Edges of each cell (CSR): the cell beyond or −1; a corner, a vector and 1/length², ``(e, 5)``."""

@@ -16,8 +16,6 @@ from agglo_core.anneal.state import COUNT, DIAMETER, MEASURE, Parts, Work, excha
 from agglo_core.anneal.widths import joined_width, left_width, widest
 from agglo_core.compiled.compiling import ONE, helper, kernel
 
-__all__ = ["CENTRE", "SIZE", "Pursuit", "anneal_inertia", "solver_state"]
-
 SIZE, CENTRE, _COLUMNS = 1, 4, 7
 """Columns of size and centre of a part; the weight is in that of the measure."""
 

@@ -23,8 +23,6 @@ from agglo_core.anneal.state import (
 from agglo_core.anneal.widths import joined_width, left_width
 from agglo_core.compiled.compiling import ONE, helper, kernel
 
-__all__ = ["anneal"]
-
 
 @helper
 def _score(width, measure, surface, how, penalty):

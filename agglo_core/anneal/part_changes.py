@@ -7,8 +7,6 @@ import numpy as np
 from agglo_core.arrays import Int, Mask, frozen_int, label_order
 from agglo_core.graph import Graph
 
-__all__ = ["cut_in_two", "dissolved", "dissolved_together"]
-
 
 def cut_in_two(graph: Graph, labels: Int, chosen: Mask) -> Int:
     """Labels ``(n,)`` once each of the ``chosen (k,)`` parts is cut across its principal axis.

@@ -17,8 +17,6 @@ from agglo_core.progress import TimeLimit, checked_seconds
 from agglo_core.protocols import Target
 from agglo_core.refine.part_sizes import FREE, Balance, checked_size, checked_tolerance
 
-__all__ = ["PartSearch"]
-
 _ROUNDING = 1e-9
 
 

@@ -16,8 +16,6 @@ from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.progress import TimeLimit, checked_seconds
 from agglo_core.protocols import Target
 
-__all__ = ["AnnealRefiner"]
-
 _RAMPS = Ramps(0.1, 1e-3, 160.0, 400.0)
 _FOR_SOLVERS = Ramps(2.0, 0.02)
 _NEVER = 1e7

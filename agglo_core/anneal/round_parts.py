@@ -14,8 +14,6 @@ from agglo_core.graph import Graph
 from agglo_core.progress import TimeLimit
 from agglo_core.protocols import Target
 
-__all__ = ["round_parts"]
-
 _FILLED = {2: (0.40, 0.44), 3: (0.12, 0.14)}
 """Measure of a part over its size to the power of the dimension: parts of few cells, and of many."""
 

@@ -13,8 +13,6 @@ from agglo_core.arrays import Float, Int, Mask, frozen_int, splitmix
 from agglo_core.graph import Graph
 from agglo_core.progress import TimeLimit
 
-__all__ = ["EFFORTS", "Effort", "Search"]
-
 
 @dataclass(frozen=True)
 class Effort:

@@ -13,8 +13,6 @@ from agglo_core.graph.ordering import curve_order
 from agglo_core.progress import TimeLimit
 from agglo_core.threads import mapped, thread_count
 
-__all__ = ["Ramps", "rooms_of", "shared_out", "take_turns"]
-
 _CELLS, _PARTS = 1536, 64
 """A share has at least so many cells, and so many parts."""
 

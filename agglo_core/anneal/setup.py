@@ -10,8 +10,6 @@ from agglo_core.anneal.state import COLUMNS, COUNT, DIAMETER, MEASURE, SURFACE, 
 from agglo_core.anneal.widths import square_between, widest
 from agglo_core.compiled.compiling import kernel
 
-__all__ = ["cell_surroundings", "part_state"]
-
 
 @kernel
 def cell_surroundings(indptr, interface, boundary, centroids, offsets, vertices, points):

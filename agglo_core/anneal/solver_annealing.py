@@ -15,8 +15,6 @@ from agglo_core.graph.solver_shape import solver_factors
 from agglo_core.progress import TimeLimit
 from agglo_core.refine.part_sizes import FREE, Balance
 
-__all__ = ["SolverAnnealing"]
-
 
 class SolverAnnealing:
     """Anneals partitions of one connected block; labels are in the ``order`` of the cells along a curve.

@@ -18,8 +18,6 @@ from agglo_core.refine.balance import BalanceRefiner
 from agglo_core.refine.compactness import CompactnessRefiner
 from agglo_core.refine.part_sizes import FREE, Balance
 
-__all__ = ["solver_parts"]
-
 _ROUNDING = 1e-9
 
 

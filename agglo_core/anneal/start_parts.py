@@ -16,8 +16,6 @@ from agglo_core.refine.connectivity import ConnectivityFixer
 from agglo_core.refine.interface import InterfaceRefiner
 from agglo_core.split.geometric import InertialBisection
 
-__all__ = ["Rival", "Start", "bisected_parts", "connected_parts", "parts_within"]
-
 _ROUNDING = 1e-9
 
 Start = Callable[[Graph, int], Int]

@@ -11,19 +11,6 @@ import numpy as np
 from agglo_core.compiled.compiling import ONE, helper
 from agglo_core.compiled.ring_search import CROWD, REACH, connected
 
-__all__ = [
-    "COLUMNS",
-    "COUNT",
-    "DIAMETER",
-    "MEASURE",
-    "SURFACE",
-    "Cells",
-    "Parts",
-    "Work",
-    "exchange",
-    "may_leave",
-]
-
 COLUMNS = 4
 MEASURE, SURFACE, DIAMETER, COUNT = 0, 1, 2, 3
 """Columns of the sums of a part: measure, measure of its faces, diameter, number of cells."""

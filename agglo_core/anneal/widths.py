@@ -9,8 +9,6 @@ import numpy as np
 from agglo_core.anneal.state import DIAMETER
 from agglo_core.compiled.compiling import ONE, helper
 
-__all__ = ["joined_width", "left_width", "square_between", "widest"]
-
 
 @helper
 def square_between(u, v, points):

@@ -31,8 +31,6 @@ from agglo_core.registry import CORE_COMMANDS, Record, default, describe
 from agglo_core.registry.construct import resolve
 from agglo_core.registry.containment import printable
 
-__all__ = ["app", "main"]
-
 _ON_RANKS = ("run", "solve")  # commands that know of several ranks; all others are of one process
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # what writing to stdout may end in
 

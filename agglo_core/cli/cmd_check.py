@@ -18,8 +18,6 @@ from agglo_core.registry import KINDS
 if TYPE_CHECKING:
     from agglo_core.conformance import Result
 
-__all__ = ["check"]
-
 _ABOUT = "what it says, or what is wrong"
 
 

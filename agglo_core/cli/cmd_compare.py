@@ -42,8 +42,6 @@ if TYPE_CHECKING:
     from agglo_core.mesh import Mesh
     from agglo_core.progress import Listener
 
-__all__ = ["compare"]
-
 
 @dataclass(frozen=True)
 class _Plan:

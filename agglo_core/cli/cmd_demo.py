@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from agglo_core.mesh import Mesh
     from agglo_core.progress import Listener
 
-__all__ = ["demo"]
-
 _FIRST = ("kmeans", "metis")
 _TISSUE = "tissue"
 _BOXES = 2

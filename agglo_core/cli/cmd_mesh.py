@@ -14,8 +14,6 @@ from agglo_core.cli.stdout import OwnCommand
 from agglo_core.cli.tables import print_lines
 from agglo_core.progress import phase
 
-__all__ = ["mesh"]
-
 
 @click.command(cls=OwnCommand, short_help="Write a sample mesh to a file.")
 @click.argument("sample", shell_complete=sample_names)

@@ -16,8 +16,6 @@ from agglo_core.registry import KINDS, Record, Registry, default, describe
 from agglo_core.registry.construct import resolve
 from agglo_core.registry.options import Option, options_of
 
-__all__ = ["plugins"]
-
 _COLUMNS = ("kind", "name", "plugin", "distribution", "state", "about")
 _SLOW = 2.0  # seconds; every command waits for the imports of all plugins
 

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from agglo_core.measure import Level
     from agglo_core.mesh import Mesh
 
-__all__ = ["quality"]
-
 
 @click.command(cls=OwnCommand, short_help="Measure the agglomerates in a file.")
 @click.argument("file", type=FILE)

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from agglo_core.mesh import Mesh
     from agglo_core.progress import Listener
 
-__all__ = ["run"]
-
 _log = logging.getLogger("agglo")
 
 

@@ -37,8 +37,6 @@ if TYPE_CHECKING:
     from agglo_core.mesh import Mesh
     from agglo_core.problems import Discretisation, Samples, Solution
 
-__all__ = ["solve"]
-
 _COLUMNS = 80
 
 

@@ -24,8 +24,6 @@ from agglo_core.registry.construct import resolve
 from agglo_core.registry.option_types import words_of
 from agglo_core.registry.options import Option, options_of
 
-__all__ = ["Offer", "any_names", "completion", "meshes", "names", "samples"]
-
 Offer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 """What click asks with the text so far: ``shell_complete=`` of an option or argument."""
 

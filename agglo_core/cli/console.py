@@ -16,16 +16,6 @@ from agglo_core.cli.stdout import stdout, terminal_columns
 from agglo_core.cli.tables import line_for
 from agglo_core.registry.containment import printable
 
-__all__ = [
-    "explain_compilation",
-    "notices",
-    "number",
-    "plain",
-    "print_json",
-    "quieten",
-    "say",
-]
-
 _log = logging.getLogger("agglo")
 
 

@@ -8,8 +8,6 @@ from typing import Any
 
 import click
 
-__all__ = ["Number", "in_words"]
-
 
 @dataclass(frozen=True)
 class Number(click.ParamType[float]):

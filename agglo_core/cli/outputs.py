@@ -26,16 +26,6 @@ if TYPE_CHECKING:
     from agglo_core.measure.comparison import RunResult
     from agglo_core.mesh import Mesh
 
-__all__ = [
-    "Outputs",
-    "as_file_name",
-    "check_outputs",
-    "check_picture",
-    "check_report",
-    "draw_runs",
-    "weigh_runs",
-]
-
 _log = logging.getLogger("agglo")
 
 _PICTURES = (".png", ".pdf", ".svg")

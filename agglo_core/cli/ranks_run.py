@@ -20,8 +20,6 @@ from agglo_core.progress import phase
 if TYPE_CHECKING:
     from agglo_core.distributed import DistributedHierarchy, DistributedMesh, Ranks
 
-__all__ = ["agglomerated", "is_of_ranks", "run_on_ranks", "shared_mesh", "warm_up_in_turn"]
-
 
 def is_of_ranks(output: Path | None, independent: bool) -> bool:
     """Whether a run is of several ranks, or asks of one what else several do."""

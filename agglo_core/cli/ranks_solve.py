@@ -25,8 +25,6 @@ from agglo_core.registry.attribution import attributed
 if TYPE_CHECKING:
     from agglo_core.distributed import DistributedHierarchy
 
-__all__ = ["NOT_CONVERGED", "solve_on_ranks", "solves_across"]
-
 NOT_CONVERGED = 3
 _COLUMNS = 80
 

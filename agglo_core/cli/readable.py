@@ -17,8 +17,6 @@ from typing import TextIO
 from agglo_core.cli.stdout import stdout
 from agglo_core.registry.containment import printable
 
-__all__ = ["can_show", "readable_output", "shown"]
-
 _ERRORS = "agglo_readable"
 _ASCII = "agglo_ascii"
 

@@ -9,8 +9,6 @@ import click
 
 from agglo_core.cli.number_types import Number
 
-__all__ = ["RULES", "RULE_OPTIONS"]
-
 
 def _names(_: click.Context, parameter: click.Parameter, text: str | None) -> tuple[str, ...] | None:
     """The items of a comma list."""

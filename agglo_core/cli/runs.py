@@ -20,22 +20,6 @@ if TYPE_CHECKING:
     from agglo_core.measure.comparison import RunResult
     from agglo_core.mesh import Mesh
 
-__all__ = [
-    "attempt",
-    "data",
-    "execute",
-    "level_data",
-    "refuse_all_failed",
-    "refuse_metrics",
-    "run_data",
-    "short",
-    "show",
-    "single_level",
-    "undefined",
-    "warm_up",
-    "watched",
-]
-
 Metrics = list[Any] | None
 
 _RATIO = "mean diam/h*"

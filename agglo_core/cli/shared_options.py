@@ -12,16 +12,6 @@ from agglo_core.cli.number_types import Number
 from agglo_core.cli.specs import as_typed, bisector_specs, split_specs
 from agglo_core.threads import using_threads
 
-__all__ = [
-    "COMPONENT",
-    "Command",
-    "Decorator",
-    "bisectors_option",
-    "metrics_option",
-    "read_bisectors",
-    "threads_option",
-]
-
 COMPONENT = "NAME[:opt=val,…]"
 """Metavar of an option that names a component."""
 

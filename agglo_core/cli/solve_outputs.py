@@ -16,15 +16,6 @@ if TYPE_CHECKING:
     from agglo_core.mesh import Mesh
     from agglo_core.problems import Solution
 
-__all__ = [
-    "check_more",
-    "draw_history",
-    "levelless_run",
-    "levels_run",
-    "report_solution",
-    "with_hierarchy",
-]
-
 _HIERARCHY = "hierarchy"
 
 

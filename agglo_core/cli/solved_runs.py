@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from agglo_core.measure.comparison import RunResult
     from agglo_core.problems import Solution
 
-__all__ = ["Solved", "reported", "show_solved", "solve_runs"]
-
 _LAST_PHASE = "solving"
 _COLUMNS = ("iterations", "converged", "contraction", "hierarchy s", "set-up s", "solve s")
 

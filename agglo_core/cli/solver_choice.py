@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from agglo_core.mesh import Mesh
     from agglo_core.problems import Discretisation, Problem, System
 
-__all__ = ["DEFAULT_SOLVER", "Posed", "built_solver", "posed_by", "solver_title"]
-
 DEFAULT_SOLVER = "polydg_mg"
 
 

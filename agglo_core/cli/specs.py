@@ -19,19 +19,6 @@ from agglo_core.registry.options import Text, parse_value
 if TYPE_CHECKING:
     from agglo_core.mesh import Mesh
 
-__all__ = [
-    "Value",
-    "all_bisectors",
-    "as_typed",
-    "bisector_specs",
-    "choice",
-    "load_mesh",
-    "numbers",
-    "parse_spec",
-    "refuse_duplicates",
-    "split_specs",
-]
-
 Value = int | float | bool | str | None
 """What :func:`parse_spec` gives for an option."""
 

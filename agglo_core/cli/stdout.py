@@ -17,8 +17,6 @@ from typing import Any, TextIO
 
 import click
 
-__all__ = ["OwnCommand", "stdout", "terminal_columns"]
-
 _KEY = "agglo.stdout"
 _COLUMNS = 80  # of a terminal that does not say
 

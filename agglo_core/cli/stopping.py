@@ -8,8 +8,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-__all__ = ["Terminated", "stopped_by", "terminations"]
-
 
 class Terminated(KeyboardInterrupt):
     """SIGTERM; like Ctrl-C not the failure of a plugin, for which a SystemExit of 143 would be taken."""

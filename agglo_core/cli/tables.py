@@ -19,8 +19,6 @@ import click
 from agglo_core.cli.readable import can_show, shown
 from agglo_core.cli.stdout import stdout, terminal_columns
 
-__all__ = ["Table", "folded", "laid_out", "line_for", "print_lines", "print_table"]
-
 _PIPE = 200  # columns that words are folded to where the output is not a terminal
 _GAP = 2  # columns between columns
 _SPACES = re.compile(r"(?<= )(?=[^ ])")

@@ -23,8 +23,6 @@ import click
 
 from agglo_core.errors import OptionError
 
-__all__ = ["Launched", "launched", "on_all_ranks", "refuse_files", "refuse_on_ranks"]
-
 _LAUNCHERS = (
     ("PMI_RANK", "PMI_SIZE"),  # MPICH, Intel MPI, Cray
     ("OMPI_COMM_WORLD_RANK", "OMPI_COMM_WORLD_SIZE"),

@@ -15,8 +15,6 @@ from typing import Any, NamedTuple
 
 import numba.types
 
-__all__ = ["LISTED", "Signature", "compile_listed", "listed", "written"]
-
 LISTED = Path(__file__).with_name("ahead_of_time.txt")
 _MOST_WORKERS = 16
 

@@ -6,8 +6,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper
 
-__all__ = ["half_circle", "halvings", "planar_frame", "turned"]
-
 _ROUND = 0.8  # ratio of principal moments above which no axis stands out
 
 

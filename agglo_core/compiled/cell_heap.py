@@ -9,8 +9,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper
 
-__all__ = ["put_in", "take_out"]
-
 
 @helper
 def _sift_up(heap, keys, place, at):

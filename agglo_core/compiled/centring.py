@@ -6,8 +6,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper
 
-__all__ = ["centre_block", "centre_points", "compactness"]
-
 _COMPACT = 15.0  # least weight of the inertia beside the cut
 _GROWTH = 4.0  # times √n: its weight in a block of many cells
 

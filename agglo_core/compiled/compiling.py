@@ -14,8 +14,6 @@ try:
 except (ImportError, AttributeError):  # a numba that is otherwise within: its own cache serves
     KernelCache = None  # type: ignore[assignment, misc]
 
-__all__ = ["ONE", "helper", "kernel"]
-
 ONE = np.uint64(1)
 """To be added to unsigned indices, which a plain 1 would make real numbers.
 

@@ -7,8 +7,6 @@ from contextlib import AbstractContextManager
 
 from numba.core.event import Listener, install_listener
 
-__all__ = ["watch_compilation"]
-
 
 def watch_compilation(tell: Callable[[], None]) -> AbstractContextManager[None]:
     """Call ``tell`` when numba compiles something for the first time within the context.

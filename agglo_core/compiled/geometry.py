@@ -6,18 +6,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import ONE, helper, kernel
 
-__all__ = [
-    "MANY",
-    "block_diameters",
-    "box",
-    "compare_diameters",
-    "distinct_vertices",
-    "largest_distance",
-    "octagon",
-    "sort_along_x",
-    "widest_of_many",
-]
-
 _FEW = 12  # vertices up to which every pair of them is compared
 MANY = 64
 """Vertices from which on pairs are searched for."""

@@ -6,19 +6,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import ONE, helper, kernel
 
-__all__ = [
-    "broken_blocks",
-    "child_order",
-    "components",
-    "dual_graph",
-    "flood",
-    "join_before",
-    "listed_blocks",
-    "numbered_as_met",
-    "permute_graph",
-    "take_rows",
-]
-
 
 @kernel
 def dual_graph(offsets, faces, face_cells, face_measures):

@@ -19,8 +19,6 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataC
 
 from agglo_core.lazy_names import names_in_stub
 
-__all__ = ["INSTALLED", "KernelCache", "source_stamp", "sources"]
-
 INSTALLED = Path(__file__).with_name("machine_code")
 """Folder of the kernels that were compiled when the wheel was built; absent in a checkout."""
 

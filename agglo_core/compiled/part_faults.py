@@ -7,8 +7,6 @@ import numpy as np
 from agglo_core.compiled.compiling import ONE, helper, kernel
 from agglo_core.compiled.graphs import flood
 
-__all__ = ["broken_parts", "extend_parts", "lone_cells"]
-
 _TOGETHER = np.int64(1024)
 """Cells that are listed at a time: what was read of them is in the cache when it is read again."""
 

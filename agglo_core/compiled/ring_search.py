@@ -6,8 +6,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import ONE, helper
 
-__all__ = ["CROWD", "REACH", "connected", "keeps_whole"]
-
 REACH = np.int64(64)  # cells visited before two neighbours count as not connected around a cell
 CROWD = np.int64(256)  # neighbours from which on rings do not grow from a cell: all would read them
 

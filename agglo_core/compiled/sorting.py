@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from agglo_core.compiled.compiling import helper
 
-__all__ = ["sort_by_keys", "stable_sort"]
-
 
 @helper
 def sort_by_keys(items, keys, m):

@@ -10,8 +10,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-__all__ = ["chosen_sum", "slice_sums"]
-
 
 @kernel
 def _by_pairs(values, chosen, start, count):

@@ -7,8 +7,6 @@ import numpy as np
 from agglo_core.compiled.compiling import ONE, helper, kernel
 from agglo_core.compiled.geometry import MANY, largest_distance, sort_along_x, widest_of_many
 
-__all__ = ["is_wider", "wide_blocks"]
-
 _ROUNDING = 1e-12  # of a squared distance, with room
 
 

@@ -8,8 +8,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import kernel
 
-__all__ = ["barrier_sides"]
-
 
 @kernel
 def barrier_sides(indptr, indices, labels, first, across):

@@ -10,8 +10,6 @@ from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.marks import marked
 
-__all__ = ["BarrierTags", "Barriers"]
-
 
 class Barriers:
     """No part lies on both sides of a barrier, which is some faces between cells.

@@ -14,8 +14,6 @@ from agglo_core.graph import Graph
 from agglo_core.mesh.marks import weights_of
 from agglo_core.refine.part_sizes import block_sizes
 
-__all__ = ["Bounds"]
-
 _ROUNDING = 1e-9
 _NO_LIMITS = 0.0, np.inf
 

@@ -16,8 +16,6 @@ from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
 
-__all__ = ["in_metric"]
-
 _SYMMETRY = 1e-9
 
 

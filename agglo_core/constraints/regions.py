@@ -12,8 +12,6 @@ from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.mesh.marks import in_group
 
-__all__ = ["Regions", "SingleCells", "Where"]
-
 
 class Regions:
     """No part holds cells of two regions: materials, tissues, layers.

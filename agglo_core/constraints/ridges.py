@@ -13,8 +13,6 @@ from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.marks import in_group, values_of
 
-__all__ = ["Ridges"]
-
 
 class Ridges:
     """Cells are joined only with cells that touch the same boundary patches; those at corners not at all.

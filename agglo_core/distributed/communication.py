@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 
 from agglo_core.errors import AggloError, OptionError
 
-__all__ = ["RankError", "Ranks", "Traffic"]
-
 T = TypeVar("T")
 
 _PAUSE, _LONGEST = 2e-5, 0.002  # seconds between looks at whether others have come: longer and longer

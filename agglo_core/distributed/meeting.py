@@ -11,8 +11,6 @@ from agglo_core.arrays import Int, UInt64, frozen_int
 from agglo_core.distributed.communication import Ranks
 from agglo_core.errors import MeshError
 
-__all__ = ["Meeting", "groups", "rank_of_key", "refuse_all"]
-
 
 class Meeting:
     """Rows that ranks have sent to this one.

@@ -13,8 +13,6 @@ from agglo_core.arrays import Float
 from agglo_core.draw.plot import PALETTE, save_figure
 from agglo_core.errors import OptionError
 
-__all__ = ["draw_boxes"]
-
 _TITLES = {"UF": "uniformity factor UF", "CR": "circle ratio CR", "CRc": "circle ratio CRc, centred"}
 
 

@@ -7,8 +7,6 @@ import numpy as np
 from agglo_core.arrays import Int
 from agglo_core.mesh import Mesh
 
-__all__ = ["FINE", "INK", "PALETTE", "PAPER", "colouring"]
-
 PALETTE = (  # Paul Tol's "light" scheme, safe for colour-blind readers, and two more
     "#77AADD",
     "#EE8866",

@@ -15,8 +15,6 @@ from agglo_core.draw.plot import save_figure
 from agglo_core.errors import OptionError
 from agglo_core.problems import Solution
 
-__all__ = ["LINES", "Curves", "draw_convergence", "frame_curves", "one_curve"]
-
 LINES = ("#1f5fa8", "#c4501b", "#1b7a4b", "#8a3a9c", "#8c6d00", "#0b8499", "#b0246b", "#555555")
 """Colours of curves, dark enough for thin lines on white."""
 _MARKED = 40

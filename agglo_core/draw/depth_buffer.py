@@ -8,8 +8,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-__all__ = ["nearest_faces"]
-
 
 @helper
 def _crossings(corners, low, high, y, found):

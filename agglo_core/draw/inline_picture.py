@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["inline_picture"]
-
 _DPI = 125  # on screen an inch has 100
 _SHARES = (1.0, 0.8, 0.64, 0.5)
 """By which a picture is made smaller until it has few enough bytes."""

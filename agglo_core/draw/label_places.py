@@ -9,8 +9,6 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float
 
-__all__ = ["label_places", "overlaps", "stair_boxes", "ties"]
-
 _TURNS: Final = (0, 12, 4, 20, 8, 16, 2, 22, 10, 14, 6, 18, 1, 23, 11, 13, 3, 21, 9, 15, 5, 19, 7, 17)
 """Twenty-fourths of a turn: beside the dot first, then aslant, above and below."""
 _ATTEMPTS: Final = 8

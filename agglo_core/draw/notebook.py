@@ -19,8 +19,6 @@ from agglo_core.problems import Solution
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
-__all__ = ["hierarchy_html", "mesh_html", "quality_html", "solution_html"]
-
 _MOST = 50_000
 """Cells up to which there is a picture: a notebook is not kept waiting."""
 _LISTED = 8

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.registry import Registry
 
-__all__ = ["plot_convergence", "plot_level", "plot_mesh", "plot_samples", "plot_solution"]
-
 _AXES = "xyz"
 
 

@@ -13,8 +13,6 @@ from agglo_core.draw.shading import rgb
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 
-__all__ = ["Paint", "blank", "by_neighbours", "by_number", "by_tag", "explain"]
-
 _TONES = 128
 """Steps of a colour scale: as many paths are drawn at most, whatever the number of cells."""
 _UNDEFINED = "#BBBBBB"

@@ -16,8 +16,6 @@ from agglo_core.errors import OptionError
 from agglo_core.measure.comparison import RunResult
 from agglo_core.measure.trade_offs import Axis, TradeOffs, trade_offs
 
-__all__ = ["BEST", "FRONT", "draw_pareto", "reach", "sense", "stairs"]
-
 FRONT: Final = "none is both rounder and more even"
 BEST: Final = "thick ring: none is rounder, more even and faster at once"
 _INK: Final = "#222222"

@@ -11,8 +11,6 @@ from agglo_core.draw.colours import FINE, INK
 from agglo_core.draw.painting import Paint, blank, by_neighbours
 from agglo_core.mesh import Mesh
 
-__all__ = ["PlanePanels", "fine_edges", "inches_across"]
-
 _SEEN = 3.0
 """Points across from which on the edges of cells are drawn inside agglomerates: smaller ones are speckle."""
 _AT_ONCE = 1000

@@ -9,8 +9,6 @@ from agglo_core.arrays import Float, Int, Mask
 from agglo_core.draw.colours import INK
 from agglo_core.draw.surfaces import Sight, Surface
 
-__all__ = ["brightness", "rgb", "shaded"]
-
 _DARKEST = 0.5
 """Brightness of a face that the light passes by."""
 _CREASE = 0.8  # cosine of an angle between faces of one part that is drawn as a line

@@ -9,8 +9,6 @@ import numpy as np
 from agglo_core.arrays import Float, Int
 from agglo_core.problems.discretisation import Samples
 
-__all__ = ["Slice", "middle_slice"]
-
 _TRIANGLE = ((0, 1), (0, 2), (0, 3))
 _QUADRILATERAL = (((0, 2), (0, 3), (1, 3)), ((0, 2), (1, 3), (1, 2)))
 """Edges that the plane cuts, of a tetrahedron whose corners are in order of their height over it."""

@@ -14,8 +14,6 @@ from agglo_core.draw.shading import shaded
 from agglo_core.draw.surfaces import Surface, beyond, check_explode, outer_faces, seen
 from agglo_core.mesh import Mesh
 
-__all__ = ["SolidPanels"]
-
 _FINE = 2
 """Pixels seen per pixel drawn, across, for smooth lines."""
 

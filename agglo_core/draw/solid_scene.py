@@ -21,8 +21,6 @@ from agglo_core.mesh import Mesh
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
-__all__ = ["view"]
-
 _SIZE: Final = (1200, 900)
 _PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 _FURTHEST = 2.0

@@ -12,8 +12,6 @@ from agglo_core.draw.slices import Slice, middle_slice
 from agglo_core.errors import OptionError
 from agglo_core.problems.discretisation import Samples
 
-__all__ = ["draw_solution"]
-
 _AXES = "xyz"
 
 

@@ -13,8 +13,6 @@ from agglo_core.draw.depth_buffer import nearest_faces
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 
-__all__ = ["SIDE", "Sight", "Surface", "beyond", "check_explode", "outer_faces", "seen"]
-
 SIDE: Final = (-60.0, 30.0)
 """Azimuth and elevation in degrees of the eye where nothing else is asked for, as matplotlib has them."""
 _EDGE_ON = 1e-6  # cosine between normal and eye

@@ -24,8 +24,6 @@ from numpy.typing import NDArray
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import FileError
 
-__all__ = ["REAL", "WHOLE", "Archive", "read_npy"]
-
 WHOLE, REAL = "iu", "biuf"
 """Kinds of dtype that hold integers, and real numbers."""
 

@@ -18,8 +18,6 @@ from scipy import sparse
 from agglo_core.errors import FileError
 from agglo_core.files.text_numbers import line_of, number_rows
 
-__all__ = ["EMPTY_ROWS", "read_matrix_market"]
-
 EMPTY_ROWS = 1 << 20
 """Rows without entries that a matrix may have: they take memory, but no bytes of the file."""
 

@@ -7,8 +7,6 @@ from pathlib import Path
 
 from agglo_core.errors import FileError
 
-__all__ = ["check_regular", "file_bytes", "text_bytes", "without_mark"]
-
 
 def check_regular(path: Path) -> None:
     """Raise FileError unless a path, or what its links lead to, is a regular file."""

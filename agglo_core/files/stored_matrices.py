@@ -20,15 +20,6 @@ from agglo_core.files.archive import REAL, Archive, read_npy
 from agglo_core.files.matrix_market import EMPTY_ROWS, read_matrix_market
 from agglo_core.files.text_numbers import number_rows
 
-__all__ = [
-    "MATRIX_SUFFIXES",
-    "VECTOR_SUFFIXES",
-    "matrix_archive",
-    "read_matrix",
-    "read_vectors",
-    "stored_matrix",
-]
-
 _SPARE = 1 << 24
 """Bytes that arrays of a small archive may have."""
 _RATIO = 64

@@ -12,8 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
 
-__all__ = ["integer_lines", "integers", "line_of", "number_rows", "real_lines", "reals", "words_per_line"]
-
 _FORTRAN = bytes.maketrans(b"Dd", b"Ee")  # 1.5D-3, as Fortran writes doubles
 _LINES = 1 << 16  # written at once
 _PIECE = 1 << 19  # bytes of text converted at once, so that what is needed besides the numbers is small

@@ -30,8 +30,6 @@ from agglo_core.graph.loads import Loaded
 from agglo_core.mesh import check_labels, diameters_of, wide_parts
 from agglo_core.threads import together
 
-__all__ = ["BlockGraph"]
-
 _LATER = ("boundary", "vertex_offsets", "vertices")
 """What a subgraph takes from the graph it is part of only when asked: few bisectors want it."""
 

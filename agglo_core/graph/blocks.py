@@ -14,17 +14,6 @@ from numpy.typing import NDArray
 from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.graph import Graph
 
-__all__ = [
-    "TIE",
-    "block_extents",
-    "block_ranks",
-    "block_shares",
-    "block_sums",
-    "integer_shares",
-    "principal_frames",
-    "split_at_median",
-]
-
 TIE = 1e-7
 """Fraction of a block's extent that counts as zero: meshes shifted by 1e6 diameters carry such noise."""
 

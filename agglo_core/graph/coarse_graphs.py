@@ -12,8 +12,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-__all__ = ["quotient_edges", "union_of_rows"]
-
 
 @helper(allocates=True)
 def _edges_by_part(labels, n_parts, indptr, indices, interface):

@@ -7,8 +7,6 @@ import numpy as np
 from agglo_core.arrays import Index, Int, Mask, frozen, frozen_index
 from agglo_core.threads import over_ranges
 
-__all__ = ["all_connected", "broken_parts", "parts_connected"]
-
 
 def all_connected(indptr: Int, indices: Index) -> bool:
     """Whether all nodes of a graph are connected.

@@ -8,8 +8,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-__all__ = ["curve_keys"]
-
 
 @helper
 def _spread_by_one(x):

@@ -29,8 +29,6 @@ from agglo_core.graph.validation import check_graph, copied
 from agglo_core.mesh import Mesh, check_labels
 from agglo_core.mesh.elsewhere import made_by
 
-__all__ = ["Graph", "dual_graph"]
-
 _DTYPES = {
     **dict.fromkeys(("indptr", "vertex_offsets", "offsets"), np.int64),
     **dict.fromkeys(("indices", "vertices"), np.int32),

@@ -10,8 +10,6 @@ from numpy.typing import ArrayLike
 from agglo_core.arrays import Float, Int, exact_cast, frozen_float, owned, plain_array, trusted_copy
 from agglo_core.errors import MeshError
 
-__all__ = ["Kind", "Loaded", "Loads"]
-
 Kind = Literal["cells", "measure", "weights"]
 
 

@@ -15,24 +15,6 @@ from agglo_core.arrays import Float, Int, Mask
 from agglo_core.graph.dual import Graph
 from agglo_core.graph.functionals import ratio
 
-__all__ = [
-    "SHORTNESS",
-    "Links",
-    "boundary_moves",
-    "cut_changes",
-    "edge_difference",
-    "inertia_changes",
-    "interface_changes",
-    "links",
-    "mass_centres",
-    "normalised_cut_changes",
-    "part_sums",
-    "shape_changes",
-    "shapes",
-    "squared_weight_changes",
-]
-
-
 SHORTNESS = 0.3
 """How much a short interface counts beside a small moment of inertia: what is measured about it is in
 docs/reference/shapes.md."""

@@ -23,8 +23,6 @@ from agglo_core.graph.functionals import part_cuts, part_volumes, ratio
 from agglo_core.graph.loads import Kind
 from agglo_core.graph.solver_shape import solver_shapes
 
-__all__ = ["OBJECTIVES", "Objective", "numbered_parts"]
-
 _ROUNDING = 1e-9
 
 

@@ -6,8 +6,6 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 
-__all__ = ["curve_order"]
-
 
 def curve_order(centroids: Float) -> Int:
     """Order ``(n,)`` of points ``(n, d)`` along a Morton curve of 2^16 (2-D) or 2^10 (3-D) steps.

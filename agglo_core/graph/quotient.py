@@ -11,8 +11,6 @@ from scipy import sparse
 from agglo_core.arrays import Float, Index, Int, frozen_float, frozen_index, frozen_int
 from agglo_core.graph.block_graph import BlockGraph
 
-__all__ = ["Quotient", "quotient"]
-
 
 class Quotient(NamedTuple):
     """What a quotient graph has in place of the arrays of the graph."""

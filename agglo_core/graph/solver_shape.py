@@ -14,8 +14,6 @@ from agglo_core.graph.dual import Graph
 from agglo_core.graph.functionals import part_cuts
 from agglo_core.graph.moves import mass_centres, part_sums
 
-__all__ = ["INTERFACE_WEIGHT", "solver_factors", "solver_shapes"]
-
 INTERFACE_WEIGHT = 0.2
 """How much the interface counts: what is measured about it is in docs/reference/annealing.md."""
 

@@ -13,8 +13,6 @@ from agglo_core.errors import OptionError
 if TYPE_CHECKING:
     from agglo_core.graph import Graph
 
-__all__ = ["sweep", "sweep_arrays"]
-
 
 def sweep(level: Graph, scores: ArrayLike) -> Int:
     """Sides of each block by the best of 31 thresholds of each score.

@@ -12,8 +12,6 @@ from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.hierarchy.forest import Forest
 
-__all__ = ["OBJECTIVES", "best_nodes", "check_grade", "graded"]
-
 OBJECTIVES = ("largest", "squares")
 
 

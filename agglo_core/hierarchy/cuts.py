@@ -26,8 +26,6 @@ from agglo_core.hierarchy.cut_search import graded
 from agglo_core.hierarchy.forest import Forest
 from agglo_core.mesh import Mesh
 
-__all__ = ["Change", "Cut", "ones_by_row"]
-
 
 class Change(NamedTuple):
     """A cut made from another one, and what became of the parts.

@@ -13,8 +13,6 @@ from agglo_core.errors import OptionError
 from agglo_core.hierarchy.tree import by_first_cell
 from agglo_core.mesh.checks import name_cells
 
-__all__ = ["Forest", "check_nested"]
-
 
 @dataclass(frozen=True, eq=False)
 class Forest(FieldState):

@@ -22,8 +22,6 @@ from agglo_core.hierarchy.tree import by_first_cell
 from agglo_core.mesh import Mesh, check_labels
 from agglo_core.mesh.elsewhere import made_by
 
-__all__ = ["Hierarchy"]
-
 
 @dataclass(frozen=True, eq=False)
 class Hierarchy(FieldState):

@@ -9,8 +9,6 @@ from numpy.typing import ArrayLike
 
 from agglo_core.arrays import Float, Int, frozen_int
 
-__all__ = ["Tree", "by_first_cell"]
-
 
 def by_first_cell(labels: ArrayLike) -> Int:
     """Labels renumbered 0..k−1 in the order of their smallest cell ids.

@@ -12,8 +12,6 @@ import numpy as np
 from agglo_core.compiled.cell_heap import put_in, take_out
 from agglo_core.compiled.compiling import helper, kernel
 
-__all__ = ["make_graded", "refine_largest"]
-
 
 @helper
 def _split(p, trees, at):

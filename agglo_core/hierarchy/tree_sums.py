@@ -12,8 +12,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-__all__ = ["least_cut"]
-
 
 @helper
 def _pair_up(begin, end, n_pairs, left, right, lengths, most, queue):

@@ -22,8 +22,6 @@ from agglo_core.mesh import Mesh
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
-__all__ = ["from_geojson", "to_geojson"]
-
 _log = logging.getLogger("agglo")
 
 

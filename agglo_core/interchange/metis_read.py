@@ -16,8 +16,6 @@ from agglo_core.graph import Graph
 from agglo_core.io.file_checks import naming
 from agglo_core.mesh.elements import gather
 
-__all__ = ["graph_from_metis", "parts_from_metis", "places_of"]
-
 
 class _Head(NamedTuple):
     """What the first line says: counts, and what a line holds of a vertex before its neighbours."""

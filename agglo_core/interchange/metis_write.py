@@ -13,8 +13,6 @@ from agglo_core.graph import Graph
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.io.atomic import staging
 
-__all__ = ["graph_to_metis", "parts_to_metis"]
-
 _SCALE = 10_000  # of weights, which are whole numbers there: the largest becomes this one
 
 

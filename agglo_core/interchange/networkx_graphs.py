@@ -16,8 +16,6 @@ from agglo_core.graph import Graph
 if TYPE_CHECKING:
     import networkx as nx
 
-__all__ = ["graph_from_networkx", "graph_to_networkx"]
-
 _RESERVED = ("centroid", "measure", "boundary", "weight", "vertices")
 
 

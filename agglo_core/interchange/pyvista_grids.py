@@ -16,8 +16,6 @@ from agglo_core.mesh import Mesh
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
-__all__ = ["to_pyvista"]
-
 
 def to_pyvista(mesh: Mesh, hierarchy: Hierarchy | None = None) -> Any:
     """``pyvista.UnstructuredGrid`` of the cells in their order, of VTK's own types where they are exact.

@@ -17,8 +17,6 @@ from agglo_core.io.file_checks import naming
 from agglo_core.io.text.counted_lists import record_starts
 from agglo_core.mesh.elements import gather
 
-__all__ = ["graph_from_scotch", "parts_from_scotch"]
-
 _HEAD = 5  # numbers before the vertices: version, vertices, arcs, base, flags
 
 

@@ -24,8 +24,6 @@ from agglo_core.mesh.double_cover import warn_of_double_cover
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
 
-__all__ = ["mesh_from_shapely"]
-
 _POLYGON, _MULTIPOLYGON = 3, 6  # shapely.GeometryType
 
 

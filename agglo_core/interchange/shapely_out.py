@@ -12,8 +12,6 @@ from agglo_core.errors import MeshError
 from agglo_core.mesh import Loops, Mesh
 from agglo_core.mesh.elements import gather
 
-__all__ = ["mesh_to_shapely"]
-
 Geometries = NDArray[np.object_]
 
 

@@ -18,8 +18,6 @@ from pathlib import Path
 
 from agglo_core.errors import FileError
 
-__all__ = ["check_replaceable", "staging"]
-
 _log = logging.getLogger("agglo")
 _NAME = 60  # bytes of a target's name in that of its folder: file systems allow some 255
 _FORGOTTEN = 86_400.0  # seconds after which a folder is nobody's where folders cannot be locked

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from agglo_core.io.level_values import LevelValues
     from agglo_core.mesh import Mesh
 
-__all__ = ["naming", "read_by", "read_hierarchy_by", "write_by"]
-
 _ON_PURPOSE = (AggloError, OSError, MemoryError)
 
 

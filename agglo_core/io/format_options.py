@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TypedDict
 
-__all__ = ["Compressing", "ReadOptions", "Reading"]
-
 
 class ReadOptions(TypedDict):
     """How a mesh is built of what a file holds."""

@@ -17,8 +17,6 @@ from agglo_core.registry.attribution import attributed
 from agglo_core.registry.containment import shown
 from agglo_core.registry.records import unusable
 
-__all__ = ["Formats", "KnownFormat"]
-
 T = TypeVar("T")
 _log = logging.getLogger("agglo")
 _HEAD = 512  # bytes by which a format may recognise a file

@@ -11,8 +11,6 @@ from agglo_core.hierarchy import Hierarchy
 from agglo_core.io.tags import is_level
 from agglo_core.mesh import Mesh
 
-__all__ = ["check_belongs", "split_levels"]
-
 _log = logging.getLogger("agglo")
 
 

@@ -14,8 +14,6 @@ from agglo_core.errors import OptionError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
 
-__all__ = ["LevelValues", "about_agglomerates", "check_level_values", "under_free_names"]
-
 LevelValues = Sequence[Mapping[str, ArrayLike]]
 
 _log = logging.getLogger("agglo")

@@ -27,8 +27,6 @@ from agglo_core.mesh import Mesh
 from agglo_core.problems import System
 from agglo_core.problems.real_arrays import real_matrix
 
-__all__ = ["read_system", "write_system"]
-
 _BESIDE = ("b", "block_offsets", "near_null")
 _DIGITS = 17
 """That tell one float64 from any other."""

@@ -21,8 +21,6 @@ from agglo_core.io.atomic import check_replaceable, staging
 from agglo_core.io.system_files import write_system
 from agglo_core.problems import System
 
-__all__ = ["check_system_file", "write_system_and_levels"]
-
 _SUFFIXES = (".npz", ".mtx")
 
 

@@ -17,16 +17,6 @@ if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.mesh import Mesh
 
-__all__ = [
-    "BRIDGES",
-    "cell_data",
-    "check_names",
-    "is_level",
-    "note_left_out",
-    "tag_values",
-    "tags_and_levels",
-]
-
 BRIDGES = "agglo_loops"
 """Cell data of our own VTU files: boundary loops of each cell, where some have several."""
 

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.registry import Registry
 
-__all__ = ["Level", "measure_levels", "quality", "summary"]
-
 
 @dataclass(frozen=True, eq=False)
 class Level:

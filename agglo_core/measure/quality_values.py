@@ -7,8 +7,6 @@ import numpy as np
 from agglo_core.arrays import Float
 from agglo_core.mesh.elsewhere import made_by
 
-__all__ = ["Quality"]
-
 
 class Quality(dict[str, Float]):
     """Values ``(k,)`` of each metric by its name.

@@ -15,8 +15,6 @@ from agglo_core.registry.attribution import Member
 from agglo_core.registry.containment import shown
 from agglo_core.registry.options import name_and_options
 
-__all__ = ["RATIOS", "Metric", "Selection", "built_metrics", "select"]
-
 Metric = str | QualityMetric | tuple[str, Mapping[str, Any]]
 """A metric's name, a metric, or a name with its options."""
 

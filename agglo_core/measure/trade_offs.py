@@ -13,8 +13,6 @@ from agglo_core.errors import OptionError
 from agglo_core.measure.agglomerates import Level
 from agglo_core.measure.comparison import RunResult
 
-__all__ = ["Axis", "TradeOffs", "not_dominated", "trade_offs"]
-
 _ROUND: Final = ("CR", "J")
 """Metrics of roundness, the first that is known of all runs is taken; else the first that was chosen."""
 _DIGITS: Final = 9

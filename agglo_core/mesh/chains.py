@@ -8,8 +8,6 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
 
-__all__ = ["Chains", "chains_of", "ends_at"]
-
 
 class Chains(NamedTuple):
     """Chain c has ``edges[offsets[c]:offsets[c + 1]]``, and one vertex more, in order.

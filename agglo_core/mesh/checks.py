@@ -12,25 +12,6 @@ from numpy.typing import ArrayLike
 from agglo_core.arrays import Float, Int, exact_cast, frozen_float, frozen_int, owned, plain_array, splitmix
 from agglo_core.errors import MeshError
 
-__all__ = [
-    "box_centre",
-    "check_extent",
-    "check_faces",
-    "check_finite",
-    "check_indices",
-    "check_labels",
-    "check_offsets",
-    "check_points",
-    "check_tags",
-    "compact_points",
-    "last_place",
-    "merge_equal",
-    "name_cells",
-    "note_repairs",
-    "warn_of_overlaps",
-    "whole_numbers",
-]
-
 _log = logging.getLogger("agglo")
 
 _SMALLEST, _LARGEST = 1e-50, 1e50  # fifth powers of lengths (moments of volume) stay exact

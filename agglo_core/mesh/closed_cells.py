@@ -10,8 +10,6 @@ from agglo_core.mesh.checks import check_extent, name_cells
 from agglo_core.mesh.derived import Derived
 from agglo_core.mesh.geometry3d import sum_by
 
-__all__ = ["check_cells"]
-
 #: Area over the sum of its absolute terms, far above rounding: the bound of that is 2e-16 for each face
 _CERTAIN = 1e-11
 _CLOSED = 1e-6  # a gap in the surface of a cell, over its area

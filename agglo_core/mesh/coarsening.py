@@ -10,8 +10,6 @@ import numpy as np
 from agglo_core.arrays import Int, first_of_each, frozen_int
 from agglo_core.threads import over_ranges
 
-__all__ = ["CoarseFaces", "coarse_faces", "surviving_tags"]
-
 
 class CoarseFaces(NamedTuple):
     """Faces between agglomerates as CSR, the two agglomerates of each, and its number among all faces."""

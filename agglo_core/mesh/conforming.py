@@ -14,8 +14,6 @@ from agglo_core.mesh.derived import Derived
 from agglo_core.mesh.elements import gather
 from agglo_core.mesh.touching import Contacts, Outer, facing_pairs, find_contacts, outer_faces
 
-__all__ = ["TOLERANCE", "Joined", "join_outer_faces", "reach", "warn_of_gaps"]
-
 _log = logging.getLogger("agglo")
 
 TOLERANCE = 1e-6  # relative to the cells: above rounding, below any gap that is meant

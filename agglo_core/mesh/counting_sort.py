@@ -9,8 +9,6 @@ import numpy as np
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.threads import mapped, ranges
 
-__all__ = ["counting_sort"]
-
 _FEW = 20_000  # items one thread puts in their places in a millisecond
 
 

@@ -19,8 +19,6 @@ from agglo_core.mesh.geometry3d import face_moments, polyhedron_moments, polyhed
 from agglo_core.mesh.inertia import plane_inertias, polyhedron_inertias
 from agglo_core.mesh.loops import Loops, faces_of_cells, loops_of_cells
 
-__all__ = ["Derived"]
-
 
 class Derived:
     """The part of :class:`~agglo_core.mesh.Mesh` that is computed from its arrays when it is asked for."""

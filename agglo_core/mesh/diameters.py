@@ -7,8 +7,6 @@ import numpy as np
 from agglo_core.arrays import Float, Index, Int, Mask, frozen_float, frozen_index, frozen_int
 from agglo_core.threads import over_ranges
 
-__all__ = ["compared_diameters", "diameters_of", "wide_parts"]
-
 _FEW = 2_000  # blocks one thread looks at in some milliseconds
 _NEAR = 1e-12  # bounds this close to a limit may be off by rounding
 

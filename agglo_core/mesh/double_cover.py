@@ -14,8 +14,6 @@ from agglo_core.mesh.conforming import TOLERANCE
 if TYPE_CHECKING:
     from agglo_core.mesh.polytopal import Mesh
 
-__all__ = ["warn_of_double_cover"]
-
 _log = logging.getLogger("agglo")
 
 _BITS = 44  # of coordinates in the union: without rounding to a grid GEOS loses cells of some unions

@@ -11,16 +11,6 @@ from numpy.typing import ArrayLike
 from agglo_core.arrays import Int, Mask, frozen_int
 from agglo_core.errors import MeshError
 
-__all__ = [
-    "CORNERS",
-    "Polyhedra",
-    "concatenate",
-    "gather",
-    "polyhedra_from_elements",
-    "take_cells",
-    "turns_as_listed",
-]
-
 _FACES: Mapping[str, tuple[tuple[int, ...], ...]] = {
     "tetra": ((0, 1, 3), (1, 2, 3), (2, 0, 3), (0, 2, 1)),
     "hexahedron": ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7)),

@@ -9,8 +9,6 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Interchange", "made_by"]
-
 
 def made_by(target: str) -> Callable[..., Any]:
     """The function ``"module:name"``, imported now, so that this package does not depend on it."""

@@ -13,8 +13,6 @@ from agglo_core.mesh.derived import Derived
 from agglo_core.mesh.geometry3d import sum_by
 from agglo_core.mesh.simplification import Fewer, packed, rounding_of
 
-__all__ = ["fewer_faces"]
-
 _SLACK = 4.0  # times rounding: what a plane through rounded points may be off
 
 

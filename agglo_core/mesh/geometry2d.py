@@ -11,8 +11,6 @@ from agglo_core.arrays import Float, Index, Int, frozen_float, frozen_index, fro
 from agglo_core.mesh.counting_sort import counting_sort
 from agglo_core.threads import over_ranges
 
-__all__ = ["Neighbours", "PlaneCells", "plane_cells"]
-
 
 class Neighbours(NamedTuple):
     """Cells that share faces, both directions, and what is shared with nobody.

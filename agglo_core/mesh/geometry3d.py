@@ -7,8 +7,6 @@ import numpy as np
 from agglo_core.arrays import Float, Index, Int, frozen_float, frozen_index, frozen_int
 from agglo_core.threads import over_ranges
 
-__all__ = ["face_moments", "polyhedron_moments", "polyhedron_vertices", "pyramid_moments", "sum_by"]
-
 
 def face_moments(points: Float, offsets: Int, vertices: Int) -> tuple[Float, Float]:
     """Area vectors and centroids of polygonal faces ``(F, 3)``, by fans of triangles."""

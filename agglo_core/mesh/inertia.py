@@ -7,8 +7,6 @@ import numpy as np
 from agglo_core.arrays import Float, Int, frozen_float
 from agglo_core.threads import mapped
 
-__all__ = ["plane_inertias", "polyhedron_inertias"]
-
 _CELLS = 4096
 """Cells at a time, so that what is computed on the way stays in the cache."""
 

@@ -11,8 +11,6 @@ from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.mesh.counting_sort import counting_sort
 from agglo_core.threads import over_ranges
 
-__all__ = ["Loops", "faces_of_cells", "loops_of_cells"]
-
 
 class Loops(NamedTuple):
     """Boundary loops of every cell.

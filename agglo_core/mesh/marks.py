@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from agglo_core.arrays import Float, Mask, frozen_float, plain_array
 from agglo_core.errors import OptionError
 
-__all__ = ["in_group", "marked", "values_of", "weights_of"]
-
 
 def in_group(values: NDArray[Any]) -> Mask:
     """Mask ``(n,)`` of the members of the group that a tag names: its value is neither 0 nor −1.

@@ -8,8 +8,6 @@ from agglo_core.arrays import Index, Int, frozen_int
 from agglo_core.mesh.counting_sort import counting_sort
 from agglo_core.threads import mapped, over_ranges, ranges
 
-__all__ = ["plain_faces"]
-
 _FEW_BUCKETS = 10  # of some 2,000 points
 
 

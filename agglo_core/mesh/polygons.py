@@ -28,8 +28,6 @@ from agglo_core.mesh.elements import gather
 from agglo_core.mesh.plain_faces import plain_faces
 from agglo_core.mesh.repeated_vertices import simple_loops
 
-__all__ = ["Faces", "build_polygons", "kept_cells", "loops_as_csr", "without_padding"]
-
 _REPEATED, _ZERO = 1, 2  # codes of kernels.polygon_faults
 _FAULTS = {
     _REPEATED: "a repeated vertex",

@@ -29,8 +29,6 @@ from agglo_core.mesh.polygons import Faces, kept_cells, without_padding
 from agglo_core.mesh.repeated_vertices import simple_solids
 from agglo_core.mesh.shells import outward_signs
 
-__all__ = ["build_polyhedra", "solids_as_csr"]
-
 _ROUNDING = 8  # units in the last place that points may be off an edge or a face that they lie on
 
 

@@ -24,8 +24,6 @@ from agglo_core.mesh.simplification import Simplification, recorded
 from agglo_core.mesh.simplify import simplify
 from agglo_core.mesh.tagging import Tagged
 
-__all__ = ["Mesh"]
-
 
 @dataclass(frozen=True, eq=False)
 class Mesh(FieldState, Derived, Interchange, Tagged):

@@ -11,8 +11,6 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_index, frozen_int
 from agglo_core.errors import MeshError
 from agglo_core.mesh.derived import Derived
 
-__all__ = ["Renumbered", "renumbered_arrays"]
-
 
 class Renumbered(NamedTuple):
     """Arrays of a mesh, and the old numbers of its cells and faces."""

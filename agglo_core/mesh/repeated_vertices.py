@@ -7,8 +7,6 @@ import numpy as np
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.mesh.elements import Polyhedra, gather
 
-__all__ = ["simple_loops", "simple_solids"]
-
 
 def simple_loops(offsets: Int, vertices: Int) -> tuple[Int, Int]:
     """Loops (CSR) without each vertex that the next one repeats; the first vertex is next to the last.

@@ -9,8 +9,6 @@ import numpy as np
 from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
 from agglo_core.mesh.elements import gather
 
-__all__ = ["TWO_SHELLS", "outward_signs"]
-
 _CLOSED = 1e-9  # sum of the area vectors of a closed cell, relative to its surface
 _SLIT = 1e-4  # the same for cells that are small compared to the rounding of their coordinates
 _FLAT = 3e-15  # volume of a flat cell, relative to its surface to the power 3/2

@@ -12,8 +12,6 @@ from agglo_core.mesh.derived import Derived
 from agglo_core.mesh.loops import faces_of_cells
 from agglo_core.mesh.simplification import Fewer, packed, rounding_of
 
-__all__ = ["fewer_edges"]
-
 _STEPS = (1.0, 0.5, 0.25, 0.125, 0.0)  # of the tolerance, one after the other where cells become invalid
 _LEAST = 0.5  # of its measure: what a cell keeps
 

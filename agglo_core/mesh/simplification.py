@@ -12,8 +12,6 @@ import numpy as np
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.mesh.derived import Derived
 
-__all__ = ["Fewer", "Simplification", "packed", "recorded", "rounding_of"]
-
 _ROUNDING = 8  # units in the last place of the largest coordinate
 
 

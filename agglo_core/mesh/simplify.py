@@ -11,8 +11,6 @@ from agglo_core.mesh.flat_patches import fewer_faces
 from agglo_core.mesh.simpler_edges import fewer_edges
 from agglo_core.mesh.simplification import Fewer
 
-__all__ = ["simplify"]
-
 _MOST = 0.5  # of a cell: beyond it next to no interface keeps a vertex
 
 

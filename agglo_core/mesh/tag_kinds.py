@@ -9,8 +9,6 @@ import numpy as np
 
 from agglo_core.arrays import Int, frozen_int
 
-__all__ = ["BoundaryKinds", "distinct"]
-
 
 class BoundaryKinds(NamedTuple):
     """Combinations of face tags on the boundary.

@@ -14,8 +14,6 @@ from agglo_core.errors import MeshError
 from agglo_core.mesh.checks import check_tags
 from agglo_core.mesh.tag_kinds import BoundaryKinds, distinct
 
-__all__ = ["Tagged"]
-
 TagValues = ArrayLike | Callable[[Float], ArrayLike]
 
 

@@ -13,8 +13,6 @@ from agglo_core.mesh.derived import Derived
 from agglo_core.mesh.elements import gather
 from agglo_core.mesh.geometry3d import face_moments
 
-__all__ = ["Contacts", "Outer", "facing_pairs", "find_contacts", "outer_faces"]
-
 _CHUNK = 50_000  # faces whose candidates are held at once
 _OVERLAP = 1e-6  # of the smaller face: what faces must share to overlap, and may lack to lie within
 _BESIDE = 8, 1e-3  # the same in units of the reach over the size of the smaller face, and at most

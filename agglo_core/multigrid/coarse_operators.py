@@ -8,8 +8,6 @@ from agglo_core.errors import OptionError
 from agglo_core.multigrid.matrices.galerkin import galerkin
 from agglo_core.problems import Coarsening
 
-__all__ = ["Galerkin", "Rediscretised"]
-
 
 class Galerkin:
     """Pᵀ A P: coarse corrections are the best in the energy norm."""

@@ -14,18 +14,6 @@ from agglo_core.arrays import Float
 from agglo_core.errors import OptionError
 from agglo_core.multigrid.stack import Real, Solve
 
-__all__ = [
-    "COARSE_SOLVERS",
-    "Dense",
-    "Elimination",
-    "SparseLU",
-    "coarse_solver",
-    "dense_solve",
-    "direct_solver",
-    "lu_solve",
-    "symmetric_lu",
-]
-
 _MOST = 5_000  # unknowns, for a dense inverse: 200 MB and some 20 seconds
 _ROUNDING = 3e-15
 """Eigenvalues of a matrix of unit diagonal below this, times its size, are those of its null space."""

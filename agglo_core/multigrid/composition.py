@@ -27,8 +27,6 @@ from agglo_core.progress import Tell, to_nobody
 from agglo_core.registry import Registry
 from agglo_core.registry.attribution import Member, attributed
 
-__all__ = ["Composition"]
-
 _TRANSFERS: Final[Mapping[str, Callable[[], Any]]] = MappingProxyType(
     {"injection": Injection, "smoothed": SmoothedInjection, "aggregation": Aggregation}
 )

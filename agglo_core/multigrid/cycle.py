@@ -14,8 +14,6 @@ from agglo_core.errors import OptionError
 from agglo_core.multigrid.matrices.block_product import swift
 from agglo_core.multigrid.stack import LevelStack, Real
 
-__all__ = ["cycle"]
-
 Kind = Literal["V", "W", "F", "K"]
 _NEXT = {"V": ("V",), "W": ("W", "W"), "F": ("F", "V"), "K": ("K",)}
 """The cycles of a visit to the next level, one after the other, each for what the ones before left."""

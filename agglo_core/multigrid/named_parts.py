@@ -13,8 +13,6 @@ from agglo_core.registry import KINDS, Registry, default, describe
 from agglo_core.registry.attribution import Member
 from agglo_core.registry.options import name_and_options
 
-__all__ = ["CoarseOperator", "CoarseSolver", "Transfer", "part"]
-
 
 @runtime_checkable
 class Transfer(Protocol):

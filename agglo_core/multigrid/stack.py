@@ -16,8 +16,6 @@ from agglo_core.multigrid.kernels.column_blocks import column_products
 from agglo_core.problems import Patches
 from agglo_core.problems.level_table import LevelTable
 
-__all__ = ["Level", "LevelSmoother", "LevelStack", "Real", "Solve"]
-
 Real = NDArray[np.floating[Any]]
 """Vector in single or double precision."""
 

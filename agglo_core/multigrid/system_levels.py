@@ -23,8 +23,6 @@ from agglo_core.multigrid.stack import LevelStack
 from agglo_core.problems import Solution, System
 from agglo_core.problems.level_table import LevelTable
 
-__all__ = ["SystemLevels", "build_levels", "is_classical", "stack_of_system"]
-
 
 def build_levels(
     A: Any,

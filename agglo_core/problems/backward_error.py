@@ -13,8 +13,6 @@ from agglo_core.problems.iteration_history import History
 from agglo_core.problems.sizes import size_ratio, two_norm
 from agglo_core.problems.stiff_springs import stiffest_joint
 
-__all__ = ["LIMIT", "backward_error", "is_known", "joints_told", "limit_told", "magnitudes"]
-
 LIMIT = 2.0 * float(np.finfo(float).eps)
 """Backward error of what rounding keeps from being better: direct solvers reach a tenth to a half of it."""
 _ROWS = 4096  # of blocks

@@ -19,8 +19,6 @@ from agglo_core.registry.construct import resolve
 from agglo_core.registry.containment import shown
 from agglo_core.registry.toml_files import read_toml
 
-__all__ = ["discretisation_of", "named_problem", "read_problem", "require_accepted"]
-
 _KIND = "problem"
 _OFFERED = ("accepts", *sorted(name for name in vars(Discretisation) if not name.startswith("_")))
 _NO_OPTIONS: Mapping[str, Any] = MappingProxyType({})

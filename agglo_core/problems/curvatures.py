@@ -11,8 +11,6 @@ from agglo_core.problems.backward_error import LIMIT
 from agglo_core.problems.iteration_history import Ended
 from agglo_core.problems.sizes import two_norm
 
-__all__ = ["Curvatures", "failure"]
-
 _FLAT = 1e-8
 """Part of the largest curvature of the directions so far below which one may be a null vector."""
 _NULL = 1e-6

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-__all__ = ["Deferred", "deferrable"]
-
 _Record = TypeVar("_Record")
 
 

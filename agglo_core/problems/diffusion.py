@@ -34,8 +34,6 @@ from agglo_core.mesh import Mesh
 from agglo_core.problems.problem import Field
 from agglo_core.problems.table import boundary_values, cell_values, face_tag, require_keys
 
-__all__ = ["Diffusion"]
-
 _KEYS = ("boundary", "kappa", "source", "dirichlet", "neumann")
 _BOUNDARY = "boundary"
 _ZERO = 1e-9

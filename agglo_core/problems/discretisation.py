@@ -12,8 +12,6 @@ from agglo_core.mesh.elsewhere import made_by
 from agglo_core.problems.problem import Field, Problem
 from agglo_core.problems.system import System
 
-__all__ = ["Discretisation", "Samples"]
-
 
 @dataclass(frozen=True, eq=False)
 class Samples:

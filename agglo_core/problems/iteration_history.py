@@ -9,8 +9,6 @@ import numpy as np
 
 from agglo_core.arrays import Float, frozen_float
 
-__all__ = ["MET", "TESTS", "Ended", "History", "iterated", "mean_contraction", "untold"]
-
 MET = "tolerance met"
 """The reason of an iteration that converged."""
 TESTS = ("residual", "energy error")

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-__all__ = ["LevelTable"]
-
 
 class LevelTable:
     """Unknowns and matrix entries of each level, printed as a table.

@@ -39,8 +39,6 @@ from agglo_core.mesh import Mesh
 from agglo_core.problems.real_arrays import kept, kept_matrix, real_matrix
 from agglo_core.problems.table import require_keys
 
-__all__ = ["Linear"]
-
 _KEYS = ("matrix", "rhs", "unknowns", "near_null")
 
 

@@ -8,8 +8,6 @@ from typing import Any
 
 from agglo_core.arrays import Float, Int
 
-__all__ = ["CoarseSpace", "Coarsening", "MultigridLevel", "Patches"]
-
 
 @dataclass(frozen=True, eq=False)
 class Patches:

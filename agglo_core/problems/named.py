@@ -7,8 +7,6 @@ import numpy as np
 from agglo_core.arrays import Float
 from agglo_core.problems.diffusion import Diffusion
 
-__all__ = ["constant", "sine"]
-
 
 def constant(source: float = 8.0) -> Diffusion:
     """−Δu = f with u = 0 on the boundary.

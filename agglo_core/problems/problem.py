@@ -7,8 +7,6 @@ from typing import ClassVar, Protocol, runtime_checkable
 
 from agglo_core.arrays import Float
 
-__all__ = ["Field", "Problem"]
-
 Field = float | Float | Callable[[Float], Float]
 """A number, one value per cell ``(n,)``, or a callable of points ``(q, d)`` returning ``(q,)``."""
 

@@ -13,8 +13,6 @@ from agglo_core.arrays import Float, plain_array
 from agglo_core.errors import OptionError
 from agglo_core.problems.row_scales import row_sizes
 
-__all__ = ["kept", "kept_matrix", "real_array", "real_matrix", "require_finite", "require_symmetric"]
-
 _ASYMMETRY = 1e-10
 _COMPRESSED = {"csr": sparse.csr_array, "csc": sparse.csc_array, "bsr": sparse.bsr_array}
 _PARTS = ("data", "indices", "indptr")

@@ -11,8 +11,6 @@ from agglo_core.errors import OptionError
 from agglo_core.problems.linear import Linear
 from agglo_core.problems.real_arrays import real_array, real_matrix, require_finite, require_symmetric
 
-__all__ = ["symmetric_system"]
-
 
 def symmetric_system(problem: Linear) -> tuple[sparse.csr_array, Float]:
     """Matrix ``(n, n)`` and right-hand side ``(n,)`` of a linear problem as real numbers.

@@ -12,8 +12,6 @@ from agglo_core.problems.backward_error import is_known
 from agglo_core.problems.sizes import Measure, relative_to
 from agglo_core.problems.stiff_springs import imposed_differences
 
-__all__ = ["lifted", "penalised_rows", "row_measure", "row_sizes"]
-
 _ALIKE = 100.0
 #: Rows whose diagonal entries differ by no more than this factor are compared by their 2-norm alone.
 _PENALTY = 1e3

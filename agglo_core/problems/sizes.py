@@ -8,8 +8,6 @@ import numpy as np
 
 from agglo_core.arrays import Float
 
-__all__ = ["Measure", "energy_of_solution", "relative_size", "relative_to", "size_ratio", "two_norm"]
-
 Measure = Callable[[Float], float]
 """Vector ``(n,)`` to a size."""
 

@@ -15,8 +15,6 @@ from agglo_core.problems.discretisation import Discretisation, Samples
 from agglo_core.problems.iteration_history import mean_contraction, untold
 from agglo_core.problems.level_table import LevelTable
 
-__all__ = ["Lifting", "Solution"]
-
 
 @dataclass(frozen=True, eq=False)
 class Lifting:

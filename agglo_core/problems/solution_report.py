@@ -17,8 +17,6 @@ from agglo_core.problems.row_scales import row_measure
 from agglo_core.problems.solution import Solution
 from agglo_core.progress import Listener, phase
 
-__all__ = ["error_entries", "operator_complexity", "report", "text"]
-
 _COLUMNS = 80
 _TIE = "\N{NO-BREAK SPACE}"
 _USUAL_ERRORS = ("error_l2", "error_dg")

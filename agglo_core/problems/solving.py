@@ -18,8 +18,6 @@ from agglo_core.registry.attribution import Member, attributed
 from agglo_core.registry.containment import shown
 from agglo_core.registry.options import name_and_options
 
-__all__ = ["solve", "solved_by"]
-
 
 def solve(
     on: Mesh | Hierarchy,

@@ -11,8 +11,6 @@ from scipy.sparse.linalg import splu
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 
-__all__ = ["Imposed", "imposed_differences", "stiffest_joint"]
-
 _STIFF = 1e3
 #: Least ratio of a stiff entry to the usual entries of the matrix (their lower quartile).
 _STEP = 10.0

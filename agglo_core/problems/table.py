@@ -12,8 +12,6 @@ from agglo_core.arrays import Float, Int, frozen_float
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 
-__all__ = ["boundary_values", "cell_values", "face_tag", "number", "require_keys"]
-
 _LARGEST = sys.float_info.max
 
 

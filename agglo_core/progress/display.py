@@ -12,8 +12,6 @@ from agglo_core.errors import OptionError
 from agglo_core.progress.notebook_line import in_notebook, notebook_line
 from agglo_core.progress.phases import Listener, Progress
 
-__all__ = ["followed", "shown"]
-
 _SECONDS = 10.0
 """Between two lines about one phase."""
 

@@ -11,8 +11,6 @@ from typing import Any
 
 from agglo_core.progress.phases import Listener, Progress
 
-__all__ = ["in_notebook", "notebook_line"]
-
 _WIDTH = 20
 _PAUSE = 0.1
 """Least number of seconds between two updates within a phase: they travel to a browser."""

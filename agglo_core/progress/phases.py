@@ -8,8 +8,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-__all__ = ["Listener", "Progress", "Tell", "labelled", "part", "phase", "to_nobody", "unwrapped"]
-
 _PAUSE = 0.05
 """Least number of seconds between two reports of a phase: whoever is told costs nothing."""
 

@@ -10,8 +10,6 @@ from math import isfinite
 
 from agglo_core.errors import OptionError
 
-__all__ = ["TimeLimit", "checked_seconds", "noted_limits"]
-
 _noted: ContextVar[list[float] | None] = ContextVar("noted limits", default=None)
 
 

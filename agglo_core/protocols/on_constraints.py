@@ -9,8 +9,6 @@ from agglo_core.arrays import Int, Mask
 if TYPE_CHECKING:
     from agglo_core.graph import Graph
 
-__all__ = ["Admitting", "Completing", "Constraint", "Forbidding"]
-
 
 @runtime_checkable
 class Forbidding(Protocol):

@@ -9,8 +9,6 @@ if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.mesh import Mesh
 
-__all__ = ["Format", "HierarchyFormat", "WritableFormat"]
-
 
 @runtime_checkable
 class Format(Protocol):

@@ -13,18 +13,6 @@ from agglo_core.arrays import Float, Int, UInt64
 if TYPE_CHECKING:
     from agglo_core.graph import Graph
 
-__all__ = [
-    "Bisector",
-    "ConnectivityFixer",
-    "LevelBisector",
-    "Partitioner",
-    "Refiner",
-    "Sides",
-    "Target",
-    "TargetAware",
-    "UnevenBisector",
-]
-
 
 @dataclass(frozen=True)
 class Target:

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from agglo_core.mesh import Mesh
     from agglo_core.problems import MultigridLevel, Problem, Solution
 
-__all__ = ["ProblemKind", "Smoother", "Solver"]
-
 
 @runtime_checkable
 class ProblemKind(Protocol):

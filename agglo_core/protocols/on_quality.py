@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     from agglo_core.graph import Graph
     from agglo_core.mesh import Mesh
 
-__all__ = ["IncrementalMetric", "QualityMetric", "Section"]
-
 
 @runtime_checkable
 class QualityMetric(Protocol):

@@ -8,8 +8,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import kernel
 
-__all__ = ["cut_cells"]
-
 
 @kernel
 def cut_cells(indptr, indices, labels):

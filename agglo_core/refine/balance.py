@@ -12,8 +12,6 @@ from agglo_core.protocols import Target
 from agglo_core.refine.part_sizes import SIZES, block_sizes, checked_size, checked_tolerance
 from agglo_core.refine.whole_levels import refined_blocks
 
-__all__ = ["BalanceRefiner"]
-
 
 class BalanceRefiner:
     """Hands cells on from parts that are too large to parts that are too small, until sizes are even.

@@ -17,8 +17,6 @@ from agglo_core.compiled.compiling import ONE, helper, kernel
 from agglo_core.compiled.ring_search import CROWD, connected
 from agglo_core.refine.reach import part_lists
 
-__all__ = ["even_out"]
-
 _TRIES = 6  # ways looked for between parts that have a cell to spare and those that want one
 
 

@@ -12,8 +12,6 @@ from agglo_core.refine.interface import checked_floor
 from agglo_core.refine.shape_polish import swept
 from agglo_core.refine.whole_levels import refined_blocks
 
-__all__ = ["CompactnessRefiner"]
-
 
 class CompactnessRefiner:
     """Moves boundary cells to where parts become compact and their interfaces short.

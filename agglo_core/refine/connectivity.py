@@ -7,8 +7,6 @@ import numpy as np
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.graph import Graph
 
-__all__ = ["ConnectivityFixer"]
-
 
 class ConnectivityFixer:
     """Keeps the largest component of each part; the others join the neighbour they touch most.

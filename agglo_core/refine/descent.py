@@ -15,8 +15,6 @@ from agglo_core.protocols import IncrementalMetric, Target
 from agglo_core.refine.objective_choice import ChosenObjective, chosen_objective
 from agglo_core.registry import Registry
 
-__all__ = ["DescentRefiner"]
-
 _FLOOR = 0.85
 """Smallest allowed measure of a part over its measure at entry (of two parts: over the smaller one's)."""
 _NOISE = 1e-9

@@ -13,8 +13,6 @@ from agglo_core.protocols import Target
 from agglo_core.refine.part_sizes import block_sizes, checked_size, checked_tolerance
 from agglo_core.refine.whole_levels import refined_blocks
 
-__all__ = ["FMRefiner"]
-
 _OBJECTIVES = ("interface", "cut")
 _CELL = 1.000001  # with room for rounding
 

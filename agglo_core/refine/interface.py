@@ -9,8 +9,6 @@ from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.protocols import Target
 
-__all__ = ["InterfaceRefiner", "checked_floor"]
-
 
 def checked_floor(refiner: str, floor: float) -> float:
     """The least share of its measure that ``refiner`` leaves to a part, once it is a number in [0, 1]."""

@@ -9,8 +9,6 @@ import numpy as np
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.compiled.ring_search import keeps_whole
 
-__all__ = ["relax_interface", "sort_by_key"]
-
 _MANY = 16  # neighbours from which on the lengths shared with parts are summed all at once
 _SWEEPS = 10
 _TIE = 1e-9

@@ -17,8 +17,6 @@ from agglo_core.protocols import IncrementalMetric
 from agglo_core.registry import Registry, default, describe
 from agglo_core.registry.attribution import attributed
 
-__all__ = ["ChosenObjective", "chosen_objective"]
-
 Changes = Callable[[Graph, Int, Int, Int], Float]
 
 

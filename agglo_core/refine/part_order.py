@@ -9,8 +9,6 @@ import numpy as np
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.refine.shape_state import CENTRE, MASS
 
-__all__ = ["part_places", "places_across"]
-
 _FLAT = 1e-6
 """A third moment below this share of its bound is rounding, and a second one across an axis below this share
 of that along it."""

@@ -12,8 +12,6 @@ from agglo_core.arrays import Float, Int, frozen_float
 from agglo_core.errors import OptionError
 from agglo_core.graph.loads import Kind
 
-__all__ = ["FREE", "SIZES", "Balance", "block_sizes", "checked_size", "checked_tolerance"]
-
 SIZES: Final[Mapping[Kind | None, str]] = MappingProxyType(
     {None: "run_balance", "cells": "cell_balance", "measure": "measure_balance", "weights": "balance"}
 )

@@ -6,8 +6,6 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_int
 
-__all__ = ["slices", "strip_order"]
-
 _WIDTH = 8.0
 """Parts side by side in a slice, more or less."""
 

@@ -15,8 +15,6 @@ from agglo_core.compiled.cell_heap import put_in, take_out
 from agglo_core.compiled.compiling import ONE, helper, kernel
 from agglo_core.compiled.ring_search import keeps_whole
 
-__all__ = ["search_all"]
-
 _TIE = 1e-9  # of the lengths of the first cell
 _NONE = np.int64(-1)
 

@@ -10,8 +10,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import ONE, helper, kernel
 
-__all__ = ["Corners", "Reach", "cell_radii", "fits", "part_lists", "take_in"]
-
 _ABOVE = 1.0 + 1e-12  # a rounded extent beyond this multiple of the limit is beyond the limit
 _BELOW = 1.0 - 1e-9  # rounded distances below this multiple of the limit are below the limit
 _WALKS = 16  # times the cells of a part are walked before its extents are found

@@ -9,8 +9,6 @@ import numpy as np
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.compiled.graphs import components
 
-__all__ = ["absorb", "keepers", "mend_blocks", "mend_piece", "mend_sides"]
-
 _TIE = 1e-7  # relative: closer sizes, interfaces and places count as equal (rounding far from the origin)
 
 

@@ -13,8 +13,6 @@ from agglo_core.graph import Graph
 from agglo_core.refine.part_strips import slices, strip_order
 from agglo_core.threads import mapped, thread_count
 
-__all__ = ["directions", "swept"]
-
 _SWEEPS = 12
 
 _FEW = 2_000

@@ -10,21 +10,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import ONE, kernel
 
-__all__ = [
-    "CELLS",
-    "CENTRE",
-    "FLOOR",
-    "MASS",
-    "ROOM",
-    "Cells",
-    "Slices",
-    "State",
-    "Work",
-    "interface_cells",
-    "listed_cells",
-    "part_tally",
-]
-
 _LITTLE = 5e-4
 """A sweep that lowers the objective of a block by less than this share is the last one there."""
 

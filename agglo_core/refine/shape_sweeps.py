@@ -18,8 +18,6 @@ from agglo_core.compiled.ring_search import CROWD, REACH, connected
 from agglo_core.refine.reach import fits, take_in
 from agglo_core.refine.shape_state import CELLS, CENTRE, FLOOR, MASS, ROOM, listed_cells
 
-__all__ = ["sweep_all", "sweep_slices"]
-
 _TIE = 1e-9
 
 _CACHED = 40_000

@@ -11,8 +11,6 @@ from agglo_core.graph import Graph
 from agglo_core.graph.objectives import numbered_parts
 from agglo_core.protocols import Target
 
-__all__ = ["refined_blocks"]
-
 
 class _OfParts(Protocol):
     def refine_parts(self, graph: Graph, labels: Int, block: Int, target: Target) -> Int: ...

@@ -10,8 +10,6 @@ from typing import Any
 from agglo_core.errors import AggloError, FileError, MeshError, OptionError, PluginError
 from agglo_core.registry.containment import PLUGIN_FAILURES, folder_kept, raised
 
-__all__ = ["Member", "attributed"]
-
 
 @dataclass(frozen=True)
 class Member:

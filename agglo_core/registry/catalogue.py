@@ -24,8 +24,6 @@ from agglo_core.registry.discovery import Found, attach, detach, installed
 from agglo_core.registry.kinds import KINDS
 from agglo_core.registry.records import Installed, Record, describe, with_conflicts, with_requirements
 
-__all__ = ["Registry", "default"]
-
 Records = list[Record]
 Declared = list[Component | Command]
 

@@ -13,8 +13,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Final, get_args, get_origin
 
-__all__ = ["ImportPath", "Written", "is_written", "names_code", "plain", "written"]
-
 _MARK: Final = "agglo: names code that is imported"
 
 ImportPath = Annotated[str, _MARK]

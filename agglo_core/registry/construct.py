@@ -15,8 +15,6 @@ from agglo_core.registry.kinds import KINDS
 from agglo_core.registry.options import Text, convert, options_of, parse_value, wants_registry
 from agglo_core.registry.records import Record, describe, unusable
 
-__all__ = ["checked_options", "construct", "resolve"]
-
 
 def resolve(record: Record) -> Any:
     """Import and return the target of a record that is ok.

@@ -8,8 +8,6 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 
-__all__ = ["PLUGIN_FAILURES", "LoadingError", "folder_kept", "loading", "printable", "raised", "shown"]
-
 PLUGIN_FAILURES = (Exception, SystemExit)
 """What a component may raise without taking the program down.
 

@@ -13,16 +13,6 @@ import pluggy
 from agglo_core.registry.containment import shown
 from agglo_core.registry.kinds import KINDS, PROMISES
 
-__all__ = [
-    "CORE_COMMANDS",
-    "Command",
-    "Component",
-    "Hooks",
-    "faults",
-    "hookimpl",
-    "made_plain",
-]
-
 CORE_COMMANDS: Final = (
     "demo",
     "run",

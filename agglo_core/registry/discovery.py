@@ -13,8 +13,6 @@ import pluggy
 from agglo_core.registry.containment import LoadingError, loading, printable, shown
 from agglo_core.registry.declarations import Command, Component, Hooks
 
-__all__ = ["GROUP", "Found", "attach", "detach", "installed", "version_of"]
-
 GROUP = "agglo"
 _HOOKS = tuple(name for name in vars(Hooks) if name.startswith("agglo_"))
 

@@ -13,8 +13,6 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Final
 
-__all__ = ["KINDS", "PROMISES", "Kind", "kind_of_methods"]
-
 
 @dataclass(frozen=True)
 class Kind:

@@ -10,8 +10,6 @@ from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin
 
 from agglo_core.registry.code_options import names_code, plain
 
-__all__ = ["UNTYPED", "Text", "fit", "in_words", "parse_value", "words_of"]
-
 UNTYPED: Final = inspect.Parameter.empty
 """The annotation of an option that has none."""
 

@@ -14,8 +14,6 @@ from typing import Literal
 
 from agglo_core.registry.declarations import CORE_COMMANDS, Command, Component
 
-__all__ = ["Installed", "Record", "State", "describe", "unusable", "with_conflicts", "with_requirements"]
-
 State = Literal["ok", "needs", "broken", "conflict", "blocked"]
 
 _PROJECTS = {"sklearn": "scikit-learn"}  # import names that differ from the name pip knows

@@ -9,8 +9,6 @@ from typing import Any
 from agglo_core.errors import FileError
 from agglo_core.files.regular import check_regular
 
-__all__ = ["read_toml"]
-
 _SIZE = 1 << 21
 """Bytes of a file: tomllib takes up to a hundred times as much memory."""
 

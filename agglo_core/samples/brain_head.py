@@ -11,8 +11,6 @@ from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import polyhedra_from_elements
 
-__all__ = ["brain3d"]
-
 _EDGE = 2.0  # mm, of the voxels in the file
 _COARSEST = 20.0  # mm
 _SPECK = 8  # voxels; smaller pieces of a tissue count as what surrounds them

@@ -8,8 +8,6 @@ import numpy as np
 
 from agglo_core.mesh import Mesh
 
-__all__ = ["brain", "brain_holes"]
-
 
 def brain() -> Mesh:
     """Coronal section of a human brain: 13,978 triangles, one simple outline with deep sulci.

@@ -11,8 +11,6 @@ from agglo_core.registry.construct import checked_options, resolve
 from agglo_core.registry.containment import shown
 from agglo_core.registry.options import Option, Text, options_of
 
-__all__ = ["from_spec", "names"]
-
 
 def names(registry: Registry | None = None) -> list[str]:
     """Names of the samples that can be used, agglo's own first.

@@ -8,8 +8,6 @@ from agglo_core.arrays import Float
 from agglo_core.mesh import Mesh
 from agglo_core.samples.regular import check_size
 
-__all__ = ["delaunay_mesh", "merge_close", "random_triangles", "voronoi", "voronoi_mesh"]
-
 _SNAP = 1e-10
 """Points this close (relative to the unit square) are one; rounding leaves 1e-13 or so."""
 

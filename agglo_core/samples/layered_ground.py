@@ -9,8 +9,6 @@ from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import polyhedra_from_elements
 from agglo_core.samples.regular import check_size
 
-__all__ = ["layered"]
-
 _TOPS = (0.12, 0.3, 0.38, 0.6, 0.7)  # of all layers but the last, as shares of the height
 _FAULTS = ((0.35, -0.35), (0.7, 0.45))  # where on the x axis, and how far it leans over the height
 _THROW = 0.12  # how far the block between the faults has dropped, as a share of the height

@@ -12,8 +12,6 @@ from agglo_core.mesh import Mesh
 from agglo_core.samples.clouds import delaunay_mesh, voronoi_mesh
 from agglo_core.samples.regular import squares, triangles
 
-__all__ = ["paper"]
-
 
 def paper(name: Literal["triangles", "squares", "random", "voronoi"]) -> Mesh:
     """Fine grid of the paper (§4): ``triangles``, ``squares``, ``random`` or ``voronoi``.

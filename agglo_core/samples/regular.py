@@ -8,8 +8,6 @@ from agglo_core.arrays import Float, Int
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 
-__all__ = ["check_size", "disconnected", "hexagons", "ring", "squares", "strip", "triangles"]
-
 
 def check_size(value: object, least: int, option: str, sample: str, power: int = 1) -> int:
     """``value`` as an int of at least ``least``, or OptionError naming the option and the sample.

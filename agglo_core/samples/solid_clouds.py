@@ -11,8 +11,6 @@ from agglo_core.mesh import Mesh
 from agglo_core.samples.clouds import merge_close
 from agglo_core.samples.regular import check_size
 
-__all__ = ["random_tetrahedra", "voronoi3d"]
-
 _SNAP = 1e-10
 """Points this close are one; rounding leaves 1e-13 or so."""
 _APART = 0.7

@@ -11,8 +11,6 @@ from agglo_core.mesh import Mesh
 from agglo_core.samples.clouds import random_triangles
 from agglo_core.samples.regular import check_size
 
-__all__ = ["boxes", "prisms", "tetrahedra"]
-
 
 def boxes(n: int) -> Mesh:
     """Unit cube cut into n³ cubes.

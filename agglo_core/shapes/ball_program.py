@@ -17,8 +17,6 @@ from agglo_core.compiled.compiling import helper
 from agglo_core.shapes.ball_table import BLOCK, DISTANCE, LANES, ROW, SLOPE, VALUES
 from agglo_core.shapes.ball_triangles import lowest
 
-__all__ = ["ball_in_box", "convex_solid", "lowest_plane"]
-
 _STEPS = 60  # exchanges; more than fifteen are rare
 
 

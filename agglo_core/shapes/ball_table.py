@@ -17,19 +17,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper
 
-__all__ = [
-    "BLOCK",
-    "DISTANCE",
-    "GROUP",
-    "LANES",
-    "ROW",
-    "SLOPE",
-    "VALUES",
-    "fill",
-    "gathered_triangles",
-    "place",
-]
-
 LANES = 8
 GROUP, VALUES, DISTANCE, SLOPE, BLOCK = 19 * LANES, 20 * LANES, 21 * LANES, 22 * LANES, 25 * LANES
 ROW = tuple(np.uint64(k * LANES) for k in range(25))  # unsigned, as indices of hot loops are

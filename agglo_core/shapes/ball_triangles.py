@@ -12,16 +12,6 @@ import numpy as np
 from agglo_core.compiled.compiling import helper
 from agglo_core.shapes.ball_table import BLOCK, DISTANCE, GROUP, LANES, ROW, SLOPE, VALUES, fill, place
 
-__all__ = [
-    "distance_to",
-    "flattened",
-    "inside_triangles",
-    "linearised_triangles",
-    "lowest",
-    "nearest_triangle",
-    "shorter_list",
-]
-
 
 @helper(inline=True)
 def _own_place(table, i, x, y, z):

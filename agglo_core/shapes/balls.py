@@ -24,8 +24,6 @@ from agglo_core.shapes.ball_triangles import (
 from agglo_core.shapes.box_heap import WIDTH, pop, push
 from agglo_core.shapes.solid_triangles import most_triangles, surface
 
-__all__ = ["balls"]
-
 _ACCURACY = 1e-3  # of the radius
 _PATIENCE = 20_000  # boxes after each of which that is doubled
 _FINEST = 1e-9  # of the diameter: what is left out in any case

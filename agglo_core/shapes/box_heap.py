@@ -14,8 +14,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper
 
-__all__ = ["WIDTH", "pop", "push"]
-
 WIDTH = 10  # numbers in a row
 
 

@@ -28,8 +28,6 @@ from agglo_core.shapes.circle_edges import (
 from agglo_core.shapes.circle_program import convex, largest_in_box, linearised, majorised, tightest
 from agglo_core.shapes.circle_slabs import slabs
 
-__all__ = ["circles"]
-
 _MANY = 256  # edges from which on nearly straight chains of them become one
 _SAG = 4e-5  # of half the shorter side of the box around the outline: how far these may be off
 _CONVEX = 32  # edges up to which an outline is tested for being convex, edge by edge

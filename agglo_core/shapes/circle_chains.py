@@ -9,8 +9,6 @@ import numpy as np
 from agglo_core.compiled.compiling import helper
 from agglo_core.shapes.circle_edges import FIRST, HEIGHT, LAST
 
-__all__ = ["simplified"]
-
 
 @helper
 def _append(edges, m, ax, ay, bx, by):

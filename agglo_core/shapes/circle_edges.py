@@ -14,24 +14,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper
 
-__all__ = [
-    "DISTANCE",
-    "FIRST",
-    "HEIGHT",
-    "LAST",
-    "ROWS",
-    "SLOPE",
-    "apart",
-    "bounding_box",
-    "crosses",
-    "gathered",
-    "is_inside",
-    "nearest_edge",
-    "offset",
-    "shortened",
-    "signed_distance",
-]
-
 ROWS = 7  # numbers that describe an edge; the next row takes squares of distances
 DISTANCE, SLOPE, HEIGHT = 8, 9, 11  # rows of planes, value and gradient; all rows
 FIRST, LAST = 8, 9  # rows of the vertices a and b, until planes are written there

@@ -16,8 +16,6 @@ import numpy as np
 from agglo_core.compiled.compiling import helper
 from agglo_core.shapes.circle_edges import DISTANCE, ROWS, SLOPE, offset
 
-__all__ = ["convex", "largest_in_box", "linearised", "majorised", "tightest"]
-
 _STEPS = 40  # exchanges; more than ten are rare
 
 

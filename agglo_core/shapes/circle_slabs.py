@@ -16,8 +16,6 @@ from agglo_core.compiled.sorting import sort_by_keys
 from agglo_core.shapes.box_heap import push
 from agglo_core.shapes.circle_edges import signed_distance
 
-__all__ = ["slabs"]
-
 _CROWD = 24  # edges beside one another, on average, from which on trapezoids are dearer than boxes
 
 

@@ -9,8 +9,6 @@ import numpy as np
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.shapes.solid_triangles import most_triangles, surface
 
-__all__ = ["face_ratios"]
-
 _STRAIGHT = 1e-8  # radians; rounded coordinates turn triangles in one plane by less
 
 

@@ -20,21 +20,6 @@ from agglo_core.mesh import Mesh
 from agglo_core.shapes.solid_surfaces import ball_radii
 from agglo_core.threads import over_ranges
 
-__all__ = [
-    "Cells",
-    "CentredCircleRatio",
-    "CircleRatio",
-    "Components",
-    "Cut",
-    "DiameterRatio",
-    "InterfaceLength",
-    "NormalisedCut",
-    "UniformityFactor",
-    "UniformityFactor99",
-    "agglomerates",
-    "plane_agglomerates",
-]
-
 _FEW = 500  # agglomerates whose circles one thread finds in some ten milliseconds
 
 Better = Literal["high", "low"]

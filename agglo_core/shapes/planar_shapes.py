@@ -8,8 +8,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-__all__ = ["box_ratios", "convex_hulls", "kernel_areas", "narrowest", "one_hull"]
-
 _TIE = 1e-9  # relative difference below which two widths count as equal
 _SHORT = 1e-8  # of the extent: shorter edges are those between points that rounding set apart
 

@@ -15,8 +15,6 @@ from agglo_core.graph import Graph, functionals, moves
 from agglo_core.mesh import Mesh
 from agglo_core.shapes.metrics import agglomerates
 
-__all__ = ["InertiaRatio", "IsoperimetricQuotient"]
-
 Better = Literal["high", "low"]
 
 

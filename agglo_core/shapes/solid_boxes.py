@@ -9,8 +9,6 @@ import numpy as np
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.shapes.planar_shapes import narrowest, one_hull
 
-__all__ = ["solid_box_ratios"]
-
 _TIE = 1e-9  # relative difference below which two widths count as equal
 _TIES = 64  # directions of equal width that are looked at
 _PARALLEL = 1e-9  # sine of the angle of two edges below which they have no common normal

@@ -8,8 +8,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-__all__ = ["solid_hulls"]
-
 _TINY = 1e-12  # of the extent: points that are no further outside a plane are on it
 
 

@@ -10,8 +10,6 @@ from agglo_core.mesh import Mesh
 from agglo_core.shapes.solid_surfaces import over_surfaces
 from agglo_core.threads import over_ranges
 
-__all__ = ["face_area_ratios", "hull_volumes", "narrowest_boxes", "sight_volumes"]
-
 _Hulls = tuple[Float, Int, Index, Index]
 
 _FEW = 500  # agglomerates one thread looks at in some milliseconds

@@ -14,8 +14,6 @@ from agglo_core.arrays import Float, Index, Int, frozen_float, frozen_index, fro
 from agglo_core.mesh import Mesh
 from agglo_core.threads import over_ranges
 
-__all__ = ["ball_radii", "over_surfaces"]
-
 _FEW = 200  # agglomerates one thread looks at in some ten milliseconds
 
 

@@ -12,8 +12,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-__all__ = ["face_triangles", "most_triangles", "surface"]
-
 _FLAT = 1e-9  # of the area of a face: triangles with less are degenerate
 
 

@@ -9,8 +9,6 @@ import numpy as np
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.shapes.solid_triangles import most_triangles, surface
 
-__all__ = ["solid_kernel_volumes"]
-
 _TINY = 1e-12  # of the extent: corners that are no further outside a plane are on it
 _FIRST = 24  # edges of a box, each once for either side
 _BOX = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))

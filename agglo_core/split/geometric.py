@@ -14,8 +14,6 @@ from agglo_core.refine.connectivity import ConnectivityFixer
 from agglo_core.split.median_growth import MedianGrowth
 from agglo_core.split.piece_growth import PieceGrowth
 
-__all__ = ["CoordinateBisection", "InertialBisection"]
-
 
 class CoordinateBisection:
     """Halve each block across the longest side of the bounding box of its centroids.

@@ -10,8 +10,6 @@ from agglo_core.graph.blocks import TIE
 from agglo_core.progress import Tell
 from agglo_core.split.side_shares import side_shares
 
-__all__ = ["MedianGrowth"]
-
 _WORK = 2_000_000
 """Cells handled, each once for every split, between two reports: about 0.1 s."""
 

@@ -17,8 +17,6 @@ from agglo_core.compiled.sums import chosen_sum
 from agglo_core.refine.repair import mend_piece
 from agglo_core.split.piece_splits import tagged_components
 
-__all__ = ["SHARE", "split_at_medians", "untied"]
-
 SHARE = 2.0**40  # shares of weight are integers: their sums do not depend on the order
 
 

@@ -13,8 +13,6 @@ import numpy as np
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.split.piece_frames import diagonalise
 
-__all__ = ["centre_in_order", "frame_in_order", "frame_room", "frames_of_blocks"]
-
 _ISOTROPIC = 0.9  # ratio of second moments above which their axes say little about the shape
 _TURNS = 6
 _TURNED = 1e-9  # angle after which the next turn is lost in rounding

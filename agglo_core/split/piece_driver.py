@@ -22,18 +22,6 @@ from agglo_core.split.piece_splits import (
     sides_connected,
 )
 
-__all__ = [
-    "APART",
-    "MENDED",
-    "TORN",
-    "UNCUT",
-    "WHOLE",
-    "largest_piece",
-    "split_pieces",
-    "tag_halves",
-    "tag_sides",
-]
-
 WHOLE, APART = 1, 2
 """How a finished piece is marked where it starts: APART if it is not connected, of which only tiny ones are
 asked."""

@@ -10,8 +10,6 @@ from agglo_core.compiled.axes import planar_frame
 from agglo_core.compiled.centring import centre_points
 from agglo_core.compiled.compiling import helper
 
-__all__ = ["diagonalise", "load_piece", "point_room", "principal_frame"]
-
 _ISOTROPIC = 0.9  # ratio of second moments above which their axes say little about the shape
 _TURNS = 6
 _TIE = 1e-9

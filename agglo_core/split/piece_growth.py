@@ -15,8 +15,6 @@ from agglo_core.refine.interface import InterfaceRefiner
 from agglo_core.split.side_shares import side_shares
 from agglo_core.threads import mapped, thread_count
 
-__all__ = ["PieceGrowth"]
-
 _WORK = 4_000_000
 """Cells handled, each once for every split, between two reports: about 0.1 s."""
 

@@ -11,8 +11,6 @@ from agglo_core.split.ordered_frames import centre_in_order, frame_in_order, fra
 from agglo_core.split.piece_driver import largest_piece, split_pieces
 from agglo_core.split.piece_shares import order_room, split_in_order, tag_upper
 
-__all__ = ["split_across_axes"]
-
 
 @helper
 def _load(graph, cells, lo, hi, own):

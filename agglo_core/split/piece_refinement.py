@@ -10,8 +10,6 @@ from agglo_core.compiled.compiling import ONE, helper
 from agglo_core.compiled.ring_search import keeps_whole
 from agglo_core.compiled.sorting import sort_by_keys
 
-__all__ = ["refine_sides"]
-
 _SWEEPS = 10
 _SEEN, _LISTED = np.int64(2), np.int64(3)  # columns of the marks; bare numbers would be types of their own
 _TIE = 1e-9

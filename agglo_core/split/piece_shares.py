@@ -11,8 +11,6 @@ from agglo_core.compiled.sorting import sort_by_keys, stable_sort
 from agglo_core.split.median_splits import SHARE, untied
 from agglo_core.split.piece_splits import side_tags
 
-__all__ = ["holds_share", "order_room", "shift_cut", "shifted_sides", "split_in_order", "tag_upper"]
-
 _TIE = 1e-7  # of the extent: what counts as equal, as in ``graph.blocks``
 _BINS = 256
 _FEW = 64  # values that are sorted

@@ -7,8 +7,6 @@ import numpy as np
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.graph.dual import Graph
 
-__all__ = ["shifted", "side_shares"]
-
 _MANY = 16
 """Quota from which halves serve: with one part more or less on a side, parts differ by 1/8 at most."""
 

@@ -16,8 +16,6 @@ from agglo_core.graph.blocks import principal_frames
 from agglo_core.graph.sweep import sweep, sweep_arrays
 from agglo_core.split.piece_growth import PieceGrowth
 
-__all__ = ["SweepBisection"]
-
 
 class SweepBisection:
     """The best straight cut along the principal axis and others turned from it.

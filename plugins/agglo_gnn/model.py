@@ -10,8 +10,6 @@ import click
 
 from agglo_core.authoring import FILE, print_lines
 
-__all__ = ["model"]
-
 
 @click.group()
 def model() -> None:

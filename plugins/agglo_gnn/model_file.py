@@ -24,8 +24,6 @@ from numpy.typing import NDArray
 
 from agglo_core.authoring import FileError, PluginError, staging
 
-__all__ = ["REQUIRED", "check_shapes", "load", "read_header", "save"]
-
 REQUIRED = ("architecture", "features", "recipe", "seed", "version", "metrics")
 
 _HEADER = 1 << 22  # bytes of JSON: ours have a few thousand

@@ -8,8 +8,6 @@ from agglo_core.authoring import helper, kernel, piece_driver, piece_splits
 from agglo_kmeans.points import load_points, means_room
 from agglo_kmeans.separator import separator
 
-__all__ = ["split_by_means", "two_means"]
-
 _ROUNDING = 1e-6  # of the extent: what points of single precision may be off, with room
 
 

@@ -25,8 +25,6 @@ from agglo_core.authoring import (
     to_nobody,
 )
 
-__all__ = ["KMeans"]
-
 
 class KMeans:
     """2-means on the cell centroids, weighted by ``graph.weights`` (paper, §2.2).

@@ -6,8 +6,6 @@ import numpy as np
 
 from agglo_core.authoring import helper, kernel, piece_frames, piece_splits
 
-__all__ = ["axes_to_try", "binned", "load_points", "means_room", "moments", "rounded"]
-
 _ROUND = 0.8  # ratio of principal moments above which no axis stands out
 _BINS_2D, _BINS_3D = 32, 12  # along each axis; even: the middle is a border
 _BIN_TIE = 1e-4  # of a bin: points this close to a border lie below it

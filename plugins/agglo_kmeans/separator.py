@@ -7,8 +7,6 @@ import numpy as np
 from agglo_core.authoring import helper
 from agglo_kmeans.points import axes_to_try, binned, moments, rounded
 
-__all__ = ["separator"]
-
 _TIE = 4e-6  # of the size: a point this close to the separator is on side 0; single precision
 _ITERATIONS = np.int64(100)
 _TRIED = np.int64(2)  # of Lloyd's steps from each axis; the best one goes on

@@ -12,8 +12,6 @@ from agglo_core.authoring import Float, Graph, Int, OptionError, block_shares
 if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController
 
-__all__ = ["SklearnKMeans"]
-
 _LEAST_WEIGHT = 1e-6  # of the mean: clusters of weight zero would come back empty
 
 

@@ -15,8 +15,6 @@ from agglo_core.authoring import Float, Graph, Int, OptionError, PartSearch, Tar
 if TYPE_CHECKING:
     import pymetis
 
-__all__ = ["Metis"]
-
 _UNITS = 1000  # integer weights: this many units are the mean of the block
 _SEED_MASK = np.uint64(0x7FFFFFFF)  # seeds METIS takes on every platform
 

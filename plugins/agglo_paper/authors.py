@@ -11,8 +11,6 @@ from agglo_paper.shape_tables import cell, unit
 from agglo_paper.store import Results, Unit
 from agglo_paper.strategies import Strategy
 
-__all__ = ["authors_table", "authors_units"]
-
 _UF_SLACK = 0.03
 
 

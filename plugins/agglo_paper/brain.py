@@ -16,8 +16,6 @@ from agglo_paper.shape_tables import cell, notes, ratio, units as shape_units
 from agglo_paper.store import Results, Unit
 from agglo_paper.work import METRICS
 
-__all__ = ["page", "page_name", "source_of", "units"]
-
 _INTRO = (
     "Agglomerates of {what} to h* = 0.2 D, D the largest distance of two of its points; METIS is asked for "
     "50 parts. The paper's mesh of 14,372 triangles cannot be shipped: our section is another brain "

@@ -15,8 +15,6 @@ from agglo_paper.statistics import paired, same_sizes, sampled
 from agglo_paper.store import Results
 from agglo_paper.strategies import Strategy
 
-__all__ = ["Claim", "claims"]
-
 _LEAST = 8  # meshes of which all must agree before a sign test reaches 0.01
 _MEASURES: Final = (
     ("CRc", "Learning-based strategies have rounder agglomerates than METIS (CRc, what the paper prints)"),

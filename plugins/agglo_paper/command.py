@@ -12,8 +12,6 @@ import click
 from agglo_core.authoring import FILE, bisectors_option, choice, print_lines
 from agglo_paper.long_runs import one_thread, progress, without_notices
 
-__all__ = ["WORDS", "paper"]
-
 WORDS: Final = (
     *("uf", "cr", "brain", "runtime"),
     *("mg-levels", "mg-m1", "mg-smoothing", "mg-degree"),

@@ -30,8 +30,6 @@ from agglo_paper.small_svg import smaller
 from agglo_paper.store import Results
 from agglo_paper.strategies import Strategy
 
-__all__ = ["draw_boxes", "draw_grids", "draw_runtime", "picture"]
-
 _INK, _FINE, _PAPER = "#222222", "#8a8a8a", "#F4F1EA"
 _DENSE = 2000
 _ALSO = ("gnn", "kmeans", "spectral", "metis k-way")

@@ -12,8 +12,6 @@ from agglo_paper.published import EXACT, NEAR, NOT
 from agglo_paper.record import Page
 from agglo_paper.store import Results, versions
 
-__all__ = ["command", "front"]
-
 _INTRO = """# The paper, table by table
 
 Antonietti, Farenga, Manuzzi, Martinelli, Saverio, *Agglomeration of polygonal grids using graph neural

@@ -12,8 +12,6 @@ import numpy as np
 from agglo_core.authoring import Mesh, OptionError, read, samples
 from agglo_paper.strategies import Targets
 
-__all__ = ["FAMILIES", "GRIDS", "SIZES", "load", "targets"]
-
 GRIDS: Final = ("triangles", "random", "voronoi", "squares")
 SIZES: Final = (sqrt(2) / 8, sqrt(2) / 4, sqrt(2) / 2)
 """Largest diameters of the three levels on every grid, as the authors ran them."""

@@ -13,8 +13,6 @@ import click
 if TYPE_CHECKING:
     from agglo_paper.store import Unit
 
-__all__ = ["one_thread", "progress", "without_notices"]
-
 _THREADS: Final = ("OMP", "OPENBLAS", "MKL", "NUMBA", "BLIS")
 
 

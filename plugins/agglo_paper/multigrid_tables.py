@@ -16,8 +16,6 @@ from agglo_paper.store import Data, Results, Unit
 from agglo_paper.strategies import Strategy
 from agglo_paper.work import SETTINGS, SOLVER, count, plain
 
-__all__ = ["TABLES", "page", "units"]
-
 TABLES: Final[Mapping[str, tuple[str, str, Sequence[int]]]] = {
     "mg-levels": ("Iterations by number of levels ℓ (p = 1, m = 3)", "levels", (0, 1, 2)),
     "mg-m1": ("Iterations with one smoothing step (p = 1, m = 1, relative residual 1e-8)", "levels", (3, 4)),

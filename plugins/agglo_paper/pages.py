@@ -18,8 +18,6 @@ from agglo_paper.record import Page
 from agglo_paper.store import Data, Results, Store, Unit
 from agglo_paper.strategies import columns
 
-__all__ = ["build"]
-
 Begin = Callable[[Sequence[Unit], str], Callable[[Unit, bool], None]]
 """Called with the units of a page and its name; returns a function to call after each unit."""
 

@@ -10,8 +10,6 @@ from agglo_paper.grids import FAMILIES, GRIDS
 from agglo_paper.strategies import Strategy
 from agglo_paper.work import SOLVER
 
-__all__ = ["Plan", "full", "quick"]
-
 
 @dataclass(frozen=True)
 class Plan:

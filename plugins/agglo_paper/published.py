@@ -10,8 +10,6 @@ from typing import Any, Final, NamedTuple
 
 from agglo_paper.record import Cell, Row
 
-__all__ = ["EXACT", "NEAR", "NOT", "Band", "band", "judge", "judged", "number", "printed"]
-
 EXACT: Final = "reproduced"
 NEAR: Final = "within band"
 NOT: Final = "not reproduced"

@@ -13,8 +13,6 @@ from agglo_paper.record import Cell, Page, Row, Table
 from agglo_paper.store import Results, Unit
 from agglo_paper.timing import time_one
 
-__all__ = ["KINDS", "curves", "page", "unit", "units"]
-
 KINDS: Final = ("bisection", "recursion")
 _AT = 5000  # the size the paper gives ratios for
 _INTRO = (

@@ -14,8 +14,6 @@ from agglo_paper.store import Data, Results, Unit
 from agglo_paper.strategies import Strategy
 from agglo_paper.work import measure
 
-__all__ = ["cell", "notes", "page", "ratio", "repeats", "unit", "units"]
-
 _INTRO = {
     "uf": "Uniformity factor UF: diameter over the largest diameter, mean over the agglomerates. It rises "
     "when the largest diameter shrinks, so the number of agglomerates K and their mean diameter over h* "

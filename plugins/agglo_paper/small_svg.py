@@ -7,8 +7,6 @@ import re
 from collections import Counter
 from io import BytesIO
 
-__all__ = ["smaller"]
-
 _NUMBER = re.compile(r"-?\d+\.\d{3,}")
 _TAG = re.compile(r"<[a-z][^<>]*>")  # numbers between tags are words: labels of axes
 _SPACES = re.compile(r"\n\s+|(?<=[a-zA-Z0-9]) \n")

@@ -14,8 +14,6 @@ from agglo_paper.store import Data, Results, Unit
 from agglo_paper.strategies import Strategy
 from agglo_paper.work import FRESH, fresh, plain
 
-__all__ = ["MEASURES", "Paired", "page", "paired", "same_sizes", "sampled", "units"]
-
 MEASURES: Final[Mapping[str, tuple[str, int]]] = {
     "K": ("agglomerates", 1),
     "UF": ("UF", 3),

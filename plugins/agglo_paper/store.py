@@ -15,8 +15,6 @@ from typing import Any, Final
 
 from agglo_core.authoring import AggloError, staging
 
-__all__ = ["Data", "Results", "Store", "Unit", "versions"]
-
 Data = dict[str, Any]
 Results = Mapping[str, Data]
 """Results by the key of their unit; one that failed is ``{"error": reason}``."""

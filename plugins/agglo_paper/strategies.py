@@ -18,8 +18,6 @@ from agglo_core.authoring import (
     default,
 )
 
-__all__ = ["Strategy", "Targets", "columns", "paper_columns"]
-
 _PLAIN = {"vertex_weights": False, "edge_weights": False, "ufactor": 30, "contig": False}
 _BEST = {"vertex_weights": True, "edge_weights": True, "ufactor": 300, "contig": True}
 

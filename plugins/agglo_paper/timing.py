@@ -12,8 +12,6 @@ import numpy as np
 
 from agglo_core.authoring import AggloError, Graph, agglomerate, curve_order, default, samples
 
-__all__ = ["time_one"]
-
 Call = Callable[[], Any]
 _NETWORK: Final = "gnn_paper"
 _KMEANS: Final = "kmeans_sklearn"

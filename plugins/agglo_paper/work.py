@@ -11,8 +11,6 @@ from agglo_core.authoring import Diffusion, Hierarchy, OptionError, Solution, ag
 from agglo_paper.grids import load, targets
 from agglo_paper.strategies import Strategy
 
-__all__ = ["FRESH", "METRICS", "SETTINGS", "SOLVER", "Setting", "count", "fresh", "measure", "plain"]
-
 METRICS: Final = ("UF", "CR", "CRc")
 SOLVER: Final = "polydg_mg_paper"
 _PLAIN: Final = "polydg_cg"

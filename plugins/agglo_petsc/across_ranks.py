@@ -32,8 +32,6 @@ from agglo_petsc.pcmg_report import level_sizes, memory_of
 from agglo_petsc.petsc_matrices import mat_from_rows, petsc, vector
 from agglo_petsc.phase_times import PhaseTimes
 
-__all__ = ["AcrossRanks", "solve_across", "solved_across"]
-
 
 @dataclass(frozen=True, eq=False)
 class AcrossRanks:

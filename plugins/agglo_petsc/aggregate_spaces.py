@@ -28,8 +28,6 @@ from agglo_petsc.jacobi_smoothing import jacobi_smoothed
 from agglo_petsc.owned_bases import bases_where_owned
 from agglo_petsc.petsc_matrices import agree, mat_from_rows, petsc
 
-__all__ = ["PetscLevels", "aggregate_levels", "given_levels"]
-
 
 @dataclass(frozen=True, eq=False)
 class PetscLevels:

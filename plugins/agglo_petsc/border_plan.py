@@ -17,8 +17,6 @@ from scipy import sparse
 from agglo_core.authoring import Int, Patches, frozen_int
 from agglo_petsc.rank_messages import by_owner, swapped
 
-__all__ = ["BorderPlan", "border_plan", "in_blocks", "starts_of"]
-
 _EMPTY = frozen_int(np.empty(0, np.int64))
 
 

@@ -12,8 +12,6 @@ from numpy.typing import ArrayLike
 
 from agglo_core.authoring import Mesh, OptionError
 
-__all__ = ["from_dolfinx", "to_dolfinx"]
-
 _POLYGONS: Final = {"triangle": (0, 1, 2), "quadrilateral": (0, 1, 3, 2)}
 """Corners of a cell in the order in which ours run around it; DOLFINx has a tensor product's."""
 _FACES: Final = {

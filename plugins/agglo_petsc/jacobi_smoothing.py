@@ -10,8 +10,6 @@ from scipy import sparse
 from agglo_core.authoring import Int, OptionError, frozen_float, multigrid
 from agglo_petsc.petsc_matrices import agree, mat_from_rows, petsc, rows_of, vector
 
-__all__ = ["jacobi_smoothed", "own_columns"]
-
 _STEPS = 12
 """Of conjugate gradients, to find the largest eigenvalue."""
 

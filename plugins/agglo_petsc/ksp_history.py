@@ -11,8 +11,6 @@ import numpy as np
 from agglo_core.authoring import MET, TESTS, Float, History, OptionError, frozen_float, size_ratio
 from agglo_petsc.petsc_matrices import entries, petsc
 
-__all__ = ["solve", "unsolved"]
-
 _DIGIT: Final = 0.1
 """To which part of itself the error is found, to know how large it is."""
 _CHECK: Final = 60

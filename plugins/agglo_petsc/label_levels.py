@@ -9,8 +9,6 @@ from numpy.typing import ArrayLike
 
 from agglo_core.authoring import Float, Int, OptionError, frozen_float, frozen_int, multigrid
 
-__all__ = ["exponents", "labels_of_unknowns", "monomial", "nested_aggregates"]
-
 
 def nested_aggregates(labels: Sequence[Int]) -> list[Int]:
     """Aggregate of each cell, then of each part of a level, from labels ``(n_cells,)``, finest first.

@@ -14,8 +14,6 @@ from agglo_petsc.petsc_matrices import mat_from_rows, vector
 from agglo_petsc.posed_systems import PosedSystem
 from agglo_petsc.row_shares import RowShare, row_share, usable_levels
 
-__all__ = ["COARSENINGS", "Coarsening", "SystemOnRanks", "on_ranks"]
-
 Coarsening = Literal["auto", "agglomerates", "matrix"]
 COARSENINGS: Final = ("auto", "agglomerates", "matrix")
 

@@ -12,8 +12,6 @@ from agglo_petsc.aggregate_spaces import PetscLevels, aggregate_levels
 from agglo_petsc.label_levels import nested_aggregates
 from agglo_petsc.petsc_matrices import agree
 
-__all__ = ["Levels", "levels_for"]
-
 Levels = PetscLevels | Hierarchy | Sequence[ArrayLike]
 
 _ADVICE = "(shared unknowns get labels by labels_of_unknowns; mat.setBlockSize says how many a cell has)"

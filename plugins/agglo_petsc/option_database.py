@@ -14,8 +14,6 @@ from typing import Any, Self
 from agglo_core.authoring import OptionError
 from agglo_petsc.petsc_matrices import petsc
 
-__all__ = ["OptionDatabase", "parsed_options"]
-
 
 def parsed_options(given: str | Mapping[str, Any]) -> dict[str, str]:
     """Options as PETSc writes them, ``"-mg_levels_pc_type sor -ksp_view"``, or by name, a dash before or not.

@@ -15,8 +15,6 @@ from agglo_core.authoring import Float, Int, frozen_float, frozen_int, tentative
 from agglo_petsc.petsc_matrices import agree
 from agglo_petsc.rank_messages import swapped
 
-__all__ = ["OwnedBases", "bases_where_owned"]
-
 
 @dataclass(frozen=True, eq=False)
 class OwnedBases:

@@ -10,8 +10,6 @@ from scipy import sparse
 from agglo_core.authoring import Int, Patches, distributed, frozen_int, multigrid
 from agglo_petsc.border_plan import starts_of
 
-__all__ = ["patches_across"]
-
 _MOST = 64
 """Parts of a patch; a vertex where more meet has none, as on one rank."""
 

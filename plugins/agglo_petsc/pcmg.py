@@ -14,18 +14,6 @@ from agglo_petsc.option_database import OptionDatabase, parsed_options
 from agglo_petsc.petsc_matrices import petsc
 from agglo_petsc.sweep_preconditioner import LevelSweeps, PatchSweeps, require_width
 
-__all__ = [
-    "COARSE_SOLVERS",
-    "CYCLES",
-    "SMOOTHERS",
-    "CoarseSolver",
-    "Cycle",
-    "Smoother",
-    "chosen_smoother",
-    "pc",
-    "setup",
-]
-
 Smoother = Literal["auto", "sweeps", "patches", "blocks", "sor"]
 CoarseSolver = Literal["auto", "lu", "mumps", "superlu_dist", "redundant"]
 Cycle = Literal["V", "W"]

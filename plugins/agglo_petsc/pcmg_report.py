@@ -7,8 +7,6 @@ from typing import Any
 from agglo_petsc.petsc_matrices import petsc, to_scipy
 from agglo_petsc.sweep_preconditioner import PatchSweeps
 
-__all__ = ["level_matrices", "level_sizes", "memory_of"]
-
 
 def level_matrices(ksp: Any) -> list[tuple[Any, Any]]:
     """``(A, P)`` of each level as scipy matrices, finest first; P of the coarsest is None. On one rank."""

@@ -9,8 +9,6 @@ from scipy import sparse
 
 from agglo_core.authoring import Float, OptionError, frozen_float
 
-__all__ = ["agree", "entries", "mat_from_rows", "petsc", "rows_of", "to_petsc", "to_scipy", "vector"]
-
 
 def petsc() -> Any:
     """The module ``petsc4py.PETSc``; MPI is loaded before it, so that the library of a wheel is found.

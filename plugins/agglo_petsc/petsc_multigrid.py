@@ -43,8 +43,6 @@ from agglo_petsc.petsc_matrices import entries, petsc
 from agglo_petsc.phase_times import PhaseTimes
 from agglo_petsc.posed_systems import PosedSystem, posed, solution_of
 
-__all__ = ["PetscMultigrid"]
-
 _OURS = {
     "ksp_rtol": "tolerance",
     "ksp_atol": "tolerance",

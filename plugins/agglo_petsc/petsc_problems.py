@@ -10,8 +10,6 @@ from numpy.typing import ArrayLike
 from agglo_core.authoring import Linear, OptionError, frozen_float, frozen_int
 from agglo_petsc.petsc_matrices import entries, to_scipy
 
-__all__ = ["linear"]
-
 
 def linear(
     mat: Any, rhs: Any, *, block_offsets: ArrayLike | None = None, near_null: ArrayLike | None = None

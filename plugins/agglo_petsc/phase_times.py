@@ -8,8 +8,6 @@ from contextlib import contextmanager
 
 from agglo_core.authoring import Listener, phase
 
-__all__ = ["PhaseTimes"]
-
 
 class PhaseTimes:
     """Times phases and announces them.

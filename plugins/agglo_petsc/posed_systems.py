@@ -31,8 +31,6 @@ from agglo_core.authoring import (
 from agglo_petsc.label_levels import exponents, monomial
 from agglo_petsc.phase_times import PhaseTimes
 
-__all__ = ["PosedSystem", "posed", "solution_of"]
-
 _CELLS_PER_PART: Final = 8
 """Of levels made here: of the first, and parts of each to one of the next."""
 _FEWEST: Final = 60

@@ -10,8 +10,6 @@ import numpy as np
 
 from agglo_core.authoring import Int, frozen_int
 
-__all__ = ["by_owner", "swapped"]
-
 T = TypeVar("T")
 
 

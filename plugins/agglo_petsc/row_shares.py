@@ -14,8 +14,6 @@ import numpy as np
 from agglo_core.authoring import Int, Patches, frozen_int
 from agglo_petsc.label_levels import nested_aggregates
 
-__all__ = ["RowShare", "row_share", "usable_levels"]
-
 _PARTS_PER_RANK = 4
 """A level of fewer parts is left out: whole parts go to ranks, whose shares would be too unequal."""
 

@@ -16,8 +16,6 @@ from agglo_core.authoring import Float, OptionError, Patches, frozen_int, multig
 from agglo_petsc.border_plan import border_plan, in_blocks
 from agglo_petsc.petsc_matrices import agree, rows_of
 
-__all__ = ["LevelSweeps", "PatchSweeps", "require_width"]
-
 _TAG = 7412  # of messages within a sweep
 _TRIES, _PAUSE = 100, 2e-5  # looks at whether a message has come, before there are seconds between them
 

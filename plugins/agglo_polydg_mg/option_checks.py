@@ -9,16 +9,6 @@ from typing import Any
 
 from agglo_core.authoring import OptionError
 
-__all__ = [
-    "chosen",
-    "require_count",
-    "require_fraction",
-    "require_name",
-    "require_penalty",
-    "require_positive",
-    "require_truth",
-]
-
 
 def require_count(name: str, value: Any, least: int, most: int | None = None) -> None:
     """Raise OptionError unless ``value`` is a whole number from ``least`` to ``most``."""

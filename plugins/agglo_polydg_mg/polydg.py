@@ -36,8 +36,6 @@ from agglo_polydg_mg.space.evaluate import evaluate
 from agglo_polydg_mg.space.quadrature import sample
 from agglo_polydg_mg.space.sampling import samples_of
 
-__all__ = ["PolyDG", "corrections"]
-
 
 @dataclass(frozen=True)
 class PolyDG:

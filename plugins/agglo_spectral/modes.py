@@ -15,8 +15,6 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from agglo_core.authoring import Float, Graph, Int, block_extents, block_shares, principal_frames
 
-__all__ = ["laplacian_modes"]
-
 _BATCH = 2**22  # entries of a stack of dense matrices: 32 MiB
 _SHIFT = 1e-3  # of an estimate of the lowest eigenvalue: makes the Laplacian regular
 _FAR = 0.1  # part of that estimate below which the matrix is factored anew

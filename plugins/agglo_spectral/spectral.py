@@ -28,8 +28,6 @@ from agglo_core.authoring import (
 )
 from agglo_spectral.modes import laplacian_modes
 
-__all__ = ["Spectral"]
-
 Flags = NDArray[np.bool_]
 
 _TIE = 1e-9  # relative difference of normalised cuts that does not count

@@ -20,8 +20,6 @@ from agglo_core.problems import MultigridLevel, Problem, require_accepted
 from agglo_core.protocols import Target
 from agglo_core.registry import KINDS
 
-__all__ = ["ask", "for_target"]
-
 
 def ask(kind: str, tool: Any, case: Case) -> Any:
     """The unchecked answer; exceptions of the component pass through."""

@@ -11,8 +11,6 @@ from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
 from agglo_core.problems import Linear, MultigridLevel
 
-__all__ = ["Case"]
-
 
 @dataclass(frozen=True)
 class Case:

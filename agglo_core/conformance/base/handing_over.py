@@ -14,8 +14,6 @@ from agglo_core.errors import OptionError
 from agglo_core.registry import Component
 from agglo_core.registry.options import Text
 
-__all__ = ["environment", "subject_from", "task_of"]
-
 
 def environment() -> dict[str, str]:
     """The environment of another process that imports what this one does."""

@@ -12,8 +12,6 @@ from agglo_core.conformance.base.verdict import Broken
 from agglo_core.registry import KINDS
 from agglo_core.registry.containment import PLUGIN_FAILURES
 
-__all__ = ["ASKED", "Law", "law"]
-
 ASKED: Final = tuple(kind for kind in KINDS if kind != "sample")
 """Kinds whose components are asked questions; a sample answers when it is built, and never again."""
 

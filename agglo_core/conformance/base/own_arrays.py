@@ -19,8 +19,6 @@ from agglo_core.conformance.base.case import Case
 from agglo_core.problems import Linear
 from agglo_core.registry import KINDS
 
-__all__ = ["arrays_in", "home", "in_own_arrays", "written_meanwhile"]
-
 
 def in_own_arrays(case: Case) -> Case:
     """The question with copies of its arrays, which may be written to; meshes and graphs are read-only."""

@@ -7,8 +7,6 @@ from functools import cache
 from agglo_core import builtin
 from agglo_core.registry import Registry
 
-__all__ = ["own_components"]
-
 
 @cache
 def own_components() -> Registry:

@@ -18,8 +18,6 @@ from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
 from agglo_core.registry import Component, Record, Registry, hookimpl
 
-__all__ = ["runs_both_ways", "runs_with"]
-
 _TARGETS: Sequence[Mapping[str, Any]] = ({"n_parts": (9, 4)}, {"h_factor": (2.0, 4.0)})
 
 

@@ -18,8 +18,6 @@ from agglo_core.registry.kinds import kind_of_methods
 from agglo_core.registry.options import wants_registry
 from agglo_core.registry.records import unusable
 
-__all__ = ["Subject", "find", "subject_of"]
-
 
 @dataclass(frozen=True)
 class Subject:

@@ -20,8 +20,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["Snapshot", "elsewhere", "stdout_of_process"]
-
 
 @dataclass(frozen=True)
 class _Setting:

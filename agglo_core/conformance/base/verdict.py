@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["Broken", "require"]
-
 
 class Broken(Exception):
     """A law that does not hold; the message says what was found and what to do about it."""

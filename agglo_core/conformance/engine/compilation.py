@@ -6,8 +6,6 @@ from collections.abc import Callable
 
 from numba.core.event import Listener, register
 
-__all__ = ["tell_of_compilation"]
-
 
 def tell_of_compilation(say: Callable[[bool], None]) -> None:
     """Call ``say(True)`` when numba begins to compile or load kernels, ``say(False)`` when it has done so."""

@@ -21,8 +21,6 @@ from agglo_core.io import read, read_hierarchy, write
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elsewhere import made_by
 
-__all__ = ["BEGIN", "END", "FOREIGN", "format_names", "format_row", "format_table", "round_trips"]
-
 BEGIN = "<!-- written by `python -m agglo_core.conformance formats` -->"
 END = "<!-- end of what is written -->"
 

@@ -11,8 +11,6 @@ from agglo_core.conformance.laws import all_laws
 from agglo_core.errors import AggloError, OptionError
 from agglo_core.registry import Registry
 
-__all__ = ["conformance"]
-
 
 def conformance(
     component: object,

@@ -23,8 +23,6 @@ from agglo_core.conformance.laws import all_laws, laws_of
 from agglo_core.errors import OptionError
 from agglo_core.registry.containment import PLUGIN_FAILURES
 
-__all__ = ["judge_apart", "main"]
-
 _STOPS = 2  # laws that may time out before the rest is skipped
 _START = 120.0  # seconds for a new process to import the suite and the component, and for numba to compile
 _START_ANOTHER = ("same_in_another_process",)  # laws that start a process themselves

@@ -14,8 +14,6 @@ from agglo_core.conformance.laws import laws_of
 from agglo_core.errors import OptionError
 from agglo_core.registry.containment import PLUGIN_FAILURES
 
-__all__ = ["Result", "judge", "laws_for"]
-
 
 @dataclass(frozen=True)
 class Result:

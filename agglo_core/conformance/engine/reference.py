@@ -18,8 +18,6 @@ from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
 from agglo_core.problems import Diffusion, Field, Linear, Problem, Solution
 
-__all__ = ["TwoPointFlux"]
-
 
 class TwoPointFlux:
     """One unknown per cell; the flux through a face is the difference of two cells over their distance.

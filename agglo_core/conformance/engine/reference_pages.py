@@ -11,8 +11,6 @@ from agglo_core.conformance.engine.runner import check
 from agglo_core.conformance.laws import all_laws, laws_of
 from agglo_core.registry import KINDS, Component, default
 
-__all__ = ["compliance_page", "laws_page", "own_components", "own_result", "own_results"]
-
 _REGULAR = ("triangles", "squares", "hexagons", "strip", "disconnected", "boxes", "tetrahedra")
 _RANDOM = ("random_triangles", "voronoi", "ring", "random_tetrahedra", "voronoi3d", "prisms")
 _OPTIONS: Mapping[str, Mapping[str, Any]] = {

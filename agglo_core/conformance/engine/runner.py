@@ -12,8 +12,6 @@ from agglo_core.conformance.engine.judging import Result, judge, laws_for
 from agglo_core.errors import OptionError
 from agglo_core.registry import Registry
 
-__all__ = ["check"]
-
 
 def check(
     component: object,

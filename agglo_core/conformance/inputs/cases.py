@@ -23,19 +23,6 @@ from agglo_core.mesh import Mesh
 from agglo_core.problems import Diffusion, Linear
 from agglo_core.protocols import Target
 
-__all__ = [
-    "asked",
-    "cases",
-    "cases_in_3d",
-    "laplacian",
-    "level_case",
-    "part_of_level",
-    "seeds_for",
-    "stripes",
-    "tiny",
-    "with_problem",
-]
-
 _ABOUT_MESHES = ("format", "problem", "discretisation", "constraint", "section")
 
 

@@ -14,8 +14,6 @@ from agglo_core.conformance.inputs.level_cases import multigrid_level
 from agglo_core.graph import Graph
 from agglo_core.problems import Coarsening
 
-__all__ = ["PARTS", "coarsenings", "one_part"]
-
 PARTS: Final = ("transfer", "coarse_operator", "coarse_solver")
 """The kinds that are asked here."""
 

@@ -14,8 +14,6 @@ from agglo_core.conformance.inputs.system_cases import unlike_diffusion
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.problems import Diffusion, Linear
 
-__all__ = ["early_ends"]
-
 
 def early_ends(kind: str) -> list[Case]:
     """Questions of which any may be answered or refused; none need be sensible."""

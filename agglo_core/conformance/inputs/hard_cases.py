@@ -20,19 +20,6 @@ from agglo_core.mesh import Mesh
 from agglo_core.problems import Diffusion
 from agglo_core.protocols import Target
 
-__all__ = [
-    "SIBLINGS",
-    "as_many_components",
-    "crowded",
-    "large_case",
-    "many_parts",
-    "partitions",
-    "partitions_in_3d",
-    "ragged_cases",
-    "siblings",
-    "unusual_cases",
-]
-
 _KWAY_PARTS = (2, 5)
 
 SIBLINGS = ("bisector", "refiner", "fixer", "metric", "solver", "smoother")

@@ -12,8 +12,6 @@ from agglo_core.conformance.inputs import small_meshes
 from agglo_core.graph import Graph
 from agglo_core.problems import MultigridLevel, Patches
 
-__all__ = ["levels", "multigrid_level", "question", "single_unknown"]
-
 
 def levels() -> list[Case]:
     """Two-level Poisson problems, of one unknown per cell and of three, with a coarse correction and without.

@@ -15,8 +15,6 @@ from agglo_core.measure import RunResult, measure_levels
 from agglo_core.mesh import Mesh
 from agglo_core.problems import Diffusion
 
-__all__ = ["TAG", "UNSAFE", "bands", "in_space", "marked", "of_one_cell", "on_meshes", "tagged"]
-
 TAG = "region"
 """Cell tag that the meshes of formats and constraints have: 1 in the left half, 2 in the right one.
 

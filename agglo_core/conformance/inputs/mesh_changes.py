@@ -10,8 +10,6 @@ import numpy as np
 from agglo_core.arrays import Float, Int, frozen_int, trusted_copy
 from agglo_core.mesh import Mesh
 
-__all__ = ["MOTIONS", "Change", "mirrored", "moved", "renumbered", "turned_over"]
-
 
 @dataclass(frozen=True)
 class Change:

@@ -12,17 +12,6 @@ from agglo_core.conformance.inputs import small_meshes
 from agglo_core.conformance.inputs.mesh_changes import Change, moved, renumbered, turned_over
 from agglo_core.mesh import Mesh
 
-__all__ = [
-    "by_hand",
-    "cells_renumbered",
-    "changed",
-    "far_from_each_other",
-    "holed",
-    "layouts",
-    "solids",
-    "various",
-]
-
 
 def by_hand() -> list[Case]:
     """Parts whose values are worked out by hand in :data:`.metric_values.HAND`."""

@@ -11,8 +11,6 @@ from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.inputs import small_meshes
 from agglo_core.mesh import Mesh
 
-__all__ = ["bodies", "cut_finer", "cut_finer_in_space", "many_alone", "ringed", "shapes"]
-
 
 def shapes() -> list[Case]:
     """As round, as thin and as pointed as parts may be, and parts that are whole components."""

@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from math import pi, sqrt
 from typing import Final
 
-__all__ = ["HAND", "PLAIN"]
-
 _OWN: Final[Mapping[str, Sequence[Sequence[float]]]] = {
     "UF": ((1, 1, 1, 1), (sqrt(0.2), 1), (1, 0.5), (0.6, 1), (sqrt(10 / 26), 1), (1, 1)),
     "CR": (

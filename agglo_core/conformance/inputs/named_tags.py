@@ -16,8 +16,6 @@ from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
 from agglo_core.problems import Diffusion
 
-__all__ = ["with_tags"]
-
 _NAMES: Sequence[Sequence[str]] = (
     ("material", "layer", "zone"),
     ("porosity", "rock", "age"),

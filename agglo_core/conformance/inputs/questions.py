@@ -35,25 +35,6 @@ from agglo_core.graph import Graph
 from agglo_core.problems import Solution
 from agglo_core.registry.containment import PLUGIN_FAILURES
 
-__all__ = [
-    "answer",
-    "as_array",
-    "chunks",
-    "digest",
-    "every_graph",
-    "fingerprints",
-    "global_random",
-    "in_space",
-    "in_words",
-    "plain",
-    "questions",
-    "refuses",
-    "same",
-    "same_labelling",
-    "taken",
-    "with_suffix",
-]
-
 _CHOOSY = ("solver", "discretisation", "format", "constraint")
 _IN_ARRAYS = ("bisector", "refiner", "fixer", "metric", "solver", "smoother", "coarse_solver")
 _OWN_PROBLEMS = ("diffusion", "linear")

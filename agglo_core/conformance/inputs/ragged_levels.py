@@ -16,8 +16,6 @@ from agglo_core.conformance.inputs.unusual_graphs import fresh
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
 
-__all__ = ["grown", "ragged", "ragged_in_space"]
-
 _PIECE = 30  # cells
 _RAGGED = 1.5  # standard deviation of the logarithm of the time in which a cell takes its neighbour
 _NOISE = 0.2  # share of the border cells of every other block that take the label of a neighbour

@@ -13,25 +13,6 @@ from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
 
-__all__ = [
-    "CHANGES",
-    "apart",
-    "boxes",
-    "changed",
-    "coincident",
-    "comb",
-    "grid",
-    "halved_squares",
-    "hexagons",
-    "level",
-    "line",
-    "mixed",
-    "plane_meshes",
-    "ring",
-    "solids",
-    "tetrahedra",
-]
-
 _SCALES = {"scaled by 1e-7": 1e-7, "scaled by 1e7": 1e7}
 CHANGES = ("renumbered", "rotated", "shifted", *_SCALES)
 """Changes that leave a mesh the same except for numbering and position."""

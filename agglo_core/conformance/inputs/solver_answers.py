@@ -18,18 +18,6 @@ from agglo_core.errors import AggloError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.problems import Diffusion, Linear, Problem, Solution
 
-__all__ = [
-    "direct",
-    "everywhere",
-    "first_case",
-    "gap",
-    "matrix_of",
-    "option_named",
-    "solve",
-    "solve_unless_refused",
-    "values",
-]
-
 
 def solve(subject: Subject, case: Case, tool: Any = None) -> Solution:
     """The solution of a fresh object, or of ``tool``."""

@@ -16,8 +16,6 @@ from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
 from agglo_core.problems import Diffusion, Linear
 
-__all__ = ["SIDES", "awkward", "block", "elsewhere", "halves", "on_levels", "plate", "uneven"]
-
 SIDES = LEFT, RIGHT, BOTTOM, TOP = 1, 2, 3, 4
 """Boundary tags of a :func:`plate`."""
 

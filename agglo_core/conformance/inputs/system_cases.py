@@ -15,8 +15,6 @@ from agglo_core.conformance.inputs.solver_cases import on_levels, uneven
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.problems import Linear
 
-__all__ = ["definite", "ill_conditioned", "rising", "unlike_diffusion"]
-
 
 def unlike_diffusion() -> list[Case]:
     """Systems that are not symmetric, not definite, or have other couplings, unknowns or storage."""

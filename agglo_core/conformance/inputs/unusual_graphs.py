@@ -14,18 +14,6 @@ from agglo_core.conformance.inputs import small_meshes
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
 
-__all__ = [
-    "clumps",
-    "crowd",
-    "fresh",
-    "large",
-    "level_in_space",
-    "mapped",
-    "small_blocks",
-    "tower",
-    "unusual",
-]
-
 _SMALL = (1, 2, 3, 4, 5, 7, 8, 9, 16, 60)
 """Sizes of the blocks of a crowd, one after the other, ..."""
 _LARGE = 2000

@@ -25,9 +25,6 @@ from agglo_core.errors import AggloError
 from agglo_core.graph import Graph
 from agglo_core.protocols import Target
 
-__all__ = ["one_sided", "told", "two_sides"]
-
-
 _SIZES = (1e-3, 0.03, 0.15, 0.5, 3.0, 8.0, 500.0)
 _TARGETS = (
     *(Target(parts=parts) for parts in (2, 3, 5, 16, 400)),

@@ -18,8 +18,6 @@ from agglo_core.conformance.inputs.cases import cases
 from agglo_core.conformance.inputs.questions import answer, in_words, plain, questions
 from agglo_core.conformance.inputs.solver_cases import uneven
 
-__all__ = ["smoothed"]
-
 _EXACT = 1e-10
 _SHARE = 0.9  # of what is left of a smooth error, at most so much may be left of a rough one
 

@@ -13,8 +13,6 @@ from agglo_core.conformance.inputs.questions import answer, as_array, chunks, ev
 from agglo_core.conformance.inputs.speed import TIME_LIMIT, too_slow
 from agglo_core.graph import Graph
 
-__all__ = ["same_parts"]
-
 
 def same_parts(graph: Graph, before: NDArray[Any], after: NDArray[Any]) -> bool:
     """Whether each block has the labels it had."""

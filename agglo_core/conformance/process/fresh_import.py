@@ -11,8 +11,6 @@ from importlib.util import module_from_spec
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.registry.containment import PLUGIN_FAILURES
 
-__all__ = ["imported_again"]
-
 
 @contextmanager
 def imported_again(subject: Subject) -> Iterator[Subject]:

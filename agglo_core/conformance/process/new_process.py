@@ -25,8 +25,6 @@ from agglo_core.conformance.inputs.questions import plain, questions, taken
 from agglo_core.errors import AggloError
 from agglo_core.registry.options import wants_registry
 
-__all__ = ["answers_elsewhere", "asked_elsewhere", "can_be_sent", "main"]
-
 _LONGEST = 300.0  # seconds, with the time that imports and kernels take
 
 

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.errors import OptionError
 
-__all__ = ["BLOCK_CELLS", "Reduced", "coordinate_blocks", "halvings", "rank_of_block"]
-
 BLOCK_CELLS = {2: 16_384, 3: 131_072}
 """Cells that are agglomerated by themselves, at most about, in the plane and in space.
 

@@ -13,8 +13,6 @@ from agglo_core.arrays import Float, Int, Mask, frozen_int
 from agglo_core.distributed.communication import Ranks
 from agglo_core.graph import Graph
 
-__all__ = ["Cells", "agreed", "among"]
-
 _DIGITS = 2.0**30  # in which sums are exact: integers
 
 

@@ -16,8 +16,6 @@ from agglo_core.graph import Graph
 from agglo_core.graph.loads import Loads
 from agglo_core.registry.attribution import Member
 
-__all__ = ["Domain", "Links", "joined"]
-
 
 @dataclass(frozen=True, eq=False)
 class Links:

@@ -21,8 +21,6 @@ from agglo_core.distributed.agglomeration.domain import Domain
 from agglo_core.distributed.agglomeration.rules import Kept
 from agglo_core.registry.attribution import Member
 
-__all__ = ["DomainRun"]
-
 
 @dataclass(frozen=True)
 class DomainRun:

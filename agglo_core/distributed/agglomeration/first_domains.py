@@ -11,8 +11,6 @@ from agglo_core.distributed.agglomeration.cells import Cells, among
 from agglo_core.distributed.agglomeration.domain import Domain, Links
 from agglo_core.distributed.agglomeration.rules import Kept
 
-__all__ = ["first_domains"]
-
 
 def first_domains(cells: Cells, kept: Kept, block: Int, ours: Iterable[int]) -> list[tuple[int, Domain]]:
     """Domains, or pieces of them: own cells by ``block (n,)``, which is known of ghosts as well.

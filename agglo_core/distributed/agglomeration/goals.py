@@ -14,8 +14,6 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.distributed.agglomeration.domain import Domain
 from agglo_core.registry.attribution import Member
 
-__all__ = ["Census", "census_of", "ready_goals", "row_of"]
-
 LEAST_PARTS = 16
 """Parts of a domain below which a level is made of fewer domains: parts do not cross their borders."""
 

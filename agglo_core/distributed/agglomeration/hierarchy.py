@@ -19,8 +19,6 @@ from agglo_core.hierarchy.cuts import ones_by_row
 from agglo_core.measure.selection import RATIOS, Metric
 from agglo_core.registry import Registry
 
-__all__ = ["DistributedHierarchy"]
-
 
 @dataclass(frozen=True, eq=False)
 class DistributedHierarchy:

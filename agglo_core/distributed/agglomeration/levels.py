@@ -14,8 +14,6 @@ from agglo_core.distributed.agglomeration.stages import Numbering, Stage
 from agglo_core.distributed.communication import Traffic
 from agglo_core.progress import Tell
 
-__all__ = ["Level", "made_levels"]
-
 _NODES_PER_PART = 32
 """Nodes that a part of larger domains is made of, at least: with fewer its shape suffers."""
 

@@ -10,8 +10,6 @@ from agglo_core.arrays import Int, Mask, frozen_int
 from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
 from agglo_core.graph import Graph
 
-__all__ = ["component_sizes", "components_of_parts", "first_cells"]
-
 
 def components_of_parts(mesh: DistributedMesh, labels: Int, bounds: Int) -> Int:
     """Number of connected components of each part that this rank has.

@@ -14,8 +14,6 @@ from agglo_core.registry import Registry
 from agglo_core.registry.attribution import Member, attributed
 from agglo_core.shapes.metrics import UniformityFactor
 
-__all__ = ["means"]
-
 
 def means(
     coarse: DistributedMesh, components: Int, metrics: Iterable[Metric], registry: Registry | None

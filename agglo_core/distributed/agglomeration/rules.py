@@ -27,8 +27,6 @@ from agglo_core.mesh import Mesh
 from agglo_core.registry import Registry
 from agglo_core.registry.attribution import Member
 
-__all__ = ["Kept", "kept_rules", "with_ghosts"]
-
 _OF_PARTS = ("admissible", "incomplete")
 
 

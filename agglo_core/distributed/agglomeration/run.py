@@ -18,8 +18,6 @@ from agglo_core.progress import Listener, followed, phase
 from agglo_core.registry import Registry, default
 from agglo_core.threads import using_threads
 
-__all__ = ["agglomerate"]
-
 
 def agglomerate(
     mesh: DistributedMesh,

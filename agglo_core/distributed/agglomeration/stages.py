@@ -16,8 +16,6 @@ from agglo_core.distributed.agglomeration.blocks_by_coordinates import rank_of_b
 from agglo_core.distributed.agglomeration.domain import Domain, joined
 from agglo_core.distributed.communication import Ranks
 
-__all__ = ["Numbering", "Return", "Stage", "moved"]
-
 
 @dataclass(frozen=True)
 class Numbering:

@@ -25,8 +25,6 @@ from agglo_core.distributed.agglomeration.stages import Return, Stage, moved
 from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
 from agglo_core.registry import Registry
 
-__all__ = ["Beginning", "Start", "started"]
-
 
 @dataclass(frozen=True, eq=False)
 class Start:

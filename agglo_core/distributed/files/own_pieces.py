@@ -21,8 +21,6 @@ from agglo_core.io.vtk.grid_pieces import Share, piece_of
 from agglo_core.io.vtk.pvtu_write import piece_name, pvtu_list
 from agglo_core.io.vtk.vtu_write import face_stream, written_by_agglo
 
-__all__ = ["remove_pieces", "write_agreed", "write_pieces"]
-
 
 def write_pieces(
     folder: Path,

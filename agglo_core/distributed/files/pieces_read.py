@@ -28,8 +28,6 @@ from agglo_core.io.vtk.pieces import Stored, mesh_of_soup, soup_of_pieces
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import gather
 
-__all__ = ["mesh_of_pieces"]
-
 
 class _Own(NamedTuple):
     """Cells of this rank as a mesh of their own, and what global ids its points and cells have."""

@@ -19,8 +19,6 @@ from agglo_core.io.file_checks import naming
 from agglo_core.io.vtk.pvtu_read import sources_of, stored_piece, stored_together
 from agglo_core.registry import Registry
 
-__all__ = ["read"]
-
 
 def read(
     path: str | PathLike[str],

@@ -12,8 +12,6 @@ from agglo_core.errors import FileError
 from agglo_core.io.atomic import staging
 from agglo_core.io.file_checks import naming
 
-__all__ = ["shared_staging"]
-
 
 @contextmanager
 def shared_staging(path: Path, ranks: Ranks) -> Iterator[Path]:

@@ -26,8 +26,6 @@ from agglo_core.io.vtk.pvtu_write import PIECES
 if TYPE_CHECKING:
     from agglo_core.distributed.agglomeration.hierarchy import DistributedHierarchy
 
-__all__ = ["check_parallel_target", "write"]
-
 _log = logging.getLogger("agglo")
 
 

@@ -14,8 +14,6 @@ from agglo_core.distributed.mesh.whole_cells import distinct
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
 
-__all__ = ["CellValues"]
-
 
 class CellValues:
     """The part of :class:`~agglo_core.distributed.DistributedMesh` that knows whose ghosts its cells are."""

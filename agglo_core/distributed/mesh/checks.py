@@ -11,8 +11,6 @@ from agglo_core.distributed.mesh.halo import LocalMesh, ghosts, local_mesh
 from agglo_core.distributed.mesh.shared_points import check_ids
 from agglo_core.distributed.mesh.whole_cells import WholeCells, distinct, joined, taken
 
-__all__ = ["check_laws"]
-
 
 def check_laws(own: WholeCells, known: Int, owners: Int, held: LocalMesh, n_cells: int, ranks: Ranks) -> None:
     """Raise MeshError on all ranks, naming rank and cell, unless cells are owned once and ghosts are right.

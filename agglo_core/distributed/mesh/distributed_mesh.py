@@ -24,8 +24,6 @@ from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.checks import whole_numbers
 
-__all__ = ["DistributedMesh"]
-
 
 @dataclass(frozen=True, eq=False)
 class DistributedMesh(CellValues):

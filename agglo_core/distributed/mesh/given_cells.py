@@ -27,8 +27,6 @@ from agglo_core.mesh.elements import Polyhedra, gather, take_cells
 from agglo_core.mesh.polygons import loops_as_csr
 from agglo_core.mesh.polyhedra import solids_as_csr
 
-__all__ = ["GivenCells", "given_cells"]
-
 
 class GivenCells(NamedTuple):
     """Cells of one rank as a mesh, cells and points by rising global id."""

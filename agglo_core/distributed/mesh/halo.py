@@ -12,17 +12,6 @@ from agglo_core.distributed.mesh.whole_cells import WholeCells, distinct, parcel
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import gather
 
-__all__ = [
-    "LocalMesh",
-    "all_cells",
-    "common_origin",
-    "faces_of",
-    "ghosts",
-    "local_mesh",
-    "own_cells",
-    "part_of_whole",
-]
-
 
 class LocalMesh(NamedTuple):
     """A mesh of own cells and ghosts; ``hidden (n_faces,)`` are faces to cells that are not in it."""

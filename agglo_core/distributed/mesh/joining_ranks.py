@@ -18,8 +18,6 @@ from agglo_core.mesh import Mesh
 from agglo_core.mesh.conforming import TOLERANCE, reach
 from agglo_core.mesh.touching import facing_pairs, find_contacts, outer_faces
 
-__all__ = ["joined_across"]
-
 
 def joined_across(own: WholeCells, ranks: Ranks, name: str) -> Mesh | None:
     """Own cells, with all points that hang on their faces, as a mesh that ends where others begin.

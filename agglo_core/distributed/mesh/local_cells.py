@@ -19,8 +19,6 @@ from agglo_core.mesh.checks import check_offsets, whole_numbers
 from agglo_core.mesh.elements import gather
 from agglo_core.mesh.polygons import loops_as_csr
 
-__all__ = ["FaceTags", "across_ranks"]
-
 FaceTags = Mapping[str, tuple[Any, ArrayLike]]
 """For each name faces, lists of their points, and their values."""
 

@@ -14,8 +14,6 @@ from agglo_core.distributed.mesh.whole_cells import WholeCells, joined, parcels,
 from agglo_core.errors import MeshError
 from agglo_core.mesh.elements import gather
 
-__all__ = ["check_bounds", "check_destinations", "moved"]
-
 
 def check_bounds(labels: NDArray[Any], bounds: NDArray[Any], cells: Int, ranks: Ranks) -> None:
     """Raise MeshError unless labels and bounds are as ``DistributedMesh.coarsen`` wants them.

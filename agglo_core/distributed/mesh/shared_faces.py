@@ -11,8 +11,6 @@ from agglo_core.arrays import Int, UInt64, frozen_int, splitmix
 from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.meeting import Meeting, groups, rank_of_key, refuse_all
 
-__all__ = ["Beyond", "FaceKeys", "cells_beyond", "face_keys"]
-
 
 class FaceKeys(NamedTuple):
     """What tells faces ``(n,)`` apart: equal for those with the same points, in whatever order these come."""

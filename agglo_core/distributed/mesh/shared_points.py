@@ -8,8 +8,6 @@ from agglo_core.arrays import Float, Int, Mask, frozen_int, splitmix
 from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.meeting import Meeting, groups, rank_of_key, refuse_all
 
-__all__ = ["check_ids", "numbered_by_place", "shared_points"]
-
 
 def check_ids(ids: Int, n: int, ranks: Ranks) -> None:
     """Raise MeshError on all ranks unless each of 0..n−1 is among the ``ids`` of just one rank, once.

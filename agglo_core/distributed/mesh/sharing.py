@@ -16,8 +16,6 @@ from agglo_core.errors import OptionError
 from agglo_core.graph.ordering import curve_order
 from agglo_core.mesh import Mesh
 
-__all__ = ["scattered"]
-
 _METHODS = ("coordinates", "curve")
 
 _LARGEST_SHARE = 1.6

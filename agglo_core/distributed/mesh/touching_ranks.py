@@ -17,8 +17,6 @@ from agglo_core.mesh.conforming import TOLERANCE, reach
 from agglo_core.mesh.elements import gather
 from agglo_core.mesh.touching import facing_pairs, find_contacts, outer_faces
 
-__all__ = ["cells_near", "outer_faces_touch", "refuse_hanging_vertices"]
-
 _log = logging.getLogger("agglo")
 
 

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.mesh.elements import gather
 
-__all__ = ["WholeCells", "distinct", "joined", "parcels", "places", "taken"]
-
 
 class WholeCells(NamedTuple):
     """Some cells of a mesh, and all faces and points of them; cells, faces and points by rising number.

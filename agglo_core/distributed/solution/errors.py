@@ -13,8 +13,6 @@ from agglo_core.distributed.solution.pieces import by_cell
 from agglo_core.distributed.solution.second_layer import with_second_layer
 from agglo_core.problems import Discretisation, Problem
 
-__all__ = ["error_norms"]
-
 
 def error_norms(
     mesh: DistributedMesh, problem: Problem, how: Discretisation, x: ArrayLike

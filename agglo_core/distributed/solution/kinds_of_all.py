@@ -12,8 +12,6 @@ from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
 from agglo_core.mesh.tag_kinds import BoundaryKinds, distinct
 
-__all__ = ["kinds_of_all"]
-
 _MOST = 1_000
 """Values of a cell tag on a rank, beyond which it is left out: a number of each cell is for no table."""
 

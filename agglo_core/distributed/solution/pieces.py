@@ -20,8 +20,6 @@ from agglo_core.io.tags import check_names
 from agglo_core.io.vtk.solution import solution_piece
 from agglo_core.problems import Discretisation, Samples
 
-__all__ = ["by_cell", "write_solution"]
-
 _log = logging.getLogger("agglo")
 
 

@@ -14,8 +14,6 @@ from agglo_core.distributed.mesh.whole_cells import WholeCells, joined, places, 
 from agglo_core.distributed.solution.kinds_of_all import kinds_of_all
 from agglo_core.mesh import Mesh
 
-__all__ = ["with_second_layer"]
-
 
 class _Seen(NamedTuple):
     """Cells of a rank, and which of their faces ``(n_faces,)`` lead to cells it does not have."""

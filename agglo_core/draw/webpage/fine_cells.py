@@ -12,8 +12,6 @@ from agglo_core.draw.webpage.packing import bytes_apart, differences, integers, 
 from agglo_core.graph.ordering import curve_order
 from agglo_core.mesh import Mesh
 
-__all__ = ["along_curve", "plane_faces", "tags"]
-
 _FINEST: Final = 2.0**-30
 _COARSEST: Final = 2.0**-16
 """Least and largest step of the grid, over the size of the mesh."""

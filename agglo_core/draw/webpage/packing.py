@@ -12,8 +12,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["bytes_apart", "differences", "integers", "reals"]
-
 _INTEGERS = (("Uint8", "<u1"), ("Uint16", "<u2"), ("Uint32", "<u4"))
 _EFFORT: Final = 5
 """Of zlib: more takes twice the time for a hundredth of the size."""

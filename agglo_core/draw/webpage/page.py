@@ -24,8 +24,6 @@ from agglo_core.mesh import Mesh
 from agglo_core.registry import Registry, default
 from agglo_core.registry.discovery import version_of
 
-__all__ = ["check_page", "write_page"]
-
 _NOTHING: Final[Mapping[str, Mapping[str, Any]]] = MappingProxyType({})
 _NO_RUNS: Final = MappingProxyType(
     {

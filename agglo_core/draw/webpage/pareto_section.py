@@ -16,8 +16,6 @@ from agglo_core.measure.comparison import RunResult
 from agglo_core.measure.trade_offs import Axis, TradeOffs, trade_offs
 from agglo_core.mesh import Mesh
 
-__all__ = ["ParetoSection"]
-
 _LEFT, _TOP, _WIDTH, _HEIGHT = 72.0, 14.0, 660.0, 400.0
 _LETTER, _LINE, _GAP = 6.4, 14.0, 6.0
 """Room of a letter and a line of 11 pixels in the widest of the fonts of the page, and around a dot."""

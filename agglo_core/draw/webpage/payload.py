@@ -17,8 +17,6 @@ from agglo_core.measure.comparison import Level, RunResult, wanted
 from agglo_core.mesh import Mesh
 from agglo_core.registry.discovery import version_of
 
-__all__ = ["payload"]
-
 _ROUNDING = 1e-6
 
 

@@ -13,8 +13,6 @@ from agglo_core.mesh import Mesh
 from agglo_core.registry import Registry, describe
 from agglo_core.registry.containment import PLUGIN_FAILURES, raised
 
-__all__ = ["OWN", "own_sections", "sections_of_plugins"]
-
 OWN: Final = ("map", "charts", "runs", "parts", "words")
 """Names of the page's own sections, in their order: ``section_<name>.html`` in this folder."""
 

@@ -12,8 +12,6 @@ import numpy as np
 from agglo_core.arrays import Float
 from agglo_core.draw.convergence import LINES, Curves
 
-__all__ = ["history_picture"]
-
 _HEIGHT, _TOP, _BOTTOM = 300, 10, 40
 _LEFT, _RIGHT = 12.0, 98.0  # percent
 _MOST = 300  # points of a curve that are drawn

@@ -11,8 +11,6 @@ from typing import Any, Final
 
 from agglo_core.draw.webpage.solve_curves import history_picture
 
-__all__ = ["solve_section"]
-
 _PHASES: Final = {"hierarchy": "hierarchy", "assemble": "assembly", "setup": "set-up", "solve": "solve"}
 _CLOCKS: Final = {"cpu_seconds": "processor", "seconds": "clock"}
 _MISSING: Final = "–"

@@ -12,8 +12,6 @@ from agglo_core.draw.surfaces import SIDE, Surface, beyond, outer_faces, seen
 from agglo_core.draw.webpage.packing import integers
 from agglo_core.mesh import Mesh
 
-__all__ = ["apart", "stills"]
-
 _PIXELS, _PIXELS_APART = 720, 600
 _EXPLODE = 0.35
 _SIDES: Final = {

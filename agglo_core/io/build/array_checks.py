@@ -13,8 +13,6 @@ from agglo_core.mesh.elements import take_cells
 from agglo_core.mesh.geometry3d import face_moments
 from agglo_core.mesh.shells import TWO_SHELLS, outward_signs
 
-__all__ = ["check_directions"]
-
 
 def check_directions(mesh: Mesh) -> None:
     """Raise FileError for a solid cell with a shell whose faces look into the cell, such as that of a cavity.

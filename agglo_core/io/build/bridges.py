@@ -10,8 +10,6 @@ from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.errors import FileError
 from agglo_core.mesh import Mesh
 
-__all__ = ["single_loops"]
-
 
 def single_loops(mesh: Mesh) -> tuple[Int, Int, Int]:
     """One closed vertex loop per cell, the cell on its left, of the same area as the cell.

@@ -14,16 +14,6 @@ from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import gather
 from agglo_core.mesh.repeated_vertices import simple_loops
 
-__all__ = [
-    "ListedFaces",
-    "face_fields",
-    "faces_with",
-    "joined_faces",
-    "listed_faces",
-    "tags_of_faces",
-    "usual_values",
-]
-
 _CELLS, _OFFSETS, _POINTS = "agglo_face_cells", "agglo_face_offsets", "agglo_face_points"
 _TAG = "agglo_face_tag "
 

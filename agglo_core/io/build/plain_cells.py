@@ -18,8 +18,6 @@ from agglo_core.mesh.elements import Polyhedra, gather
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
-__all__ = ["Loops", "half_faces", "loops_of", "solids_of", "used_points", "write_levels"]
-
 _log = logging.getLogger("agglo")
 _CHUNK = 8192  # cells looked at together: what is made for them stays in a cache, and needs little room
 

@@ -9,8 +9,6 @@ from agglo_core.errors import FileError
 from agglo_core.mesh.checks import last_place
 from agglo_core.mesh.elements import Polyhedra
 
-__all__ = ["convex_hulls"]
-
 _ROUNDING = 8  # units in the last place that a vertex may be off the plane of its face
 _FLAT = 1e-10  # the same relative to the size of the cell
 

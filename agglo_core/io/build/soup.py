@@ -22,8 +22,6 @@ from agglo_core.mesh.elements import (
     take_cells,
 )
 
-__all__ = ["Soup", "mesh_from_soup"]
-
 _log = logging.getLogger("agglo")
 
 # VTK types by shape. Nodes beyond the corners (quadratic, Lagrange, Bézier cells) come after them.

@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.mesh import Mesh
 
-__all__ = ["Meshlane"]
-
 _SUFFIXES = """
     .avs .bdf .cdb .cgns .dat .dato .e .ex2 .exo .f3grid .fem .h5m .hmf .inp .mdpa .med .mesh .meshb
     .msh .nas .post .stl .su2 .tec .ugrid .vol .vtk .wkt .xdmf .xmf .xml

@@ -26,8 +26,6 @@ from agglo_core.io.vtk.pieces import mesh_from_pieces
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import Polyhedra
 
-__all__ = ["read_foreign"]
-
 _log = logging.getLogger("agglo")
 _SECONDS, _BYTES_PER_SECOND = 6, 100_000  # processor time allowed: far above what a whole file needs
 _MEMORY, _MEMORY_PER_BYTE = 1 << 28, 400  # beyond what the program itself takes

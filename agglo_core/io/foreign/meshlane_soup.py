@@ -24,8 +24,6 @@ from agglo_core.io.build.soup import Soup
 from agglo_core.io.tags import tag_values
 from agglo_core.mesh.elements import Polyhedra, concatenate
 
-__all__ = ["main", "soup_from_meshlane"]
-
 _WEDGE = (0, 2, 1, 3, 5, 4)  # meshlane keeps Gmsh's order, whose first triangle looks inward
 # meshlane's name without digits: VTK type of the linear cell, of one with more nodes, corners
 _KINDS = {

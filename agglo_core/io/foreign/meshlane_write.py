@@ -25,8 +25,6 @@ from agglo_core.mesh.elements import gather
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
-__all__ = ["write_foreign"]
-
 
 def write_foreign(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
     """Write through meshlane, then read the result back: what differs from the mesh is refused.

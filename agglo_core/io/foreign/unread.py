@@ -6,8 +6,6 @@ from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
 
-__all__ = ["why_unread"]
-
 _POLYGONS = "polygons are read from .vtu, .vtkhdf, .typ2, .mat, .vtk, .obj, .off, .ply and .npz"
 _UCD_ELEMENTS = ("pt", "line", "tri", "quad", "tet", "pyr", "prism", "hex")
 _GMSH_POLYTOPES = ("34", "35")  # Gmsh's element types polygon and polyhedron

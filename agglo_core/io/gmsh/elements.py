@@ -12,18 +12,6 @@ from agglo_core.errors import FileError
 from agglo_core.io.gmsh.sections import Numbers
 from agglo_core.io.text.counted_lists import record_starts
 
-__all__ = [
-    "DIMS",
-    "VTK_TYPES",
-    "Elements",
-    "Entities",
-    "Entity",
-    "first_listings",
-    "read_elements",
-    "read_entities",
-    "read_nodes",
-]
-
 _MOST = 1 << 22  # memberships in groups, beyond one for each byte of the file
 _LONGEST = 1 << 40  # what a record's end is found with, if it claims more tags
 _FACTOR = np.uint64(0x9E3779B97F4A7C15)

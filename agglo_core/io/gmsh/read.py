@@ -25,8 +25,6 @@ from agglo_core.io.gmsh.elements import (
 from agglo_core.io.gmsh.sections import Numbers, decoded, gmsh_header, sections
 from agglo_core.mesh.elements import concatenate, gather
 
-__all__ = ["soup_of_gmsh"]
-
 _log = logging.getLogger("agglo")
 _NAME = re.compile(rb'[ \t]*(\d+)[ \t]+(-?\d+)[ \t]+"([^\n]*)"[ \t\r]*\n')
 _VTK_WEDGE = 13

@@ -14,8 +14,6 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
 from agglo_core.files.text_numbers import line_of, reals
 
-__all__ = ["Header", "Numbers", "decoded", "gmsh_header", "sections"]
-
 _TITLE = re.compile(rb"\s*\$(\w+)[ \t\r]*(?:\n|\Z)")
 _LARGEST = 1 << 53  # beyond it doubles, as which text is read, are not whole
 

@@ -19,8 +19,6 @@ from agglo_core.io.vtk.cells import POLYHEDRON, cells_of
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import gather
 
-__all__ = ["RESERVED", "write_gmsh"]
-
 RESERVED = ("gmsh:physical", "gmsh:geometrical")
 """Tags with the numbers of groups and entities of the file that was read, which are numbered anew."""
 

@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.mesh import Mesh
 
-__all__ = ["Matlab"]
-
 
 class Matlab(Compressing):
     """Variables of MATLAB: ``region`` of lymph, or ``node`` and ``elem`` of mVEM; both are written.

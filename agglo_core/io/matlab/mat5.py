@@ -28,8 +28,6 @@ from agglo_core.io.matlab.mat5_cells import (
 )
 from agglo_core.io.text.counted_lists import record_starts
 
-__all__ = ["Variable", "variables"]
-
 _COMPRESSED = 15
 _CELL, _STRUCT = 1, 2
 _ROOM, _EXPANSION = 1 << 26, 30  # bytes that any file may inflate to, and more for each byte it has

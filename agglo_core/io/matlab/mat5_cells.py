@@ -10,17 +10,6 @@ from numpy.typing import NDArray
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import FileError
 
-__all__ = [
-    "INSIDE",
-    "MATRIX",
-    "NUMBERS",
-    "TYPES",
-    "gathered_lists",
-    "matrix_ends",
-    "matrix_heads",
-    "whole_values",
-]
-
 TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 """Types of stored numbers."""
 

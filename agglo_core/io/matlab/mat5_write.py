@@ -13,8 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from agglo_core.arrays import Float, Int, fits_in_index, frozen_int
 from agglo_core.errors import FileError
 
-__all__ = ["cell_array", "lists", "matrices", "nested", "numbers", "structure", "write_variables"]
-
 Words = NDArray[np.int32]
 
 _MATRIX, _COMPRESSED, _CELL, _STRUCT = 14, 15, 1, 2

@@ -15,8 +15,6 @@ from agglo_core.io.matlab.mat5_write import numbers, structure
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import gather
 
-__all__ = ["coarse_structure", "grid_structure", "mesh_of_grid"]
-
 
 def mesh_of_grid(grid: Variable) -> Mesh:
     """Mesh of a structure G, face by face as it is; points that no face uses are dropped.

@@ -7,8 +7,6 @@ import numpy as np
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.mesh import Mesh
 
-__all__ = ["tagged_outside"]
-
 
 def tagged_outside(mesh: Mesh, points: Float, pairs: Int, values: Int) -> Int:
     """Tag ``(n_faces,)`` of the outer edges of a plane mesh, −1 on all others.

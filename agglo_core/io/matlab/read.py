@@ -21,8 +21,6 @@ from agglo_core.mesh import Mesh
 from agglo_core.mesh.checks import check_tags
 from agglo_core.mesh.elements import Polyhedra, polyhedra_from_elements
 
-__all__ = ["read_matlab"]
-
 _PAIRS = (("node3", "elem3"), ("node", "elem"), ("Node", "Element"), ("nodes", "elements"))
 _NONE = (frozen_int([0]), frozen_int([]))
 

@@ -29,8 +29,6 @@ from agglo_core.mesh import Mesh
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
-__all__ = ["NAMES", "write_matlab"]
-
 NAMES = "agglo_names"
 """Variable with JSON (as bytes) that says which variable is which tag of the mesh."""
 

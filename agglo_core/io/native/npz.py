@@ -30,8 +30,6 @@ from agglo_core.progress import Tell, part
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
-__all__ = ["read_npz", "write_npz"]
-
 _FORMAT, _VERSION = "agglo", 2
 _FIRST = 1  # an earlier version, which has another fingerprint
 _PLAIN = ("points", "cell_offsets", "cell_vertices")

@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.mesh import Mesh
 
-__all__ = ["Npz"]
-
 
 class Npz(Compressing):
     """npz without pickle: everything a mesh and its hierarchy hold, or polygons in a plain layout.

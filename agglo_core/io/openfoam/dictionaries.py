@@ -12,8 +12,6 @@ from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import FileError
 from agglo_core.files.text_numbers import integers, line_of
 
-__all__ = ["COMMENT", "SPACE", "FoamParser", "Table", "labels_in", "number_in", "word_in"]
-
 COMMENT = rb"//[^\n]*+|/\*(?:[^*]++|\*(?!/))*+\*/"
 """Pattern of a comment."""
 

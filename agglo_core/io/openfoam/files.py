@@ -16,8 +16,6 @@ from agglo_core.files.text_numbers import integers, reals
 from agglo_core.io.openfoam.dictionaries import COMMENT, SPACE, FoamParser, word_in
 from agglo_core.io.text.counted_lists import counted_lists
 
-__all__ = ["FoamFile", "faces_of", "has_foam", "labels_of", "open_foam", "parser_of", "points_of"]
-
 _LIST = re.compile(SPACE + rb"(\d{1,18})" + SPACE + rb"([({]?)")
 _COMMENT = re.compile(COMMENT)
 _BRACKETS = bytes.maketrans(b"()", b"  ")

@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.mesh import Mesh
 
-__all__ = ["OpenFoam"]
-
 
 class OpenFoam(Compressing):
     """OpenFOAM cases: ``constant/polyMesh`` beside a file or in a folder; levels for decomposePar, as fields.

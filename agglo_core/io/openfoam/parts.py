@@ -15,8 +15,6 @@ from agglo_core.io.openfoam.files import faces_of, has_foam, labels_of, open_foa
 from agglo_core.mesh.checks import name_cells
 from agglo_core.mesh.elements import gather
 
-__all__ = ["FoamPart", "read_part"]
-
 
 class FoamPart(NamedTuple):
     """Arrays of one ``polyMesh``."""

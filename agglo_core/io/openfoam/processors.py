@@ -15,8 +15,6 @@ from agglo_core.io.openfoam.files import has_foam, labels_of, open_foam
 from agglo_core.io.openfoam.parts import FoamPart, read_part
 from agglo_core.mesh.elements import gather
 
-__all__ = ["read_processors"]
-
 _GAP = 1e-3  # largest distance of points that are one, over the size of the face
 
 

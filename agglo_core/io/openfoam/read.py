@@ -19,8 +19,6 @@ from agglo_core.io.openfoam.parts import FoamPart, read_part
 from agglo_core.io.openfoam.processors import read_processors
 from agglo_core.mesh import Mesh
 
-__all__ = ["OWN", "PATCH", "is_foam_folder", "read_foam"]
-
 PATCH = "patch"
 """Face tag with the number of the patch."""
 

@@ -26,8 +26,6 @@ from agglo_core.mesh.elements import gather
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
-__all__ = ["write_foam"]
-
 _log = logging.getLogger("agglo")
 _NO_WORD = re.compile(r"""[\s"'/\\;{}()\[\]$#]+""")
 _REST = "defaultFaces"

@@ -12,8 +12,6 @@ from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import FileError
 from agglo_core.files.text_numbers import integer_lines, integers, line_of
 
-__all__ = ["find_tags", "tag_lines", "tags_begin"]
-
 _TITLE = "cell data"
 _ROW = 16  # values in a line
 

@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import FileError
 
-__all__ = ["counted_lists", "counted_solids", "record_starts"]
-
 _WINDOW = 1 << 15  # numbers looked at together
 _NEVER = 1 << 60  # where a record ends that can be none
 

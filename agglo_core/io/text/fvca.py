@@ -25,8 +25,6 @@ from agglo_core.mesh import Mesh
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
-__all__ = ["read_fvca", "write_typ2"]
-
 _ALL_KINDS = ("cells", "control volumes")
 _KINDS = {
     **{"triangles": 3, "quadrangles": 4, "quadrilaterals": 4, "pentagons": 5, "hexagons": 6, "heptagons": 7},

@@ -22,8 +22,6 @@ from agglo_core.mesh.elements import Polyhedra, gather
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
-__all__ = ["read_hedra", "write_hedra"]
-
 
 def read_hedra(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
     """Mesh of a file; cell data of agglo's own files become tags again.

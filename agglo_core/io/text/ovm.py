@@ -27,8 +27,6 @@ from agglo_core.mesh.elements import Polyhedra, gather
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
-__all__ = ["read_ovm", "write_ovm"]
-
 _TITLES = ("vertices", "edges", "faces", "polyhedra")
 _TITLE = re.compile(rb"(?mi)^[ \t]*(vertices|edges|faces|polyhedra)[ \t\r]*$")
 _PROPERTY = re.compile(rb"(?mi)^[ \t]*\w*prop\w*[ \t]")

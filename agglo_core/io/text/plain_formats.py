@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.mesh import Mesh
 
-__all__ = ["Fvca", "Hedra", "Obj", "Off", "Ovm", "Ply", "Pvtu", "RegnFace", "Vtp"]
-
 
 class Fvca(Reading):
     """Plane meshes of the FVCA benchmarks, as HArDCore2D and DISK++ read them; written as ``.typ2``."""

@@ -24,8 +24,6 @@ from agglo_core.mesh import Mesh
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
-__all__ = ["read_ply", "write_ply"]
-
 _HEAD = re.compile(rb"ply\r?\n.*?\nend_header\r?\n", re.S)
 _FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _TYPES = {

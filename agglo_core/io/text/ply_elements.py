@@ -13,8 +13,6 @@ from agglo_core.errors import FileError
 from agglo_core.files.text_numbers import reals
 from agglo_core.io.text.counted_lists import counted_lists, record_starts
 
-__all__ = ["Element", "Property", "Rows", "read_elements"]
-
 _NEEDED = ("vertex", "face")
 _LONGEST = 1 << 30  # bytes of a record that can be
 

@@ -22,8 +22,6 @@ from agglo_core.mesh import Mesh
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
-__all__ = ["read_obj", "read_off", "write_obj", "write_off"]
-
 _COMMENT = "# "
 _OFF = re.compile(rb"\s*(?:((?:ST)?C?N?)OFF)?\s+(?=\d)")
 

@@ -30,8 +30,6 @@ from agglo_core.mesh.elements import Polyhedra, concatenate
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
-__all__ = ["read_rf", "write_rf"]
-
 _COMMENT = "# "
 _SIMPLICES = {2: 5, 3: 10}  # VTK types of triangles and tetrahedra
 

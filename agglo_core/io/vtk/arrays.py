@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 
 from agglo_core.errors import FileError
 
-__all__ = ["DERIVED", "TYPES", "Document", "is_derived", "parse", "vtk_root"]
-
 DERIVED = 'agglo="derived"'
 """Attribute of our own DataArrays that follow from the mesh or its hierarchy; VTK passes over it."""
 

@@ -22,8 +22,6 @@ from agglo_core.mesh.elements import (
     turns_as_listed,
 )
 
-__all__ = ["POLYHEDRON", "Cells", "cells_of", "these_cells"]
-
 _TRIANGLE, _POLYGON, _QUAD = 5, 7, 9
 POLYHEDRON = 42
 _CHUNK = 8192  # cells looked at together: what is made for them stays in a cache, and needs little room

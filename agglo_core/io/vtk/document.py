@@ -19,17 +19,6 @@ from agglo_core.arrays import fits_in_index
 from agglo_core.io.vtk.arrays import DERIVED
 from agglo_core.progress import Tell, part, to_nobody
 
-__all__ = [
-    "HEADS",
-    "IDS",
-    "SOLUTION",
-    "Piece",
-    "StoredArray",
-    "global_ids",
-    "stored_arrays",
-    "write_document",
-]
-
 _NAMES = {"i4": "Int32", "i8": "Int64", "u1": "UInt8", "f8": "Float64"}
 _BLOCK = 1 << 20  # bytes written or compressed at once
 _LEVEL = 1  # of zlib: higher ones take twice as long for a few per cent

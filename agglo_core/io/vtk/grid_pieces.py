@@ -17,8 +17,6 @@ from agglo_core.io.vtk.cells import POLYHEDRON, Cells, cells_of, these_cells
 from agglo_core.io.vtk.document import Piece
 from agglo_core.mesh import Mesh
 
-__all__ = ["FaceArrays", "Share", "numbered", "piece_of"]
-
 FaceArrays = Callable[[Cells, Int | None], dict[str, NDArray[Any]]]
 """Arrays by name with the faces of polyhedra, given the cells and the numbers of points in the file."""
 

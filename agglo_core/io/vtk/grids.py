@@ -25,8 +25,6 @@ from agglo_core.progress import Tell, part
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
-__all__ = ["Storage", "write_grids"]
-
 _log = logging.getLogger("agglo")
 
 

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import FileError
 
-__all__ = ["COUNTS", "DERIVED", "GROUP", "NAMES", "Partition", "datasets", "hdf5", "member", "subgroup"]
-
 GROUP = "VTKHDF"
 DERIVED = "agglo"
 """Attribute of datasets that follow from the mesh or its hierarchy."""

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from agglo_core.io.level_values import LevelValues
     from agglo_core.mesh import Mesh
 
-__all__ = ["VtkHdf"]
-
 
 class VtkHdf(Compressing):
     """Unstructured grids of VTKHDF: any mesh, its tags and the labels of all levels, as in ``.vtu``."""

@@ -19,8 +19,6 @@ from agglo_core.io.vtk.hdf_arrays import COUNTS, DERIVED, GROUP, Partition, data
 from agglo_core.io.vtk.pieces import Stored, check_counts, mesh_from_pieces, soup_of_piece
 from agglo_core.mesh import Mesh
 
-__all__ = ["read_vtkhdf"]
-
 _SPARE, _EXPANSION = 1 << 24, 400  # bytes that arrays may take, and for each byte of the file
 
 

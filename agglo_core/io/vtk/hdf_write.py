@@ -23,8 +23,6 @@ from agglo_core.progress import Tell, part, to_nobody
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
-__all__ = ["write_vtkhdf"]
-
 _VERSION, _WITH_FACES = (2, 0), (2, 5)  # of the format: the first for such files, the first with polyhedra
 _LEVEL = 1  # of deflate: higher ones take twice as long for a few per cent
 

@@ -12,8 +12,6 @@ from agglo_core.io.build.listed_faces import joined_faces
 from agglo_core.io.build.soup import Soup
 from agglo_core.mesh.elements import concatenate, gather, take_cells
 
-__all__ = ["in_global_order", "joined", "without_ghosts"]
-
 _GHOST = 1 | 32  # vtkGhostType bits: the cell belongs to another piece; the cell is hidden
 _SOLID = 42
 

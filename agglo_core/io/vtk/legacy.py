@@ -19,8 +19,6 @@ from agglo_core.io.text.counted_lists import counted_lists
 from agglo_core.io.vtk.pieces import Stored, check_counts, soup_of_piece
 from agglo_core.io.vtk.polydata import StoredArrays, polydata_cells
 
-__all__ = ["legacy_kind", "stored_legacy"]
-
 _DATASETS = ("UNSTRUCTURED_GRID", "POLYDATA")
 _LISTS = {"VERTICES": "Verts", "LINES": "Lines", "POLYGONS": "Polys", "TRIANGLE_STRIPS": "Strips"}
 _POLYHEDRON = 42

@@ -16,16 +16,6 @@ from agglo_core.io.vtk.joined_pieces import in_global_order, joined, without_gho
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import Polyhedra, concatenate, gather
 
-__all__ = [
-    "CellArrays",
-    "Stored",
-    "check_counts",
-    "mesh_from_pieces",
-    "mesh_of_soup",
-    "soup_of_piece",
-    "soup_of_pieces",
-]
-
 _VISITS = 32  # cells of each point, and visits of a cell to it, bridges and pinches included, at the most
 _FEW = 1 << 15  # points below which nobody counts
 

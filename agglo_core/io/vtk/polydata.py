@@ -8,8 +8,6 @@ import numpy as np
 
 from agglo_core.arrays import Int, frozen_int
 
-__all__ = ["KINDS", "StoredArrays", "polydata_cells"]
-
 KINDS = ("Verts", "Lines", "Polys", "Strips")
 """Kinds of cells in the order in which VTK numbers them."""
 

@@ -15,8 +15,6 @@ from agglo_core.io.vtk.pieces import Stored, mesh_from_pieces
 from agglo_core.io.vtk.vtu_read import stored_pieces
 from agglo_core.mesh import Mesh
 
-__all__ = ["read_pvtu", "sources_of", "stored_piece", "stored_together"]
-
 
 def read_pvtu(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
     """Mesh of a PVTU file and the VTU files beside it; cells follow one another piece by piece.

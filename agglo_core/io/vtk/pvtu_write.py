@@ -7,8 +7,6 @@ from xml.sax.saxutils import quoteattr
 
 from agglo_core.io.vtk.document import Piece, global_ids, stored_arrays
 
-__all__ = ["PIECES", "piece_name", "pvtu_list"]
-
 _START = (
     '<?xml version="1.0"?>\n'
     '<VTKFile type="PUnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64"'

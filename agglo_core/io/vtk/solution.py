@@ -20,8 +20,6 @@ from agglo_core.io.vtk.document import Piece, write_document
 from agglo_core.mesh import Mesh
 from agglo_core.problems.discretisation import Samples
 
-__all__ = ["solution_piece", "write_solution"]
-
 _SIMPLICES = {3: 5, 4: 10}  # corners to VTK's number of triangles and tetrahedra
 
 

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from agglo_core.io.level_values import LevelValues
     from agglo_core.mesh import Mesh
 
-__all__ = ["Vtu"]
-
 
 class Vtu(Compressing):
     """VTU by agglo's own reader and writer: any mesh, its cell tags, the labels of all levels.

@@ -23,8 +23,6 @@ from agglo_core.io.vtk.pieces import CellArrays, Stored, check_counts, mesh_from
 from agglo_core.io.vtk.polydata import KINDS, polydata_cells
 from agglo_core.mesh import Mesh
 
-__all__ = ["read_vtp", "read_vtu", "stored_pieces"]
-
 _FACES = 64  # numbers about faces for each cell, beyond which an array is looked at before it is decoded
 
 

@@ -21,8 +21,6 @@ from agglo_core.progress import Tell, to_nobody
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
-__all__ = ["face_stream", "write_vtu", "written_by_agglo"]
-
 
 def write_vtu(
     path: Path,

@@ -6,8 +6,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-__all__ = ["mark_crossings"]
-
 _FEW = 64  # segments among which those beside another are found by looking at each
 _FLAT = 1e-12  # of the product of two lengths: what counts as no area
 

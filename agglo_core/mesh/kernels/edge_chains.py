@@ -6,8 +6,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-__all__ = ["thinned", "walk_chains"]
-
 
 @helper
 def _bend(points, a, b, c):

@@ -6,8 +6,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-__all__ = ["loop_moments", "repeated_points"]
-
 
 @helper
 def _half_cross(points, a, b, c, out):

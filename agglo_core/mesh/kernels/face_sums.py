@@ -6,8 +6,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-__all__ = ["add_faces"]
-
 _STEP, _MIX, _LAST = (np.uint64(c) for c in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
 _SHIFT_1, _SHIFT_2, _SHIFT_3 = np.uint64(30), np.uint64(27), np.uint64(31)
 

@@ -6,8 +6,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-__all__ = ["cell_faces", "chain_loops", "match_half_edges"]
-
 FEW = 24  # edges among which the next one is found by looking at each
 
 

@@ -10,8 +10,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import kernel
 
-__all__ = ["BITS", "number_faces", "pair_half_edges", "to_buckets"]
-
 BITS = 11
 """Points of a bucket, as a power of two."""
 

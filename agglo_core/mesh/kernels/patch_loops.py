@@ -6,8 +6,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import kernel
 
-__all__ = ["outlines"]
-
 
 @kernel
 def outlines(offsets, tails, heads, n_points):

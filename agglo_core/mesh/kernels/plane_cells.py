@@ -10,8 +10,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import kernel
 
-__all__ = ["half_edges", "plane_cells"]
-
 _ROOM = 1024  # half-edges whose points are fetched at once, so that cache misses overlap
 _SHORT = 16  # edges of a cell whose neighbours are compared one by one
 

@@ -8,8 +8,6 @@ from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.threads import over_ranges
 
-__all__ = ["check_polygons", "loop_faults", "plain_faults"]
-
 OK, REPEATED, ZERO, CROSSED, FOLDED = 0, 1, 2, 3, 4
 _BENT, _BENT_ZERO = 5, 6  # not convex: faults still to be sought; and its area is zero
 

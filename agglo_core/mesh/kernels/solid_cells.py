@@ -6,8 +6,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-__all__ = ["first_turns", "pair_half_faces", "surfaces", "vertices_of_solids"]
-
 
 @helper
 def _sort(values, start, stop):

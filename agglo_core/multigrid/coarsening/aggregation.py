@@ -20,8 +20,6 @@ from agglo_core.multigrid.smoothers.scalar_gauss_seidel import ScalarGaussSeidel
 from agglo_core.multigrid.stack import Level, LevelSmoother, LevelStack
 from agglo_core.problems import MultigridLevel
 
-__all__ = ["MakeSmoother", "aggregates", "aggregation_stack", "blockwise", "checked_labels", "pointwise"]
-
 MakeSmoother = Callable[[Any, Int, Any], LevelSmoother]
 """Makes the smoother of a level from its matrix, block offsets and precision."""
 

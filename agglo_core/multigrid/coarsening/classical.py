@@ -25,8 +25,6 @@ from agglo_core.multigrid.matrices.csr_galerkin import csr_galerkin, product_ent
 from agglo_core.multigrid.smoothers.scalar_gauss_seidel import ScalarGaussSeidel
 from agglo_core.multigrid.stack import Level, LevelStack, Real
 
-__all__ = ["CoarseFirst", "classical_stack"]
-
 _NEEDLESS = 0.1
 """An unknown whose couplings add up to this part of its diagonal entry needs no coarse level."""
 _SLOW = 0.9

@@ -10,8 +10,6 @@ from numpy.typing import ArrayLike
 from agglo_core.arrays import Float, Int, frozen_float
 from agglo_core.multigrid.matrices.block_matrix import block_matrix
 
-__all__ = ["smoothed_near_null"]
-
 
 def smoothed_near_null(
     A: Any, block_offsets: Int, near_null: ArrayLike | None = None, sweeps: int = 4

@@ -12,8 +12,6 @@ from agglo_core.arrays import Float, Int, Mask, frozen, frozen_float, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.multigrid.kernels.aggregates import couplings, local_bases, split_weak
 
-__all__ = ["Couplings", "Tentative", "smoothed", "tentative"]
-
 
 class Couplings(NamedTuple):
     """How strongly the parts of a matrix are coupled: CSR over parts, and the size of diagonal blocks."""

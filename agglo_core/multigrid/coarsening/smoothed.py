@@ -18,8 +18,6 @@ from agglo_core.multigrid.matrices.block_matrix import block_inverses
 from agglo_core.multigrid.matrices.block_product import swift
 from agglo_core.multigrid.smoothers.spectrum import largest_eigenvalue
 
-__all__ = ["smoothed_prolongation"]
-
 
 def smoothed_prolongation(
     A: Any, P: Any, damping: float = 4 / 3, *, scaled: bool = False

@@ -12,8 +12,6 @@ from agglo_core.multigrid.smoothers.joined_patches import joined_patches
 from agglo_core.multigrid.smoothers.patch_smoother import VertexPatches
 from agglo_core.problems import Patches
 
-__all__ = ["group_smoother", "strong_groups"]
-
 _STRONG = 0.1
 """A coupling of this part of the root of both diagonal entries joins its unknowns."""
 _RAISED = 1e-6

@@ -14,8 +14,6 @@ from agglo_core.multigrid.coarsening.smoothed import smoothed_prolongation
 from agglo_core.multigrid.matrices.checks import checked_system
 from agglo_core.problems import Coarsening, CoarseSpace
 
-__all__ = ["Aggregation", "Injection", "SmoothedInjection", "parents"]
-
 
 def parents(fine: Int, coarse: Int) -> Int | None:
     """Part of ``coarse`` that holds each part of ``fine``, both labels ``(n,)``; None if they do not nest.

@@ -9,8 +9,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import kernel
 
-__all__ = ["couplings", "greedy_aggregates", "local_bases", "split_labels", "split_weak"]
-
 
 @kernel
 def couplings(indptr, indices, data, offsets, part_of):

@@ -10,8 +10,6 @@ import numpy as np
 from agglo_core.compiled.compiling import kernel
 from agglo_core.multigrid.kernels.block_vectors import add_product
 
-__all__ = ["block_columns", "block_products"]
-
 
 @cache
 def block_products(width: int) -> Any:

@@ -15,16 +15,6 @@ import numpy as np
 from agglo_core.compiled.compiling import kernel
 from agglo_core.multigrid.kernels.block_vectors import add_dots, add_product
 
-__all__ = [
-    "UNROLLED",
-    "block_product",
-    "block_sweeps",
-    "both_products",
-    "clear_tiny",
-    "invert_blocks",
-    "sweep_parts",
-]
-
 UNROLLED = 16
 """Blocks of 2 to so many unknowns have kernels of their own, 1.5 to 3 times as fast; others share one."""
 

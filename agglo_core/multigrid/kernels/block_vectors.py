@@ -13,8 +13,6 @@ from numba import types
 from numba.core.errors import RequireLiteralValue
 from numba.extending import intrinsic
 
-__all__ = ["add_dots", "add_product"]
-
 _FLAGS = ("contract", "reassoc", "nsz")
 
 

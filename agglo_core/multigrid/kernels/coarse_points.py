@@ -10,8 +10,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-__all__ = ["classical_weights", "coarse_first", "coarse_points", "strong_entries"]
-
 
 @kernel
 def strong_entries(indptr, indices, data, theta, least):

@@ -14,8 +14,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import kernel
 
-__all__ = ["column_products"]
-
 Product = Callable[..., Any]
 
 

@@ -6,8 +6,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-__all__ = ["galerkin_product"]
-
 
 @kernel
 def galerkin_product(indptr, indices, data, graph, to, weight, columns):

@@ -10,8 +10,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-__all__ = ["UNROLLED", "group_sweeps"]
-
 UNROLLED = 6
 """Blocks up to this size have kernels of their own, larger ones share one."""
 

@@ -14,8 +14,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-__all__ = ["patch_factors", "patch_orders"]
-
 
 @kernel
 def patch_orders(offsets, parts, indptr, indices):

@@ -6,8 +6,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-__all__ = ["parts_at_vertices", "united", "without_contained"]
-
 
 @kernel
 def parts_at_vertices(cell_offsets, cell_vertices, vertex_groups, labels, n_groups, n_parts, most):

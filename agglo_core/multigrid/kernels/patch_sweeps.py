@@ -10,8 +10,6 @@ import numpy as np
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.multigrid.kernels.block_vectors import add_dots, add_product
 
-__all__ = ["patch_inverses", "patch_sum", "patch_sweep"]
-
 _TINY = 1e-22  # of the largest entry: less is 0, lest single precision computes with denormal numbers
 
 

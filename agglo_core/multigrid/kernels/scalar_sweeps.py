@@ -9,8 +9,6 @@ import numpy as np
 
 from agglo_core.compiled.compiling import kernel
 
-__all__ = ["backward_sweep", "first_sweep"]
-
 
 @kernel
 def first_sweep(indptr, indices, data, inverse, b):

@@ -10,9 +10,6 @@ import numpy as np
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.multigrid.kernels.block_vectors import add_product
 
-__all__ = ["scale_blocks"]
-
-
 _UNROLLED = 16
 """Blocks of 2 to so many unknowns have kernels of their own."""
 

@@ -18,8 +18,6 @@ from agglo_core.problems.iteration_history import MET, TESTS, Ended, History
 from agglo_core.problems.ritz import RitzValue
 from agglo_core.problems.sizes import Measure, size_ratio, two_norm
 
-__all__ = ["Column"]
-
 _CONJUGATE = 0.3
 """|zᵢ₊₁·rᵢ| over zᵢ₊₁·rᵢ₊₁, 0 if M is linear and symmetric: above this a step is lost."""
 _LOST = 4

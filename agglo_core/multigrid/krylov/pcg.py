@@ -19,8 +19,6 @@ from agglo_core.problems.row_scales import lifted, penalised_rows, row_measure
 from agglo_core.problems.sizes import Measure, energy_of_solution
 from agglo_core.progress import Tell, to_nobody
 
-__all__ = ["pcg", "pcg_columns"]
-
 
 def pcg(
     A: Any,

@@ -13,8 +13,6 @@ from agglo_core.problems.curvatures import Curvatures, failure
 from agglo_core.problems.ritz import RitzValue
 from agglo_core.problems.sizes import two_norm
 
-__all__ = ["is_rounding", "probed"]
-
 _MORE = 4
 """Steps of a probe beyond twice the iterations done."""
 _FALL = 1e-4

@@ -8,8 +8,6 @@ import numpy as np
 
 from agglo_core.arrays import Float, frozen_float
 
-__all__ = ["Iterate", "Restarts"]
-
 _IDLE = 2
 """Fresh starts that gain nothing until an iteration is given up: rounding differs from one to the next."""
 

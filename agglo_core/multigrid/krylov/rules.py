@@ -12,8 +12,6 @@ import numpy as np
 from agglo_core.arrays import Float
 from agglo_core.problems.iteration_history import Ended
 
-__all__ = ["SAID", "TRIAL", "Beta", "Request", "Rules", "Steps", "Stop"]
-
 TRIAL = 5
 """Iterations after which the pace is judged."""
 

@@ -11,8 +11,6 @@ from agglo_core.arrays import frozen_float, frozen_index
 from agglo_core.multigrid.kernels.block_products import block_columns, block_products
 from agglo_core.multigrid.kernels.block_sweeps import UNROLLED
 
-__all__ = ["block_galerkin", "block_matmat", "have_kernels"]
-
 
 def have_kernels(*matrices: Any) -> bool:
     """Whether there are kernels for the products: all in square blocks of one size from 2 to 16, double."""

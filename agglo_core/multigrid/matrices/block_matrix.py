@@ -22,8 +22,6 @@ from agglo_core.multigrid.kernels.block_sweeps import (
 from agglo_core.multigrid.stack import Real
 from agglo_core.problems.real_arrays import real_matrix
 
-__all__ = ["BlockMatrix", "block_inverses", "block_matrix", "in_blocks", "in_precision"]
-
 _NOTHING = 1e-22  # of the largest entry: in single precision products of such numbers are denormal, and slow
 _ASYMMETRY = 1e-6
 

@@ -9,8 +9,6 @@ import numpy as np
 from agglo_core.arrays import Float, frozen_float, frozen_index
 from agglo_core.multigrid.kernels.block_sweeps import UNROLLED, block_product
 
-__all__ = ["BlockProduct", "swift"]
-
 
 class BlockProduct:
     """A matrix in square blocks, ready for many products with vectors ``(n,)``.

@@ -16,8 +16,6 @@ from scipy import sparse
 from agglo_core.arrays import frozen_float, frozen_index, frozen_int
 from agglo_core.multigrid.kernels.unit_blocks import scale_blocks
 
-__all__ = ["Scaled", "block_scaled"]
-
 
 class Scaled(NamedTuple):
     """A matrix whose diagonal blocks are identities, and the way to it.

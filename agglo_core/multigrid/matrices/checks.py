@@ -12,8 +12,6 @@ from agglo_core.arrays import Float, Int, exact_cast, frozen, frozen_float, froz
 from agglo_core.errors import OptionError
 from agglo_core.problems.real_arrays import real_matrix
 
-__all__ = ["canonical", "checked_system"]
-
 
 def canonical(A: Any) -> Any:
     """CSR in double precision, its columns sorted and its arrays read-only."""

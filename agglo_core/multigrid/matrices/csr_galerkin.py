@@ -10,8 +10,6 @@ from scipy import sparse
 from agglo_core.arrays import frozen
 from agglo_core.multigrid.kernels.galerkin_product import galerkin_product
 
-__all__ = ["csr_galerkin", "product_entries"]
-
 _SAMPLE = 64
 """Columns of a product that are counted to estimate its entries."""
 

@@ -17,8 +17,6 @@ from agglo_core.multigrid.smoothers.level_smoothers import SetUp, smoother_setup
 from agglo_core.multigrid.stack import Level, LevelSmoother, LevelStack, Solve
 from agglo_core.problems import MultigridLevel, Patches
 
-__all__ = ["build_stack", "galerkin", "injection"]
-
 
 def injection(parents: Int, width: int = 1) -> sparse.bsr_array:
     """Prolongation that gives the ``width`` unknowns of a part to each of its children.

@@ -13,8 +13,6 @@ from agglo_core.errors import PluginError
 from agglo_core.multigrid.stack import Real
 from agglo_core.problems import MultigridLevel
 
-__all__ = ["Adapted", "Guard", "adapted"]
-
 Guard = Callable[[], AbstractContextManager[None]]
 """Makes a context manager that is entered around each call: it may say whose errors they are."""
 

@@ -18,8 +18,6 @@ from agglo_core.multigrid.coarsening.prolongation import Couplings, smoothed, te
 from agglo_core.multigrid.matrices.checks import checked_system
 from agglo_core.multigrid.stack import Solve
 
-__all__ = ["additive_schwarz"]
-
 _DENSE = 150
 """Subdomains of at most so many unknowns are inverted."""
 _MOST_STEPS = 8

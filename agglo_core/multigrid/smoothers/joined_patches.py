@@ -7,8 +7,6 @@ from agglo_core.errors import OptionError
 from agglo_core.multigrid.kernels.patch_search import united
 from agglo_core.problems import Patches
 
-__all__ = ["joined_patches"]
-
 
 def joined_patches(pairs: Int, n_parts: int, *, most: int = 8) -> Patches:
     """Groups of parts, made by uniting pairs in their order as long as no group has more than ``most``.

@@ -15,15 +15,6 @@ from agglo_core.multigrid.smoothers.spectrum import largest_eigenvalue
 from agglo_core.multigrid.stack import LevelSmoother, Real
 from agglo_core.problems import MultigridLevel
 
-__all__ = [
-    "SMOOTHERS",
-    "BlockJacobi",
-    "Chebyshev",
-    "GaussSeidel",
-    "SetUp",
-    "smoother_setup",
-]
-
 SetUp = Callable[[MultigridLevel, Any], LevelSmoother]
 """Makes a smoother from a level, whose matrices are in double precision, and the dtype of its vectors."""
 

@@ -25,9 +25,6 @@ from agglo_core.multigrid.smoothers.spectrum import largest_eigenvalue
 from agglo_core.multigrid.stack import Real
 from agglo_core.problems import MultigridLevel, Patches
 
-__all__ = ["AdditivePatches", "PatchSmoother", "VertexPatches"]
-
-
 _TINY = 1e-22
 _CUBICS = 10
 """Unknowns of a cell at degree 3, where overlapping patches serve most: factors are compiled for it."""

@@ -10,8 +10,6 @@ from agglo_core.multigrid.kernels.patch_search import parts_at_vertices, without
 from agglo_core.multigrid.smoothers.joined_patches import joined_patches
 from agglo_core.problems import Patches
 
-__all__ = ["vertex_patches"]
-
 _SHORT = 0.4
 """An edge is short below this part of the diameter of a cell beside it."""
 _JOINED = 3

@@ -12,8 +12,6 @@ from agglo_core.errors import OptionError
 from agglo_core.multigrid.kernels.scalar_sweeps import backward_sweep, first_sweep
 from agglo_core.multigrid.stack import Real
 
-__all__ = ["ScalarGaussSeidel"]
-
 
 class ScalarGaussSeidel:
     """A forward sweep before the correction by the next level, a backward sweep after it.

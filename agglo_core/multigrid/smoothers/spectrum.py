@@ -10,8 +10,6 @@ from scipy.linalg import eigvalsh_tridiagonal
 from agglo_core.arrays import Float
 from agglo_core.multigrid.stack import Solve
 
-__all__ = ["largest_eigenvalue"]
-
 _STEPS = 12
 
 

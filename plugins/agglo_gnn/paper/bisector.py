@@ -10,8 +10,6 @@ from agglo_core.authoring import Float, Graph, ImportPath, Int, OptionError, UIn
 from agglo_gnn.paper.custom import filled
 from agglo_gnn.paper.network import Neighbours, inorm
 
-__all__ = ["WEIGHTS", "PaperGNN"]
-
 WEIGHTS = Path(__file__).parents[1] / "weights" / "paper.safetensors"
 _PRECISIONS = {"double": torch.float64, "single": torch.float32}
 _ROUNDINGS = ("threshold", "sweep")

@@ -31,8 +31,6 @@ from agglo_gnn import model_file
 from agglo_gnn.paper.network import ARCHITECTURE, PaperNetwork
 from agglo_gnn.paper.trial import try_network, unseeded
 
-__all__ = ["architecture_of", "arrays_of", "filled", "network_class"]
-
 
 def network_class(name: str | None) -> Callable[[], nn.Module]:
     """The paper's network, or what ``"module:Class"`` names; modules of the current folder are found.

@@ -8,8 +8,6 @@ import numpy as np
 
 from agglo_core.authoring import Graph, Mask, samples
 
-__all__ = ["FAMILIES", "draw", "random_piece"]
-
 FAMILIES = ("squares", "triangles", "random_triangles", "voronoi")
 CELLS = (50, 1500)
 """Fewest and most cells of a training mesh: the range of the authors' generator."""

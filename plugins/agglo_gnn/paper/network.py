@@ -16,8 +16,6 @@ from torch import Tensor, nn
 
 from agglo_core.authoring import Float, Graph, OptionError, principal_frames
 
-__all__ = ["ARCHITECTURE", "FEATURES", "Neighbours", "PaperNetwork", "expected_normalised_cut", "inorm"]
-
 ARCHITECTURE = "paper"
 FEATURES = ("measure", "x", "y")
 _HIDDEN, _LAYERS = 64, 4

@@ -15,8 +15,6 @@ from agglo_gnn.paper.network import FEATURES
 from agglo_gnn.training.loop import Epoch, Recipe, Training, choose_device, one_thread
 from agglo_gnn.training.report import reporter
 
-__all__ = ["train_paper"]
-
 _COLUMNS = "epoch      loss  validation  one-sided"
 
 

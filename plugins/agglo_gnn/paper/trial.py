@@ -12,8 +12,6 @@ from torch.nn.parameter import is_lazy
 from agglo_core.authoring import AggloError, OptionError, samples
 from agglo_gnn.paper.network import Neighbours, inorm
 
-__all__ = ["try_network", "unseeded"]
-
 _BATCH_NORMS = (nn.BatchNorm1d, nn.BatchNorm2d, nn.BatchNorm3d, nn.SyncBatchNorm)
 
 

@@ -13,8 +13,6 @@ from agglo_gnn.plane.features import rasterise
 if TYPE_CHECKING:
     import torch
 
-__all__ = ["Pieces", "batch_of", "gather", "rows_of"]
-
 
 @dataclass(frozen=True)
 class Pieces:

@@ -24,8 +24,6 @@ from agglo_core.authoring import (
 )
 from agglo_gnn.space.network import SPATIAL_SHAPES
 
-__all__ = ["SHAPES", "FastGNN"]
-
 SHAPES: Mapping[str, tuple[int, ...]] = {
     "sage1.own": (4, 16), "sage1.near": (4, 16), "sage1.bias": (16,),
     "sage2.own": (16, 16), "sage2.near": (16, 16), "sage2.bias": (16,),

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 from agglo_core.authoring import Float, Graph, Index, Int
 
-__all__ = ["FEATURES", "Rasters", "rasterise"]
-
 FEATURES = (
     *("bin u", "bin v", "bin area / mean - 1, at most 3", "bin sides without neighbour / 4"),
     *(f"block moment {u}{order - u}" for order in (2, 3, 4) for u in range(order, -1, -1)),

@@ -19,8 +19,6 @@ from agglo_core.authoring import (
 )
 from agglo_gnn.plane.raster_kernels import fill_raster, raster_room, to_frame
 
-__all__ = ["bisect_fast", "dense", "direction", "number_cells", "split_fast"]
-
 _ONE = np.uint64(1)  # to be added to unsigned indices
 _TIE = 1e-6  # of a bin: values that close to its end lie inside
 _BAND = 0.45  # standard deviations either side of the mean in which a cut is sought

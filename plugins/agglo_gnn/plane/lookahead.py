@@ -24,8 +24,6 @@ from agglo_core.authoring import (
 )
 from agglo_gnn.plane.features import rasterise
 
-__all__ = ["look_ahead"]
-
 _LARGEST = 4000
 """Cells beyond which a cut is not worth the search: one cut changes the number of parts little."""
 _UNEVEN = 4.0  # how much parts smaller than allowed count against a cut

@@ -13,8 +13,6 @@ from agglo_gnn.plane.fast import SHAPES
 if TYPE_CHECKING:
     import torch
 
-__all__ = ["initial_parameters", "network"]
-
 
 def initial_parameters(seed: int) -> dict[str, Float]:
     """Random weights (He), except that the output is (1, 0) whatever comes in: inertial bisection."""

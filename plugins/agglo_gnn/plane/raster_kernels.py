@@ -6,8 +6,6 @@ import numpy as np
 
 from agglo_core.authoring import centre_block, helper, kernel, planar_frame
 
-__all__ = ["describe", "fill_raster", "raster_room", "to_frame"]
-
 _CELLS_PER_BIN = 20
 _FEWEST, _MOST = 9, 160  # occupied bins wanted
 _ROOM = 1024  # bins at most, empty ones included

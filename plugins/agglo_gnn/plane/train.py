@@ -16,8 +16,6 @@ from agglo_gnn.training.pieces import piece_graphs
 if TYPE_CHECKING:
     import torch
 
-__all__ = ["train_fast"]
-
 _BATCH = 64
 _RATE = 2e-3
 _WARM_UP = 0.03

@@ -12,8 +12,6 @@ from agglo_gnn.plane.fast import FastGNN
 from agglo_gnn.plane.network import network
 from agglo_gnn.training.pieces import piece_graphs
 
-__all__ = ["cut_costs", "validate"]
-
 _SEED = 20_000
 Rival = Callable[[Graph, UInt64], Int]
 

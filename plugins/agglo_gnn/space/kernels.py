@@ -15,8 +15,6 @@ from agglo_core.authoring import (
 from agglo_gnn.plane.kernels import dense, number_cells
 from agglo_gnn.space.moments import fill_features, frame_by_moments, moment_room
 
-__all__ = ["PRIOR", "bisect_solids", "directions", "split_solids"]
-
 PRIOR = 4.0  # weight of the second moment in the score of an axis: the longest, if nothing was learned
 _ONE = np.uint64(1)  # to be added to unsigned indices
 _TIE = 1e-6  # of a bin: values that close to its end lie inside

@@ -6,8 +6,6 @@ import numpy as np
 
 from agglo_core.authoring import centre_block, helper, kernel, piece_frames
 
-__all__ = ["describe_solids", "fill_features", "frame_by_moments", "moment_room"]
-
 _EVEN, _ODD = 16, 10
 _ISOTROPIC = 0.9  # ratio of second moments above which their axes say little about the shape
 _TURNS = 6

@@ -12,8 +12,6 @@ from agglo_core.authoring import Float
 if TYPE_CHECKING:
     import torch
 
-__all__ = ["SPATIAL_FEATURES", "SPATIAL_SHAPES", "initial_spatial", "spatial_network"]
-
 SPATIAL_SHAPES: Mapping[str, tuple[int, ...]] = {
     "dense1.weight": (16, 24), "dense1.bias": (24,), "dense2.weight": (24, 11), "dense2.bias": (11,),
 }  # fmt: skip

@@ -24,8 +24,6 @@ from agglo_gnn.training.pieces import FEWEST, halved
 if TYPE_CHECKING:
     import torch
 
-__all__ = ["SPATIAL_RECIPE", "SpatialPieces", "gather_solids", "solid_graphs", "tensors_of"]
-
 SPATIAL_RECIPE = (
     "recursion pieces of 10..2500 cells of Voronoi, Delaunay, tetrahedral and hexahedral meshes, half "
     "stretched up to 2.5:1, half cut to random stars with holes and slits; split by inertial or sweep "

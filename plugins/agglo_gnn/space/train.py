@@ -15,8 +15,6 @@ from agglo_gnn.space.pieces import SpatialPieces, gather_solids, solid_graphs, t
 if TYPE_CHECKING:
     import torch
 
-__all__ = ["train_solids"]
-
 _BATCH = 64
 _RATE = 2e-3
 _WARM_UP = 0.03

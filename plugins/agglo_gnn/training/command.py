@@ -14,8 +14,6 @@ from click.core import ParameterSource
 
 from agglo_core.authoring import FILE, FileError, Number, OptionError
 
-__all__ = ["train"]
-
 _COUNT, _SHARE = Number(int, least=1), Number(float, least=0, most=1)
 _FAST_COLUMNS = " step      loss  CPU seconds"
 _PAPER_ONLY = ("epochs", "meshes", "pieces", "rate", "network", "checkpoint", "resume", "device")

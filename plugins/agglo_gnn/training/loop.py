@@ -15,8 +15,6 @@ from agglo_core.authoring import Graph, OptionError
 from agglo_gnn.paper.data import draw, random_piece
 from agglo_gnn.paper.network import Neighbours, expected_normalised_cut, inorm
 
-__all__ = ["Epoch", "Recipe", "Training", "choose_device", "one_thread"]
-
 
 @dataclass(frozen=True)
 class Recipe:

@@ -20,8 +20,6 @@ from agglo_core.authoring import (
     samples,
 )
 
-__all__ = ["FEWEST", "RECIPE", "halved", "piece_graphs"]
-
 RECIPE = (
     "recursion pieces of 10..1200 cells of Voronoi, Delaunay and grid meshes, half stretched up to 2.5:1, "
     "half cut to random stars with holes and slits; split by inertial, sweep1 or sweep8 bisection, "

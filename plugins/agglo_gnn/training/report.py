@@ -9,8 +9,6 @@ from pathlib import Path
 
 import click
 
-__all__ = ["Report", "reporter"]
-
 Report = Callable[[str, float], None]
 """Takes a line about the state of a training, and the share of it that is done."""
 

@@ -11,8 +11,6 @@ from agglo_core.authoring import OBJECTIVES, Int, Mesh
 from agglo_paper.study.study_partitions import RECIPES
 from agglo_paper.study.study_work import SOLVERS, iterations, loaded, metrics_of, plane_solver, problems
 
-__all__ = ["KINDS", "Kind", "measured_levels", "metrics_of_levels", "target_of"]
-
 Kind = Literal["counts", "sizes"]
 KINDS: Final[tuple[Kind, ...]] = ("counts", "sizes")
 

@@ -12,8 +12,6 @@ import numpy as np
 from agglo_core.authoring import Float
 from agglo_paper.study.study_partitions import RECIPES
 
-__all__ = ["Measured", "correlations", "costs", "relative"]
-
 _SAME: Final = 1e-6
 """Of the variance: where less is left once the ranks of a metric are taken out, it was that metric."""
 

@@ -18,8 +18,6 @@ from agglo_paper.study.level_work import Kind, metrics_of_levels, target_of
 from agglo_paper.study.study_partitions import RECIPES
 from agglo_paper.study.study_work import MOST, TOLERANCE, coefficients, iterations, loaded, unit_box
 
-__all__ = ["APPROXIMATION", "SOLID_SOLVERS", "approximation_error", "finite_volumes", "measured_solids"]
-
 SOLID_SOLVERS: Final[Mapping[str, tuple[str, Mapping[str, Any]]]] = {
     "default": ("polydg_mg", {"recipe": "agglomerates"}),
     "smoothed": ("multigrid", {}),

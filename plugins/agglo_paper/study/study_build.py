@@ -16,8 +16,6 @@ from agglo_paper.study.study_page import page
 from agglo_paper.study.study_plan import Plan, Size, plan_of
 from agglo_paper.study.study_tables import Group
 
-__all__ = ["build"]
-
 Begin = Callable[[Sequence[Unit], str], Callable[[Unit, bool], None]]
 
 

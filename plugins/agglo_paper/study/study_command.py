@@ -12,8 +12,6 @@ import click
 from agglo_core.authoring import Number, print_lines
 from agglo_paper.long_runs import one_thread, progress, without_notices
 
-__all__ = ["study"]
-
 
 def _degrees(context: click.Context, parameter: click.Parameter, text: str | None) -> tuple[int, ...] | None:
     if text is None:

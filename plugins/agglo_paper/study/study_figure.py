@@ -12,8 +12,6 @@ from agglo_core.authoring import PALETTE
 from agglo_paper.figures import picture
 from agglo_paper.study.ranks import Measured
 
-__all__ = ["draw"]
-
 _METRICS: Final = {
     "UF": "mean UF",
     "CR": "mean CR",

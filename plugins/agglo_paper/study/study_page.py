@@ -10,8 +10,6 @@ from agglo_paper.store import versions
 from agglo_paper.study.study_tables import Group, tables
 from agglo_paper.study.study_work import TOLERANCE
 
-__all__ = ["TITLES", "page"]
-
 TITLES: Final = {
     "shapes": "What shapes are for",
     "levels": "What shapes are for: four levels",

@@ -26,8 +26,6 @@ from agglo_core.authoring import (
     frozen_int,
 )
 
-__all__ = ["RECIPES", "Growth", "Recipe", "Scattered", "Shaken", "chosen"]
-
 
 class _Partitioner:
     """What missing parts are made with: bisections across principal axes."""

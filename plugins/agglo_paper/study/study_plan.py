@@ -13,8 +13,6 @@ from agglo_paper.study.solid_work import APPROXIMATION, SOLID_SOLVERS, measured_
 from agglo_paper.study.study_partitions import chosen
 from agglo_paper.study.study_work import ERRORS, SOLVERS, measured
 
-__all__ = ["DEFAULTS", "Plan", "Size", "Work", "plan_of", "sources"]
-
 _PACKAGES: Final = (
     "agglo_paper",
     "agglo_polydg_mg",

@@ -10,8 +10,6 @@ import numpy as np
 from agglo_paper.record import Cell, Row, Table
 from agglo_paper.study.ranks import Measured, correlations, costs, relative
 
-__all__ = ["Group", "tables"]
-
 
 @dataclass(frozen=True)
 class Group:

@@ -22,21 +22,6 @@ from agglo_core.authoring import (
 )
 from agglo_paper.study.study_partitions import RECIPES
 
-__all__ = [
-    "ERRORS",
-    "MOST",
-    "SOLVERS",
-    "TOLERANCE",
-    "coefficients",
-    "iterations",
-    "loaded",
-    "measured",
-    "metrics_of",
-    "plane_solver",
-    "problems",
-    "unit_box",
-]
-
 TOLERANCE: Final = 1e-6
 SOLVERS: Final[Mapping[str, tuple[str, Mapping[str, Any]]]] = {
     "default": ("polydg_mg", {}),

@@ -10,8 +10,6 @@ from agglo_polydg_mg.space.basis import Basis, one_per_row
 from agglo_polydg_mg.space.gauss_points import gauss
 from agglo_polydg_mg.space.polynomials import legendre, orders
 
-__all__ = ["project_between"]
-
 
 def project_between(fine: Basis, coarse: Basis, labels: Int) -> sparse.bsr_array:
     """Prolongation ``(fine.n, coarse.n)`` from agglomerates to cells: injection, so the L2 projection.

@@ -11,8 +11,6 @@ import numpy as np
 from agglo_core.authoring import helper, kernel
 from agglo_polydg_mg.space.legendre_kernels import along_box
 
-__all__ = ["cluster_vertices", "corner_unknowns", "corners_of_cells", "fit_traces", "solve_rows"]
-
 
 @helper
 def _root(parents, i):

@@ -18,8 +18,6 @@ from agglo_core.authoring import Float, Index, Int, Mask, Mesh, frozen, frozen_f
 from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.gauss_points import gauss
 
-__all__ = ["ConformingSpace", "bubble_signs", "conforming_space", "directions"]
-
 _SHORT = 0.5
 """A face is short below this fraction of |K| / diam K: its ends share an unknown, it has no bubbles."""
 _WEAK = 10.0

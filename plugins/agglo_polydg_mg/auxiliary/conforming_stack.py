@@ -20,8 +20,6 @@ from agglo_polydg_mg.auxiliary.nodal_traces import nodal_basis, nodal_network
 from agglo_polydg_mg.auxiliary.solid_space import solid_space
 from agglo_polydg_mg.space.basis import Basis
 
-__all__ = ["cell_sweeps", "conforming_stack", "labels_of_unknowns"]
-
 _SMALL = 1e-5
 """Entries of the matrix with bubbles below this times the root of both diagonal ones are left out."""
 _SMALL_BUBBLES = 0.03

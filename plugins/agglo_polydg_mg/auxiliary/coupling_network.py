@@ -16,15 +16,6 @@ from scipy import sparse
 from agglo_core.authoring import Float, Int, Mesh, frozen_int
 from agglo_polydg_mg.auxiliary.conforming_space import ConformingSpace
 
-__all__ = [
-    "Edges",
-    "across_faces",
-    "at_boundary",
-    "cotangents",
-    "coupling_network",
-    "network",
-]
-
 _HELD = 2.0
 """An unknown is held if its jump at the boundary costs more than this many times its couplings."""
 

@@ -14,8 +14,6 @@ import numpy as np
 
 from agglo_core.authoring import helper, kernel
 
-__all__ = ["half_product", "scaled_rows", "thinned"]
-
 _MOST_ADDED = 0.25
 """A row whose small entries add up to more than this part of its diagonal one keeps them."""
 

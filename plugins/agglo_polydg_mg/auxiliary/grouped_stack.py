@@ -17,8 +17,6 @@ from agglo_polydg_mg.auxiliary.conforming_stack import conforming_stack
 from agglo_polydg_mg.solver.conforming_choice import strong_pairs
 from agglo_polydg_mg.space.basis import Basis
 
-__all__ = ["grouped_stack"]
-
 _SMALL = 0.25
 """Levels whose matrix has at most this part of the entries of the one above are visited twice under patches,
 which leave so little that a single visit is what iterations wait for."""

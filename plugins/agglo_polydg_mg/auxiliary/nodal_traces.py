@@ -23,8 +23,6 @@ from agglo_polydg_mg.auxiliary.coupling_network import (
     network,
 )
 
-__all__ = ["nodal_basis", "nodal_network", "on_nodes"]
-
 
 def on_nodes(space: ConformingSpace, mesh: Mesh) -> Mask:
     """Faces ``(n_faces,)`` with bubbles and one unknown at each end, the same in the cells on both sides."""

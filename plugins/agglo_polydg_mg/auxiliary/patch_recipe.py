@@ -20,8 +20,6 @@ from agglo_polydg_mg.auxiliary.conforming_stack import cell_sweeps
 from agglo_polydg_mg.auxiliary.transfer import block_matrix
 from agglo_polydg_mg.space.basis import Basis
 
-__all__ = ["patch_stack"]
-
 _DENSE = 1500
 
 

@@ -10,8 +10,6 @@ from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.gauss_points import simplex_rule
 from agglo_polydg_mg.space.polynomials import orders
 
-__all__ = ["solid_space"]
-
 _REGULARISATION = 1e-4
 """Times the squared degree: keeps polynomials small that vanish on the surface."""
 

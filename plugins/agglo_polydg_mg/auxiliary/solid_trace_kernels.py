@@ -9,8 +9,6 @@ from agglo_polydg_mg.auxiliary.conforming_kernels import solve_rows
 from agglo_polydg_mg.space.legendre_kernels import CONSTANT, legendre_at, recurrences
 from agglo_polydg_mg.space.solid_kernels import in_box
 
-__all__ = ["fit_corners", "fit_solid_traces"]
-
 
 @helper
 def _place(unknown, indices, position, count):

@@ -18,8 +18,6 @@ from scipy import sparse
 from agglo_core.authoring import Float, Hierarchy, Int, OptionError, frozen_float
 from agglo_polydg_mg.space.basis import block_diagonal
 
-__all__ = ["block_matrix", "chosen_levels", "diagonal_blocks", "l2_projection"]
-
 _log = logging.getLogger("agglo")
 
 

@@ -21,18 +21,6 @@ from scipy import sparse
 
 from agglo_core.authoring import OptionError, multigrid
 
-__all__ = [
-    "AUTO",
-    "BACKENDS",
-    "PACKAGES",
-    "Solves",
-    "available_backends",
-    "cholmod",
-    "chosen_backend",
-    "pardiso",
-    "superlu",
-]
-
 _log = logging.getLogger("agglo")
 
 AUTO: Final = "auto"

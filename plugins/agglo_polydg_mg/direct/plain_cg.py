@@ -21,8 +21,6 @@ from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.solver.operators import fine_system
 from agglo_polydg_mg.stopwatch import Stopwatch
 
-__all__ = ["PlainCG"]
-
 
 class PlainCG:
     """Conjugate gradients from zero on the system of the mesh, without a preconditioner.

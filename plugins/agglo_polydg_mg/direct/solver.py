@@ -35,8 +35,6 @@ from agglo_polydg_mg.solver.recipes import Wishes, plan_for
 from agglo_polydg_mg.solver.stationary import unsolved
 from agglo_polydg_mg.stopwatch import Stopwatch
 
-__all__ = ["Direct"]
-
 
 class Direct:
     """Factorisation of the system of the mesh, with iterative refinement until the solution is right.

@@ -11,8 +11,6 @@ import numpy as np
 from agglo_core.authoring import helper, kernel
 from agglo_polydg_mg.space.legendre_kernels import LANES
 
-__all__ = ["SQUARINGS", "complete", "factorise", "largest_bounds", "square"]
-
 SQUARINGS = 5  # the bound exceeds the eigenvalue by n^(1/64) at most: 5 % for n = 27, 1 % for n = 2
 
 

@@ -12,17 +12,6 @@ from agglo_polydg_mg.forms.face_quadrature import FaceRule, face_rule, on_pieces
 from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.quadrature import per_cell, sample
 
-__all__ = [
-    "Boundary",
-    "boundary_faces",
-    "boundary_values",
-    "data_offset",
-    "dirichlet_load",
-    "dirichlet_values",
-    "neumann_load",
-    "rule_of",
-]
-
 
 class Boundary(NamedTuple):
     """Tags ``(n_faces,)`` of all faces, and the boundary faces with Dirichlet data and without (natural)."""

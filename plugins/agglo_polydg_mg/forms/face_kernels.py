@@ -10,8 +10,6 @@ import numpy as np
 from agglo_core.authoring import helper, kernel
 from agglo_polydg_mg.space.legendre_kernels import CONSTANT, LANES, along_box, recurrences
 
-__all__ = ["block_pattern", "face_blocks", "scaled_blocks", "unit_faces"]
-
 
 @kernel
 def block_pattern(offsets, faces, face_cells):

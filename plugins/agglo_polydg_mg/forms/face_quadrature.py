@@ -11,8 +11,6 @@ from agglo_polydg_mg.space.gauss_points import gauss, simplex_rule
 from agglo_polydg_mg.space.quadrature import per_cell, sample
 from agglo_polydg_mg.space.solid_geometry import triangles_of_faces
 
-__all__ = ["FaceRule", "all_faces", "face_coefficients", "face_rule", "on_pieces"]
-
 _INTO = 1e-7  # of the size of a face
 
 

@@ -11,8 +11,6 @@ from agglo_core.authoring import helper
 from agglo_polydg_mg.forms.bound_kernels import SQUARINGS, complete, square
 from agglo_polydg_mg.space.legendre_kernels import LANES
 
-__all__ = ["balance", "balancing", "most_faces", "whiten"]
-
 
 @helper
 def whiten(slopes, q, factor, n):

@@ -15,8 +15,6 @@ from agglo_polydg_mg.forms.face_quadrature import face_coefficients, face_rule, 
 from agglo_polydg_mg.forms.penalty import Penalty
 from agglo_polydg_mg.space.basis import Basis
 
-__all__ = ["EnergyNorm", "jumps", "offset_of"]
-
 _FACES = 20_000  # taken at once
 
 Outside = Callable[[Int, Float], Float]

@@ -15,8 +15,6 @@ from agglo_polydg_mg.forms.penalty import PAPER, Penalty
 from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.quadrature import Batch, inside, sample
 
-__all__ = ["Errors", "errors"]
-
 _STEP = 1e-4  # of the box's half side: differences of fourth order are then exact to about 1e-12
 
 

@@ -15,8 +15,6 @@ import numpy as np
 from agglo_core.authoring import Float, Int, Mask, Mesh, MeshError, OptionError, frozen_float, over_ranges
 from agglo_polydg_mg.space.solid_geometry import require_convex, solid_heights
 
-__all__ = ["PAPER", "Penalty", "face_penalty", "simplex_heights", "triangle_heights"]
-
 _FEW = 10_000  # cells one thread looks at in some milliseconds
 
 PAPER = 10.0

@@ -18,8 +18,6 @@ from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.gauss_points import gauss
 from agglo_polydg_mg.space.quadrature import inside, sample
 
-__all__ = ["MARGIN", "sharp_penalty"]
-
 _FEW = 2_000  # cells one thread looks at in some milliseconds
 
 MARGIN = 0.25

@@ -12,8 +12,6 @@ import numpy as np
 from agglo_core.authoring import helper, kernel
 from agglo_polydg_mg.space.legendre_kernels import CONSTANT, recurrences
 
-__all__ = ["side_blocks", "sides_of_cells"]
-
 
 @kernel
 def sides_of_cells(offsets, faces, face_cells, normals):

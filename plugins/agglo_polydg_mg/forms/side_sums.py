@@ -9,8 +9,6 @@ from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.gauss_points import simplex_rule
 from agglo_polydg_mg.space.polynomials import monomials, orders
 
-__all__ = ["add_sides", "asked_by_solids"]
-
 _FEW = 2_000  # cells one thread looks at in some milliseconds
 
 

@@ -10,8 +10,6 @@ from agglo_polydg_mg.forms.form_balance import balance, balancing, most_faces, w
 from agglo_polydg_mg.forms.trace_kernels import RESOLVED
 from agglo_polydg_mg.space.legendre_kernels import LANES, legendre_at, recurrences
 
-__all__ = ["solid_penalties"]
-
 
 @helper
 def _slopes_at(values, table, out):

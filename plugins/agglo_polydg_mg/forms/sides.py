@@ -10,8 +10,6 @@ from typing import NamedTuple
 
 from agglo_core.authoring import Int, Mesh, frozen_int
 
-__all__ = ["Sides", "sides_of"]
-
 
 class Sides(NamedTuple):
     """Sides of the cells of a mesh in 3-D, by cells.

@@ -6,8 +6,6 @@ import numpy as np
 
 from agglo_core.authoring import Mesh
 
-__all__ = ["with_straight_sides"]
-
 
 def with_straight_sides(mesh: Mesh) -> Mesh:
     """The mesh, or if some of its edges continue one another between the same cells, that where they are one.

@@ -13,8 +13,6 @@ from agglo_polydg_mg.forms.bound_kernels import factorise
 from agglo_polydg_mg.forms.form_balance import balance, balancing, most_faces, whiten
 from agglo_polydg_mg.space.legendre_kernels import CONSTANT, LANES, along_box, recurrences
 
-__all__ = ["RESOLVED", "scaled_penalties", "side_penalties", "whitened_forms"]
-
 RESOLVED = 1e-10  # of a pivot to its diagonal entry, times the share of its box a cell fills
 
 

@@ -6,8 +6,6 @@ import numpy as np
 
 from agglo_core.authoring import helper, kernel
 
-__all__ = ["largest_triangles"]
-
 _SHRUNK = 1e-8  # how far into a triangle, in barycentric coordinates, an edge must reach to count
 
 

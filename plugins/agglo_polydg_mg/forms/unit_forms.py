@@ -12,8 +12,6 @@ from agglo_core.authoring import Field, Float, frozen_float, over_ranges
 from agglo_polydg_mg.space.basis import Basis, stiffness
 from agglo_polydg_mg.space.gauss_points import gauss
 
-__all__ = ["UnitForms"]
-
 _FEW: Final = 2_000  # cells or faces one thread looks at in some milliseconds
 _MOST: Final = 2**31
 """Bytes kept at most; a basis needs about twice those of its matrix, 2.5 kB for a triangle with p = 2."""

@@ -40,8 +40,6 @@ from agglo_polydg_mg.solver.operators import LevelSpaces, level_spaces
 from agglo_polydg_mg.solver.stationary import unsolved
 from agglo_polydg_mg.stopwatch import Stopwatch
 
-__all__ = ["ComposedMultigrid"]
-
 
 class ComposedMultigrid:
     """PolyDG, or a linear system, by a multigrid method whose parts are chosen one by one.

@@ -11,17 +11,6 @@ from agglo_core.authoring import Float, History, OptionError, Tell, pcg, to_nobo
 from agglo_polydg_mg.solver.operators import FineSystem
 from agglo_polydg_mg.solver.stationary import Step, stationary
 
-__all__ = [
-    "CYCLES",
-    "OUTER",
-    "Cycle",
-    "FlexibleSteps",
-    "Outer",
-    "iterate",
-    "require_linear",
-    "require_together",
-]
-
 Cycle = Literal["V", "W", "F", "K"]
 Outer = Literal["cg", "flexible_cg", "stationary"]
 

@@ -23,8 +23,6 @@ from agglo_polydg_mg.paper.composed_multigrid import ComposedMultigrid
 from agglo_polydg_mg.paper.schwarz import SmootherMaker, Solve
 from agglo_polydg_mg.paper.smoothers import smoother_of
 
-__all__ = ["PaperMultigrid"]
-
 
 class PaperMultigrid(ComposedMultigrid):
     """The paper's choice of parts for :class:`~agglo_polydg_mg.paper.composed_multigrid.ComposedMultigrid`.

@@ -12,16 +12,6 @@ from scipy import sparse
 from agglo_core.authoring import Float, Int
 from agglo_polydg_mg.auxiliary.transfer import diagonal_blocks
 
-__all__ = [
-    "Smooth",
-    "SmootherMaker",
-    "Solve",
-    "block_jacobi",
-    "local_solve",
-    "pcg_steps",
-    "schwarz",
-]
-
 Solve = Callable[[Float], Float]
 """Maps a right-hand side or residual ``(n,)`` to a solution or correction ``(n,)``."""
 Smooth = Callable[[Float, Float], Float]

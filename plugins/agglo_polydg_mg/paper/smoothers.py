@@ -9,8 +9,6 @@ from typing import Any
 from agglo_core.authoring import Member, MultigridLevel, Registry, Smoother, multigrid
 from agglo_polydg_mg.paper.schwarz import Smooth, SmootherMaker, local_solve, schwarz
 
-__all__ = ["Schwarz", "smoother_of"]
-
 
 class Schwarz:
     """The paper's smoother: conjugate gradients preconditioned by additive Schwarz, restarted in each call.

@@ -15,8 +15,6 @@ from typing import Any, Final, Literal
 from agglo_polydg_mg.direct.backends import AUTO, PACKAGES, available_backends, chosen_backend
 from agglo_polydg_mg.forms.penalty import PAPER, Penalty
 
-__all__ = ["MANY", "Kind", "advice_of_direct", "advice_of_multigrid"]
-
 Kind = Literal["cells", "groups", "solids", "linear"]
 """Single cells of at most four faces; polygons, or cells smoothed together; polyhedra; a linear system."""
 

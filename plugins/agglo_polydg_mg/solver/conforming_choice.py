@@ -9,8 +9,6 @@ import numpy as np
 
 from agglo_core.authoring import Float, Int, Mesh, frozen_float, frozen_int
 
-__all__ = ["Difficulty", "difficulty", "strong_pairs"]
-
 _STRONG = 3.0
 _BAD = 0.06
 _UNEASY = 0.01

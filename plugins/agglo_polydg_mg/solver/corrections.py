@@ -9,8 +9,6 @@ import numpy as np
 
 from agglo_core.authoring import Float
 
-__all__ = ["Corrections"]
-
 _KEPT = 5
 _RATES = 3
 _INDEPENDENT = 1e-10

@@ -33,8 +33,6 @@ from agglo_polydg_mg.solver.stationary import unsolved
 from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.stopwatch import Stopwatch
 
-__all__ = ["DiffusionTask"]
-
 _RAISED: Final = (0.0, 1e-12)
 _MOST: Final = 1e-10
 """Parts of the diagonal that are added to it, one after the other, until levels can be made."""

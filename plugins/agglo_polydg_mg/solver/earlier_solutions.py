@@ -9,8 +9,6 @@ import numpy as np
 
 from agglo_core.authoring import Float, frozen_float, frozen_index
 
-__all__ = ["KEPT", "best_combination"]
-
 KEPT: Final = 8
 """Solutions that are kept: what changes smoothly is extrapolated, what each lacks is averaged."""
 _PARALLEL: Final = 1e-12

@@ -6,8 +6,6 @@ import numpy as np
 
 from agglo_core.authoring import kernel
 
-__all__ = ["WIDE", "differences_of", "half_products"]
-
 WIDE = 8
 """Vectors at most."""
 _ROWS = 256  # that are differenced at a time: they stay in the nearest cache

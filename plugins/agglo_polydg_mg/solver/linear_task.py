@@ -32,8 +32,6 @@ from agglo_polydg_mg.solver.scaling import factor_for, matrix_factor, unscaled, 
 from agglo_polydg_mg.solver.stationary import unsolved
 from agglo_polydg_mg.stopwatch import Stopwatch
 
-__all__ = ["LinearTask"]
-
 
 class LinearTask:
     """A linear system, its unknowns in the cells of a hierarchy.

@@ -31,8 +31,6 @@ from agglo_core.authoring import (
 from agglo_polydg_mg.solver.operators import own_mesh
 from agglo_polydg_mg.space.walk import FEW, SCATTERED
 
-__all__ = ["Numbering", "numbering_for"]
-
 
 @dataclass(frozen=True, eq=False)
 class Numbering:

@@ -46,8 +46,6 @@ from agglo_polydg_mg.solver.scaling import (
 from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.stopwatch import Stopwatch
 
-__all__ = ["FineSystem", "LevelSpaces", "fine_system", "level_spaces", "own_mesh"]
-
 
 class FineSystem(NamedTuple):
     """System on the mesh: matrix, right-hand side ``(n,)``, unknowns of a cell, measure of residuals.

@@ -15,8 +15,6 @@ from agglo_polydg_mg.solver.diffusion_task import DiffusionTask
 from agglo_polydg_mg.solver.recipes import CYCLES, PRECISIONS, RECIPES, Wishes
 from agglo_polydg_mg.solver.repeated_solves import RepeatedSolves, task_for
 
-__all__ = ["PolyDGMultigrid"]
-
 
 class PolyDGMultigrid:
     """Conjugate gradients preconditioned by one multigrid cycle, whose recipe mesh and coefficient choose.

@@ -19,8 +19,6 @@ from agglo_polydg_mg.solver.conforming_choice import difficulty
 from agglo_polydg_mg.solver.operators import FineSystem
 from agglo_polydg_mg.space.basis import Basis
 
-__all__ = ["CYCLES", "PRECISIONS", "RECIPES", "Plan", "Wishes", "levels_by_default", "plan_for"]
-
 RECIPES: Final = ("auto", "conforming", "patches", "agglomerates")
 CYCLES: Final = ("auto", "V", "W", "F", "K")
 PRECISIONS: Final = ("auto", "single", "double")

@@ -31,8 +31,6 @@ from agglo_polydg_mg.solver.numbering import Numbering
 from agglo_polydg_mg.solver.recipes import Plan, Wishes
 from agglo_polydg_mg.stopwatch import Stopwatch
 
-__all__ = ["RepeatedSolves", "Task", "task_for"]
-
 Task = DiffusionTask | LinearTask
 
 _MORE: Final = 1.5

@@ -8,8 +8,6 @@ from functools import cached_property
 
 from agglo_core.authoring import Float, energy_of_solution, relative_size, two_norm
 
-__all__ = ["ResidualMeasure"]
-
 
 @dataclass(frozen=True, eq=False)
 class ResidualMeasure:

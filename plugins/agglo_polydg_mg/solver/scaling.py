@@ -11,8 +11,6 @@ import numpy as np
 
 from agglo_core.authoring import Diffusion, Field, Float, Mesh, OptionError, frozen_float
 
-__all__ = ["data_size", "factor_for", "matrix_factor", "times", "unscaled", "unscaled_matrix"]
-
 _MODERATE = 1e100
 _MODERATE_MATRIX = 1e10
 """Narrower, as levels may be in single precision."""

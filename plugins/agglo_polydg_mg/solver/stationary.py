@@ -21,8 +21,6 @@ from agglo_core.authoring import (
 from agglo_polydg_mg.solver.corrections import Corrections
 from agglo_polydg_mg.solver.residual_measure import ResidualMeasure
 
-__all__ = ["Step", "stationary", "unsolved"]
-
 Step = Callable[[Float, Float], Float]
 """One iteration: maps right-hand side and iterate ``(n,)`` to the next iterate."""
 

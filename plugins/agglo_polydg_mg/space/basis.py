@@ -31,8 +31,6 @@ from agglo_polydg_mg.space.quadrature import moments, per_cell, weighted_moments
 from agglo_polydg_mg.space.solid_geometry import boxes_of_solids
 from agglo_polydg_mg.space.walk import Walk, walk_through
 
-__all__ = ["Basis", "block_diagonal", "one_per_row", "stiffness"]
-
 _FILL = 0.1
 """A cell that fills less of its bounding box may have one that is turned."""
 

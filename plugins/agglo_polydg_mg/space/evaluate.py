@@ -9,8 +9,6 @@ from agglo_core.authoring import Float, Int, Mesh, OptionError, frozen_int
 from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.locate_solids import cells_that_hold
 
-__all__ = ["evaluate", "locate"]
-
 _NEAR = 1e-9  # of the mesh's size: points on a face may miss both of its cells by rounding
 
 

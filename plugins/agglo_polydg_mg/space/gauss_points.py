@@ -8,8 +8,6 @@ import numpy as np
 
 from agglo_core.authoring import Float, frozen_float
 
-__all__ = ["gauss", "simplex_rule"]
-
 
 @cache
 def gauss(n: int) -> tuple[Float, Float]:

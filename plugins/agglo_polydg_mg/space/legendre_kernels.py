@@ -11,20 +11,6 @@ import numpy as np
 
 from agglo_core.authoring import helper, kernel
 
-__all__ = [
-    "CONSTANT",
-    "LANES",
-    "along_box",
-    "boundary_moments",
-    "bounding_boxes",
-    "legendre_at",
-    "point_moments",
-    "recurrences",
-    "slopes_of",
-    "sparse_products",
-]
-
-
 LANES = 64
 """Cells or faces that are taken at a time where loops over them are what processors do fast."""
 CONSTANT = np.sqrt(0.5)

@@ -7,8 +7,6 @@ import numpy as np
 from agglo_core.authoring import Float, Int, Mesh, frozen_int
 from agglo_polydg_mg.space.solid_geometry import boxes_of_solids, triangles_of_faces
 
-__all__ = ["cells_that_hold"]
-
 _TRIANGLES = 1_000_000  # looked at together
 _INSIDE = 0.01
 """Part of the solid angle from which a point belongs to a cell: on faces both have half of it."""

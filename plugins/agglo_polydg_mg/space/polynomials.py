@@ -11,8 +11,6 @@ import numpy as np
 from agglo_core.authoring import Float, Int, frozen_float, frozen_int, over_ranges
 from agglo_polydg_mg.space.gauss_points import gauss
 
-__all__ = ["Monomials", "legendre", "monomials", "n_polynomials", "orders", "products", "slopes"]
-
 
 def n_polynomials(degree: int, dim: int = 2) -> int:
     """Number of polynomials of a total degree, 3 in the plane and 4 in space for degree 1."""

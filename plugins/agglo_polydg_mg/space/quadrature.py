@@ -31,15 +31,6 @@ from agglo_polydg_mg.space.solid_geometry import tetrahedra_of_solids
 from agglo_polydg_mg.space.triangulation import triangulate
 from agglo_polydg_mg.space.walk import Walk
 
-__all__ = [
-    "Batch",
-    "inside",
-    "moments",
-    "per_cell",
-    "sample",
-    "weighted_moments",
-]
-
 _FEW = 4_000  # cells one thread integrates over in some milliseconds
 _POINTS = 200_000  # in a batch: it stays in the cache of a processor
 

@@ -11,8 +11,6 @@ from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.solid_geometry import tetrahedra_of_solids
 from agglo_polydg_mg.space.triangulation import triangulate
 
-__all__ = ["sampled", "samples_of"]
-
 _INVERTED = -1e-12  # of the volume of a cell
 
 

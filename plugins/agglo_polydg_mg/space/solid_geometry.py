@@ -6,8 +6,6 @@ import numpy as np
 
 from agglo_core.authoring import Float, Int, Mesh, MeshError, frozen_float, frozen_int, over_ranges
 
-__all__ = ["boxes_of_solids", "require_convex", "solid_heights", "tetrahedra_of_solids", "triangles_of_faces"]
-
 _FEW = 10_000  # cells one thread looks at in some milliseconds
 
 

@@ -11,8 +11,6 @@ import numpy as np
 from agglo_core.authoring import helper, kernel
 from agglo_polydg_mg.space.legendre_kernels import legendre_at, recurrences
 
-__all__ = ["farthest_vertices", "in_box", "solid_moments", "solid_point_moments"]
-
 _FLAT = 1e-9
 """A vertex is beyond a face if it is so by more than this part of the height of the cell there."""
 

@@ -6,8 +6,6 @@ import numpy as np
 
 from agglo_core.authoring import Float, Int, Mesh, MeshError, frozen_float, frozen_int
 
-__all__ = ["triangulate"]
-
 
 def triangulate(mesh: Mesh) -> tuple[Int, Float]:
     """Triangles inside each cell: offsets ``(n + 1,)`` and corners ``(t, 3, 2)`` relative to the origin.

@@ -12,8 +12,6 @@ import numpy as np
 
 from agglo_core.authoring import Float, Int, Mesh, curve_order, frozen_int
 
-__all__ = ["FEW", "SCATTERED", "Walk", "walk_through"]
-
 FEW: Final = {2: 10_000, 3: 3_000}
 """Cells that are near enough to the processor in any order, by dimension."""
 SCATTERED: Final = 4.0
