@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
-from numba import types
+from numba import config, types
 from numba.core.errors import RequireLiteralValue
 from numba.extending import intrinsic
 
@@ -132,5 +133,16 @@ class _Lanes:
         return self.builder.shuffle_vector(one, other, lanes)
 
 
-add_product: Any = intrinsic(_add_product)
-add_dots: Any = intrinsic(_add_dots)
+def _add_product_slowly(n, factors, start, stride, block, at, into, to):
+    """Twin of ``add_product`` for NUMBA_DISABLE_JIT, as a debugger can follow it."""
+    rows = block[at : at + n * n].reshape(n, n)
+    into[to : to + n] += factors[start + stride * np.arange(n)] @ rows
+
+
+def _add_dots_slowly(n, block, at, vector, start, into, to):
+    """Twin of ``add_dots``."""
+    into[to : to + n] += block[at : at + n * n].reshape(n, n) @ vector[start : start + n]
+
+
+add_product: Any = _add_product_slowly if config.DISABLE_JIT else intrinsic(_add_product)
+add_dots: Any = _add_dots_slowly if config.DISABLE_JIT else intrinsic(_add_dots)

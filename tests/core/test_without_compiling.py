@@ -1,0 +1,38 @@
+"""A run and a solve with NUMBA_DISABLE_JIT, in which a debugger follows kernels line by line."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+SCRIPT = """
+import json
+import agglo_core as agglo
+
+answers = []
+for mesh in (agglo.samples.voronoi(60, seed=1), agglo.samples.tetrahedra(2)):
+    hierarchy = agglo.agglomerate(mesh, n_parts=(12, 4))
+    solution = agglo.solve(hierarchy, degree=1)
+    answers.append([[labels.tolist() for labels in hierarchy.levels], solution.iterations, solution.x.tolist()])
+print(json.dumps(answers))
+"""
+
+
+def answers(**environment: str) -> list[tuple[list[list[int]], int, list[float]]]:
+    """Labels, iterations and unknowns of the script, run with some environment variables."""
+    run = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", SCRIPT],  # hashes overflow, as they do in machine code
+        capture_output=True, text=True, check=True, env=os.environ | environment,
+    )  # fmt: skip
+    return [tuple(answer) for answer in json.loads(run.stdout)]
+
+
+def test_kernels_in_python_give_the_same_labels_and_solutions() -> None:
+    for plain, compiled in zip(answers(NUMBA_DISABLE_JIT="1"), answers(), strict=True):
+        assert plain[:2] == compiled[:2]
+        assert plain[2] == pytest.approx(compiled[2], abs=1e-9 * np.abs(compiled[2]).max())
