@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
@@ -27,6 +28,7 @@ class Derived:
     face_offsets: Int
     face_vertices: Int
     face_cells: Int
+    repairs: Mapping[str, int]
 
     # -- sizes ---------------------------------------------------------------------------------
     @property

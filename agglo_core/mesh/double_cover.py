@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.mesh.checks import box_centre, merge_equal
 from agglo_core.mesh.conforming import TOLERANCE
-
-if TYPE_CHECKING:
-    from agglo_core.mesh.polytopal import Mesh
+from agglo_core.mesh.derived import Derived
+from agglo_core.mesh.elsewhere import made_by
 
 _log = logging.getLogger("agglo")
 
 _BITS = 44  # of coordinates in the union: without rounding to a grid GEOS loses cells of some unions
 
 
-def warn_of_double_cover(mesh: Mesh) -> None:
+def warn_of_double_cover(mesh: Derived) -> None:
     """Warn if plane cells overlap, so that their total measure exceeds the measure of their union.
 
     The winding number of the outer faces counts the cells at a point (Stokes), so the cost grows with the
@@ -35,7 +34,9 @@ def warn_of_double_cover(mesh: Mesh) -> None:
 
     grid = 2.0 ** (np.frexp(np.abs(mesh.points).max())[1] - _BITS)
     total = float(mesh.cell_measures.sum())
-    union = float(shapely.union_all(mesh.to_shapely(), grid_size=grid).area)
+    union = float(
+        shapely.union_all(made_by("agglo_core.interchange:mesh_to_shapely")(mesh), grid_size=grid).area
+    )
     _log.warning(
         "cells overlap: their total measure is %.10g, that of their union %.10g, so %.4g is counted twice. "
         "strict=True finds the cells. In a periodic mesh, cells that wrap around need points of their own on "

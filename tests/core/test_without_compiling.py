@@ -18,7 +18,8 @@ answers = []
 for mesh in (agglo.samples.voronoi(60, seed=1), agglo.samples.tetrahedra(2)):
     hierarchy = agglo.agglomerate(mesh, n_parts=(12, 4))
     solution = agglo.solve(hierarchy, degree=1)
-    answers.append([[labels.tolist() for labels in hierarchy.levels], solution.iterations, solution.x.tolist()])
+    levels = [labels.tolist() for labels in hierarchy.levels]
+    answers.append([levels, solution.iterations, solution.x.tolist()])
 print(json.dumps(answers))
 """
 

@@ -9,8 +9,7 @@ from scipy import sparse
 
 from agglo_core import samples
 from agglo_core.errors import OptionError
-from agglo_core.multigrid import direct_solver
-from agglo_core.multigrid.smoothers import additive_schwarz
+from agglo_core.multigrid import additive_schwarz, direct_solver
 
 
 def boxes(mesh, per_side: int) -> np.ndarray:

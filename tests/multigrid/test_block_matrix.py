@@ -8,9 +8,8 @@ from multigrid.random_systems import block_diagonal, random_system
 from scipy import sparse
 
 from agglo_core.errors import OptionError
-from agglo_core.multigrid import BlockMatrix, block_inverses
+from agglo_core.multigrid import BlockMatrix, block_inverses, block_matrix
 from agglo_core.multigrid.kernels.block_sweeps import both_products, clear_tiny, invert_blocks
-from agglo_core.multigrid.matrices import block_matrix
 from agglo_core.multigrid.matrices.block_product import BlockProduct, swift
 
 EQUAL = [np.full(20, width) for width in (1, 3, 4, 10, 17)]

@@ -17,11 +17,11 @@ from agglo_core.multigrid import (
     Chebyshev,
     GaussSeidel,
     adapted,
+    block_matrix,
     cycle,
     largest_eigenvalue,
     smoother_setup,
 )
-from agglo_core.multigrid.matrices import block_matrix
 from agglo_core.problems import MultigridLevel
 
 OFFSETS = {"equal": np.arange(0, 31, 3), "unequal": np.array([0, 2, 2, 9, 14, 15, 30])}

@@ -9,10 +9,9 @@ from scipy import sparse
 from agglo_core import samples
 from agglo_core.arrays import frozen_float, frozen_index, frozen_int
 from agglo_core.errors import OptionError
-from agglo_core.multigrid import AdditivePatches, VertexPatches, vertex_patches
+from agglo_core.multigrid import AdditivePatches, VertexPatches, joined_patches, vertex_patches
 from agglo_core.multigrid.kernels.patch_factors import patch_factors, patch_orders
 from agglo_core.multigrid.matrices.block_matrix import in_precision
-from agglo_core.multigrid.smoothers import joined_patches
 from agglo_core.multigrid.smoothers.patch_smoother import PatchSmoother
 from agglo_core.problems import MultigridLevel, Patches
 

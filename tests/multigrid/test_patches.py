@@ -8,8 +8,7 @@ import pytest
 from agglo_core import samples
 from agglo_core.errors import MeshError, OptionError
 from agglo_core.mesh import Mesh
-from agglo_core.multigrid import vertex_patches
-from agglo_core.multigrid.smoothers import joined_patches
+from agglo_core.multigrid import joined_patches, vertex_patches
 from agglo_core.problems import Patches
 
 Array = np.ndarray

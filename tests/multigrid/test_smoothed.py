@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from agglo_core.multigrid import block_scaled, smoothed_prolongation
-from agglo_core.multigrid.matrices import galerkin
+from agglo_core.multigrid import block_scaled, galerkin, smoothed_prolongation
 from agglo_core.multigrid.smoothers.spectrum import largest_eigenvalue
 
 Array = np.ndarray

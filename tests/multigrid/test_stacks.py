@@ -18,14 +18,14 @@ from agglo_core.multigrid import (
     COARSE_SOLVERS,
     SMOOTHERS,
     Composition,
+    additive_schwarz,
     build_stack,
     coarse_solver,
     cycle,
     direct_solver,
+    galerkin,
     injection,
 )
-from agglo_core.multigrid.matrices import galerkin
-from agglo_core.multigrid.smoothers import additive_schwarz
 from agglo_core.problems import MultigridLevel, Patches, System
 
 

@@ -14,8 +14,7 @@ from scipy.sparse.linalg import LinearOperator
 from agglo_core import samples
 from agglo_core.errors import FileError, OptionError
 from agglo_core.io.system_files import read_system, write_system
-from agglo_core.multigrid import aggregation_stack, classical_stack
-from agglo_core.multigrid.matrices import block_matrix
+from agglo_core.multigrid import aggregation_stack, block_matrix, classical_stack
 from agglo_core.problems import Linear, System
 
 

@@ -10,10 +10,12 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
-from numba import config, types
+from numba import types
+from numba.core import config
 from numba.core.errors import RequireLiteralValue
 from numba.extending import intrinsic
 
+_IN_PYTHON = bool(getattr(config, "DISABLE_JIT", False))
 _FLAGS = ("contract", "reassoc", "nsz")
 
 
@@ -144,5 +146,5 @@ def _add_dots_slowly(n, block, at, vector, start, into, to):
     into[to : to + n] += block[at : at + n * n].reshape(n, n) @ vector[start : start + n]
 
 
-add_product: Any = _add_product_slowly if config.DISABLE_JIT else intrinsic(_add_product)
-add_dots: Any = _add_dots_slowly if config.DISABLE_JIT else intrinsic(_add_dots)
+add_product: Any = _add_product_slowly if _IN_PYTHON else intrinsic(_add_product)
+add_dots: Any = _add_dots_slowly if _IN_PYTHON else intrinsic(_add_dots)
