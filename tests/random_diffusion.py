@@ -13,7 +13,7 @@ from scipy.sparse.linalg import splu
 from agglo_core import Mesh, samples
 from agglo_core.problems import Diffusion
 from agglo_polydg_mg.forms.assembly import lifted
-from agglo_polydg_mg.forms.jumps import EnergyNorm
+from agglo_polydg_mg.forms.norms import EnergyNorm
 from agglo_polydg_mg.space.basis import Basis
 
 __all__ = ["Case", "energy_error", "graded", "random_case", "with_four_sides"]

@@ -23,8 +23,7 @@ from agglo_core.authoring import (
 )
 from agglo_polydg_mg.forms.assembly import Lifted, cell_means, lifted, load
 from agglo_polydg_mg.forms.boundary import boundary_faces
-from agglo_polydg_mg.forms.jumps import EnergyNorm
-from agglo_polydg_mg.forms.norms import errors
+from agglo_polydg_mg.forms.norms import EnergyNorm, errors
 from agglo_polydg_mg.forms.penalty import Penalty
 from agglo_polydg_mg.forms.straight_sides import with_straight_sides
 from agglo_polydg_mg.forms.unit_forms import UnitForms
@@ -32,9 +31,8 @@ from agglo_polydg_mg.option_checks import require_count, require_penalty, requir
 from agglo_polydg_mg.solver.residual_measure import ResidualMeasure
 from agglo_polydg_mg.solver.scaling import factor_for, times
 from agglo_polydg_mg.space.basis import Basis
-from agglo_polydg_mg.space.evaluate import evaluate
 from agglo_polydg_mg.space.quadrature import sample
-from agglo_polydg_mg.space.sampling import samples_of
+from agglo_polydg_mg.space.sampling import evaluate, samples_of
 
 
 @dataclass(frozen=True)

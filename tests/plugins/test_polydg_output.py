@@ -17,9 +17,8 @@ from agglo_polydg_mg.auxiliary.box_transfer import project_between
 from agglo_polydg_mg.forms.norms import errors
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.space.basis import Basis
-from agglo_polydg_mg.space.evaluate import evaluate, locate
-from agglo_polydg_mg.space.sampling import sampled, samples_of
-from agglo_polydg_mg.space.triangulation import triangulate
+from agglo_polydg_mg.space.quadrature import triangulate
+from agglo_polydg_mg.space.sampling import evaluate, locate, sampled, samples_of
 
 Array = NDArray[np.float64]
 

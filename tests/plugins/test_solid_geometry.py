@@ -13,10 +13,9 @@ from agglo_polydg_mg.auxiliary.box_transfer import project_between
 from agglo_polydg_mg.forms.penalty import simplex_heights
 from agglo_polydg_mg.forms.sides import sides_of
 from agglo_polydg_mg.space.basis import Basis
-from agglo_polydg_mg.space.evaluate import evaluate, locate
 from agglo_polydg_mg.space.polynomials import legendre, orders
 from agglo_polydg_mg.space.quadrature import moments, weighted_moments
-from agglo_polydg_mg.space.sampling import sampled
+from agglo_polydg_mg.space.sampling import evaluate, locate, sampled
 
 
 @pytest.mark.parametrize("name", MESHES)
