@@ -26,17 +26,14 @@ from agglo_core.arrays import (
     frozen_index as frozen_index,
     frozen_int as frozen_int,
 )
-from agglo_core.cli.arguments import (
-    COMPONENT as COMPONENT,
-    FILE as FILE,
-    agglomeration_options as agglomeration_options,
-    bisectors_option as bisectors_option,
-    choice as choice,
-    load_mesh as load_mesh,
-    metrics_option as metrics_option,
-    parse_spec as parse_spec,
-)
+from agglo_core.cli.arguments import FILE as FILE, agglomeration_options as agglomeration_options
 from agglo_core.cli.number_types import Number as Number
+from agglo_core.cli.shared_options import (
+    COMPONENT as COMPONENT,
+    bisectors_option as bisectors_option,
+    metrics_option as metrics_option,
+)
+from agglo_core.cli.specs import choice as choice, load_mesh as load_mesh, parse_spec as parse_spec
 from agglo_core.cli.tables import (
     print_lines as print_lines,
     print_table as print_table,
@@ -57,11 +54,8 @@ from agglo_core.compiled.thresholds import (
     axes_block as axes_block,
     scan_thresholds as scan_thresholds,
 )
-from agglo_core.draw.plot import (
-    PALETTE as PALETTE,
-    colouring as colouring,
-    save_figure as save_figure,
-)
+from agglo_core.draw.colours import PALETTE as PALETTE, colouring as colouring
+from agglo_core.draw.plot import save_figure as save_figure
 from agglo_core.errors import (
     AggloError as AggloError,
     FileError as FileError,
@@ -128,14 +122,14 @@ from agglo_core.problems import (
     System as System,
 )
 from agglo_core.problems.backward_error import limit_told as limit_told
-from agglo_core.problems.conjugate_gradients import (
+from agglo_core.problems.conjugate_gradients import conjugate_gradients as conjugate_gradients
+from agglo_core.problems.deferred import Deferred as Deferred
+from agglo_core.problems.iteration_history import (
     MET as MET,
     TESTS as TESTS,
     History as History,
-    conjugate_gradients as conjugate_gradients,
     iterated as iterated,
 )
-from agglo_core.problems.deferred import Deferred as Deferred
 from agglo_core.problems.real_system import symmetric_system as symmetric_system
 from agglo_core.problems.sizes import (
     energy_of_solution as energy_of_solution,

@@ -13,7 +13,8 @@ import numpy as np
 
 from agglo_core import samples
 from agglo_core.hierarchy import Hierarchy
-from agglo_core.measure.comparison import RunResult, measure_levels
+from agglo_core.measure.agglomerates import measure_levels
+from agglo_core.measure.comparison import RunResult
 from agglo_core.mesh import Mesh
 
 EVIL = '<b>&amp;</script><script>document.title = "taken"</script><!--title-->/*data*/'

@@ -9,8 +9,9 @@ from typing import Any, Literal
 
 from numpy.typing import ArrayLike
 
+from agglo_core.agglomeration.choices import Choice
 from agglo_core.agglomeration.goals import Numbers
-from agglo_core.agglomeration.pipeline import Choice, Method, Pipeline
+from agglo_core.agglomeration.pipeline import Method, Pipeline
 from agglo_core.agglomeration.rules import Balance, Marks, Names
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph

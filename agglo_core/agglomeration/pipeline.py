@@ -32,8 +32,6 @@ from agglo_core.progress import Listener, followed, phase
 from agglo_core.registry import Registry, default
 from agglo_core.threads import thread_count, using_threads
 
-__all__ = ["Choice", "Method", "Pipeline"]
-
 Method = Literal["recursive", "kway"]
 
 

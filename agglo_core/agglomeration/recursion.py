@@ -16,8 +16,8 @@ import numpy as np
 from agglo_core.agglomeration.goals import Goal, SizeGoal
 from agglo_core.agglomeration.growing import grown_levels
 from agglo_core.agglomeration.polishing import PostPass
-from agglo_core.agglomeration.run import Run, splitmix
-from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
+from agglo_core.agglomeration.run import Run
+from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int, splitmix
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Tree
 from agglo_core.progress import Tell, phase

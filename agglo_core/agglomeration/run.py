@@ -34,8 +34,6 @@ from agglo_core.protocols import Target
 from agglo_core.registry.attribution import Member, attributed
 from agglo_core.split.side_shares import shifted
 
-__all__ = ["Run", "Statistics", "Timed", "splitmix"]
-
 _APART = np.uint64(0xBF58476D1CE4E5B9)  # between the seeds of two stages
 
 

@@ -31,44 +31,13 @@ from agglo_core.cli.shared_options import (
     Command,
     Decorator,
     bisectors_option,
-    metrics_option,
-    read_bisectors,
     threads_option,
 )
 from agglo_core.cli.specs import (
-    Value,
-    all_bisectors,
-    as_typed,
     choice,
-    load_mesh,
     numbers,
-    parse_spec,
     refuse_duplicates,
-    split_specs,
 )
-from agglo_core.registry.options import parse_value
-
-__all__ = [
-    "COMPONENT",
-    "FILE",
-    "METHODS",
-    "Value",
-    "agglomeration_options",
-    "all_bisectors",
-    "as_typed",
-    "bisectors_option",
-    "choice",
-    "load_mesh",
-    "metrics_option",
-    "numbers",
-    "parse_spec",
-    "parse_value",
-    "read_bisectors",
-    "read_methods",
-    "refuse_duplicates",
-    "split_specs",
-    "threads_option",
-]
 
 
 class _File(click.Path):

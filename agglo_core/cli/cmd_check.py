@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from agglo_core.cli.arguments import as_typed
 from agglo_core.cli.completing import any_names
 from agglo_core.cli.console import print_json
+from agglo_core.cli.specs import as_typed
 from agglo_core.cli.stdout import OwnCommand
 from agglo_core.cli.tables import print_lines, print_table
 from agglo_core.errors import OptionError, PluginError

@@ -8,17 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from agglo_core.cli.arguments import (
-    COMPONENT,
-    FILE,
-    METHODS,
-    agglomeration_options,
-    all_bisectors,
-    choice,
-    load_mesh,
-    metrics_option,
-    refuse_duplicates,
-)
+from agglo_core.cli.arguments import FILE, METHODS, agglomeration_options
 from agglo_core.cli.completing import meshes, names
 from agglo_core.cli.console import explain_compilation, number, print_json, quieten
 from agglo_core.cli.outputs import (
@@ -29,8 +19,10 @@ from agglo_core.cli.outputs import (
     weigh_runs,
 )
 from agglo_core.cli.runs import attempt, data, refuse_all_failed, refuse_metrics, run_data, show, watched
+from agglo_core.cli.shared_options import COMPONENT, metrics_option
 from agglo_core.cli.solved_runs import Solved, reported, show_solved, solve_runs
 from agglo_core.cli.solver_choice import DEFAULT_SOLVER, built_solver, posed_by
+from agglo_core.cli.specs import all_bisectors, choice, load_mesh, refuse_duplicates
 from agglo_core.cli.stdout import OwnCommand
 from agglo_core.progress import phase
 from agglo_core.registry import default

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from agglo_core.cli.arguments import COMPONENT, FILE, agglomeration_options, load_mesh
+from agglo_core.cli.arguments import FILE, agglomeration_options
 from agglo_core.cli.completing import meshes, names
 from agglo_core.cli.console import explain_compilation, print_json
 from agglo_core.cli.number_types import Number
 from agglo_core.cli.outputs import Outputs, check_picture
 from agglo_core.cli.ranks_solve import NOT_CONVERGED, solve_on_ranks, solves_across
 from agglo_core.cli.runs import watched
+from agglo_core.cli.shared_options import COMPONENT
 from agglo_core.cli.solve_outputs import (
     check_more,
     draw_history,
@@ -25,6 +26,7 @@ from agglo_core.cli.solve_outputs import (
     with_hierarchy,
 )
 from agglo_core.cli.solver_choice import DEFAULT_SOLVER, Posed, built_solver, posed_by, solver_title
+from agglo_core.cli.specs import load_mesh
 from agglo_core.cli.stdout import OwnCommand, terminal_columns
 from agglo_core.cli.tables import print_lines
 from agglo_core.cli.under_mpi import launched, refuse_files, refuse_on_ranks

@@ -14,7 +14,7 @@ from agglo_core.cli.number_types import in_words
 from agglo_core.errors import FileError, OptionError, PluginError
 from agglo_core.registry import default
 from agglo_core.registry.construct import checked_options, resolve
-from agglo_core.registry.options import Text, parse_value
+from agglo_core.registry.option_types import Text, parse_value
 
 if TYPE_CHECKING:
     from agglo_core.mesh import Mesh

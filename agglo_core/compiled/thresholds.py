@@ -8,21 +8,6 @@ from agglo_core.compiled.axes import half_circle, halvings, planar_frame, turned
 from agglo_core.compiled.centring import centre_block
 from agglo_core.compiled.compiling import helper, kernel
 
-__all__ = [
-    "NO_CUT",
-    "axes_block",
-    "bar_of",
-    "centre_block",
-    "edge_room",
-    "edges_of_block",
-    "scan_thresholds",
-    "sweep_axes",
-    "sweep_block",
-    "sweep_level",
-    "thresholds_between",
-    "write_sides",
-]
-
 NO_CUT = 1e300  # cost where no threshold leaves weight on both sides; finite, for differences are taken
 _BINS = 32  # an even number: the middle of a symmetric score is a threshold
 _TIE = 1e-6  # of a bin: values that close to a threshold lie below it

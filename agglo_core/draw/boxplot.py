@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from agglo_core.arrays import Float
-from agglo_core.draw.plot import PALETTE, save_figure
+from agglo_core.draw.colours import PALETTE
+from agglo_core.draw.plot import save_figure
 from agglo_core.errors import OptionError
 
 _TITLES = {"UF": "uniformity factor UF", "CR": "circle ratio CR", "CRc": "circle ratio CRc, centred"}

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.registry import Registry
 
-__all__ = ["Level", "Run", "RunResult", "measure_levels", "timed_run", "wanted"]
-
 _WORDS = {
     "h_factor": "h ≤ {:g} h0",
     "h_star": "h ≤ {:.4g}",

@@ -18,8 +18,6 @@ from agglo_core.problems.row_scales import lifted, penalised_rows, row_measure, 
 from agglo_core.problems.sizes import Measure, energy_of_solution, size_ratio, two_norm
 from agglo_core.progress import Tell, to_nobody
 
-__all__ = ["MET", "TESTS", "History", "conjugate_gradients", "iterated"]
-
 _INDEFINITE = "the matrix is not positive definite: "
 _SINGULAR = "the matrix is singular, to rounding, and the load is not in its range: "
 _ILL_CONDITIONED = "the matrix is singular, or nearly so: "

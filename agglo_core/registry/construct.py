@@ -12,7 +12,8 @@ from typing import Any
 from agglo_core.errors import AggloError, OptionError, PluginError
 from agglo_core.registry.containment import PLUGIN_FAILURES, LoadingError, folder_kept, loading, raised, shown
 from agglo_core.registry.kinds import KINDS
-from agglo_core.registry.options import Text, convert, options_of, parse_value, wants_registry
+from agglo_core.registry.option_types import Text, parse_value
+from agglo_core.registry.options import convert, options_of, wants_registry
 from agglo_core.registry.records import Record, describe, unusable
 
 

@@ -24,9 +24,6 @@ from agglo_core.registry.code_options import is_written, names_code
 from agglo_core.registry.containment import shown
 from agglo_core.registry.option_types import UNTYPED, Text, fit, in_words, parse_value
 
-__all__ = ["Option", "Text", "convert", "name_and_options", "options_of", "parse_value", "wants_registry"]
-
-
 _MARKUP = re.compile(r"(?::\w+:)?`+~?([^`]*)`+")
 """Names in a docstring as reStructuredText writes them, such as :meth:`bisect`."""
 

@@ -9,7 +9,8 @@ from agglo_core.mesh import Mesh
 from agglo_core.registry import Record, Registry, default, describe
 from agglo_core.registry.construct import checked_options, resolve
 from agglo_core.registry.containment import shown
-from agglo_core.registry.options import Option, Text, options_of
+from agglo_core.registry.option_types import Text
+from agglo_core.registry.options import Option, options_of
 
 
 def names(registry: Registry | None = None) -> list[str]:

@@ -15,10 +15,7 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.mesh import Loops, Mesh
 from agglo_core.shapes import solid_shapes
 from agglo_core.shapes.metrics import agglomerates, plane_agglomerates
-from agglo_core.shapes.round_shapes import IsoperimetricQuotient
 from agglo_core.threads import over_ranges
-
-__all__ = ["BoxRatio", "Convexity", "EdgeRatio", "FaceRatio", "IsoperimetricQuotient", "StarShapedness"]
 
 _STRAIGHT = 1e-8  # radians; rounded coordinates turn collinear edges by less
 

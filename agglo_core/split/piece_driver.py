@@ -8,6 +8,7 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper
 from agglo_core.compiled.widths import is_wider
+from agglo_core.split.piece_refinement import refine_sides
 from agglo_core.split.piece_shares import holds_share, shift_cut
 from agglo_core.split.piece_splits import (
     cells_beside,
@@ -16,7 +17,6 @@ from agglo_core.split.piece_splits import (
     part_list,
     piece_room,
     quota_of_left,
-    refine_sides,
     side_sizes,
     side_tags,
     sides_connected,

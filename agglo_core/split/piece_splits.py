@@ -17,27 +17,6 @@ from agglo_core.compiled.compiling import ONE, helper, kernel
 from agglo_core.compiled.geometry import box, octagon
 from agglo_core.compiled.graphs import join_before
 from agglo_core.compiled.ring_search import connected
-from agglo_core.split.piece_refinement import refine_sides
-
-__all__ = [
-    "HEAVY",
-    "SAMPLED",
-    "cells_beside",
-    "is_chosen",
-    "is_connected",
-    "narrowness",
-    "part_list",
-    "piece_room",
-    "quota_of_left",
-    "reach_of_cells",
-    "refine_sides",
-    "side_sizes",
-    "side_tags",
-    "sides_connected",
-    "tagged_components",
-    "units_of",
-]
-
 
 HEAVY = 4.0  # means: cells of more weight are in every sample
 SAMPLED = np.int64(8)

@@ -13,16 +13,6 @@ from agglo_core.split.piece_driver import largest_piece, split_pieces, tag_sides
 from agglo_core.split.piece_frames import load_piece, point_room, principal_frame
 from agglo_core.split.piece_splits import side_tags
 
-__all__ = [
-    "bar_of",
-    "edges_of_piece",
-    "load_piece",
-    "most_edges",
-    "point_room",
-    "score_room",
-    "split_along_axes",
-]
-
 
 @helper
 def most_edges(todo, counts, cells, indptr):

@@ -11,15 +11,10 @@ import click
 import pytest
 
 from agglo_core import FileError, OptionError, PluginError, agglomerate, samples, write
-from agglo_core.cli.arguments import (
-    agglomeration_options,
-    all_bisectors,
-    choice,
-    load_mesh,
-    metrics_option,
-    refuse_duplicates,
-)
-from agglo_core.registry.options import parse_value
+from agglo_core.cli.arguments import agglomeration_options
+from agglo_core.cli.shared_options import metrics_option
+from agglo_core.cli.specs import all_bisectors, choice, load_mesh, refuse_duplicates
+from agglo_core.registry.option_types import parse_value
 
 
 @click.command()

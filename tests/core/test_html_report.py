@@ -17,13 +17,14 @@ from hypothesis import given, strategies as st
 from report_data import EVIL, data_of, faces_of, made, named_ring, sectors, two_and_a_failure, unpacked
 
 from agglo_core import samples
-from agglo_core.draw.plot import PALETTE, colouring
+from agglo_core.draw.colours import PALETTE, colouring
 from agglo_core.draw.webpage import write_page
 from agglo_core.draw.webpage.packing import bytes_apart, differences, integers, reals
 from agglo_core.draw.webpage.sections import OWN
 from agglo_core.errors import FileError, OptionError
 from agglo_core.hierarchy import Hierarchy
-from agglo_core.measure.comparison import RunResult, measure_levels
+from agglo_core.measure.agglomerates import measure_levels
+from agglo_core.measure.comparison import RunResult
 from agglo_core.mesh import Mesh
 from agglo_core.registry import Component, Registry, hookimpl
 

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from agglo_core import Component, OptionError, Pipeline, PluginError, Registry, hookimpl, samples
-from agglo_core.registry.options import Option, Text, convert, options_of, parse_value
+from agglo_core.registry.option_types import Text, parse_value
+from agglo_core.registry.options import Option, convert, options_of
 
 
 class Colour(Enum):

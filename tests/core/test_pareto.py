@@ -19,7 +19,8 @@ from agglo_core.draw.webpage.page import write_page
 from agglo_core.draw.webpage.pareto_section import ParetoSection
 from agglo_core.errors import OptionError
 from agglo_core.hierarchy import Hierarchy
-from agglo_core.measure.comparison import RunResult, measure_levels
+from agglo_core.measure.agglomerates import measure_levels
+from agglo_core.measure.comparison import RunResult
 from agglo_core.measure.trade_offs import not_dominated, trade_offs
 from agglo_core.mesh import Mesh
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from agglo_core import samples
-from agglo_core.draw.plot import PALETTE, colouring, draw, draw_mesh
+from agglo_core.draw.colours import PALETTE, colouring
+from agglo_core.draw.plot import draw, draw_mesh
 from agglo_core.errors import FileError, OptionError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.measure import measure_levels

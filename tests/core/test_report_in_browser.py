@@ -12,7 +12,7 @@ from browser import Tab, visited
 from report_data import EVIL, OF_TWO, TWO, made, named_ring, two_and_a_failure
 
 from agglo_core import samples
-from agglo_core.draw.plot import PALETTE, colouring
+from agglo_core.draw.colours import PALETTE, colouring
 from agglo_core.draw.webpage import write_page
 from agglo_core.measure.comparison import RunResult
 from agglo_core.mesh import Mesh

@@ -8,7 +8,8 @@ import pytest
 import agglo_core as agglo
 from agglo_core import OptionError, PluginError, samples
 from agglo_core.agglomeration.border import bisect_by_block
-from agglo_core.agglomeration.run import Run, splitmix
+from agglo_core.agglomeration.run import Run
+from agglo_core.arrays import splitmix
 from agglo_core.registry.attribution import Member
 
 GRID = samples.squares(4)

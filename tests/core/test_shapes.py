@@ -16,13 +16,8 @@ from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
 from agglo_core.registry import default
 from agglo_core.shapes.planar_shapes import box_ratios, convex_hulls
-from agglo_core.shapes.shape_metrics import (
-    BoxRatio,
-    Convexity,
-    EdgeRatio,
-    IsoperimetricQuotient,
-    StarShapedness,
-)
+from agglo_core.shapes.round_shapes import IsoperimetricQuotient
+from agglo_core.shapes.shape_metrics import BoxRatio, Convexity, EdgeRatio, StarShapedness
 
 EVERY = {
     "isoperimetric": IsoperimetricQuotient(),

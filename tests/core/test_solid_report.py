@@ -14,7 +14,8 @@ from agglo_core import agglomerate, samples
 from agglo_core.draw.colours import PALETTE, colouring
 from agglo_core.draw.surfaces import SIDE, beyond, outer_faces, seen
 from agglo_core.draw.webpage import write_page
-from agglo_core.measure.comparison import RunResult, measure_levels
+from agglo_core.measure.agglomerates import measure_levels
+from agglo_core.measure.comparison import RunResult
 from agglo_core.mesh import Mesh
 
 

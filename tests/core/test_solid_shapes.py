@@ -14,14 +14,8 @@ from solid_parts import MESHES, area_vector, outer_faces, planes, prism, ragged,
 from agglo_core import samples
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
-from agglo_core.shapes.shape_metrics import (
-    BoxRatio,
-    Convexity,
-    EdgeRatio,
-    FaceRatio,
-    IsoperimetricQuotient,
-    StarShapedness,
-)
+from agglo_core.shapes.round_shapes import IsoperimetricQuotient
+from agglo_core.shapes.shape_metrics import BoxRatio, Convexity, EdgeRatio, FaceRatio, StarShapedness
 from agglo_core.shapes.solid_boxes import solid_box_ratios
 from agglo_core.shapes.solid_hulls import solid_hulls
 from agglo_core.shapes.solid_triangles import face_triangles

@@ -12,7 +12,7 @@ from typing import Any
 from agglo_core.conformance.base.subject import Subject, subject_of
 from agglo_core.errors import OptionError
 from agglo_core.registry import Component
-from agglo_core.registry.options import Text
+from agglo_core.registry.option_types import Text
 
 
 def environment() -> dict[str, str]:

@@ -27,8 +27,6 @@ from agglo_core.conformance.inputs.metric_shapes import (
 from agglo_core.conformance.inputs.metric_values import HAND, PLAIN
 from agglo_core.conformance.inputs.questions import answer, as_array, in_words, plain
 
-__all__ = ["HAND", "require_bounds", "require_close", "rounding"]
-
 _TOLD = ("undefined", "directional", "relative", "shape_only")
 _SCALES = (1e8, 1e-8)
 

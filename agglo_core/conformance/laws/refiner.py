@@ -20,8 +20,6 @@ from agglo_core.conformance.inputs.questions import every_graph, in_space, plain
 from agglo_core.graph import Graph
 from agglo_core.graph.objectives import OBJECTIVES, Objective, numbered_parts
 
-__all__ = ["OBJECTIVES", "in_more_pieces", "loose_parts"]
-
 
 @law("refiner")
 def components_not_raised(subject: Subject) -> None:

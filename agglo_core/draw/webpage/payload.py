@@ -13,7 +13,8 @@ from agglo_core.draw.webpage.fine_cells import along_curve, plane_faces, tags
 from agglo_core.draw.webpage.packing import differences, integers, reals
 from agglo_core.draw.webpage.stills import apart, stills
 from agglo_core.errors import OptionError
-from agglo_core.measure.comparison import Level, RunResult, wanted
+from agglo_core.measure.agglomerates import Level
+from agglo_core.measure.comparison import RunResult, wanted
 from agglo_core.mesh import Mesh
 from agglo_core.registry.discovery import version_of
 

@@ -42,17 +42,6 @@ from agglo_polydg_mg.space.basis import Basis, stiffness
 from agglo_polydg_mg.space.gauss_points import gauss
 from agglo_polydg_mg.space.quadrature import per_cell, sample, weighted_moments
 
-__all__ = [
-    "Lifted",
-    "cell_means",
-    "discretise",
-    "jump_penalty",
-    "lifted",
-    "load",
-    "positive",
-    "stiffness",
-]
-
 _FEW = 4_000  # cells whose blocks one thread adds up in some ten milliseconds
 
 

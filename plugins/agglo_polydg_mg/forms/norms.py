@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from agglo_core.authoring import Diffusion, Field, Float, Int, Mask, Mesh, OptionError, frozen_int
-from agglo_polydg_mg.forms.assembly import jump_penalty, positive, stiffness
+from agglo_polydg_mg.forms.assembly import jump_penalty, positive
 from agglo_polydg_mg.forms.boundary import Boundary, boundary_faces, boundary_values, data_offset
 from agglo_polydg_mg.forms.face_quadrature import face_coefficients, face_rule, on_pieces
 from agglo_polydg_mg.forms.penalty import PAPER, Penalty
-from agglo_polydg_mg.space.basis import Basis
+from agglo_polydg_mg.space.basis import Basis, stiffness
 from agglo_polydg_mg.space.quadrature import Batch, inside, sample
 
 _FACES = 20_000  # taken at once
