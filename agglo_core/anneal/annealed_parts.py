@@ -109,7 +109,7 @@ class Annealing:
         Parts trade cells only within the share of each, ``of_part``, if that is given.
         """
         from agglo_core.anneal.moment_annealing import anneal
-        from agglo_core.anneal.setup import part_state
+        from agglo_core.anneal.widths import part_state
 
         parts, work = part_state(self.cells, labels, int(labels.max()) + 1)
         both = weights.round + weights.central
@@ -135,7 +135,7 @@ class Annealing:
         """Labels after so many draws for each cell with true circles in the plane, and the shapes."""
         from agglo_core.anneal.circle_annealing import anneal_circles
         from agglo_core.anneal.circles import circle_state
-        from agglo_core.anneal.setup import part_state
+        from agglo_core.anneal.widths import part_state
 
         if self.edges is None:
             return self.annealed(labels, size, ramps, draws, seed, weights, limit)
@@ -154,14 +154,14 @@ class Annealing:
 
     def shapes(self, labels: Int) -> Shapes:
         """Shapes of the parts, with true circles in the plane."""
-        from agglo_core.anneal.setup import part_state
+        from agglo_core.anneal.widths import part_state
 
         parts, _ = part_state(self.cells, labels, int(labels.max()) + 1)
         return self._seen(parts) if self.edges is None else self._circled(parts)
 
     def seen(self, labels: Int) -> Shapes:
         """Shapes as the fast kernel sees them."""
-        from agglo_core.anneal.setup import part_state
+        from agglo_core.anneal.widths import part_state
 
         return self._seen(part_state(self.cells, labels, int(labels.max()) + 1)[0])
 
@@ -184,8 +184,8 @@ class Annealing:
 
 def corner_cells(graph: Graph) -> Any:
     """Cells of a graph with their corners, as kernels take them that look at widths."""
-    from agglo_core.anneal.setup import cell_surroundings
     from agglo_core.anneal.state import Cells
+    from agglo_core.anneal.widths import cell_surroundings
 
     used, numbers = np.unique(graph.vertices, return_inverse=True)
     corners = graph.vertex_offsets, frozen_index(numbers), frozen_float(graph.points[used])

@@ -17,13 +17,16 @@ from agglo_core.anneal.circles import (
     outline,
     touches,
 )
-from agglo_core.anneal.draws import drawn_loss, drawn_move, most_draws, share_seed
 from agglo_core.anneal.state import (
     COUNT,
     DIAMETER,
     MEASURE,
+    drawn_loss,
+    drawn_move,
     exchange,
     may_leave,
+    most_draws,
+    share_seed,
 )
 from agglo_core.anneal.widths import joined_width, left_width
 from agglo_core.compiled.compiling import helper, kernel

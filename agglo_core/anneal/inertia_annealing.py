@@ -11,8 +11,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agglo_core.anneal.draws import drawn_loss, drawn_move, most_draws, share_seed
-from agglo_core.anneal.state import COUNT, DIAMETER, MEASURE, Parts, Work, exchange, may_leave
+from agglo_core.anneal.state import (
+    COUNT,
+    DIAMETER,
+    MEASURE,
+    Parts,
+    Work,
+    drawn_loss,
+    drawn_move,
+    exchange,
+    may_leave,
+    most_draws,
+    share_seed,
+)
 from agglo_core.anneal.widths import joined_width, left_width, widest
 from agglo_core.compiled.compiling import ONE, helper, kernel
 

@@ -11,14 +11,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.anneal.draws import drawn_loss, drawn_move, most_draws, share_seed
 from agglo_core.anneal.state import (
     COUNT,
     DIAMETER,
     MEASURE,
     SURFACE,
+    drawn_loss,
+    drawn_move,
     exchange,
     may_leave,
+    most_draws,
+    share_seed,
 )
 from agglo_core.anneal.widths import joined_width, left_width
 from agglo_core.compiled.compiling import ONE, helper, kernel

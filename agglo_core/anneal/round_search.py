@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from agglo_core.anneal.annealed_parts import Annealing, Shapes, Weights, too_wide
-from agglo_core.anneal.part_changes import cut_in_two, dissolved, dissolved_together
 from agglo_core.anneal.rounds import Ramps, shared_out
+from agglo_core.anneal.start_parts import cut_in_two, dissolved, dissolved_together
 from agglo_core.arrays import Float, Int, Mask, frozen_int, splitmix
 from agglo_core.graph import Graph
 from agglo_core.progress import TimeLimit

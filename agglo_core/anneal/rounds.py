@@ -140,7 +140,7 @@ def shared_out(graph: Graph, labels: Int, k: int, count: int, seed: int) -> Int:
 
 def _shares(labels: Int, of_part: Int) -> Any:
     """Cells share by share."""
-    from agglo_core.anneal.draws import Shares
+    from agglo_core.anneal.state import Shares
 
     each = frozen_int(of_part[labels])
     starts = np.concatenate(([0], np.cumsum(np.bincount(each, minlength=int(of_part.max()) + 1))))

@@ -1,4 +1,4 @@
-"""What searches for parts start from and compare themselves with."""
+"""Partitions that a search starts from, and changes of whole parts."""
 
 from __future__ import annotations
 
@@ -7,14 +7,108 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.anneal.part_changes import cut_in_two
-from agglo_core.arrays import Int, frozen_int
+from agglo_core.arrays import Int, Mask, frozen_int, label_order
 from agglo_core.graph import Graph
 from agglo_core.progress import to_nobody
 from agglo_core.protocols import Target
 from agglo_core.refine.connectivity import ConnectivityFixer
 from agglo_core.refine.interface import InterfaceRefiner
 from agglo_core.split.geometric import InertialBisection
+
+
+def cut_in_two(graph: Graph, labels: Int, chosen: Mask) -> Int:
+    """Labels ``(n,)`` once each of the ``chosen (k,)`` parts is cut across its principal axis.
+
+    What a cut leaves in several pieces becomes as many parts; the numbers have no gaps.
+    """
+    result, order = labels.copy(), label_order(labels)
+    stops = np.cumsum(np.bincount(labels))
+    k = len(stops)
+    for p in np.flatnonzero(chosen):
+        own = order[(stops[p - 1] if p else 0) : stops[p]]
+        if len(own) > 1:
+            result[own[_far_side(graph, own)]] = k
+            k += 1
+    return frozen_int(graph.components(np.unique(result, return_inverse=True)[1]))
+
+
+def _far_side(graph: Graph, cells: Int) -> Mask:
+    """Which cells lie beyond the centre along the principal axis: some, and not all."""
+    weights = graph.measures[cells]
+    weights = weights if weights.sum() > 0.0 else np.ones(len(cells))
+    places = graph.centroids[cells] - np.average(graph.centroids[cells], axis=0, weights=weights)
+    axis = np.linalg.eigh((weights[:, None] * places).T @ places)[1][:, -1]
+    along = places @ axis
+    side: Mask = along > 0.0
+    if side.all() or not side.any():
+        side = np.arange(len(cells)) >= len(cells) // 2
+        side = side[np.argsort(np.argsort(along, kind="stable"), kind="stable")]
+    return side
+
+
+def dissolved(graph: Graph, labels: Int, part: int) -> Int:
+    """Labels ``(n,)`` once the cells of a part have joined others, each the one it shares most with.
+
+    From the outside in; if the part has no neighbour nothing changes. The numbers have no gaps.
+    """
+    result = labels.copy()
+    rest = np.flatnonzero(labels == part)
+    result[rest] = -1
+    while len(rest):
+        goes = [_most_shared(graph, result, int(i)) for i in rest]
+        found = np.array([p >= 0 for p in goes])
+        if not found.any():
+            return labels
+        result[rest[found]] = np.array(goes)[found]
+        rest = rest[~found]
+    return frozen_int(np.unique(result, return_inverse=True)[1])
+
+
+def _most_shared(graph: Graph, labels: Int, cell: int) -> int:
+    """The part, none negative, with which a cell shares most; −1 if there is none."""
+    row = slice(int(graph.indptr[cell]), int(graph.indptr[cell + 1]))
+    beside = labels[graph.indices[row]]
+    taken = beside >= 0
+    if not taken.any():
+        return -1
+    parts, place = np.unique(beside[taken], return_inverse=True)
+    return int(parts[np.argmax(np.bincount(place, graph.interface[row][taken]))])
+
+
+def dissolved_together(graph: Graph, labels: Int, chosen: Mask, of_part: Int) -> Int:
+    """Labels ``(n,)`` once the cells of the ``chosen (k,)`` parts have joined others of their share.
+
+    Each joins the one it shares most with, from the outside in. A part that cannot be dissolved so stays.
+    """
+    result, rest = labels.copy(), np.flatnonzero(chosen[labels])
+    result[rest] = -1
+    while len(rest):
+        goes = _most_shared_each(graph, result, rest, of_part[labels[rest]], of_part)
+        found = goes >= 0
+        if not found.any():
+            stuck = np.isin(labels, labels[rest])
+            result[stuck] = labels[stuck]
+            break
+        result[rest[found]] = goes[found]
+        rest = rest[~found]
+    return frozen_int(result)
+
+
+def _most_shared_each(graph: Graph, labels: Int, cells: Int, share: Int, of_part: Int) -> Int:
+    """The part of a share with which each of some cells shares most ``(q,)``; −1 where there is none."""
+    counts = np.diff(graph.indptr)[cells].astype(np.int64)
+    move = np.repeat(np.arange(len(cells)), counts)
+    entry = np.arange(len(move)) + np.repeat(graph.indptr[cells] - np.cumsum(counts) + counts, counts)
+    beside = labels[graph.indices[entry]]
+    fits = (beside >= 0) & (of_part[beside] == share[move])
+    keys, place = np.unique(move[fits] * len(of_part) + beside[fits], return_inverse=True)
+    length = np.bincount(place, graph.interface[entry[fits]], len(keys))
+    order = np.lexsort((-length, keys // len(of_part)))
+    cell, first = np.unique((keys // len(of_part))[order], return_index=True)
+    goes = np.full(len(cells), -1, np.int64)
+    goes[cell] = (keys % len(of_part))[order][first]
+    return goes
+
 
 _ROUNDING = 1e-9
 

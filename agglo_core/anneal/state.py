@@ -1,4 +1,4 @@
-"""What annealing knows of cells and of parts, and how a cell goes from one to another."""
+"""The state of an annealing search, and the random moves that it draws."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -88,3 +88,66 @@ def exchange(i, p, q, parts):
     if parts.first[q] >= 0:
         parts.before[parts.first[q]] = i
     parts.first[q] = i
+
+
+class Shares(NamedTuple):
+    """Cells share by share, where each share starts ``(S + 1,)``, the share of each part ``(k,)``.
+
+    The parts of a share trade cells among themselves and know nothing of the others meanwhile, so that
+    several threads may work at them.
+    """
+
+    cells: Any
+    starts: Any
+    of_part: Any
+
+
+_STEP, _MIX, _LAST = (np.uint64(c) for c in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
+_HALF, _MIDDLE, _SHORT = np.uint64(30), np.uint64(27), np.uint64(31)
+_LOW, _WORD, _ROUGH = np.uint64(0xFFFFFFFF), np.uint64(32), np.uint64(11)
+_UNIT = 2.0**-53
+
+
+@helper
+def _random(state):
+    """The next state of the generator splitmix64, and 64 random bits."""
+    state = state + _STEP
+    z = (state ^ (state >> _HALF)) * _MIX
+    z = (z ^ (z >> _MIDDLE)) * _LAST
+    return state, z ^ (z >> _SHORT)
+
+
+@helper
+def most_draws(rounds):
+    """Draws for each cell in all rounds, or more; a round is a temperature, a penalty and draws."""
+    most = np.int64(0)
+    for r in range(rounds.shape[1]):
+        most += np.int64(rounds[2, r]) + 1
+    return most
+
+
+@helper
+def share_seed(seed, s):
+    """Where the random numbers of a share begin."""
+    return np.uint64(seed) ^ np.uint64(s + 1) * _STEP
+
+
+@helper
+def drawn_move(state, s, shares, cells, parts):
+    """A cell of share s, its part, and that of one of its neighbours: the same if nothing can move."""
+    state, bits = _random(state)
+    begin, count = np.uint64(shares.starts[s]), np.uint64(shares.starts[s + 1] - shares.starts[s])
+    i = np.uint64(np.uint32(shares.cells[begin + ((bits >> _WORD) * count >> _WORD)]))
+    first, p = np.uint64(cells.indptr[i]), parts.labels[i]
+    beside = np.uint64(cells.indptr[i + ONE]) - first
+    if beside == 0 or parts.tally[p, COUNT] < 2.0:
+        return state, np.int64(i), p, p
+    q = parts.labels[np.uint32(cells.indices[first + ((bits & _LOW) * beside >> _WORD)])]
+    return state, np.int64(i), p, (q if shares.of_part[q] == s else p)
+
+
+@helper
+def drawn_loss(state, heat):
+    """By how much the score may fall, a negative number: Metropolis' rule, drawn before the move."""
+    state, bits = _random(state)
+    return state, heat * np.log((np.float64(bits >> _ROUGH) + 0.5) * _UNIT)

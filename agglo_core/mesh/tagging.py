@@ -1,18 +1,52 @@
-"""Tags of a mesh: new ones, by functions of where cells and faces are or by arrays, and which there are."""
+"""Tags of cells and faces by functions of where they are, and what kinds of numbers tags hold."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglo_core.arrays import Float, Int, Mask, plain_array, trusted_copy
+from agglo_core.arrays import Float, Int, Mask, frozen_int, plain_array, trusted_copy
 from agglo_core.errors import MeshError
 from agglo_core.mesh.checks import check_tags
-from agglo_core.mesh.tag_kinds import BoundaryKinds, distinct
+
+
+class BoundaryKinds(NamedTuple):
+    """Combinations of face tags on the boundary.
+
+    Attributes
+    ----------
+    component : (k,) int
+        The component of the domain, by its first cell.
+    tags : mapping of name to (k,) int
+        Values of the tags.
+    """
+
+    component: Int
+    tags: Mapping[str, Int]
+
+
+def distinct(columns: Sequence[Int]) -> list[Int]:
+    """The rows of a table, each once, in any order.
+
+    Examples
+    --------
+    >>> from agglo_core.mesh.tagging import distinct
+    >>> distinct([np.array([1, 2, 1]), np.array([5, 5, 5])])
+    [array([1, 2]), array([5, 5])]
+    """
+    if not columns:
+        return []
+    row = np.zeros(len(columns[0]), np.int64)
+    for values in columns:
+        own, place = np.unique(values, return_inverse=True)
+        row = np.unique(row * len(own) + place, return_inverse=True)[1]
+    first = np.unique(row, return_index=True)[1]
+    return [frozen_int(np.asarray(values)[first]) for values in columns]
+
 
 TagValues = ArrayLike | Callable[[Float], ArrayLike]
 

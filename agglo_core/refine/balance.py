@@ -9,8 +9,7 @@ import numpy as np
 from agglo_core.arrays import Int, UInt64, frozen_float, frozen_int
 from agglo_core.graph import Graph
 from agglo_core.protocols import Target
-from agglo_core.refine.part_sizes import SIZES, block_sizes, checked_size, checked_tolerance
-from agglo_core.refine.whole_levels import refined_blocks
+from agglo_core.refine.part_sizes import SIZES, block_sizes, checked_size, checked_tolerance, refined_blocks
 
 
 class BalanceRefiner:

@@ -9,8 +9,8 @@ from agglo_core.graph import Graph
 from agglo_core.graph.moves import SHORTNESS
 from agglo_core.protocols import Target
 from agglo_core.refine.interface import checked_floor
+from agglo_core.refine.part_sizes import refined_blocks
 from agglo_core.refine.shape_polish import swept
-from agglo_core.refine.whole_levels import refined_blocks
 
 
 class CompactnessRefiner:

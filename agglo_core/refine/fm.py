@@ -10,8 +10,7 @@ from agglo_core.arrays import Float, Int, UInt64, frozen_float, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.protocols import Target
-from agglo_core.refine.part_sizes import block_sizes, checked_size, checked_tolerance
-from agglo_core.refine.whole_levels import refined_blocks
+from agglo_core.refine.part_sizes import block_sizes, checked_size, checked_tolerance, refined_blocks
 
 _OBJECTIVES = ("interface", "cut")
 _CELL = 1.000001  # with room for rounding

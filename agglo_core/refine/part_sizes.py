@@ -1,16 +1,19 @@
-"""What the size of a part is made of, for refiners that keep sizes in bounds."""
+"""Masses of parts, their limits, and levels that a refiner takes as a whole."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 
-from agglo_core.arrays import Float, Int, frozen_float
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import OptionError
+from agglo_core.graph import Graph
 from agglo_core.graph.loads import Kind
+from agglo_core.graph.objectives import numbered_parts
+from agglo_core.protocols import Target
 
 SIZES: Final[Mapping[Kind | None, str]] = MappingProxyType(
     {None: "run_balance", "cells": "cell_balance", "measure": "measure_balance", "weights": "balance"}
@@ -69,3 +72,16 @@ def block_sizes(sizes: Float, labels: Int, block: Int) -> tuple[Float, Float]:
     total = np.bincount(block[labels], sizes, count)
     cells, parts = np.bincount(block[labels], minlength=count), np.bincount(block, minlength=count)
     return frozen_float(total / np.maximum(parts, 1)), frozen_float(total / np.maximum(cells, 1))
+
+
+class _OfParts(Protocol):
+    def refine_parts(self, graph: Graph, labels: Int, block: Int, target: Target) -> Int: ...
+
+
+def refined_blocks(refiner: _OfParts, graph: Graph, labels: Int, target: Target) -> Int:
+    """Labels ``(n,)``, numbered in each block, after ``refine_parts`` with the blocks of the graph."""
+    parts = numbered_parts(graph, labels)
+    k = int(parts.max(initial=-1)) + 1
+    local, block = np.empty(k, np.int64), np.empty(k, np.int64)
+    local[parts], block[parts] = labels, graph.block_ids
+    return frozen_int(local[refiner.refine_parts(graph, parts, frozen_int(block), target)])

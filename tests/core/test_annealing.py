@@ -12,11 +12,10 @@ from agglo_core import Graph, Mesh, agglomerate, quality, samples
 from agglo_core.anneal.annealed_parts import Annealing, Shapes, Weights, too_wide
 from agglo_core.anneal.circle_annealing import anneal_circles
 from agglo_core.anneal.circles import CENTRED, RADIUS, circle_state
-from agglo_core.anneal.draws import Shares
 from agglo_core.anneal.moment_annealing import anneal
 from agglo_core.anneal.rounds import Ramps, take_turns
-from agglo_core.anneal.setup import part_state
-from agglo_core.anneal.state import COUNT, DIAMETER, MEASURE, SURFACE
+from agglo_core.anneal.state import COUNT, DIAMETER, MEASURE, SURFACE, Shares
+from agglo_core.anneal.widths import part_state
 from agglo_core.arrays import frozen_int, splitmix
 from agglo_core.progress import TimeLimit
 from agglo_core.threads import using_threads

@@ -8,11 +8,10 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from agglo_core import Graph, agglomerate, samples
-from agglo_core.anneal.draws import Shares
 from agglo_core.anneal.inertia_annealing import CENTRE, SIZE, Pursuit, anneal_inertia, solver_state
 from agglo_core.anneal.rounds import Ramps
 from agglo_core.anneal.solver_annealing import SolverAnnealing
-from agglo_core.anneal.state import COUNT, DIAMETER, MEASURE
+from agglo_core.anneal.state import COUNT, DIAMETER, MEASURE, Shares
 from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.graph.solver_shape import solver_factors

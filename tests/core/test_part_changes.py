@@ -7,8 +7,8 @@ from hypothesis import given, settings, strategies as st
 
 from agglo_core import Graph, agglomerate, samples
 from agglo_core.anneal.annealed_parts import Weights, too_wide
-from agglo_core.anneal.part_changes import cut_in_two, dissolved, dissolved_together
 from agglo_core.anneal.round_search import Effort, Search
+from agglo_core.anneal.start_parts import cut_in_two, dissolved, dissolved_together
 from agglo_core.arrays import frozen_int
 from agglo_core.progress import TimeLimit
 from agglo_core.threads import using_threads

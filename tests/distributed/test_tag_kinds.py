@@ -14,7 +14,7 @@ from agglo_core import Mesh, samples
 from agglo_core.distributed import with_second_layer
 from agglo_core.distributed.agglomeration.part_components import first_cells
 from agglo_core.errors import OptionError
-from agglo_core.mesh.tag_kinds import distinct
+from agglo_core.mesh.tagging import distinct
 from agglo_core.problems import Diffusion
 from agglo_polydg_mg.forms.boundary import boundary_faces
 

@@ -12,8 +12,7 @@ from agglo_core import Hierarchy, Mesh, OptionError, samples
 from agglo_core.arrays import frozen_float, frozen_index
 from agglo_core.multigrid import pcg
 from agglo_core.problems import Diffusion
-from agglo_polydg_mg.solver.earlier_solutions import best_combination
-from agglo_polydg_mg.solver.energy_kernels import WIDE, differences_of, half_products
+from agglo_polydg_mg.solver.earlier_solutions import WIDE, best_combination, differences_of, half_products
 from agglo_polydg_mg.solver.polydg_multigrid import PolyDGMultigrid
 
 Array = NDArray[np.float64]

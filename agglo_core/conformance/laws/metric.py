@@ -15,16 +15,21 @@ from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import Broken, require
 from agglo_core.conformance.inputs.cases import cases, tiny
 from agglo_core.conformance.inputs.mesh_changes import Change
-from agglo_core.conformance.inputs.metric_cases import by_hand, changed, holed, solids, various
-from agglo_core.conformance.inputs.metric_shapes import (
+from agglo_core.conformance.inputs.metric_cases import (
+    HAND,
+    PLAIN,
     bodies,
+    by_hand,
+    changed,
     cut_finer,
     cut_finer_in_space,
+    holed,
     many_alone,
     ringed,
     shapes,
+    solids,
+    various,
 )
-from agglo_core.conformance.inputs.metric_values import HAND, PLAIN
 from agglo_core.conformance.inputs.questions import answer, as_array, in_words, plain
 
 _TOLD = ("undefined", "directional", "relative", "shape_only")

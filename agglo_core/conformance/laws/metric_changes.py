@@ -13,8 +13,7 @@ from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import require
 from agglo_core.conformance.inputs.cases import cases
-from agglo_core.conformance.inputs.metric_cases import by_hand, solids, various
-from agglo_core.conformance.inputs.metric_shapes import many_alone
+from agglo_core.conformance.inputs.metric_cases import by_hand, many_alone, solids, various
 from agglo_core.conformance.inputs.questions import in_words, plain
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh

@@ -19,10 +19,10 @@ from agglo_core.conformance.inputs.metric_cases import (
     changed,
     far_from_each_other,
     layouts,
+    many_alone,
     solids,
     various,
 )
-from agglo_core.conformance.inputs.metric_shapes import many_alone
 from agglo_core.conformance.inputs.questions import plain
 from agglo_core.conformance.laws.metric import require_bounds, require_close, rounding
 

@@ -16,7 +16,7 @@ from agglo_core.errors import FileError
 from agglo_core.files.regular import file_bytes
 from agglo_core.io import read as read_whole
 from agglo_core.io.file_checks import naming
-from agglo_core.io.vtk.pvtu_read import sources_of, stored_piece, stored_together
+from agglo_core.io.vtk.pvtu import sources_of, stored_piece, stored_together
 from agglo_core.registry import Registry
 
 

@@ -21,7 +21,7 @@ from agglo_core.io.atomic import check_replaceable
 from agglo_core.io.file_checks import naming
 from agglo_core.io.level_values import under_free_names
 from agglo_core.io.tags import BRIDGES, check_names, is_level, tags_and_levels
-from agglo_core.io.vtk.pvtu_write import PIECES
+from agglo_core.io.vtk.pvtu import PIECES
 
 if TYPE_CHECKING:
     from agglo_core.distributed.agglomeration.hierarchy import DistributedHierarchy

@@ -8,7 +8,7 @@ from agglo_core.arrays import Int, frozen_int
 from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.meeting import refuse_all
 from agglo_core.distributed.mesh.halo import LocalMesh, ghosts, local_mesh
-from agglo_core.distributed.mesh.shared_points import check_ids
+from agglo_core.distributed.mesh.shared import check_ids
 from agglo_core.distributed.mesh.whole_cells import WholeCells, distinct, joined, taken
 
 

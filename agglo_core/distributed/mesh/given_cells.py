@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int, trusted
 from agglo_core.distributed.communication import Ranks
-from agglo_core.distributed.mesh.shared_points import check_ids, numbered_by_place
+from agglo_core.distributed.mesh.shared import check_ids, numbered_by_place
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.checks import (

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.mesh.given_cells import GivenCells
-from agglo_core.distributed.mesh.shared_faces import Beyond, FaceKeys, cells_beyond, face_keys
-from agglo_core.distributed.mesh.shared_points import shared_points
+from agglo_core.distributed.mesh.shared import Beyond, FaceKeys, cells_beyond, face_keys, shared_points
 from agglo_core.distributed.mesh.whole_cells import WholeCells, distinct, places
 from agglo_core.errors import MeshError
 from agglo_core.mesh.checks import check_offsets, whole_numbers

@@ -10,7 +10,7 @@ from agglo_core.arrays import Int, frozen_int
 from agglo_core.distributed.agglomeration.part_components import first_cells
 from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
-from agglo_core.mesh.tag_kinds import BoundaryKinds, distinct
+from agglo_core.mesh.tagging import BoundaryKinds, distinct
 
 _MOST = 1_000
 """Values of a cell tag on a rank, beyond which it is left out: a number of each cell is for no table."""

@@ -180,7 +180,7 @@ class Pvtu(Reading):
 
     def read(self, path: Path) -> Mesh:
         """Return the mesh of all pieces; raises FileError or MeshError."""
-        from agglo_core.io.vtk.pvtu_read import read_pvtu
+        from agglo_core.io.vtk.pvtu import read_pvtu
 
         return read_pvtu(path, **self.reading)
 

@@ -10,9 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from agglo_core.arrays import Float, frozen_float
-from agglo_core.multigrid.krylov.probe import is_rounding, probed
-from agglo_core.multigrid.krylov.restarts import Iterate, Restarts
-from agglo_core.multigrid.krylov.rules import SAID, Rules, Steps
+from agglo_core.multigrid.krylov.stopping import SAID, Iterate, Restarts, Rules, Steps, is_rounding, probed
 from agglo_core.problems.curvatures import Curvatures, failure
 from agglo_core.problems.iteration_history import MET, TESTS, Ended, History
 from agglo_core.problems.ritz import RitzValue

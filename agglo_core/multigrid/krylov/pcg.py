@@ -11,7 +11,7 @@ import numpy as np
 from agglo_core.arrays import Float, frozen_float, plain_array
 from agglo_core.errors import OptionError
 from agglo_core.multigrid.krylov.column import Column
-from agglo_core.multigrid.krylov.rules import Beta, Request, Rules, Steps, Stop
+from agglo_core.multigrid.krylov.stopping import Beta, Request, Rules, Steps, Stop
 from agglo_core.multigrid.matrices.block_product import swift
 from agglo_core.problems.backward_error import limit_told, magnitudes
 from agglo_core.problems.iteration_history import History, iterated

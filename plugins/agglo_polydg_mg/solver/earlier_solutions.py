@@ -1,4 +1,4 @@
-"""Where to start from when systems follow one another: the best that earlier solutions can do together."""
+"""The combination of earlier solutions of least error in the energy, which a solve starts from."""
 
 from __future__ import annotations
 
@@ -7,7 +7,68 @@ from typing import Any, Final
 
 import numpy as np
 
-from agglo_core.authoring import Float, frozen_float, frozen_index
+from agglo_core.authoring import Float, frozen_float, frozen_index, kernel
+
+WIDE = 8
+"""Vectors at most."""
+_ROWS = 256  # that are differenced at a time: they stay in the nearest cache
+
+
+@kernel
+def differences_of(vectors, table):
+    """Write vectors ``(k, n)``, the latest last, as backward differences to columns ``table (n, WIDE)``.
+
+    Order 0 is the latest itself. Each column is divided by its largest entry, columns without one are 0.
+    """
+    count, n = vectors.shape
+    rows, largest = np.zeros((WIDE, _ROWS)), np.zeros(WIDE)
+    for first in range(0, n, _ROWS):
+        size = min(_ROWS, n - first)
+        for k in range(count):
+            for i in range(size):
+                rows[k, i] = vectors[count - 1 - k, first + i]
+        for order in range(1, count):
+            for k in range(count - 1, order - 1, -1):
+                for i in range(size):
+                    rows[k, i] = rows[k - 1, i] - rows[k, i]
+        for i in range(size):
+            for k in range(WIDE):
+                table[first + i, k] = rows[k, i]
+                largest[k] = max(largest[k], abs(rows[k, i]))
+    for k in range(WIDE):
+        largest[k] = 1.0 / largest[k] if largest[k] > 0.0 else 0.0
+    for i in range(n):
+        for k in range(WIDE):
+            table[i, k] *= largest[k]
+
+
+@kernel
+def half_products(indptr, indices, blocks, table, products):
+    """Write H V to ``products (n, WIDE)``, A = H + Hᵀ being a symmetric matrix in blocks, V ``table``.
+
+    H are its blocks of the lower half and half of those of the diagonal.
+    """
+    m = blocks.shape[1]
+    for i in range(len(indptr) - 1):
+        for a in range(m):
+            s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = 0.0  # an array would be written to for each block
+            for h in range(indptr[i], indptr[i + 1]):
+                j = indices[h]
+                if j > i:
+                    continue
+                share = 0.5 if j == i else 1.0
+                for b in range(m):
+                    entry, row = share * blocks[h, a, b], table[j * m + b]
+                    s0, s1, s2, s3 = (
+                        s0 + entry * row[0], s1 + entry * row[1], s2 + entry * row[2], s3 + entry * row[3]
+                    )  # fmt: skip
+                    s4, s5, s6, s7 = (
+                        s4 + entry * row[4], s5 + entry * row[5], s6 + entry * row[6], s7 + entry * row[7]
+                    )  # fmt: skip
+            into = products[i * m + a]
+            into[0], into[1], into[2], into[3] = s0, s1, s2, s3
+            into[4], into[5], into[6], into[7] = s4, s5, s6, s7
+
 
 KEPT: Final = 8
 """Solutions that are kept: what changes smoothly is extrapolated, what each lacks is averaged."""
@@ -38,7 +99,7 @@ def best_combination(A: Any, b: Float, earlier: Sequence[Float]) -> Float:
     >>> best_combination(A, np.array([1.0, 2.0, 0.0]), [np.ones(3), np.array([1.0, 1.0, 0.0])]).round(9)
     array([1., 1., 0.])
     """
-    from agglo_polydg_mg.solver.energy_kernels import WIDE, differences_of
+    from agglo_polydg_mg.solver.earlier_solutions import WIDE, differences_of
 
     V = np.empty((len(b), WIDE))  # differences: each has the digits that vectors alike would lose
     differences_of(np.array(earlier[-KEPT:], dtype=np.float64), V)
@@ -53,7 +114,7 @@ def best_combination(A: Any, b: Float, earlier: Sequence[Float]) -> Float:
 
 def _energies(A: Any, V: Float) -> Float:
     """Vᵀ A V ``(k, k)``."""
-    from agglo_polydg_mg.solver.energy_kernels import half_products
+    from agglo_polydg_mg.solver.earlier_solutions import half_products
 
     if getattr(A, "format", "") != "bsr" or A.blocksize[0] != A.blocksize[1] or A.dtype != np.float64:
         return np.asarray(V.T @ (A @ V), dtype=np.float64)

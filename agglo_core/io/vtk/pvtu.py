@@ -1,4 +1,4 @@
-"""Reading PVTU: the VTU files that it names, joined as the pieces of one file are."""
+"""Files .pvtu, which list the .vtu files of a mesh in pieces."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from itertools import chain
 from pathlib import Path, PurePosixPath
 from typing import Unpack
+from xml.sax.saxutils import quoteattr
 
 from agglo_core.errors import FileError
 from agglo_core.files.regular import file_bytes
 from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.vtk.arrays import vtk_root
+from agglo_core.io.vtk.document import Piece, global_ids, stored_arrays
 from agglo_core.io.vtk.pieces import Stored, mesh_from_pieces
 from agglo_core.io.vtk.vtu_read import stored_pieces
 from agglo_core.mesh import Mesh
@@ -68,3 +70,29 @@ def stored_piece(folder: Path, source: str) -> Stored:
         return stored_pieces(content)
     except FileError as error:
         raise FileError(f"piece {source!r}: {error}") from error.__cause__
+
+
+_START = (
+    '<?xml version="1.0"?>\n'
+    '<VTKFile type="PUnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64"'
+    ' agglo="{kind}">\n<PUnstructuredGrid GhostLevel="0">\n'
+)
+PIECES = _START.format(kind="mesh").encode()
+"""How lists of pieces of a mesh written by agglo begin."""
+
+
+def piece_name(stem: str, rank: int) -> str:
+    """Where the piece of a rank lies beside ``STEM.pvtu``, as ParaView has it."""
+    return f"{stem}/{stem}_{rank}.vtu"
+
+
+def pvtu_list(piece: Piece, sources: Sequence[str]) -> bytes:
+    """The list of these files, each of which holds a piece with arrays like those of ``piece``."""
+    arrays = list(stored_arrays(piece))
+    lines = []
+    for section in ("PointData", "CellData", "Points"):
+        own = [f"<PDataArray {array.attributes}/>" for array in arrays if array.section == section]
+        lines += [f"<P{section}{global_ids(piece, section)}>", *own, f"</P{section}>"]
+    lines += [f"<Piece Source={quoteattr(source)}/>" for source in sources]
+    ends = "</PUnstructuredGrid>", "</VTKFile>"
+    return (_START.format(kind=piece.kind) + "\n".join([*lines, *ends])).encode() + b"\n"
