@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Iterable, Mapping
 from numbers import Integral, Real
@@ -61,3 +62,21 @@ def require_name(name: str, value: Any, known: Iterable[str]) -> None:
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool)
+
+
+def show_options(solver: Any) -> str:
+    """Name a solver and the options of its constructor that differ from their defaults.
+
+    Examples
+    --------
+    >>> from agglo_polydg_mg.direct.solver import Direct
+    >>> Direct(degree=3)
+    Direct(degree=3)
+    """
+    homes = [solver, *(getattr(solver, name, None) for name in ("discretisation", "wishes"))]
+    shown = []
+    for name, option in inspect.signature(type(solver)).parameters.items():
+        home = next((home for home in homes if hasattr(home, name)), None)
+        if home is not None and (value := getattr(home, name)) != option.default:
+            shown.append(f"{name}={value!r}")
+    return f"{type(solver).__name__}({', '.join(shown)})"

@@ -122,3 +122,15 @@ def test_a_cycle_is_a_symmetric_preconditioner(kind: str) -> None:
 def test_matrices_that_are_not_definite_are_refused(matrix: Any, message: str) -> None:
     with pytest.raises(OptionError, match=message):
         agglo.build_levels(matrix if np.ndim(matrix) == 1 else sparse.csr_array(matrix))
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "shown"),
+    [
+        ("polydg_mg", {"degree": 2, "cycle": "W"}, "PolyDGMultigrid(degree=2, cycle='W')"),
+        ("direct", {}, "Direct()"),
+        ("polydg_cg", {"tolerance": 1e-9}, "PlainCG(tolerance=1e-09)"),
+    ],
+)
+def test_a_solver_prints_the_options_that_are_not_defaults(name: str, options: Any, shown: str) -> None:
+    assert repr(agglo.registry.default().build("solver", name, **options)) == shown

@@ -16,7 +16,7 @@ from agglo_core.authoring import (
     phase,
 )
 from agglo_polydg_mg.forms.penalty import PAPER, Penalty
-from agglo_polydg_mg.option_checks import require_count, require_fraction
+from agglo_polydg_mg.option_checks import require_count, require_fraction, show_options
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.solver.operators import fine_system
 from agglo_polydg_mg.stopwatch import Stopwatch
@@ -60,6 +60,9 @@ class PlainCG:
         require_count("max_iterations", max_iterations, 1)
         self.discretisation = PolyDG(degree, penalty, scaled_basis)
         self.tolerance, self.max_iterations = tolerance, max_iterations
+
+    def __repr__(self) -> str:
+        return show_options(self)
 
     def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
         """Iterate; ``converged`` and ``reason`` say how it ended, ``progress`` is told of each phase.

@@ -27,7 +27,7 @@ from agglo_core.authoring import (
 )
 from agglo_polydg_mg.direct.backends import AUTO, BACKENDS, Solves, chosen_backend
 from agglo_polydg_mg.forms.penalty import PAPER, Penalty
-from agglo_polydg_mg.option_checks import require_count, require_fraction
+from agglo_polydg_mg.option_checks import require_count, require_fraction, show_options
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.solver.advice import Kind, advice_of_direct
 from agglo_polydg_mg.solver.operators import FineSystem, fine_system
@@ -82,6 +82,9 @@ class Direct:
         chosen_backend(backend)
         self.discretisation = PolyDG(degree, penalty, scaled_basis)
         self.tolerance, self.max_refinements, self.backend = tolerance, max_refinements, backend
+
+    def __repr__(self) -> str:
+        return show_options(self)
 
     def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
         """Factorise and solve; ``converged`` and ``reason`` say how it ended.

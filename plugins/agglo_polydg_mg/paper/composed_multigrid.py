@@ -25,7 +25,13 @@ from agglo_core.authoring import (
 )
 from agglo_polydg_mg.auxiliary.transfer import chosen_levels
 from agglo_polydg_mg.forms.penalty import Penalty
-from agglo_polydg_mg.option_checks import require_count, require_fraction, require_name, require_truth
+from agglo_polydg_mg.option_checks import (
+    require_count,
+    require_fraction,
+    require_name,
+    require_truth,
+    show_options,
+)
 from agglo_polydg_mg.paper.outer_iterations import (
     CYCLES,
     OUTER,
@@ -122,6 +128,9 @@ class ComposedMultigrid:
         self.cycle, self.outer = cycle, outer
         self.smoothing_steps, self.levels, self.corrections = smoothing_steps, levels, corrections
         self.tolerance, self.max_iterations = tolerance, max_iterations
+
+    def __repr__(self) -> str:
+        return show_options(self)
 
     @property
     def galerkin(self) -> bool:

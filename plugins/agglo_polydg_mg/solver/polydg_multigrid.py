@@ -9,7 +9,7 @@ from scipy.sparse.linalg import LinearOperator
 
 from agglo_core.authoring import Hierarchy, Listener, OptionError, Problem, Solution, multigrid
 from agglo_polydg_mg.forms.penalty import Penalty
-from agglo_polydg_mg.option_checks import require_count, require_fraction, require_name
+from agglo_polydg_mg.option_checks import require_count, require_fraction, require_name, show_options
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.solver.diffusion_task import DiffusionTask
 from agglo_polydg_mg.solver.recipes import CYCLES, PRECISIONS, RECIPES, Wishes
@@ -78,6 +78,9 @@ class PolyDGMultigrid:
         self.discretisation = PolyDG(degree, penalty, scaled_basis=True)
         self.tolerance, self.max_iterations, self.levels = tolerance, max_iterations, levels
         self.wishes = Wishes(recipe, cycle, precision)
+
+    def __repr__(self) -> str:
+        return show_options(self)
 
     def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
         """Solve; ``converged`` and ``reason`` say how it ended, ``choice`` which recipe was taken and why.
