@@ -77,6 +77,7 @@ def show_options(solver: Any) -> str:
     shown = []
     for name, option in inspect.signature(type(solver)).parameters.items():
         home = next((home for home in homes if hasattr(home, name)), None)
-        if home is not None and (value := getattr(home, name)) != option.default:
+        value = getattr(home, name, option.default)
+        if isinstance(value, str | float | int) and value != option.default:
             shown.append(f"{name}={value!r}")
     return f"{type(solver).__name__}({', '.join(shown)})"
