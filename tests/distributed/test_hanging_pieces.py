@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from core.test_io_pvtu import listing
-from core.test_io_vtu import Writer
+from core.io.test_io_pvtu import listing
+from core.io.test_io_vtu import Writer
 from numpy.typing import NDArray
 from on_ranks import on_ranks
 from scipy import sparse

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from core.test_io_pvtu import listing, squares_of
+from core.io.test_io_pvtu import listing, squares_of
 from distributed.shared_meshes import MESHES
 from on_ranks import on_ranks
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from functools import cache
 
 import numpy as np
-from core.test_io_vtu import SQUARE, Writer
+from core.io.test_io_vtu import SQUARE, Writer
 from fuzz.matrix_corpus import matrix_files
 from fuzz.several import packed
 

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import meshlane
 import numpy as np
-from core.test_gmsh_read import data, partitioned, version_2
-from core.test_io_vtu import ELEMENTS, SQUARE, Writer, polyhedra
+from core.io.test_gmsh_read import data, partitioned, version_2
+from core.io.test_io_vtu import ELEMENTS, SQUARE, Writer, polyhedra
 from fuzz.field_corpus import field_files
 from fuzz.graph_corpus import graph_files
 from fuzz.matrix_corpus import matrix_files

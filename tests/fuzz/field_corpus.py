@@ -10,8 +10,8 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from core import test_io_vtk_legacy as legacy
-from core.test_io_ply import TWO, binary
+from core.io import test_io_vtk_legacy as legacy
+from core.io.test_io_ply import TWO, binary
 from fuzz.several import packed
 from scipy.io import savemat
 

@@ -31,7 +31,7 @@ from agglo_polydg_mg.paper.composed_multigrid import ComposedMultigrid
 from agglo_polydg_mg.paper.paper_multigrid import PaperMultigrid
 from agglo_polydg_mg.paper.smoothers import smoother_of
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture

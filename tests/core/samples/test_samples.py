@@ -18,7 +18,7 @@ from agglo_core.registry import default
 from agglo_core.registry.construct import resolve
 from agglo_core.registry.options import options_of
 
-_PUBLISHED = Path(os.environ.get("AGGLO_PAPER_DATA", Path(__file__).parents[3] / "shared/data/paper"))
+_PUBLISHED = Path(os.environ.get("AGGLO_PAPER_DATA", Path(__file__).parents[4] / "shared/data/paper"))
 
 
 def _rebuilt_strictly(mesh: Mesh) -> Mesh:

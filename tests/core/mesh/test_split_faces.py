@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from core.test_conforming import bricks, pairs, solids, together
+from core.mesh.test_conforming import bricks, pairs, solids, together
 from numpy.typing import NDArray
 
 from agglo_core import Mesh, MeshError, read, write

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from core.test_io_vtu import SQUARE, Writer, boxes
+from core.io.test_io_vtu import SQUARE, Writer, boxes
 
 from agglo_core import FileError, Mesh, agglomerate, read, read_hierarchy, samples, write
 

@@ -12,7 +12,7 @@ from scipy.io import loadmat
 
 from agglo_core import FileError, Mesh, read, write
 
-FILES = Path(os.environ.get("AGGLO_MESH_FILES", Path(__file__).parents[2] / "shared/data/meshes"))
+FILES = Path(os.environ.get("AGGLO_MESH_FILES", Path(__file__).parents[3] / "shared/data/meshes"))
 pytestmark = pytest.mark.skipif(not FILES.exists(), reason=f"no meshes at {FILES} (set AGGLO_MESH_FILES)")
 
 

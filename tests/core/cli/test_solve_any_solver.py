@@ -285,7 +285,7 @@ def test_who_accepts_and_who_tells() -> None:
 def test_the_command_stands_without_polydg(tmp_path: Path) -> None:
     source = f"""
 import sys
-sys.path.append({str(Path(__file__).parents[1])!r})
+sys.path.append({str(Path(__file__).parents[2])!r})
 from types import SimpleNamespace
 from agglo_core import Component, hookimpl
 from agglo_core.cli import main

@@ -21,7 +21,7 @@ from agglo_core.compiled.ahead_of_time import compile_listed, listed
 from agglo_core.compiled.kernel_cache import KernelCache, source_stamp, sources
 from agglo_core.lazy_names import names_in_stub
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 def files_of_kernels(folder: Path) -> list[Path]:

@@ -19,7 +19,7 @@ from numba.core import event
 
 from agglo_core.compiled import helper
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 BENCHMARK = ROOT / "tests" / "benchmarks" / "first_run.py"
 README = "run voronoi:n=60,seed=3 --bisector kmeans --bisector metis -o out.vtu --plot out.png"
 
