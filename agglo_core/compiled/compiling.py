@@ -11,8 +11,9 @@ from numba.extending import is_jitted, register_jitable
 
 try:
     from agglo_core.compiled.kernel_cache import KernelCache
-except (ImportError, AttributeError):  # a numba that is otherwise within: its own cache serves
-    KernelCache = None  # type: ignore[assignment, misc]
+    from agglo_core.compiled.self_contained import KernelCompiler
+except (ImportError, AttributeError):  # a numba that is otherwise within: its own compiler and cache serve
+    KernelCache = KernelCompiler = None  # type: ignore[assignment, misc]
 
 ONE = np.uint64(1)
 """To be added to unsigned indices, which a plain 1 would make real numbers.
@@ -41,7 +42,7 @@ def kernel(
     """
     if function is None:
         return lambda inner: kernel(inner, reorder_sums=reorder_sums, allocates=allocates)
-    compiled: Any = numba.njit(**_options(reorder_sums, allocates))(function)
+    compiled: Any = numba.njit(pipeline_class=KernelCompiler, **_options(reorder_sums, allocates))(function)
     if is_jitted(compiled):  # not so under NUMBA_DISABLE_JIT
         _keep(compiled, function)
     return compiled

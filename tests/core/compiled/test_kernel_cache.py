@@ -76,6 +76,48 @@ def test_a_kernel_whose_helper_changed_is_compiled_anew(tmp_path: Path) -> None:
     assert run(3) == [21, 1]
 
 
+MOMENTS = """
+import numpy as np
+from agglo_core.authoring import helper, kernel
+
+@helper(reorder_sums=True)
+def fourth_moment(x, y, w):
+    re, im = 0.0, 0.0
+    for i in range(len(x)):
+        u, v = float(x[i]), float(y[i])
+        p, q = u * u - v * v, 2.0 * u * v
+        re += w[i] * (p * p - q * q)
+        im += w[i] * 2.0 * p * q
+    return re, im
+
+@kernel
+def moments(x, y, w):  # several calls, or the helper would be inlined
+    return fourth_moment(x, y, w), fourth_moment(y, w, x), fourth_moment(w, x, y)
+"""
+BITS = """
+from loops import moments, np
+for n in (64, 100, 1000):
+    values = np.random.default_rng(0).standard_normal((3, n)).astype(np.float32)
+    print(*(each.hex() for pair in moments(*values) for each in pair))
+print(sum(moments.stats.cache_hits.values()))
+"""
+
+
+def test_sums_keep_their_last_bit_when_a_kernel_is_loaded_instead_of_compiled(tmp_path: Path) -> None:
+    """Both run the code in the file: a helper is compiled for itself, too, and rounds otherwise there."""
+    (tmp_path / "loops.py").write_text(MOMENTS)
+    runs = [
+        subprocess.run(
+            [sys.executable, "-c", BITS], env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "own")},
+            cwd=tmp_path, capture_output=True, text=True, check=True,
+        ).stdout.splitlines()
+        for _ in range(2)
+    ]  # fmt: skip
+    compiled, loaded = runs
+    assert (compiled[-1], loaded[-1], len(compiled)) == ("0", "1", 4)
+    assert compiled[:-1] == loaded[:-1]
+
+
 def double(x: int) -> int:
     return 2 * x
 
