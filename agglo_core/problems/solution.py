@@ -66,9 +66,8 @@ class Solution:
 
     Examples
     --------
-    >>> hierarchy = agglo.agglomerate(agglo.samples.squares(8), n_parts=4)
-    >>> solver = agglo.registry.default().build("solver", "direct", degree=1)
-    >>> solution = solver.solve(agglo.Diffusion(source=8.0), hierarchy)
+    >>> mesh = agglo.samples.squares(8)
+    >>> solution = agglo.solve(mesh, agglo.Diffusion(source=8.0), solver="direct", degree=1)
     >>> solution.converged, solution.x.shape
     (True, (192,))
     """
@@ -126,9 +125,7 @@ class Solution:
 
         Examples
         --------
-        >>> hierarchy = agglo.agglomerate(agglo.samples.squares(8), n_parts=4)
-        >>> solver = agglo.registry.default().build("solver", "polydg_cg", degree=2)
-        >>> samples = solver.solve(agglo.Diffusion(source=8.0), hierarchy).samples()
+        >>> samples = agglo.solve(agglo.samples.squares(8), agglo.Diffusion(source=8.0), degree=2).samples()
         >>> round(float(samples.values.max()), 2)  # in the middle of the square
         0.59
         """
@@ -168,9 +165,7 @@ class Solution:
         Examples
         --------
         >>> import agglo_core as agglo
-        >>> mesh = agglo.samples.squares(8)
-        >>> solver = agglo.registry.default().build("solver", "polydg_cg", degree=1)
-        >>> solution = solver.solve(agglo.Diffusion(source=8.0), agglo.agglomerate(mesh, n_parts=4))
+        >>> solution = agglo.solve(agglo.samples.squares(8), agglo.Diffusion(source=8.0), degree=1)
         >>> solution.plot().get_xlabel()
         'x'
         >>> solution.plot(convergence=True).get_xlabel()
