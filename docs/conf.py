@@ -25,6 +25,7 @@ extensions = [
     "command_reference",
     "gallery_pages",
     "metric_reference",
+    "module_index",
     "notebook_pages",
     "public_names",
     "toml_keys",
