@@ -13,7 +13,14 @@ from docs.guide import Block, blocks
 
 RUNNER = Path(__file__).with_name("guide.py")
 DOCS = Path(__file__).parents[2] / "docs"
-GUIDES = sorted([*DOCS.glob("how-to/*.md"), *DOCS.glob("tutorial/*.md"), *DOCS.glob("tutorial*.md")])
+GUIDES = sorted(
+    [
+        *DOCS.glob("how-to/*.md"),
+        *DOCS.glob("why/*.md"),
+        *DOCS.glob("tutorial/*.md"),
+        *DOCS.glob("tutorial*.md"),
+    ]
+)
 CODES = DOCS / "how-to" / "from-and-to-your-code.md"
 PLUGIN = DOCS / "how-to" / "write-a-plugin.md"
 
