@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
-from module_index import ROOT, folders, headline, modules, table
+from core.test_layering import MAY_IMPORT
+from module_index import PACKAGES, ROOT, folders, headline, modules, table
 from sphinx.errors import ExtensionError
+
+MODULES_OF_ALL = {"arrays", "errors", "lazy_names", "threads"}  # one row of the table
 
 
 def test_every_module_is_listed_once() -> None:
@@ -34,3 +38,14 @@ def test_a_module_without_a_docstring_is_an_error_that_names_it(tmp_path: Path) 
     file.write_text("x = 1\n")
     with pytest.raises(ExtensionError, match=r"bare\.py: the module has no docstring"):
         headline(file)
+
+
+def test_the_page_on_architecture_lists_the_rooms_in_the_order_of_imports() -> None:
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    rows = [line.split("|")[1] for line in page.splitlines() if line.startswith("| `")]
+    rooms = [name.strip("/") for row in rows for name in re.findall(r"`(\w+/?)`", row)]
+    order = [name for name in rooms if name in MAY_IMPORT]
+    assert sorted(order) == sorted(MAY_IMPORT)
+    for place, room in enumerate(order):
+        assert MAY_IMPORT[room] <= set(order[:place]) | MODULES_OF_ALL, room
+    assert {name for name in rooms if name.startswith("agglo_")} == {path.name for path in PACKAGES[1:]}
