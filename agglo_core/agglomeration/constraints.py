@@ -12,8 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from agglo_core.agglomeration.goals import CountGoal, Goal
-from agglo_core.agglomeration.quotas import TooFewPartsError
+from agglo_core.agglomeration.goals import CountGoal, Goal, TooFewPartsError
 from agglo_core.arrays import Mask, plain_array
 from agglo_core.errors import OptionError, PluginError
 from agglo_core.graph import Graph

@@ -11,17 +11,22 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
-from agglo_core.shapes.ball_program import ball_in_box, convex_solid, lowest_plane
-from agglo_core.shapes.ball_table import BLOCK, LANES, VALUES, gathered_triangles
-from agglo_core.shapes.ball_triangles import (
+from agglo_core.shapes.box_heap import WIDTH, pop, push
+from agglo_core.shapes.inscribed_3d import (
+    BLOCK,
+    LANES,
+    VALUES,
+    ball_in_box,
+    convex_solid,
     distance_to,
     flattened,
+    gathered_triangles,
     inside_triangles,
     linearised_triangles,
+    lowest_plane,
     nearest_triangle,
     shorter_list,
 )
-from agglo_core.shapes.box_heap import WIDTH, pop, push
 from agglo_core.shapes.solid_triangles import most_triangles, surface
 
 _ACCURACY = 1e-3  # of the radius

@@ -12,21 +12,25 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.shapes.box_heap import WIDTH, pop, push
-from agglo_core.shapes.circle_chains import simplified
-from agglo_core.shapes.circle_edges import (
+from agglo_core.shapes.inscribed_2d import (
     HEIGHT,
     ROWS,
     apart,
     bounding_box,
+    convex,
     gathered,
     is_inside,
+    largest_in_box,
+    linearised,
+    majorised,
     nearest_edge,
     offset,
     shortened,
     signed_distance,
+    simplified,
+    slabs,
+    tightest,
 )
-from agglo_core.shapes.circle_program import convex, largest_in_box, linearised, majorised, tightest
-from agglo_core.shapes.circle_slabs import slabs
 
 _MANY = 256  # edges from which on nearly straight chains of them become one
 _SAG = 4e-5  # of half the shorter side of the box around the outline: how far these may be off

@@ -17,7 +17,7 @@ from agglo_core.errors import MeshError, OptionError
 from agglo_core.graph import Graph, functionals, moves
 from agglo_core.graph.connection import parts_connected
 from agglo_core.mesh import Mesh
-from agglo_core.shapes.solid_surfaces import ball_radii
+from agglo_core.shapes.solid_shapes import ball_radii
 from agglo_core.threads import over_ranges
 
 _FEW = 500  # agglomerates whose circles one thread finds in some ten milliseconds

@@ -1,18 +1,52 @@
-"""What shape metrics of agglomerates in space are made of: hulls, boxes, kernels, flat faces."""
+"""Shapes of solid agglomerates, from the triangles of their surfaces."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
-from agglo_core.arrays import Float, Index, Int, frozen_index, frozen_int
+from agglo_core.arrays import Float, Index, Int, frozen_float, frozen_index, frozen_int
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
-from agglo_core.shapes.solid_surfaces import over_surfaces
 from agglo_core.threads import over_ranges
+
+_FEW_BALLS = 200  # agglomerates for which one thread takes some ten milliseconds
+
+
+def ball_radii(mesh: Mesh, anywhere: bool) -> Float:
+    """Radius of the largest ball inside each cell ``(n_cells,)``, or of that about the centroid (else 0)."""
+    from agglo_core.shapes.balls import balls
+
+    return over_surfaces(mesh, balls, mesh.local_centroids, mesh.cell_diameters, anywhere)
+
+
+def over_surfaces(mesh: Mesh, kernel: Callable[..., Any], *more: Any) -> Float:
+    """What a kernel finds of the triangles around each cell ``(n_cells,)``."""
+    points, (offsets, faces) = mesh.local_points, mesh.cell_faces
+    triangles = _triangles(mesh)
+
+    def of_cells(start: int, stop: int) -> Float:
+        own = offsets[start : stop + 1]
+        found: Float = kernel(points, start, own, faces, mesh.face_cells, *triangles, *more)
+        return found
+
+    return np.concatenate(over_ranges(of_cells, mesh.n_cells, few=_FEW_BALLS))
+
+
+def _triangles(mesh: Mesh) -> tuple[Int, Index]:
+    """Where the triangles of each face begin ``(n_faces + 1,)``, and their vertices ``(t, 3)``."""
+    from agglo_core.shapes.solid_triangles import face_triangles
+
+    vectors = frozen_float(mesh.face_normals * mesh.face_measures[:, None])
+    starts, triangles = face_triangles(mesh.local_points, mesh.face_offsets, mesh.face_vertices, vectors)
+    return frozen_int(starts), frozen_index(triangles)
+
 
 _Hulls = tuple[Float, Int, Index, Index]
 
-_FEW = 500  # agglomerates one thread looks at in some milliseconds
+_FEW_HULLS = 500  # agglomerates for which one thread takes some milliseconds
 
 
 def hull_volumes(mesh: Mesh) -> Float:
@@ -62,4 +96,4 @@ def _hulls(mesh: Mesh) -> list[_Hulls]:
         volumes, ends, triangles, neighbours = found
         return volumes, frozen_int(ends), frozen_index(triangles), frozen_index(neighbours)
 
-    return over_ranges(hulls, mesh.n_cells, few=_FEW)
+    return over_ranges(hulls, mesh.n_cells, few=_FEW_HULLS)

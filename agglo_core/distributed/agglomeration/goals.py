@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agglo_core.agglomeration.goals import CountGoal, Goal, SizeGoal
-from agglo_core.agglomeration.quotas import TooFewPartsError, apportion
+from agglo_core.agglomeration.goals import CountGoal, Goal, SizeGoal, TooFewPartsError, apportion
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.distributed.agglomeration.domain import Domain
 from agglo_core.registry.attribution import Member

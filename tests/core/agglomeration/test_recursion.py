@@ -11,8 +11,7 @@ from hypothesis import given, settings, strategies as st
 
 import agglo_core as agglo
 from agglo_core import Graph, Mesh, OptionError, samples
-from agglo_core.agglomeration.goals import CountGoal, SizeGoal
-from agglo_core.agglomeration.quotas import apportion
+from agglo_core.agglomeration.goals import CountGoal, SizeGoal, apportion
 from agglo_core.arrays import frozen_float, frozen_int
 
 

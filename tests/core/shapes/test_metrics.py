@@ -14,8 +14,7 @@ from agglo_core import samples
 from agglo_core.errors import MeshError, OptionError
 from agglo_core.mesh import Mesh
 from agglo_core.registry import default
-from agglo_core.shapes.circle_chains import simplified
-from agglo_core.shapes.circle_edges import FIRST, HEIGHT, LAST
+from agglo_core.shapes.inscribed_2d import FIRST, HEIGHT, LAST, simplified
 from agglo_core.shapes.metrics import (
     Cells,
     CentredCircleRatio,

@@ -1,0 +1,448 @@
+"""The largest ball inside a polyhedron: a table of its triangles, distances to them, searches in boxes."""
+
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.compiled.compiling import helper
+
+LANES = 8
+GROUP, VALUES, DISTANCE, SLOPE, BLOCK = 19 * LANES, 20 * LANES, 21 * LANES, 22 * LANES, 25 * LANES
+ROW = tuple(np.uint64(k * LANES) for k in range(25))  # unsigned, as indices of hot loops are
+_SWEEPS = 5  # of Jacobi's method; a third already leaves nothing to see
+
+
+@helper
+def _turn(moments, axes, p, q):
+    """One rotation of Jacobi's method: the moment of axes p and q becomes 0."""
+    if abs(moments[p, q]) <= 1e-300:
+        return
+    theta = 0.5 * (moments[q, q] - moments[p, p]) / moments[p, q]
+    t = (1.0 if theta >= 0.0 else -1.0) / (abs(theta) + np.sqrt(theta * theta + 1.0))
+    cos = 1.0 / np.sqrt(t * t + 1.0)
+    sin = t * cos
+    for k in range(3):
+        one, two = moments[k, p], moments[k, q]
+        moments[k, p], moments[k, q] = cos * one - sin * two, sin * one + cos * two
+    for k in range(3):
+        one, two = moments[p, k], moments[q, k]
+        moments[p, k], moments[q, k] = cos * one - sin * two, sin * one + cos * two
+        one, two = axes[p, k], axes[q, k]
+        axes[p, k], axes[q, k] = cos * one - sin * two, sin * one + cos * two
+
+
+@helper
+def _principal_axes(points, corners, m, centre, moments, axes):
+    """Write the principal axes of the corners of triangles about a centre, as rows."""
+    for p in range(3):
+        for q in range(3):
+            moments[p, q], axes[p, q] = 0.0, 1.0 if p == q else 0.0
+    for t in range(m):
+        for k in range(3):
+            v = corners[t, k]
+            for p in range(3):
+                for q in range(3):
+                    moments[p, q] += (points[v, p] - centre[p]) * (points[v, q] - centre[q])
+    for _ in range(_SWEEPS):
+        _turn(moments, axes, 0, 1)
+        _turn(moments, axes, 0, 2)
+        _turn(moments, axes, 1, 2)
+
+
+@helper
+def _describe(corners, t, table, i):
+    """Write a triangle with these corners to the place i of the table; False if it has no area."""
+    ax, ay, az = corners[t, 0], corners[t, 1], corners[t, 2]
+    ux, uy, uz = corners[t, 3] - ax, corners[t, 4] - ay, corners[t, 5] - az
+    vx, vy, vz = corners[t, 6] - ax, corners[t, 7] - ay, corners[t, 8] - az
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    size, length = np.sqrt(nx * nx + ny * ny + nz * nz), np.sqrt(ux * ux + uy * uy + uz * uz)
+    if not size > 0.0:
+        return False
+    nx, ny, nz, ux, uy, uz = nx / size, ny / size, nz / size, ux / length, uy / length, uz / length
+    fx, fy, fz = ny * uz - nz * uy, nz * ux - nx * uz, nx * uy - ny * ux
+    table[i], table[i + LANES], table[i + 2 * LANES] = ux, uy, uz
+    table[i + 3 * LANES], table[i + 4 * LANES], table[i + 5 * LANES] = fx, fy, fz
+    table[i + 6 * LANES], table[i + 7 * LANES], table[i + 8 * LANES] = nx, ny, nz
+    table[i + 9 * LANES] = ux * ax + uy * ay + uz * az
+    table[i + 10 * LANES] = fx * ax + fy * ay + fz * az
+    table[i + 11 * LANES] = nx * ax + ny * ay + nz * az
+    cx, cy = ux * vx + uy * vy + uz * vz, fx * vx + fy * vy + fz * vz
+    table[i + 12 * LANES], table[i + 13 * LANES], table[i + 14 * LANES] = length, cx, cy
+    table[i + 15 * LANES] = 1.0 / (cx * cx + cy * cy)
+    table[i + 16 * LANES] = 1.0 / ((cx - length) * (cx - length) + cy * cy)
+    table[i + 17 * LANES] = np.sqrt(table[i + 15 * LANES])
+    table[i + 18 * LANES] = np.sqrt(table[i + 16 * LANES])
+    return True
+
+
+@helper
+def place(at):
+    """Where triangle number ``at`` of a list from the first block on stands."""
+    return at // LANES * BLOCK + at % LANES
+
+
+@helper
+def _group(table, count, tiny):
+    """Write which triangles lie in one plane, on the same side of the solid."""
+    for t in range(count):
+        i = place(t)
+        table[i + GROUP] = -1.0
+        for u in range(t):
+            j = place(u)
+            if abs(table[i + 11 * LANES] - table[j + 11 * LANES]) > tiny:
+                continue
+            dot = table[i + 6 * LANES] * table[j + 6 * LANES] + table[i + 7 * LANES] * table[j + 7 * LANES]
+            if dot + table[i + 8 * LANES] * table[j + 8 * LANES] < 1.0 - 1e-14:
+                continue
+            if table[j + GROUP] < 0.0:
+                table[j + GROUP] = u
+            table[i + GROUP] = table[j + GROUP]
+            break
+
+
+@helper
+def fill(table, count):
+    """Fill the last block up with copies of its first triangle; the number of blocks."""
+    blocks = (count + LANES - 1) // LANES
+    first = place((blocks - 1) * LANES)
+    for at in range(count, blocks * LANES):
+        i = place(at)
+        for row in range(0, BLOCK, LANES):
+            table[i + row] = table[first + row]
+    return blocks
+
+
+@helper(allocates=True)
+def gathered_triangles(points, triangles, m, centre, moments, axes, corners, table):
+    """The table of one agglomerate, in ``table`` if there is room, how many triangles it has, and blocks.
+
+    The origin is the centre, the axes are principal ones. Triangles of no area are left out. Their
+    ``corners (m, 9)`` are written, too.
+    """
+    if len(table) < (m + LANES) // LANES * BLOCK:
+        table = np.empty(2 * (m + LANES) // LANES * BLOCK)
+    _principal_axes(points, triangles, m, centre, moments, axes)
+    count = 0
+    for t in range(m):
+        for k in range(3):
+            v = triangles[t, k]
+            x, y, z = points[v, 0] - centre[0], points[v, 1] - centre[1], points[v, 2] - centre[2]
+            for a in range(3):
+                corners[count, 3 * k + a] = axes[a, 0] * x + axes[a, 1] * y + axes[a, 2] * z
+        count += _describe(corners, count, table, place(count))
+    _group(table, count, 1e-9 * np.sqrt((moments[0, 0] + moments[1, 1] + moments[2, 2]) / (3 * m)))
+    return table, count, fill(table, count)
+
+
+@helper(inline=True)
+def _own_place(table, i, x, y, z):
+    """Coordinates of a point in the frame of a triangle."""
+    s = x * table[i] + y * table[i + ROW[1]] + z * table[i + ROW[2]] - table[i + ROW[9]]
+    t = x * table[i + ROW[3]] + y * table[i + ROW[4]] + z * table[i + ROW[5]] - table[i + ROW[10]]
+    h = x * table[i + ROW[6]] + y * table[i + ROW[7]] + z * table[i + ROW[8]] - table[i + ROW[11]]
+    return s, t, h
+
+
+@helper(inline=True)
+def _apart(table, i, s, t):
+    """Vector within the plane from the nearest point of a triangle, 0 inside; least distance from its sides.
+
+    The latter is negative outside, and then no distance.
+    """
+    length, cx, cy = table[i + ROW[12]], table[i + ROW[13]], table[i + ROW[14]]
+    p, ex = s - length, cx - length
+    two, three = s * cy - t * cx, t * ex - p * cy
+    margin = min(t, min(two * table[i + ROW[17]], three * table[i + ROW[18]]))
+    ds, dt = s - min(max(s, 0.0), length), t
+    k = min(max((s * cx + t * cy) * table[i + ROW[15]], 0.0), 1.0)
+    qs, qt = s - k * cx, t - k * cy
+    nearer = qs * qs + qt * qt < ds * ds + dt * dt
+    ds, dt = qs if nearer else ds, qt if nearer else dt
+    k = min(max((p * ex + t * cy) * table[i + ROW[16]], 0.0), 1.0)
+    qs, qt = p - k * ex, t - k * cy
+    nearer = qs * qs + qt * qt < ds * ds + dt * dt
+    ds, dt = qs if nearer else ds, qt if nearer else dt
+    within = margin >= 0.0
+    return 0.0 if within else ds, 0.0 if within else dt, margin
+
+
+@helper
+def distance_to(table, i, x, y, z):
+    """Distance of a point from the triangle at place i."""
+    i = np.uint64(i)
+    s, t, h = _own_place(table, i, x, y, z)
+    ds, dt, _ = _apart(table, i, s, t)
+    return np.sqrt(ds * ds + dt * dt + h * h)
+
+
+@helper
+def nearest_triangle(table, start, stop, x, y, z):
+    """The triangle nearest to a point; squares of all distances are left in the table."""
+    for block in range(start, stop):
+        base = np.uint64(block * BLOCK)
+        for lane in range(np.uint64(LANES)):
+            i = base + np.uint64(lane)
+            s, t, h = _own_place(table, i, x, y, z)
+            ds, dt, _ = _apart(table, i, s, t)
+            table[i + ROW[20]] = ds * ds + dt * dt + h * h
+    return lowest(table, start, stop)
+
+
+@helper
+def lowest(table, start, stop):
+    """The triangle with the lowest value."""
+    best, least = start * BLOCK, np.inf
+    for block in range(start, stop):
+        for lane in range(LANES):
+            i = block * BLOCK + lane
+            if table[i + VALUES] < least:
+                best, least = i, table[i + VALUES]
+    return best
+
+
+@helper
+def linearised_triangles(table, start, stop, x, y, z, sx, sy, sz):
+    """Leave distances from a point and their gradients in the table; or planes that are above them in a box.
+
+    The box has its centre at the point and these half sides, R is half its diagonal. Let d be the distance
+    at the centre, q the nearest point of a triangle. In the box the distance is at most that from q, which
+    is at most R² / (2d) above its tangent. If q is m inside the triangle, and the plane of that misses the
+    box, all but R - m of a way along the plane costs nothing; if q is in deep enough, the tangent is exact.
+    Where d is small, the distance is at most d + R.
+    """
+    reach = np.sqrt(sx * sx + sy * sy + sz * sz)
+    for block in range(start, stop):
+        base = np.uint64(block * BLOCK)
+        for lane in range(np.uint64(LANES)):
+            i = base + np.uint64(lane)
+            s, t, h = _own_place(table, i, x, y, z)
+            ds, dt, margin = _apart(table, i, s, t)
+            distance = np.sqrt(ds * ds + dt * dt + h * h)
+            scale = 1.0 / max(distance, 1e-300)
+            ds, dt, h = ds * scale, dt * scale, h * scale
+            gx = ds * table[i] + dt * table[i + ROW[3]] + h * table[i + ROW[6]]
+            gy = ds * table[i + ROW[1]] + dt * table[i + ROW[4]] + h * table[i + ROW[7]]
+            gz = ds * table[i + ROW[2]] + dt * table[i + ROW[5]] + h * table[i + ROW[8]]
+            over = distance - abs(gx) * sx - abs(gy) * sy - abs(gz) * sz
+            beyond = reach - margin if margin >= 0.0 else reach
+            beyond = max(beyond, 0.0)
+            along = 0.5 * beyond * beyond / max(over, 1e-300) if over >= 0.0 else np.inf
+            above = min(0.5 * reach * reach * scale, along)
+            steep = above <= 2.0 * reach
+            table[i + ROW[21]] = distance + (above if steep else reach)
+            table[i + ROW[22]] = gx if steep else 0.0
+            table[i + ROW[23]] = gy if steep else 0.0
+            table[i + ROW[24]] = gz if steep else 0.0
+
+
+@helper
+def flattened(table, blocks, some, weight, x, y, z, sides):
+    """Lower the planes of triangles that are part of a large flat face to the plane of that; whether any.
+
+    So it is if all that is seen of a box along the normal falls on triangles in that plane: if the face's
+    rim, where triangles of other planes begin, is further from the foot of the centre than any point.
+    """
+    changed, reach = False, sides[0] * sides[0] + sides[1] * sides[1] + sides[2] * sides[2]
+    for n in range(4):
+        i = some[n]
+        if weight[n] <= 0.0 or table[i + GROUP] < 0.0:
+            continue
+        s, t, h = _own_place(table, np.uint64(i), x, y, z)
+        nx, ny, nz = table[i + 6 * LANES], table[i + 7 * LANES], table[i + 8 * LANES]
+        over = abs(h) - abs(nx) * sides[0] - abs(ny) * sides[1] - abs(nz) * sides[2]
+        value = abs(h) - min(2.0 * over, 0.0)  # a plane that just touches the box, but for rounding, serves
+        margin = _apart(table, np.uint64(i), s, t)[2]
+        if margin < 0.0 or over < -1e-9 * abs(h) or table[i + DISTANCE] <= value:
+            continue
+        px, py, pz, free = x - h * nx, y - h * ny, z - h * nz, True
+        for block in range(blocks):
+            for lane in range(LANES):
+                j = block * BLOCK + lane
+                if table[j + GROUP] != table[i + GROUP]:
+                    free &= distance_to(table, j, px, py, pz) ** 2 >= reach
+            if not free:
+                break
+        if free:
+            sign = 1.0 if h >= 0.0 else -1.0
+            table[i + DISTANCE], table[i + SLOPE] = value, sign * nx
+            table[i + SLOPE + LANES], table[i + SLOPE + 2 * LANES] = sign * ny, sign * nz
+            changed = True
+    return changed
+
+
+@helper
+def _crossing(corners, t, p, q, x, y):
+    """+1 or -1 if side pq, as seen along z, crosses the ray from (x, y) to larger x upwards or downwards."""
+    up = corners[t, p + 1] <= y
+    if up == (corners[t, q + 1] <= y):
+        return 0
+    low, high = (p, q) if up else (q, p)  # the same for both triangles beside the side
+    ux, uy = corners[t, high] - corners[t, low], corners[t, high + 1] - corners[t, low + 1]
+    if ux * (y - corners[t, low + 1]) - uy * (x - corners[t, low]) <= 0.0:
+        return 0
+    return 1 if up else -1
+
+
+@helper
+def inside_triangles(corners, table, m, x, y, z):
+    """Whether the ray from a point along z leaves the triangles once more than it enters.
+
+    Sides count for the two triangles beside them by one and the same sign, so that a ray that meets an edge
+    or a corner is no special case; nor are cavities, loose parts and pinched edges.
+    """
+    total = 0
+    for t in range(m):
+        winds = _crossing(corners, t, 0, 3, x, y) + _crossing(corners, t, 3, 6, x, y)
+        winds += _crossing(corners, t, 6, 0, x, y)
+        if winds == 0:
+            continue
+        low = min(corners[t, 2], min(corners[t, 5], corners[t, 8]))
+        high = max(corners[t, 2], max(corners[t, 5], corners[t, 8]))
+        i = place(t)
+        height = _own_place(table, np.uint64(i), x, y, z)[2]
+        if z < low or (z <= high and height * table[i + 8 * LANES] < 0.0):
+            total += winds
+    return total != 0
+
+
+@helper(allocates=True)
+def shorter_list(table, start, stop, limit, top):
+    """Copy the triangles whose square of the distance is at most ``limit`` to the blocks from ``top`` on.
+
+    Returns the table, longer if it was full, and the range of the copies.
+    """
+    if len(table) < (top + stop - start) * BLOCK:
+        grown = np.empty(2 * (top + stop - start) * BLOCK)
+        for i in range(top * BLOCK):
+            grown[i] = table[i]
+        table = grown
+    count = top * LANES
+    for block in range(start, stop):
+        for lane in range(LANES):
+            i = block * BLOCK + lane
+            if table[i + VALUES] <= limit:
+                j = place(count)
+                for row in range(0, VALUES + 1, LANES):
+                    table[j + row] = table[i + row]
+                count += 1
+    return table, top, fill(table, count)
+
+
+_STEPS = 60  # exchanges; more than fifteen are rare
+
+
+@helper
+def convex_solid(corners, table, m, blocks, tiny):
+    """Whether all corners are, but for ``tiny``, inside the plane of each triangle.
+
+    If so, distances from these planes and their gradients are left in the table.
+    """
+    for block in range(blocks):
+        for lane in range(LANES):
+            i = block * BLOCK + lane
+            nx, ny, nz = table[i + 6 * LANES], table[i + 7 * LANES], table[i + 8 * LANES]
+            distance = table[i + 11 * LANES]
+            for t in range(m):
+                for k in (0, 3, 6):
+                    if nx * corners[t, k] + ny * corners[t, k + 1] + nz * corners[t, k + 2] > distance + tiny:
+                        return False
+            table[i + DISTANCE] = distance
+            table[i + SLOPE], table[i + SLOPE + LANES], table[i + SLOPE + 2 * LANES] = -nx, -ny, -nz
+    return True
+
+
+@helper
+def lowest_plane(table, start, stop, px, py, pz):
+    """The triangle whose plane is lowest at p; values of all are left in the table."""
+    for block in range(start, stop):
+        base = np.uint64(block * BLOCK)
+        for lane in range(np.uint64(LANES)):
+            i = base + np.uint64(lane)
+            value = table[i + ROW[21]] + px * table[i + ROW[22]]
+            table[i + ROW[20]] = value + py * table[i + ROW[23]] + pz * table[i + ROW[24]]
+    return lowest(table, start, stop)
+
+
+@helper
+def _begin(table, first, sides, inverse, centre):
+    """The first triangle and a corner of the box hold with equality: inverse and centre; the radius."""
+    radius = table[first + DISTANCE]
+    for row in range(4):
+        for k in range(4):
+            inverse[row, k] = 0.0
+    inverse[3, 0] = 1.0
+    for k in range(3):
+        slope = table[first + SLOPE + k * LANES]
+        inverse[k, k + 1] = 1.0 if slope > 0.0 else -1.0
+        inverse[3, k + 1] = abs(slope)
+        centre[k] = inverse[k, k + 1] * sides[k]
+        radius += abs(slope) * sides[k]
+    return radius
+
+
+@helper
+def _share(inverse, row, k):
+    """Product of a constraint with a column of the inverse."""
+    return row[0] * inverse[0, k] + row[1] * inverse[1, k] + row[2] * inverse[2, k] + row[3] * inverse[3, k]
+
+
+@helper
+def _exchange(inverse, row):
+    """Let the constraint ``row`` hold in place of one of the four: which one, or -1 if none may go."""
+    leaving, ratio, pivot = -1, np.inf, 1.0
+    for k in range(4):
+        share = _share(inverse, row, k)
+        if share > 1e-12 and inverse[3, k] < ratio * share:
+            leaving, ratio, pivot = k, inverse[3, k] / share, share
+    if leaving < 0:
+        return leaving
+    for i in range(4):
+        inverse[i, leaving] /= pivot
+    for k in range(4):
+        if k != leaving:
+            share = _share(inverse, row, k)
+            for i in range(4):
+                inverse[i, k] -= share * inverse[i, leaving]
+    return leaving
+
+
+@helper
+def ball_in_box(table, start, stop, first, sides, enough, tiny, centre, some, weight, inverse, row):
+    """Radius; writes the centre relative to that of the box, and up to four triangles and their λ.
+
+    Begins with the ``first`` triangle and a corner of the box; triangles and sides of the box that are
+    violated by more than ``tiny`` enter one by one. The radius falls from above, and is enough once it is
+    at most ``enough``. ``inverse (4, 4)`` and ``row (4,)`` are scratch: the inverse of the four
+    constraints that hold with equality.
+    """
+    radius = _begin(table, first, sides, inverse, centre)
+    some[0], some[1], some[2], some[3] = first, -1, -1, -1
+    for _ in range(_STEPS):
+        if radius <= enough:
+            break
+        entering = lowest_plane(table, start, stop, centre[0], centre[1], centre[2])
+        excess = radius - table[entering + VALUES]
+        for k in range(3):
+            row[k] = -table[entering + SLOPE + k * LANES]
+        row[3] = 1.0
+        for k in range(3):
+            if abs(centre[k]) - sides[k] > excess:
+                entering, excess = -1, abs(centre[k]) - sides[k]
+                row[0], row[1], row[2], row[3] = 0.0, 0.0, 0.0, 0.0
+                row[k] = 1.0 if centre[k] > 0.0 else -1.0
+        if excess <= tiny:
+            break
+        leaving = _exchange(inverse, row)
+        if leaving < 0:
+            break
+        some[leaving] = entering
+        for k in range(3):
+            centre[k] -= excess * inverse[k, leaving]
+        radius -= excess * inverse[3, leaving]
+    for k in range(4):
+        weight[k] = max(inverse[3, k], 0.0) if some[k] >= 0 else 0.0
+        some[k] = max(some[k], 0)
+    return radius
