@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from agglo_core.arrays import Int, fits_in_index, frozen_int
 from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
-from agglo_core.io.build.listed_faces import usual_values
 from agglo_core.io.file_checks import naming
 from agglo_core.io.tags import BRIDGES
+from agglo_core.io.to_mesh.listed_faces import usual_values
 from agglo_core.io.vtk.document import Piece, write_document
 from agglo_core.io.vtk.grid_pieces import Share, piece_of
 from agglo_core.io.vtk.pvtu import piece_name, pvtu_list

@@ -17,12 +17,12 @@ from agglo_core.distributed.mesh.joining_ranks import joined_across
 from agglo_core.distributed.mesh.touching_ranks import outer_faces_touch
 from agglo_core.distributed.mesh.whole_cells import WholeCells
 from agglo_core.errors import FileError, MeshError
-from agglo_core.io.build.bridges import single_loops
-from agglo_core.io.build.listed_faces import usual_values
-from agglo_core.io.build.plain_cells import half_faces
-from agglo_core.io.build.soup import Soup
 from agglo_core.io.file_checks import naming
 from agglo_core.io.format_options import ReadOptions
+from agglo_core.io.to_mesh.bridges import single_loops
+from agglo_core.io.to_mesh.listed_faces import usual_values
+from agglo_core.io.to_mesh.plain_cells import half_faces
+from agglo_core.io.to_mesh.soup import Soup
 from agglo_core.io.vtk.joined_pieces import in_global_order
 from agglo_core.io.vtk.pieces import Stored, mesh_of_soup, soup_of_pieces
 from agglo_core.mesh import Mesh

@@ -16,11 +16,11 @@ import numpy as np
 from agglo_core.arrays import frozen_float, frozen_int, trusted_copy
 from agglo_core.errors import AggloError, FileError
 from agglo_core.files.regular import text_bytes, without_mark
-from agglo_core.io.build.soup import Soup, mesh_from_soup
 from agglo_core.io.foreign.unread import why_unread
 from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.gmsh.read import soup_of_gmsh
 from agglo_core.io.tags import note_left_out
+from agglo_core.io.to_mesh.soup import Soup, mesh_from_soup
 from agglo_core.io.vtk.legacy import legacy_kind, stored_legacy
 from agglo_core.io.vtk.pieces import mesh_from_pieces
 from agglo_core.mesh import Mesh

@@ -20,8 +20,8 @@ import numpy as np
 
 from agglo_core.arrays import Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
-from agglo_core.io.build.soup import Soup
 from agglo_core.io.tags import tag_values
+from agglo_core.io.to_mesh.soup import Soup
 from agglo_core.mesh.elements import Polyhedra, concatenate
 
 _WEDGE = (0, 2, 1, 3, 5, 4)  # meshlane keeps Gmsh's order, whose first triangle looks inward

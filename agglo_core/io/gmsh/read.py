@@ -11,7 +11,6 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.errors import FileError
-from agglo_core.io.build.soup import Soup
 from agglo_core.io.gmsh.elements import (
     DIMS,
     VTK_TYPES,
@@ -23,6 +22,7 @@ from agglo_core.io.gmsh.elements import (
     read_nodes,
 )
 from agglo_core.io.gmsh.sections import Numbers, decoded, gmsh_header, sections
+from agglo_core.io.to_mesh.soup import Soup
 from agglo_core.mesh.elements import concatenate, gather
 
 _log = logging.getLogger("agglo")

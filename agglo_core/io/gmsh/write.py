@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.errors import FileError
 from agglo_core.files.text_numbers import integer_lines, real_lines
-from agglo_core.io.build.plain_cells import used_points
 from agglo_core.io.tags import is_level
+from agglo_core.io.to_mesh.plain_cells import used_points
 from agglo_core.io.vtk.cells import POLYHEDRON, cells_of
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import gather

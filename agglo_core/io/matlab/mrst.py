@@ -8,10 +8,10 @@ import numpy as np
 
 from agglo_core.arrays import Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
-from agglo_core.io.build.array_checks import check_directions
-from agglo_core.io.build.plain_cells import used_points
 from agglo_core.io.matlab.mat5 import Variable
 from agglo_core.io.matlab.mat5_write import numbers, structure
+from agglo_core.io.to_mesh.array_checks import check_directions
+from agglo_core.io.to_mesh.plain_cells import used_points
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import gather
 

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agglo_core.arrays import Int, frozen_float, frozen_int
-from agglo_core.io.build.plain_cells import Loops, loops_of, solids_of, write_levels
 from agglo_core.io.matlab.mat5_write import (
     cell_array,
     lists,
@@ -24,6 +23,7 @@ from agglo_core.io.matlab.mat5_write import (
 )
 from agglo_core.io.matlab.mrst import coarse_structure, grid_structure
 from agglo_core.io.tags import is_level
+from agglo_core.io.to_mesh.plain_cells import Loops, loops_of, solids_of, write_levels
 from agglo_core.mesh import Mesh
 
 if TYPE_CHECKING:

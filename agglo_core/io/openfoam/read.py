@@ -12,11 +12,11 @@ import numpy as np
 
 from agglo_core.arrays import Int, frozen_float, frozen_int, trusted_copy
 from agglo_core.errors import FileError
-from agglo_core.io.build.array_checks import check_directions
-from agglo_core.io.build.soup import with_repairs
 from agglo_core.io.openfoam.files import labels_of, open_foam
 from agglo_core.io.openfoam.parts import FoamPart, read_part
 from agglo_core.io.openfoam.processors import read_processors
+from agglo_core.io.to_mesh.array_checks import check_directions
+from agglo_core.io.to_mesh.soup import with_repairs
 from agglo_core.mesh import Mesh
 
 PATCH = "patch"

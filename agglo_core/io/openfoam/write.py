@@ -17,9 +17,9 @@ from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import FileError
 from agglo_core.files.text_numbers import integer_lines, real_lines
 from agglo_core.io.atomic import staging
-from agglo_core.io.build.plain_cells import used_points
 from agglo_core.io.openfoam.read import OWN
 from agglo_core.io.tags import cell_data, check_names, is_level
+from agglo_core.io.to_mesh.plain_cells import used_points
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import gather
 

@@ -17,10 +17,10 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
 from agglo_core.files.regular import text_bytes
 from agglo_core.files.text_numbers import integer_lines, integers, line_of, real_lines, reals
-from agglo_core.io.build.plain_cells import used_points, write_levels
 from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.text.cell_lines import find_tags, tag_lines
 from agglo_core.io.text.counted_lists import counted_lists
+from agglo_core.io.to_mesh.plain_cells import used_points, write_levels
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import Polyhedra, gather
 

@@ -15,10 +15,10 @@ from agglo_core.arrays import Float, Int, fits_in_index, frozen_float, frozen_in
 from agglo_core.errors import FileError
 from agglo_core.files.regular import text_bytes
 from agglo_core.files.text_numbers import integer_lines, real_lines, reals
-from agglo_core.io.build.plain_cells import loops_of, write_levels
 from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.tags import note_left_out
 from agglo_core.io.text.counted_lists import counted_lists, record_starts
+from agglo_core.io.to_mesh.plain_cells import loops_of, write_levels
 from agglo_core.mesh import Mesh
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglo_core.arrays import Float, Int, Mask, frozen_int
-from agglo_core.io.build.bridges import single_loops
-from agglo_core.io.build.plain_cells import half_faces
+from agglo_core.io.to_mesh.bridges import single_loops
+from agglo_core.io.to_mesh.plain_cells import half_faces
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import (
     CORNERS,

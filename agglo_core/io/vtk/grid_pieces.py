@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglo_core.arrays import Int, frozen_float, frozen_int
-from agglo_core.io.build.listed_faces import face_fields
-from agglo_core.io.build.plain_cells import used_points
 from agglo_core.io.tags import BRIDGES
+from agglo_core.io.to_mesh.listed_faces import face_fields
+from agglo_core.io.to_mesh.plain_cells import used_points
 from agglo_core.io.vtk.arrays import DERIVED
 from agglo_core.io.vtk.cells import POLYHEDRON, Cells, cells_of, these_cells
 from agglo_core.io.vtk.document import Piece

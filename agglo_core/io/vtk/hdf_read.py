@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from agglo_core.arrays import Int, frozen_float
 from agglo_core.errors import AggloError, FileError
-from agglo_core.io.build.listed_faces import listed_faces
-from agglo_core.io.build.soup import Soup
 from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.tags import tag_values
+from agglo_core.io.to_mesh.listed_faces import listed_faces
+from agglo_core.io.to_mesh.soup import Soup
 from agglo_core.io.vtk.hdf_arrays import COUNTS, DERIVED, GROUP, Partition, datasets, hdf5, member, subgroup
 from agglo_core.io.vtk.pieces import Stored, check_counts, mesh_from_pieces, soup_of_piece
 from agglo_core.mesh import Mesh

@@ -8,8 +8,8 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
 from agglo_core.errors import FileError
-from agglo_core.io.build.listed_faces import joined_faces
-from agglo_core.io.build.soup import Soup
+from agglo_core.io.to_mesh.listed_faces import joined_faces
+from agglo_core.io.to_mesh.soup import Soup
 from agglo_core.mesh.elements import concatenate, gather, take_cells
 
 _GHOST = 1 | 32  # vtkGhostType bits: the cell belongs to another piece; the cell is hidden

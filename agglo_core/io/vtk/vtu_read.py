@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
-from agglo_core.io.build.listed_faces import ListedFaces, listed_faces
-from agglo_core.io.build.soup import Soup
 from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.tags import tag_values
+from agglo_core.io.to_mesh.listed_faces import ListedFaces, listed_faces
+from agglo_core.io.to_mesh.soup import Soup
 from agglo_core.io.vtk.arrays import TYPES, Document, is_derived, parse
 from agglo_core.io.vtk.pieces import CellArrays, Stored, check_counts, mesh_from_pieces, soup_of_piece
 from agglo_core.io.vtk.polydata import KINDS, polydata_cells

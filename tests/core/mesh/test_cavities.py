@@ -12,7 +12,7 @@ from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
 
 from agglo_core import FileError, Mesh, MeshError, read, samples, write
-from agglo_core.io.build.plain_cells import half_faces
+from agglo_core.io.to_mesh.plain_cells import half_faces
 
 Cell = list[list[int]]
 SIDES = ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))

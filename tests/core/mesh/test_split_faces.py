@@ -10,7 +10,7 @@ from core.mesh.test_conforming import bricks, pairs, solids, together
 from numpy.typing import NDArray
 
 from agglo_core import Mesh, MeshError, read, write
-from agglo_core.io.build.plain_cells import half_faces
+from agglo_core.io.to_mesh.plain_cells import half_faces
 
 BEND = [[3.0, 0.7, 0.2], [-0.3, 2.0, 0.1], [0.1, 0.3, 1.1]]
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_int, trusted_copy
 from agglo_core.errors import FileError, MeshError
-from agglo_core.io.build.listed_faces import ListedFaces, faces_with, tags_of_faces
-from agglo_core.io.build.point_sets import convex_hulls
+from agglo_core.io.to_mesh.listed_faces import ListedFaces, faces_with, tags_of_faces
+from agglo_core.io.to_mesh.point_sets import convex_hulls
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.checks import check_tags, name_cells
 from agglo_core.mesh.elements import (

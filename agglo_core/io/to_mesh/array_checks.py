@@ -6,7 +6,7 @@ import numpy as np
 
 from agglo_core.arrays import frozen_int
 from agglo_core.errors import FileError
-from agglo_core.io.build.plain_cells import half_faces
+from agglo_core.io.to_mesh.plain_cells import half_faces
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.checks import name_cells
 from agglo_core.mesh.elements import take_cells
