@@ -8,9 +8,13 @@ from __future__ import annotations
 import glob
 import inspect
 import logging
+import pickle
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from hashlib import sha256
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +29,7 @@ INSTALLED = Path(__file__).with_name("machine_code")
 _log = logging.getLogger("agglo")
 _HERE = Path(__file__).parent
 _CORE = Path(__file__).parents[1]
+_HASH = 32  # bytes
 _IMPORT = re.compile(r"^from ([\w.]+) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
 
 
@@ -58,16 +63,49 @@ class _CacheFile(IndexDataCacheFile):
     Numba numbers these files. Of two processes that compile different signatures at once both may take the
     same number, and the index of one then leads to the machine code of the other: a kernel for float64
     was called with integers. A name that depends on the content alone cannot be taken twice.
+
+    Each file begins with a hash of the rest. A file that a full disk or a power cut has damaged counts as
+    absent: unpickling it may fail in any way, and machine code with a wrong byte may end the interpreter.
     """
 
     def save(self, key: Any, data: Any) -> None:
         """Write the machine code of a signature, then the index, which is complete at every moment."""
-        if Path(self._index_path).is_file() and not self._load_index():  # type: ignore[no-untyped-call]
+        if Path(self._index_path).is_file() and not self._load_index():
             self._remove_stale()
         digest = sha256(f"{self._version} {self._source_stamp} {key}".encode()).hexdigest()[:20]
         name = f"{Path(self._index_name).stem}.{digest}.nbc"
         self._save_data(name, data)  # type: ignore[no-untyped-call]
         self._save_index({**self._load_index(), key: name})  # type: ignore[no-untyped-call]
+
+    def _load_index(self) -> dict[Any, str]:
+        """Names of files by signature; none if the index is absent, stale or damaged."""
+        try:
+            content = BytesIO(self._intact(self._index_path))
+        except OSError:
+            return {}
+        if pickle.load(content) != self._version:
+            return {}
+        stamp, names = pickle.load(content)
+        return dict(names) if stamp == self._source_stamp else {}
+
+    def _load_data(self, name: str) -> Any:
+        """Machine code in a file; OSError if it is absent or damaged."""
+        return pickle.loads(self._intact(self._data_path(name)))  # type: ignore[no-untyped-call]
+
+    def _intact(self, path: str) -> bytes:
+        """Content of a file after its hash; OSError if they do not match."""
+        data = Path(path).read_bytes()
+        if sha256(data[_HASH:]).digest() != data[:_HASH]:
+            raise OSError(f"{path} is damaged")
+        return data[_HASH:]
+
+    @contextmanager
+    def _open_for_write(self, filepath: str) -> Iterator[BytesIO]:
+        """Collect what is written, and write its hash and then itself in one step."""
+        content = BytesIO()
+        yield content
+        with super()._open_for_write(filepath) as file:
+            file.write(sha256(content.getvalue()).digest() + content.getvalue())
 
     def _remove_stale(self) -> None:
         """Remove machine code of other sources, to which no index leads."""

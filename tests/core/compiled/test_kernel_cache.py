@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import os
 import re
+import shutil
 import subprocess
 import sys
 from importlib import import_module
@@ -31,7 +32,7 @@ def files_of_kernels(folder: Path) -> list[Path]:
 
 
 KERNELS, PLUGINS = files_of_kernels(ROOT / "agglo_core"), files_of_kernels(ROOT / "plugins")
-SUMS = ROOT / "agglo_core" / "kernels" / "sums.py"
+SUMS = ROOT / "agglo_core" / "compiled" / "sums.py"
 
 HELPERS = """
 from agglo_core.authoring import helper
@@ -190,6 +191,64 @@ def test_processes_that_save_at_once_never_swap_machine_code(
     assert after.load("int64") is None  # compiled once more
     after.save("int64", "code for int64")
     assert [after.load(each) for each in ("int64", "float64")] == ["code for int64", "code for float64"]
+
+
+DAMAGES = {
+    "cut": lambda data, at: data[:at],
+    "a bit turned over": lambda data, at: data[:at] + bytes([data[at] ^ 16]) + data[at + 1 :],
+    "zeros": lambda data, at: data[:at] + bytes(64) + data[at + 64 :],
+    "empty": lambda data, at: b"",
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+@pytest.mark.parametrize("suffix", ["nbi", "nbc"])
+def test_what_a_damaged_file_holds_is_compiled_anew(tmp_path: Path, suffix: str, damage: str) -> None:
+    """Neither index nor machine code is unpickled before its hash is right, and both are mended."""
+    found = kernel_cache._CacheFile(str(tmp_path), "one", "stamp")
+    kept = {("float64",): (b"machine code", 1.5), ("int64",): (b"other code", 2.5)}
+    for key, data in kept.items():
+        found.save(key, data)
+    files = sorted(tmp_path.glob(f"*.{suffix}"))
+    assert len(files) == {"nbi": 1, "nbc": 2}[suffix]
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        file = files[rng.integers(len(files))]
+        whole = file.read_bytes()
+        file.write_bytes(DAMAGES[damage](whole, rng.integers(len(whole) - 64)))
+        assert None in [found.load(key) for key in kept]
+        for key, data in kept.items():
+            assert found.load(key) in (None, data)
+            found.save(key, data)
+        assert {key: found.load(key) for key in kept} == kept
+
+
+@pytest.mark.slow
+def test_runs_with_damaged_files_of_kernels_give_the_same_labels(tmp_path: Path) -> None:
+    whole, damaged, answers = tmp_path / "whole", tmp_path / "damaged", set()
+    rng = np.random.default_rng(1)
+    for trial in range(31):
+        cache = whole if trial == 0 else damaged
+        if trial > 0:
+            shutil.rmtree(damaged, ignore_errors=True)
+            shutil.copytree(whole, damaged)
+            files = sorted(damaged.rglob("*.nb[ic]"))
+            for file in rng.choice(len(files), 3, replace=False):
+                data = files[file].read_bytes()
+                damage = list(DAMAGES.values())[rng.integers(len(DAMAGES))]
+                files[file].write_bytes(damage(data, rng.integers(max(1, len(data) - 64))))
+        run = subprocess.run(
+            [sys.executable, "-c", LABELS],
+            env=os.environ | {"NUMBA_CACHE_DIR": str(cache)}, capture_output=True, text=True, check=True,
+        )  # fmt: skip
+        answers.add(run.stdout)
+    assert len(answers) == 1
+
+
+LABELS = """
+import agglo_core as agglo
+print(agglo.agglomerate(agglo.samples.squares(8), bisector="coordinate", n_parts=8, polish=False).levels)
+"""
 
 
 def test_machine_code_of_other_sources_is_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
