@@ -29,6 +29,7 @@ INSTALLED = Path(__file__).with_name("machine_code")
 _log = logging.getLogger("agglo")
 _HERE = Path(__file__).parent
 _CORE = Path(__file__).parents[1]
+_COMPILER = Path(__file__).with_name("self_contained.py")
 _HASH = 32  # bytes
 _IMPORT = re.compile(r"^from ([\w.]+) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
 
@@ -171,8 +172,8 @@ def _warn_unwritable() -> None:
 
 @cache  # sources do not change while a process runs
 def source_stamp(file: Path) -> str:
-    """Hash of :func:`sources` and of the version of numpy, whose routines are compiled into kernels too."""
-    digest = sha256(np.__version__.encode())
+    """Hash of :func:`sources`, of how they are compiled, and of the version of numpy that is compiled in."""
+    digest = sha256(np.__version__.encode() + _COMPILER.read_bytes())
     for source in sorted(sources(file), key=_place_in_package):
         digest.update(_place_in_package(source).encode())
         digest.update(source.read_bytes())

@@ -10,8 +10,6 @@ from typing import Any
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 
-__all__ = ["KernelCompiler"]
-
 
 class _Library(JITCodeLibrary):
     """Code of one kernel, whose machine code keeps the functions linked into it private.

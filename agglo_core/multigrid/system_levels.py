@@ -17,11 +17,12 @@ from agglo_core.hierarchy import Hierarchy
 from agglo_core.multigrid.coarsening.aggregation import aggregation_stack, blockwise
 from agglo_core.multigrid.coarsening.classical import classical_stack
 from agglo_core.multigrid.coarsening.near_null import smoothed_near_null
-from agglo_core.multigrid.cycle import cycle
+from agglo_core.multigrid.cycle import Kind, cycle
 from agglo_core.multigrid.krylov.pcg import pcg
 from agglo_core.multigrid.stack import LevelStack
 from agglo_core.problems import Solution, System
 from agglo_core.problems.level_table import LevelTable
+from agglo_core.problems.real_arrays import real_array
 
 
 def build_levels(
@@ -74,12 +75,10 @@ def build_levels(
         if n % cells:
             raise OptionError(f"block_offsets are needed: {n} unknowns in {cells} cells")
         block_offsets = np.arange(cells + 1) * (n // cells)
-    offsets: Any = None if block_offsets is None else np.asarray(block_offsets)
-    near: Any = None if near_null is None else np.asarray(near_null)
-    near = near[:, None] if near is not None and near.ndim == 1 else near
-    system = System(A, np.zeros(n), offsets, None if hierarchy is None else hierarchy.fine, near)
+    mesh, labels = (None, ()) if hierarchy is None else (hierarchy.fine, hierarchy.levels)
+    system = System(A, np.zeros(n), block_offsets, mesh, near_null)  # type: ignore[arg-type]  # it checks them
     try:
-        return SystemLevels(system, stack_of_system(system, () if hierarchy is None else hierarchy.levels))
+        return SystemLevels(system, stack_of_system(system, labels))
     except np.linalg.LinAlgError as failure:
         raise OptionError(f"no levels for this matrix: {failure}") from failure
 
@@ -143,7 +142,7 @@ def stack_of_system(system: System, labels: Sequence[Int] = (), dtype: Any = np.
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SystemLevels:
-    """Levels of a matrix, for solves with several right-hand sides and as a preconditioner.
+    """Levels of a matrix, for any number of solves and as a preconditioner.
 
     Attributes
     ----------
@@ -173,9 +172,9 @@ class SystemLevels:
     def __repr__(self) -> str:
         return repr(self.table)
 
-    def aspreconditioner(self, kind: str = "V") -> LinearOperator:
+    def aspreconditioner(self, kind: Kind = "V") -> LinearOperator:
         """Return one cycle ``(n, n)`` of the kind "V", "W", "F" or "K"; V and W are symmetric."""
-        return cycle(self.stack, kind)  # type: ignore[arg-type]
+        return cycle(self.stack, kind)
 
     def solve(
         self, b: ArrayLike, x0: Float | None = None, *, tolerance: float = 1e-8, max_iterations: int = 300
@@ -201,7 +200,7 @@ class SystemLevels:
         OptionError
             For a right-hand side or a start that does not fit or is not finite.
         """
-        A, right = self.system.A, frozen_float(np.array(b, np.float64))
+        A, right = self.system.A, frozen_float(real_array("b", b))
         history = pcg(
             A, right, self.aspreconditioner(), x0, tolerance=tolerance, most=max_iterations, stop="both"
         )

@@ -134,3 +134,16 @@ def test_matrices_that_are_not_definite_are_refused(matrix: Any, message: str) -
 )
 def test_a_solver_prints_the_options_that_are_not_defaults(name: str, options: Any, shown: str) -> None:
     assert repr(agglo.registry.default().build("solver", name, **options)) == shown
+
+
+def test_masked_and_complex_numbers_are_refused() -> None:
+    A, _, b = of_blocks()
+    levels = agglo.build_levels(A)
+    hidden = np.ma.masked_array(b, np.arange(len(b)) == 3)
+    for given in (hidden, 1j * b, b[:-1], np.where(np.arange(len(b)) == 3, np.nan, b)):
+        with pytest.raises(OptionError, match="b "):
+            levels.solve(given)
+    with pytest.raises(OptionError, match="near_null"):
+        agglo.build_levels(A, near_null=hidden[:, None])
+    with pytest.raises(OptionError, match="block_offsets"):
+        agglo.build_levels(A, block_offsets=np.arange(0, len(b) + 1, 2) + 0.5)
