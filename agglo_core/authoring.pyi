@@ -104,6 +104,7 @@ from agglo_core.measure import (
 )
 from agglo_core.mesh import Mesh as Mesh
 from agglo_core.multigrid.coarsening.prolongation import tentative as tentative
+from agglo_core.multigrid.krylov.look_ahead import conjugate_gradients as conjugate_gradients
 from agglo_core.multigrid.krylov.pcg import (
     pcg as pcg,
     pcg_columns as pcg_columns,
@@ -122,7 +123,6 @@ from agglo_core.problems import (
     System as System,
 )
 from agglo_core.problems.backward_error import limit_told as limit_told
-from agglo_core.problems.conjugate_gradients import conjugate_gradients as conjugate_gradients
 from agglo_core.problems.deferred import Deferred as Deferred
 from agglo_core.problems.iteration_history import (
     MET as MET,

@@ -10,7 +10,7 @@ import numpy as np
 
 from agglo_core.arrays import Float
 from agglo_core.mesh import Mesh
-from agglo_core.problems.conjugate_gradients import conjugate_gradients
+from agglo_core.multigrid.krylov.look_ahead import conjugate_gradients
 from agglo_core.problems.discretisation import Discretisation
 from agglo_core.problems.problem import Problem
 from agglo_core.problems.row_scales import row_measure

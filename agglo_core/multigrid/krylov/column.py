@@ -10,10 +10,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from agglo_core.arrays import Float, frozen_float
+from agglo_core.multigrid.krylov.curvatures import Curvatures, failure
+from agglo_core.multigrid.krylov.ritz import RitzValue
 from agglo_core.multigrid.krylov.stopping import SAID, Iterate, Restarts, Rules, Steps, is_rounding, probed
-from agglo_core.problems.curvatures import Curvatures, failure
 from agglo_core.problems.iteration_history import MET, TESTS, Ended, History
-from agglo_core.problems.ritz import RitzValue
 from agglo_core.problems.sizes import Measure, size_ratio, two_norm
 
 _CONJUGATE = 0.3

@@ -10,10 +10,10 @@ from typing import Literal
 import numpy as np
 
 from agglo_core.arrays import Float, frozen_float
+from agglo_core.multigrid.krylov.curvatures import Curvatures, failure
+from agglo_core.multigrid.krylov.ritz import RitzValue
 from agglo_core.problems.backward_error import LIMIT
-from agglo_core.problems.curvatures import Curvatures, failure
 from agglo_core.problems.iteration_history import Ended
-from agglo_core.problems.ritz import RitzValue
 from agglo_core.problems.sizes import two_norm
 
 TRIAL = 5

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from agglo_core.arrays import Float, frozen_float
+from agglo_core.multigrid.krylov.curvatures import Curvatures, failure
+from agglo_core.multigrid.krylov.ritz import RitzValue
 from agglo_core.problems.backward_error import joints_told, magnitudes
-from agglo_core.problems.curvatures import Curvatures, failure
 from agglo_core.problems.iteration_history import MET, TESTS, Ended, History, iterated
-from agglo_core.problems.ritz import RitzValue
 from agglo_core.problems.row_scales import lifted, penalised_rows, row_measure, row_sizes
 from agglo_core.problems.sizes import Measure, energy_of_solution, size_ratio, two_norm
 from agglo_core.progress import Tell, to_nobody
