@@ -1,42 +1,25 @@
-"""Plain conjugate gradients: the baseline for every method."""
+"""Plain conjugate gradients, whose iterates are judged some iterations later."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from agglo_core.arrays import Float, frozen_float
-from agglo_core.multigrid.krylov.curvatures import Curvatures, failure
-from agglo_core.multigrid.krylov.ritz import RitzValue
+from agglo_core.multigrid.krylov.lanczos import failure
+from agglo_core.multigrid.krylov.recursion import Recursion
+from agglo_core.multigrid.krylov.stopping import SAID, Restarts
 from agglo_core.problems.backward_error import joints_told, magnitudes
 from agglo_core.problems.iteration_history import MET, TESTS, Ended, History, iterated
 from agglo_core.problems.row_scales import lifted, penalised_rows, row_measure, row_sizes
 from agglo_core.problems.sizes import Measure, energy_of_solution, size_ratio, two_norm
 from agglo_core.progress import Tell, to_nobody
 
-_INDEFINITE = "the matrix is not positive definite: "
-_SINGULAR = "the matrix is singular, to rounding, and the load is not in its range: "
 _ILL_CONDITIONED = "the matrix is singular, or nearly so: "
 _AHEAD = 10
-"""Iterations to go on for, and that part of those done, before an iterate is judged."""
-_UNDERFLOW = "r·r is too small for floating-point numbers, scale b: "
-_ROUNDING = "rounding lets b − A x fall no further: "
-_ENDED: Mapping[str, Ended] = MappingProxyType(
-    {
-        "": "most iterations",
-        _INDEFINITE: "indefinite matrix",
-        _SINGULAR: "singular matrix",
-        _ILL_CONDITIONED: "singular matrix",
-        _UNDERFLOW: "underflow",
-        _ROUNDING: "stagnation",
-    }
-)
-
-_WHY: Mapping[str, str] = MappingProxyType({"singular matrix": _SINGULAR, "indefinite matrix": _INDEFINITE})
+"""Iterations by which the look-ahead follows an iterate, and that part of those done."""
 
 
 def conjugate_gradients(
@@ -66,9 +49,11 @@ def conjugate_gradients(
 
     Notes
     -----
-    Where the recursion's residual is small enough b − A x is computed, and the iteration goes on a little, so
-    that its coefficients tell ‖e‖_A; these further iterations are not counted if x is right. If b − A x turns
-    out to be another vector the iteration starts afresh from it, and is given up once that gains nothing.
+    Where the residual of the recursion is small enough b − A x is computed, and the iteration continues for
+    some steps whose coefficients give ‖e‖_A; these steps are not counted if x is right. If b − A x turns out
+    to be another vector the recursion restarts from it, and is given up once that gains nothing. So the count
+    is that of the first iterate which is right, as in the paper's tables;
+    :func:`~agglo_core.multigrid.krylov.pcg.pcg` counts all iterations.
 
     Values imposed by penalties on the diagonal are taken out of the system first, unless ``measure`` or
     ``energy`` is given (:func:`~agglo_core.problems.row_scales.lifted`). Rows with penalties are scaled to
@@ -92,176 +77,141 @@ def conjugate_gradients(
         tests = row_measure(A, load), energy_of_solution(load)
         history = conjugate_gradients(A, load, tolerance, most, *tests, tell)
         return replace(history, x=frozen_float(offset + history.x)) if offset.any() else history
-    claim = _Claim(A, b, tolerance, measure or row_measure(A, b), energy or energy_of_solution(b))
-    run = _Run(A, np.zeros(len(b)), b.copy(), _weights(A))
-    residuals, sizes, best, smallest = [run.length()], [claim.measure(run.r)], run.x, 0
+    weights = _weights(A)
+    cg = Recursion(np.zeros(len(b)), b.copy())
+    cg.precondition(_weighted(weights, cg.r))
+    cg.restart()
+    ahead = _LookAhead(
+        A, b, weights, tolerance, measure or row_measure(A, b), energy or energy_of_solution(b)
+    )
+    residuals, sizes, best, smallest = [_length(cg, weights)], [ahead.measure(cg.r)], cg.x, 0
     gains: list[float] = []
-    claim.met, claim.why = not b.any(), _UNDERFLOW if b.any() and not run.rho else ""
-    while not (claim.met or claim.why) and (len(residuals) <= most or claim.x is not None):
-        claim.why = run.step()
-        if claim.why:
+    ahead.met, ahead.ended = not b.any(), "underflow" if b.any() and not cg.zr else ""
+    while not (ahead.met or ahead.ended) and (len(gains) < most or ahead.x is not None):
+        Ap = A @ cg.p
+        ahead.ended = _breakdown(A, cg, Ap)
+        if ahead.ended:
             break
-        residuals.append(run.length())
-        gains.append(run.gain)
-        sizes.append(claim.check(run))
+        cg.move(Ap)
+        cg.precondition(_weighted(weights, cg.r))
+        cg.turn()
+        residuals.append(_length(cg, weights))
+        gains.append(cg.gain)
+        sizes.append(ahead.check(cg, len(gains)))
         if sizes[-1] < sizes[smallest]:
-            best, smallest = run.x, len(sizes) - 1
-        tell(*iterated(len(residuals) - 1, sizes[-1], tolerance))
-    if claim.met:
-        x = run.x if claim.x is None else claim.x
-        kept = frozen_float(residuals[: claim.at + 1])
-        won = frozen_float(gains[: claim.at])
+            best, smallest = cg.x, len(sizes) - 1
+        tell(*iterated(len(gains), sizes[-1], tolerance))
+    if ahead.met:
+        x = cg.x if ahead.x is None else ahead.x
+        kept = frozen_float(residuals[: ahead.at + 1])
+        won = frozen_float(gains[: ahead.at])
+        norm = ahead.energy_norm
         return History(
-            frozen_float(x), kept, True, MET, claim.error, TESTS, "met", gains=won, energy_norm=claim.scale
+            frozen_float(x), kept, True, MET, ahead.error, TESTS, "met", gains=won, energy_norm=norm
         )
-    true = b - A @ best  # which rounding may keep from what the recursion has
-    size = max(sizes[smallest], claim.measure(true))
-    reason = claim.failed(size, smallest, len(sizes) - 1) + joints_told(A)
-    kept = frozen_float([*residuals[:smallest], max(residuals[smallest], float(np.linalg.norm(true)))])
+    exact = b - A @ best  # rounding may keep it from the residual of the recursion
+    size = max(sizes[smallest], ahead.measure(exact))
+    reason = ahead.reason(size, smallest, len(gains)) + joints_told(A)
+    kept = frozen_float([*residuals[:smallest], max(residuals[smallest], float(np.linalg.norm(exact)))])
     passed = TESTS[: size <= tolerance]
-    return History(frozen_float(best), kept, False, reason, None, passed, _ENDED[claim.why])
+    return History(frozen_float(best), kept, False, reason, None, passed, ahead.ended or "most iterations")
+
+
+def _breakdown(A: Any, cg: Recursion, Ap: Float) -> Ended:
+    """Return why no step can be made along p, or nothing."""
+    if cg.curve(Ap):
+        ended = failure(cg.p, Ap, magnitudes(A, cg.p))
+        if ended in ("singular matrix", "indefinite matrix"):
+            return ended
+    return "" if cg.curvature > 0.0 else "indefinite matrix"
 
 
 @dataclass(eq=False)
-class _Run:
-    """The recursion: iterate, its residual, direction, r·r, what the last step took from ‖e‖_A².
+class _LookAhead:
+    """Decide whether an iterate is right from the steps that follow it.
 
-    With ``weights (n,)`` w it is that of W^½ A W^½, and products of residuals are r·W r.
-    """
-
-    A: Any
-    x: Float
-    r: Float
-    weights: Float | None = None
-    ritz: RitzValue = field(default_factory=RitzValue)
-    curvatures: Curvatures = field(default_factory=Curvatures)
-
-    def __post_init__(self) -> None:
-        self.gain, self.done = 0.0, 0
-        self._begin()
-
-    def _begin(self) -> None:
-        self.p = self._weighted()
-        self.rho = float(self.r @ self.p)
-
-    def _weighted(self) -> Float:
-        return self.r if self.weights is None else frozen_float(self.weights * self.r)
-
-    def length(self) -> float:
-        """‖r‖."""
-        return float(np.sqrt(self.rho)) if self.weights is None else two_norm(self.r)
-
-    def _size(self) -> float:
-        """p·p, or p·W⁻¹p."""
-        return float(self.p @ (self.p if self.weights is None else self.p / self.weights))
-
-    def step(self) -> str:
-        """Make an iteration; return why it cannot be made, or nothing."""
-        Ap = self.A @ self.p
-        curvature = float(self.p @ Ap)
-        if self.curvatures.add(curvature, self._size()):
-            why = _WHY.get(failure(self.p, Ap, magnitudes(self.A, self.p)), "")
-            if why:
-                return why
-        if not curvature > 0.0:
-            return _INDEFINITE
-        alpha = self.rho / curvature
-        self.gain, self.done = alpha * self.rho, self.done + 1
-        self.x, self.r = self.x + alpha * self.p, self.r - alpha * Ap
-        z = self._weighted()
-        self.rho, before = float(self.r @ z), self.rho
-        self.p = z + (self.rho / before) * self.p
-        self.ritz.add(alpha, self.rho / before)
-        return ""
-
-    def restart(self, r: Float) -> None:
-        """Go on from another residual of the same iterate."""
-        self.r = r
-        self._begin()
-        self.ritz.restart()
-
-    def energy_error(self) -> float:
-        """‖e‖_A ≤ r·r / (θ p·p)^½, θ the smallest eigenvalue (Meurant, Tichý, Numer. Algorithms 82, 2019)."""
-        return self.rho / float(np.sqrt(self.ritz.least * self._size())) if self.rho else 0.0
-
-
-@dataclass(eq=False)
-class _Claim:
-    """Whether an iteration may be called converged: ``met`` says so, ``why`` says that it never will.
-
-    An iterate ``x``, the one with the number ``at`` and the energy norm ``scale``, is looked at from some
-    iterations further on.
+    The candidate ``x`` is that of iteration ``at``, its energy norm is ``energy_norm``. What the steps after
+    it take from ‖e‖_A² and the bound at the last one add up to its error.
     """
 
     A: Any
     b: Float
+    weights: Float | None
     tolerance: float
     measure: Measure
     energy: Measure
     met: bool = False
-    why: str = ""
+    ended: Ended = ""
     error: float = np.inf
     x: Float | None = None
     at: int = 0
-    scale: float = 0.0
+    energy_norm: float = 0.0
+    _text: str = ""  # of the reason, if not that of ``ended``
     _gained: float = 0.0
     _drift: float = 0.0
-    _replaced: float = np.inf
+    _restarts: Restarts = field(default_factory=lambda: Restarts(patience=1))
 
-    def check(self, run: _Run) -> float:
-        """Size of the residual after a step, the true one where that decides."""
-        size = self.measure(run.r)
+    def check(self, cg: Recursion, done: int) -> float:
+        """Return the size of the residual after step number ``done``, that of b − A x where it decides."""
+        size = self.measure(cg.r)
         if self.x is not None:
-            self._gained += run.gain
-            if run.done >= self.at + max(_AHEAD, self.at // _AHEAD) or not run.rho:
-                self._decide(run)
-        elif size <= self.tolerance and self._likely(run):
-            true = self.b - self.A @ run.x
-            size = max(size, self.measure(true))
-            self._drift = float(np.linalg.norm(true - run.r))
+            self._gained += cg.gain
+            if done >= self.at + max(_AHEAD, self.at // _AHEAD) or not cg.zr:
+                self._decide(cg)
+        elif size <= self.tolerance and self._likely(cg):
+            exact = self.b - self.A @ cg.x
+            size = max(size, self.measure(exact))
+            self._drift = float(np.linalg.norm(exact - cg.r))
             if size <= self.tolerance:
-                self.x, self.at, self._gained = run.x, run.done, 0.0
-                if not run.rho:
-                    self._decide(run)
+                self.x, self.at, self._gained = cg.x, done, 0.0
+                if not cg.zr:
+                    self._decide(cg)
             else:
-                self._replace(run, true)
+                self._restart(cg, exact)
         return size
 
-    def _likely(self, run: _Run) -> bool:
-        if self.scale and not size_ratio(run.energy_error(), self.scale) <= self.tolerance:
-            return False  # even by a Ritz value from before
-        if not run.ritz.refresh() > 0.0:
-            self.why = _ILL_CONDITIONED
+    def _likely(self, cg: Recursion) -> bool:
+        """Return whether the bound of the error at this step is small enough."""
+        if self.energy_norm and not size_ratio(cg.error_bound(), self.energy_norm) <= self.tolerance:
+            return False  # even by an earlier Ritz value
+        if not self._has_spectrum(cg):
             return False
-        self.scale = self.energy(run.x)
-        self.error = size_ratio(run.energy_error(), self.scale)
+        self.energy_norm = self.energy(cg.x)
+        self.error = size_ratio(cg.error_bound(), self.energy_norm)
         return self.error <= self.tolerance
 
-    def _decide(self, run: _Run) -> None:
-        if not run.ritz.refresh() > 0.0:
-            self.why = _ILL_CONDITIONED
+    def _decide(self, cg: Recursion) -> None:
+        """Accept the candidate if its error is small, or discard it."""
+        if not self._has_spectrum(cg):
             return
-        rounding = self._drift / float(np.sqrt(run.ritz.least))
-        error = float(np.sqrt(self._gained + run.energy_error() ** 2)) + rounding
-        self.error = size_ratio(error, self.scale)
+        rounding = self._drift / float(np.sqrt(cg.ritz.least))
+        error = float(np.sqrt(self._gained + cg.error_bound() ** 2)) + rounding
+        self.error = size_ratio(error, self.energy_norm)
         self.met = self.error <= self.tolerance
         if not self.met:
             self.x = None
-            if size_ratio(rounding, self.scale) > 0.5 * self.tolerance:
-                self._replace(run, self.b - self.A @ run.x)
+            if size_ratio(rounding, self.energy_norm) > 0.5 * self.tolerance:
+                self._restart(cg, self.b - self.A @ cg.x)
 
-    def _replace(self, run: _Run, true: Float) -> None:
-        """Start afresh from the true residual, unless that has been done and gained nothing."""
-        size = self.measure(true)
-        self.why = _ROUNDING if size > 0.5 * self._replaced else ""
-        self._replaced = size
-        run.restart(true)
+    def _has_spectrum(self, cg: Recursion) -> bool:
+        """Refresh the smallest Ritz value; end if it is not positive."""
+        if not cg.ritz.refresh() > 0.0:
+            self.ended, self._text = "singular matrix", _ILL_CONDITIONED
+        return not self.ended
 
-    def failed(self, size: float, at: int, done: int) -> str:
-        """The reason of an iteration that has not converged."""
+    def _restart(self, cg: Recursion, exact: Float) -> None:
+        """Restart from b − A x; end if the restart before has gained nothing."""
+        cg.r = exact
+        cg.precondition(_weighted(self.weights, exact))
+        cg.restart()
+        if self._restarts.add((self.measure(exact), cg.x, exact)):
+            self.ended = "stagnation"
+
+    def reason(self, size: float, at: int, done: int) -> str:
+        """Describe an iteration that has not converged."""
         near = f", energy error about {self.error:.1e}" if size <= self.tolerance else ""
         wanted = f"smallest relative residual {size:.1e} in iteration {at} of {done}{near}"
-        return f"{self.why}{wanted}, wanted {self.tolerance:.1e}"
+        return f"{self._text or SAID.get(self.ended, '')}{wanted}, wanted {self.tolerance:.1e}"
 
 
 def _weights(A: Any) -> Float | None:
@@ -274,3 +224,12 @@ def _weights(A: Any) -> Float | None:
     weights = np.ones(len(sizes))
     weights[rows] = np.median(others if len(others) else sizes) / sizes[rows]
     return frozen_float(weights)
+
+
+def _weighted(weights: Float | None, r: Float) -> Float:
+    return r if weights is None else frozen_float(weights * r)
+
+
+def _length(cg: Recursion, weights: Float | None) -> float:
+    """‖r‖, which is known from r·r without weights."""
+    return float(np.sqrt(cg.zr)) if weights is None else two_norm(cg.r)
