@@ -65,7 +65,8 @@ class DiffusionTask:
             raise OptionError("a diffusion problem needs a mesh; this hierarchy belongs to a bare graph")
         self.numbering = numbering or numbering_for(hierarchy)
         self.problem, self.hierarchy = self.numbering.problem(problem), self.numbering.hierarchy
-        self.count, self._penalty, self._wishes, self._plan = count, how.penalty, wishes, plan
+        self.count, self._wishes, self._plan = count, wishes, plan
+        self._how, self._mesh = how, hierarchy.fine
         try:
             self.basis: Basis = how.basis(self.numbering.mesh) if units is None else units.basis
             self.fine = fine_system(self.problem, self.hierarchy, how, self.basis, units)
@@ -103,7 +104,7 @@ class DiffusionTask:
     @property
     def advice(self) -> str:
         """Whether a direct solver would take less time."""
-        return advice_of_multigrid(self.fine.A, self.plan.kind, 1, self._penalty)
+        return advice_of_multigrid(self.fine.A, self.plan.kind, 1, self._how.penalty)
 
     @property
     def cycle(self) -> str:
@@ -217,6 +218,10 @@ class DiffusionTask:
             tell=tell,
         )
         return [found]
+
+    def given_back(self, solution: Solution) -> Solution:
+        """The solution on the mesh of the user, in whose numbering it is given back."""
+        return self.numbering.solution(replace(solution, discretisation=self._how, mesh=self._mesh))
 
     def unsolved(self, reason: str) -> list[History]:
         """The history of an iteration that could not start."""

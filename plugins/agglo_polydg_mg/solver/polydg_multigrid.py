@@ -7,13 +7,15 @@ from typing import ClassVar, Literal
 import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
-from agglo_core.authoring import Hierarchy, Listener, OptionError, Problem, Solution, multigrid
+from agglo_core.authoring import Hierarchy, Listener, OptionError, Problem, Solution, multigrid, phase
 from agglo_polydg_mg.forms.penalty import Penalty
 from agglo_polydg_mg.option_checks import require_count, require_fraction, require_name, show_options
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.solver.diffusion_task import DiffusionTask
+from agglo_polydg_mg.solver.phases import Task, iterate, set_up, solved, task_for, unsolved
 from agglo_polydg_mg.solver.recipes import CYCLES, PRECISIONS, RECIPES, Wishes
-from agglo_polydg_mg.solver.repeated_solves import RepeatedSolves, task_for
+from agglo_polydg_mg.solver.repeated_solves import RepeatedSolves
+from agglo_polydg_mg.stopwatch import Stopwatch
 
 
 class PolyDGMultigrid:
@@ -97,7 +99,23 @@ class PolyDGMultigrid:
         MeshError
             Of cells that overlap themselves.
         """
-        return self.repeated(hierarchy).solve(problem, progress)
+        watch = Stopwatch()
+        with watch("assemble"), phase(progress, "assembling"):
+            task = self._task(problem, hierarchy)
+        try:
+            # The plan of the levels is chosen from mesh, penalty and coefficient when they are built
+            stack = set_up(task, watch, progress)
+            histories = iterate(task, stack, self.tolerance, self.max_iterations, watch, progress)
+            # Where a preconditioner fails, double precision or another recipe goes on from where it ended
+            while any(each.preconditioner_failed for each in histories) and task.retreat():
+                del stack  # frees the memory for the other levels
+                stack = set_up(task, watch, progress, "setting up other levels")
+                histories = iterate(
+                    task, stack, self.tolerance, self.max_iterations, watch, progress, histories
+                )
+        except np.linalg.LinAlgError as error:
+            return unsolved(task, str(error), watch, self.tolerance)
+        return solved(task, histories, stack, watch, self.tolerance)
 
     def repeated(self, hierarchy: Hierarchy) -> RepeatedSolves:
         """What solves problems on a hierarchy one after the other, as in time stepping, and keeps levels.
@@ -123,10 +141,13 @@ class PolyDGMultigrid:
         MeshError
             As :meth:`solve`.
         """
-        task = task_for(problem, hierarchy, self.discretisation, self.wishes, self.levels)
+        task = self._task(problem, hierarchy)
         task.in_double()
         try:
             M = multigrid.cycle(task.stack(), task.cycle)
         except np.linalg.LinAlgError as failure:
             raise OptionError(f"there is no preconditioner for this matrix: {failure}") from failure
         return task.numbering.operator(M) if isinstance(task, DiffusionTask) else task.preconditioner(M)
+
+    def _task(self, problem: Problem, hierarchy: Hierarchy) -> Task:
+        return task_for(problem, hierarchy, self.discretisation, self.wishes, self.levels)
