@@ -6,6 +6,7 @@ from agglo_core import (
     distributed as distributed,
     multigrid as multigrid,
     samples as samples,
+    solvers as solvers,
 )
 from agglo_core.agglomeration import (
     Pipeline as Pipeline,

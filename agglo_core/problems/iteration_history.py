@@ -103,6 +103,18 @@ class History:
         return self.ended in _BY_PRECONDITIONER
 
 
+def unsolved(b: Float, reason: str) -> History:
+    """Return the history of a method that could not start.
+
+    Examples
+    --------
+    >>> from agglo_core.problems.iteration_history import unsolved
+    >>> unsolved(np.ones(4), "the matrix is singular").residuals
+    array([2.])
+    """
+    return History(frozen_float(np.zeros(len(b))), frozen_float([np.linalg.norm(b)]), False, reason)
+
+
 def iterated(iterations: int, size: float, tolerance: float) -> tuple[float, str]:
     """How far an iteration has come, for ``tell``: digits won over those wanted, and its details.
 

@@ -38,16 +38,9 @@ def agglo_components() -> list[Component]:
         Component(
             kind="solver",
             name="polydg_cg",
-            target="agglo_polydg_mg.direct.plain_cg:PlainCG",
+            target="agglo_polydg_mg.plain_cg:PlainCG",
             promises={"deterministic": True, "3d": True, "pickles": True, "symmetric": True},
             summary="PolyDG with plain conjugate gradients, for comparison.",
-        ),
-        Component(
-            kind="solver",
-            name="direct",
-            target="agglo_polydg_mg.direct.solver:Direct",
-            promises={"deterministic": True, "3d": True, "pickles": True, "symmetric": True},
-            summary="PolyDG by a sparse direct solver: PARDISO, CHOLMOD or SuperLU.",
         ),
         Component(
             kind="smoother",

@@ -15,8 +15,8 @@ from agglo_core.errors import OptionError
 from agglo_core.multigrid import LevelStack
 from agglo_core.problems import Diffusion, Linear, Solution
 from agglo_core.problems.backward_error import LIMIT
-from agglo_polydg_mg.direct.plain_cg import PlainCG
-from agglo_polydg_mg.direct.solver import Direct
+from agglo_core.solvers.direct import Direct
+from agglo_polydg_mg.plain_cg import PlainCG
 from agglo_polydg_mg.solver.polydg_multigrid import PolyDGMultigrid
 
 FRESH = 20261122

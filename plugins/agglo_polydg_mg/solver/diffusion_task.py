@@ -22,16 +22,13 @@ from agglo_core.authoring import (
     Solution,
     Tell,
     pcg,
+    solvers,
 )
 from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.polydg import PolyDG
-from agglo_polydg_mg.solver.advice import advice_of_multigrid
 from agglo_polydg_mg.solver.numbering import Numbering, numbering_for
-from agglo_polydg_mg.solver.operators import FineSystem, fine_system
 from agglo_polydg_mg.solver.recipes import Plan, Wishes, levels_by_default, plan_for
-from agglo_polydg_mg.solver.stationary import unsolved
 from agglo_polydg_mg.space.basis import Basis
-from agglo_polydg_mg.stopwatch import Stopwatch
 
 _RAISED: Final = (0.0, 1e-12)
 _MOST: Final = 1e-10
@@ -47,7 +44,7 @@ class DiffusionTask:
     Raises
     ------
     OptionError, MeshError
-        As :func:`~agglo_polydg_mg.solver.operators.fine_system`.
+        As :meth:`~agglo_polydg_mg.polydg.PolyDG.fine_system`.
     """
 
     def __init__(
@@ -69,10 +66,11 @@ class DiffusionTask:
         self._how, self._mesh = how, hierarchy.fine
         try:
             self.basis: Basis = how.basis(self.numbering.mesh) if units is None else units.basis
-            self.fine = fine_system(self.problem, self.hierarchy, how, self.basis, units)
+            self.fine = how.fine_system(self.problem, solvers.own_mesh(self.hierarchy), self.basis, units)
         except AggloError:
             if self.numbering.cells is not None:
-                fine_system(problem, hierarchy, how)  # says the same with the user's numbers of cells
+                # The error of the user's numbering names the user's cells
+                how.fine_system(problem, solvers.own_mesh(hierarchy))
             raise
 
     @property
@@ -104,7 +102,7 @@ class DiffusionTask:
     @property
     def advice(self) -> str:
         """Whether a direct solver would take less time."""
-        return advice_of_multigrid(self.fine.A, self.plan.kind, 1, self._how.penalty)
+        return solvers.advice_of_multigrid(self.fine.A, self.plan.kind, 1, self._how.penalty)
 
     @property
     def cycle(self) -> str:
@@ -176,7 +174,7 @@ class DiffusionTask:
                 raise
         return self.stack()
 
-    def _raised(self, part: float) -> FineSystem:
+    def _raised(self, part: float) -> solvers.FineSystem:
         """The system with a part of the diagonal of its matrix added to it."""
         A = self.fine.A
         if part == 0.0:
@@ -225,13 +223,13 @@ class DiffusionTask:
 
     def unsolved(self, reason: str) -> list[History]:
         """The history of an iteration that could not start."""
-        return [unsolved(self.fine.b, reason)]
+        return [solvers.unsolved(self.fine.b, reason)]
 
     def solution(
         self,
         histories: Sequence[History],
         operators: list[tuple[Any, Any]],
-        watch: Stopwatch,
+        watch: solvers.Stopwatch,
         tolerance: float,
     ) -> Solution:
         """The solution that histories lead to."""

@@ -18,16 +18,15 @@ from agglo_core.authoring import (
     frozen_float,
     multigrid,
     phase,
+    solvers,
 )
 from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.solver.diffusion_task import DiffusionTask
-from agglo_polydg_mg.solver.linear_task import LinearTask
 from agglo_polydg_mg.solver.numbering import Numbering
 from agglo_polydg_mg.solver.recipes import Plan, Wishes
-from agglo_polydg_mg.stopwatch import Stopwatch
 
-Task = DiffusionTask | LinearTask
+Task = DiffusionTask | solvers.LinearTask
 
 
 def task_for(
@@ -48,12 +47,12 @@ def task_for(
     if isinstance(problem, Diffusion):
         return DiffusionTask(problem, hierarchy, how, wishes, count, units, plan, numbering)
     if isinstance(problem, Linear):
-        return LinearTask(problem, hierarchy, wishes, count)
+        return solvers.LinearTask(problem, hierarchy, count, wishes.recipe, wishes.cycle, wishes.precision)
     raise OptionError(f"a problem is a Diffusion or a Linear, given {type(problem).__name__}")
 
 
 def set_up(
-    task: Task, watch: Stopwatch, progress: Listener | None, title: str = "setting up the levels"
+    task: Task, watch: solvers.Stopwatch, progress: Listener | None, title: str = "setting up the levels"
 ) -> multigrid.LevelStack:
     """Build the levels by the plan of the task; LinAlgError if a matrix is not positive definite."""
     if isinstance(task, DiffusionTask) and task.makes_levels:
@@ -68,7 +67,7 @@ def iterate(
     stack: multigrid.LevelStack,
     tolerance: float,
     most: int,
-    watch: Stopwatch,
+    watch: solvers.Stopwatch,
     progress: Listener | None,
     before: list[History] | None = None,
     pace: float | None = None,
@@ -85,7 +84,7 @@ def solved(
     task: Task,
     histories: list[History],
     stack: multigrid.LevelStack,
-    watch: Stopwatch,
+    watch: solvers.Stopwatch,
     tolerance: float,
     *,
     fresh: bool = True,
@@ -103,7 +102,7 @@ def solved(
     return task.given_back(solution)
 
 
-def unsolved(task: Task, reason: str, watch: Stopwatch, tolerance: float) -> Solution:
+def unsolved(task: Task, reason: str, watch: solvers.Stopwatch, tolerance: float) -> Solution:
     """Return the solution 0 of a task whose levels cannot be built."""
     nothing = task.solution(task.unsolved(reason), [(task.A, None)], watch, tolerance)
     return task.given_back(replace(nothing, choice=task.choice))

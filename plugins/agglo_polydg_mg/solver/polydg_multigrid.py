@@ -7,15 +7,22 @@ from typing import ClassVar, Literal
 import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
-from agglo_core.authoring import Hierarchy, Listener, OptionError, Problem, Solution, multigrid, phase
+from agglo_core.authoring import (
+    Hierarchy,
+    Listener,
+    OptionError,
+    Problem,
+    Solution,
+    multigrid,
+    phase,
+    solvers,
+)
 from agglo_polydg_mg.forms.penalty import Penalty
-from agglo_polydg_mg.option_checks import require_count, require_fraction, require_name, show_options
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.solver.diffusion_task import DiffusionTask
 from agglo_polydg_mg.solver.phases import Task, iterate, set_up, solved, task_for, unsolved
 from agglo_polydg_mg.solver.recipes import CYCLES, PRECISIONS, RECIPES, Wishes
 from agglo_polydg_mg.solver.repeated_solves import RepeatedSolves
-from agglo_polydg_mg.stopwatch import Stopwatch
 
 
 class PolyDGMultigrid:
@@ -67,22 +74,22 @@ class PolyDGMultigrid:
         penalty: Penalty = "sharp",
         levels: int | None = None,
     ) -> None:
-        require_fraction("tolerance", tolerance)
-        require_count("max_iterations", max_iterations, 1)
+        solvers.require_fraction("tolerance", tolerance)
+        solvers.require_count("max_iterations", max_iterations, 1)
         for name, value, known in (
             ("recipe", recipe, RECIPES),
             ("cycle", cycle, CYCLES),
             ("precision", precision, PRECISIONS),
         ):
-            require_name(name, value, known)
+            solvers.require_name(name, value, known)
         if levels is not None:
-            require_count("levels", levels, 2)
+            solvers.require_count("levels", levels, 2)
         self.discretisation = PolyDG(degree, penalty, scaled_basis=True)
         self.tolerance, self.max_iterations, self.levels = tolerance, max_iterations, levels
         self.wishes = Wishes(recipe, cycle, precision)
 
     def __repr__(self) -> str:
-        return show_options(self)
+        return solvers.show_options(self)
 
     def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
         """Solve; ``converged`` and ``reason`` say how it ended, ``choice`` which recipe was taken and why.
@@ -99,7 +106,7 @@ class PolyDGMultigrid:
         MeshError
             Of cells that overlap themselves.
         """
-        watch = Stopwatch()
+        watch = solvers.Stopwatch()
         with watch("assemble"), phase(progress, "assembling"):
             task = self._task(problem, hierarchy)
         try:

@@ -8,15 +8,12 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from agglo_core.authoring import Diffusion, Float, Hierarchy, Int, OptionError, System
+from agglo_core.authoring import Diffusion, Float, Hierarchy, Int, OptionError, System, solvers
 from agglo_polydg_mg.auxiliary.conforming_stack import conforming_stack
 from agglo_polydg_mg.auxiliary.grouped_stack import grouped_stack
 from agglo_polydg_mg.auxiliary.patch_recipe import patch_stack
-from agglo_polydg_mg.auxiliary.transfer import chosen_levels
 from agglo_polydg_mg.forms.assembly import cell_means
-from agglo_polydg_mg.solver.advice import Kind
 from agglo_polydg_mg.solver.conforming_choice import difficulty
-from agglo_polydg_mg.solver.operators import FineSystem
 from agglo_polydg_mg.space.basis import Basis
 
 RECIPES: Final = ("auto", "conforming", "patches", "agglomerates")
@@ -58,7 +55,7 @@ class Plan:
     solid: bool = False
 
     @property
-    def kind(self) -> Kind:
+    def kind(self) -> solvers.Kind:
         """Of system, as advice knows them."""
         if self.solid:
             return "solids"
@@ -68,7 +65,7 @@ class Plan:
         """Cells to an agglomerate of the first level, if the levels are made by default."""
         return _CELLS_PER_LUMP if self.recipe == "agglomerates" and degree == 1 else _CELLS_PER_PART
 
-    def stack(self, problem: Diffusion, fine: FineSystem, basis: Basis, labels: Sequence[Int]) -> Any:
+    def stack(self, problem: Diffusion, fine: solvers.FineSystem, basis: Basis, labels: Sequence[Int]) -> Any:
         """The levels, an object of :class:`agglo_core.multigrid.LevelStack`.
 
         Raises
@@ -95,7 +92,7 @@ class Plan:
         return grouped_stack(*given, **chosen, overlap=self.smoother == "patches")
 
 
-def plan_for(problem: Diffusion, fine: FineSystem, basis: Basis, wishes: Wishes) -> Plan:
+def plan_for(problem: Diffusion, fine: solvers.FineSystem, basis: Basis, wishes: Wishes) -> Plan:
     """The plan for a diffusion problem, by mesh, penalty and coefficient.
 
     See :func:`~agglo_polydg_mg.solver.conforming_choice.difficulty`.
@@ -138,7 +135,7 @@ def levels_by_default(
         If the hierarchy has levels, but fewer than that, or none is coarser than the mesh.
     """
     if hierarchy.levels:
-        return chosen_levels(hierarchy, count)
+        return solvers.chosen_levels(hierarchy, count)
     n = hierarchy.graph.n
     sizes = []
     while n // (first * _CELLS_PER_PART ** len(sizes)) >= _FEWEST:

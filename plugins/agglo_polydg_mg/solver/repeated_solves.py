@@ -16,6 +16,7 @@ from agglo_core.authoring import (
     Solution,
     frozen_float,
     phase,
+    solvers,
 )
 from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.polydg import PolyDG
@@ -24,7 +25,6 @@ from agglo_polydg_mg.solver.earlier_solutions import KEPT, best_combination
 from agglo_polydg_mg.solver.numbering import Numbering
 from agglo_polydg_mg.solver.phases import Task, iterate, set_up, solved, task_for, unsolved
 from agglo_polydg_mg.solver.recipes import Plan, Wishes
-from agglo_polydg_mg.stopwatch import Stopwatch
 
 _MORE: Final = 1.5
 """Levels are renewed once a solve takes more than so many times the iterations of fresh ones from 0, and
@@ -91,7 +91,7 @@ class RepeatedSolves:
 
     def solve(self, problem: Problem, progress: Listener | None = None) -> Solution:
         """Solve, as :meth:`.PolyDGMultigrid.solve` does, with the same errors."""
-        watch, setups = Stopwatch(), self.setups
+        watch, setups = solvers.Stopwatch(), self.setups
         with watch("assemble"), phase(progress, "assembling"):
             plan = self._plan if self._kept else None
             task = task_for(problem, *self._made_of, self._units, plan, self._numbering)
@@ -112,7 +112,7 @@ class RepeatedSolves:
         self._judge(histories)
         return solution
 
-    def _histories(self, task: Task, watch: Stopwatch, progress: Listener | None) -> list[History]:
+    def _histories(self, task: Task, watch: solvers.Stopwatch, progress: Listener | None) -> list[History]:
         """Iterate with the levels there are, then as far as needed with fresh ones, then with others."""
         histories = self._started(task, watch)
         if self._paused:
@@ -135,7 +135,7 @@ class RepeatedSolves:
             histories = self._iterate(task, self._most, histories, watch, progress)
         return histories
 
-    def _started(self, task: Task, watch: Stopwatch) -> list[History] | None:
+    def _started(self, task: Task, watch: solvers.Stopwatch) -> list[History] | None:
         """Histories of no iterations that end where to begin; None to begin from 0."""
         columns = task.columns
         if not self._earlier or [each.shape for each in self._earlier[-1]] != [b.shape for b in columns]:
@@ -152,7 +152,7 @@ class RepeatedSolves:
         self,
         task: Task,
         before: list[History] | None,
-        watch: Stopwatch,
+        watch: solvers.Stopwatch,
         progress: Listener | None,
         title: str = "setting up the levels",
     ) -> None:
@@ -167,7 +167,7 @@ class RepeatedSolves:
         task: Task,
         most: int,
         before: list[History] | None,
-        watch: Stopwatch,
+        watch: solvers.Stopwatch,
         progress: Listener | None,
         pace: float | None = None,
     ) -> list[History]:

@@ -8,29 +8,19 @@ from typing import Any
 import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
-from agglo_core.authoring import (
-    TESTS,
-    Float,
-    Hierarchy,
-    History,
-    Int,
-    Linear,
-    OptionError,
-    Solution,
-    System,
-    Tell,
-    frozen_float,
-    frozen_int,
-    multigrid,
-    pcg_columns,
-    two_norm,
-)
-from agglo_polydg_mg.auxiliary.transfer import chosen_levels
-from agglo_polydg_mg.solver.advice import advice_of_multigrid
-from agglo_polydg_mg.solver.recipes import Wishes
-from agglo_polydg_mg.solver.scaling import factor_for, matrix_factor, unscaled, unscaled_matrix
-from agglo_polydg_mg.solver.stationary import unsolved
-from agglo_polydg_mg.stopwatch import Stopwatch
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.errors import OptionError
+from agglo_core.hierarchy import Hierarchy
+from agglo_core.multigrid import is_classical, stack_of_system
+from agglo_core.multigrid.krylov.pcg import pcg_columns
+from agglo_core.problems import Linear, Solution, System
+from agglo_core.problems.iteration_history import TESTS, History, unsolved
+from agglo_core.problems.sizes import two_norm
+from agglo_core.progress import Tell
+from agglo_core.solvers.advice import advice_of_multigrid
+from agglo_core.solvers.fine_system import chosen_levels
+from agglo_core.solvers.scaling import factor_for, matrix_factor, unscaled, unscaled_matrix
+from agglo_core.solvers.stopwatch import Stopwatch
 
 
 class LinearTask:
@@ -49,11 +39,17 @@ class LinearTask:
         :class:`~agglo_core.problems.System`.
     """
 
-    def __init__(self, problem: Linear, hierarchy: Hierarchy, wishes: Wishes, count: int | None) -> None:
-        if wishes.recipe not in ("auto", "agglomerates"):
-            raise OptionError(
-                f"recipe {wishes.recipe!r} is for diffusion; linear systems take auto or agglomerates"
-            )
+    def __init__(
+        self,
+        problem: Linear,
+        hierarchy: Hierarchy,
+        count: int | None = None,
+        recipe: str = "auto",
+        cycle: str = "auto",
+        precision: str = "auto",
+    ) -> None:
+        if recipe not in ("auto", "agglomerates"):
+            raise OptionError(f"recipe {recipe!r} is for diffusion; linear systems take auto or agglomerates")
         offsets, cells = np.asarray(problem.block_offsets), hierarchy.graph.n
         self._cells = cells
         if len(offsets) != cells + 1:
@@ -69,13 +65,13 @@ class LinearTask:
         if self._matrix_factor != 1.0:
             parts = given.b, given.block_offsets, None, given.near_null
             self.system = System.trusted(self._matrix_factor * given.A, *parts)
-        if wishes.recipe == "agglomerates" and not hierarchy.levels:
+        if recipe == "agglomerates" and not hierarchy.levels:
             raise OptionError("recipe 'agglomerates' needs a hierarchy with levels; this one has none")
-        self._classical = multigrid.is_classical(self.system)
-        labelled = wishes.recipe == "agglomerates" or not self._classical
+        self._classical = is_classical(self.system)
+        labelled = recipe == "agglomerates" or not self._classical
         self._labels = [_numbered(each[used]) for each in _levels(hierarchy, count)] if labelled else []
-        self.cycle: Any = "V" if wishes.cycle == "auto" else wishes.cycle
-        self.dtype: Any = np.float32 if wishes.precision == "single" else np.float64
+        self.cycle: Any = "V" if cycle == "auto" else cycle
+        self.dtype: Any = np.float32 if precision == "single" else np.float64
         whole = self.system.b.reshape(self.system.n, -1)
         self._factors = [factor_for(float(np.abs(each).max())) for each in whole.T]
         self._b = frozen_float(whole * np.array(self._factors))
@@ -128,7 +124,7 @@ class LinearTask:
 
     def stack(self) -> Any:
         """Build the levels; LinAlgError if a block is not positive definite."""
-        return multigrid.stack_of_system(self.system, self._labels, self.dtype)
+        return stack_of_system(self.system, self._labels, self.dtype)
 
     def preconditioner(self, M: LinearOperator) -> LinearOperator:
         """The preconditioner for the matrix of the problem that a cycle is."""

@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
-from agglo_core.authoring import (
-    Hierarchy,
-    Listener,
-    Problem,
-    Solution,
-    conjugate_gradients,
-    phase,
-)
-from agglo_polydg_mg.forms.penalty import PAPER, Penalty
-from agglo_polydg_mg.option_checks import require_count, require_fraction, show_options
-from agglo_polydg_mg.polydg import PolyDG
-from agglo_polydg_mg.solver.operators import fine_system
-from agglo_polydg_mg.stopwatch import Stopwatch
+from agglo_core.hierarchy import Hierarchy
+from agglo_core.multigrid.krylov.look_ahead import conjugate_gradients
+from agglo_core.problems import Problem, Solution
+from agglo_core.progress import Listener, phase
+from agglo_core.solvers.fine_system import fine_system
+from agglo_core.solvers.option_checks import require_count, require_fraction, show_options
+from agglo_core.solvers.stopwatch import Stopwatch
 
 
 class PlainCG:
@@ -31,34 +25,23 @@ class PlainCG:
 
     Parameters
     ----------
-    degree : int
-        Of the polynomials, 1..6.
+    discretisation : object
+        Discretises problems other than linear systems, see
+        :func:`~agglo_core.solvers.fine_system.fine_system`.
     tolerance : float
         Of the residual relative to the right-hand side, by
-        :class:`~agglo_polydg_mg.solver.residual_measure.ResidualMeasure`.
+        :class:`~agglo_core.solvers.residual_measure.ResidualMeasure`, and of the energy error.
     max_iterations : int
-    penalty : float, "paper" or "sharp"
-        Of jumps: the constant C, ``paper`` for C = 10, or ``sharp``, see
-        :class:`~agglo_polydg_mg.polydg.PolyDG`.
-    scaled_basis : bool
-        Scale the basis by the size of each cell's bounding box. The paper does not.
     """
 
     accepts: ClassVar[tuple[str, ...]] = ("diffusion", "linear")
     plain_cg: ClassVar[bool] = True
     tells_progress: ClassVar[bool] = True
 
-    def __init__(
-        self,
-        degree: int = 1,
-        tolerance: float = 1e-6,
-        max_iterations: int = 10_000,
-        penalty: Penalty = PAPER,
-        scaled_basis: bool = False,
-    ) -> None:
+    def __init__(self, discretisation: Any, tolerance: float = 1e-6, max_iterations: int = 10_000) -> None:
         require_fraction("tolerance", tolerance)
         require_count("max_iterations", max_iterations, 1)
-        self.discretisation = PolyDG(degree, penalty, scaled_basis)
+        self.discretisation = discretisation
         self.tolerance, self.max_iterations = tolerance, max_iterations
 
     def __repr__(self) -> str:

@@ -17,7 +17,7 @@ class Stopwatch:
 
     Examples
     --------
-    >>> from agglo_polydg_mg.stopwatch import Stopwatch
+    >>> from agglo_core.solvers.stopwatch import Stopwatch
     >>> watch = Stopwatch()
     >>> with watch("assemble"):
     ...     pass

@@ -18,9 +18,9 @@ from agglo_core.authoring import (
     frozen_float,
     iterated,
     size_ratio,
+    solvers,
     to_nobody,
 )
-from agglo_polydg_mg.solver.residual_measure import ResidualMeasure
 
 _KEPT = 5
 _RATES = 3
@@ -91,18 +91,18 @@ def stationary(
     step: Step,
     tolerance: float,
     max_iterations: int,
-    measure: ResidualMeasure | None = None,
+    measure: solvers.ResidualMeasure | None = None,
     tell: Tell = to_nobody,
 ) -> History:
     """Repeat ``x = step(b, x)`` from 0 until x is found to be right, at most ``max_iterations`` times.
 
     Two things have to be ``tolerance`` or less: what ``measure`` says of b − A x, by default ‖b − A x‖ / ‖b‖;
-    then the energy error as :class:`~agglo_polydg_mg.solver.stationary.Corrections` see it, over the energy
+    then the energy error as :class:`~agglo_polydg_mg.paper.stationary.Corrections` see it, over the energy
     norm of x. This takes one more step, which is not counted if x is right. A matrix that is found not to be
     positive definite ends the iteration, with the reason. After that, or once it diverges, an iterate that is
     worse than 0 is replaced by that of least residual, whose number is the length of the history.
     """
-    run = _Run(A, b, step, tolerance, measure or ResidualMeasure(b))
+    run = _Run(A, b, step, tolerance, measure or solvers.ResidualMeasure(b))
     while not run.reason and (run.small or run.done < max_iterations):
         tell(*iterated(run.done, run.size, tolerance))
         following = run.following()
@@ -116,7 +116,9 @@ def stationary(
 class _Run:
     """An iterate of a stationary iteration, its residual, and what led to it."""
 
-    def __init__(self, A: Any, b: Float, step: Step, tolerance: float, measure: ResidualMeasure) -> None:
+    def __init__(
+        self, A: Any, b: Float, step: Step, tolerance: float, measure: solvers.ResidualMeasure
+    ) -> None:
         self.A, self.b, self.step, self.tolerance, self.measure = A, b, step, tolerance, measure
         self.residuals: list[float] = []
         self.corrections, self.reason, self.least = Corrections(), "", (np.inf, b, 0)
@@ -170,8 +172,3 @@ class _Run:
             self.error if np.isfinite(self.error) else None,
             tuple(name for name, ok in zip(TESTS, passed, strict=True) if ok),
         )
-
-
-def unsolved(b: Float, reason: str) -> History:
-    """The history of a method that could not start."""
-    return History(frozen_float(np.zeros(len(b))), frozen_float([np.linalg.norm(b)]), False, reason)

@@ -19,7 +19,8 @@ from typing import Any, Final
 import numpy as np
 from scipy import sparse
 
-from agglo_core.authoring import OptionError, multigrid
+from agglo_core import multigrid
+from agglo_core.errors import OptionError
 
 _log = logging.getLogger("agglo")
 

@@ -3,41 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal, cast
 
 import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
-from agglo_core.authoring import (
-    MET,
-    TESTS,
-    Diffusion,
-    Float,
-    Hierarchy,
-    History,
-    Listener,
-    OptionError,
-    Problem,
-    Solution,
-    frozen_float,
-    limit_told,
-    phase,
-    size_ratio,
-    two_norm,
-)
-from agglo_polydg_mg.direct.backends import AUTO, BACKENDS, Solves, chosen_backend
-from agglo_polydg_mg.forms.penalty import PAPER, Penalty
-from agglo_polydg_mg.option_checks import require_count, require_fraction, show_options
-from agglo_polydg_mg.polydg import PolyDG
-from agglo_polydg_mg.solver.advice import Kind, advice_of_direct
-from agglo_polydg_mg.solver.operators import FineSystem, fine_system
-from agglo_polydg_mg.solver.recipes import Wishes, plan_for
-from agglo_polydg_mg.solver.stationary import unsolved
-from agglo_polydg_mg.stopwatch import Stopwatch
+from agglo_core.arrays import Float, frozen_float
+from agglo_core.errors import OptionError
+from agglo_core.hierarchy import Hierarchy
+from agglo_core.problems import Linear, Problem, Solution
+from agglo_core.problems.backward_error import limit_told
+from agglo_core.problems.iteration_history import MET, TESTS, History, unsolved
+from agglo_core.problems.sizes import size_ratio, two_norm
+from agglo_core.progress import Listener, phase
+from agglo_core.registry import Registry
+from agglo_core.solvers.advice import Kind, advice_of_direct
+from agglo_core.solvers.backends import AUTO, BACKENDS, Solves, chosen_backend
+from agglo_core.solvers.fine_system import FineSystem, discretisation, fine_system
+from agglo_core.solvers.option_checks import require_count, require_fraction, show_options
+from agglo_core.solvers.stopwatch import Stopwatch
 
 
 class Direct:
-    """Factorisation of the system of the mesh, with iterative refinement until the solution is right.
+    """Factorisation of a linear system, or of that of PolyDG, with refinement until the solution is right.
 
     The levels of the hierarchy are not used. An iteration is one solve with the factors; the first one
     nearly always suffices. The energy error is that of one more solve, for the residual that is left.
@@ -48,7 +36,7 @@ class Direct:
         Of the polynomials, 1..6.
     tolerance : float
         Of the residual relative to the right-hand side, by
-        :class:`~agglo_polydg_mg.solver.residual_measure.ResidualMeasure`, and of the energy error.
+        :class:`~agglo_core.solvers.residual_measure.ResidualMeasure`, and of the energy error.
     max_refinements : int
         Further solves that may improve the first one.
     penalty : float, "paper" or "sharp"
@@ -56,7 +44,9 @@ class Direct:
     scaled_basis : bool
         Scale the basis by the size of each cell's bounding box. The paper does not.
     backend : "auto", "pardiso", "cholmod" or "superlu"
-        See :mod:`~agglo_polydg_mg.direct.backends`; by default the first one that is installed.
+        See :mod:`~agglo_core.solvers.backends`; by default the first one that is installed.
+    registry : Registry, optional
+        Where the discretisation ``polydg`` is looked up; by default that of the program.
 
     Raises
     ------
@@ -73,14 +63,18 @@ class Direct:
         degree: int = 1,
         tolerance: float = 1e-6,
         max_refinements: int = 3,
-        penalty: Penalty = PAPER,
+        penalty: float | Literal["paper", "sharp"] = 10.0,
         scaled_basis: bool = False,
         backend: str = AUTO,
+        *,
+        registry: Registry | None = None,
     ) -> None:
         require_fraction("tolerance", tolerance)
         require_count("max_refinements", max_refinements, 0)
         chosen_backend(backend)
-        self.discretisation = PolyDG(degree, penalty, scaled_basis)
+        self.discretisation = discretisation(
+            "polydg", registry, degree=degree, penalty=penalty, scaled_basis=scaled_basis
+        )
         self.tolerance, self.max_refinements, self.backend = tolerance, max_refinements, backend
 
     def __repr__(self) -> str:
@@ -108,16 +102,13 @@ class Direct:
         except np.linalg.LinAlgError as failure:
             history = unsolved(fine.b, str(failure))
         solution = fine.solution(history, [(fine.A, None)], watch, self.tolerance)
-        return replace(
-            solution, advice=advice_of_direct(fine.A, self._kind(problem, hierarchy, fine), backend)
-        )
+        return replace(solution, advice=advice_of_direct(fine.A, self._kind(problem, fine), backend))
 
-    def _kind(self, problem: Problem, hierarchy: Hierarchy, fine: FineSystem) -> Kind:
+    def _kind(self, problem: Problem, fine: FineSystem) -> Kind:
         """What polydg_mg would smooth."""
-        if not isinstance(problem, Diffusion) or hierarchy.fine is None:
+        if isinstance(problem, Linear):
             return "linear"
-        how = self.discretisation
-        return plan_for(problem, fine, how.basis(hierarchy.fine), Wishes()).kind
+        return cast("Kind", self.discretisation.matrix_kind(problem, fine))
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:
         """The inverse ``(n, n)`` of the system's matrix; takes several right-hand sides ``(n, k)`` at once.

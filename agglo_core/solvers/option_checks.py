@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from numbers import Integral, Real
 from typing import Any
 
-from agglo_core.authoring import OptionError
+from agglo_core.errors import OptionError
 
 
 def require_count(name: str, value: Any, least: int, most: int | None = None) -> None:
@@ -37,15 +37,6 @@ def require_truth(name: str, value: Any) -> None:
         raise OptionError(f"{name} must be true or false; given {value!r}")
 
 
-def require_penalty(value: Any) -> None:
-    """Raise OptionError unless ``value`` is ``paper``, ``sharp`` or a positive number."""
-    if value in ("paper", "sharp"):
-        return
-    if isinstance(value, str):
-        raise OptionError(f"penalty must be a positive number, 'paper' or 'sharp'; given {value!r}")
-    require_positive("penalty", value)
-
-
 def chosen(name: str, value: Any, known: Mapping[str, Any]) -> Any:
     """What a name stands for; a callable stands for itself, and anything else is an OptionError."""
     if callable(value):
@@ -69,7 +60,7 @@ def show_options(solver: Any) -> str:
 
     Examples
     --------
-    >>> from agglo_polydg_mg.direct.solver import Direct
+    >>> from agglo_core.solvers.direct import Direct
     >>> Direct(degree=3)
     Direct(degree=3)
     """

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
-from agglo_core.authoring import Float, energy_of_solution, relative_size, two_norm
+from agglo_core.arrays import Float
+from agglo_core.problems.sizes import energy_of_solution, relative_size, two_norm
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.authoring import Diffusion, Field, Float, Mesh, OptionError, frozen_float
+from agglo_core.arrays import Float, frozen_float
+from agglo_core.errors import OptionError
+from agglo_core.mesh import Mesh
+from agglo_core.problems import Diffusion, Field
 
 _MODERATE = 1e100
 _MODERATE_MATRIX = 1e10
@@ -38,12 +41,13 @@ def unscaled_matrix(A: Any, factor: float) -> Any:
 
 def times(problem: Diffusion, factor: float) -> Diffusion:
     """The problem whose solution is that many times the solution of the given one."""
+    exact = problem.exact
     return replace(
         problem,
         source=_product(problem.source, factor),
         dirichlet={tag: _product(each, factor) for tag, each in problem.dirichlet.items()},
         neumann={tag: _product(each, factor) for tag, each in problem.neumann.items()},
-        exact=None if problem.exact is None else _product(problem.exact, factor),
+        exact=exact and (lambda points: factor * np.asarray(exact(points), float)),
     )
 
 

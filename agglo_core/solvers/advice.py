@@ -12,12 +12,13 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final, Literal
 
-from agglo_polydg_mg.direct.backends import AUTO, PACKAGES, available_backends, chosen_backend
-from agglo_polydg_mg.forms.penalty import PAPER, Penalty
+from agglo_core.solvers.backends import AUTO, PACKAGES, available_backends, chosen_backend
 
 Kind = Literal["cells", "groups", "solids", "linear"]
 """Single cells of at most four faces; polygons, or cells smoothed together; polyhedra; a linear system."""
 
+_PENALTY: Final = 10.0
+"""Penalty of ``direct`` by default."""
 MANY: Final = 10
 """Right-hand sides from which they count as many."""
 _TITLES: Final[Mapping[str, str]] = MappingProxyType({"pardiso": "PARDISO", "superlu": "SuperLU"})
@@ -52,7 +53,7 @@ _SEVERAL: Final[Mapping[tuple[str, Kind], _Range]] = MappingProxyType(
 """For ten of a linear system, as far as measured; with more the direct solvers only gain."""
 
 
-def advice_of_multigrid(A: Any, kind: Kind, count: int = 1, penalty: Penalty = PAPER) -> str:
+def advice_of_multigrid(A: Any, kind: Kind, count: int = 1, penalty: float | str = _PENALTY) -> str:
     """What polydg_mg says of ``direct``; empty if that would not be faster.
 
     Parameters
@@ -95,9 +96,9 @@ def _unknowns(A: Any, entries: float) -> str:
     return f"{float(f'{entries * A.shape[0] / A.nnz:.1e}'):,.0f}"
 
 
-def _spec(backend: str, penalty: Penalty) -> str:
+def _spec(backend: str, penalty: float | str) -> str:
     """``direct`` with its options, as components are written on the command line."""
-    options = [] if penalty in (PAPER, "paper") else [f"penalty={penalty}"]
+    options = [] if penalty in (_PENALTY, "paper") else [f"penalty={penalty}"]
     options += [] if chosen_backend(AUTO) == backend else [f"backend={backend}"]
     return ":".join(filter(None, ("direct", ",".join(options))))
 
