@@ -64,7 +64,7 @@ def show_options(solver: Any) -> str:
     >>> Direct(degree=3)
     Direct(degree=3)
     """
-    homes = [solver, *(getattr(solver, name, None) for name in ("discretisation", "wishes"))]
+    homes = [solver, *(getattr(solver, name, None) for name in ("discretisation", "overrides"))]
     shown = []
     for name, option in inspect.signature(type(solver)).parameters.items():
         home = next((home for home in homes if hasattr(home, name)), None)

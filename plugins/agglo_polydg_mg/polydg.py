@@ -28,7 +28,7 @@ from agglo_polydg_mg.forms.norms import EnergyNorm, errors
 from agglo_polydg_mg.forms.penalty import Penalty, require_penalty
 from agglo_polydg_mg.forms.straight_sides import with_straight_sides
 from agglo_polydg_mg.forms.unit_forms import UnitForms
-from agglo_polydg_mg.solver.recipes import Wishes, plan_for
+from agglo_polydg_mg.solver.choose import choose
 from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.quadrature import sample
 from agglo_polydg_mg.space.sampling import evaluate, samples_of
@@ -128,7 +128,9 @@ class PolyDG:
     def matrix_kind(self, problem: Problem, fine: solvers.FineSystem) -> str:
         """Kind of the matrix as the advice on solvers knows it: what polydg_mg would smooth."""
         assert fine.meaning is not None  # it was discretised here
-        return plan_for(_diffusion(problem), fine, self.basis(fine.meaning[1]), Wishes()).kind
+        assert fine.sigma is not None
+        mesh = self.basis(fine.meaning[1]).mesh
+        return choose(mesh, fine.sigma, cell_means(mesh, _diffusion(problem).kappa), self.degree).kind
 
     def coarse_operator(self, problem: Problem, mesh: Mesh, labels: Int) -> Any:
         """Matrix on agglomerates, rediscretised: their own penalty, the means of κ over their cells."""

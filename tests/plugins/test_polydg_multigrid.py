@@ -104,12 +104,12 @@ def test_where_rounding_ends_it_nothing_more_is_to_be_had(seed: int) -> None:
 
 def test_another_recipe_where_rounding_spoils_the_levels(monkeypatch: pytest.MonkeyPatch) -> None:
     """By itself and visibly; if one was asked for it is not exchanged."""
-    from agglo_polydg_mg.solver import recipes
+    from agglo_polydg_mg.solver import levels
 
     def lost(*given: object, **options: object) -> LevelStack:
         raise np.linalg.LinAlgError("indefinite")
 
-    monkeypatch.setattr(recipes, "conforming_stack", lost)
+    monkeypatch.setattr(levels, "conforming_stack", lost)
     mesh = samples.squares(16)
     found = solved(mesh, degree=2)
     assert "patches, W-cycle, float64" in found.choice

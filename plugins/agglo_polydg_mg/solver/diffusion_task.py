@@ -24,10 +24,12 @@ from agglo_core.authoring import (
     pcg,
     solvers,
 )
+from agglo_polydg_mg.forms.assembly import cell_means
 from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.polydg import PolyDG
+from agglo_polydg_mg.solver.choose import Overrides, Plan, choose
+from agglo_polydg_mg.solver.levels import build, cells_per_part, levels_by_default
 from agglo_polydg_mg.solver.numbering import Numbering, numbering_for
-from agglo_polydg_mg.solver.recipes import Plan, Wishes, levels_by_default, plan_for
 from agglo_polydg_mg.space.basis import Basis
 
 _RAISED: Final = (0.0, 1e-12)
@@ -52,7 +54,7 @@ class DiffusionTask:
         problem: Diffusion,
         hierarchy: Hierarchy,
         how: PolyDG,
-        wishes: Wishes,
+        overrides: Overrides,
         count: int | None,
         units: UnitForms | None = None,
         plan: Plan | None = None,
@@ -62,7 +64,7 @@ class DiffusionTask:
             raise OptionError("a diffusion problem needs a mesh; this hierarchy belongs to a bare graph")
         self.numbering = numbering or numbering_for(hierarchy)
         self.problem, self.hierarchy = self.numbering.problem(problem), self.numbering.hierarchy
-        self.count, self._wishes, self._plan = count, wishes, plan
+        self.count, self._overrides, self._plan = count, overrides, plan
         self._how, self._mesh = how, hierarchy.fine
         try:
             self.basis: Basis = how.basis(self.numbering.mesh) if units is None else units.basis
@@ -77,8 +79,13 @@ class DiffusionTask:
     def plan(self) -> Plan:
         """How the levels are made."""
         if self._plan is None:
-            self._plan = plan_for(self.problem, self.fine, self.basis, self._wishes)
+            self._plan = self._choose(self._overrides)
         return self._plan
+
+    def _choose(self, overrides: Overrides) -> Plan:
+        kappa, sigma = cell_means(self.basis.mesh, self.problem.kappa), self.fine.sigma
+        assert sigma is not None  # every discretised system has a penalty
+        return choose(self.basis.mesh, sigma, kappa, self.basis.degree, overrides, self.fine.A.diagonal())
 
     def forget_plan(self) -> None:
         """Levels are made anew, for this problem."""
@@ -128,11 +135,11 @@ class DiffusionTask:
         if self.single:
             self.in_double()
             return True
-        if self.plan.recipe == "patches" or self._wishes.recipe != "auto":
+        if self.plan.recipe == "patches" or self._overrides.recipe != "auto":
             return False
         failed = f"{self.plan.reason}, which failed"
-        other = Wishes("patches", self._wishes.cycle, "double")
-        plan = plan_for(self.problem, self.fine, self.basis, other)
+        other = Overrides("patches", self._overrides.cycle, "double")
+        plan = self._choose(other)
         self._plan = replace(plan, reason=f"{plan.reason} in place of: {failed}")
         self.__dict__.pop("labels", None)  # levels that the recipe before did without
         return True
@@ -149,7 +156,7 @@ class DiffusionTask:
     def labels(self) -> list[Int]:
         """Labels of the levels, finest first."""
         wanted = self.hierarchy.levels or self.makes_levels
-        first = self.plan.cells_per_part(self.basis.degree)
+        first = cells_per_part(self.plan, self.basis.degree)
         return levels_by_default(self.hierarchy, self.count, first) if wanted else []
 
     def stack(self) -> Any:
@@ -161,14 +168,14 @@ class DiffusionTask:
         """
         for more in _RAISED:
             try:
-                return self.plan.stack(self.problem, self._raised(more), self.basis, self.labels)
+                return build(self.plan, self.problem, self._raised(more), self.basis, self.labels)
             except np.linalg.LinAlgError:
                 self.in_double()
         self._plan = replace(
             self.plan, reason=f"{self.plan.reason}; levels of a diagonal larger by {_MOST:g}"
         )
         try:
-            return self.plan.stack(self.problem, self._raised(_MOST), self.basis, self.labels)
+            return build(self.plan, self.problem, self._raised(_MOST), self.basis, self.labels)
         except np.linalg.LinAlgError:
             if not self.retreat():
                 raise

@@ -22,9 +22,9 @@ from agglo_core.authoring import (
 )
 from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.polydg import PolyDG
+from agglo_polydg_mg.solver.choose import Overrides, Plan
 from agglo_polydg_mg.solver.diffusion_task import DiffusionTask
 from agglo_polydg_mg.solver.numbering import Numbering
-from agglo_polydg_mg.solver.recipes import Plan, Wishes
 
 Task = DiffusionTask | solvers.LinearTask
 
@@ -33,7 +33,7 @@ def task_for(
     problem: Problem,
     hierarchy: Hierarchy,
     how: PolyDG,
-    wishes: Wishes,
+    overrides: Overrides,
     count: int | None,
     units: UnitForms | None = None,
     plan: Plan | None = None,
@@ -45,9 +45,11 @@ def task_for(
     and so is the ``numbering``; the ``plan`` is that of its levels, if they are kept.
     """
     if isinstance(problem, Diffusion):
-        return DiffusionTask(problem, hierarchy, how, wishes, count, units, plan, numbering)
+        return DiffusionTask(problem, hierarchy, how, overrides, count, units, plan, numbering)
     if isinstance(problem, Linear):
-        return solvers.LinearTask(problem, hierarchy, count, wishes.recipe, wishes.cycle, wishes.precision)
+        return solvers.LinearTask(
+            problem, hierarchy, count, overrides.recipe, overrides.cycle, overrides.precision
+        )
     raise OptionError(f"a problem is a Diffusion or a Linear, given {type(problem).__name__}")
 
 

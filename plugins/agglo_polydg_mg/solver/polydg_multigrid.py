@@ -19,9 +19,9 @@ from agglo_core.authoring import (
 )
 from agglo_polydg_mg.forms.penalty import Penalty
 from agglo_polydg_mg.polydg import PolyDG
+from agglo_polydg_mg.solver.choose import CYCLES, PRECISIONS, RECIPES, Overrides
 from agglo_polydg_mg.solver.diffusion_task import DiffusionTask
 from agglo_polydg_mg.solver.phases import Task, iterate, set_up, solved, task_for, unsolved
-from agglo_polydg_mg.solver.recipes import CYCLES, PRECISIONS, RECIPES, Wishes
 from agglo_polydg_mg.solver.repeated_solves import RepeatedSolves
 
 
@@ -86,7 +86,7 @@ class PolyDGMultigrid:
             solvers.require_count("levels", levels, 2)
         self.discretisation = PolyDG(degree, penalty, scaled_basis=True)
         self.tolerance, self.max_iterations, self.levels = tolerance, max_iterations, levels
-        self.wishes = Wishes(recipe, cycle, precision)
+        self.overrides = Overrides(recipe, cycle, precision)
 
     def __repr__(self) -> str:
         return solvers.show_options(self)
@@ -132,7 +132,7 @@ class PolyDGMultigrid:
         return RepeatedSolves(
             hierarchy,
             self.discretisation,
-            self.wishes,
+            self.overrides,
             self.levels,
             self.tolerance,
             self.max_iterations,
@@ -157,4 +157,4 @@ class PolyDGMultigrid:
         return task.numbering.operator(M) if isinstance(task, DiffusionTask) else task.preconditioner(M)
 
     def _task(self, problem: Problem, hierarchy: Hierarchy) -> Task:
-        return task_for(problem, hierarchy, self.discretisation, self.wishes, self.levels)
+        return task_for(problem, hierarchy, self.discretisation, self.overrides, self.levels)

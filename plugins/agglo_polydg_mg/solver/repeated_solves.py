@@ -20,11 +20,11 @@ from agglo_core.authoring import (
 )
 from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.polydg import PolyDG
+from agglo_polydg_mg.solver.choose import Overrides, Plan
 from agglo_polydg_mg.solver.diffusion_task import DiffusionTask
 from agglo_polydg_mg.solver.earlier_solutions import KEPT, best_combination
 from agglo_polydg_mg.solver.numbering import Numbering
 from agglo_polydg_mg.solver.phases import Task, iterate, set_up, solved, task_for, unsolved
-from agglo_polydg_mg.solver.recipes import Plan, Wishes
 
 _MORE: Final = 1.5
 """Levels are renewed once a solve takes more than so many times the iterations of fresh ones from 0, and
@@ -69,13 +69,13 @@ class RepeatedSolves:
         self,
         hierarchy: Hierarchy,
         how: PolyDG,
-        wishes: Wishes,
+        overrides: Overrides,
         count: int | None,
         tolerance: float,
         most: int,
     ) -> None:
         self.setups = 0
-        self._made_of = (hierarchy, how, wishes, count)
+        self._made_of = (hierarchy, how, overrides, count)
         self._tolerance, self._most = tolerance, most
         self._kept: Any = None
         self._usual: float | None = None  # iterations from 0 with fresh levels
