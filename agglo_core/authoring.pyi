@@ -123,7 +123,6 @@ from agglo_core.problems import (
     Solution as Solution,
     System as System,
 )
-from agglo_core.problems.backward_error import limit_told as limit_told
 from agglo_core.problems.deferred import Deferred as Deferred
 from agglo_core.problems.iteration_history import (
     MET as MET,
@@ -132,7 +131,8 @@ from agglo_core.problems.iteration_history import (
     iterated as iterated,
 )
 from agglo_core.problems.real_system import symmetric_system as symmetric_system
-from agglo_core.problems.sizes import (
+from agglo_core.problems.residuals.backward_error import limit_told as limit_told
+from agglo_core.problems.residuals.sizes import (
     energy_of_solution as energy_of_solution,
     relative_size as relative_size,
     size_ratio as size_ratio,

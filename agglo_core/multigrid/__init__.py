@@ -29,7 +29,7 @@ from agglo_core.multigrid.smoothers.scalar_gauss_seidel import ScalarGaussSeidel
 from agglo_core.multigrid.smoothers.spectrum import largest_eigenvalue
 from agglo_core.multigrid.stack import Level, LevelSmoother, LevelStack
 from agglo_core.multigrid.system_levels import SystemLevels, build_levels, is_classical, stack_of_system
-from agglo_core.problems.row_scales import lifted, row_measure
+from agglo_core.problems.residuals.row_scales import lifted, row_measure
 
 __all__ = [
     "COARSE_SOLVERS",

@@ -48,10 +48,10 @@ class History:
     computed from x; None if the method does not tell. ``gains (iterations,)`` are what the iterations took
     from the square of the error in the energy norm, empty if the method does not tell; ``energy_norm`` is
     that of x. Where the residual fell no further ``backward_error`` is that of x, as
-    :func:`~agglo_core.problems.backward_error.backward_error` has it, if A is known entry by entry; an
-    iteration that ``ended`` by ``"rounding"`` is then as accurate as double precision allows. ``correction``
-    is the next step, as long as the last, if the iteration converged and knows it: with a good preconditioner
-    x is nearer yet with it, though not known to be.
+    :func:`~agglo_core.problems.residuals.backward_error.backward_error` has it, if A is known entry by entry;
+    an iteration that ``ended`` by ``"rounding"`` is then as accurate as double precision allows.
+    ``correction`` is the next step, as long as the last, if the iteration converged and knows it: with a good
+    preconditioner x is nearer yet with it, though not known to be.
 
     Examples
     --------

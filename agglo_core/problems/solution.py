@@ -62,7 +62,8 @@ class Solution:
 
     ``rounding_limited`` is the third outcome beside ``converged`` and not: x misses ``tolerance``, but no
     solver in double precision does better. ``backward_error`` shows it, that of
-    :func:`~agglo_core.problems.backward_error.backward_error`; ``energy_error`` tells what x is good for.
+    :func:`~agglo_core.problems.residuals.backward_error.backward_error`; ``energy_error`` tells what x is
+    good for.
 
     Examples
     --------

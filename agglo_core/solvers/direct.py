@@ -12,9 +12,9 @@ from agglo_core.arrays import Float, frozen_float
 from agglo_core.errors import OptionError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.problems import Linear, Problem, Solution
-from agglo_core.problems.backward_error import limit_told
 from agglo_core.problems.iteration_history import MET, TESTS, History, unsolved
-from agglo_core.problems.sizes import size_ratio, two_norm
+from agglo_core.problems.residuals.backward_error import limit_told
+from agglo_core.problems.residuals.sizes import size_ratio, two_norm
 from agglo_core.progress import Listener, phase
 from agglo_core.registry import Registry
 from agglo_core.solvers.advice import Kind, advice_of_direct

@@ -16,7 +16,7 @@ from agglo_core.mesh import Mesh
 from agglo_core.problems import Lifting, Linear, Problem, Solution
 from agglo_core.problems.iteration_history import History
 from agglo_core.problems.real_system import symmetric_system
-from agglo_core.problems.row_scales import lifted, row_measure
+from agglo_core.problems.residuals.row_scales import lifted, row_measure
 from agglo_core.registry import Registry, default
 from agglo_core.registry.construct import resolve
 from agglo_core.solvers.residual_measure import ResidualMeasure

@@ -15,7 +15,7 @@ from agglo_core.multigrid import is_classical, stack_of_system
 from agglo_core.multigrid.krylov.pcg import pcg_columns
 from agglo_core.problems import Linear, Solution, System
 from agglo_core.problems.iteration_history import TESTS, History, unsolved
-from agglo_core.problems.sizes import two_norm
+from agglo_core.problems.residuals.sizes import two_norm
 from agglo_core.progress import Tell
 from agglo_core.solvers.advice import advice_of_multigrid
 from agglo_core.solvers.fine_system import chosen_levels

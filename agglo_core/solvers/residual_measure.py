@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from agglo_core.arrays import Float
-from agglo_core.problems.sizes import energy_of_solution, relative_size, two_norm
+from agglo_core.problems.residuals.sizes import energy_of_solution, relative_size, two_norm
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class ResidualMeasure:
         Energy norm of a solution with the jumps from its Dirichlet data; None if there are none.
     rows : callable, optional
         Measure of residuals of a linear system in place of these
-        (:func:`~agglo_core.problems.row_scales.row_measure`).
+        (:func:`~agglo_core.problems.residuals.row_scales.row_measure`).
     """
 
     b: Float

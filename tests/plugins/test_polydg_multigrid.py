@@ -14,7 +14,7 @@ from agglo_core import Hierarchy, Mesh, agglomerate, samples
 from agglo_core.errors import OptionError
 from agglo_core.multigrid import LevelStack
 from agglo_core.problems import Diffusion, Linear, Solution
-from agglo_core.problems.backward_error import LIMIT
+from agglo_core.problems.residuals.backward_error import LIMIT
 from agglo_core.solvers.direct import Direct
 from agglo_polydg_mg.plain_cg import PlainCG
 from agglo_polydg_mg.solver.polydg_multigrid import PolyDGMultigrid

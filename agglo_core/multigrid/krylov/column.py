@@ -14,7 +14,7 @@ from agglo_core.multigrid.krylov.lanczos import failure
 from agglo_core.multigrid.krylov.recursion import Recursion
 from agglo_core.multigrid.krylov.stopping import SAID, Iterate, Restarts, Rules, Steps, is_rounding, probed
 from agglo_core.problems.iteration_history import MET, TESTS, Ended, History
-from agglo_core.problems.sizes import Measure, size_ratio, two_norm
+from agglo_core.problems.residuals.sizes import Measure, size_ratio, two_norm
 
 _CONJUGATE = 0.3
 """|zᵢ₊₁·rᵢ| over zᵢ₊₁·rᵢ₊₁, 0 if M is linear and symmetric: above this a step is lost."""

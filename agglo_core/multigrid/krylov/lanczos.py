@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from agglo_core.arrays import Float
-from agglo_core.problems.backward_error import LIMIT
 from agglo_core.problems.iteration_history import Ended
-from agglo_core.problems.sizes import two_norm
+from agglo_core.problems.residuals.backward_error import LIMIT
+from agglo_core.problems.residuals.sizes import two_norm
 
 
 @dataclass(eq=False)

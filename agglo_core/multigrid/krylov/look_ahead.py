@@ -11,10 +11,10 @@ from agglo_core.arrays import Float, frozen_float
 from agglo_core.multigrid.krylov.lanczos import failure
 from agglo_core.multigrid.krylov.recursion import Recursion
 from agglo_core.multigrid.krylov.stopping import SAID, Restarts
-from agglo_core.problems.backward_error import joints_told, magnitudes
 from agglo_core.problems.iteration_history import MET, TESTS, Ended, History, iterated
-from agglo_core.problems.row_scales import lifted, penalised_rows, row_measure, row_sizes
-from agglo_core.problems.sizes import Measure, energy_of_solution, size_ratio, two_norm
+from agglo_core.problems.residuals.backward_error import joints_told, magnitudes
+from agglo_core.problems.residuals.row_scales import lifted, penalised_rows, row_measure, row_sizes
+from agglo_core.problems.residuals.sizes import Measure, energy_of_solution, size_ratio, two_norm
 from agglo_core.progress import Tell, to_nobody
 
 _ILL_CONDITIONED = "the matrix is singular, or nearly so: "
@@ -41,7 +41,7 @@ def conjugate_gradients(
     most : int
         Iterations.
     measure : callable, optional
-        Of residuals; by default :func:`~agglo_core.problems.row_scales.row_measure`.
+        Of residuals; by default :func:`~agglo_core.problems.residuals.row_scales.row_measure`.
     energy : callable, optional
         Of x: the norm that ‖e‖_A is compared with, e being the error; by default (b·x)^½.
     tell : callable, optional
@@ -56,8 +56,8 @@ def conjugate_gradients(
     :func:`~agglo_core.multigrid.krylov.pcg.pcg` counts all iterations.
 
     Values imposed by penalties on the diagonal are taken out of the system first, unless ``measure`` or
-    ``energy`` is given (:func:`~agglo_core.problems.row_scales.lifted`). Rows with penalties are scaled to
-    the size of the others, as products with such numbers leave no digits to the others.
+    ``energy`` is given (:func:`~agglo_core.problems.residuals.row_scales.lifted`). Rows with penalties are
+    scaled to the size of the others, as products with such numbers leave no digits to the others.
 
     As in MATLAB's ``pcg``, an iteration that does not converge returns the iterate of smallest residual,
     whose number is the length of the history; ``reason`` says how many iterations were done.

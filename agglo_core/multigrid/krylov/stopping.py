@@ -12,9 +12,9 @@ import numpy as np
 from agglo_core.arrays import Float, frozen_float
 from agglo_core.multigrid.krylov.lanczos import failure
 from agglo_core.multigrid.krylov.recursion import Recursion
-from agglo_core.problems.backward_error import LIMIT
 from agglo_core.problems.iteration_history import Ended
-from agglo_core.problems.sizes import two_norm
+from agglo_core.problems.residuals.backward_error import LIMIT
+from agglo_core.problems.residuals.sizes import two_norm
 
 TRIAL = 5
 """Iterations after which the pace is judged."""

@@ -25,6 +25,7 @@ from agglo_core.authoring import (
     to_nobody,
 )
 from agglo_polydg_mg.forms.penalty import Penalty
+from agglo_polydg_mg.paper.level_spaces import LevelSpaces, level_spaces
 from agglo_polydg_mg.paper.outer_iterations import (
     CYCLES,
     OUTER,
@@ -35,7 +36,6 @@ from agglo_polydg_mg.paper.outer_iterations import (
     require_together,
 )
 from agglo_polydg_mg.polydg import PolyDG
-from agglo_polydg_mg.solver.operators import LevelSpaces, level_spaces
 
 
 class ComposedMultigrid:

@@ -8,9 +8,9 @@ import numpy as np
 from scipy import sparse
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
-from agglo_core.problems.backward_error import is_known
-from agglo_core.problems.sizes import Measure, relative_to
-from agglo_core.problems.stiff_springs import imposed_differences
+from agglo_core.problems.residuals.backward_error import is_known
+from agglo_core.problems.residuals.sizes import Measure, relative_to
+from agglo_core.problems.residuals.stiff_springs import imposed_differences
 
 _ALIKE = 100.0
 #: Rows whose diagonal entries differ by no more than this factor are compared by their 2-norm alone.
@@ -106,7 +106,7 @@ def lifted(A: Any, b: Float, rows: Int | None = None) -> tuple[Float, Float]:
     the other entries alone: b_i − a_ii offset_i is 0 but for rounding of b_i.
 
     Loads across stiff springs are then taken out in the same way
-    (:func:`~agglo_core.problems.stiff_springs.imposed_differences`).
+    (:func:`~agglo_core.problems.residuals.stiff_springs.imposed_differences`).
 
     Parameters
     ----------

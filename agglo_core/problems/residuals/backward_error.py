@@ -10,8 +10,8 @@ from scipy import sparse
 
 from agglo_core.arrays import Float
 from agglo_core.problems.iteration_history import History
-from agglo_core.problems.sizes import size_ratio, two_norm
-from agglo_core.problems.stiff_springs import stiffest_joint
+from agglo_core.problems.residuals.sizes import size_ratio, two_norm
+from agglo_core.problems.residuals.stiff_springs import stiffest_joint
 
 LIMIT = 2.0 * float(np.finfo(float).eps)
 """Backward error of what rounding keeps from being better: direct solvers reach a tenth to a half of it."""

@@ -60,7 +60,7 @@ def imposed_differences(A: Any, b: Float, sizes: Float) -> Imposed | None:
     A : (n, n) sparse or array
     b : (n,) float
     sizes : (n,) float
-        Sizes of the rows, see :func:`~agglo_core.problems.row_scales.row_sizes`.
+        Sizes of the rows, see :func:`~agglo_core.problems.residuals.row_scales.row_sizes`.
 
     Returns
     -------
