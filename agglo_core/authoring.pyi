@@ -123,14 +123,13 @@ from agglo_core.problems import (
     Solution as Solution,
     System as System,
 )
-from agglo_core.problems.deferred import Deferred as Deferred
 from agglo_core.problems.iteration_history import (
     MET as MET,
     TESTS as TESTS,
     History as History,
     iterated as iterated,
 )
-from agglo_core.problems.real_system import symmetric_system as symmetric_system
+from agglo_core.problems.linear import symmetric_system as symmetric_system
 from agglo_core.problems.residuals.backward_error import limit_told as limit_told
 from agglo_core.problems.residuals.sizes import (
     energy_of_solution as energy_of_solution,
@@ -138,6 +137,7 @@ from agglo_core.problems.residuals.sizes import (
     size_ratio as size_ratio,
     two_norm as two_norm,
 )
+from agglo_core.problems.solution import Deferred as Deferred
 from agglo_core.progress import (
     Listener as Listener,
     Progress as Progress,

@@ -79,8 +79,8 @@ _SOLID_SAMPLES = ("boxes", "tetrahedra", "random_tetrahedra", "voronoi3d", "pris
 _PROBLEMS = {
     "diffusion": ("diffusion:Diffusion", "−∇·(κ∇u) = f; data by cell tag and boundary tag in a file."),
     "linear": ("linear:Linear", "A x = b from files, with unknowns in the cells of the mesh."),
-    "constant": ("named:constant", "−Δu = 8 with u = 0 on the boundary (the paper's published counts)."),
-    "sine": ("named:sine", "f = 2π² sin πx sin πy with u = 0 on the boundary (the paper's text)."),
+    "constant": ("diffusion:constant", "−Δu = 8 with u = 0 on the boundary (the paper's published counts)."),
+    "sine": ("diffusion:sine", "f = 2π² sin πx sin πy with u = 0 on the boundary (the paper's text)."),
 }
 
 _SMOOTHERS = {

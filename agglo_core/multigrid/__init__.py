@@ -15,7 +15,6 @@ from agglo_core.multigrid.matrices.galerkin import build_stack, galerkin, inject
 from agglo_core.multigrid.named_parts import CoarseOperator, CoarseSolver, Transfer, part
 from agglo_core.multigrid.smoothers.adapted import Adapted, adapted
 from agglo_core.multigrid.smoothers.additive_schwarz import additive_schwarz
-from agglo_core.multigrid.smoothers.joined_patches import joined_patches
 from agglo_core.multigrid.smoothers.level_smoothers import (
     SMOOTHERS,
     BlockJacobi,
@@ -24,7 +23,7 @@ from agglo_core.multigrid.smoothers.level_smoothers import (
     smoother_setup,
 )
 from agglo_core.multigrid.smoothers.patch_smoother import AdditivePatches, VertexPatches
-from agglo_core.multigrid.smoothers.patches import vertex_patches
+from agglo_core.multigrid.smoothers.patches import joined_patches, vertex_patches
 from agglo_core.multigrid.smoothers.scalar_gauss_seidel import ScalarGaussSeidel
 from agglo_core.multigrid.smoothers.spectrum import largest_eigenvalue
 from agglo_core.multigrid.stack import Level, LevelSmoother, LevelStack

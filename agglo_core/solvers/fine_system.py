@@ -15,7 +15,7 @@ from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
 from agglo_core.problems import Lifting, Linear, Problem, Solution
 from agglo_core.problems.iteration_history import History
-from agglo_core.problems.real_system import symmetric_system
+from agglo_core.problems.linear import symmetric_system
 from agglo_core.problems.residuals.row_scales import lifted, row_measure
 from agglo_core.registry import Registry, default
 from agglo_core.registry.construct import resolve
@@ -103,7 +103,7 @@ def fine_system(problem: Problem, hierarchy: Hierarchy, how: Any) -> FineSystem:
     ------
     OptionError
         If problem and hierarchy do not fit, cells of a linear system have unequal numbers of unknowns, or
-        values are not finite; as :func:`~agglo_core.problems.real_system.symmetric_system`.
+        values are not finite; as :func:`~agglo_core.problems.linear.symmetric_system`.
     """
     if isinstance(problem, Linear):
         return _given(problem, hierarchy.graph.n)

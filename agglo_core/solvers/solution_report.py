@@ -11,8 +11,7 @@ import numpy as np
 from agglo_core.arrays import Float
 from agglo_core.mesh import Mesh
 from agglo_core.multigrid.krylov.look_ahead import conjugate_gradients
-from agglo_core.problems.discretisation import Discretisation
-from agglo_core.problems.problem import Problem
+from agglo_core.problems.discretisation import Discretisation, Problem
 from agglo_core.problems.residuals.row_scales import row_measure
 from agglo_core.problems.solution import Solution
 from agglo_core.progress import Listener, phase

@@ -75,7 +75,7 @@ def posed(
     ------
     OptionError
         If they do not fit, or values are not finite; as ``how`` and
-        :func:`~agglo_core.problems.real_system.symmetric_system` raise it.
+        :func:`~agglo_core.problems.linear.symmetric_system` raise it.
     MeshError
         As ``how`` raises it.
     """

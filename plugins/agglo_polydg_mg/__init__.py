@@ -45,7 +45,7 @@ def agglo_components() -> list[Component]:
         Component(
             kind="smoother",
             name="schwarz",
-            target="agglo_polydg_mg.paper.smoothers:Schwarz",
+            target="agglo_polydg_mg.paper.schwarz:Schwarz",
             promises={"deterministic": True, "pickles": True},
             summary="The paper's: conjugate gradients preconditioned by additive Schwarz.",
         ),

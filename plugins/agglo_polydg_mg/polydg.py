@@ -26,7 +26,7 @@ from agglo_polydg_mg.forms.assembly import Lifted, cell_means, lifted, load
 from agglo_polydg_mg.forms.boundary import boundary_faces
 from agglo_polydg_mg.forms.norms import EnergyNorm, errors
 from agglo_polydg_mg.forms.penalty import Penalty, require_penalty
-from agglo_polydg_mg.forms.straight_sides import with_straight_sides
+from agglo_polydg_mg.forms.sides import with_straight_sides
 from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.solver.choose import choose
 from agglo_polydg_mg.space.basis import Basis

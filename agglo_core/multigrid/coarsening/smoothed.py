@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from agglo_core.multigrid.matrices.block_galerkin import block_matmat, have_kernels
 from agglo_core.multigrid.matrices.block_matrix import block_inverses
 from agglo_core.multigrid.matrices.block_product import swift
+from agglo_core.multigrid.matrices.galerkin import block_matmat, have_kernels
 from agglo_core.multigrid.smoothers.spectrum import largest_eigenvalue
 
 

@@ -20,8 +20,7 @@ from agglo_core.authoring import (
 )
 from agglo_polydg_mg.forms.penalty import PAPER, Penalty
 from agglo_polydg_mg.paper.composed_multigrid import ComposedMultigrid
-from agglo_polydg_mg.paper.schwarz import SmootherMaker, Solve
-from agglo_polydg_mg.paper.smoothers import smoother_of
+from agglo_polydg_mg.paper.schwarz import SmootherMaker, Solve, smoother_of
 
 
 class PaperMultigrid(ComposedMultigrid):
