@@ -15,7 +15,7 @@ from agglo_core.solvers.option_checks import (
 )
 from agglo_core.solvers.plain_cg import PlainCG
 from agglo_core.solvers.residual_measure import ResidualMeasure
-from agglo_core.solvers.scaling import data_size, factor_for, times
+from agglo_core.solvers.scaling import data_size, factor_for, times, unscaled
 from agglo_core.solvers.stopwatch import Stopwatch
 
 __all__ = [
@@ -39,5 +39,6 @@ __all__ = [
     "require_truth",
     "show_options",
     "times",
+    "unscaled",
     "unsolved",
 ]

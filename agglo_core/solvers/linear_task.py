@@ -108,18 +108,18 @@ class LinearTask:
         """Whether cycles are in single precision."""
         return bool(self.dtype == np.float32)
 
-    def in_double(self) -> None:
+    def use_double(self) -> None:
         """Go on in double precision."""
         if self.single:
             self.dtype, self._doubled = np.float64, "; double precision took over"
 
-    def forget_plan(self) -> None:
+    def renew_plan(self) -> None:
         """Levels are made as ever."""
 
-    def retreat(self) -> bool:
+    def change_method(self) -> bool:
         """Go on in double precision; False if that is what failed."""
         single = self.single
-        self.in_double()
+        self.use_double()
         return single
 
     def stack(self) -> Any:

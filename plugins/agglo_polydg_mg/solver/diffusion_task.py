@@ -32,8 +32,8 @@ from agglo_polydg_mg.solver.levels import build, cells_per_part, levels_by_defau
 from agglo_polydg_mg.solver.numbering import Numbering, numbering_for
 from agglo_polydg_mg.space.basis import Basis
 
-_RAISED: Final = (0.0, 1e-12)
-_MOST: Final = 1e-10
+_SHIFTS: Final = (0.0, 1e-12)
+_LARGEST_SHIFT: Final = 1e-10
 """Parts of the diagonal that are added to it, one after the other, until levels can be made."""
 
 
@@ -87,7 +87,7 @@ class DiffusionTask:
         assert sigma is not None  # every discretised system has a penalty
         return choose(self.basis.mesh, sigma, kappa, self.basis.degree, overrides, self.fine.A.diagonal())
 
-    def forget_plan(self) -> None:
+    def renew_plan(self) -> None:
         """Levels are made anew, for this problem."""
         self._plan = None
 
@@ -121,19 +121,19 @@ class DiffusionTask:
         """Whether cycles are in single precision."""
         return bool(self.plan.dtype == np.float32)
 
-    def in_double(self) -> None:
+    def use_double(self) -> None:
         """Go on in double precision."""
         if self.single:
             reason = f"{self.plan.reason}; double precision took over"
             self._plan = replace(self.plan, dtype=np.float64, reason=reason)
 
-    def retreat(self) -> bool:
+    def change_method(self) -> bool:
         """Go on in double precision or, if that is what failed, by patches if the recipe was not fixed.
 
         False if there is nothing left to try.
         """
         if self.single:
-            self.in_double()
+            self.use_double()
             return True
         if self.plan.recipe == "patches" or self._overrides.recipe != "auto":
             return False
@@ -166,22 +166,22 @@ class DiffusionTask:
         of a matrix whose diagonal is a little larger. It is only their own: what is solved stays as it is. If
         that does not help either another recipe is taken, unless one was asked for.
         """
-        for more in _RAISED:
+        for more in _SHIFTS:
             try:
-                return build(self.plan, self.problem, self._raised(more), self.basis, self.labels)
+                return build(self.plan, self.problem, self._shifted(more), self.basis, self.labels)
             except np.linalg.LinAlgError:
-                self.in_double()
+                self.use_double()
         self._plan = replace(
-            self.plan, reason=f"{self.plan.reason}; levels of a diagonal larger by {_MOST:g}"
+            self.plan, reason=f"{self.plan.reason}; levels of a diagonal larger by {_LARGEST_SHIFT:g}"
         )
         try:
-            return build(self.plan, self.problem, self._raised(_MOST), self.basis, self.labels)
+            return build(self.plan, self.problem, self._shifted(_LARGEST_SHIFT), self.basis, self.labels)
         except np.linalg.LinAlgError:
-            if not self.retreat():
+            if not self.change_method():
                 raise
         return self.stack()
 
-    def _raised(self, part: float) -> solvers.FineSystem:
+    def _shifted(self, part: float) -> solvers.FineSystem:
         """The system with a part of the diagonal of its matrix added to it."""
         A = self.fine.A
         if part == 0.0:

@@ -114,7 +114,7 @@ class PolyDGMultigrid:
             stack = set_up(task, watch, progress)
             histories = iterate(task, stack, self.tolerance, self.max_iterations, watch, progress)
             # Where a preconditioner fails, double precision or another recipe goes on from where it ended
-            while any(each.preconditioner_failed for each in histories) and task.retreat():
+            while any(each.preconditioner_failed for each in histories) and task.change_method():
                 del stack  # frees the memory for the other levels
                 stack = set_up(task, watch, progress, "setting up other levels")
                 histories = iterate(
@@ -149,7 +149,7 @@ class PolyDGMultigrid:
             As :meth:`solve`.
         """
         task = self._task(problem, hierarchy)
-        task.in_double()
+        task.use_double()
         try:
             M = multigrid.cycle(task.stack(), task.cycle)
         except np.linalg.LinAlgError as failure:

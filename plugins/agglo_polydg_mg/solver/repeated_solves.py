@@ -127,10 +127,10 @@ class RepeatedSolves:
                 self._pause = 0
                 return histories
             self._pause = self._paused = max(1, 2 * self._pause)
-        task.forget_plan()
+        task.renew_plan()
         self._renew(task, histories, watch, progress)
         histories = self._iterate(task, self._most, histories, watch, progress)
-        while any(each.preconditioner_failed for each in histories) and task.retreat():
+        while any(each.preconditioner_failed for each in histories) and task.change_method():
             self._renew(task, histories, watch, progress, "setting up other levels")
             histories = self._iterate(task, self._most, histories, watch, progress)
         return histories
