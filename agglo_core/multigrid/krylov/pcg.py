@@ -12,7 +12,7 @@ from agglo_core.arrays import Float, frozen_float, plain_array
 from agglo_core.errors import OptionError
 from agglo_core.multigrid.krylov.column import Column
 from agglo_core.multigrid.krylov.stopping import Beta, Request, Rules, Steps, Stop
-from agglo_core.multigrid.matrices.block_product import swift
+from agglo_core.multigrid.matrices.block_product import fast_product
 from agglo_core.problems.iteration_history import History, iterated
 from agglo_core.problems.residuals.backward_error import limit_told, magnitudes
 from agglo_core.problems.residuals.row_scales import lifted, penalised_rows, row_measure
@@ -186,7 +186,7 @@ def _iterate(A: Any, M: Any, columns: Sequence[Column], tell: Tell) -> None:
     def sizes(vectors: list[Float]) -> list[Float]:
         return [magnitudes(A, each) for each in vectors]
 
-    products = {"A": _product("A", swift(A)), "M": _product("M", M), "|A|": sizes}
+    products = {"A": _product("A", fast_product(A)), "M": _product("M", M), "|A|": sizes}
     running: list[tuple[Column, Steps, Any]] = [(column, column.run(), None) for column in columns]
     while running:
         asked = [(column, steps, *_next(steps, answer)) for column, steps, answer in running]
