@@ -10,7 +10,7 @@ from scipy import sparse
 from scipy.sparse.linalg import LinearOperator
 
 from agglo_core.arrays import Float, Int, frozen_float
-from agglo_core.errors import OptionError
+from agglo_core.errors import OptionError, PluginError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
 from agglo_core.problems import Lifting, Linear, Problem, Solution
@@ -88,9 +88,20 @@ class FineSystem(NamedTuple):
 
 
 def discretisation(name: str, registry: Registry | None = None, **options: Any) -> Any:
-    """Build a discretisation by name; OptionError for options that it refuses."""
+    """Build a discretisation by name, or return None if no plugin offers it: linear systems need none.
+
+    Raises
+    ------
+    OptionError
+        For options that it refuses.
+    """
     known = default() if registry is None else registry
-    return resolve(known.record("discretisation", name))(**options)
+    try:
+        target = resolve(known.record("discretisation", name))
+    except PluginError as missing:
+        _log.debug("%s", missing)
+        return None
+    return target(**options)
 
 
 def fine_system(problem: Problem, hierarchy: Hierarchy, how: Any) -> FineSystem:
@@ -107,6 +118,11 @@ def fine_system(problem: Problem, hierarchy: Hierarchy, how: Any) -> FineSystem:
     """
     if isinstance(problem, Linear):
         return _given(problem, hierarchy.graph.n)
+    if how is None:
+        raise OptionError(
+            f"a problem of kind {problem.kind} must be discretised, and no installed plugin offers that: "
+            "give a Linear problem, or install the plugin with the discretisation polydg"
+        )
     if getattr(problem, "kind", None) not in how.accepts:
         raise OptionError(f"a problem is a Diffusion or a Linear, given {type(problem).__name__}")
     system: FineSystem = how.fine_system(problem, own_mesh(hierarchy))
