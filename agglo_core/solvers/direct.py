@@ -40,7 +40,7 @@ class Direct:
     max_refinements : int
         Further solves that may improve the first one.
     penalty : float, "paper" or "sharp"
-        See :class:`~agglo_polydg_mg.polydg.PolyDG`.
+        Of jumps, as the discretisation ``polydg`` has it.
     scaled_basis : bool
         Scale the basis by the size of each cell's bounding box. The paper does not.
     backend : "auto", "pardiso", "cholmod" or "superlu"
