@@ -47,20 +47,28 @@ class RitzValue:
         count = len(self.steps)
         if count != self._at:
             lowest, before = (
-                _lowest(self.steps[:n], self.ratios[: n - 1]) for n in (count, (count + 1) // 2)
+                ritz_value(self.steps[:n], self.ratios[: n - 1]) for n in (count, (count + 1) // 2)
             )
             self.least, self._at = min(self.least, lowest * min(1.0, lowest / before)), count
         return self.least
 
 
-def _lowest(steps: Sequence[float], ratios: Sequence[float]) -> float:
-    """Smallest eigenvalue of the tridiagonal matrix of some iterations."""
+def ritz_value(steps: Sequence[float], ratios: Sequence[float], *, largest: bool = False) -> float:
+    """Smallest or largest eigenvalue of the tridiagonal matrix of some iterations of conjugate gradients.
+
+    Parameters
+    ----------
+    steps, ratios : sequence of float
+        α of k iterations and β of all but the last.
+    largest : bool
+    """
     from scipy.linalg import eigvalsh_tridiagonal
 
     inverse, falls = 1.0 / np.array(steps), np.array(ratios)
     diagonal, beside = inverse.copy(), np.sqrt(falls) * inverse[:-1]
     diagonal[1:] += falls * inverse[:-1]
-    return float(eigvalsh_tridiagonal(diagonal, beside, select="i", select_range=(0, 0))[0])
+    at = len(diagonal) - 1 if largest else 0
+    return float(eigvalsh_tridiagonal(diagonal, beside, select="i", select_range=(at, at))[0])
 
 
 _FLAT = 1e-8
