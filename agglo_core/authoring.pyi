@@ -6,6 +6,7 @@ from agglo_core import (
     distributed as distributed,
     multigrid as multigrid,
     samples as samples,
+    solvers as solvers,
 )
 from agglo_core.agglomeration import (
     Pipeline as Pipeline,
@@ -104,6 +105,7 @@ from agglo_core.measure import (
 )
 from agglo_core.mesh import Mesh as Mesh
 from agglo_core.multigrid.coarsening.prolongation import tentative as tentative
+from agglo_core.multigrid.krylov.look_ahead import conjugate_gradients as conjugate_gradients
 from agglo_core.multigrid.krylov.pcg import (
     pcg as pcg,
     pcg_columns as pcg_columns,
@@ -121,22 +123,21 @@ from agglo_core.problems import (
     Solution as Solution,
     System as System,
 )
-from agglo_core.problems.backward_error import limit_told as limit_told
-from agglo_core.problems.conjugate_gradients import conjugate_gradients as conjugate_gradients
-from agglo_core.problems.deferred import Deferred as Deferred
 from agglo_core.problems.iteration_history import (
     MET as MET,
     TESTS as TESTS,
     History as History,
     iterated as iterated,
 )
-from agglo_core.problems.real_system import symmetric_system as symmetric_system
-from agglo_core.problems.sizes import (
+from agglo_core.problems.linear import symmetric_system as symmetric_system
+from agglo_core.problems.residuals.backward_error import limit_told as limit_told
+from agglo_core.problems.residuals.sizes import (
     energy_of_solution as energy_of_solution,
     relative_size as relative_size,
     size_ratio as size_ratio,
     two_norm as two_norm,
 )
+from agglo_core.problems.solution import Deferred as Deferred
 from agglo_core.progress import (
     Listener as Listener,
     Progress as Progress,

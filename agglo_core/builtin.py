@@ -79,8 +79,8 @@ _SOLID_SAMPLES = ("boxes", "tetrahedra", "random_tetrahedra", "voronoi3d", "pris
 _PROBLEMS = {
     "diffusion": ("diffusion:Diffusion", "−∇·(κ∇u) = f; data by cell tag and boundary tag in a file."),
     "linear": ("linear:Linear", "A x = b from files, with unknowns in the cells of the mesh."),
-    "constant": ("named:constant", "−Δu = 8 with u = 0 on the boundary (the paper's published counts)."),
-    "sine": ("named:sine", "f = 2π² sin πx sin πy with u = 0 on the boundary (the paper's text)."),
+    "constant": ("diffusion:constant", "−Δu = 8 with u = 0 on the boundary (the paper's published counts)."),
+    "sine": ("diffusion:sine", "f = 2π² sin πx sin πy with u = 0 on the boundary (the paper's text)."),
 }
 
 _SMOOTHERS = {
@@ -140,7 +140,7 @@ _CONSTRAINTS = {
 def agglo_components() -> list[Component]:
     """All that comes with agglo and with none of its plugins."""
     own = (_refiners, _bisectors, _constraints, _metrics, _formats, _samples, _problems)
-    parts = (*own, _smoothers, _multigrid, _sections)
+    parts = (*own, _smoothers, _multigrid, _solvers, _sections)
     return [component for each in parts for component in each()]
 
 
@@ -307,6 +307,18 @@ def _multigrid() -> list[Component]:
             summary=summary,
         )
         for (kind, name), (target, summary) in _MULTIGRID.items()
+    ]
+
+
+def _solvers() -> list[Component]:
+    return [
+        Component(
+            kind="solver",
+            name="direct",
+            target="agglo_core.solvers.direct:Direct",
+            promises={"deterministic": True, "3d": True, "pickles": True, "symmetric": True},
+            summary="PolyDG by a sparse direct solver: PARDISO, CHOLMOD or SuperLU.",
+        )
     ]
 
 

@@ -100,7 +100,7 @@ MINE = [
     Component("format", "tiny", f"{HERE}:Tiny"),
     Component("sample", "patch", f"{HERE}:patch"),
     Component("problem", "heating", "agglo_core.problems.diffusion:Diffusion"),
-    Component("problem", "eight", "agglo_core.problems.named:constant"),
+    Component("problem", "eight", "agglo_core.problems.diffusion:constant"),
     Component("smoother", "jacobi", "agglo_core.multigrid.smoothers.level_smoothers:BlockJacobi"),
     Component("transfer", "inject", "agglo_core.multigrid.coarsening.transfers:Injection"),
     Component("coarse_operator", "products", "agglo_core.multigrid.coarse_operators:Galerkin"),

@@ -134,7 +134,7 @@ def solve(
         if output is not None:
             _write(outputs, output, mesh, sampled, progress)
         counted = getattr(tool, "tolerance", 1e-6) if cg and not plain else None
-        from agglo_core.problems import solution_report
+        from agglo_core.solvers import solution_report
 
         with attributed(title, spare=(AggloError,)):  # asks the discretisation
             data = solution_report.report(mesh, posed.problem, solution, posed.how, counted, progress)

@@ -87,7 +87,7 @@ def solve_on_ranks(
         if as_json:
             print_json(data | {"ranks": ranks.size})
         else:
-            from agglo_core.problems import solution_report
+            from agglo_core.solvers import solution_report
 
             columns = min(_COLUMNS, terminal_columns() or _COLUMNS)
             name = mesh.local.name or source
@@ -98,8 +98,8 @@ def solve_on_ranks(
 def _report(
     found: Any, norms: Mapping[str, float], hierarchy: DistributedHierarchy, seconds: float
 ) -> dict[str, Any]:
-    """What is told of a solution, by the names of :func:`agglo_core.problems.solution_report.report`."""
-    from agglo_core.problems.solution_report import error_entries
+    """What is told of a solution, by the names of :func:`agglo_core.solvers.solution_report.report`."""
+    from agglo_core.solvers.solution_report import error_entries
 
     cells = [hierarchy.mesh.n_cells, *hierarchy.parts]
     residuals, (n, entries) = found.residuals, found.sizes[0]

@@ -142,7 +142,7 @@ def _attempt(
 def _details(
     solver: Member, posed: Posed, run: RunResult, solution: Solution, progress: Listener | None
 ) -> dict[str, Any]:
-    from agglo_core.problems.solution_report import report
+    from agglo_core.solvers.solution_report import report
 
     whole = with_hierarchy(solution, run)
     try:

@@ -15,7 +15,6 @@ from agglo_core.multigrid.matrices.galerkin import build_stack, galerkin, inject
 from agglo_core.multigrid.named_parts import CoarseOperator, CoarseSolver, Transfer, part
 from agglo_core.multigrid.smoothers.adapted import Adapted, adapted
 from agglo_core.multigrid.smoothers.additive_schwarz import additive_schwarz
-from agglo_core.multigrid.smoothers.joined_patches import joined_patches
 from agglo_core.multigrid.smoothers.level_smoothers import (
     SMOOTHERS,
     BlockJacobi,
@@ -24,12 +23,12 @@ from agglo_core.multigrid.smoothers.level_smoothers import (
     smoother_setup,
 )
 from agglo_core.multigrid.smoothers.patch_smoother import AdditivePatches, VertexPatches
-from agglo_core.multigrid.smoothers.patches import vertex_patches
+from agglo_core.multigrid.smoothers.patches import joined_patches, vertex_patches
 from agglo_core.multigrid.smoothers.scalar_gauss_seidel import ScalarGaussSeidel
 from agglo_core.multigrid.smoothers.spectrum import largest_eigenvalue
 from agglo_core.multigrid.stack import Level, LevelSmoother, LevelStack
 from agglo_core.multigrid.system_levels import SystemLevels, build_levels, is_classical, stack_of_system
-from agglo_core.problems.row_scales import lifted, row_measure
+from agglo_core.problems.residuals.row_scales import lifted, row_measure
 
 __all__ = [
     "COARSE_SOLVERS",

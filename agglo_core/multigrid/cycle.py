@@ -11,7 +11,7 @@ from scipy import sparse
 from scipy.sparse.linalg import LinearOperator
 
 from agglo_core.errors import OptionError
-from agglo_core.multigrid.matrices.block_product import swift
+from agglo_core.multigrid.matrices.block_product import fast_product
 from agglo_core.multigrid.stack import LevelStack, Real
 
 Kind = Literal["V", "W", "F", "K"]
@@ -77,7 +77,7 @@ def _between(forth: Any, back: Any, applied: Callable[[Any], Any], r: Any) -> An
 
 def _product(T: Any) -> Any:
     """A matrix ready for many products, in small blocks if it has any."""
-    ready = swift(T)
+    ready = fast_product(T)
     return sparse.csr_array(T) if ready is T else ready
 
 

@@ -14,7 +14,7 @@ from scipy import sparse
 from agglo_core.arrays import FieldState, Int, frozen
 from agglo_core.multigrid.kernels.column_blocks import column_products
 from agglo_core.problems import Patches
-from agglo_core.problems.level_table import LevelTable
+from agglo_core.problems.multigrid_level import LevelTable
 
 Real = NDArray[np.floating[Any]]
 """Vector in single or double precision."""

@@ -21,7 +21,7 @@ from agglo_core.multigrid.cycle import Kind, cycle
 from agglo_core.multigrid.krylov.pcg import pcg
 from agglo_core.multigrid.stack import LevelStack
 from agglo_core.problems import Solution, System
-from agglo_core.problems.level_table import LevelTable
+from agglo_core.problems.multigrid_level import LevelTable
 from agglo_core.problems.real_arrays import real_array
 
 

@@ -2,10 +2,9 @@
 
 from agglo_core.problems.choosing import discretisation_of, named_problem, read_problem, require_accepted
 from agglo_core.problems.diffusion import Diffusion
-from agglo_core.problems.discretisation import Discretisation, Samples
+from agglo_core.problems.discretisation import Discretisation, Field, Problem, Samples
 from agglo_core.problems.linear import Linear
 from agglo_core.problems.multigrid_level import Coarsening, CoarseSpace, MultigridLevel, Patches
-from agglo_core.problems.problem import Field, Problem
 from agglo_core.problems.solution import Lifting, Solution
 from agglo_core.problems.solving import solve
 from agglo_core.problems.system import System

@@ -10,8 +10,7 @@ from typing import Any
 
 from agglo_core.errors import AggloError, FileError, OptionError, PluginError
 from agglo_core.mesh import Mesh
-from agglo_core.problems.discretisation import Discretisation
-from agglo_core.problems.problem import Problem
+from agglo_core.problems.discretisation import Discretisation, Problem
 from agglo_core.registry import Registry, default, describe
 from agglo_core.registry.attribution import attributed
 from agglo_core.registry.code_options import written

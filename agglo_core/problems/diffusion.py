@@ -31,7 +31,7 @@ import numpy as np
 from agglo_core.arrays import Float, exact_cast, plain_array
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
-from agglo_core.problems.problem import Field
+from agglo_core.problems.discretisation import Field
 from agglo_core.problems.table import boundary_values, cell_values, face_tag, require_keys
 
 _KEYS = ("boundary", "kappa", "source", "dirichlet", "neumann")
@@ -153,3 +153,30 @@ def _boundary_points(mesh: Mesh) -> Float:
     chosen = np.repeat(outside, sizes)
     ends = mesh.points[mesh.face_vertices[chosen]], mesh.points[mesh.face_vertices[onward[chosen]]]
     return np.concatenate([(1.0 - at) * ends[0] + at * ends[1] for at in (0.0, 0.3, 0.5)])
+
+
+def constant(source: float = 8.0) -> Diffusion:
+    """−Δu = f with u = 0 on the boundary.
+
+    Parameters
+    ----------
+    source : float
+        The constant f: 8 as in the paper's published counts.
+    """
+    return Diffusion(source=source)
+
+
+def sine() -> Diffusion:
+    """f = 2π² sin πx sin πy, that of the paper's text: u = sin πx sin πy on the unit square.
+
+    In space f = 3π² u with u = sin πx sin πy sin πz on the unit cube.
+    """
+    return Diffusion(source=_sine_source, exact=_sine)
+
+
+def _sine(points: Float) -> Float:
+    return np.asarray(np.sin(np.pi * points).prod(axis=1))
+
+
+def _sine_source(points: Float) -> Float:
+    return np.asarray(points.shape[1] * np.pi**2 * _sine(points))

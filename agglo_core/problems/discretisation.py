@@ -1,16 +1,37 @@
-"""What the unknowns of a method mean: all that files, pictures and error norms need to know."""
+"""What solvers may be asked to solve, and how it becomes a linear system: problems and discretisations."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 from agglo_core.arrays import Float, Int
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elsewhere import made_by
-from agglo_core.problems.problem import Field, Problem
 from agglo_core.problems.system import System
+
+Field = float | Float | Callable[[Float], Float]
+"""A number, one value per cell ``(n,)``, or a callable of points ``(q, d)`` returning ``(q,)``."""
+
+
+@runtime_checkable
+class Problem(Protocol):
+    """Anything a solver may be asked to solve: a record that names its kind.
+
+    ``kind`` is the name under which the class is declared as a component of the kind ``problem``; a solver
+    lists those it takes in ``accepts``. Optional is ``posed_on(mesh)``, which returns the problem as it is
+    on a mesh: called by :func:`~agglo_core.problems.named_problem`.
+
+    Examples
+    --------
+    >>> from agglo_core.problems import Problem
+    >>> problem: Problem = agglo.Diffusion(source=2.0)
+    >>> problem.kind
+    'diffusion'
+    """
+
+    kind: ClassVar[str]
 
 
 @dataclass(frozen=True, eq=False)

@@ -48,10 +48,10 @@ class History:
     computed from x; None if the method does not tell. ``gains (iterations,)`` are what the iterations took
     from the square of the error in the energy norm, empty if the method does not tell; ``energy_norm`` is
     that of x. Where the residual fell no further ``backward_error`` is that of x, as
-    :func:`~agglo_core.problems.backward_error.backward_error` has it, if A is known entry by entry; an
-    iteration that ``ended`` by ``"rounding"`` is then as accurate as double precision allows. ``correction``
-    is the next step, as long as the last, if the iteration converged and knows it: with a good preconditioner
-    x is nearer yet with it, though not known to be.
+    :func:`~agglo_core.problems.residuals.backward_error.backward_error` has it, if A is known entry by entry;
+    an iteration that ``ended`` by ``"rounding"`` is then as accurate as double precision allows.
+    ``correction`` is the next step, as long as the last, if the iteration converged and knows it: with a good
+    preconditioner x is nearer yet with it, though not known to be.
 
     Examples
     --------
@@ -101,6 +101,18 @@ class History:
     def preconditioner_failed(self) -> bool:
         """Whether the preconditioner ended it: one in double precision, say, may go on from x."""
         return self.ended in _BY_PRECONDITIONER
+
+
+def unsolved(b: Float, reason: str) -> History:
+    """Return the history of a method that could not start.
+
+    Examples
+    --------
+    >>> from agglo_core.problems.iteration_history import unsolved
+    >>> unsolved(np.ones(4), "the matrix is singular").residuals
+    array([2.])
+    """
+    return History(frozen_float(np.zeros(len(b))), frozen_float([np.linalg.norm(b)]), False, reason)
 
 
 def iterated(iterations: int, size: float, tolerance: float) -> tuple[float, str]:

@@ -11,7 +11,7 @@ from scipy import sparse
 
 from agglo_core.arrays import Float, plain_array
 from agglo_core.errors import OptionError
-from agglo_core.problems.row_scales import row_sizes
+from agglo_core.problems.residuals.row_scales import row_sizes
 
 _ASYMMETRY = 1e-10
 _COMPRESSED = {"csr": sparse.csr_array, "csc": sparse.csc_array, "bsr": sparse.bsr_array}

@@ -1,19 +1,83 @@
-"""What a solver gives back."""
+"""Solutions of solvers, and fields of a record that are computed on first use."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 from agglo_core.arrays import Float
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elsewhere import made_by
-from agglo_core.problems.deferred import deferrable
 from agglo_core.problems.discretisation import Discretisation, Samples
 from agglo_core.problems.iteration_history import mean_contraction, untold
-from agglo_core.problems.level_table import LevelTable
+from agglo_core.problems.multigrid_level import LevelTable
+
+_Record = TypeVar("_Record")
+
+
+class Deferred:
+    """A value that is made once, by ``make``, when it is first asked for; what made it is let go then.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import Deferred
+    >>> answer = Deferred(lambda: print("made") or 42)
+    >>> answer.value, answer.value
+    made
+    (42, 42)
+    """
+
+    def __init__(self, make: Callable[[], Any]) -> None:
+        self._make: Callable[[], Any] | None = make
+
+    @property
+    def value(self) -> Any:
+        """The value."""
+        if self._make is not None:
+            self._value, self._make = self._make(), None
+        return self._value
+
+
+def deferrable(*names: str) -> Callable[[type[_Record]], type[_Record]]:
+    """Decorator of a dataclass whose fields of these names take :class:`Deferred` values, too.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> @deferrable("total")
+    ... @dataclass(frozen=True)
+    ... class Sum:
+    ...     total: int
+    >>> Sum(3).total, Sum(Deferred(lambda: 1 + 2)).total
+    (3, 3)
+    """
+
+    def marked(record: type[_Record]) -> type[_Record]:
+        for name in names:
+            setattr(record, name, _Field(name))
+        return record
+
+    return marked
+
+
+class _Field:
+    """A field of that name, whose value is made when it is read."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __get__(self, instance: Any, owner: type) -> Any:
+        if instance is None:
+            raise AttributeError(self._name)  # as other fields, it is not an attribute of the class
+        kept = vars(instance)
+        if isinstance(kept[self._name], Deferred):
+            kept[self._name] = kept[self._name].value
+        return kept[self._name]
+
+    def __set__(self, instance: Any, value: Any) -> None:
+        vars(instance)[self._name] = value
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +107,7 @@ class Solution:
     """A solution ``x`` of ``A x = b`` and how it was reached.
 
     Matrices are sparse, arrays or ``scipy.sparse.linalg.LinearOperator``; a solver that has them in another
-    form gives ``A`` and ``operators`` as :class:`~agglo_core.problems.deferred.Deferred`.
+    form gives ``A`` and ``operators`` as :class:`~agglo_core.problems.solution.Deferred`.
     ``operators`` lists ``(A, P)`` per level, finest first; ``residuals`` are the 2-norms ‖b − A x‖
     after each iteration, the first one before any. Of several right-hand sides ``b (n, k)`` x is ``(n, k)``,
     and ``residuals``, ``iterations`` and ``reason`` are those of the worst column: one that has not converged
@@ -62,7 +126,8 @@ class Solution:
 
     ``rounding_limited`` is the third outcome beside ``converged`` and not: x misses ``tolerance``, but no
     solver in double precision does better. ``backward_error`` shows it, that of
-    :func:`~agglo_core.problems.backward_error.backward_error`; ``energy_error`` tells what x is good for.
+    :func:`~agglo_core.problems.residuals.backward_error.backward_error`; ``energy_error`` tells what x is
+    good for.
 
     Examples
     --------

@@ -10,7 +10,7 @@ from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
 from agglo_core.problems.choosing import require_accepted
 from agglo_core.problems.diffusion import Diffusion
-from agglo_core.problems.problem import Problem
+from agglo_core.problems.discretisation import Problem
 from agglo_core.problems.solution import Solution
 from agglo_core.progress import Listener, followed, phase, unwrapped
 from agglo_core.registry import Registry, default, describe

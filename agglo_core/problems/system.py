@@ -12,7 +12,7 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int, index_cast, 
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 from agglo_core.problems.real_arrays import real_array, real_matrix, require_finite, require_symmetric
-from agglo_core.problems.row_scales import row_sizes
+from agglo_core.problems.residuals.row_scales import row_sizes
 
 _SUSPECT = 1e-11
 """Difference of x·Ay and y·Ax, with rows and columns of A scaled to a unit diagonal, from which on entries

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
@@ -26,6 +25,7 @@ from agglo_core.authoring import (
     frozen_float,
     frozen_int,
     multigrid,
+    solvers,
     symmetric_system,
 )
 from agglo_petsc.label_levels import exponents, monomial
@@ -35,8 +35,6 @@ _CELLS_PER_PART: Final = 8
 """Of levels made here: of the first, and parts of each to one of the next."""
 _FEWEST: Final = 60
 """Parts of the coarsest of these."""
-_MODERATE: Final = 1e100
-_DIGITS: Final = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +73,7 @@ def posed(
     ------
     OptionError
         If they do not fit, or values are not finite; as ``how`` and
-        :func:`~agglo_core.problems.real_system.symmetric_system` raise it.
+        :func:`~agglo_core.problems.linear.symmetric_system` raise it.
     MeshError
         As ``how`` raises it.
     """
@@ -89,12 +87,15 @@ def posed(
 def _discretised(
     problem: Diffusion, hierarchy: Hierarchy, how: Discretisation, degree: int, levels: int | None
 ) -> PosedSystem:
-    mesh = _own_mesh(hierarchy)
+    mesh = solvers.own_mesh(hierarchy)
     system = how.assemble(problem, mesh)
     matrix = sparse.csr_array(system.A)
     if not (np.isfinite(system.b).all() and np.isfinite(matrix.data).all()):
         raise OptionError("matrix or right-hand side hold values that are not finite")
-    factor, measure = _factor(system.b), how.residual_measure(problem, mesh, system.b)
+    factor, measure = (
+        solvers.factor_for(float(np.abs(system.b).max())),
+        how.residual_measure(problem, mesh, system.b),
+    )
     labels = _chosen(hierarchy, levels) if hierarchy.levels else _made(hierarchy, levels)
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     centre, half = (low + high) / 2, float((high - low).max()) / 2
@@ -124,25 +125,12 @@ def _given(problem: Linear, hierarchy: Hierarchy, levels: int | None) -> PosedSy
         raise OptionError(f"the system has unknowns in {len(sizes)} cells, the hierarchy {cells} cells")
     if sizes.min() < 1:
         raise OptionError(f"every cell must have an unknown; cell {int(sizes.argmin())} has {sizes.min()}")
-    near, factor = problem.near_null, _factor(b)
+    near, factor = problem.near_null, solvers.factor_for(float(np.abs(b).max(initial=0.0)))
     B = None if near is None else frozen_float(np.asarray(near, np.float64).reshape(len(b), -1))
     labels = _chosen(hierarchy, levels) if hierarchy.levels else []
     scaled = frozen_float(factor * b)
     measure = multigrid.row_measure(matrix, scaled)
     return PosedSystem(matrix, scaled, factor, offsets, measure, labels, B, None)
-
-
-def _own_mesh(hierarchy: Hierarchy) -> Mesh:
-    """The mesh of a hierarchy, whose graph and levels must be of that mesh."""
-    mesh, measures = hierarchy.fine, hierarchy.graph.measures
-    if mesh is None:
-        raise OptionError("a diffusion problem needs a mesh; this hierarchy belongs to a bare graph")
-    same = len(measures) == mesh.n_cells
-    if not same or not np.allclose(measures, mesh.cell_measures, rtol=1e-6, atol=0.0):
-        raise OptionError(
-            f"the hierarchy belongs to another mesh than {mesh!r}: its cells have other measures"
-        )
-    return mesh
 
 
 def _chosen(hierarchy: Hierarchy, levels: int | None) -> list[Int]:
@@ -166,14 +154,6 @@ def _made(hierarchy: Hierarchy, levels: int | None) -> list[Int]:
     return list(straight.levels)
 
 
-def _factor(b: Float) -> float:
-    """A power of two that brings numbers near 1; 1 itself if their squares do no harm."""
-    size = float(np.abs(b).max(initial=0.0))
-    if size == 0.0 or 1.0 / _MODERATE <= size <= _MODERATE:
-        return 1.0
-    return math.ldexp(1.0, max(-1000, min(1000, -math.frexp(size)[1])))
-
-
 def solution_of(
     system: PosedSystem, history: History, operators: Any, watch: PhaseTimes, tolerance: float
 ) -> Solution:
@@ -184,17 +164,8 @@ def solution_of(
     OptionError
         If it is beyond what floating-point numbers hold.
     """
-    x = history.x / system.factor
-    if (
-        system.factor != 1.0
-        and np.abs(x * system.factor - history.x).max() > _DIGITS * np.abs(history.x).max()
-    ):
-        raise OptionError(
-            f"the solution is of size {np.abs(x).max():.0e}, beyond what floating-point numbers hold: "
-            "give the data in other units"
-        )
     return Solution(
-        x=frozen_float(x),
+        x=solvers.unscaled(history.x, system.factor),
         A=system.A,
         b=frozen_float(system.b / system.factor),
         operators=operators,

@@ -38,21 +38,14 @@ def agglo_components() -> list[Component]:
         Component(
             kind="solver",
             name="polydg_cg",
-            target="agglo_polydg_mg.direct.plain_cg:PlainCG",
+            target="agglo_polydg_mg.plain_cg:PlainCG",
             promises={"deterministic": True, "3d": True, "pickles": True, "symmetric": True},
             summary="PolyDG with plain conjugate gradients, for comparison.",
         ),
         Component(
-            kind="solver",
-            name="direct",
-            target="agglo_polydg_mg.direct.solver:Direct",
-            promises={"deterministic": True, "3d": True, "pickles": True, "symmetric": True},
-            summary="PolyDG by a sparse direct solver: PARDISO, CHOLMOD or SuperLU.",
-        ),
-        Component(
             kind="smoother",
             name="schwarz",
-            target="agglo_polydg_mg.paper.smoothers:Schwarz",
+            target="agglo_polydg_mg.paper.schwarz:Schwarz",
             promises={"deterministic": True, "pickles": True},
             summary="The paper's: conjugate gradients preconditioned by additive Schwarz.",
         ),

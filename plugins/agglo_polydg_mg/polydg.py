@@ -20,16 +20,15 @@ from agglo_core.authoring import (
     Samples,
     System,
     frozen_float,
+    solvers,
 )
 from agglo_polydg_mg.forms.assembly import Lifted, cell_means, lifted, load
 from agglo_polydg_mg.forms.boundary import boundary_faces
 from agglo_polydg_mg.forms.norms import EnergyNorm, errors
-from agglo_polydg_mg.forms.penalty import Penalty
-from agglo_polydg_mg.forms.straight_sides import with_straight_sides
+from agglo_polydg_mg.forms.penalty import Penalty, require_penalty
+from agglo_polydg_mg.forms.sides import with_straight_sides
 from agglo_polydg_mg.forms.unit_forms import UnitForms
-from agglo_polydg_mg.option_checks import require_count, require_penalty, require_truth
-from agglo_polydg_mg.solver.residual_measure import ResidualMeasure
-from agglo_polydg_mg.solver.scaling import factor_for, times
+from agglo_polydg_mg.solver.choose import choose
 from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.quadrature import sample
 from agglo_polydg_mg.space.sampling import evaluate, samples_of
@@ -63,9 +62,9 @@ class PolyDG:
     scaled_basis: bool = True
 
     def __post_init__(self) -> None:
-        require_count("degree", self.degree, 1, 6)
+        solvers.require_count("degree", self.degree, 1, 6)
         require_penalty(self.penalty)
-        require_truth("scaled_basis", self.scaled_basis)
+        solvers.require_truth("scaled_basis", self.scaled_basis)
 
     def basis(self, mesh: Mesh) -> Basis:
         """Basis of the space on a mesh.
@@ -96,6 +95,43 @@ class PolyDG:
         found = lifted(basis.mesh, self.degree, asked, penalty=self.penalty, basis=basis, units=units)
         return found if basis.mesh is mesh else found._replace(system=replace(found.system, mesh=mesh))
 
+    def fine_system(
+        self, problem: Problem, mesh: Mesh, basis: Basis | None = None, units: UnitForms | None = None
+    ) -> solvers.FineSystem:
+        """System of a problem on a mesh as solvers take it, with ``basis`` and ``units`` of an earlier one.
+
+        Raises
+        ------
+        OptionError
+            As :func:`~agglo_polydg_mg.forms.assembly.discretise`, and for values that are not finite.
+        """
+        asked, basis = _diffusion(problem), basis or self.basis(mesh)
+        system, load, offset, sigma = self.lifted(asked, mesh, basis, units)
+        factor = solvers.factor_for(float(np.abs(load).max()) or solvers.data_size(mesh, asked))
+        if factor != 1.0:
+            asked = solvers.times(asked, factor)
+            system, load, offset, sigma = self.lifted(asked, mesh, basis, units)
+        if not (_finite(system.b) and _finite(system.A.data)):
+            raise OptionError("matrix or right-hand side hold values that are not finite")
+        return solvers.FineSystem(
+            system.A,
+            load,
+            basis.n_local,
+            self.residual_measure(asked, mesh, load, basis),
+            full=system.b,
+            offset=offset if offset.any() else None,
+            factor=factor,
+            sigma=sigma,
+            meaning=(self, mesh),
+        )
+
+    def matrix_kind(self, problem: Problem, fine: solvers.FineSystem) -> str:
+        """Kind of the matrix as the advice on solvers knows it: what polydg_mg would smooth."""
+        assert fine.meaning is not None  # it was discretised here
+        assert fine.sigma is not None
+        mesh = self.basis(fine.meaning[1]).mesh
+        return choose(mesh, fine.sigma, cell_means(mesh, _diffusion(problem).kappa), self.degree).kind
+
     def coarse_operator(self, problem: Problem, mesh: Mesh, labels: Int) -> Any:
         """Matrix on agglomerates, rediscretised: their own penalty, the means of κ over their cells."""
         return self.assemble(corrections(problem, mesh, labels), mesh.coarsen(labels)).A
@@ -123,8 +159,8 @@ class PolyDG:
         asked = _diffusion(problem)
         if asked.exact is None:
             return {}
-        factor = factor_for(float(np.abs(x).max(initial=0.0)))
-        asked = asked if factor == 1.0 else times(asked, factor)
+        factor = solvers.factor_for(float(np.abs(x).max(initial=0.0)))
+        asked = asked if factor == 1.0 else solvers.times(asked, factor)
         found = errors(self.basis(mesh), factor * x, asked, penalty=self.penalty, chosen=cells)
         return {"l2": found.l2 / factor, "dg": found.dg / factor}
 
@@ -135,15 +171,22 @@ class PolyDG:
 
     def residual_measure(
         self, problem: Problem, mesh: Mesh, b: Float, basis: Basis | None = None
-    ) -> ResidualMeasure:
+    ) -> solvers.ResidualMeasure:
         """Measure of the residuals of the problem with right-hand side ``b (n,)``; κ is its mean in cells."""
         asked, basis = _diffusion(problem), basis or self.basis(mesh)
         kappa = cell_means(mesh, asked.kappa)
         norm = EnergyNorm(basis, asked, self.penalty) if asked.dirichlet else None
         if kappa.min() == kappa.max():
-            return ResidualMeasure(b, norm=norm)
+            return solvers.ResidualMeasure(b, norm=norm)
         source = load(basis, asked) if asked.dirichlet else None
-        return ResidualMeasure(b, np.repeat(kappa, basis.n_local), source, norm)
+        return solvers.ResidualMeasure(b, np.repeat(kappa, basis.n_local), source, norm)
+
+
+def _finite(values: Float) -> bool:
+    """Whether all values are; their squares need not be, but if these are that is faster to tell."""
+    flat = values.ravel()
+    with np.errstate(over="ignore"):  # the square may, though no entry does
+        return bool(np.isfinite(flat @ flat) or np.isfinite(flat).all())
 
 
 def _diffusion(problem: Problem) -> Diffusion:

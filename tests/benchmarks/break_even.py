@@ -3,7 +3,7 @@
     python tests/benchmarks/break_even.py [--meshes NAME ...] [--cells N ...] [--degrees P ...]
                                           [--backends NAME ...] [--many K] [--most N] [--repeats N] [--seed N]
 
-The thresholds of ``agglo_polydg_mg/solver/advice.py`` are those of these tables. −Δu = 8 on the unit square,
+The thresholds of ``agglo_core/solvers/advice.py`` are those of these tables. −Δu = 8 on the unit square,
 the same sharp penalty for everybody, one thread, CPU seconds of this process, the best of the repeats after a
 warm-up. Assembly counts for nobody; the levels that polydg_mg makes, factorisation and refinement do.
 ``ratio`` is polydg_mg over the direct solver: above 1 the direct solver wins. ``further`` is how many times
@@ -35,8 +35,8 @@ from flux_matrices import two_point_flux
 
 from agglo_core import Hierarchy, Mesh, samples
 from agglo_core.problems import Diffusion, Linear, Solution
-from agglo_polydg_mg.direct.backends import BACKENDS, available_backends
-from agglo_polydg_mg.direct.solver import Direct
+from agglo_core.solvers.backends import BACKENDS, available_backends
+from agglo_core.solvers.direct import Direct
 from agglo_polydg_mg.solver.polydg_multigrid import PolyDGMultigrid
 
 COLUMNS = 8  # right-hand sides that are solved for together

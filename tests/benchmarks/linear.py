@@ -39,7 +39,7 @@ from flux_matrices import five_points, linear_elements, two_point_flux, two_valu
 
 from agglo_core import Mesh, agglomerate, samples
 from agglo_core.multigrid import aggregation_stack, classical_stack, cycle
-from agglo_polydg_mg.direct.backends import BACKENDS
+from agglo_core.solvers.backends import BACKENDS
 
 MOST = 300
 Matrix = sparse.csr_array

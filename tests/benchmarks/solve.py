@@ -43,7 +43,7 @@ from agglo_core import AggloError, Hierarchy, Mesh, agglomerate
 from agglo_core.authoring import parse_spec
 from agglo_core.problems import Diffusion
 from agglo_core.registry import default
-from agglo_polydg_mg.direct.backends import BACKENDS
+from agglo_core.solvers.backends import BACKENDS
 
 Row = dict[str, Any]
 PAPER = "polydg_mg_paper"

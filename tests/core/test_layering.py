@@ -36,6 +36,7 @@ MAY_IMPORT = {
     "hierarchy": EVERYBODY | {"compiled", "graph", "mesh"},
     "problems": EVERYBODY | {"hierarchy", "mesh", "registry"},
     "multigrid": EVERYBODY | {"compiled", "graph", "hierarchy", "mesh", "problems", "registry"},
+    "solvers": EVERYBODY | {"graph", "hierarchy", "mesh", "multigrid", "problems", "registry"},
     "protocols": EVERYBODY | {"graph", "hierarchy", "mesh", "problems"},
     "refine": EVERYBODY | {"compiled", "graph", "mesh", "protocols", "registry"},
     "split": EVERYBODY | {"compiled", "graph", "mesh", "protocols", "refine", "registry"},
@@ -58,7 +59,7 @@ MAY_IMPORT = {
     | {"problems", "protocols", "registry", "shapes"},
     "cli": EVERYBODY
     | {"agglomeration", "compiled", "conformance", "distributed", "draw", "hierarchy", "io", "measure"}
-    | {"mesh", "problems", "protocols", "registry", "samples"},
+    | {"mesh", "problems", "protocols", "registry", "samples", "solvers"},
 }
 """The folders and loose modules of the core, and those that each may import."""
 

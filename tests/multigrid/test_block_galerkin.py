@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from agglo_core.multigrid.matrices.block_galerkin import block_galerkin, block_matmat, have_kernels
 from agglo_core.multigrid.matrices.block_scaling import block_scaled
+from agglo_core.multigrid.matrices.galerkin import block_galerkin, block_matmat, have_kernels
 
 
 def in_blocks(rows: int, columns: int, width: int, rng: np.random.Generator) -> sparse.bsr_array:

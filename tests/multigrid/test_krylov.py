@@ -14,9 +14,9 @@ from scipy.sparse.linalg import LinearOperator, cg
 
 from agglo_core.errors import OptionError
 from agglo_core.multigrid import pcg, pcg_columns
-from agglo_core.problems.backward_error import LIMIT, backward_error, limit_told
-from agglo_core.problems.conjugate_gradients import conjugate_gradients
+from agglo_core.multigrid.krylov.look_ahead import conjugate_gradients
 from agglo_core.problems.iteration_history import TESTS, History
+from agglo_core.problems.residuals.backward_error import LIMIT, backward_error, limit_told
 
 N = 40
 RANDOM = np.random.default_rng(11)

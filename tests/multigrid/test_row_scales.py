@@ -12,9 +12,9 @@ from scipy.sparse.linalg import LinearOperator, spsolve
 
 from agglo_core import Hierarchy, Mesh, OptionError, agglomerate, samples
 from agglo_core.multigrid import classical_stack, cycle, pcg, pcg_columns
+from agglo_core.multigrid.krylov.look_ahead import conjugate_gradients
 from agglo_core.problems import Linear, System
-from agglo_core.problems.conjugate_gradients import conjugate_gradients
-from agglo_core.problems.row_scales import lifted, penalised_rows, row_measure, row_sizes
+from agglo_core.problems.residuals.row_scales import lifted, penalised_rows, row_measure, row_sizes
 from agglo_core.registry import default
 
 MESH = samples.squares(16)

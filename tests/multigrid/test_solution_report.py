@@ -11,7 +11,7 @@ from scipy import sparse
 
 from agglo_core import samples
 from agglo_core.problems import Linear, Solution
-from agglo_core.problems.solution_report import report, text
+from agglo_core.solvers.solution_report import report, text
 
 MESH = samples.squares(2)
 A, b = sparse.eye_array(4).tocsr(), np.ones(4)

@@ -10,8 +10,8 @@ from scipy.sparse.linalg import spsolve
 
 from agglo_core import agglomerate, samples
 from agglo_core.problems import Linear
-from agglo_core.problems.row_scales import lifted, row_sizes
-from agglo_core.problems.stiff_springs import imposed_differences, stiffest_joint
+from agglo_core.problems.residuals.row_scales import lifted, row_sizes
+from agglo_core.problems.residuals.stiff_springs import imposed_differences, stiffest_joint
 from agglo_core.registry import default
 
 MESH = samples.squares(20)

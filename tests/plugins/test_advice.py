@@ -14,9 +14,9 @@ from agglo_core import Hierarchy, Mesh, samples
 from agglo_core.authoring import parse_spec
 from agglo_core.problems import Diffusion, Linear
 from agglo_core.registry import default
-from agglo_polydg_mg.direct.solver import Direct
-from agglo_polydg_mg.solver import advice
-from agglo_polydg_mg.solver.advice import MANY, advice_of_direct, advice_of_multigrid
+from agglo_core.solvers import advice
+from agglo_core.solvers.advice import MANY, advice_of_direct, advice_of_multigrid
+from agglo_core.solvers.direct import Direct
 from agglo_polydg_mg.solver.polydg_multigrid import PolyDGMultigrid
 
 KINDS = ("cells", "groups", "linear")

@@ -17,7 +17,7 @@ from agglo_polydg_mg.auxiliary.conforming_stack import conforming_stack, labels_
 from agglo_polydg_mg.auxiliary.galerkin_kernels import thinned
 from agglo_polydg_mg.forms.assembly import discretise
 from agglo_polydg_mg.forms.penalty import face_penalty
-from agglo_polydg_mg.solver.conforming_choice import difficulty
+from agglo_polydg_mg.solver.choose import choose
 from agglo_polydg_mg.space.basis import Basis
 
 FRESH = np.random.SeedSequence(20).generate_state(2).tolist()
@@ -231,8 +231,8 @@ def test_boundary_layers(ratio: float, most: int) -> None:
 def test_the_choice_by_the_penalty() -> None:
     def chosen(mesh: Mesh, degree: int, kappa: object = 1.0) -> tuple[object, ...]:
         values = np.broadcast_to(kappa, mesh.n_cells).astype(float)
-        found = difficulty(mesh, face_penalty(mesh, degree), values, degree)
-        return found.smoother, found.bubbles, found.vertices, found.kind, found.dtype
+        found = choose(mesh, face_penalty(mesh, degree), values, degree)
+        return found.smoother, found.bubbles, found.vertices, found.cycle, found.dtype
 
     aggregated, classical = ("aggregates", "W"), ("classical", "V")
     single, double = (np.float32,), (np.float64,)
@@ -245,4 +245,4 @@ def test_the_choice_by_the_penalty() -> None:
     assert chosen(samples.hexagons(6), 3) == ("patches", False, *classical, *single)
     assert chosen(graded(12, 1e-3), 1) == ("groups", True, *classical, *single)
     assert chosen(graded(12, 1e-3), 2) == ("patches", True, *classical, *single)
-    assert difficulty(samples.squares(6), face_penalty(samples.squares(6), 1), np.ones(36), 1).strong == 0.0
+    assert choose(samples.squares(6), face_penalty(samples.squares(6), 1), np.ones(36), 1).strong == 0.0

@@ -11,7 +11,7 @@ from agglo_core.problems import Diffusion
 from agglo_polydg_mg.auxiliary.conforming_space import ConformingSpace, conforming_space, directions
 from agglo_polydg_mg.auxiliary.coupling_network import coupling_network
 from agglo_polydg_mg.forms.penalty import face_penalty
-from agglo_polydg_mg.solver.conforming_choice import difficulty
+from agglo_polydg_mg.solver.choose import choose
 from agglo_polydg_mg.solver.polydg_multigrid import PolyDGMultigrid
 from agglo_polydg_mg.space.basis import Basis
 
@@ -124,7 +124,7 @@ def test_flat_cells_with_coefficients_that_jump() -> None:
 
 def test_layers_are_told_by_the_cost_of_jumps() -> None:
     def layers(mesh: Mesh) -> bool:
-        return difficulty(mesh, face_penalty(mesh, 1), np.ones(mesh.n_cells), 1).layers
+        return choose(mesh, face_penalty(mesh, 1), np.ones(mesh.n_cells), 1).layers
 
     assert layers(graded(12, 1e-3))
     assert not layers(samples.squares(6))

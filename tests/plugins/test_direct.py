@@ -18,11 +18,11 @@ from scipy.sparse.linalg import cg, spsolve
 
 from agglo_core import OptionError, agglomerate, samples
 from agglo_core.problems import Diffusion, Linear
-from agglo_polydg_mg.direct import backends as direct_backends
-from agglo_polydg_mg.direct.backends import BACKENDS, chosen_backend, superlu
-from agglo_polydg_mg.direct.plain_cg import PlainCG
-from agglo_polydg_mg.direct.solver import Direct
+from agglo_core.solvers import backends as direct_backends
+from agglo_core.solvers.backends import BACKENDS, chosen_backend, superlu
+from agglo_core.solvers.direct import Direct
 from agglo_polydg_mg.paper.paper_multigrid import PaperMultigrid
+from agglo_polydg_mg.plain_cg import PlainCG
 
 RNG = np.random.default_rng
 
@@ -222,7 +222,7 @@ def rough(A: sparse.csr_array) -> object:
 
 
 def test_a_rough_factorisation_is_refined(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("agglo_polydg_mg.direct.solver.BACKENDS", {**BACKENDS, "superlu": rough})
+    monkeypatch.setattr("agglo_core.solvers.direct.BACKENDS", {**BACKENDS, "superlu": rough})
     hierarchy = agglomerate(samples.squares(6), n_parts=4)
     found = {
         most: Direct(backend="superlu", max_refinements=most, tolerance=1e-8).solve(Diffusion(), hierarchy)

@@ -14,7 +14,7 @@ from scipy.spatial import Delaunay
 from agglo_core import Graph, Hierarchy, Mesh, OptionError, agglomerate, samples
 from agglo_core.multigrid import blockwise, smoothed_near_null
 from agglo_core.problems import Diffusion, Linear, Solution
-from agglo_core.problems.solution_report import report
+from agglo_core.solvers.solution_report import report
 from agglo_polydg_mg.paper.paper_multigrid import PaperMultigrid
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.solver.polydg_multigrid import PolyDGMultigrid

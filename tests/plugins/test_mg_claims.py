@@ -12,8 +12,8 @@ from scipy.sparse.linalg import spsolve
 
 from agglo_core import agglomerate, samples
 from agglo_core.problems import Diffusion, Solution
-from agglo_polydg_mg.direct.plain_cg import PlainCG
 from agglo_polydg_mg.paper.paper_multigrid import PaperMultigrid
+from agglo_polydg_mg.plain_cg import PlainCG
 
 WITHIN = 2.0
 """An energy error is estimated: what is called converged may miss the tolerance by this factor."""

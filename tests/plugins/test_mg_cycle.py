@@ -9,10 +9,10 @@ from scipy.linalg import block_diag
 from scipy.sparse.linalg import cg
 
 from agglo_core.multigrid import injection
-from agglo_core.problems.conjugate_gradients import conjugate_gradients
+from agglo_core.multigrid.krylov.look_ahead import conjugate_gradients
+from agglo_core.solvers.residual_measure import ResidualMeasure
 from agglo_polydg_mg.paper.schwarz import block_jacobi, pcg_steps, schwarz
-from agglo_polydg_mg.solver.residual_measure import ResidualMeasure
-from agglo_polydg_mg.solver.stationary import stationary
+from agglo_polydg_mg.paper.stationary import stationary
 
 WIDTH = 2
 

@@ -15,9 +15,9 @@ from scipy.sparse.linalg import spsolve
 from agglo_core import AggloError, Hierarchy, Mesh, MeshError, OptionError, agglomerate, samples
 from agglo_core.arrays import trusted_copy
 from agglo_core.problems import Diffusion, Linear
-from agglo_polydg_mg.direct.plain_cg import PlainCG
 from agglo_polydg_mg.paper.paper_multigrid import PaperMultigrid
 from agglo_polydg_mg.paper.schwarz import Smooth, Solve
+from agglo_polydg_mg.plain_cg import PlainCG
 
 Array = NDArray[np.float64]
 

@@ -27,8 +27,7 @@ from agglo_core.multigrid import BlockJacobi
 from agglo_core.problems import Diffusion, Linear, MultigridLevel
 from agglo_core.protocols import Smoother
 from agglo_polydg_mg.paper.paper_multigrid import PaperMultigrid
-from agglo_polydg_mg.paper.schwarz import block_jacobi, local_solve, schwarz
-from agglo_polydg_mg.paper.smoothers import Schwarz, smoother_of
+from agglo_polydg_mg.paper.schwarz import Schwarz, block_jacobi, local_solve, schwarz, smoother_of
 
 Array = NDArray[np.float64]
 

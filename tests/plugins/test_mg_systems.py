@@ -18,9 +18,9 @@ from scipy.sparse.linalg import aslinearoperator
 
 from agglo_core import Hierarchy, OptionError, agglomerate, samples, write
 from agglo_core.problems import Diffusion, Linear
-from agglo_core.problems.solution_report import report, text
-from agglo_polydg_mg.direct.plain_cg import PlainCG
+from agglo_core.solvers.solution_report import report, text
 from agglo_polydg_mg.paper.paper_multigrid import PaperMultigrid
+from agglo_polydg_mg.plain_cg import PlainCG
 
 SOLVERS = pytest.mark.parametrize("solver", [PaperMultigrid(), PlainCG()], ids=["cycles", "cg"])
 MESH = samples.squares(6)

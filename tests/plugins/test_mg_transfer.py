@@ -10,8 +10,9 @@ from scipy import sparse
 
 from agglo_core import Hierarchy, OptionError, samples
 from agglo_core.multigrid import injection, parents
+from agglo_core.solvers.fine_system import chosen_levels
 from agglo_polydg_mg.auxiliary.box_transfer import project_between
-from agglo_polydg_mg.auxiliary.transfer import chosen_levels, diagonal_blocks, l2_projection
+from agglo_polydg_mg.auxiliary.transfer import diagonal_blocks, l2_projection
 from agglo_polydg_mg.space.basis import Basis
 
 

@@ -17,7 +17,7 @@ from agglo_core.authoring import curve_order
 from agglo_core.conformance.inputs.mesh_changes import renumbered
 from agglo_core.errors import AggloError
 from agglo_core.problems import Diffusion, Linear, Solution
-from agglo_core.problems.deferred import Deferred
+from agglo_core.problems.solution import Deferred
 from agglo_polydg_mg.solver import numbering
 from agglo_polydg_mg.solver.polydg_multigrid import PolyDGMultigrid
 

@@ -14,9 +14,9 @@ from agglo_core import Hierarchy, Mesh, agglomerate, samples
 from agglo_core.errors import OptionError
 from agglo_core.multigrid import LevelStack
 from agglo_core.problems import Diffusion, Linear, Solution
-from agglo_core.problems.backward_error import LIMIT
-from agglo_polydg_mg.direct.plain_cg import PlainCG
-from agglo_polydg_mg.direct.solver import Direct
+from agglo_core.problems.residuals.backward_error import LIMIT
+from agglo_core.solvers.direct import Direct
+from agglo_polydg_mg.plain_cg import PlainCG
 from agglo_polydg_mg.solver.polydg_multigrid import PolyDGMultigrid
 
 FRESH = 20261122
@@ -104,12 +104,12 @@ def test_where_rounding_ends_it_nothing_more_is_to_be_had(seed: int) -> None:
 
 def test_another_recipe_where_rounding_spoils_the_levels(monkeypatch: pytest.MonkeyPatch) -> None:
     """By itself and visibly; if one was asked for it is not exchanged."""
-    from agglo_polydg_mg.solver import recipes
+    from agglo_polydg_mg.solver import levels
 
     def lost(*given: object, **options: object) -> LevelStack:
         raise np.linalg.LinAlgError("indefinite")
 
-    monkeypatch.setattr(recipes, "conforming_stack", lost)
+    monkeypatch.setattr(levels, "conforming_stack", lost)
     mesh = samples.squares(16)
     found = solved(mesh, degree=2)
     assert "patches, W-cycle, float64" in found.choice

@@ -14,14 +14,14 @@ from scipy.sparse.linalg import spsolve
 import agglo_core as agglo
 from agglo_core import Mesh, OptionError, samples
 from agglo_core.problems import Diffusion
-from agglo_polydg_mg.direct.plain_cg import PlainCG
 from agglo_polydg_mg.forms.assembly import discretise, jump_penalty, positive
-from agglo_polydg_mg.forms.bound_kernels import largest_bounds
 from agglo_polydg_mg.forms.face_quadrature import all_faces, face_coefficients, face_rule
+from agglo_polydg_mg.forms.form_kernels import largest_bounds
 from agglo_polydg_mg.forms.norms import Errors, errors
 from agglo_polydg_mg.forms.sharp_penalty import MARGIN
 from agglo_polydg_mg.forms.trace_kernels import side_penalties
 from agglo_polydg_mg.paper.paper_multigrid import PaperMultigrid
+from agglo_polydg_mg.plain_cg import PlainCG
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.space.basis import Basis, stiffness
 from agglo_polydg_mg.space.gauss_points import gauss

@@ -176,7 +176,7 @@ def test_levels_are_kept_again_once_a_front_stands() -> None:
     for at in places:
         steps.solve(front(mesh, at))
         counts.append(steps.setups)
-    assert counts == [1, 2, 3, 3, 3, 3]  # one solve after the retreat has levels of its own
+    assert counts == [1, 2, 3, 3, 3, 3]  # one solve after the change_method has levels of its own
 
 
 def test_the_pace_ends_a_slow_iteration() -> None:

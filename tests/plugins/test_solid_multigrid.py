@@ -13,8 +13,8 @@ from scipy.sparse.linalg import spsolve
 
 from agglo_core import Hierarchy, Mesh, agglomerate, samples
 from agglo_core.problems import Diffusion
+from agglo_core.solvers.direct import Direct
 from agglo_polydg_mg.auxiliary.solid_space import solid_space
-from agglo_polydg_mg.direct.solver import Direct
 from agglo_polydg_mg.paper.paper_multigrid import PaperMultigrid
 from agglo_polydg_mg.solver.numbering import numbering_for
 from agglo_polydg_mg.solver.polydg_multigrid import PolyDGMultigrid

@@ -10,7 +10,7 @@ import pytest
 import agglo_core as agglo
 from agglo_core import Diffusion, Mesh, samples
 from agglo_core.registry import default
-from agglo_polydg_mg.forms.straight_sides import with_straight_sides
+from agglo_polydg_mg.forms.sides import with_straight_sides
 
 FINE = {
     "voronoi": samples.voronoi(300, seed=1),

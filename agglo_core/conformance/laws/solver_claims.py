@@ -9,8 +9,8 @@ from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import require
 from agglo_core.conformance.inputs.solver_answers import direct, everywhere, matrix_of, solve
 from agglo_core.problems import Solution
-from agglo_core.problems.backward_error import LIMIT, backward_error
 from agglo_core.problems.iteration_history import TESTS
+from agglo_core.problems.residuals.backward_error import LIMIT, backward_error
 
 _FACTOR = 10.0  # by which an estimate of the error may be too small
 _ROUNDING = 1e-10  # of the solution: below, its factorisation is no better

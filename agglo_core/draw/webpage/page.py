@@ -79,7 +79,7 @@ def write_page(
     registry : Registry, optional
         Where sections are looked up; by default the installed plugins.
     solves : mapping of str to mapping, optional
-        Data of :func:`agglo_core.problems.solution_report.report` by the name of solver or run, or
+        Data of :func:`agglo_core.solvers.solution_report.report` by the name of solver or run, or
         ``{"error": why}``: the section Solve.
 
     Raises

@@ -30,7 +30,7 @@ def history_picture(solves: Mapping[str, Mapping[str, Any]]) -> str:
     Parameters
     ----------
     solves : mapping of str to mapping
-        Data of :func:`agglo_core.problems.solution_report.report`, at least one.
+        Data of :func:`agglo_core.solvers.solution_report.report`, at least one.
     """
     curves = {name: _curves(data) for name, data in solves.items()}
     frame = _Frame(list(curves.values()))

@@ -22,7 +22,7 @@ def solve_section(solves: Mapping[str, Mapping[str, Any]]) -> str:
     Parameters
     ----------
     solves : mapping of str to mapping
-        Data of :func:`agglo_core.problems.solution_report.report`; or ``{"error": why}``.
+        Data of :func:`agglo_core.solvers.solution_report.report`; or ``{"error": why}``.
     """
     if not solves:
         return ""

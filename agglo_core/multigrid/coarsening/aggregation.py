@@ -14,7 +14,7 @@ from agglo_core.multigrid.coarse_solve import direct_solver
 from agglo_core.multigrid.coarsening.prolongation import Couplings, smoothed, tentative
 from agglo_core.multigrid.kernels.aggregates import greedy_aggregates, split_labels
 from agglo_core.multigrid.matrices.checks import checked_system
-from agglo_core.multigrid.matrices.csr_galerkin import csr_galerkin, product_entries
+from agglo_core.multigrid.matrices.galerkin import csr_galerkin, product_entries
 from agglo_core.multigrid.smoothers.level_smoothers import GaussSeidel
 from agglo_core.multigrid.smoothers.scalar_gauss_seidel import ScalarGaussSeidel
 from agglo_core.multigrid.stack import Level, LevelSmoother, LevelStack

@@ -21,7 +21,7 @@ from agglo_core.multigrid.kernels.coarse_points import (
     strong_entries,
 )
 from agglo_core.multigrid.matrices.checks import canonical, checked_system
-from agglo_core.multigrid.matrices.csr_galerkin import csr_galerkin, product_entries
+from agglo_core.multigrid.matrices.galerkin import csr_galerkin, product_entries
 from agglo_core.multigrid.smoothers.scalar_gauss_seidel import ScalarGaussSeidel
 from agglo_core.multigrid.stack import Level, LevelStack, Real
 

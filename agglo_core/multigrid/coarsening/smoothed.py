@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from agglo_core.multigrid.matrices.block_galerkin import block_matmat, have_kernels
 from agglo_core.multigrid.matrices.block_matrix import block_inverses
-from agglo_core.multigrid.matrices.block_product import swift
+from agglo_core.multigrid.matrices.block_product import fast_product
+from agglo_core.multigrid.matrices.galerkin import block_matmat, have_kernels
 from agglo_core.multigrid.smoothers.spectrum import largest_eigenvalue
 
 
@@ -54,7 +54,7 @@ def smoothed_prolongation(
     """
     step = block_matmat(A, P) if have_kernels(A, P) else A @ P
     if scaled:
-        largest = largest_eigenvalue(swift(A), lambda r: r)
+        largest = largest_eigenvalue(fast_product(A), lambda r: r)
     else:
         inverses = block_inverses(A, np.arange(0, A.shape[0] + 1, A.blocksize[0]))
         largest = largest_eigenvalue(A, lambda r: np.asarray(inverses @ r))

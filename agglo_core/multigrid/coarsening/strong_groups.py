@@ -8,8 +8,8 @@ import numpy as np
 from scipy import sparse
 
 from agglo_core.errors import OptionError
-from agglo_core.multigrid.smoothers.joined_patches import joined_patches
 from agglo_core.multigrid.smoothers.patch_smoother import VertexPatches
+from agglo_core.multigrid.smoothers.patches import joined_patches
 from agglo_core.problems import Patches
 
 _STRONG = 0.1

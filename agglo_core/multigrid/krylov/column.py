@@ -1,4 +1,4 @@
-"""Preconditioned conjugate gradients for one right-hand side, and whether they may claim to have converged.
+"""When preconditioned conjugate gradients for one right-hand side stop, restart and report convergence.
 
 The iteration is a generator that yields the products it needs: those of several columns are made together.
 """
@@ -10,11 +10,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from agglo_core.arrays import Float, frozen_float
+from agglo_core.multigrid.krylov.lanczos import failure
+from agglo_core.multigrid.krylov.recursion import Recursion
 from agglo_core.multigrid.krylov.stopping import SAID, Iterate, Restarts, Rules, Steps, is_rounding, probed
-from agglo_core.problems.curvatures import Curvatures, failure
 from agglo_core.problems.iteration_history import MET, TESTS, Ended, History
-from agglo_core.problems.ritz import RitzValue
-from agglo_core.problems.sizes import Measure, size_ratio, two_norm
+from agglo_core.problems.residuals.sizes import Measure, size_ratio, two_norm
 
 _CONJUGATE = 0.3
 """|zᵢ₊₁·rᵢ| over zᵢ₊₁·rᵢ₊₁, 0 if M is linear and symmetric: above this a step is lost."""
@@ -34,72 +34,68 @@ _KNOWN = ("met", "most iterations", "stagnation")
 
 @dataclass(eq=False)
 class Column:
-    """Preconditioned conjugate gradients for one right-hand side ``b (n,)``, from ``x (n,)``.
+    """Preconditioned conjugate gradients for one right-hand side ``b (n,)``, from ``start (n,)``.
 
-    With z = M r, coefficients are those of the Lanczos process of M A, whose smallest Ritz value θ falls to
-    the smallest eigenvalue. So ‖e‖_A² = r·A⁻¹r ≤ (z·r)² / (θ p·M⁻¹p), with p·M⁻¹p = z·r plus β² times that
-    of the direction before (Meurant, Tichý, Numer. Algorithms 82, 2019).
+    :class:`~agglo_core.multigrid.krylov.recursion.Recursion` makes the steps. Where the tests may be passed
+    b − A x replaces its residual; if both differ much the recursion restarts from b − A x.
     """
 
     b: Float
-    x: Float
+    start: Float
     rules: Rules
     measure: Measure
     energy: Measure
     ended: Ended = ""
     size: float = 1.0  # of the residual, relative
     residuals: list[float] = field(default_factory=list)
-    gains: list[float] = field(default_factory=list)  # squares of the energy norms of the steps
-    _base: Float | None = None  # x is this, unless it is None, and what was added since
-    _added: Float = field(init=False)
+    gains: list[float] = field(default_factory=list)
+    _cg: Recursion = field(init=False)
     _error: float = np.inf  # in the energy norm, relative, as far as it is known
-    _ritz: RitzValue = field(default_factory=RitzValue)
-    _true: bool = True  # r is b − A x itself
-    _afresh: bool = False  # and so far from that of the recursion that this has to start again
+    _energy_norm: float = 0.0  # of x when last computed
+    _gained: float = 0.0  # sum of the gains
+    _exact: bool = True  # the residual is b − A x itself
+    _drifted: bool = False  # and differs so much from that of the recursion that this has to restart
     _restarts: Restarts = field(default_factory=Restarts)
-    _stuck: bool = False  # they gain nothing: x passes the tests now or never
-    _scale: float = 0.0  # energy norm of x when last asked for
+    _stuck: bool = False  # restarts gain nothing: x passes the tests now or never
     _least: Iterate | None = None  # that of least residual
-    _curvatures: Curvatures = field(default_factory=Curvatures)
-    _length: float = 0.0  # of the last step, in units of its direction
-    _moved: float = 0.0  # squares of the energy norms of all steps
-    _still: int = 0
-    _lost: int = 0
-    _passed: int | None = None  # iterations when the tests were first passed
-    _wait: int = 0  # iterations before they are asked again
-    _certain: int = 0  # iterations up to which the last probe holds: twice those it came after
+    _still: int = 0  # steps in a row that move x by less than rounding
+    _lost: int = 0  # steps with a preconditioned residual that is not conjugate
+    _first_pass: int | None = None  # iterations when the tests were first passed
+    _next_test: int = 0  # iterations before the tests are made again
+    _probed_until: int = 0  # iterations up to which the last probe holds: twice those it came after
 
     @property
     def done(self) -> int:
-        """Iterations so far."""
+        """Number of iterations."""
         return len(self.residuals) - 1
 
     def run(self) -> Steps:
         """Iterate until ``ended``."""
-        yield from self._start()
+        yield from self._begin()
         while not self.ended:
             if self._least is None or self.size < self._least[0]:
-                self._least = (self.size, self.x, self.r)
-            yield from self._step()
-        if self._least is not None and (self._curvatures.flat or self.ended not in _KNOWN):
+                self._least = (self.size, self._cg.x, self._cg.r)
+            yield from self._iterate()
+        if self._least is not None and (self._cg.curvatures.flat or self.ended not in _KNOWN):
             yield from self._fall_back(self._least)
-        if not self._true or self._still >= _STILL:
+        if not self._exact or self._still >= _STILL:
             yield from self._settle()
         if self.ended not in _KNOWN:
             self._error = np.inf
 
     def history(self) -> History:
-        """What came of it."""
+        """Return the last iterate and how the iteration ended."""
         error = self._error if np.isfinite(self._error) else None
         sizes = (self.size, self._error)
         tests = tuple(name for name, each in zip(TESTS, sizes, strict=True) if each <= self.rules.tolerance)
         met = self.ended == "met"
         reason = MET if met else self._reason(error)
-        x, residuals, gains = (frozen_float(each) for each in (self.x, self.residuals, self.gains))
-        found = History(x, residuals, met, reason, error, tests, self.ended, self.size, gains, self._scale)
-        if not met or not self.done or self._length == 0.0:
+        x, residuals, gains = (frozen_float(each) for each in (self._cg.x, self.residuals, self.gains))
+        norm = self._energy_norm
+        found = History(x, residuals, met, reason, error, tests, self.ended, self.size, gains, norm)
+        if not met or not self.done or self._cg.alpha == 0.0:
             return found
-        return replace(found, correction=frozen_float(self._length * self.p))
+        return replace(found, correction=frozen_float(self._cg.alpha * self._cg.p))
 
     def _reason(self, error: float | None) -> str:
         known = ", energy error unknown" if error is None else f", energy error about {error:.1e}"
@@ -107,190 +103,188 @@ class Column:
         sizes = f"relative residual {self.size:.1e}{known} after {self.done} iterations"
         return f"{SAID.get(self.ended, '')}{sizes}, wanted {self.rules.tolerance:.1e}"
 
-    def _start(self) -> Steps:
-        if not self.b.any():
-            self.x = np.zeros(len(self.b))
-        self.r = self.b - (yield "A", self.x) if self.x.any() else self.b
-        self.residuals.append(two_norm(self.r))
-        self.size = self.measure(self.r)
+    # The iteration
+
+    def _begin(self) -> Steps:
+        """Compute the first residual and direction."""
+        x = self.start if self.b.any() else np.zeros(len(self.b))
+        r = self.b - (yield "A", x) if x.any() else self.b
+        self._cg = Recursion(x, r)
+        self.residuals.append(two_norm(r))
+        self.size = self.measure(r)
         if not np.isfinite(self.residuals[0]):
             self.ended = "matrix not finite"
-        elif not self.r.any():
+        elif not r.any():
             self._error, self.ended = 0.0, "met"
         else:
             yield from self._precondition()
-            self._begin()
+            self._cg.restart()
 
-    def _begin(self) -> None:
-        """Take the preconditioned residual for the direction; what is added from now on is rounded once."""
-        self.p, self.pp = self.z, self.zr
-        self._base, self._added = (self.x if self.x.any() else None), np.zeros(len(self.b))
-        self._ritz.restart()
-
-    def _precondition(self) -> Steps:
-        """z = M r; the end if z·r is not what a positive definite M makes it."""
-        self.z = yield "M", self.r
-        self.zr = float(self.z @ self.r)
-        if not np.isfinite(self.zr):
-            self.ended = "preconditioner not finite"
-        elif not self.zr > 0.0 and self.r.any():
-            tiny = not float(self.r @ self.r) > 0.0
-            self.ended = "underflow" if tiny else "indefinite preconditioner"
-
-    def _step(self) -> Steps:
-        """One iteration."""
+    def _iterate(self) -> Steps:
+        """Make one step, and end if it cannot be made or passes the tests."""
+        cg = self._cg
         if self._still >= _STILL or self.rules.exhausted(self.residuals, self.size):
             self.ended = "stagnation" if self._still >= _STILL else "most iterations"
             return
-        Ap = yield "A", self.p
-        curvature, along = float(self.p @ Ap), float(self.p @ self.r)
-        if self._curvatures.add(curvature, self.pp):
-            self.ended = failure(self.p, Ap, (yield "|A|", self.p))
+        Ap = yield "A", cg.p
+        if cg.curve(Ap):
+            self.ended = failure(cg.p, Ap, (yield "|A|", cg.p))
             if self.ended:
                 return
-        step = along / curvature  # p·r is z·r, and if M is poor the step that takes most from ‖e‖_A
-        self._length = step
-        self._added = self._added + step * self.p
-        self.x = self._added if self._base is None else self._base + self._added
-        self._count(step * along, curvature)
-        before, zr = self.r, self.zr
-        yield from self._residual(before - step * Ap)
+        cg.ritz.least = min(cg.ritz.least, cg.curvature / cg.pp)  # θ is below every Rayleigh quotient
+        cg.move(Ap, cg.along())
+        self._count(cg.gain)
+        yield from self._replace_residual()
         if not self.ended:
             yield from self._precondition()
         if not self.ended:
-            self._turn(before, zr, step)
-        if not self.ended and self._afresh:
-            yield from self._note_progress()
-        if not self.ended and self._true and (self._stuck or self._passes()):
+            self._turn()
+        if not self.ended and self._drifted:
+            yield from self._judge_restart()
+        if not self.ended and self._exact and (self._stuck or self._passes()):
             yield from self._confirm()
         if not self.ended and self._stuck:
             self.ended = "stagnation"
 
-    def _count(self, gain: float, curvature: float) -> None:
-        """Take note of what a step took from ‖e‖_A², and of the Rayleigh quotient of its direction."""
+    def _count(self, gain: float) -> None:
+        """Record by how much a step lowered ‖e‖_A²."""
         self.gains.append(gain)
-        self._moved += gain
-        self._still = self._still + 1 if gain <= np.finfo(float).eps ** 2 * self._moved else 0
-        self._ritz.least = min(self._ritz.least, curvature / self.pp)
+        self._gained += gain
+        self._still = self._still + 1 if gain <= np.finfo(float).eps ** 2 * self._gained else 0
 
-    def _residual(self, r: Float) -> Steps:
-        """The residual of the recursion or, where the tests may be passed, b − A x itself."""
-        length, self.size = two_norm(r), self.measure(r)
-        self._true, self._afresh = self._near(length / self.residuals[-1]), False
-        if self._true:
-            exact = self.b - (yield "A", self.x)
-            self._afresh = self._drifted(r, exact)
-            r, length, self.size = exact, two_norm(exact), self.measure(exact)
-        self.r = r
+    def _precondition(self) -> Steps:
+        """Compute z = M r; end if z·r is not positive."""
+        cg = self._cg
+        cg.precondition((yield "M", cg.r))
+        if not np.isfinite(cg.zr):
+            self.ended = "preconditioner not finite"
+        elif not cg.zr > 0.0 and cg.r.any():
+            tiny = not float(cg.r @ cg.r) > 0.0
+            self.ended = "underflow" if tiny else "indefinite preconditioner"
+
+    def _turn(self) -> None:
+        """Choose the next direction; end if too many were not conjugate."""
+        cg, cross = self._cg, self._cg.cross()
+        self._lost += abs(cross) > _CONJUGATE * cg.zr and cg.zr > _DIGIT * cg.zr_before
+        if self._lost >= _LOST:
+            self.ended = "loss of conjugacy"
+        elif self._drifted or not cg.alpha > 0.0:
+            cg.restart()
+        else:
+            cg.turn(cross if self.rules.beta == "flexible" else 0.0)
+
+    # Residuals computed from x, and restarts
+
+    def _replace_residual(self) -> Steps:
+        """Replace the residual of the recursion by b − A x where the tests may be passed."""
+        cg = self._cg
+        length, self.size = two_norm(cg.r), self.measure(cg.r)
+        self._exact, self._drifted = self._near(length / self.residuals[-1]), False
+        if self._exact:
+            exact = self.b - (yield "A", cg.x)
+            self._drifted = _differ(cg.r, exact)
+            cg.r, length, self.size = exact, two_norm(exact), self.measure(exact)
         self.residuals.append(length)
         if not np.isfinite(length):
             self.ended = "matrix not finite"
 
-    def _note_progress(self) -> Steps:
-        """b − A x has become another than that of the recursion: give up if x has come no nearer."""
-        self._stuck = self._restarts.add((self.size, self.x, self.r), self._bound())
-        self._estimate()
-        if not (self._stuck or self._small(_LUCK)):
-            self._stuck = yield from is_rounding(self.r, self.x, self.b)
-        if self._stuck and self._restarts.best[1] is not self.x:
-            self.size, self.x, self.r = self._restarts.best
-            self.residuals[-1] = two_norm(self.r)
-            yield from self._precondition()
-            self._begin()
-
-    def _drifted(self, r: Float, exact: Float) -> bool:
-        return not two_norm(exact - r) <= _DRIFT * two_norm(exact)
-
     def _near(self, fall: float) -> bool:
-        """Whether x may pass the tests, the residual being ``fall`` times as long as the last."""
+        """Return whether x may pass the tests, with a residual ``fall`` times as long as the last."""
         count = len(self.residuals)
         if count & (count - 1) == 0:
-            self._scale = self.energy(self.x)
+            self._energy_norm = self.energy(self._cg.x)
         tolerance, stop = self.rules.tolerance, self.rules.stop
-        size = max(self._scale, float(np.sqrt(self._moved)))
+        norm = max(self._energy_norm, float(np.sqrt(self._gained)))
         small = self.size <= tolerance or stop == "energy"
-        close = self._bound() * fall <= 2.0 * tolerance * size or stop == "residual"
-        return count >= self._wait and small and close
+        close = self._cg.error_bound() * fall <= 2.0 * tolerance * norm or stop == "residual"
+        return count >= self._next_test and small and close
 
-    def _bound(self) -> float:
-        """‖e‖_A at most, as far as θ is known."""
-        if not self.zr:
-            return 0.0
-        return self.zr / float(np.sqrt(self._ritz.least * self.pp)) if self._ritz.least > 0.0 else np.inf
+    def _judge_restart(self) -> Steps:
+        """Record a restart; where these gain nothing any more, return to the best of them."""
+        cg = self._cg
+        self._stuck = self._restarts.add((self.size, cg.x, cg.r), cg.error_bound())
+        self._estimate()
+        if not (self._stuck or self._small(_LUCK)):
+            self._stuck = yield from is_rounding(cg.r, cg.x, self.b)
+        if self._stuck and self._restarts.best[1] is not cg.x:
+            self.size, cg.x, cg.r = self._restarts.best
+            self.residuals[-1] = two_norm(cg.r)
+            yield from self._precondition()
+            cg.restart()
 
-    def _turn(self, before: Float, zr: float, step: float) -> None:
-        """The next direction; ``before`` and ``zr`` are r and z·r before the step."""
-        cross = float(self.z @ before)
-        self._lost += abs(cross) > _CONJUGATE * self.zr and self.zr > _DIGIT * zr
-        if self._lost >= _LOST:
-            self.ended = "loss of conjugacy"
-        elif self._afresh or not step > 0.0:
-            self._begin()
-        else:
-            self._ritz.add(step, self.zr / zr)
-            beta = (self.zr - cross if self.rules.beta == "flexible" else self.zr) / zr
-            self.p, self.pp = self.z + beta * self.p, self.zr + beta**2 * self.pp
+    # The tests
 
     def _passes(self) -> bool:
-        """Whether x passes the tests, and did so a tenth of the iterations ago."""
+        """Return whether x passes the tests, and did so a tenth of the iterations ago."""
         self._estimate()
         if not self._small():
-            self._passed, self._wait = None, self.done + 1 + self.done // 20
+            self._first_pass, self._next_test = None, self.done + 1 + self.done // 20
             return False
-        self._passed = self.done if self._passed is None else self._passed
-        self._wait = self._passed + self._passed // 10
-        return self.done >= self._wait or not self.r.any()
+        self._first_pass = self.done if self._first_pass is None else self._first_pass
+        self._next_test = self._first_pass + self._first_pass // 10
+        return self.done >= self._next_test or not self._cg.r.any()
 
     def _small(self, factor: float = 1.0) -> bool:
         most, stop = factor * self.rules.tolerance, self.rules.stop
         return (self.size <= most or stop == "energy") and (self._error <= most or stop == "residual")
 
     def _confirm(self) -> Steps:
-        """End, unless the error is shown to be larger, or an eigenvalue to be smaller, than was thought."""
-        if self.rules.stop != "residual" and self.r.any():
+        """End, unless the error is shown to be larger, or an eigenvalue to be smaller, than estimated."""
+        cg = self._cg
+        if self.rules.stop != "residual" and cg.r.any():
             yield from self._compare()
-            if self.rules.probe and self._certain < self.done and self._small():
-                self._certain = 2 * self.done
-                least = yield from probed(len(self.b), self.done)
-                if not least > 0.0:
+            if self.rules.probe and self._probed_until < self.done and self._small():
+                self._probed_until = 2 * self.done
+                theta = yield from probed(len(self.b), self.done)
+                if not theta > 0.0:
                     self.ended = "indefinite preconditioner"
                     return
-                self._ritz.least = min(self._ritz.least, least)
+                cg.ritz.least = min(cg.ritz.least, theta)
             self._estimate()
         if self._small():
             self.ended = "met"
 
     def _compare(self) -> Steps:
-        """‖e‖_A ≥ r·r / (r·Ar)^½ whatever M is: where that is above the bound, θ is too large."""
-        Ar = yield "A", self.r
-        length = max(0.0, float(self.r @ Ar)) ** 0.5
-        least = float(self.r @ self.r) / length if length > 0.0 else 0.0
-        self._ritz.least *= min(1.0, self._bound() / least) ** 2 if least else 1.0
+        """Lower θ where the bound of the error is below r·r / (r·Ar)^½, which ‖e‖_A exceeds for any M."""
+        cg = self._cg
+        Ar = yield "A", cg.r
+        length = max(0.0, float(cg.r @ Ar)) ** 0.5
+        least = float(cg.r @ cg.r) / length if length > 0.0 else 0.0
+        cg.ritz.least *= min(1.0, cg.error_bound() / least) ** 2 if least else 1.0
         self._estimate()
 
     def _estimate(self) -> None:
-        self._ritz.refresh()
-        self._scale = self.energy(self.x)
-        self._error = size_ratio(self._bound(), self._scale)
+        """Estimate the relative energy error."""
+        self._cg.ritz.refresh()
+        self._energy_norm = self.energy(self._cg.x)
+        self._error = size_ratio(self._cg.error_bound(), self._energy_norm)
+
+    # After the end
 
     def _fall_back(self, least: Iterate) -> Steps:
         """Return to the iterate of least residual, as later ones may follow a null vector of A."""
+        cg = self._cg
         if not least[0] >= self.size:
-            (self.size, self.x, self.r), self._true = least, False
-        if self.ended == "singular matrix" and (yield from is_rounding(self.r, self.x, self.b)):
+            (self.size, cg.x, cg.r), self._exact = least, False
+        if self.ended == "singular matrix" and (yield from is_rounding(cg.r, cg.x, self.b)):
             self.ended = "stagnation"  # the load is in the range of A as far as it can be
 
     def _settle(self) -> Steps:
-        """b − A x for an iterate at which the iteration was ended, and the error if that is known."""
-        exact = self.b - (yield "A", self.x)
-        drifted = self._drifted(self.r, exact)
-        self.r, self.size, self._true = exact, self.measure(exact), True
+        """Compute b − A x of the last iterate, and estimate its error if that is possible."""
+        cg = self._cg
+        exact = self.b - (yield "A", cg.x)
+        differ = _differ(cg.r, exact)
+        cg.r, self.size, self._exact = exact, self.measure(exact), True
         self.residuals[-1] = two_norm(exact)
         self._error = np.inf
-        if drifted and self.ended == "loss of conjugacy":
+        if differ and self.ended == "loss of conjugacy":
             self.ended = "stagnation"  # it is rounding, not the preconditioner
         if self.ended == "stagnation":
             yield from self._precondition()
-            self._begin()
-        if not drifted or self.ended == "stagnation":
+            cg.restart()
+        if not differ or self.ended == "stagnation":
             self._estimate()
+
+
+def _differ(r: Float, exact: Float) -> bool:
+    return not two_norm(exact - r) <= _DRIFT * two_norm(exact)

@@ -12,11 +12,11 @@ from agglo_core.arrays import Float, frozen_float, plain_array
 from agglo_core.errors import OptionError
 from agglo_core.multigrid.krylov.column import Column
 from agglo_core.multigrid.krylov.stopping import Beta, Request, Rules, Steps, Stop
-from agglo_core.multigrid.matrices.block_product import swift
-from agglo_core.problems.backward_error import limit_told, magnitudes
+from agglo_core.multigrid.matrices.block_product import fast_product
 from agglo_core.problems.iteration_history import History, iterated
-from agglo_core.problems.row_scales import lifted, penalised_rows, row_measure
-from agglo_core.problems.sizes import Measure, energy_of_solution
+from agglo_core.problems.residuals.backward_error import limit_told, magnitudes
+from agglo_core.problems.residuals.row_scales import lifted, penalised_rows, row_measure
+from agglo_core.problems.residuals.sizes import Measure, energy_of_solution
 from agglo_core.progress import Tell, to_nobody
 
 
@@ -67,7 +67,7 @@ def pcg(
         iteration ends there, as if five were ``most``. For an M whose quality is unknown.
     measure : callable, optional
         Of residuals; by default ‖r‖ / ‖b‖ or, if rows of A differ in size by a hundred and more,
-        :func:`~agglo_core.problems.row_scales.row_measure`.
+        :func:`~agglo_core.problems.residuals.row_scales.row_measure`.
     energy : callable, optional
         Of x: the norm that ‖e‖_A is compared with, e being the error; by default (b·x)^½.
     tell : callable, optional
@@ -95,9 +95,9 @@ def pcg(
     iterations, and with what the probe finds, so that slow modes show.
 
     Values that are imposed by large numbers on the diagonal of A are taken out of the system first
-    (:func:`~agglo_core.problems.row_scales.lifted`), unless ``measure`` or ``energy`` is given: residuals and
-    energies are then those of the other unknowns. Without that these numbers times the values imposed make up
-    all of ‖b‖ and of ‖x‖_A, and nothing is said of the other unknowns.
+    (:func:`~agglo_core.problems.residuals.row_scales.lifted`), unless ``measure`` or ``energy`` is given:
+    residuals and energies are then those of the other unknowns. Without that these numbers times the values
+    imposed make up all of ‖b‖ and of ‖x‖_A, and nothing is said of the other unknowns.
 
     Examples
     --------
@@ -186,7 +186,7 @@ def _iterate(A: Any, M: Any, columns: Sequence[Column], tell: Tell) -> None:
     def sizes(vectors: list[Float]) -> list[Float]:
         return [magnitudes(A, each) for each in vectors]
 
-    products = {"A": _product("A", swift(A)), "M": _product("M", M), "|A|": sizes}
+    products = {"A": _product("A", fast_product(A)), "M": _product("M", M), "|A|": sizes}
     running: list[tuple[Column, Steps, Any]] = [(column, column.run(), None) for column in columns]
     while running:
         asked = [(column, steps, *_next(steps, answer)) for column, steps, answer in running]

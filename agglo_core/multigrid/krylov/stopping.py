@@ -10,11 +10,11 @@ from typing import Literal
 import numpy as np
 
 from agglo_core.arrays import Float, frozen_float
-from agglo_core.problems.backward_error import LIMIT
-from agglo_core.problems.curvatures import Curvatures, failure
+from agglo_core.multigrid.krylov.lanczos import failure
+from agglo_core.multigrid.krylov.recursion import Recursion
 from agglo_core.problems.iteration_history import Ended
-from agglo_core.problems.ritz import RitzValue
-from agglo_core.problems.sizes import two_norm
+from agglo_core.problems.residuals.backward_error import LIMIT
+from agglo_core.problems.residuals.sizes import two_norm
 
 TRIAL = 5
 """Iterations after which the pace is judged."""
@@ -71,29 +71,29 @@ class Rules:
         return done >= self.most or not fall * max(self.pace - done, 0.0) >= np.log(size / self.tolerance)
 
 
-_IDLE = 2
-"""Fresh starts that gain nothing until an iteration is given up: rounding differs from one to the next."""
-
 Iterate = tuple[float, Float, Float]
 """The relative size of b − A x, x and b − A x."""
 
 
 @dataclass(eq=False)
 class Restarts:
-    """Fresh starts from b − A x, where the residual of the recursion has become another vector.
+    """Restarts from b − A x, where the residual of the recursion has become another vector.
 
     Attributes
     ----------
     best : tuple
         The iterate of least residual among them.
+    patience : int
+        Restarts in a row that may gain nothing: rounding differs from one to the next.
     """
 
     best: Iterate = (np.inf, frozen_float([]), frozen_float([]))
+    patience: int = 2
     _bound: float = np.inf
     _idle: int = 0
 
-    def add(self, iterate: Iterate, bound: float) -> bool:
-        """Take note of a fresh start and return whether these gain nothing any more.
+    def add(self, iterate: Iterate, bound: float = 1.0) -> bool:
+        """Record a restart, and a bound of its error if known; return whether these gain nothing any more.
 
         Where rounding lets neither the residual nor the bound of the error fall they go up and down.
         """
@@ -101,7 +101,7 @@ class Restarts:
         self._idle, self._bound = (self._idle + 1 if idle else 0), min(bound, self._bound)
         if iterate[0] < self.best[0]:
             self.best = iterate
-        return self._idle >= _IDLE
+        return self._idle >= self.patience
 
 
 _MORE = 4
@@ -132,27 +132,24 @@ def probed(n: int, done: int) -> Generator[Request, Float, float]:
 
 def _smallest_ritz_value(r: Float, most: int) -> Generator[Request, Float, float | None]:
     """Smallest Ritz value from a residual; 0 for indefinite operators, None where A has a null vector."""
-    z = yield "M", r
-    first = rho = float(z @ r)
-    p, pp, curvatures, ritz = z, rho, Curvatures(), RitzValue()
+    cg = Recursion(np.zeros(len(r)), r)
+    cg.precondition((yield "M", r))
+    cg.restart()
+    first = cg.zr
     for _ in range(most):
-        if not rho > 0.0:
+        if not cg.zr > 0.0:
             return 0.0
-        Ap = yield "A", p
-        curvature = float(p @ Ap)
-        if curvatures.add(curvature, pp) and failure(p, Ap, (yield "|A|", p)) == "singular matrix":
+        Ap = yield "A", cg.p
+        if cg.curve(Ap) and failure(cg.p, Ap, (yield "|A|", cg.p)) == "singular matrix":
             return None
-        if not curvature > 0.0:
+        if not cg.curvature > 0.0:
             return 0.0
-        step = rho / curvature
-        r = r - step * Ap
-        z = yield "M", r
-        rho, before = float(z @ r), rho
-        ritz.add(step, max(rho, 0.0) / before)
-        if abs(rho) <= _FALL * first:
+        cg.move(Ap)
+        cg.precondition((yield "M", cg.r))
+        cg.turn()
+        if abs(cg.zr) <= _FALL * first:
             break
-        p, pp = z + (rho / before) * p, rho + (rho / before) ** 2 * pp
-    return ritz.refresh()
+    return cg.ritz.refresh()
 
 
 def is_rounding(r: Float, x: Float, b: Float) -> Generator[Request, Float, bool]:

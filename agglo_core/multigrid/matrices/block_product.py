@@ -33,7 +33,7 @@ class BlockProduct:
         return y
 
 
-def swift(A: Any) -> Any:
+def fast_product(A: Any) -> Any:
     """A as :class:`BlockProduct` if it can be one, else A itself."""
     if getattr(A, "format", "") != "bsr" or A.dtype != np.float64:
         return A

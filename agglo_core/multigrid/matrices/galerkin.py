@@ -1,4 +1,4 @@
-"""Stacks of levels from a matrix and prolongations: coarse matrices are Pᵀ A P."""
+"""Galerkin products Pᵀ A P, in blocks or entry by entry, and stacks of levels made by them."""
 
 from __future__ import annotations
 
@@ -8,14 +8,85 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from agglo_core.arrays import Int, frozen_int
+from agglo_core.arrays import Int, frozen, frozen_float, frozen_index, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.multigrid.coarse_solve import coarse_solver
-from agglo_core.multigrid.matrices.block_galerkin import block_galerkin, have_kernels
+from agglo_core.multigrid.kernels.block_products import block_columns, block_products
+from agglo_core.multigrid.kernels.block_sweeps import UNROLLED
+from agglo_core.multigrid.kernels.galerkin_product import galerkin_product
 from agglo_core.multigrid.matrices.block_matrix import in_blocks, in_precision
 from agglo_core.multigrid.smoothers.level_smoothers import SetUp, smoother_setup
 from agglo_core.multigrid.stack import Level, LevelSmoother, LevelStack, Solve
 from agglo_core.problems import MultigridLevel, Patches
+
+_SAMPLE = 64
+"""Columns of a product that are counted to estimate its entries."""
+
+
+def csr_galerkin(A: Any, P: Any) -> Any:
+    """Pᵀ A P as ``csr_array`` with sorted columns, its arrays read-only.
+
+    Parameters
+    ----------
+    A : (n, n) csr
+        Symmetric, in double precision, its arrays read-only.
+    P : (n, m) csr
+        In double precision.
+    """
+    m = P.shape[1]
+    indptr, indices, data = galerkin_product(A.indptr, A.indices, A.data, P.indptr, P.indices, P.data, m)
+    found = sparse.csr_array((data, indices, indptr), shape=(m, m))
+    found.data, found.indices, found.indptr = (frozen(a, a.dtype) for a in (data, indices, indptr))
+    found.has_canonical_format = True
+    return found
+
+
+def product_entries(A: Any, P: Any) -> float:
+    """Estimate the number of entries of Pᵀ A P from evenly spaced columns of it.
+
+    Parameters
+    ----------
+    A : (n, n) csr
+    P : (n, m) csr
+    """
+    m = P.shape[1]
+    columns = np.unique(np.linspace(0, m - 1, _SAMPLE).astype(np.int64))
+    return float((P.T @ (A @ P[:, columns])).nnz * m / len(columns))
+
+
+def have_kernels(*matrices: Any) -> bool:
+    """Whether there are kernels for the products: all in square blocks of one size from 2 to 16, double."""
+    if any(each.format != "bsr" or each.dtype != np.float64 for each in matrices):
+        return False
+    sizes = {size for each in matrices for size in each.blocksize}
+    few = all(each.indptr[-1] < np.iinfo(np.int32).max for each in matrices)
+    return few and len(sizes) == 1 and 1 < sizes.pop() <= UNROLLED
+
+
+def block_matmat(A: Any, P: Any) -> sparse.bsr_array:
+    """A P; columns come in any order."""
+    places = frozen_index(np.arange(len(A.indices)))
+    return _product(frozen_index(A.indptr), frozen_index(A.indices), places, A, 0, P)
+
+
+def block_galerkin(A: Any, P: Any) -> sparse.bsr_array:
+    """Pᵀ A P, columns sorted."""
+    columns = P.shape[1] // P.blocksize[1]
+    pattern = block_columns(frozen_index(P.indptr), frozen_index(P.indices), columns)
+    starts, rows, places = (frozen_index(each) for each in pattern)
+    found = _product(starts, rows, places, P, 1, block_matmat(A, P))
+    found.sort_indices()
+    return found
+
+
+def _product(indptr: Any, rows: Any, places: Any, left: Any, transposed: int, P: Any) -> sparse.bsr_array:
+    """The product of the blocks of a matrix, at their ``places``, with another matrix."""
+    width, columns = int(P.blocksize[0]), P.shape[1] // int(P.blocksize[0])
+    first, second = (frozen_float(each.data).reshape(-1) for each in (left, P))
+    pattern = frozen_index(P.indptr), frozen_index(P.indices)
+    found = block_products(width)(indptr, rows, places, first, transposed, *pattern, second, columns)
+    shape = ((len(indptr) - 1) * width, P.shape[1])
+    return sparse.bsr_array((found[2].reshape(-1, width, width), found[1], found[0]), shape=shape)
 
 
 def injection(parents: Int, width: int = 1) -> sparse.bsr_array:

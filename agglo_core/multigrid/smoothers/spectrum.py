@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.linalg import eigvalsh_tridiagonal
 
-from agglo_core.arrays import Float
+from agglo_core.multigrid.krylov.lanczos import ritz_value
 from agglo_core.multigrid.stack import Solve
 
 _STEPS = 12
@@ -59,13 +58,4 @@ def largest_eigenvalue(A: Any, precondition: Solve, steps: int = _STEPS) -> floa
         if falls[-1] < 1e-20:  # all of the start is found
             break
         p = z + falls[-1] * p
-    return _largest(np.array(lengths), np.array(falls[: len(lengths) - 1]))
-
-
-def _largest(lengths: Float, falls: Float) -> float:
-    """Largest eigenvalue of the tridiagonal matrix of some iterations."""
-    inverse = 1.0 / lengths
-    diagonal, beside = inverse.copy(), np.sqrt(falls) * inverse[:-1]
-    diagonal[1:] += falls * inverse[:-1]
-    top = len(diagonal) - 1
-    return float(eigvalsh_tridiagonal(diagonal, beside, select="i", select_range=(top, top))[0])
+    return ritz_value(lengths, falls[: len(lengths) - 1], largest=True)

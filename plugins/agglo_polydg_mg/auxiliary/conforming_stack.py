@@ -80,7 +80,7 @@ def conforming_stack(
         where vertices are joined weakly. By default aggregates come from the matrix alone.
     smoother : callable
         Makes the smoother of the first level from matrix, block offsets and precision. Symmetric block
-        Gauss–Seidel on cells by default; see :func:`~agglo_polydg_mg.solver.conforming_choice.difficulty`.
+        Gauss–Seidel on cells by default; see :func:`~agglo_polydg_mg.solver.choose.choose`.
     scale : (n_cells, n_local, n_local) float, optional
         Blocks that take the coefficients of each cell to the unknowns of the first level, if it has others.
     bubbles : bool
@@ -95,44 +95,55 @@ def conforming_stack(
     dtype : float32 or float64
         Precision of the cycle; matrices are set up in double precision.
     """
-    nodal = layers and vertices == "classical" and bubbles and basis.degree > 1
+    # 1. The continuous space, with bubbles or with points of the faces instead of them
+    nodal_traces = layers and vertices == "classical" and bubbles and basis.degree > 1
     if basis.mesh.dim == 2:
-        space = conforming_space(basis, sigma, kappa, bubbles=bubbles, orthogonal=not nodal)
+        space = conforming_space(basis, sigma, kappa, bubbles=bubbles, orthogonal=not nodal_traces)
     else:
         space = solid_space(basis, bubbles=bubbles)
-    inner = space.n > space.n_vertices
-    flat = basis.mesh.dim == 2 and smoother is None
-    even = flat and not (inner or layers) and kappa.max() <= _ONE_SIZE * kappa.min()
-    held = _SMALLEST_KAPPA * kappa.min() / kappa.max()
-    small = max(min(_SMALL, held), _ROUNDING) if inner else _ROUNDING
-    C = space.galerkin(system.A, small, small if nodal else _SMALL_BUBBLES, _SMALL_VERTICES if even else 0.0)
+    has_bubbles = space.n > space.n_vertices
+    # 2. Its Galerkin matrix C, without small entries
+    constant_kappa = bool(kappa.max() <= _ONE_SIZE * kappa.min())
+    lumps_vertices = (
+        basis.mesh.dim == 2 and smoother is None and not (has_bubbles or layers) and constant_kappa
+    )
+    largest_dropped = _SMALLEST_KAPPA * kappa.min() / kappa.max()
+    dropped = max(min(_SMALL, largest_dropped), _ROUNDING) if has_bubbles else _ROUNDING
+    C = space.galerkin(
+        system.A,
+        dropped,
+        dropped if nodal_traces else _SMALL_BUBBLES,
+        _SMALL_VERTICES if lumps_vertices else 0.0,
+    )
     P, guide = space.prolongation(dtype, scale), None
-    if nodal:
+    # 3. The guide of classical levels in layers
+    if nodal_traces:
         T = nodal_basis(space, basis.mesh)
         C, P = sparse.csr_array(T.T @ C @ T), sparse.csr_array(P.tocsr() @ T.astype(dtype))
         C.sort_indices()
         guide = nodal_network(space, basis.mesh, kappa)
     elif layers and vertices == "classical":
         guide = coupling_network(space, basis.mesh, kappa)
-    relaxed = (smoother or _sweeps_for(basis))(system.A, system.block_offsets, dtype)
-    levels = [multigrid.Level(system.A, system.block_offsets, P, relaxed)]
-    if inner and not nodal:
+    # 4. The levels: cells, bubbles if there are any, then multigrid on the vertices
+    cell_smoother = (smoother or _sweeps_for(basis))(system.A, system.block_offsets, dtype)
+    levels = [multigrid.Level(system.A, system.block_offsets, P, cell_smoother)]
+    if has_bubbles and not nodal_traces:
         levels.append(_with_bubbles(C, space, dtype))
         C = sparse.csr_array(C[: space.n_vertices, : space.n_vertices])
     n = C.shape[0]
-    given = None if labels is None else [labels_of_unknowns(space, each)[:n] for each in labels]
+    vertex_labels = None if labels is None else [labels_of_unknowns(space, each)[:n] for each in labels]
     if vertices == "classical":
-        rest = multigrid.classical_stack(
+        vertex_stack = multigrid.classical_stack(
             C,
-            labels=given,
+            labels=vertex_labels,
             near_null=np.ones(n),
             guide=guide,
             dtype=dtype,
             groups=1 if guide is None else _GROUPS,
         )
     else:
-        rest = multigrid.aggregation_stack(C, labels=given, weak=_WEAK, dtype=dtype)
-    return multigrid.LevelStack([*levels, *rest.levels], rest.coarse, dtype)
+        vertex_stack = multigrid.aggregation_stack(C, labels=vertex_labels, weak=_WEAK, dtype=dtype)
+    return multigrid.LevelStack([*levels, *vertex_stack.levels], vertex_stack.coarse, dtype)
 
 
 def cell_sweeps(A: Any, block_offsets: Int, dtype: Any, sweeps: int = 1) -> multigrid.LevelSmoother:

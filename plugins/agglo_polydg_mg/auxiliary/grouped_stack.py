@@ -14,7 +14,7 @@ import numpy as np
 
 from agglo_core.authoring import Float, Int, System, frozen_float, multigrid
 from agglo_polydg_mg.auxiliary.conforming_stack import conforming_stack
-from agglo_polydg_mg.solver.conforming_choice import strong_pairs
+from agglo_polydg_mg.auxiliary.strong_faces import strong_pairs
 from agglo_polydg_mg.space.basis import Basis
 
 _SMALL = 0.25
@@ -41,7 +41,7 @@ def grouped_stack(
     groups.
 
     Parameters are the same, but for ``overlap``: by default groups are up to eight cells that
-    :func:`~agglo_polydg_mg.solver.conforming_choice.strong_pairs` join, if True the vertex patches, which
+    :func:`~agglo_polydg_mg.auxiliary.strong_faces.strong_pairs` join, if True the vertex patches, which
     take half the iterations and several times the time and memory of a sweep.
 
     Raises

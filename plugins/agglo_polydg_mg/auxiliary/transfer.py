@@ -9,48 +9,13 @@ P = (J_kᵀ M J_k)⁻¹ J_kᵀ M J_{k+1}.
 
 from __future__ import annotations
 
-import logging
 from typing import Any
 
 import numpy as np
 from scipy import sparse
 
-from agglo_core.authoring import Float, Hierarchy, Int, OptionError, frozen_float
+from agglo_core.authoring import Float, frozen_float
 from agglo_polydg_mg.space.basis import block_diagonal
-
-_log = logging.getLogger("agglo")
-
-
-def chosen_levels(hierarchy: Hierarchy, levels: int | None = None) -> list[Int]:
-    """Labels of the coarse levels of a multigrid method, finest first.
-
-    Parameters
-    ----------
-    hierarchy : Hierarchy
-    levels : int, optional
-        How many of mesh, level 0, 1, … to use, the mesh included; by default all.
-
-    Raises
-    ------
-    OptionError
-        If there are fewer, or none of them has fewer parts than the mesh has cells.
-    """
-    most = len(hierarchy.levels) + 1
-    if levels is not None and not 2 <= levels <= most:
-        raise OptionError(f"levels must lie in 2..{most}, mesh and coarse levels together; given {levels}")
-    chosen, finer = [], hierarchy.graph.n
-    for level, labels in enumerate(hierarchy.levels[: levels - 1 if levels else None]):
-        parts = int(labels.max()) + 1
-        if parts < finer:
-            chosen.append(labels)
-            finer = parts
-        else:
-            _log.info("level %d is skipped: its %d parts are no fewer than the %d above", level, parts, finer)
-    if not chosen and hierarchy.graph.n > 1:  # one cell is its own coarsest level
-        raise OptionError(
-            f"no level of the hierarchy is coarser than its {hierarchy.graph.n} cells: ask for fewer parts"
-        )
-    return chosen
 
 
 def l2_projection(fine: Any, coarse: Any, mass: Any, width: int) -> sparse.bsr_array:

@@ -8,11 +8,21 @@ triangle's height in place of the polygon's diameter, however many small faces t
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
-from agglo_core.authoring import Float, Int, Mask, Mesh, MeshError, OptionError, frozen_float, over_ranges
+from agglo_core.authoring import (
+    Float,
+    Int,
+    Mask,
+    Mesh,
+    MeshError,
+    OptionError,
+    frozen_float,
+    over_ranges,
+    solvers,
+)
 from agglo_polydg_mg.space.solid_geometry import require_convex, solid_heights
 
 _FEW = 10_000  # cells one thread looks at in some milliseconds
@@ -91,3 +101,12 @@ def triangle_heights(mesh: Mesh) -> Float:
 
     over_ranges(write, mesh.n_cells, few=_FEW)
     return heights
+
+
+def require_penalty(value: Any) -> None:
+    """Raise OptionError unless ``value`` is ``paper``, ``sharp`` or a positive number."""
+    if value in ("paper", "sharp"):
+        return
+    if isinstance(value, str):
+        raise OptionError(f"penalty must be a positive number, 'paper' or 'sharp'; given {value!r}")
+    solvers.require_positive("penalty", value)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.authoring import helper, kernel
-from agglo_polydg_mg.forms.bound_kernels import factorise
-from agglo_polydg_mg.forms.form_balance import balance, balancing, most_faces, whiten
+from agglo_polydg_mg.forms.form_kernels import balance, balancing, factorise, most_faces, whiten
 from agglo_polydg_mg.forms.trace_kernels import RESOLVED
 from agglo_polydg_mg.space.legendre_kernels import LANES, legendre_at, recurrences
 

@@ -9,8 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.authoring import helper, kernel
-from agglo_polydg_mg.forms.bound_kernels import factorise
-from agglo_polydg_mg.forms.form_balance import balance, balancing, most_faces, whiten
+from agglo_polydg_mg.forms.form_kernels import balance, balancing, factorise, most_faces, whiten
 from agglo_polydg_mg.space.legendre_kernels import CONSTANT, LANES, along_box, recurrences
 
 RESOLVED = 1e-10  # of a pivot to its diagonal entry, times the share of its box a cell fills

@@ -21,17 +21,11 @@ from agglo_core.authoring import (
     Tell,
     multigrid,
     phase,
+    solvers,
     to_nobody,
 )
-from agglo_polydg_mg.auxiliary.transfer import chosen_levels
 from agglo_polydg_mg.forms.penalty import Penalty
-from agglo_polydg_mg.option_checks import (
-    require_count,
-    require_fraction,
-    require_name,
-    require_truth,
-    show_options,
-)
+from agglo_polydg_mg.paper.level_spaces import LevelSpaces, level_spaces
 from agglo_polydg_mg.paper.outer_iterations import (
     CYCLES,
     OUTER,
@@ -42,9 +36,6 @@ from agglo_polydg_mg.paper.outer_iterations import (
     require_together,
 )
 from agglo_polydg_mg.polydg import PolyDG
-from agglo_polydg_mg.solver.operators import LevelSpaces, level_spaces
-from agglo_polydg_mg.solver.stationary import unsolved
-from agglo_polydg_mg.stopwatch import Stopwatch
 
 
 class ComposedMultigrid:
@@ -112,14 +103,14 @@ class ComposedMultigrid:
         *,
         registry: Registry | None = None,
     ) -> None:
-        require_count("smoothing_steps", smoothing_steps, 1)
-        require_count("max_iterations", max_iterations, 1)
+        solvers.require_count("smoothing_steps", smoothing_steps, 1)
+        solvers.require_count("max_iterations", max_iterations, 1)
         if levels is not None:
-            require_count("levels", levels, 2)
-        require_fraction("tolerance", tolerance)
-        require_name("cycle", cycle, CYCLES)
-        require_name("outer", outer, OUTER)
-        require_truth("corrections", corrections)
+            solvers.require_count("levels", levels, 2)
+        solvers.require_fraction("tolerance", tolerance)
+        solvers.require_name("cycle", cycle, CYCLES)
+        solvers.require_name("outer", outer, OUTER)
+        solvers.require_truth("corrections", corrections)
         require_together(cycle, outer)
         self.discretisation = PolyDG(degree, penalty, scaled_basis)
         self.composition = multigrid.Composition(
@@ -130,7 +121,7 @@ class ComposedMultigrid:
         self.tolerance, self.max_iterations = tolerance, max_iterations
 
     def __repr__(self) -> str:
-        return show_options(self)
+        return solvers.show_options(self)
 
     @property
     def galerkin(self) -> bool:
@@ -148,8 +139,8 @@ class ComposedMultigrid:
         MeshError
             For a mesh of cells that overlap themselves; for such agglomerates if rediscretised.
         """
-        watch = Stopwatch()
-        labels = chosen_levels(hierarchy, self.levels)
+        watch = solvers.Stopwatch()
+        labels = solvers.chosen_levels(hierarchy, self.levels)
         with watch("assemble"), phase(progress, "assembling"):
             spaces = level_spaces(problem, hierarchy, labels, self.discretisation)
         fine, parts = spaces.fine, self.parts_for(problem)
@@ -160,7 +151,7 @@ class ComposedMultigrid:
                 M = self._cycle(parts, stack)
         except np.linalg.LinAlgError as failure:
             watch.wall["solve"] = watch.cpu["solve"] = 0.0
-            history = unsolved(fine.b, str(failure))
+            history = solvers.unsolved(fine.b, str(failure))
             nothing = fine.solution(history, [(fine.A, None)], watch, self.tolerance)
             return replace(nothing, choice=choice)
         with watch("solve"), phase(progress, "solving") as tell:
@@ -186,7 +177,7 @@ class ComposedMultigrid:
         OptionError, MeshError
             As :meth:`solve`; and if the matrix is not positive definite.
         """
-        labels = chosen_levels(hierarchy, self.levels)
+        labels = solvers.chosen_levels(hierarchy, self.levels)
         spaces = level_spaces(problem, hierarchy, labels, self.discretisation)
         parts = self.parts_for(problem)
         try:

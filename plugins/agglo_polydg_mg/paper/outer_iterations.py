@@ -7,9 +7,8 @@ from typing import Any, Final, Literal
 import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
-from agglo_core.authoring import Float, History, OptionError, Tell, pcg, to_nobody
-from agglo_polydg_mg.solver.operators import FineSystem
-from agglo_polydg_mg.solver.stationary import Step, stationary
+from agglo_core.authoring import Float, History, OptionError, Tell, pcg, solvers, to_nobody
+from agglo_polydg_mg.paper.stationary import Step, stationary
 
 Cycle = Literal["V", "W", "F", "K"]
 Outer = Literal["cg", "flexible_cg", "stationary"]
@@ -53,7 +52,12 @@ def require_linear(M: LinearOperator, made_of: str) -> None:
 
 
 def iterate(
-    outer: Outer, fine: FineSystem, M: LinearOperator, tolerance: float, most: int, tell: Tell = to_nobody
+    outer: Outer,
+    fine: solvers.FineSystem,
+    M: LinearOperator,
+    tolerance: float,
+    most: int,
+    tell: Tell = to_nobody,
 ) -> History:
     """Solve the system on the mesh from 0, with a cycle M for the approximate inverse.
 

@@ -16,12 +16,11 @@ from agglo_core.authoring import (
     Smoother,
     Solution,
     multigrid,
+    solvers,
 )
 from agglo_polydg_mg.forms.penalty import PAPER, Penalty
-from agglo_polydg_mg.option_checks import require_name, require_truth
 from agglo_polydg_mg.paper.composed_multigrid import ComposedMultigrid
-from agglo_polydg_mg.paper.schwarz import SmootherMaker, Solve
-from agglo_polydg_mg.paper.smoothers import smoother_of
+from agglo_polydg_mg.paper.schwarz import SmootherMaker, Solve, smoother_of
 
 
 class PaperMultigrid(ComposedMultigrid):
@@ -29,7 +28,7 @@ class PaperMultigrid(ComposedMultigrid):
 
     V-cycles from zero until the residual has fallen below ``tolerance`` times the right-hand side.
 
-    :class:`~agglo_polydg_mg.solver.residual_measure.ResidualMeasure` says how residuals are measured where
+    :class:`~agglo_core.solvers.residual_measure.ResidualMeasure` says how residuals are measured where
     the coefficient is not constant, so that no contrast hides them.
 
     Parameters
@@ -86,8 +85,8 @@ class PaperMultigrid(ComposedMultigrid):
         *,
         registry: Registry | None = None,
     ) -> None:
-        require_name("operators", operators, ("rediscretised", "inherited"))
-        require_truth("schwarz_coarse", schwarz_coarse)
+        solvers.require_name("operators", operators, ("rediscretised", "inherited"))
+        solvers.require_truth("schwarz_coarse", schwarz_coarse)
         chosen = smoother_of(smoother, registry)
         super().__init__(
             degree,

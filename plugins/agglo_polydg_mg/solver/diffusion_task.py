@@ -22,19 +22,18 @@ from agglo_core.authoring import (
     Solution,
     Tell,
     pcg,
+    solvers,
 )
+from agglo_polydg_mg.forms.assembly import cell_means
 from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.polydg import PolyDG
-from agglo_polydg_mg.solver.advice import advice_of_multigrid
+from agglo_polydg_mg.solver.choose import Overrides, Plan, choose
+from agglo_polydg_mg.solver.levels import build, cells_per_part, levels_by_default
 from agglo_polydg_mg.solver.numbering import Numbering, numbering_for
-from agglo_polydg_mg.solver.operators import FineSystem, fine_system
-from agglo_polydg_mg.solver.recipes import Plan, Wishes, levels_by_default, plan_for
-from agglo_polydg_mg.solver.stationary import unsolved
 from agglo_polydg_mg.space.basis import Basis
-from agglo_polydg_mg.stopwatch import Stopwatch
 
-_RAISED: Final = (0.0, 1e-12)
-_MOST: Final = 1e-10
+_SHIFTS: Final = (0.0, 1e-12)
+_LARGEST_SHIFT: Final = 1e-10
 """Parts of the diagonal that are added to it, one after the other, until levels can be made."""
 
 
@@ -47,7 +46,7 @@ class DiffusionTask:
     Raises
     ------
     OptionError, MeshError
-        As :func:`~agglo_polydg_mg.solver.operators.fine_system`.
+        As :meth:`~agglo_polydg_mg.polydg.PolyDG.fine_system`.
     """
 
     def __init__(
@@ -55,7 +54,7 @@ class DiffusionTask:
         problem: Diffusion,
         hierarchy: Hierarchy,
         how: PolyDG,
-        wishes: Wishes,
+        overrides: Overrides,
         count: int | None,
         units: UnitForms | None = None,
         plan: Plan | None = None,
@@ -65,23 +64,30 @@ class DiffusionTask:
             raise OptionError("a diffusion problem needs a mesh; this hierarchy belongs to a bare graph")
         self.numbering = numbering or numbering_for(hierarchy)
         self.problem, self.hierarchy = self.numbering.problem(problem), self.numbering.hierarchy
-        self.count, self._penalty, self._wishes, self._plan = count, how.penalty, wishes, plan
+        self.count, self._overrides, self._plan = count, overrides, plan
+        self._how, self._mesh = how, hierarchy.fine
         try:
             self.basis: Basis = how.basis(self.numbering.mesh) if units is None else units.basis
-            self.fine = fine_system(self.problem, self.hierarchy, how, self.basis, units)
+            self.fine = how.fine_system(self.problem, solvers.own_mesh(self.hierarchy), self.basis, units)
         except AggloError:
             if self.numbering.cells is not None:
-                fine_system(problem, hierarchy, how)  # says the same with the user's numbers of cells
+                # The error of the user's numbering names the user's cells
+                how.fine_system(problem, solvers.own_mesh(hierarchy))
             raise
 
     @property
     def plan(self) -> Plan:
         """How the levels are made."""
         if self._plan is None:
-            self._plan = plan_for(self.problem, self.fine, self.basis, self._wishes)
+            self._plan = self._choose(self._overrides)
         return self._plan
 
-    def forget_plan(self) -> None:
+    def _choose(self, overrides: Overrides) -> Plan:
+        kappa, sigma = cell_means(self.basis.mesh, self.problem.kappa), self.fine.sigma
+        assert sigma is not None  # every discretised system has a penalty
+        return choose(self.basis.mesh, sigma, kappa, self.basis.degree, overrides, self.fine.A.diagonal())
+
+    def renew_plan(self) -> None:
         """Levels are made anew, for this problem."""
         self._plan = None
 
@@ -103,7 +109,7 @@ class DiffusionTask:
     @property
     def advice(self) -> str:
         """Whether a direct solver would take less time."""
-        return advice_of_multigrid(self.fine.A, self.plan.kind, 1, self._penalty)
+        return solvers.advice_of_multigrid(self.fine.A, self.plan.kind, 1, self._how.penalty)
 
     @property
     def cycle(self) -> str:
@@ -115,25 +121,25 @@ class DiffusionTask:
         """Whether cycles are in single precision."""
         return bool(self.plan.dtype == np.float32)
 
-    def in_double(self) -> None:
+    def use_double(self) -> None:
         """Go on in double precision."""
         if self.single:
             reason = f"{self.plan.reason}; double precision took over"
             self._plan = replace(self.plan, dtype=np.float64, reason=reason)
 
-    def retreat(self) -> bool:
+    def change_method(self) -> bool:
         """Go on in double precision or, if that is what failed, by patches if the recipe was not fixed.
 
         False if there is nothing left to try.
         """
         if self.single:
-            self.in_double()
+            self.use_double()
             return True
-        if self.plan.recipe == "patches" or self._wishes.recipe != "auto":
+        if self.plan.recipe == "patches" or self._overrides.recipe != "auto":
             return False
         failed = f"{self.plan.reason}, which failed"
-        other = Wishes("patches", self._wishes.cycle, "double")
-        plan = plan_for(self.problem, self.fine, self.basis, other)
+        other = Overrides("patches", self._overrides.cycle, "double")
+        plan = self._choose(other)
         self._plan = replace(plan, reason=f"{plan.reason} in place of: {failed}")
         self.__dict__.pop("labels", None)  # levels that the recipe before did without
         return True
@@ -150,7 +156,7 @@ class DiffusionTask:
     def labels(self) -> list[Int]:
         """Labels of the levels, finest first."""
         wanted = self.hierarchy.levels or self.makes_levels
-        first = self.plan.cells_per_part(self.basis.degree)
+        first = cells_per_part(self.plan, self.basis.degree)
         return levels_by_default(self.hierarchy, self.count, first) if wanted else []
 
     def stack(self) -> Any:
@@ -160,22 +166,22 @@ class DiffusionTask:
         of a matrix whose diagonal is a little larger. It is only their own: what is solved stays as it is. If
         that does not help either another recipe is taken, unless one was asked for.
         """
-        for more in _RAISED:
+        for more in _SHIFTS:
             try:
-                return self.plan.stack(self.problem, self._raised(more), self.basis, self.labels)
+                return build(self.plan, self.problem, self._shifted(more), self.basis, self.labels)
             except np.linalg.LinAlgError:
-                self.in_double()
+                self.use_double()
         self._plan = replace(
-            self.plan, reason=f"{self.plan.reason}; levels of a diagonal larger by {_MOST:g}"
+            self.plan, reason=f"{self.plan.reason}; levels of a diagonal larger by {_LARGEST_SHIFT:g}"
         )
         try:
-            return self.plan.stack(self.problem, self._raised(_MOST), self.basis, self.labels)
+            return build(self.plan, self.problem, self._shifted(_LARGEST_SHIFT), self.basis, self.labels)
         except np.linalg.LinAlgError:
-            if not self.retreat():
+            if not self.change_method():
                 raise
         return self.stack()
 
-    def _raised(self, part: float) -> FineSystem:
+    def _shifted(self, part: float) -> solvers.FineSystem:
         """The system with a part of the diagonal of its matrix added to it."""
         A = self.fine.A
         if part == 0.0:
@@ -218,15 +224,19 @@ class DiffusionTask:
         )
         return [found]
 
+    def given_back(self, solution: Solution) -> Solution:
+        """The solution on the mesh of the user, in whose numbering it is given back."""
+        return self.numbering.solution(replace(solution, discretisation=self._how, mesh=self._mesh))
+
     def unsolved(self, reason: str) -> list[History]:
         """The history of an iteration that could not start."""
-        return [unsolved(self.fine.b, reason)]
+        return [solvers.unsolved(self.fine.b, reason)]
 
     def solution(
         self,
         histories: Sequence[History],
         operators: list[tuple[Any, Any]],
-        watch: Stopwatch,
+        watch: solvers.Stopwatch,
         tolerance: float,
     ) -> Solution:
         """The solution that histories lead to."""

@@ -27,8 +27,8 @@ from agglo_core.authoring import (
     curve_order,
     frozen_float,
     frozen_int,
+    solvers,
 )
-from agglo_polydg_mg.solver.operators import own_mesh
 from agglo_polydg_mg.space.walk import FEW, SCATTERED
 
 
@@ -135,7 +135,7 @@ def numbering_for(hierarchy: Hierarchy) -> Numbering:
     if mesh is None or graph.n < FEW[mesh.dim] or not _scattered(graph.indptr, graph.indices, mesh.dim):
         return Numbering(hierarchy)
     cells = curve_order(graph.centroids)
-    there = own_mesh(hierarchy).renumbered(cells)
+    there = solvers.own_mesh(hierarchy).renumbered(cells)
     levels = [labels[cells] for labels in hierarchy.levels]
     return Numbering(replace(hierarchy, fine=there, graph=there.graph, levels=levels), cells)
 

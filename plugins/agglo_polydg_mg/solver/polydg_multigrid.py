@@ -7,13 +7,22 @@ from typing import ClassVar, Literal
 import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
-from agglo_core.authoring import Hierarchy, Listener, OptionError, Problem, Solution, multigrid
+from agglo_core.authoring import (
+    Hierarchy,
+    Listener,
+    OptionError,
+    Problem,
+    Solution,
+    multigrid,
+    phase,
+    solvers,
+)
 from agglo_polydg_mg.forms.penalty import Penalty
-from agglo_polydg_mg.option_checks import require_count, require_fraction, require_name, show_options
 from agglo_polydg_mg.polydg import PolyDG
+from agglo_polydg_mg.solver.choose import CYCLES, PRECISIONS, RECIPES, Overrides
 from agglo_polydg_mg.solver.diffusion_task import DiffusionTask
-from agglo_polydg_mg.solver.recipes import CYCLES, PRECISIONS, RECIPES, Wishes
-from agglo_polydg_mg.solver.repeated_solves import RepeatedSolves, task_for
+from agglo_polydg_mg.solver.phases import Task, iterate, set_up, solved, task_for, unsolved
+from agglo_polydg_mg.solver.repeated_solves import RepeatedSolves
 
 
 class PolyDGMultigrid:
@@ -65,22 +74,22 @@ class PolyDGMultigrid:
         penalty: Penalty = "sharp",
         levels: int | None = None,
     ) -> None:
-        require_fraction("tolerance", tolerance)
-        require_count("max_iterations", max_iterations, 1)
+        solvers.require_fraction("tolerance", tolerance)
+        solvers.require_count("max_iterations", max_iterations, 1)
         for name, value, known in (
             ("recipe", recipe, RECIPES),
             ("cycle", cycle, CYCLES),
             ("precision", precision, PRECISIONS),
         ):
-            require_name(name, value, known)
+            solvers.require_name(name, value, known)
         if levels is not None:
-            require_count("levels", levels, 2)
+            solvers.require_count("levels", levels, 2)
         self.discretisation = PolyDG(degree, penalty, scaled_basis=True)
         self.tolerance, self.max_iterations, self.levels = tolerance, max_iterations, levels
-        self.wishes = Wishes(recipe, cycle, precision)
+        self.overrides = Overrides(recipe, cycle, precision)
 
     def __repr__(self) -> str:
-        return show_options(self)
+        return solvers.show_options(self)
 
     def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
         """Solve; ``converged`` and ``reason`` say how it ended, ``choice`` which recipe was taken and why.
@@ -97,7 +106,23 @@ class PolyDGMultigrid:
         MeshError
             Of cells that overlap themselves.
         """
-        return self.repeated(hierarchy).solve(problem, progress)
+        watch = solvers.Stopwatch()
+        with watch("assemble"), phase(progress, "assembling"):
+            task = self._task(problem, hierarchy)
+        try:
+            # The plan of the levels is chosen from mesh, penalty and coefficient when they are built
+            stack = set_up(task, watch, progress)
+            histories = iterate(task, stack, self.tolerance, self.max_iterations, watch, progress)
+            # Where a preconditioner fails, double precision or another recipe goes on from where it ended
+            while any(each.preconditioner_failed for each in histories) and task.change_method():
+                del stack  # frees the memory for the other levels
+                stack = set_up(task, watch, progress, "setting up other levels")
+                histories = iterate(
+                    task, stack, self.tolerance, self.max_iterations, watch, progress, histories
+                )
+        except np.linalg.LinAlgError as error:
+            return unsolved(task, str(error), watch, self.tolerance)
+        return solved(task, histories, stack, watch, self.tolerance)
 
     def repeated(self, hierarchy: Hierarchy) -> RepeatedSolves:
         """What solves problems on a hierarchy one after the other, as in time stepping, and keeps levels.
@@ -107,7 +132,7 @@ class PolyDGMultigrid:
         return RepeatedSolves(
             hierarchy,
             self.discretisation,
-            self.wishes,
+            self.overrides,
             self.levels,
             self.tolerance,
             self.max_iterations,
@@ -123,10 +148,13 @@ class PolyDGMultigrid:
         MeshError
             As :meth:`solve`.
         """
-        task = task_for(problem, hierarchy, self.discretisation, self.wishes, self.levels)
-        task.in_double()
+        task = self._task(problem, hierarchy)
+        task.use_double()
         try:
             M = multigrid.cycle(task.stack(), task.cycle)
         except np.linalg.LinAlgError as failure:
             raise OptionError(f"there is no preconditioner for this matrix: {failure}") from failure
         return task.numbering.operator(M) if isinstance(task, DiffusionTask) else task.preconditioner(M)
+
+    def _task(self, problem: Problem, hierarchy: Hierarchy) -> Task:
+        return task_for(problem, hierarchy, self.discretisation, self.overrides, self.levels)

@@ -3,63 +3,34 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
 
 from agglo_core.authoring import (
-    Diffusion,
     Float,
     Hierarchy,
     History,
-    Linear,
     Listener,
-    OptionError,
     Problem,
     Solution,
     frozen_float,
-    multigrid,
     phase,
+    solvers,
 )
 from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.polydg import PolyDG
+from agglo_polydg_mg.solver.choose import Overrides, Plan
 from agglo_polydg_mg.solver.diffusion_task import DiffusionTask
 from agglo_polydg_mg.solver.earlier_solutions import KEPT, best_combination
-from agglo_polydg_mg.solver.linear_task import LinearTask
 from agglo_polydg_mg.solver.numbering import Numbering
-from agglo_polydg_mg.solver.recipes import Plan, Wishes
-from agglo_polydg_mg.stopwatch import Stopwatch
-
-Task = DiffusionTask | LinearTask
+from agglo_polydg_mg.solver.phases import Task, iterate, set_up, solved, task_for, unsolved
 
 _MORE: Final = 1.5
 """Levels are renewed once a solve takes more than so many times the iterations of fresh ones from 0, and
 within a solve whose first iterations promise that."""
 _FAR_MORE: Final = 3.0
 """A solve that takes more than so many times those goes on with fresh levels."""
-
-
-def task_for(
-    problem: Problem,
-    hierarchy: Hierarchy,
-    how: PolyDG,
-    wishes: Wishes,
-    count: int | None,
-    units: UnitForms | None = None,
-    plan: Plan | None = None,
-    numbering: Numbering | None = None,
-) -> Task:
-    """A problem with a hierarchy, checked and, if it is a diffusion problem, discretised.
-
-    The ``units`` are those of the basis of an earlier diffusion problem on the hierarchy, if there was one,
-    and so is the ``numbering``; the ``plan`` is that of its levels, if they are kept.
-    """
-    if isinstance(problem, Diffusion):
-        return DiffusionTask(problem, hierarchy, how, wishes, count, units, plan, numbering)
-    if isinstance(problem, Linear):
-        return LinearTask(problem, hierarchy, wishes, count)
-    raise OptionError(f"a problem is a Diffusion or a Linear, given {type(problem).__name__}")
 
 
 class RepeatedSolves:
@@ -98,13 +69,13 @@ class RepeatedSolves:
         self,
         hierarchy: Hierarchy,
         how: PolyDG,
-        wishes: Wishes,
+        overrides: Overrides,
         count: int | None,
         tolerance: float,
         most: int,
     ) -> None:
         self.setups = 0
-        self._made_of = (hierarchy, how, wishes, count)
+        self._made_of = (hierarchy, how, overrides, count)
         self._tolerance, self._most = tolerance, most
         self._kept: Any = None
         self._usual: float | None = None  # iterations from 0 with fresh levels
@@ -120,7 +91,7 @@ class RepeatedSolves:
 
     def solve(self, problem: Problem, progress: Listener | None = None) -> Solution:
         """Solve, as :meth:`.PolyDGMultigrid.solve` does, with the same errors."""
-        watch, setups = Stopwatch(), self.setups
+        watch, setups = solvers.Stopwatch(), self.setups
         with watch("assemble"), phase(progress, "assembling"):
             plan = self._plan if self._kept else None
             task = task_for(problem, *self._made_of, self._units, plan, self._numbering)
@@ -135,30 +106,13 @@ class RepeatedSolves:
             histories = self._histories(task, watch, progress)
         except np.linalg.LinAlgError as error:
             self._kept = None
-            unsolved = task.unsolved(str(error))
-            nothing = task.solution(unsolved, [(task.A, None)], watch, self._tolerance)
-            return _given_back(task, replace(nothing, choice=task.choice, **self._meaning(task)))
-        stack = self._kept
-        fresh = self.setups > setups  # else nothing is as cheap as to go on
-        solution = replace(
-            task.solution(histories, stack.operators, watch, self._tolerance),
-            operator_complexity=stack.operator_complexity,
-            grid_complexity=stack.grid_complexity,
-            parts=task.parts(stack),
-            memory=stack.memory,
-            choice=task.choice + ("" if fresh else "; levels of an earlier system"),
-            advice=task.advice if fresh else "",
-            **self._meaning(task),
-        )
+            return unsolved(task, str(error), watch, self._tolerance)
+        fresh = self.setups > setups
+        solution = solved(task, histories, self._kept, watch, self._tolerance, fresh=fresh)
         self._judge(histories)
-        return _given_back(task, solution)
+        return solution
 
-    def _meaning(self, task: Task) -> dict[str, Any]:
-        """What x means: on the mesh of the user, whose numbering it is given back in."""
-        hierarchy, how, *_ = self._made_of
-        return {"discretisation": how, "mesh": hierarchy.fine} if isinstance(task, DiffusionTask) else {}
-
-    def _histories(self, task: Task, watch: Stopwatch, progress: Listener | None) -> list[History]:
+    def _histories(self, task: Task, watch: solvers.Stopwatch, progress: Listener | None) -> list[History]:
         """Iterate with the levels there are, then as far as needed with fresh ones, then with others."""
         histories = self._started(task, watch)
         if self._paused:
@@ -173,15 +127,15 @@ class RepeatedSolves:
                 self._pause = 0
                 return histories
             self._pause = self._paused = max(1, 2 * self._pause)
-        task.forget_plan()
-        self._renew(task, histories, watch, progress, "setting up the levels")
+        task.renew_plan()
+        self._renew(task, histories, watch, progress)
         histories = self._iterate(task, self._most, histories, watch, progress)
-        while any(each.preconditioner_failed for each in histories) and task.retreat():
+        while any(each.preconditioner_failed for each in histories) and task.change_method():
             self._renew(task, histories, watch, progress, "setting up other levels")
             histories = self._iterate(task, self._most, histories, watch, progress)
         return histories
 
-    def _started(self, task: Task, watch: Stopwatch) -> list[History] | None:
+    def _started(self, task: Task, watch: solvers.Stopwatch) -> list[History] | None:
         """Histories of no iterations that end where to begin; None to begin from 0."""
         columns = task.columns
         if not self._earlier or [each.shape for each in self._earlier[-1]] != [b.shape for b in columns]:
@@ -198,16 +152,12 @@ class RepeatedSolves:
         self,
         task: Task,
         before: list[History] | None,
-        watch: Stopwatch,
+        watch: solvers.Stopwatch,
         progress: Listener | None,
-        title: str,
+        title: str = "setting up the levels",
     ) -> None:
         self._kept = None  # the levels of before are not needed while those to come are made
-        if isinstance(task, DiffusionTask) and task.makes_levels:
-            with watch("hierarchy"), phase(progress, "agglomerating"):
-                _ = task.labels  # made when first asked for
-        with watch("setup"), phase(progress, title):
-            self._kept = task.stack()
+        self._kept = set_up(task, watch, progress, title)
         self._plan = task.plan if isinstance(task, DiffusionTask) else None
         self.setups, self._usual = self.setups + 1, None
         self._before = [each.iterations for each in before or ()]
@@ -217,16 +167,11 @@ class RepeatedSolves:
         task: Task,
         most: int,
         before: list[History] | None,
-        watch: Stopwatch,
+        watch: solvers.Stopwatch,
         progress: Listener | None,
         pace: float | None = None,
     ) -> list[History]:
-        """Histories of all columns, at most so many iterations together with those done before."""
-        left = most - max((each.iterations for each in before or () if not each.final), default=0)
-        M = multigrid.cycle(self._kept, task.cycle)
-        with watch("solve"), phase(progress, "solving") as tell:
-            found = task.iterate(M, self._tolerance, left, before, tell, pace)
-        return found if before is None else [_joined(*each) for each in zip(before, found, strict=True)]
+        return iterate(task, self._kept, self._tolerance, most, watch, progress, before, pace)
 
     def _judge(self, histories: list[History]) -> None:
         """Keep the solutions for the next system, and the levels if they serve."""
@@ -245,11 +190,6 @@ class RepeatedSolves:
             self._kept = None
 
 
-def _given_back(task: Task, solution: Solution) -> Solution:
-    """The solution in the numbering of the user."""
-    return task.numbering.solution(solution) if isinstance(task, DiffusionTask) else solution
-
-
 def _finished(histories: list[History], most: int) -> bool:
     return all(each.final or each.iterations >= most for each in histories)
 
@@ -263,12 +203,3 @@ def _digits(residuals: Float) -> float:
     """Digits by which residuals fell."""
     first, last = float(residuals[0]), float(residuals[-1])
     return math.log10(first / last) if 0.0 < last < first else 0.0
-
-
-def _joined(first: History, second: History) -> History:
-    """One history of two, the second of which went on from where the first ended, if it had to."""
-    if second is first or not first.iterations:
-        return second
-    residuals = np.concatenate((first.residuals, second.residuals[1:]))
-    gains = np.concatenate((first.gains, second.gains))
-    return replace(second, residuals=frozen_float(residuals), gains=frozen_float(gains))

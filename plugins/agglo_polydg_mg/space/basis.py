@@ -23,9 +23,9 @@ from agglo_core.authoring import (
     frozen_float,
     frozen_int,
     over_ranges,
+    solvers,
 )
 from agglo_polydg_mg.forms.sides import Sides, sides_of
-from agglo_polydg_mg.option_checks import require_count
 from agglo_polydg_mg.space.polynomials import legendre, n_polynomials, orders, products, slopes
 from agglo_polydg_mg.space.quadrature import moments, per_cell, weighted_moments
 from agglo_polydg_mg.space.solid_geometry import boxes_of_solids
@@ -62,7 +62,7 @@ class Basis:
     scaled: bool = False
 
     def __post_init__(self) -> None:
-        require_count("degree", self.degree, 1, 6)
+        solvers.require_count("degree", self.degree, 1, 6)
 
     @property
     def n_local(self) -> int:

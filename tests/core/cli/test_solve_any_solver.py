@@ -40,8 +40,8 @@ from agglo_core.problems import (
     read_problem,
     require_accepted,
 )
-from agglo_core.problems.solution_report import report
 from agglo_core.registry import default
+from agglo_core.solvers.solution_report import report
 
 COMPONENTS = [
     Component("solver", "fluxes", "cell_values:Fluxes"),
@@ -289,7 +289,7 @@ sys.path.append({str(Path(__file__).parents[2])!r})
 from types import SimpleNamespace
 from agglo_core import Component, hookimpl
 from agglo_core.cli import main
-from agglo_core.problems.solution_report import report
+from agglo_core.solvers.solution_report import report
 from agglo_core.registry import default
 theirs = [Component("solver", "fluxes", "cell_values:Fluxes")]
 if "fluxes" in sys.argv:

@@ -20,7 +20,7 @@ from agglo_core.draw.webpage.solve_curves import history_picture
 from agglo_core.draw.webpage.solve_section import solve_section
 from agglo_core.errors import FileError, OptionError
 from agglo_core.problems import Linear, Solution
-from agglo_core.problems.solution_report import report
+from agglo_core.solvers.solution_report import report
 
 EVIL = "<b>&amp;</script><script>document.title = 1</script>"
 MESH = samples.squares(2)

@@ -29,7 +29,7 @@ from agglo_core.refine.objective_choice import chosen_objective
 from agglo_core.registry.construct import construct
 from agglo_polydg_mg.paper.composed_multigrid import ComposedMultigrid
 from agglo_polydg_mg.paper.paper_multigrid import PaperMultigrid
-from agglo_polydg_mg.paper.smoothers import smoother_of
+from agglo_polydg_mg.paper.schwarz import smoother_of
 
 ROOT = Path(__file__).parents[3]
 

@@ -1,0 +1,235 @@
+"""Plain conjugate gradients, whose iterates are judged some iterations later."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from agglo_core.arrays import Float, frozen_float
+from agglo_core.multigrid.krylov.lanczos import failure
+from agglo_core.multigrid.krylov.recursion import Recursion
+from agglo_core.multigrid.krylov.stopping import SAID, Restarts
+from agglo_core.problems.iteration_history import MET, TESTS, Ended, History, iterated
+from agglo_core.problems.residuals.backward_error import joints_told, magnitudes
+from agglo_core.problems.residuals.row_scales import lifted, penalised_rows, row_measure, row_sizes
+from agglo_core.problems.residuals.sizes import Measure, energy_of_solution, size_ratio, two_norm
+from agglo_core.progress import Tell, to_nobody
+
+_ILL_CONDITIONED = "the matrix is singular, or nearly so: "
+_AHEAD = 10
+"""Iterations by which the look-ahead follows an iterate, and that part of those done."""
+
+
+def conjugate_gradients(
+    A: Any,
+    b: Float,
+    tolerance: float = 1e-6,
+    most: int = 10_000,
+    measure: Measure | None = None,
+    energy: Measure | None = None,
+    tell: Tell = to_nobody,
+) -> History:
+    """Plain conjugate gradients from 0 until residual and energy error are ``tolerance`` or less.
+
+    Parameters
+    ----------
+    A : (n, n) sparse
+    b : (n,) float
+    tolerance : float
+    most : int
+        Iterations.
+    measure : callable, optional
+        Of residuals; by default :func:`~agglo_core.problems.residuals.row_scales.row_measure`.
+    energy : callable, optional
+        Of x: the norm that ‖e‖_A is compared with, e being the error; by default (b·x)^½.
+    tell : callable, optional
+        Told how far the iteration has come, see :func:`iterated`.
+
+    Notes
+    -----
+    Where the residual of the recursion is small enough b − A x is computed, and the iteration continues for
+    some steps whose coefficients give ‖e‖_A; these steps are not counted if x is right. If b − A x turns out
+    to be another vector the recursion restarts from it, and is given up once that gains nothing. So the count
+    is that of the first iterate which is right, as in the paper's tables;
+    :func:`~agglo_core.multigrid.krylov.pcg.pcg` counts all iterations.
+
+    Values imposed by penalties on the diagonal are taken out of the system first, unless ``measure`` or
+    ``energy`` is given (:func:`~agglo_core.problems.residuals.row_scales.lifted`). Rows with penalties are
+    scaled to the size of the others, as products with such numbers leave no digits to the others.
+
+    As in MATLAB's ``pcg``, an iteration that does not converge returns the iterate of smallest residual,
+    whose number is the length of the history; ``reason`` says how many iterations were done.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> from agglo_core.authoring import conjugate_gradients
+    >>> A = sparse.diags_array([1.0, 2.0, 4.0]).tocsr()
+    >>> history = conjugate_gradients(A, np.ones(3))
+    >>> history.x.round(6), history.iterations, history.converged
+    (array([1.  , 0.5 , 0.25]), 3, True)
+    """
+    if measure is None and energy is None:
+        offset, load = lifted(A, b)
+        tests = row_measure(A, load), energy_of_solution(load)
+        history = conjugate_gradients(A, load, tolerance, most, *tests, tell)
+        return replace(history, x=frozen_float(offset + history.x)) if offset.any() else history
+    weights = _weights(A)
+    cg = Recursion(np.zeros(len(b)), b.copy())
+    cg.precondition(_weighted(weights, cg.r))
+    cg.restart()
+    ahead = _LookAhead(
+        A, b, weights, tolerance, measure or row_measure(A, b), energy or energy_of_solution(b)
+    )
+    residuals, sizes, best, smallest = [_length(cg, weights)], [ahead.measure(cg.r)], cg.x, 0
+    gains: list[float] = []
+    ahead.met, ahead.ended = not b.any(), "underflow" if b.any() and not cg.zr else ""
+    while not (ahead.met or ahead.ended) and (len(gains) < most or ahead.x is not None):
+        Ap = A @ cg.p
+        ahead.ended = _breakdown(A, cg, Ap)
+        if ahead.ended:
+            break
+        cg.move(Ap)
+        cg.precondition(_weighted(weights, cg.r))
+        cg.turn()
+        residuals.append(_length(cg, weights))
+        gains.append(cg.gain)
+        sizes.append(ahead.check(cg, len(gains)))
+        if sizes[-1] < sizes[smallest]:
+            best, smallest = cg.x, len(sizes) - 1
+        tell(*iterated(len(gains), sizes[-1], tolerance))
+    if ahead.met:
+        x = cg.x if ahead.x is None else ahead.x
+        kept = frozen_float(residuals[: ahead.at + 1])
+        won = frozen_float(gains[: ahead.at])
+        norm = ahead.energy_norm
+        return History(
+            frozen_float(x), kept, True, MET, ahead.error, TESTS, "met", gains=won, energy_norm=norm
+        )
+    exact = b - A @ best  # rounding may keep it from the residual of the recursion
+    size = max(sizes[smallest], ahead.measure(exact))
+    reason = ahead.reason(size, smallest, len(gains)) + joints_told(A)
+    kept = frozen_float([*residuals[:smallest], max(residuals[smallest], float(np.linalg.norm(exact)))])
+    passed = TESTS[: size <= tolerance]
+    return History(frozen_float(best), kept, False, reason, None, passed, ahead.ended or "most iterations")
+
+
+def _breakdown(A: Any, cg: Recursion, Ap: Float) -> Ended:
+    """Return why no step can be made along p, or nothing."""
+    if cg.curve(Ap):
+        ended = failure(cg.p, Ap, magnitudes(A, cg.p))
+        if ended in ("singular matrix", "indefinite matrix"):
+            return ended
+    return "" if cg.curvature > 0.0 else "indefinite matrix"
+
+
+@dataclass(eq=False)
+class _LookAhead:
+    """Decide whether an iterate is right from the steps that follow it.
+
+    The candidate ``x`` is that of iteration ``at``, its energy norm is ``energy_norm``. What the steps after
+    it take from ‖e‖_A² and the bound at the last one add up to its error.
+    """
+
+    A: Any
+    b: Float
+    weights: Float | None
+    tolerance: float
+    measure: Measure
+    energy: Measure
+    met: bool = False
+    ended: Ended = ""
+    error: float = np.inf
+    x: Float | None = None
+    at: int = 0
+    energy_norm: float = 0.0
+    _text: str = ""  # of the reason, if not that of ``ended``
+    _gained: float = 0.0
+    _drift: float = 0.0
+    _restarts: Restarts = field(default_factory=lambda: Restarts(patience=1))
+
+    def check(self, cg: Recursion, done: int) -> float:
+        """Return the size of the residual after step number ``done``, that of b − A x where it decides."""
+        size = self.measure(cg.r)
+        if self.x is not None:
+            self._gained += cg.gain
+            if done >= self.at + max(_AHEAD, self.at // _AHEAD) or not cg.zr:
+                self._decide(cg)
+        elif size <= self.tolerance and self._likely(cg):
+            exact = self.b - self.A @ cg.x
+            size = max(size, self.measure(exact))
+            self._drift = float(np.linalg.norm(exact - cg.r))
+            if size <= self.tolerance:
+                self.x, self.at, self._gained = cg.x, done, 0.0
+                if not cg.zr:
+                    self._decide(cg)
+            else:
+                self._restart(cg, exact)
+        return size
+
+    def _likely(self, cg: Recursion) -> bool:
+        """Return whether the bound of the error at this step is small enough."""
+        if self.energy_norm and not size_ratio(cg.error_bound(), self.energy_norm) <= self.tolerance:
+            return False  # even by an earlier Ritz value
+        if not self._has_spectrum(cg):
+            return False
+        self.energy_norm = self.energy(cg.x)
+        self.error = size_ratio(cg.error_bound(), self.energy_norm)
+        return self.error <= self.tolerance
+
+    def _decide(self, cg: Recursion) -> None:
+        """Accept the candidate if its error is small, or discard it."""
+        if not self._has_spectrum(cg):
+            return
+        rounding = self._drift / float(np.sqrt(cg.ritz.least))
+        error = float(np.sqrt(self._gained + cg.error_bound() ** 2)) + rounding
+        self.error = size_ratio(error, self.energy_norm)
+        self.met = self.error <= self.tolerance
+        if not self.met:
+            self.x = None
+            if size_ratio(rounding, self.energy_norm) > 0.5 * self.tolerance:
+                self._restart(cg, self.b - self.A @ cg.x)
+
+    def _has_spectrum(self, cg: Recursion) -> bool:
+        """Refresh the smallest Ritz value; end if it is not positive."""
+        if not cg.ritz.refresh() > 0.0:
+            self.ended, self._text = "singular matrix", _ILL_CONDITIONED
+        return not self.ended
+
+    def _restart(self, cg: Recursion, exact: Float) -> None:
+        """Restart from b − A x; end if the restart before has gained nothing."""
+        cg.r = exact
+        cg.precondition(_weighted(self.weights, exact))
+        cg.restart()
+        if self._restarts.add((self.measure(exact), cg.x, exact)):
+            self.ended = "stagnation"
+
+    def reason(self, size: float, at: int, done: int) -> str:
+        """Describe an iteration that has not converged."""
+        near = f", energy error about {self.error:.1e}" if size <= self.tolerance else ""
+        wanted = f"smallest relative residual {size:.1e} in iteration {at} of {done}{near}"
+        return f"{self._text or SAID.get(self.ended, '')}{wanted}, wanted {self.tolerance:.1e}"
+
+
+def _weights(A: Any) -> Float | None:
+    """Weights ``(n,)`` that scale rows with penalties to the size of the others; None without such rows."""
+    rows = penalised_rows(A)
+    if not len(rows):
+        return None
+    sizes = row_sizes(A)
+    others = np.delete(sizes, rows)
+    weights = np.ones(len(sizes))
+    weights[rows] = np.median(others if len(others) else sizes) / sizes[rows]
+    return frozen_float(weights)
+
+
+def _weighted(weights: Float | None, r: Float) -> Float:
+    return r if weights is None else frozen_float(weights * r)
+
+
+def _length(cg: Recursion, weights: Float | None) -> float:
+    """‖r‖, which is known from r·r without weights."""
+    return float(np.sqrt(cg.zr)) if weights is None else two_norm(cg.r)

@@ -1,0 +1,1 @@
+"""Sizes of residuals, and how far rounding lets them fall."""

@@ -1,0 +1,121 @@
+"""How far an iterate is from all that double precision allows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from agglo_core.arrays import Float
+from agglo_core.problems.iteration_history import History
+from agglo_core.problems.residuals.sizes import size_ratio, two_norm
+from agglo_core.problems.residuals.stiff_springs import stiffest_joint
+
+LIMIT = 2.0 * float(np.finfo(float).eps)
+"""Backward error of what rounding keeps from being better: direct solvers reach a tenth to a half of it."""
+_ROWS = 4096  # of blocks
+_TWO_DIGITS = 0.01
+"""Of the energy error: where it is larger the matrix is as good as singular, and x is not called accurate."""
+
+
+def backward_error(A: Any, x: Float, b: Float) -> float | None:
+    """‖b − A x‖ / ‖|A| |x| + |b|‖, entry by entry under the norm; None if A is not known entry by entry.
+
+    x solves exactly a system whose residual could come of entries of A and b that are wrong by this part of
+    themselves. To round x, or to compute b − A x, makes as much as half of an ulp of each: below
+    :data:`LIMIT` no solver in double precision does better, whatever its residual is next to ‖b‖.
+
+    Parameters
+    ----------
+    A : (n, n) sparse or array
+    x, b : (n,) float
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> A, b = np.array([[2.0, 1.0], [1.0, 3.0]]), np.array([3.0, 4.0])
+    >>> f"{backward_error(A, np.array([1.0, 1.0 + 1e-8]), b):.1e}"
+    '3.2e-09'
+    """
+    if not is_known(A):
+        return None
+    return size_ratio(two_norm(b - A @ x), two_norm(magnitudes(A, x) + np.abs(b)))
+
+
+def is_known(A: Any) -> bool:
+    """Whether A is known entry by entry: a sparse matrix or an array."""
+    return sparse.issparse(A) or isinstance(A, np.ndarray)
+
+
+def magnitudes(A: Any, x: Float) -> Float:
+    """|A| |x| ``(n,)``; 0 if A is not known entry by entry.
+
+    A few rows of blocks at a time: a copy of all of A takes longer than the product.
+    """
+    if not is_known(A):
+        return np.zeros(len(x))
+    if getattr(A, "format", "") != "bsr" or not A.has_canonical_format:
+        product: Float = abs(A) @ np.abs(x)
+        return product
+    height, found = A.blocksize[0], np.zeros(A.shape[0])
+    for first in range(0, len(A.indptr) - 1, _ROWS):
+        starts = A.indptr[first : first + _ROWS + 1]
+        own = slice(starts[0], starts[-1])
+        shape = ((len(starts) - 1) * height, A.shape[1])
+        part = sparse.bsr_array((np.abs(A.data[own]), A.indices[own], starts - starts[0]), shape=shape)
+        found[first * height : first * height + shape[0]] = part @ np.abs(x)
+    return found
+
+
+def joints_told(A: Any) -> str:
+    """Return the end of a reason that names two unknowns whose stiff spring hides what else holds them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> A = np.eye(9)
+    >>> A[:2, :2] += 1e12 * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    >>> joints_told(A)
+    '; unknowns 0 and 1 are joined so stiffly (entry -1.0e+12) that rounding hides what else holds them'
+    >>> joints_told(np.eye(9))
+    ''
+    """
+    joint = stiffest_joint(A) if is_known(A) else None
+    if joint is None:
+        return ""
+    i, j = joint
+    entry = f"entry {float(sparse.csr_array(A)[i, j]):.1e}"
+    return f"; unknowns {i} and {j} are joined so stiffly ({entry}) that rounding hides what else holds them"
+
+
+def limit_told(history: History, A: Any, b: Float) -> History:
+    """The history of a method whose residual fell no further, with the backward error of its iterate.
+
+    It ended by ``"rounding"`` if that is :data:`LIMIT` or less and the energy error leaves two digits. The
+    reason of any history that did not converge names two stiffly joined unknowns, if there are such
+    (:func:`joints_told`).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> from agglo_core.authoring import History, limit_told
+    >>> A, b = sparse.diags_array([1.0, 2.0]).tocsr(), np.ones(2)
+    >>> known = np.array([1.0, 0.5]), np.array([1.0, 1e-9]), False, "stagnation: 1e-9", 1e-10
+    >>> told = limit_told(History(*known, ended="stagnation"), A, b)
+    >>> told.ended, told.reason
+    ('rounding', 'as accurate as double precision allows (backward error 0e+00): 1e-9')
+    """
+    if not history.converged:
+        history = replace(history, reason=history.reason + joints_told(A))
+    error = backward_error(A, history.x, b) if history.ended == "stagnation" else None
+    if error is None:
+        return history
+    known = history.energy_error is not None and history.energy_error <= _TWO_DIGITS
+    if not (known and error <= LIMIT):
+        return replace(history, backward_error=error)
+    sizes = history.reason.split(": ", 1)[-1]
+    reason = f"as accurate as double precision allows (backward error {error:.0e}): {sizes}"
+    return replace(history, ended="rounding", backward_error=error, reason=reason)

@@ -1,0 +1,168 @@
+"""Sizes of the rows of a symmetric matrix, and residuals and loads that respect them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.problems.residuals.backward_error import is_known
+from agglo_core.problems.residuals.sizes import Measure, relative_to
+from agglo_core.problems.residuals.stiff_springs import imposed_differences
+
+_ALIKE = 100.0
+#: Rows whose diagonal entries differ by no more than this factor are compared by their 2-norm alone.
+_PENALTY = 1e3
+#: Least ratio of a penalty to the other entries of its row, and to the least diagonal entry of the matrix.
+
+
+def row_sizes(A: Any) -> Float:
+    """Positive size of each row ``(n,)``: its diagonal entry, or its largest entry if that is not positive.
+
+    In a positive definite matrix |a_ij| is below (a_ii a_jj)^½, so these sizes are a scale of its
+    entries whatever the units of the unknowns are. A row of zeros has the size 1.
+
+    Parameters
+    ----------
+    A : (n, n) sparse or array
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> row_sizes(np.array([[1e12, -1.0], [-1.0, 2.0]]))
+    array([1.e+12, 2.e+00])
+    """
+    sizes = np.array(A.diagonal(), dtype=np.float64)
+    if not (sizes > 0.0).all():
+        largest = np.asarray(abs(sparse.csr_array(A)).max(axis=1).todense()).ravel()
+        sizes = np.where(sizes > 0.0, sizes, np.where(largest > 0.0, largest, 1.0))
+    return frozen_float(sizes)
+
+
+def row_measure(A: Any, b: Float) -> Measure:
+    """Measure of residuals r of A x = b that sees rows of every size.
+
+    It is ‖r‖ / ‖b‖ where the rows are of similar size. Otherwise it is the largest of three such ratios,
+    those of r and b, of D^-½ r and D^-½ b and of D⁻¹ r and D⁻¹ b, D being the sizes of the rows: a residual
+    in rows of small entries would be hidden by loads of rows of large entries, and vice versa. The second
+    ratio does not depend on the units of the unknowns.
+
+    Parameters
+    ----------
+    A : (n, n) sparse, array or LinearOperator
+        Of a LinearOperator no sizes of rows are known.
+    b : (n,) float
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> measure = row_measure(np.diag([1e12, 1.0]), np.array([1e12, 0.0]))
+    >>> measure(np.array([0.0, 0.5]))
+    0.5
+    """
+    plain = relative_to(b)
+    sizes = row_sizes(A) if is_known(A) else frozen_float([])
+    if not len(sizes) or not sizes.max() > _ALIKE * sizes.min():
+        return plain
+    root = np.sqrt(np.median(sizes)) / np.sqrt(sizes)
+    scaled = [(weight, relative_to(weight * b)) for weight in (root, root * root)]
+    return lambda r: max(plain(r), *(measure(weight * r) for weight, measure in scaled))
+
+
+def penalised_rows(A: Any) -> Int:
+    """Numbers of the rows whose diagonal entry alone determines their unknown.
+
+    It is a thousand times the other entries of the row together, and a thousand times the least diagonal
+    entry of the matrix, as where values are imposed by a large number on the diagonal.
+
+    Parameters
+    ----------
+    A : (n, n) sparse, array or LinearOperator
+        Of a LinearOperator no rows are known.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> penalised_rows(np.array([[1e12, -1.0], [-1.0, 2.0]]))
+    array([0])
+    """
+    if not is_known(A):
+        return frozen_int([])
+    diagonal, sizes = np.asarray(A.diagonal(), dtype=np.float64), row_sizes(A)
+    large = frozen_int(np.flatnonzero(diagonal >= _PENALTY * sizes.min(initial=np.inf)))
+    if not len(large):
+        return large
+    others = abs(_rows_without_diagonal(A, large)).sum(axis=1)
+    return frozen_int(large[diagonal[large] >= _PENALTY * others])
+
+
+def lifted(A: Any, b: Float, rows: Int | None = None) -> tuple[Float, Float]:
+    """Offset that solves some rows of A x = b for their diagonal entries, and the load that is left.
+
+    With x = offset + y, A y = load = b − A offset. Penalties times imposed values are no part of the load:
+    residuals and energies of y are those of the other unknowns. In the given rows the load is computed from
+    the other entries alone: b_i − a_ii offset_i is 0 but for rounding of b_i.
+
+    Loads across stiff springs are then taken out in the same way
+    (:func:`~agglo_core.problems.residuals.stiff_springs.imposed_differences`).
+
+    Parameters
+    ----------
+    A : (n, n) sparse or array
+    b : (n,) or (n, k) float
+    rows : (m,) int, optional
+        By default :func:`penalised_rows`.
+
+    Returns
+    -------
+    offset, load : float, of the shape of b
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> A = np.array([[1e12, -1.0], [-1.0, 2.0]])
+    >>> lifted(A, np.array([3e12, 0.0]))
+    (array([3., 0.]), array([0., 3.]))
+    """
+    rows = penalised_rows(A) if rows is None else rows
+    offset = np.zeros(b.shape)
+    if not is_known(A):
+        return frozen_float(offset), b
+    if not b[rows].any():
+        return _without_spring_loads(A, frozen_float(offset), b)
+    offset[rows] = (b[rows].T / A.diagonal()[rows]).T
+    load = b - A @ offset
+    load[rows] = 0.0 - _rows_without_diagonal(A, rows) @ offset
+    return _without_spring_loads(A, frozen_float(offset), frozen_float(load))
+
+
+def _without_spring_loads(A: Any, offset: Float, b: Float) -> tuple[Float, Float]:
+    """Add to an offset what loads across springs impose; returns it and the load that is left."""
+    sizes = row_sizes(A)
+    imposed = [imposed_differences(A, each, sizes) for each in np.atleast_2d(b.T)]
+    if all(each is None for each in imposed):
+        return offset, b
+    offsets, loads = np.atleast_2d(offset.T).copy(), np.atleast_2d(b.T).copy()
+    for own, load, each in zip(offsets, loads, imposed, strict=True):
+        if each is not None:
+            own[each.members] += each.values
+            added = np.zeros(len(load))
+            added[each.members] = each.values
+            load -= A @ added
+            load[each.members] = 0.0 - _rows_without(A, each.members, each.label) @ added
+    return frozen_float(offsets.T.reshape(b.shape)), frozen_float(loads.T.reshape(b.shape))
+
+
+def _rows_without_diagonal(A: Any, rows: Int) -> Any:
+    """Some rows ``(m, n)`` of a matrix with zeros in place of its diagonal entries."""
+    return _rows_without(A, rows, frozen_int(np.arange(A.shape[0])))
+
+
+def _rows_without(A: Any, rows: Int, label: Int) -> Any:
+    """Some rows ``(m, n)`` of a matrix with zeros in place of entries between unknowns of equal label."""
+    some = sparse.csr_array(sparse.csr_array(A)[rows])
+    own = np.repeat(label[rows], np.diff(some.indptr))
+    data = np.where(label[some.indices] == own, 0.0, some.data)
+    return sparse.csr_array((data, some.indices, some.indptr), shape=some.shape)

@@ -1,0 +1,44 @@
+"""Solvers that need no discretisation of their own, and what solvers of plugins share."""
+
+from agglo_core.problems.iteration_history import unsolved
+from agglo_core.solvers.advice import Kind, advice_of_multigrid
+from agglo_core.solvers.fine_system import FineSystem, chosen_levels, fine_system, own_mesh
+from agglo_core.solvers.linear_task import LinearTask
+from agglo_core.solvers.option_checks import (
+    chosen,
+    require_count,
+    require_fraction,
+    require_name,
+    require_positive,
+    require_truth,
+    show_options,
+)
+from agglo_core.solvers.plain_cg import PlainCG
+from agglo_core.solvers.residual_measure import ResidualMeasure
+from agglo_core.solvers.scaling import data_size, factor_for, times, unscaled
+from agglo_core.solvers.stopwatch import Stopwatch
+
+__all__ = [
+    "FineSystem",
+    "Kind",
+    "LinearTask",
+    "PlainCG",
+    "ResidualMeasure",
+    "Stopwatch",
+    "advice_of_multigrid",
+    "chosen",
+    "chosen_levels",
+    "data_size",
+    "factor_for",
+    "fine_system",
+    "own_mesh",
+    "require_count",
+    "require_fraction",
+    "require_name",
+    "require_positive",
+    "require_truth",
+    "show_options",
+    "times",
+    "unscaled",
+    "unsolved",
+]

@@ -1,0 +1,172 @@
+"""A sparse direct solver with a true account of its error: what multigrid methods are measured by."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, ClassVar, Literal, cast
+
+import numpy as np
+from scipy.sparse.linalg import LinearOperator
+
+from agglo_core.arrays import Float, frozen_float
+from agglo_core.errors import OptionError
+from agglo_core.hierarchy import Hierarchy
+from agglo_core.problems import Linear, Problem, Solution
+from agglo_core.problems.iteration_history import MET, TESTS, History, unsolved
+from agglo_core.problems.residuals.backward_error import limit_told
+from agglo_core.problems.residuals.sizes import size_ratio, two_norm
+from agglo_core.progress import Listener, phase
+from agglo_core.registry import Registry
+from agglo_core.solvers.advice import Kind, advice_of_direct
+from agglo_core.solvers.backends import AUTO, BACKENDS, Solves, chosen_backend
+from agglo_core.solvers.fine_system import FineSystem, discretisation, fine_system
+from agglo_core.solvers.option_checks import require_count, require_fraction, show_options
+from agglo_core.solvers.stopwatch import Stopwatch
+
+
+class Direct:
+    """Factorisation of a linear system, or of that of PolyDG, with refinement until the solution is right.
+
+    The levels of the hierarchy are not used. An iteration is one solve with the factors; the first one
+    nearly always suffices. The energy error is that of one more solve, for the residual that is left.
+
+    Parameters
+    ----------
+    degree : int
+        Of the polynomials, 1..6.
+    tolerance : float
+        Of the residual relative to the right-hand side, by
+        :class:`~agglo_core.solvers.residual_measure.ResidualMeasure`, and of the energy error.
+    max_refinements : int
+        Further solves that may improve the first one.
+    penalty : float, "paper" or "sharp"
+        Of jumps, as the discretisation ``polydg`` has it.
+    scaled_basis : bool
+        Scale the basis by the size of each cell's bounding box. The paper does not.
+    backend : "auto", "pardiso", "cholmod" or "superlu"
+        See :mod:`~agglo_core.solvers.backends`; by default the first one that is installed.
+    registry : Registry, optional
+        Where the discretisation ``polydg`` is looked up; by default that of the program.
+
+    Raises
+    ------
+    OptionError
+        For a value that does not fit, or a backend that is not installed.
+    """
+
+    accepts: ClassVar[tuple[str, ...]] = ("diffusion", "linear")
+    needs_levels: ClassVar[bool] = False
+    tells_progress: ClassVar[bool] = True
+
+    def __init__(
+        self,
+        degree: int = 1,
+        tolerance: float = 1e-6,
+        max_refinements: int = 3,
+        penalty: float | Literal["paper", "sharp"] = 10.0,
+        scaled_basis: bool = False,
+        backend: str = AUTO,
+        *,
+        registry: Registry | None = None,
+    ) -> None:
+        require_fraction("tolerance", tolerance)
+        require_count("max_refinements", max_refinements, 0)
+        chosen_backend(backend)
+        self.discretisation = discretisation(
+            "polydg", registry, degree=degree, penalty=penalty, scaled_basis=scaled_basis
+        )
+        self.tolerance, self.max_refinements, self.backend = tolerance, max_refinements, backend
+
+    def __repr__(self) -> str:
+        return show_options(self)
+
+    def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
+        """Factorise and solve; ``converged`` and ``reason`` say how it ended.
+
+        Raises
+        ------
+        OptionError
+            If problem and hierarchy do not fit, or data are not finite.
+        MeshError
+            For a mesh of cells that overlap themselves.
+        """
+        watch = Stopwatch()
+        with watch("assemble"), phase(progress, "assembling"):
+            fine = fine_system(problem, hierarchy, self.discretisation)
+        backend = chosen_backend(self.backend)
+        try:
+            with watch("setup"), phase(progress, "factorising", backend):
+                solves = BACKENDS[backend](fine.A)
+            with watch("solve"), phase(progress, "solving"):
+                history = _refined(fine, solves, self.tolerance, self.max_refinements)
+        except np.linalg.LinAlgError as failure:
+            history = unsolved(fine.b, str(failure))
+        solution = fine.solution(history, [(fine.A, None)], watch, self.tolerance)
+        return replace(solution, advice=advice_of_direct(fine.A, self._kind(problem, fine), backend))
+
+    def _kind(self, problem: Problem, fine: FineSystem) -> Kind:
+        """What polydg_mg would smooth."""
+        if isinstance(problem, Linear):
+            return "linear"
+        return cast("Kind", self.discretisation.matrix_kind(problem, fine))
+
+    def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:
+        """The inverse ``(n, n)`` of the system's matrix; takes several right-hand sides ``(n, k)`` at once.
+
+        Raises
+        ------
+        OptionError
+            As :meth:`solve`, or if the matrix cannot be factorised.
+        """
+        fine = fine_system(problem, hierarchy, self.discretisation)
+        try:
+            solves = BACKENDS[chosen_backend(self.backend)](fine.A)
+        except np.linalg.LinAlgError as failure:
+            raise OptionError(f"the matrix has no inverse to precondition with: {failure}") from failure
+        inverse = LinearOperator(
+            fine.A.shape, matvec=solves, rmatvec=solves, matmat=solves, rmatmat=solves, dtype=np.float64
+        )
+        return fine.preconditioner(inverse)
+
+
+def _refined(fine: FineSystem, solves: Solves, tolerance: float, most: int) -> History:
+    """Solve, then add corrections for b − A x until residual and error are small, at most ``most`` times."""
+    b = fine.b
+    x, residuals = np.zeros(len(b)), [two_norm(b)]
+    size, error, energy = (fine.measure(b), np.inf, True) if b.any() else (0.0, 0.0, True)
+    correction = solves(b)
+    while not (size <= tolerance and error <= tolerance) and len(residuals) <= most + 1:
+        better = x + correction
+        if not np.isfinite(better).all():
+            raise np.linalg.LinAlgError("the factorisation broke down: the matrix is singular, or nearly so")
+        r = b - fine.A @ better
+        if not fine.measure(r) < size:
+            break
+        x, size = better, fine.measure(r)
+        residuals.append(two_norm(r))
+        correction = solves(r)
+        error, energy = _error(fine, x, r, correction)
+    passed = (size <= tolerance, error <= tolerance)
+    met = tuple(name for name, ok in zip(TESTS, passed, strict=True) if ok and (energy or name != TESTS[1]))
+    estimate = error if energy and np.isfinite(error) else None
+    known = (frozen_float(x), frozen_float(residuals))
+    if all(passed):
+        return History(*known, True, MET, estimate, met, "met")
+    sizes = f"relative residual {size:.1e}, error about {error:.1e} after {len(residuals) - 1} iterations"
+    sizes = f"{sizes}, wanted {tolerance:.1e}"
+    told = limit_told(History(*known, False, sizes, estimate, met, "stagnation"), fine.A, b)
+    if told.final:
+        return told
+    joints = told.reason.removeprefix(sizes)
+    return replace(told, reason=f"{sizes}: the matrix is singular, or nearly so{joints}")
+
+
+def _error(fine: FineSystem, x: Float, r: Float, correction: Any) -> tuple[float, bool]:
+    """The error of x that the correction sees, relative to x; whether that is in the energy norm.
+
+    Where a product that has to be positive is not, the matrix has no such norm: 2-norms are compared then.
+    """
+    square = float(correction @ r)
+    if square < 0.0 or float(fine.b @ x) < 0.0:
+        return size_ratio(two_norm(correction), two_norm(x)), False
+    return size_ratio(float(np.sqrt(square)), fine.measure.energy(x)), True

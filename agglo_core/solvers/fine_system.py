@@ -1,0 +1,212 @@
+"""The system on the mesh that a solver is given: discretised, or brought as it is."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import LinearOperator
+
+from agglo_core.arrays import Float, Int, frozen_float
+from agglo_core.errors import OptionError, PluginError
+from agglo_core.hierarchy import Hierarchy
+from agglo_core.mesh import Mesh
+from agglo_core.problems import Lifting, Linear, Problem, Solution
+from agglo_core.problems.iteration_history import History
+from agglo_core.problems.linear import symmetric_system
+from agglo_core.problems.residuals.row_scales import lifted, row_measure
+from agglo_core.registry import Registry, default
+from agglo_core.registry.construct import resolve
+from agglo_core.solvers.residual_measure import ResidualMeasure
+from agglo_core.solvers.scaling import factor_for, matrix_factor, unscaled, unscaled_matrix
+from agglo_core.solvers.stopwatch import Stopwatch
+
+_log = logging.getLogger("agglo")
+
+
+class FineSystem(NamedTuple):
+    """System on the mesh: matrix, right-hand side ``(n,)``, unknowns of a cell, measure of residuals.
+
+    ``offset (n,)`` is what was taken out of the solution of A x = ``full``, if anything: b = full − A offset.
+    All are ``factor`` times those of the problem, a power of two, 1 where no squares under- or overflow; the
+    matrix is ``matrix_factor`` times that of the problem, and x the quotient of both times the solution.
+    ``sigma (n_faces,)`` is the penalty of the jumps, of what is discretised here; ``meaning`` is what
+    unknowns are, and on which mesh.
+    """
+
+    A: Any
+    b: Float
+    width: int
+    measure: ResidualMeasure
+    full: Float
+    offset: Float | None = None
+    factor: float = 1.0
+    sigma: Float | None = None
+    meaning: tuple[Any, Mesh] | None = None
+    matrix_factor: float = 1.0
+
+    def solution(
+        self, history: History, operators: list[tuple[Any, Any]], watch: Stopwatch, tolerance: float
+    ) -> Solution:
+        """The solution of A x = full that a history on A x = b leads to; ``watch`` has timed its phases."""
+        x = rest = self._solution_of_problem(history.x)
+        lifting = None
+        if self.offset is not None:
+            offset = self._solution_of_problem(self.offset)
+            x, lifting = frozen_float(offset + rest), Lifting(offset, rest, unscaled(self.b, self.factor))
+        how, mesh = self.meaning or (None, None)
+        return Solution(
+            x=x,
+            A=unscaled_matrix(self.A, self.matrix_factor),
+            b=unscaled(self.full, self.factor),
+            operators=[(unscaled_matrix(A, self.matrix_factor), P) for A, P in operators],
+            residuals=frozen_float(history.residuals / self.factor),
+            converged=history.converged,
+            reason=history.reason,
+            iterations=history.iterations,
+            seconds=watch.wall,
+            cpu_seconds=watch.cpu,
+            energy_error=history.energy_error,
+            tests=history.tests,
+            energy_errors=history.energy_errors,
+            tolerance=tolerance,
+            lifting=lifting,
+            backward_error=history.backward_error,
+            rounding_limited=history.ended == "rounding",
+            discretisation=how,
+            mesh=mesh,
+        )
+
+    def preconditioner(self, M: LinearOperator) -> LinearOperator:
+        """The preconditioner for the matrix of the problem that one for ``A`` is."""
+        return M if self.matrix_factor == 1.0 else self.matrix_factor * M
+
+    def _solution_of_problem(self, x: Float) -> Float:
+        return unscaled(unscaled(x, self.factor), 1.0 / self.matrix_factor)
+
+
+def discretisation(name: str, registry: Registry | None = None, **options: Any) -> Any:
+    """Build a discretisation by name, or return None if no plugin offers it: linear systems need none.
+
+    Raises
+    ------
+    OptionError
+        For options that it refuses.
+    """
+    known = default() if registry is None else registry
+    try:
+        target = resolve(known.record("discretisation", name))
+    except PluginError as missing:
+        _log.debug("%s", missing)
+        return None
+    return target(**options)
+
+
+def fine_system(problem: Problem, hierarchy: Hierarchy, how: Any) -> FineSystem:
+    """Return the system on the mesh of a hierarchy.
+
+    A linear system is taken as it is. Any other problem is discretised by ``how.fine_system(problem, mesh)``,
+    if the discretisation accepts its kind.
+
+    Raises
+    ------
+    OptionError
+        If problem and hierarchy do not fit, cells of a linear system have unequal numbers of unknowns, or
+        values are not finite; as :func:`~agglo_core.problems.linear.symmetric_system`.
+    """
+    if isinstance(problem, Linear):
+        return _given(problem, hierarchy.graph.n)
+    if how is None:
+        raise OptionError(
+            f"a problem of kind {problem.kind} must be discretised, and no installed plugin offers that: "
+            "give a Linear problem, or install the plugin with the discretisation polydg"
+        )
+    if getattr(problem, "kind", None) not in how.accepts:
+        raise OptionError(f"a problem is a Diffusion or a Linear, given {type(problem).__name__}")
+    system: FineSystem = how.fine_system(problem, own_mesh(hierarchy))
+    return system
+
+
+def _given(problem: Linear, n: int) -> FineSystem:
+    width = _width(problem, n)
+    matrix, full = symmetric_system(problem)
+    factor, factor_of_matrix = factor_for(float(np.abs(full).max(initial=0.0))), matrix_factor(matrix)
+    matrix, b = matrix if factor_of_matrix == 1.0 else factor_of_matrix * matrix, frozen_float(factor * full)
+    offset, load = lifted(matrix, b)
+    offset_or_none = offset if offset.any() else None
+    measure = ResidualMeasure(load, rows=row_measure(matrix, load))
+    return FineSystem(
+        sparse.bsr_array(matrix, blocksize=(width, width)),
+        load,
+        width,
+        measure,
+        b,
+        offset_or_none,
+        factor,
+        matrix_factor=factor_of_matrix,
+    )
+
+
+def _width(problem: Linear, n: int) -> int:
+    """Unknowns of each of the ``n`` cells."""
+    sizes = np.diff(problem.block_offsets)
+    if len(sizes) != n:
+        raise OptionError(f"the system has unknowns in {len(sizes)} cells, the hierarchy {n} cells")
+    if sizes.min() != sizes.max() or sizes[0] == 0:
+        raise OptionError(
+            f"every cell must have the same number of unknowns; given {sizes.min()} to {sizes.max()}"
+        )
+    return int(sizes[0])
+
+
+def own_mesh(hierarchy: Hierarchy) -> Mesh:
+    """The mesh of a hierarchy, whose graph and levels must be of that mesh."""
+    mesh, measures = hierarchy.fine, hierarchy.graph.measures
+    if mesh is None:
+        raise OptionError("a diffusion problem needs a mesh; this hierarchy belongs to a bare graph")
+    if len(measures) != mesh.n_cells:
+        raise OptionError(
+            f"the hierarchy belongs to another mesh: its levels have {len(measures)} cells, {mesh!r} has "
+            f"{mesh.n_cells}"
+        )
+    other = np.flatnonzero(~np.isclose(measures, mesh.cell_measures, rtol=1e-6, atol=0.0))
+    if len(other):
+        raise OptionError(
+            f"the hierarchy belongs to another mesh: in its graph cell {other[0]} has the area "
+            f"{measures[other[0]]:g}, in {mesh!r} {mesh.cell_measures[other[0]]:g}"
+        )
+    return mesh
+
+
+def chosen_levels(hierarchy: Hierarchy, levels: int | None = None) -> list[Int]:
+    """Labels of the coarse levels of a multigrid method, finest first.
+
+    Parameters
+    ----------
+    hierarchy : Hierarchy
+    levels : int, optional
+        How many of mesh, level 0, 1, … to use, the mesh included; by default all.
+
+    Raises
+    ------
+    OptionError
+        If there are fewer, or none of them has fewer parts than the mesh has cells.
+    """
+    most = len(hierarchy.levels) + 1
+    if levels is not None and not 2 <= levels <= most:
+        raise OptionError(f"levels must lie in 2..{most}, mesh and coarse levels together; given {levels}")
+    chosen, finer = [], hierarchy.graph.n
+    for level, labels in enumerate(hierarchy.levels[: levels - 1 if levels else None]):
+        parts = int(labels.max()) + 1
+        if parts < finer:
+            chosen.append(labels)
+            finer = parts
+        else:
+            _log.info("level %d is skipped: its %d parts are no fewer than the %d above", level, parts, finer)
+    if not chosen and hierarchy.graph.n > 1:  # one cell is its own coarsest level
+        raise OptionError(
+            f"no level of the hierarchy is coarser than its {hierarchy.graph.n} cells: ask for fewer parts"
+        )
+    return chosen

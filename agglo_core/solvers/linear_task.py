@@ -1,0 +1,227 @@
+"""Linear systems as the default solver takes them: blocks of any sizes, several right-hand sides."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from scipy.sparse.linalg import LinearOperator
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.errors import OptionError
+from agglo_core.hierarchy import Hierarchy
+from agglo_core.multigrid import is_classical, stack_of_system
+from agglo_core.multigrid.krylov.pcg import pcg_columns
+from agglo_core.problems import Linear, Solution, System
+from agglo_core.problems.iteration_history import TESTS, History, unsolved
+from agglo_core.problems.residuals.sizes import two_norm
+from agglo_core.progress import Tell
+from agglo_core.solvers.advice import advice_of_multigrid
+from agglo_core.solvers.fine_system import chosen_levels
+from agglo_core.solvers.scaling import factor_for, matrix_factor, unscaled, unscaled_matrix
+from agglo_core.solvers.stopwatch import Stopwatch
+
+
+class LinearTask:
+    """A linear system, its unknowns in the cells of a hierarchy.
+
+    One unknown in each cell, and at most one near-null vector, of positive entries: classical coarsening of
+    the matrix or, with the recipe ``"agglomerates"``, one classical step and then the agglomerates of the
+    hierarchy. Other systems: smoothed aggregation by the agglomerates, as far as they suit the matrix;
+    without any, aggregates come from the graph of the matrix. Blocks are those of the cells that have
+    unknowns.
+
+    Raises
+    ------
+    OptionError
+        If a recipe for diffusion is asked for, blocks are not those of the cells of the hierarchy, or as
+        :class:`~agglo_core.problems.System`.
+    """
+
+    def __init__(
+        self,
+        problem: Linear,
+        hierarchy: Hierarchy,
+        count: int | None = None,
+        recipe: str = "auto",
+        cycle: str = "auto",
+        precision: str = "auto",
+    ) -> None:
+        if recipe not in ("auto", "agglomerates"):
+            raise OptionError(f"recipe {recipe!r} is for diffusion; linear systems take auto or agglomerates")
+        offsets, cells = np.asarray(problem.block_offsets), hierarchy.graph.n
+        self._cells = cells
+        if len(offsets) != cells + 1:
+            raise OptionError(
+                f"the system has unknowns in {len(offsets) - 1} cells, the hierarchy {cells} cells"
+            )
+        used = np.flatnonzero(np.diff(offsets) != 0)
+        self._equal = len(used) == cells and len(set(np.diff(offsets).tolist())) == 1
+        given = System(
+            problem.A, problem.b, np.append(offsets[used], offsets[-1]), None, _columns(problem.near_null)
+        )
+        self.system, self._given, self._matrix_factor = given, given.A, matrix_factor(given.A)
+        if self._matrix_factor != 1.0:
+            parts = given.b, given.block_offsets, None, given.near_null
+            self.system = System.trusted(self._matrix_factor * given.A, *parts)
+        if recipe == "agglomerates" and not hierarchy.levels:
+            raise OptionError("recipe 'agglomerates' needs a hierarchy with levels; this one has none")
+        self._classical = is_classical(self.system)
+        labelled = recipe == "agglomerates" or not self._classical
+        self._labels = [_numbered(each[used]) for each in _levels(hierarchy, count)] if labelled else []
+        self.cycle: Any = "V" if cycle == "auto" else cycle
+        self.dtype: Any = np.float32 if precision == "single" else np.float64
+        whole = self.system.b.reshape(self.system.n, -1)
+        self._factors = [factor_for(float(np.abs(each).max())) for each in whole.T]
+        self._b = frozen_float(whole * np.array(self._factors))
+        self._doubled = ""
+
+    @property
+    def A(self) -> Any:
+        """The matrix ``(n, n)``, times a power of two."""
+        return self.system.A
+
+    @property
+    def columns(self) -> list[Float]:
+        """The right-hand sides."""
+        return list(self._b.T)
+
+    @property
+    def choice(self) -> str:
+        """Which levels, and why."""
+        aggregates = "agglomerates" if self._labels else "the graph of the matrix"
+        how = f"smoothed aggregation by {aggregates}"
+        if self._classical:
+            how = "a classical step, then " + how if self._labels else "classical coarsening"
+        return f"{how}, {self.cycle}-cycle, {np.dtype(self.dtype).name}" + self._doubled
+
+    @property
+    def advice(self) -> str:
+        """Whether a direct solver would take less time; ``direct`` takes cells of equal size only."""
+        if not self._equal:
+            return ""
+        return advice_of_multigrid(self.system.A, "linear", self._b.shape[1])
+
+    @property
+    def single(self) -> bool:
+        """Whether cycles are in single precision."""
+        return bool(self.dtype == np.float32)
+
+    def use_double(self) -> None:
+        """Go on in double precision."""
+        if self.single:
+            self.dtype, self._doubled = np.float64, "; double precision took over"
+
+    def renew_plan(self) -> None:
+        """Levels are made as ever."""
+
+    def change_method(self) -> bool:
+        """Go on in double precision; False if that is what failed."""
+        single = self.single
+        self.use_double()
+        return single
+
+    def stack(self) -> Any:
+        """Build the levels; LinAlgError if a block is not positive definite."""
+        return stack_of_system(self.system, self._labels, self.dtype)
+
+    def preconditioner(self, M: LinearOperator) -> LinearOperator:
+        """The preconditioner for the matrix of the problem that a cycle is."""
+        return M if self._matrix_factor == 1.0 else self._matrix_factor * M
+
+    def parts(self, stack: Any) -> tuple[int | None, ...]:
+        """Agglomerates of each level: None of all but the first, which may come of the matrix alone."""
+        return self._cells, *(None for _ in stack.levels[1:])
+
+    def iterate(
+        self,
+        M: LinearOperator,
+        tolerance: float,
+        most: int,
+        before: Sequence[History] | None,
+        tell: Tell,
+        pace: float | None = None,
+    ) -> list[History]:
+        """Conjugate gradients, each column from where it ended before: histories of all columns."""
+        found = list(before or ())
+        todo = [j for j in range(self._b.shape[1]) if not (found and found[j].final)]
+        start = np.stack([found[j].x for j in todo], axis=1) if found else None
+        new = pcg_columns(
+            self.system.A,
+            self._b[:, todo],
+            M,
+            start,
+            tolerance=tolerance,
+            most=most,
+            stop="both",
+            probe=False,
+            pace=pace,
+            tell=tell,
+        )
+        if not found:
+            return list(new)
+        for j, history in zip(todo, new, strict=True):
+            found[j] = history
+        return found
+
+    def given_back(self, solution: Solution) -> Solution:
+        """The solution itself, as unknowns keep their numbers."""
+        return solution
+
+    def unsolved(self, reason: str) -> list[History]:
+        """The histories of an iteration that could not start."""
+        return [unsolved(each, reason) for each in self._b.T]
+
+    def solution(
+        self,
+        histories: Sequence[History],
+        operators: list[tuple[Any, Any]],
+        watch: Stopwatch,
+        tolerance: float,
+    ) -> Solution:
+        """The solution that histories lead to; see :class:`~agglo_core.problems.Solution` on columns."""
+        back = 1.0 / self._matrix_factor
+        columns = [
+            unscaled(unscaled(each.x, f), back) for each, f in zip(histories, self._factors, strict=True)
+        ]
+        last = max(range(len(histories)), key=lambda j: _badness(histories[j]))
+        converged = all(each.converged for each in histories)
+        worst, errors = histories[last], [each.energy_error for each in histories]
+        residuals = np.array(worst.residuals)
+        if not worst.converged:  # the last one was updated, not computed from x
+            residuals[-1] = two_norm(self._b[:, last] - self.system.A @ worst.x)
+        return Solution(
+            x=frozen_float(np.stack(columns, axis=1).reshape(self.system.b.shape)),
+            A=self._given,
+            b=self.system.b,
+            operators=[(unscaled_matrix(A, self._matrix_factor), P) for A, P in operators],
+            residuals=frozen_float(residuals / self._factors[last]),
+            converged=converged,
+            reason=worst.reason,
+            iterations=worst.iterations,
+            seconds=watch.wall,
+            cpu_seconds=watch.cpu,
+            energy_error=None if None in errors else max(each for each in errors if each is not None),
+            tests=tuple(name for name in TESTS if all(name in each.tests for each in histories)),
+            energy_errors=worst.energy_errors,
+            tolerance=tolerance,
+            backward_error=max((each.backward_error or 0.0 for each in histories), default=0.0) or None,
+            rounding_limited=not converged and all(each.final for each in histories),
+        )
+
+
+def _badness(history: History) -> tuple[bool, int, float]:
+    return not history.converged, history.iterations, history.relative_residual or 0.0
+
+
+def _columns(near_null: Any) -> Any:
+    return near_null if near_null is None or np.ndim(near_null) != 1 else np.asarray(near_null)[:, None]
+
+
+def _levels(hierarchy: Hierarchy, count: int | None) -> list[Int]:
+    return chosen_levels(hierarchy, count) if hierarchy.levels else []
+
+
+def _numbered(labels: Int) -> Int:
+    return frozen_int(np.unique(labels, return_inverse=True)[1])

@@ -1,0 +1,217 @@
+"""What ``agglo solve`` says of a solution, as plain data and as text."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from agglo_core.arrays import Float
+from agglo_core.mesh import Mesh
+from agglo_core.multigrid.krylov.look_ahead import conjugate_gradients
+from agglo_core.problems.discretisation import Discretisation, Problem
+from agglo_core.problems.residuals.row_scales import row_measure
+from agglo_core.problems.solution import Solution
+from agglo_core.progress import Listener, phase
+
+_COLUMNS = 80
+_TIE = "\N{NO-BREAK SPACE}"
+_USUAL_ERRORS = ("error_l2", "error_dg")
+
+
+def report(
+    mesh: Mesh,
+    problem: Problem,
+    solution: Solution,
+    how: Discretisation | None = None,
+    cg_tolerance: float | None = None,
+    progress: Listener | None = None,
+) -> dict[str, Any]:
+    """Plain data of a solution.
+
+    Parameters
+    ----------
+    how : Discretisation, optional
+        Gives error norms, loads and the size of residuals. Without it there are no errors, the energy is
+        bᵀx, and residuals are measured by their 2-norm.
+    cg_tolerance : float, optional
+        If given, the iterations of plain conjugate gradients from 0 to this tolerance, with the same test;
+        None if 10,000 do not suffice.
+    progress : callable, optional
+        Told of the phases; plain conjugate gradients are the long one.
+
+    Returns
+    -------
+    dict
+        ``cells`` of a level is the number of its agglomerates, None if its unknowns belong to none,
+        ``nonzeros`` the number of stored entries of its matrix, None if it is not known entry by entry;
+        ``energy`` is fᵀu, the work of source and fluxes; ``relative_residual`` is the measure of b − A x,
+        without an offset that the solver took out; ``energy_error``, ``energy_errors``, ``tests_met`` and
+        ``tolerance``, ``outcome`` and ``backward_error`` are what the solution says of itself;
+        ``error_l2``, ``error_dg`` and others of the discretisation are norms, not relative, and None if
+        unknown; ``operator_complexity`` is the number of matrix entries of all levels over those of the
+        finest, ``grid_complexity`` the number of unknowns; ``contraction`` is the mean factor by which the
+        residual fell, ``asymptotic_contraction`` that over the latter half of the iterations; ``memory``,
+        ``cpu_seconds``, ``choice`` and ``advice`` are what the solver tells, None or empty if nothing.
+    """
+    matrices = _matrices(solution)
+    dofs = [A.shape[0] for A in matrices]
+    sizes = zip(_parts(mesh, solution, dofs), dofs, map(_entries, matrices), strict=True)
+    rest, b = _solved(solution)
+    measure = how.residual_measure(problem, mesh, b) if how else row_measure(solution.A, b)
+    with phase(progress, "measuring", "errors"):
+        norms = how.errors(problem, mesh, solution.x) if how else {}
+        load = how.load(problem, mesh, solution.b) if how else solution.b
+    with np.errstate(over="ignore", invalid="ignore"):
+        energy = float(np.vdot(load, solution.x))
+    return {
+        "dofs": dofs[0],
+        "levels": [{"cells": k, "dofs": n, "nonzeros": entries} for k, n, entries in sizes],
+        "iterations": solution.iterations,
+        "converged": bool(solution.converged),
+        "reason": solution.reason,
+        "relative_residual": measure(b - solution.A @ rest),
+        "energy_error": solution.energy_error,
+        "tests_met": list(solution.tests),
+        "residuals": np.asarray(solution.residuals).tolist(),
+        **error_entries(norms),
+        "energy": energy,
+        "operator_complexity": _known(solution.operator_complexity, operator_complexity(solution)),
+        "cg_iterations": _plain_cg(solution, cg_tolerance, measure, progress),
+        "seconds": dict(solution.seconds),
+        "cpu_seconds": dict(solution.cpu_seconds),
+        "grid_complexity": _known(solution.grid_complexity, float(sum(dofs) / dofs[0])),
+        "contraction": solution.contraction,
+        "asymptotic_contraction": solution.asymptotic_contraction,
+        "memory": solution.memory,
+        "choice": solution.choice,
+        "advice": solution.advice,
+        "tolerance": solution.tolerance,
+        "energy_errors": np.asarray(solution.energy_errors).tolist(),
+        "outcome": solution.outcome,
+        "backward_error": solution.backward_error,
+    }
+
+
+def error_entries(norms: Mapping[str, float]) -> dict[str, float | None]:
+    """Norms of errors as a report has them, the usual ones None if they are not known."""
+    known = {f"error_{name}": float(value) for name, value in norms.items()}
+    return {**dict.fromkeys(_USUAL_ERRORS), **known}
+
+
+def operator_complexity(solution: Solution) -> float | None:
+    """Matrix entries of all levels over those of the finest; None where one is not known entry by entry."""
+    entries = [_entries(A) for A in _matrices(solution)]
+    known = [count for count in entries if count is not None]
+    return float(sum(known) / known[0]) if len(known) == len(entries) else None
+
+
+def _parts(mesh: Mesh, solution: Solution, dofs: list[int]) -> list[int | None]:
+    """Agglomerates of each level: as told, otherwise by the unknowns of a cell, if that gives a number."""
+    if solution.parts:
+        return list(solution.parts)
+    counts = [divmod(n * mesh.n_cells, dofs[0]) for n in dofs]
+    return [None if rest else count for count, rest in counts]
+
+
+def _known(told: float | None, found: float | None) -> float | None:
+    return found if told is None else told
+
+
+def _entries(A: Any) -> int | None:
+    return int(np.count_nonzero(A)) if isinstance(A, np.ndarray) else getattr(A, "nnz", None)
+
+
+def _matrices(solution: Solution) -> list[Any]:
+    """That of each level, finest first; of a solver that names no levels, that of the system."""
+    return [A for A, _ in solution.operators] or [solution.A]
+
+
+def _solved(solution: Solution) -> tuple[Float, Float]:
+    """Unknowns and right-hand side of what was solved: x and b, or what is left without an offset."""
+    lifting = solution.lifting
+    return (solution.x, solution.b) if lifting is None else (lifting.rest, lifting.load)
+
+
+def _plain_cg(
+    solution: Solution,
+    tolerance: float | None,
+    measure: Callable[[Float], float],
+    progress: Listener | None,
+) -> int | None:
+    if tolerance is None:
+        return None
+    b, energy = _solved(solution)[1], getattr(measure, "energy", None)
+    with phase(progress, "counting iterations of plain CG") as tell:
+        history = conjugate_gradients(solution.A, b, tolerance, measure=measure, energy=energy, tell=tell)
+    return history.iterations if history.converged else None
+
+
+def _state(data: Mapping[str, Any]) -> str:
+    """How it ended, and the sizes that decide."""
+    met = f" by {' and '.join(data['tests_met'])}" if data["tests_met"] else ""
+    state = f"converged after {data['iterations']} iterations ({data['reason']}{met})"
+    if not data["converged"]:
+        last = f"the solution is that of iteration {data['iterations']}"
+        state = f"{data['outcome'].upper()}: {data['reason']}; {last}"
+    state = f"{state}, relative residual {data['relative_residual']:.2e}"
+    return state if data["energy_error"] is None else f"{state}, energy error {data['energy_error']:.2e}"
+
+
+def text(title: str, data: Mapping[str, Any], columns: int = _COLUMNS) -> str:
+    """Some lines of at most so many columns for people to read."""
+    lines = [f"{title}: {_levels(data['levels'])}"]
+    lines += [f"solver: {data['choice']}"] if data["choice"] else []
+    lines.append(_state(data))
+    if data["cg_iterations"] is not None:
+        lines.append(f"plain conjugate gradients: {data['cg_iterations']} iterations")
+    lines += [f"energy fᵀu {data['energy']:.8g}", _costs(data)]
+    errors = {
+        name.removeprefix("error_").upper(): each for name, each in data.items() if name.startswith("error_")
+    }
+    known = [f"{name} {value:.3e}" for name, value in errors.items() if value is not None]
+    if known:
+        lines.append(f"error: {', '.join(known)}")
+    lines += [
+        f"{name}: {_seconds(data[key])}"
+        for name, key in (("clock", "seconds"), ("processor", "cpu_seconds"))
+        if data[key]
+    ]
+    lines += [f"advice: {data['advice']}"] if data["advice"] else []
+    return "\n".join(_wrapped(line, columns) for line in lines)
+
+
+def _levels(levels: Sequence[Mapping[str, Any]]) -> str:
+    """Agglomerates of the levels; unknowns instead where some have no agglomerates."""
+    cells, dofs = ([level[name] for level in levels] for name in ("cells", "dofs"))
+    if None not in cells:
+        return f"{dofs[0]:,} unknowns, cells {_chain(cells)}"
+    return f"{'' if cells[0] is None else f'cells {cells[0]:,}, '}unknowns {_chain(dofs)}"
+
+
+def _chain(counts: Sequence[int]) -> str:
+    return " → ".join(f"{n:,}" for n in counts)
+
+
+def _costs(data: Mapping[str, Any]) -> str:
+    complexity, contraction = data["operator_complexity"], data["contraction"]
+    costs = ["operator complexity " + ("unknown" if complexity is None else f"{complexity:.2f}")]
+    costs.append(f"grid complexity {data['grid_complexity']:.2f}")
+    if contraction is not None:
+        costs.append(f"contraction {contraction:.3g}")
+    if data["memory"] is not None:
+        costs.append(f"memory {data['memory'] / 1e6:.1f}{_TIE}MB")
+    return ", ".join(each.replace(" ", _TIE) for each in costs)
+
+
+def _seconds(seconds: Mapping[str, float]) -> str:
+    return ", ".join(f"{name}{_TIE}{value:.2f}{_TIE}s" for name, value in seconds.items())
+
+
+def _wrapped(line: str, columns: int) -> str:
+    folded = textwrap.fill(
+        line, columns, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+    )
+    return folded.replace(_TIE, " ")

@@ -1,0 +1,53 @@
+"""Faces whose penalty is large or small next to those of the other faces of their cells."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.authoring import Float, Int, Mesh, frozen_float, frozen_int
+
+_STRONG = 3.0
+_JOINED = 2.0
+"""Cells are smoothed together if the penalty between them is this many times the smallest of one of them."""
+_WEAK = 0.1
+
+
+def strong_pairs(mesh: Mesh, sigma: Float) -> Int:
+    """Cells ``(m, 2)`` on both sides of faces with more than twice a smallest penalty, strongest first.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    sigma : (n_faces,) float
+        Penalty in 1 / length; 0 on natural faces.
+    """
+    strength = _strength(mesh, sigma)
+    strong = np.flatnonzero(strength > _JOINED)
+    strong = strong[np.argsort(-strength[strong], kind="stable")]
+    return frozen_int(mesh.face_cells[mesh.face_cells[:, 1] >= 0][strong])
+
+
+def strong_part(mesh: Mesh, sigma: Float) -> float:
+    """Part of the inner faces whose penalty is more than 3 times the smallest of one of their cells."""
+    strength = _strength(mesh, sigma)
+    return float(np.mean(strength > _STRONG)) if len(strength) else 0.0
+
+
+def weak_part(mesh: Mesh, sigma: Float) -> float:
+    """Part of the inner faces at which a jump costs less than 0.1 of the most in both of their cells."""
+    jump, inner = sigma * mesh.face_measures, mesh.face_cells[:, 1] >= 0
+    offsets, faces = mesh.cell_faces
+    most = np.maximum.reduceat(jump[faces], offsets[:-1])
+    owner, other = mesh.face_cells[inner].T
+    weak = jump[inner] < _WEAK * np.minimum(most[owner], most[other])
+    return float(np.mean(weak)) if len(weak) else 0.0
+
+
+def _strength(mesh: Mesh, sigma: Float) -> Float:
+    """Penalty of each inner face over the smallest penalty of the faces of its cells."""
+    inner = mesh.face_cells[:, 1] >= 0
+    offsets, faces = mesh.cell_faces
+    positive = np.where(sigma > 0.0, sigma, np.inf)[faces]
+    least = np.minimum.reduceat(positive, offsets[:-1])
+    owner, other = mesh.face_cells[inner].T
+    return frozen_float(sigma[inner] / np.minimum(least[owner], least[other]))

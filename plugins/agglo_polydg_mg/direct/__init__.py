@@ -1,1 +1,0 @@
-"""Solvers without levels: direct ones and plain conjugate gradients."""

@@ -1,0 +1,174 @@
+"""Stationary iterations, and the energy error that their corrections show."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from agglo_core.authoring import (
+    MET,
+    TESTS,
+    Float,
+    History,
+    Tell,
+    frozen_float,
+    iterated,
+    size_ratio,
+    solvers,
+    to_nobody,
+)
+
+_KEPT = 5
+_RATES = 3
+_INDEPENDENT = 1e-10
+"""Least eigenvalue of a Gram matrix of unit vectors that is not taken for 0."""
+
+
+@dataclass(eq=False)
+class Corrections:
+    """The last corrections d of an iterate, each with A d, and what they see of its error e.
+
+    Two numbers that the energy norm of e is at least, nearly:
+
+    - that of its projection on the corrections, which is known since d·A e = d·r, r being the residual. It is
+      e itself where slow modes are left, however slow;
+    - that of the last correction over 1 − ρ, ρ being the largest of the last ratios of two corrections. It is
+      e where corrections go on to shrink like that.
+    """
+
+    _pairs: deque[tuple[Float, Float]] = field(default_factory=lambda: deque(maxlen=_KEPT))
+
+    def add(self, correction: Float, image: Float) -> None:
+        """Take the next correction d ``(n,)`` and A d."""
+        self._pairs.append((correction, image))
+
+    def error(self, r: Float) -> float:
+        """Estimate of ‖e‖_A, from the residual ``r (n,)`` that the last correction was made from.
+
+        Infinite where corrections do not shrink, or A is not positive definite on them, or all are 0.
+        """
+        pairs = [(d, image) for d, image in self._pairs if d.any()]
+        if not pairs:
+            return float("inf")
+        vectors, images = (np.array(each) for each in zip(*pairs, strict=True))
+        gram = vectors @ images.T
+        squares = np.diag(gram)
+        if not (squares > 0.0).all():
+            return float("inf")
+        norms, stands = np.sqrt(squares), not self._pairs[-1][0].any()
+        return max(_projected(gram, vectors @ r, norms), 0.0 if stands else _remaining(norms))
+
+
+def _projected(gram: Float, products: Float, norms: Float) -> float:
+    """Norm of the projection on vectors with these products among themselves and with the vector."""
+    unit = gram / np.outer(norms, norms)
+    values, axes = np.linalg.eigh(0.5 * (unit + unit.T))
+    kept = values > _INDEPENDENT * values[-1]
+    along = (axes.T @ (products / norms))[kept]
+    return float(np.sqrt(np.sum(along**2 / values[kept])))
+
+
+def _remaining(norms: Float) -> float:
+    """Sum of the norms to come, the last one included, if they shrink as slowly as lately."""
+    rate = float((norms[1:] / norms[:-1])[-_RATES:].max(initial=0.0))
+    return float(norms[-1]) / (1.0 - rate) if rate < 1.0 else float("inf")
+
+
+Step = Callable[[Float, Float], Float]
+"""One iteration: maps right-hand side and iterate ``(n,)`` to the next iterate."""
+
+_DIVERGED = 1e6
+"""Growth of the residual at which a stationary iteration is given up."""
+
+
+def stationary(
+    A: Any,
+    b: Float,
+    step: Step,
+    tolerance: float,
+    max_iterations: int,
+    measure: solvers.ResidualMeasure | None = None,
+    tell: Tell = to_nobody,
+) -> History:
+    """Repeat ``x = step(b, x)`` from 0 until x is found to be right, at most ``max_iterations`` times.
+
+    Two things have to be ``tolerance`` or less: what ``measure`` says of b − A x, by default ‖b − A x‖ / ‖b‖;
+    then the energy error as :class:`~agglo_polydg_mg.paper.stationary.Corrections` see it, over the energy
+    norm of x. This takes one more step, which is not counted if x is right. A matrix that is found not to be
+    positive definite ends the iteration, with the reason. After that, or once it diverges, an iterate that is
+    worse than 0 is replaced by that of least residual, whose number is the length of the history.
+    """
+    run = _Run(A, b, step, tolerance, measure or solvers.ResidualMeasure(b))
+    while not run.reason and (run.small or run.done < max_iterations):
+        tell(*iterated(run.done, run.size, tolerance))
+        following = run.following()
+        if run.done == max_iterations:
+            break
+        if not run.reason:
+            run.go_on(*following)
+    return run.history()
+
+
+class _Run:
+    """An iterate of a stationary iteration, its residual, and what led to it."""
+
+    def __init__(
+        self, A: Any, b: Float, step: Step, tolerance: float, measure: solvers.ResidualMeasure
+    ) -> None:
+        self.A, self.b, self.step, self.tolerance, self.measure = A, b, step, tolerance, measure
+        self.residuals: list[float] = []
+        self.corrections, self.reason, self.least = Corrections(), "", (np.inf, b, 0)
+        self.go_on(np.zeros(len(b)), b)
+        if not b.any():
+            self.error, self.reason = 0.0, MET
+
+    @property
+    def done(self) -> int:
+        """Number of iterations."""
+        return len(self.residuals) - 1
+
+    def go_on(self, x: Float, r: Float) -> None:
+        """Take the next iterate and its residual; ends the run if that has grown too large."""
+        self.x, self.r, self.error = x, r, float("inf")
+        self.residuals.append(float(np.linalg.norm(r)))
+        self.size = self.measure(r)
+        self.small = self.size <= self.tolerance
+        if self.size < self.least[0]:
+            self.least = self.size, x, len(self.residuals)
+        if not self.residuals[-1] <= _DIVERGED * self.residuals[0]:
+            self.reason = f"diverged: residual {self.residuals[-1]:.1e} after {self.done} iterations"
+
+    def following(self) -> tuple[Float, Float]:
+        """The next iterate and its residual; ends the run if they show that this one is right."""
+        try:
+            x = self.step(self.b, self.x)
+        except np.linalg.LinAlgError as failure:
+            self.reason = f"{failure} (iteration {self.done + 1})"
+            return self.x, self.r
+        r = self.b - self.A @ x
+        self.corrections.add(x - self.x, self.r - r)
+        if self.small:
+            self.error = size_ratio(self.corrections.error(self.r), self.measure.energy(self.x))
+            self.reason = MET if self.error <= self.tolerance else ""
+        return x, r
+
+    def history(self) -> History:
+        """How it ended."""
+        passed = (self.small, self.error <= self.tolerance)
+        beside = f", energy error about {self.error:.1e}" if self.small else ""
+        failed = f"relative residual {self.size:.1e}{beside} after {self.done} iterations"
+        if self.reason and not self.residuals[-1] <= self.residuals[0]:
+            _, self.x, count = self.least
+            self.residuals = self.residuals[:count]
+        return History(
+            frozen_float(self.x),
+            frozen_float(self.residuals),
+            self.reason == MET,
+            self.reason or f"{failed}, wanted {self.tolerance:.1e}",
+            self.error if np.isfinite(self.error) else None,
+            tuple(name for name, ok in zip(TESTS, passed, strict=True) if ok),
+        )

@@ -1,0 +1,208 @@
+"""The method of the default solver, chosen from mesh, penalty, coefficient and degree."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final, Literal
+
+import numpy as np
+
+from agglo_core.authoring import Float, Mesh, OptionError, solvers
+from agglo_polydg_mg.auxiliary.strong_faces import strong_part, weak_part
+
+RECIPES: Final = ("auto", "conforming", "patches", "agglomerates")
+CYCLES: Final = ("auto", "V", "W", "F", "K")
+PRECISIONS: Final = ("auto", "single", "double")
+
+_BAD: Final = 0.06
+"""Part of strong faces from which polygons and polyhedra are bad: slivers, boundary layers."""
+_BAD_SOLID: Final = 0.03
+"""The part for tetrahedra and hexahedra: on slivers the continuous space loses conjugacy."""
+_UNEASY: Final = 0.01
+"""Part of strong faces from which high degrees converge faster on vertex patches, at no more cost."""
+_LAYERS: Final = 0.02
+"""Part of weak faces from which a mesh has layers of flat cells."""
+_SMOOTH: Final = 100.0
+"""Ratio of the largest to the smallest κ up to which aggregates serve as well as classical levels."""
+_CONTRAST: Final = 1e8
+"""Ratio of the largest to the smallest κ from which cycles are in double precision."""
+_TETRAHEDRON, _QUADRILATERAL, _HEXAHEDRON = 4, 4, 6  # faces
+_SINGLE: Final = (1e-33, 1e35)
+"""Entries of the diagonal that single precision holds with room for products and sums."""
+
+
+@dataclass(frozen=True)
+class Overrides:
+    """What the user fixes; the rest is ``"auto"``."""
+
+    recipe: str = "auto"
+    cycle: str = "auto"
+    precision: str = "auto"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How the levels of a system are to be made.
+
+    Attributes
+    ----------
+    recipe : "conforming", "patches" or "agglomerates"
+        A continuous space below the discontinuous one, or polynomials on agglomerates, smoothed by vertex
+        patches or cell by cell.
+    cycle : "V", "W", "F" or "K"
+    dtype : numpy dtype
+        Precision of the cycle.
+    smoother : "cells", "groups" or "patches"
+        Of the first level: block Gauss–Seidel on single cells, on up to eight cells that strong faces join,
+        or on the cells around each vertex.
+    bubbles : bool
+        Whether the continuous space has bubbles.
+    vertices : "aggregates" or "classical"
+        How the problem on vertices is coarsened.
+    layers : bool
+        Whether classical levels need a guide: in flat cells couplings of vertices have either sign.
+    strong : float
+        Part of the inner faces that are strong.
+    reason : str
+        The plan in words.
+    kind : "cells", "groups" or "solids"
+        Of the system, as the advice on solvers knows it.
+    """
+
+    recipe: Literal["conforming", "patches", "agglomerates"]
+    cycle: Literal["V", "W", "F", "K"]
+    dtype: Any
+    smoother: Literal["cells", "groups", "patches"]
+    bubbles: bool
+    vertices: Literal["aggregates", "classical"]
+    layers: bool
+    strong: float
+    reason: str
+    kind: solvers.Kind
+
+
+def choose(
+    mesh: Mesh,
+    sigma: Float,
+    kappa: Float,
+    degree: int,
+    overrides: Overrides = Overrides(),
+    diagonal: Float | None = None,
+) -> Plan:
+    """Choose how the levels of a system of symmetric interior penalty are to be made.
+
+    A face is *strong* if its penalty is more than 3 times the smallest of one of its cells, and *weak* if in
+    both cells a jump costs less than 0.1 of what it costs at another face. More than 6 % strong faces make a
+    mesh *bad* (slivers, boundary layers), of tetrahedra and hexahedra 3 %; more than 2 % weak faces make
+    *layers*, of triangles and quadrilaterals. κ *varies* if it spans more than two decades.
+
+    ================================================  ============  ========  ==========  =====
+    case                                              recipe        smoother  vertices    cycle
+    ================================================  ============  ========  ==========  =====
+    2-D, p = 1, otherwise                             conforming    cells     aggregates  W
+    2-D, p = 1, layers, or κ varies                   conforming    cells     classical   V
+    2-D, p = 1, bad                                   conforming    groups    classical   V
+    2-D, p > 1, otherwise                             conforming    cells     classical   V
+    2-D, p > 1, bad                                   conforming    patches   classical   V
+    2-D, p > 2, polygons, or more than 1 % strong     conforming    patches   classical   V
+    3-D, tetrahedra, p = 1                            conforming    cells     aggregates  W
+    3-D, tetrahedra and hexahedra, otherwise          conforming    cells     aggregates  V
+    3-D, tetrahedra and hexahedra, bad, or κ varies   patches       patches               W
+    3-D, polyhedra                                    agglomerates  cells                 V
+    3-D, polyhedra, bad                               patches       patches               W
+    ================================================  ============  ========  ==========  =====
+
+    Aggregates are cheap, and slow alone, hence the W-cycle. Classical levels hold where couplings jump or
+    point one way, but their matrices are fuller; in layers they are guided by the couplings in the cells.
+    Polygons have no bubbles unless the mesh is bad, polyhedra have none: there are too many. The cycle is in
+    single precision unless κ spans more than eight decades or the diagonal of the matrix exceeds its range.
+    ``overrides`` replace recipe, cycle and precision.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    sigma : (n_faces,) float
+        Penalty in 1 / length; 0 on natural faces.
+    kappa : (n_cells,) float
+    degree : int
+        p.
+    overrides : Overrides
+    diagonal : (n,) float, optional
+        Of the matrix.
+
+    Raises
+    ------
+    OptionError
+        For the recipe ``"agglomerates"`` in 2-D.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core import samples
+    >>> from agglo_polydg_mg.forms.penalty import face_penalty
+    >>> from agglo_polydg_mg.solver.choose import choose
+    >>> mesh = samples.squares(4)
+    >>> plan = choose(mesh, face_penalty(mesh, 1), np.ones(16), 1)
+    >>> plan.smoother, plan.vertices, plan.cycle
+    ('cells', 'aggregates', 'W')
+    """
+    if overrides.recipe == "agglomerates" and mesh.dim == 2:
+        raise OptionError("recipe 'agglomerates' is for linear systems; a diffusion problem takes another")
+    # 1. Measure mesh and coefficient
+    faces_per_cell = np.diff(mesh.cell_faces[0])
+    most_faces = int(faces_per_cell.max())
+    strong = strong_part(mesh, sigma)
+    contrast = float(kappa.max() / kappa.min())
+    varies = contrast > _SMOOTH
+    recipe: Any = "conforming"
+    smoother: Any = "cells"
+    # 2. The table
+    if mesh.dim == 2:
+        polygons = most_faces > _QUADRILATERAL
+        flat = bool(np.mean(faces_per_cell > _QUADRILATERAL) < 0.5)
+        bad, layers = strong > _BAD, flat and weak_part(mesh, sigma) > _LAYERS
+        aggregates = degree == 1 and not (bad or layers or varies)
+        cycle: Any = "W" if aggregates else "V"
+        bubbles = bad or not polygons
+        if bad or (degree > 2 and (polygons or strong > _UNEASY)):
+            smoother = "patches" if degree > 1 else "groups"
+    else:
+        polygons = bool(np.mean(faces_per_cell > _HEXAHEDRON) > 0.5)
+        bad, layers = strong > _BAD if polygons else strong > _BAD_SOLID or varies, False
+        aggregates = not varies
+        cycle = "W" if degree == 1 and most_faces == _TETRAHEDRON else "V"
+        bubbles = not polygons
+        recipe = "patches" if bad else "agglomerates" if polygons else "conforming"
+        smoother = "patches" if bad else "cells"
+    # 3. What the user fixes
+    if overrides.recipe != "auto":
+        recipe = overrides.recipe
+    if recipe != "conforming":
+        smoother = "patches" if recipe == "patches" else "cells"
+    if overrides.cycle != "auto":
+        cycle = overrides.cycle
+    elif recipe == "patches":
+        cycle = "W"
+    # 4. Precision
+    in_range = diagonal is None or (diagonal.min() > _SINGLE[0] and diagonal.max() < _SINGLE[1])
+    single = contrast <= _CONTRAST and in_range
+    if overrides.precision != "auto":
+        single = overrides.precision == "single"
+    dtype: Any = np.float32 if single else np.float64
+    # 5. The plan in words
+    coarse = "continuous space and " + ("its aggregates" if aggregates else "classical levels")
+    levels = coarse if recipe == "conforming" else "smoothed agglomerates"
+    measured = f"{100 * strong:.0f} % strong faces, at most {most_faces} faces a cell"
+    kind: solvers.Kind = "cells" if smoother == "cells" and bubbles else "groups"
+    return Plan(
+        recipe,
+        cycle,
+        dtype,
+        smoother,
+        bubbles,
+        "aggregates" if aggregates else "classical",
+        layers,
+        strong,
+        f"{levels}, {smoother}, {cycle}-cycle, {np.dtype(dtype).name} ({measured})",
+        "solids" if mesh.dim == 3 else kind,
+    )

@@ -1,0 +1,119 @@
+"""The phases of a solve, which single and repeated solves share: levels, iteration, solution."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from agglo_core.authoring import (
+    Diffusion,
+    Hierarchy,
+    History,
+    Linear,
+    Listener,
+    OptionError,
+    Problem,
+    Solution,
+    frozen_float,
+    multigrid,
+    phase,
+    solvers,
+)
+from agglo_polydg_mg.forms.unit_forms import UnitForms
+from agglo_polydg_mg.polydg import PolyDG
+from agglo_polydg_mg.solver.choose import Overrides, Plan
+from agglo_polydg_mg.solver.diffusion_task import DiffusionTask
+from agglo_polydg_mg.solver.numbering import Numbering
+
+Task = DiffusionTask | solvers.LinearTask
+
+
+def task_for(
+    problem: Problem,
+    hierarchy: Hierarchy,
+    how: PolyDG,
+    overrides: Overrides,
+    count: int | None,
+    units: UnitForms | None = None,
+    plan: Plan | None = None,
+    numbering: Numbering | None = None,
+) -> Task:
+    """Check a problem with a hierarchy, and discretise it if it is a diffusion problem.
+
+    The ``units`` are those of the basis of an earlier diffusion problem on the hierarchy, if there was one,
+    and so is the ``numbering``; the ``plan`` is that of its levels, if they are kept.
+    """
+    if isinstance(problem, Diffusion):
+        return DiffusionTask(problem, hierarchy, how, overrides, count, units, plan, numbering)
+    if isinstance(problem, Linear):
+        return solvers.LinearTask(
+            problem, hierarchy, count, overrides.recipe, overrides.cycle, overrides.precision
+        )
+    raise OptionError(f"a problem is a Diffusion or a Linear, given {type(problem).__name__}")
+
+
+def set_up(
+    task: Task, watch: solvers.Stopwatch, progress: Listener | None, title: str = "setting up the levels"
+) -> multigrid.LevelStack:
+    """Build the levels by the plan of the task; LinAlgError if a matrix is not positive definite."""
+    if isinstance(task, DiffusionTask) and task.makes_levels:
+        with watch("hierarchy"), phase(progress, "agglomerating"):
+            _ = task.labels  # made when first asked for
+    with watch("setup"), phase(progress, title):
+        return task.stack()
+
+
+def iterate(
+    task: Task,
+    stack: multigrid.LevelStack,
+    tolerance: float,
+    most: int,
+    watch: solvers.Stopwatch,
+    progress: Listener | None,
+    before: list[History] | None = None,
+    pace: float | None = None,
+) -> list[History]:
+    """Histories of all columns, at most ``most`` iterations together with those done ``before``."""
+    left = most - max((each.iterations for each in before or () if not each.final), default=0)
+    M = multigrid.cycle(stack, task.cycle)
+    with watch("solve"), phase(progress, "solving") as tell:
+        found = task.iterate(M, tolerance, left, before, tell, pace)
+    return found if before is None else [_joined(*each) for each in zip(before, found, strict=True)]
+
+
+def solved(
+    task: Task,
+    histories: list[History],
+    stack: multigrid.LevelStack,
+    watch: solvers.Stopwatch,
+    tolerance: float,
+    *,
+    fresh: bool = True,
+) -> Solution:
+    """Return the solution that histories lead to, with levels that may be those of an earlier system."""
+    solution = replace(
+        task.solution(histories, stack.operators, watch, tolerance),
+        operator_complexity=stack.operator_complexity,
+        grid_complexity=stack.grid_complexity,
+        parts=task.parts(stack),
+        memory=stack.memory,
+        choice=task.choice + ("" if fresh else "; levels of an earlier system"),
+        advice=task.advice if fresh else "",  # nothing is as cheap as to keep levels
+    )
+    return task.given_back(solution)
+
+
+def unsolved(task: Task, reason: str, watch: solvers.Stopwatch, tolerance: float) -> Solution:
+    """Return the solution 0 of a task whose levels cannot be built."""
+    nothing = task.solution(task.unsolved(reason), [(task.A, None)], watch, tolerance)
+    return task.given_back(replace(nothing, choice=task.choice))
+
+
+def _joined(first: History, second: History) -> History:
+    """Join two histories, the second of which went on from where the first ended, if it had to."""
+    if second is first or not first.iterations:
+        return second
+    residuals = np.concatenate((first.residuals, second.residuals[1:]))
+    gains = np.concatenate((first.gains, second.gains))
+    return replace(second, residuals=frozen_float(residuals), gains=frozen_float(gains))
