@@ -94,7 +94,7 @@ def read(
     if drop_flat:
         options["drop_flat"] = True
     with naming(source):
-        return _formats(registry, options).first_accepted(source, lambda known: read_by(known, source))
+        return _formats(registry, options).first_accepted(source, read_by)
 
 
 def read_hierarchy(
@@ -129,7 +129,7 @@ def read_hierarchy(
     source = _existing(path)
     with naming(source):
         formats = _formats(registry, {"allow_gaps": True} if allow_gaps else {})
-        return formats.first_accepted(source, lambda known: read_hierarchy_by(known, source))
+        return formats.first_accepted(source, read_hierarchy_by)
 
 
 def write(

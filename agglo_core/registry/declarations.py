@@ -51,6 +51,9 @@ class Component:
         One line for listings.
     fallback : str, optional
         For a bisector that may return one-sided output: the bisector that repairs such a piece.
+    suffixes : tuple of str
+        For a format: the suffixes of its files, in lower case with their dot, so that it is imported only for
+        files that have one. A format that declares none is built to read its attribute ``suffixes``.
 
     Examples
     --------
@@ -66,6 +69,7 @@ class Component:
     promises: Mapping[str, bool | float] = field(default_factory=dict, hash=False)
     summary: str = ""
     fallback: str | None = None
+    suffixes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -142,6 +146,7 @@ def _component_faults(component: Component) -> Iterator[str]:
         yield "fallback is for bisectors only"
     if not isinstance(component.fallback, str | None):
         yield f"fallback {shown(component.fallback)} is not the name of a bisector"
+    yield from _suffix_faults(component)
     if not isinstance(component.promises, Mapping):
         yield f"promises {shown(component.promises)} is not a mapping of promise to bool or number"
         return
@@ -150,6 +155,23 @@ def _component_faults(component: Component) -> Iterator[str]:
             yield f"promise {shown(promise)} is not known; accepted: {', '.join(PROMISES)}"
         elif not isinstance(value, bool | int | float):
             yield f"promise {promise!r} is {shown(value)}, expected a bool or a number"
+
+
+def _suffix_faults(component: Component) -> Iterator[str]:
+    suffixes = component.suffixes
+    if not isinstance(suffixes, tuple):
+        yield f"suffixes {shown(suffixes)} is not a tuple such as ('.vtu',)"
+        return
+    if suffixes and component.kind != "format":
+        yield "suffixes are for formats only"
+    for suffix in suffixes:
+        if not is_suffix(suffix):
+            yield f"its suffix {shown(suffix)} is not of the form: lower case after a dot, such as '.vtu'"
+
+
+def is_suffix(suffix: object) -> bool:
+    """Return True for a suffix in lower case with its dot."""
+    return isinstance(suffix, str) and suffix[:1] == "." and len(suffix) > 1 and suffix == suffix.lower()
 
 
 def made_plain(declared: Component | Command) -> Component | Command:

@@ -11,11 +11,6 @@ if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.mesh import Mesh
 
-_SUFFIXES = """
-    .avs .bdf .cdb .cgns .dat .dato .e .ex2 .exo .f3grid .fem .h5m .hmf .inp .mdpa .med .mesh .meshb
-    .msh .nas .post .stl .su2 .tec .ugrid .vol .vtk .wkt .xdmf .xmf .xml
-"""
-
 
 class Meshlane(Reading):
     """The files that the package meshlane reads and writes: Abaqus, STL, MED and more.
@@ -41,7 +36,6 @@ class Meshlane(Reading):
     4
     """
 
-    suffixes: tuple[str, ...] = tuple(_SUFFIXES.split())
     lossless: bool = False
     atomic: bool = True
     last_resort: bool = True

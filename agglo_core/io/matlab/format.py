@@ -27,7 +27,6 @@ class Matlab(Compressing):
         Leave out cells of zero area or volume.
     """
 
-    suffixes: tuple[str, ...] = (".mat",)
     lossless: bool = False
 
     def recognises(self, head: bytes) -> bool:

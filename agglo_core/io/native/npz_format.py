@@ -36,7 +36,6 @@ class Npz(Compressing):
     4
     """
 
-    suffixes: tuple[str, ...] = (".npz",)
     lossless: bool = True
     atomic: bool = True
     tells_progress: bool = True

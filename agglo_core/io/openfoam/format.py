@@ -33,7 +33,6 @@ class OpenFoam(Compressing):
     8
     """
 
-    suffixes: tuple[str, ...] = (".foam", ".openfoam")
     lossless: bool = False
     reads_empty: bool = True
     atomic: bool = True

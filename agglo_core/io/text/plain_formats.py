@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 class Fvca(Reading):
     """Plane meshes of the FVCA benchmarks, as HArDCore2D and DISK++ read them; written as ``.typ2``."""
 
-    suffixes: tuple[str, ...] = (".typ2", ".typ1")
     lossless: bool = False
 
     def recognises(self, head: bytes) -> bool:
@@ -42,7 +41,6 @@ class RegnFace(Reading):
     Triangle's triangles and TetGen's tetrahedra in files of these suffixes are read, too.
     """
 
-    suffixes: tuple[str, ...] = (".ele", ".node")
     lossless: bool = False
 
     def read(self, path: Path) -> Mesh:
@@ -61,7 +59,6 @@ class RegnFace(Reading):
 class Hedra(Reading):
     """Points, faces, and polyhedra as lists of faces, negative where a face is seen from inside."""
 
-    suffixes: tuple[str, ...] = (".hedra",)
     lossless: bool = False
 
     def read(self, path: Path) -> Mesh:
@@ -80,7 +77,6 @@ class Hedra(Reading):
 class Ovm(Reading):
     """OpenVolumeMesh as text: points, edges, faces of half-edges, and polyhedra of half-faces."""
 
-    suffixes: tuple[str, ...] = (".ovm",)
     lossless: bool = False
 
     def recognises(self, head: bytes) -> bool:
@@ -103,7 +99,6 @@ class Ovm(Reading):
 class Off(Reading):
     """OFF: points and polygons; a constant z makes a plane mesh, surfaces are refused."""
 
-    suffixes: tuple[str, ...] = (".off",)
     lossless: bool = False
 
     def recognises(self, head: bytes) -> bool:
@@ -126,7 +121,6 @@ class Off(Reading):
 class Obj(Reading):
     """Wavefront OBJ: points and polygons; a constant z makes a plane mesh, surfaces are refused."""
 
-    suffixes: tuple[str, ...] = (".obj",)
     lossless: bool = False
 
     def read(self, path: Path) -> Mesh:
@@ -145,7 +139,6 @@ class Obj(Reading):
 class Ply(Reading):
     """PLY: points and polygons with whole numbers for each, as text or binary; surfaces are refused."""
 
-    suffixes: tuple[str, ...] = (".ply",)
     lossless: bool = False
 
     def recognises(self, head: bytes) -> bool:
@@ -171,7 +164,6 @@ class Pvtu(Reading):
     Without merged points, pieces stay apart where they meet.
     """
 
-    suffixes: tuple[str, ...] = (".pvtu",)
     lossless: bool = False
 
     def recognises(self, head: bytes) -> bool:
@@ -188,7 +180,6 @@ class Pvtu(Reading):
 class Vtp(Reading):
     """Polygons and strips of VTK XML PolyData; a constant z makes a plane mesh, surfaces are refused."""
 
-    suffixes: tuple[str, ...] = (".vtp",)
     lossless: bool = False
 
     def recognises(self, head: bytes) -> bool:

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 class VtkHdf(Compressing):
     """Unstructured grids of VTKHDF: any mesh, its tags and the labels of all levels, as in ``.vtu``."""
 
-    suffixes: tuple[str, ...] = (".vtkhdf",)
     lossless: bool = False
     atomic: bool = True
     tells_progress: bool = True

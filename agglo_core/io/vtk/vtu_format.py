@@ -37,7 +37,6 @@ class Vtu(Compressing):
     4
     """
 
-    suffixes: tuple[str, ...] = (".vtu",)
     lossless: bool = False
     atomic: bool = True
     tells_progress: bool = True
