@@ -35,30 +35,30 @@ _MESHLANE_SUFFIXES = (
     ".msh .nas .post .stl .su2 .tec .ugrid .vol .vtk .wkt .xdmf .xmf .xml"
 )
 _FORMATS = {
-    "vtu": ("vtk.vtu_format:Vtu", ".vtu", "ParaView's .vtu: any mesh, its tags, the labels of all levels."),
+    "vtu": ("vtk.vtu:Vtu", ".vtu", "ParaView's .vtu: any mesh, its tags, the labels of all levels."),
     "npz": (
-        "native.npz_format:Npz",
+        "npz:Npz",
         ".npz",
         "numpy's .npz: everything a mesh and its hierarchy hold, losslessly.",
     ),
     "fvca": (
-        "text.plain_formats:Fvca",
+        "text.fvca:Fvca",
         ".typ2 .typ1",
         "FVCA's .typ1 and .typ2, as HArDCore2D and DISK++ read them.",
     ),
     "matlab": ("matlab.format:Matlab", ".mat", "MATLAB's .mat: the variables of lymph, mVEM and PolyMesher."),
     "rf": (
-        "text.plain_formats:RegnFace",
+        "text.rf:RegnFace",
         ".ele .node",
         "HArDCore3D's .node and .ele: polyhedra by their faces (REGN_FACE).",
     ),
-    "hedra": ("text.plain_formats:Hedra", ".hedra", "cinolib's .hedra: polyhedra with faces of their own."),
-    "ovm": ("text.plain_formats:Ovm", ".ovm", "OpenVolumeMesh's .ovm as text: polyhedra of half-faces."),
-    "off": ("text.plain_formats:Off", ".off", "OFF: plane polygons, as cinolib and others write them."),
-    "obj": ("text.plain_formats:Obj", ".obj", "Wavefront OBJ: plane polygons."),
-    "ply": ("text.plain_formats:Ply", ".ply", "PLY: plane polygons, as text or binary."),
+    "hedra": ("text.hedra:Hedra", ".hedra", "cinolib's .hedra: polyhedra with faces of their own."),
+    "ovm": ("text.ovm:Ovm", ".ovm", "OpenVolumeMesh's .ovm as text: polyhedra of half-faces."),
+    "off": ("text.polygon_files:Off", ".off", "OFF: plane polygons, as cinolib and others write them."),
+    "obj": ("text.polygon_files:Obj", ".obj", "Wavefront OBJ: plane polygons."),
+    "ply": ("text.ply:Ply", ".ply", "PLY: plane polygons, as text or binary."),
     "meshlane": (
-        "foreign.meshlane_format:Meshlane",
+        "foreign.meshlane:Meshlane",
         _MESHLANE_SUFFIXES,
         "Gmsh, legacy VTK and more, where no other format reads them.",
     ),
@@ -68,12 +68,12 @@ _FORMATS = {
         "OpenFOAM cases, by way of the .foam file that marks them.",
     ),
     "vtkhdf": (
-        "vtk.hdf_format:VtkHdf",
+        "vtk.vtkhdf:VtkHdf",
         ".vtkhdf",
         "VTKHDF, ParaView's grids in HDF5; needs h5py (agglo[hdf]).",
     ),
-    "pvtu": ("text.plain_formats:Pvtu", ".pvtu", "Parallel .pvtu: the .vtu files that it names as one mesh."),
-    "vtp": ("text.plain_formats:Vtp", ".vtp", "ParaView's .vtp: plane polygons of PolyData."),
+    "pvtu": ("vtk.pvtu:Pvtu", ".pvtu", "Parallel .pvtu: the .vtu files that it names as one mesh."),
+    "vtp": ("vtk.vtu:Vtp", ".vtp", "ParaView's .vtp: plane polygons of PolyData."),
 }
 _NEEDED_BY_FORMATS = {"meshlane": ("meshlane",), "vtkhdf": ("h5py",)}
 _SOLID_FORMATS = ("vtu", "npz", "vtkhdf", "pvtu", "matlab", "openfoam", "rf", "hedra", "ovm")

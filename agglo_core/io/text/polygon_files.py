@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,9 +13,9 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
 from agglo_core.files.regular import text_bytes
 from agglo_core.files.text_numbers import integer_lines, integers, real_lines, reals, words_per_line
-from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.text.cell_lines import find_tags, tag_lines
 from agglo_core.io.text.counted_lists import counted_lists
+from agglo_core.io.to_mesh.options import Reading, ReadOptions
 from agglo_core.io.to_mesh.plain_cells import loops_of, write_levels
 from agglo_core.mesh import Mesh
 
@@ -26,34 +26,55 @@ _COMMENT = "# "
 _OFF = re.compile(rb"\s*(?:((?:ST)?C?N?)OFF)?\s+(?=\d)")
 
 
-def read_off(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
-    """Mesh of an OFF file; normals, colours and textures of points, and colours of faces, are left out.
+class Off(Reading):
+    """OFF: points and polygons; a constant z makes a plane mesh, surfaces are refused."""
 
-    Raises
-    ------
-    FileError, MeshError
-        For a broken file or mesh, one in binary or of four dimensions, or a surface.
-    """
-    content = text_bytes(path)
-    text = re.sub(rb"#[^\n]*", b"", content)
-    head = _OFF.match(text)
-    if head is None:
-        raise FileError("it does not begin with OFF and the numbers of points and faces, as text")
-    body = text[head.end() :]
-    numbers = reals(text, head.end())
-    counts = numbers[:3]
-    if len(counts) < 3 or not all(0 <= n < 2**53 and n == int(n) for n in counts.tolist()):
-        raise FileError(f"it declares {counts.tolist()} points, faces and edges")
-    n_points, n_faces = (int(n) for n in counts[:2])
-    rows = _off_rows(numbers, words_per_line(body), n_points, n_faces)
-    if rows is None:
-        if head[1]:
-            raise FileError(
-                f"{head[1].decode()}OFF needs a line for each of the {n_points} points, with as many numbers "
-                f"in each, and for each of the {n_faces} faces"
-            )
-        rows = _off_stream(numbers[3:], n_points, n_faces)
-    return _mesh(path, content, *rows, options)
+    lossless: bool = False
+
+    def recognises(self, head: bytes) -> bool:
+        """Return True if a file begins as these do."""
+        return re.match(rb"\s*(?:ST)?C?N?OFF\s", head) is not None
+
+    def read(self, path: Path) -> Mesh:
+        """Return the mesh of an OFF file, without normals, textures and colours.
+
+        Raises
+        ------
+        FileError, MeshError
+            For a broken file or mesh, one in binary or of four dimensions, or a surface.
+        """
+        content = text_bytes(path)
+        text = re.sub(rb"#[^\n]*", b"", content)
+        head = _OFF.match(text)
+        if head is None:
+            raise FileError("it does not begin with OFF and the numbers of points and faces, as text")
+        body = text[head.end() :]
+        numbers = reals(text, head.end())
+        counts = numbers[:3]
+        if len(counts) < 3 or not all(0 <= n < 2**53 and n == int(n) for n in counts.tolist()):
+            raise FileError(f"it declares {counts.tolist()} points, faces and edges")
+        n_points, n_faces = (int(n) for n in counts[:2])
+        rows = _off_rows(numbers, words_per_line(body), n_points, n_faces)
+        if rows is None:
+            if head[1]:
+                raise FileError(
+                    f"{head[1].decode()}OFF needs a line for each of the {n_points} points, with as many "
+                    f"numbers in each, and for each of the {n_faces} faces"
+                )
+            rows = _off_stream(numbers[3:], n_points, n_faces)
+        return _mesh(path, content, *rows, self.reading)
+
+    def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
+        """Write a plane mesh with its tags and labels, and each coarse mesh beside it.
+
+        Raises
+        ------
+        FileError
+            For a mesh in 3-D, or cells with holes.
+        MeshError
+            For a cell tag whose name files cannot hold.
+        """
+        write_levels(path, mesh, hierarchy, _write_off)
 
 
 def _off_rows(
@@ -97,30 +118,49 @@ def _whole(numbers: Float) -> Int:
     return frozen_int(np.where(whole == numbers, whole, -1))
 
 
-def read_obj(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
-    """Mesh of the points and faces of an OBJ file; normals, textures and groups are passed over.
+class Obj(Reading):
+    """Wavefront OBJ: points and polygons; a constant z makes a plane mesh, surfaces are refused."""
 
-    Raises
-    ------
-    FileError, MeshError
-        For a broken file or mesh, or a surface.
-    """
-    content = text_bytes(path)
-    text = content.replace(b"\\\n", b" ")
-    rows = b"\n".join(re.findall(rb"(?m)^v[ \t]+([^\n#]*)", text))
-    widths = words_per_line(rows)
-    if not len(widths) or widths.min() != widths.max() or widths[0] < 3:
-        given = sorted(set(widths.tolist()))[:3]
-        raise FileError(f"its points (lines 'v x y z') have {given} coordinates, expected 3 or more of each")
-    points = frozen_float(reals(rows).reshape(-1, int(widths[0]))[:, :3])
-    lines = b"\n".join(re.findall(rb"(?m)^f[ \t]+([^\n#]*)", text))
-    lines = re.sub(rb"/[^\s]*", b"", lines)
-    offsets = frozen_int(np.concatenate(([0], np.cumsum(words_per_line(lines)))))
-    _check_own_counts(content, len(points), len(offsets) - 1)
-    values = integers(lines)
-    vertices = np.where(values > 0, values - 1, values + len(points))  # those below 0 count from the end
-    vertices[values == 0] = -1
-    return _mesh(path, content, points, (offsets, frozen_int(vertices)), options)
+    lossless: bool = False
+
+    def read(self, path: Path) -> Mesh:
+        """Return the mesh of an OBJ file, without normals, textures and groups.
+
+        Raises
+        ------
+        FileError, MeshError
+            For a broken file or mesh, or a surface.
+        """
+        content = text_bytes(path)
+        text = content.replace(b"\\\n", b" ")
+        rows = b"\n".join(re.findall(rb"(?m)^v[ \t]+([^\n#]*)", text))
+        widths = words_per_line(rows)
+        if not len(widths) or widths.min() != widths.max() or widths[0] < 3:
+            given = sorted(set(widths.tolist()))[:3]
+            raise FileError(
+                f"its points (lines 'v x y z') have {given} coordinates, expected 3 or more of each"
+            )
+        points = frozen_float(reals(rows).reshape(-1, int(widths[0]))[:, :3])
+        lines = b"\n".join(re.findall(rb"(?m)^f[ \t]+([^\n#]*)", text))
+        lines = re.sub(rb"/[^\s]*", b"", lines)
+        offsets = frozen_int(np.concatenate(([0], np.cumsum(words_per_line(lines)))))
+        _check_own_counts(content, len(points), len(offsets) - 1)
+        values = integers(lines)
+        vertices = np.where(values > 0, values - 1, values + len(points))  # those below 0 count from the end
+        vertices[values == 0] = -1
+        return _mesh(path, content, points, (offsets, frozen_int(vertices)), self.reading)
+
+    def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
+        """Write a plane mesh with its tags and labels, and each coarse mesh beside it.
+
+        Raises
+        ------
+        FileError
+            For a mesh in 3-D, or cells with holes.
+        MeshError
+            For a cell tag whose name files cannot hold.
+        """
+        write_levels(path, mesh, hierarchy, _write_obj)
 
 
 def _check_own_counts(content: bytes, n_points: int, n_faces: int) -> None:
@@ -140,19 +180,6 @@ def _mesh(path: Path, content: bytes, points: Float, cells: tuple[Int, Int], opt
     return Mesh.from_polygons(points, cells, cell_tags=tags, **options, name=path.stem)
 
 
-def write_off(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
-    """Write a plane mesh with its tags and labels, and each coarse mesh beside it.
-
-    Raises
-    ------
-    FileError
-        For a mesh in space, or cells with holes.
-    MeshError
-        For a cell tag whose name files cannot hold.
-    """
-    write_levels(path, mesh, hierarchy, _write_off)
-
-
 def _write_off(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
     loops = loops_of(mesh, ".off")
     sizes = np.diff(loops.offsets)
@@ -162,11 +189,6 @@ def _write_off(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
         stream.write(real_lines(_flat(loops.points)))
         stream.write(integer_lines(loops.offsets, loops.vertices, forms))
         stream.write(tag_lines(tags, _COMMENT))
-
-
-def write_obj(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
-    """Write a plane mesh with its tags and labels, and each coarse mesh beside it; as :func:`write_off`."""
-    write_levels(path, mesh, hierarchy, _write_obj)
 
 
 def _write_obj(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:

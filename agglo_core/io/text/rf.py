@@ -10,7 +10,7 @@ import logging
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,10 +18,10 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int, label_order
 from agglo_core.errors import FileError
 from agglo_core.files.regular import text_bytes
 from agglo_core.files.text_numbers import integer_lines, integers, real_lines, reals
-from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.tags import note_left_out
 from agglo_core.io.text.cell_lines import find_tags, tag_lines
 from agglo_core.io.text.counted_lists import counted_solids
+from agglo_core.io.to_mesh.options import Reading
 from agglo_core.io.to_mesh.plain_cells import solids_of, write_levels
 from agglo_core.io.to_mesh.soup import Soup, mesh_from_soup
 from agglo_core.mesh import Mesh
@@ -36,34 +36,60 @@ _SIMPLICES = {2: 5, 3: 10}  # VTK types of triangles and tetrahedra
 _log = logging.getLogger("agglo")
 
 
-def read_rf(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
-    """Mesh of ``NAME.node`` and ``NAME.ele``; cell data of agglo's own files become tags again.
+class RegnFace(Reading):
+    """Polyhedra as lists of faces in ``NAME.ele``, points in ``NAME.node``: either name stands for both.
 
-    Whole numbers that Triangle and TetGen give as attributes of cells are tags ``triangle:ref`` and
-    ``tetgen:ref``, further ones ``triangle:ref2``, ….
-
-    Raises
-    ------
-    FileError, MeshError
-        For a broken file or mesh.
+    Triangle's triangles and TetGen's tetrahedra in files of these suffixes are read, too.
     """
-    cells = _content(path, ".ele")
-    first, body = _head(cells, path.with_suffix(".ele"))
-    if len(first) not in (2, 3):
-        raise FileError(
-            f"{path.stem}.ele begins with {len(first)} numbers, expected 2 (polyhedra as lists of faces) "
-            "or 3 (triangles, tetrahedra)"
-        )
-    number, points = _points(_content(path, ".node"), path.with_suffix(".node"))
-    if len(first) == 3:
-        soup, left = _simplices(body, first, number, points, f"{path.stem}.ele")
-        mesh = mesh_from_soup(soup, weak=False, name=path.stem, **options)
-        return note_left_out(mesh, left)
-    if points.shape[1] != 3:
-        raise FileError(f"{path.stem}.node has points in the plane, {path.stem}.ele polyhedra")
-    solids = _solids(body, first, number, len(points), path.stem)
-    tags = find_tags(cells, len(solids.cell_offsets) - 1, _COMMENT)
-    return Mesh.from_polyhedra(points, solids, cell_tags=tags, **options, name=path.stem)
+
+    lossless: bool = False
+
+    def read(self, path: Path) -> Mesh:
+        """Return the mesh of ``NAME.node`` and ``NAME.ele``; cell data of agglo's files become tags again.
+
+        Whole numbers that Triangle and TetGen give as attributes of cells are tags ``triangle:ref`` and
+        ``tetgen:ref``, further ones ``triangle:ref2``, ….
+
+        Raises
+        ------
+        FileError, MeshError
+            For a broken file or mesh.
+        """
+        cells = _content(path, ".ele")
+        first, body = _head(cells, path.with_suffix(".ele"))
+        if len(first) not in (2, 3):
+            raise FileError(
+                f"{path.stem}.ele begins with {len(first)} numbers, expected 2 (polyhedra as lists of faces) "
+                "or 3 (triangles, tetrahedra)"
+            )
+        number, points = _points(_content(path, ".node"), path.with_suffix(".node"))
+        if len(first) == 3:
+            soup, left = _simplices(body, first, number, points, f"{path.stem}.ele")
+            mesh = mesh_from_soup(soup, weak=False, name=path.stem, **self.reading)
+            return note_left_out(mesh, left)
+        if points.shape[1] != 3:
+            raise FileError(f"{path.stem}.node has points in the plane, {path.stem}.ele polyhedra")
+        solids = _solids(body, first, number, len(points), path.stem)
+        tags = find_tags(cells, len(solids.cell_offsets) - 1, _COMMENT)
+        return Mesh.from_polyhedra(points, solids, cell_tags=tags, **self.reading, name=path.stem)
+
+    def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
+        """Write ``NAME.node`` and ``NAME.ele``; of each level ``NAME_level0.node``, ``.ele``, ``.partition``.
+
+        Raises
+        ------
+        FileError
+            For a plane mesh.
+        MeshError
+            For a cell tag whose name files cannot hold.
+        """
+        write_levels(path, mesh, hierarchy, _write)
+        for level, labels in enumerate(hierarchy.levels if hierarchy is not None else ()):
+            sizes = np.bincount(labels)
+            offsets = frozen_int(np.concatenate(([0], np.cumsum(sizes))))
+            rows = np.insert(label_order(labels), offsets[:-1], sizes)
+            text = integer_lines(frozen_int(offsets + np.arange(len(offsets))), frozen_int(rows))
+            path.with_name(f"{path.stem}_level{level}.partition").write_text(text)
 
 
 def _content(path: Path, suffix: str) -> bytes:
@@ -160,25 +186,6 @@ def _solids(body: bytes, head: Int, first: int, n_points: int, name: str) -> Pol
         cell = int(np.searchsorted(cell_offsets, loop, side="right")) - 1
         raise FileError(f"{name}.ele: cell {cell} uses points outside {first}..{n_points - 1 + first}")
     return Polyhedra(cell_offsets, loop_offsets, frozen_int(vertices))
-
-
-def write_rf(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
-    """Write ``NAME.node`` and ``NAME.ele``, for each level ``NAME_level0.node``, ``.ele`` and ``.partition``.
-
-    Raises
-    ------
-    FileError
-        For a plane mesh.
-    MeshError
-        For a cell tag whose name files cannot hold.
-    """
-    write_levels(path, mesh, hierarchy, _write)
-    for level, labels in enumerate(hierarchy.levels if hierarchy is not None else ()):
-        sizes = np.bincount(labels)
-        offsets = frozen_int(np.concatenate(([0], np.cumsum(sizes))))
-        rows = np.insert(label_order(labels), offsets[:-1], sizes)
-        text = integer_lines(frozen_int(offsets + np.arange(len(offsets))), frozen_int(rows))
-        path.with_name(f"{path.stem}_level{level}.partition").write_text(text)
 
 
 def _write(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:

@@ -9,8 +9,8 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.errors import FileError
-from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.tags import BRIDGES, note_left_out
+from agglo_core.io.to_mesh.options import ReadOptions
 from agglo_core.io.to_mesh.soup import Soup, mesh_from_soup, with_repairs
 from agglo_core.io.vtk.joined_pieces import in_global_order, joined, without_ghosts
 from agglo_core.mesh import Mesh

@@ -1,4 +1,4 @@
-"""Reading VTU and VTP (VTK XML): every encoding, several pieces, polyhedra in both layouts."""
+"""VTU and VTP, VTK's XML files: read in every encoding, with several pieces and both layouts of polyhedra."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -14,32 +14,95 @@ from numpy.typing import NDArray
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
-from agglo_core.io.format_options import ReadOptions
+from agglo_core.io.level_values import LevelValues
 from agglo_core.io.tags import tag_values
 from agglo_core.io.to_mesh.listed_faces import ListedFaces, listed_faces
+from agglo_core.io.to_mesh.options import Compressing, Reading
 from agglo_core.io.to_mesh.soup import Soup
 from agglo_core.io.vtk.arrays import TYPES, Document, is_derived, parse
+from agglo_core.io.vtk.cells import POLYHEDRON, Cells
+from agglo_core.io.vtk.document import HEADS, SOLUTION, write_document
+from agglo_core.io.vtk.grid_pieces import numbered
+from agglo_core.io.vtk.grids import Storage, write_grids
 from agglo_core.io.vtk.pieces import CellArrays, Stored, check_counts, mesh_from_pieces, soup_of_piece
 from agglo_core.io.vtk.polydata import KINDS, polydata_cells
 from agglo_core.mesh import Mesh
+from agglo_core.mesh.elements import take_cells
+from agglo_core.progress import Tell, to_nobody
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
 
 _FACES = 64  # numbers about faces for each cell, beyond which an array is looked at before it is decoded
 
 
-def read_vtu(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
-    """Mesh of a VTU file; its pieces are joined, integer cell data become cell tags.
+class Vtu(Compressing):
+    """VTU by agglo's own reader and writer: any mesh, its cell tags, the labels of all levels.
 
-    Raises
-    ------
-    FileError, MeshError
-        For a broken file or mesh.
+    Parameters
+    ----------
+    merge_points : bool
+        Merge exactly equal points on reading.
+    allow_gaps : bool
+        Leave outer faces that lie on one another as they are.
+    compress : bool
+        Write zlib of the arrays: smaller files, slower to write and to read.
+    drop_flat : bool
+        Leave out cells of zero area or volume.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from agglo_core.io import Vtu
+    >>> Vtu().write(Path("mesh.vtu"), agglo.samples.squares(2))
+    >>> Vtu().read(Path("mesh.vtu")).n_cells
+    4
     """
-    return mesh_from_pieces(stored_pieces(path.read_bytes()), **options, name=path.stem)
+
+    lossless: bool = False
+    atomic: bool = True
+    tells_progress: bool = True
+    keeps_level_values: bool = True
+
+    def recognises(self, head: bytes) -> bool:
+        """Return True if a file begins as these do."""
+        return b"<VTKFile" in head and b"UnstructuredGrid" in head and b"PUnstructuredGrid" not in head
+
+    def read(self, path: Path) -> Mesh:
+        """Return the mesh of a VTU file; its pieces are joined, integer cell data become cell tags.
+
+        Raises
+        ------
+        FileError, MeshError
+            For a broken file or mesh.
+        """
+        return mesh_from_pieces(stored_pieces(path.read_bytes()), **self.reading, name=path.stem)
+
+    def write(
+        self,
+        path: Path,
+        mesh: Mesh,
+        hierarchy: Hierarchy | None = None,
+        level_values: LevelValues | None = None,
+        tell: Tell = to_nobody,
+    ) -> None:
+        """Write the mesh, and each coarse mesh with its values beside it; raises an AggloError."""
+        storage = Storage(write_document, face_stream, written_by_agglo)
+        write_grids(storage, path, mesh, hierarchy, level_values, tell, compress=self.compress)
 
 
-def read_vtp(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
-    """Mesh of the polygons and strips of a VTP file; raises as :func:`read_vtu`."""
-    return mesh_from_pieces(stored_pieces(path.read_bytes(), "PolyData"), **options, name=path.stem)
+class Vtp(Reading):
+    """Polygons and strips of VTK XML PolyData; a constant z makes a plane mesh, surfaces are refused."""
+
+    lossless: bool = False
+
+    def recognises(self, head: bytes) -> bool:
+        """Return True if a file begins as these do."""
+        return b"<VTKFile" in head and b'"PolyData"' in head
+
+    def read(self, path: Path) -> Mesh:
+        """Return the mesh of the polygons and strips of a VTP file; raises as :meth:`Vtu.read`."""
+        return mesh_from_pieces(stored_pieces(path.read_bytes(), "PolyData"), **self.reading, name=path.stem)
 
 
 def stored_pieces(content: bytes, kind: str = "UnstructuredGrid") -> Stored:
@@ -182,3 +245,29 @@ class _Arrays:
         if values.dtype.kind not in "iu":
             raise FileError(f"array {name!r} must hold integers, not {values.dtype}")
         return frozen_int(values)
+
+
+def written_by_agglo(file: Path, *, solutions: bool = False) -> bool:
+    """Return True if a file begins as our meshes do, or also as our solutions; may raise OSError."""
+    heads = (*HEADS, SOLUTION) if solutions else HEADS
+    with open(file, "rb") as stream:
+        return stream.read(max(map(len, heads))).startswith(heads)
+
+
+def face_stream(cells: Cells, number: Int | None) -> dict[str, NDArray[Any]]:
+    """Per polyhedron: number of faces, then each face's size and vertices, seen from outside the cell.
+
+    Other cells end nowhere in the stream, which is -1.
+    """
+    own = np.flatnonzero(cells.types == POLYHEDRON)
+    offsets, loop_offsets, vertices = take_cells(cells.solids, frozen_int(own))
+    counts, sizes = np.diff(offsets), np.diff(loop_offsets)
+    starts = loop_offsets[offsets] + offsets + np.arange(len(offsets))  # of each cell, and the end
+    loops = loop_offsets[:-1] + np.arange(len(sizes)) + np.repeat(np.arange(1, len(counts) + 1), counts)
+    stream = np.empty(starts[-1], np.int64)
+    rest = np.ones(len(stream), bool)
+    rest[starts[:-1]] = rest[loops] = False
+    stream[starts[:-1]], stream[loops], stream[rest] = counts, sizes, numbered(vertices, number)
+    ends = np.full(len(cells.types), -1)
+    ends[own] = starts[1:]
+    return {"faces": stream, "faceoffsets": ends}

@@ -12,7 +12,7 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.lib import format as npy
@@ -22,10 +22,10 @@ from agglo_core.arrays import frozen_float, narrow, trusted
 from agglo_core.errors import FileError, MeshError, OptionError
 from agglo_core.files.archive import Archive
 from agglo_core.io.atomic import staging
-from agglo_core.io.format_options import ReadOptions
+from agglo_core.io.to_mesh.options import Compressing
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.conforming import warn_of_gaps
-from agglo_core.progress import Tell, part
+from agglo_core.progress import Tell, part, to_nobody
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
@@ -38,42 +38,105 @@ _META = 1 << 24  # bytes of JSON: thousands of levels
 _LEVEL = 1  # of deflate: higher ones take twice as long for a few per cent
 
 
-def write_npz(
-    path: Path, mesh: Mesh, hierarchy: Hierarchy | None, tell: Tell, *, compress: bool = False
-) -> None:
-    """Write mesh and hierarchy, losslessly, deflated if asked; ``tell`` before each array."""
-    arrays: dict[str, NDArray[Any]] = {name: getattr(mesh, name) for name in _MESH}
-    meta: dict[str, Any] = {
-        "format": _FORMAT,
-        "version": _VERSION,
-        "name": mesh.name,
-        "fingerprint": mesh.fingerprint,
-        "repairs": dict(mesh.repairs),
-        "cell_tags": list(mesh.cell_tags),
-        "face_tags": list(mesh.face_tags),
-    }
-    arrays |= {f"cell_tag_{i}": values for i, values in enumerate(mesh.cell_tags.values())}
-    arrays |= {f"face_tag_{i}": values for i, values in enumerate(mesh.face_tags.values())}
-    if hierarchy is not None:
-        arrays |= {f"level_{i}": labels for i, labels in enumerate(hierarchy.levels)}
-        meta["hierarchy"] = {
-            "targets": list(hierarchy.targets),
-            "nested": hierarchy.nested,
-            "statistics": hierarchy.statistics,
+class Npz(Compressing):
+    """npz without pickle: everything a mesh and its hierarchy hold, or polygons in a plain layout.
+
+    Parameters
+    ----------
+    merge_points : bool
+        Merge exactly equal points of the plain layout; a file written by agglo is never changed.
+    allow_gaps : bool
+        Leave outer faces that lie on one another as they are.
+    compress : bool
+        Deflate the arrays: smaller files, slower to write and to read.
+    drop_flat : bool
+        Leave out cells of zero area or volume.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from agglo_core.io import Npz
+    >>> Npz(compress=True).write(Path("mesh.npz"), agglo.samples.squares(2))
+    >>> Npz().read(Path("mesh.npz")).n_cells
+    4
+    """
+
+    lossless: bool = True
+    atomic: bool = True
+    tells_progress: bool = True
+
+    def recognises(self, head: bytes) -> bool:
+        """Return True if a file begins as archives of arrays do."""
+        return head.startswith(b"PK\x03\x04") and b".npy" in head
+
+    def read(self, path: Path) -> Mesh:
+        """Return the mesh of an archive; raises FileError or MeshError."""
+        return self.read_hierarchy(path)[0]
+
+    def read_hierarchy(self, path: Path) -> tuple[Mesh, Hierarchy | None]:
+        """Return mesh and hierarchy of an ``.npz``, native or plain.
+
+        Raises
+        ------
+        FileError
+            Naming the array that is missing or corrupt.
+        MeshError
+            For a plain file whose polygons break a rule.
+        """
+        arrays = Archive(path)
+        if "meta" in arrays.members:
+            return _native(arrays, self.allow_gaps)
+        if not set(_PLAIN) <= arrays.members.keys():
+            raise FileError(
+                f"holds neither an agglo mesh (array 'meta') nor the arrays {', '.join(_PLAIN)}; "
+                f"found {', '.join(list(arrays.members)[:20]) or 'no arrays'}. Polygon c has the points "
+                "cell_vertices[cell_offsets[c]:cell_offsets[c + 1]]; Mesh.from_polygons takes lists of points"
+            )
+        offsets = arrays.integers("cell_offsets", (None,))
+        vertices = arrays.integers("cell_vertices", (int(offsets[-1]) if offsets.size else None,))
+        points = arrays.take("points", "fiu", (None, None))
+        cells = (offsets, vertices)
+        mesh = Mesh.from_polygons(points, cells, **self.reading, name=path.stem)
+        return mesh, None
+
+    def write(
+        self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None, tell: Tell = to_nobody
+    ) -> None:
+        """Write mesh and hierarchy, losslessly, deflated if asked; ``tell`` before each array."""
+        arrays: dict[str, NDArray[Any]] = {name: getattr(mesh, name) for name in _MESH}
+        meta: dict[str, Any] = {
+            "format": _FORMAT,
+            "version": _VERSION,
+            "name": mesh.name,
+            "fingerprint": mesh.fingerprint,
+            "repairs": dict(mesh.repairs),
+            "cell_tags": list(mesh.cell_tags),
+            "face_tags": list(mesh.face_tags),
         }
-    text = json.dumps(meta, default=_plain).encode()
-    if len(text) > _META:
-        raise FileError(f"names, targets and statistics take {len(text)} bytes as JSON, at most {_META} fit")
-    arrays = {"meta": np.frombuffer(text, np.uint8), **arrays}
-    method = zipfile.ZIP_DEFLATED if compress else zipfile.ZIP_STORED
-    with (
-        staging(path) as folder,
-        zipfile.ZipFile(folder / path.name, "w", method, compresslevel=_LEVEL) as archive,
-    ):
-        for place, (name, values) in enumerate(arrays.items()):  # as np.savez does
-            part(tell, place, len(arrays), name)
-            with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
-                npy.write_array(entry, narrow(values), allow_pickle=False)
+        arrays |= {f"cell_tag_{i}": values for i, values in enumerate(mesh.cell_tags.values())}
+        arrays |= {f"face_tag_{i}": values for i, values in enumerate(mesh.face_tags.values())}
+        if hierarchy is not None:
+            arrays |= {f"level_{i}": labels for i, labels in enumerate(hierarchy.levels)}
+            meta["hierarchy"] = {
+                "targets": list(hierarchy.targets),
+                "nested": hierarchy.nested,
+                "statistics": hierarchy.statistics,
+            }
+        text = json.dumps(meta, default=_plain).encode()
+        if len(text) > _META:
+            raise FileError(
+                f"names, targets and statistics take {len(text)} bytes as JSON, at most {_META} fit"
+            )
+        arrays = {"meta": np.frombuffer(text, np.uint8), **arrays}
+        method = zipfile.ZIP_DEFLATED if self.compress else zipfile.ZIP_STORED
+        with (
+            staging(path) as folder,
+            zipfile.ZipFile(folder / path.name, "w", method, compresslevel=_LEVEL) as archive,
+        ):
+            for place, (name, values) in enumerate(arrays.items()):  # as np.savez does
+                part(tell, place, len(arrays), name)
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                    npy.write_array(entry, narrow(values), allow_pickle=False)
 
 
 def _plain(value: Any) -> Any:
@@ -87,33 +150,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, tuple | set | frozenset):
         return list(value)
     raise FileError(f"statistics or targets hold a {type(value).__name__}, expected plain data")
-
-
-def read_npz(path: Path, **options: Unpack[ReadOptions]) -> tuple[Mesh, Hierarchy | None]:
-    """Mesh and hierarchy of an ``.npz``, native or plain.
-
-    Raises
-    ------
-    FileError
-        Naming the array that is missing or corrupt.
-    MeshError
-        For a plain file whose polygons break a rule.
-    """
-    arrays = Archive(path)
-    if "meta" in arrays.members:
-        return _native(arrays, options["allow_gaps"])
-    if not set(_PLAIN) <= arrays.members.keys():
-        raise FileError(
-            f"holds neither an agglo mesh (array 'meta') nor the arrays {', '.join(_PLAIN)}; "
-            f"found {', '.join(list(arrays.members)[:20]) or 'no arrays'}. Polygon c has the points "
-            "cell_vertices[cell_offsets[c]:cell_offsets[c + 1]]; Mesh.from_polygons takes lists of points"
-        )
-    offsets = arrays.integers("cell_offsets", (None,))
-    vertices = arrays.integers("cell_vertices", (int(offsets[-1]) if offsets.size else None,))
-    points = arrays.take("points", "fiu", (None, None))
-    cells = (offsets, vertices)
-    mesh = Mesh.from_polygons(points, cells, **options, name=path.stem)
-    return mesh, None
 
 
 def _native(arrays: Archive, allow_gaps: bool) -> tuple[Mesh, Hierarchy | None]:
