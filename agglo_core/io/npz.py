@@ -6,7 +6,6 @@ statistics. The plain layout ``points, cell_offsets, cell_vertices`` (polygons) 
 
 from __future__ import annotations
 
-import hashlib
 import json
 import zipfile
 from collections.abc import Mapping
@@ -31,7 +30,6 @@ if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
 _FORMAT, _VERSION = "agglo", 2
-_FIRST = 1  # an earlier version, which has another fingerprint
 _PLAIN = ("points", "cell_offsets", "cell_vertices")
 _MESH = ("points", "face_offsets", "face_vertices", "face_cells")
 _META = 1 << 24  # bytes of JSON: thousands of levels
@@ -169,8 +167,7 @@ def _native(arrays: Archive, allow_gaps: bool) -> tuple[Mesh, Hierarchy | None]:
             repairs={str(text): int(count) for text, count in meta["repairs"].items()},
             name=str(meta["name"]),
         )
-        fingerprint = _first_fingerprint(mesh) if meta["version"] == _FIRST else mesh.fingerprint
-        if fingerprint != meta["fingerprint"]:
+        if mesh.fingerprint != meta["fingerprint"]:
             raise FileError("the mesh arrays do not match their fingerprint: the file was altered")
         mesh.check()
         if not allow_gaps:
@@ -193,19 +190,9 @@ def _meta(arrays: Archive) -> dict[str, Any]:
         raise FileError(f"array 'meta' is corrupt: {error}") from None
     if not isinstance(meta, dict) or meta.get("format") != _FORMAT:
         raise FileError("array 'meta' does not say that this is an agglo mesh")
-    if meta.get("version") not in (_FIRST, _VERSION):
-        known = f"{_FIRST} and {_VERSION}"
-        raise FileError(f"format version {meta.get('version')} is unknown; this program reads {known}")
+    if meta.get("version") != _VERSION:
+        raise FileError(f"format version {meta.get('version')} is unknown; this program reads {_VERSION}")
     return meta
-
-
-def _first_fingerprint(mesh: Mesh) -> str:
-    digest = hashlib.blake2b(digest_size=16)
-    for name in _MESH:
-        array = getattr(mesh, name)
-        digest.update(repr(array.shape).encode())
-        digest.update(array.data)
-    return digest.hexdigest()
 
 
 def _tags(arrays: Archive, meta: dict[str, Any], kind: str, count: int) -> dict[str, NDArray[Any]]:

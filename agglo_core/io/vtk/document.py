@@ -25,10 +25,10 @@ _LEVEL = 1  # of zlib: higher ones take twice as long for a few per cent
 _ZLIB = 'compressor="vtkZLibDataCompressor"'
 _FILE = '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64"'
 _START = f'<?xml version="1.0"?>\n{_FILE} '
-HEADS = (f'{_START}agglo="mesh"'.encode(), f"{_START}{_ZLIB}>".encode())
-"""How meshes written by agglo begin, those of now and those in base64 of before."""
+MESH = f'{_START}agglo="mesh"'.encode()
+"""First bytes of a mesh written by agglo."""
 SOLUTION = f'{_START}agglo="solution"'.encode()
-"""How solutions begin."""
+"""First bytes of a solution written by agglo."""
 _END = b"\n</AppendedData>\n</VTKFile>\n"
 _FAR = 10**19  # no file is longer
 IDS = {"PointData": "GlobalPointIds", "CellData": "GlobalCellIds"}

@@ -21,7 +21,7 @@ from agglo_core.io.to_mesh.options import Compressing, Reading
 from agglo_core.io.to_mesh.soup import Soup
 from agglo_core.io.vtk.arrays import TYPES, Document, is_derived, parse
 from agglo_core.io.vtk.cells import POLYHEDRON, Cells
-from agglo_core.io.vtk.document import HEADS, SOLUTION, write_document
+from agglo_core.io.vtk.document import MESH, SOLUTION, write_document
 from agglo_core.io.vtk.grid_pieces import numbered
 from agglo_core.io.vtk.grids import Storage, write_grids
 from agglo_core.io.vtk.pieces import CellArrays, Stored, check_counts, mesh_from_pieces, soup_of_piece
@@ -249,7 +249,7 @@ class _Arrays:
 
 def written_by_agglo(file: Path, *, solutions: bool = False) -> bool:
     """Return True if a file begins as our meshes do, or also as our solutions; may raise OSError."""
-    heads = (*HEADS, SOLUTION) if solutions else HEADS
+    heads = (MESH, SOLUTION) if solutions else (MESH,)
     with open(file, "rb") as stream:
         return stream.read(max(map(len, heads))).startswith(heads)
 
