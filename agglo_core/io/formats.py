@@ -172,8 +172,7 @@ class Formats:
 
     def _records(self) -> list[Record]:
         """List the records of all formats, agglo's own first."""
-        records = [record for record in self.registry.list() if record.kind == "format"]
-        return sorted(records, key=lambda record: not record.in_tree)
+        return sorted(self.registry.list("format"), key=lambda record: not record.in_tree)
 
     def _build(self, record: Record) -> KnownFormat:
         """Build a format; raises AggloError with the reason why it cannot be used."""
