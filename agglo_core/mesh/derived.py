@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 from agglo_core.arrays import Float, Int, Mask, frozen, frozen_float, frozen_index, frozen_int, narrow
 from agglo_core.errors import MeshError
 from agglo_core.mesh.checks import box_centre, check_labels
-from agglo_core.mesh.diameters import diameters_of
 from agglo_core.mesh.elsewhere import made_by
-from agglo_core.mesh.geometry2d import Neighbours, PlaneCells, plane_cells
-from agglo_core.mesh.geometry3d import face_moments, polyhedron_moments, polyhedron_vertices
-from agglo_core.mesh.inertia import plane_inertias, polyhedron_inertias
-from agglo_core.mesh.loops import Loops, faces_of_cells, loops_of_cells
+from agglo_core.mesh.geometry.diameters import diameters_of
+from agglo_core.mesh.geometry.inertia import plane_inertias, polyhedron_inertias
+from agglo_core.mesh.geometry.loops import Loops, faces_of_cells, loops_of_cells
+from agglo_core.mesh.geometry.plane_cells import Neighbours, PlaneCells, plane_cells
+from agglo_core.mesh.geometry.solid_cells import face_moments, polyhedron_moments, polyhedron_vertices
 
 
 class Derived:

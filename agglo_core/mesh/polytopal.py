@@ -10,18 +10,18 @@ from numpy.typing import ArrayLike
 
 from agglo_core.arrays import FieldState, Float, Int, frozen, owned, trusted, trusted_copy
 from agglo_core.errors import OptionError
+from agglo_core.mesh.build.closed_cells import check_cells
+from agglo_core.mesh.build.conforming import TOLERANCE, join_outer_faces
+from agglo_core.mesh.build.double_cover import warn_of_double_cover
+from agglo_core.mesh.build.polygons import Faces, build_polygons
+from agglo_core.mesh.build.polyhedra import build_polyhedra
 from agglo_core.mesh.checks import check_faces, check_points, check_tags, note_repairs, whole_numbers
-from agglo_core.mesh.closed_cells import check_cells
 from agglo_core.mesh.coarsening import coarse_faces, surviving_tags
-from agglo_core.mesh.conforming import TOLERANCE, join_outer_faces
 from agglo_core.mesh.derived import Derived
-from agglo_core.mesh.double_cover import warn_of_double_cover
 from agglo_core.mesh.elsewhere import Interchange
-from agglo_core.mesh.polygons import Faces, build_polygons
-from agglo_core.mesh.polyhedra import build_polyhedra
 from agglo_core.mesh.renumbering import renumbered_arrays
-from agglo_core.mesh.simplification import Simplification, recorded
-from agglo_core.mesh.simplify import simplify
+from agglo_core.mesh.simplified import simplify
+from agglo_core.mesh.simplify.record import Simplification, recorded
 from agglo_core.mesh.tagging import Tagged
 
 

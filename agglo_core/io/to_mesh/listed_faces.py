@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.errors import FileError
 from agglo_core.mesh import Mesh
+from agglo_core.mesh.build.repeated_vertices import simple_loops
 from agglo_core.mesh.elements import gather
-from agglo_core.mesh.repeated_vertices import simple_loops
 
 _CELLS, _OFFSETS, _POINTS = "agglo_face_cells", "agglo_face_offsets", "agglo_face_points"
 _TAG = "agglo_face_tag "

@@ -8,7 +8,7 @@ from agglo_core.arrays import Int, frozen_float, frozen_int
 from agglo_core.errors import MeshError
 from agglo_core.mesh.checks import check_extent, name_cells
 from agglo_core.mesh.derived import Derived
-from agglo_core.mesh.geometry3d import sum_by
+from agglo_core.mesh.geometry.solid_cells import sum_by
 
 #: Area over the sum of its absolute terms, far above rounding: the bound of that is 2e-16 for each face
 _CERTAIN = 1e-11

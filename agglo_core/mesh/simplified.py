@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from agglo_core.arrays import Int
 from agglo_core.errors import OptionError
 from agglo_core.mesh.derived import Derived
-from agglo_core.mesh.flat_patches import fewer_faces
-from agglo_core.mesh.simpler_edges import fewer_edges
-from agglo_core.mesh.simplification import Fewer
+from agglo_core.mesh.simplify.edges import fewer_edges
+from agglo_core.mesh.simplify.patches import fewer_faces
+from agglo_core.mesh.simplify.record import Fewer
 
 _MOST = 0.5  # of a cell: beyond it next to no interface keeps a vertex
 

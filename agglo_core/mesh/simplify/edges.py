@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from agglo_core.arrays import Float, Int, Mask, frozen_int
-from agglo_core.mesh.chains import Chains, chains_of, ends_at
 from agglo_core.mesh.derived import Derived
-from agglo_core.mesh.loops import faces_of_cells
-from agglo_core.mesh.simplification import Fewer, packed, rounding_of
+from agglo_core.mesh.geometry.loops import faces_of_cells
+from agglo_core.mesh.simplify.chains import Chains, chains_of, ends_at
+from agglo_core.mesh.simplify.record import Fewer, packed, rounding_of
 
 _STEPS = (1.0, 0.5, 0.25, 0.125, 0.0)  # of the tolerance, one after the other where cells become invalid
 _LEAST = 0.5  # of its measure: what a cell keeps

@@ -24,10 +24,10 @@ from agglo_core.mesh.checks import (
     whole_numbers,
 )
 from agglo_core.mesh.elements import Polyhedra, take_cells
-from agglo_core.mesh.geometry3d import face_moments
-from agglo_core.mesh.polygons import Faces, kept_cells, without_padding
-from agglo_core.mesh.repeated_vertices import simple_solids
-from agglo_core.mesh.shells import outward_signs
+from agglo_core.mesh.geometry.solid_cells import face_moments
+from agglo_core.mesh.build.polygons import Faces, kept_cells, without_padding
+from agglo_core.mesh.build.repeated_vertices import simple_solids
+from agglo_core.mesh.build.shells import outward_signs
 
 _ROUNDING = 8  # units in the last place that points may be off an edge or a face that they lie on
 

@@ -11,7 +11,7 @@ from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
 from agglo_core.mesh.checks import box_centre
 from agglo_core.mesh.derived import Derived
 from agglo_core.mesh.elements import gather
-from agglo_core.mesh.geometry3d import face_moments
+from agglo_core.mesh.geometry.solid_cells import face_moments
 
 _CHUNK = 50_000  # faces whose candidates are held at once
 _OVERLAP = 1e-6  # of the smaller face: what faces must share to overlap, and may lack to lie within

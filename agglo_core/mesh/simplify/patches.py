@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
-from agglo_core.mesh.chains import chains_of, ends_at
 from agglo_core.mesh.derived import Derived
-from agglo_core.mesh.geometry3d import sum_by
-from agglo_core.mesh.simplification import Fewer, packed, rounding_of
+from agglo_core.mesh.geometry.solid_cells import sum_by
+from agglo_core.mesh.simplify.chains import chains_of, ends_at
+from agglo_core.mesh.simplify.record import Fewer, packed, rounding_of
 
 _SLACK = 4.0  # times rounding: what a plane through rounded points may be off
 

@@ -25,8 +25,8 @@ from agglo_core.mesh.checks import (
     whole_numbers,
 )
 from agglo_core.mesh.elements import gather
-from agglo_core.mesh.plain_faces import plain_faces
-from agglo_core.mesh.repeated_vertices import simple_loops
+from agglo_core.mesh.build.plain_faces import plain_faces
+from agglo_core.mesh.build.repeated_vertices import simple_loops
 
 _REPEATED, _ZERO = 1, 2  # codes of kernels.polygon_faults
 _FAULTS = {
