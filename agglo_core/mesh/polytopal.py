@@ -20,7 +20,8 @@ from agglo_core.mesh.coarsening import coarse_faces, surviving_tags
 from agglo_core.mesh.derived import Derived
 from agglo_core.mesh.elsewhere import Interchange
 from agglo_core.mesh.renumbering import renumbered_arrays
-from agglo_core.mesh.simplified import simplify
+from agglo_core.mesh.simplify.edges import MAX_TOLERANCE, fewer_edges
+from agglo_core.mesh.simplify.patches import fewer_faces
 from agglo_core.mesh.simplify.record import Simplification, recorded
 from agglo_core.mesh.tagging import Tagged
 
@@ -282,10 +283,23 @@ class Mesh(FieldState, Derived, Interchange, Tagged):
         >>> mesh.n_faces, mesh.simplification.faces_saved
         (7, 13)
         """
-        fewer = simplify(self, self.face_tags, tolerance)
+        if not 0 <= tolerance <= MAX_TOLERANCE:
+            raise OptionError(
+                f"simplified: tolerance must lie between 0 and {MAX_TOLERANCE}, given {tolerance!r}"
+            )
+        if self.dim == 3:
+            if tolerance > 0:
+                raise OptionError(
+                    f"simplified: in 3-D only flat patches become one face, tolerance=0; given {tolerance!r}"
+                )
+            fewer = fewer_faces(self, self.face_tags)
+        else:
+            fewer = fewer_edges(self, self.face_tags, tolerance)
         faces = fewer.face_offsets, fewer.face_vertices, self.face_cells[fewer.leads]
         tags = {name: values[fewer.leads] for name, values in self.face_tags.items()}
-        known = {**self.repairs, **note_repairs(fewer.repairs)}
+        moved = f"faces fewer, interfaces moved within {tolerance:g} of the cells"
+        saved = {moved if tolerance else "straight faces joined": self.n_faces - len(fewer.leads)}
+        known = {**self.repairs, **note_repairs(saved)}
         made = trusted(Mesh, self.points[fewer.points], *faces, self.cell_tags, tags, known, self.name)
         return trusted_copy(made, simplification=recorded(self, made, fewer, tolerance))
 

@@ -25,7 +25,7 @@ from agglo_core.mesh.checks import (
     whole_numbers,
 )
 from agglo_core.mesh.elements import gather
-from agglo_core.mesh.build.plain_faces import plain_faces
+from agglo_core.mesh.build.polygon_faces import polygon_faces
 from agglo_core.mesh.build.repeated_vertices import simple_loops
 
 _REPEATED, _ZERO = 1, 2  # codes of kernels.polygon_faults
@@ -127,7 +127,9 @@ def build_polygons(
         again, vertices, more = compact_points(points, vertices, False)
         used, points = used[again], frozen_float(points[again])
         repairs["orphan points dropped"] += more["orphan points dropped"]
-    face_vertices, face_cells, overlaps = _faces(offsets, vertices, used, own, weak, strict)
+    face_vertices, face_cells, overlaps = polygon_faces(
+        offsets, vertices, used, own, weak=weak, strict=strict
+    )
     repairs["overlapping edges left apart"] = overlaps
     if strict:
         _check_coverage(points, offsets, vertices, own)
@@ -200,49 +202,6 @@ def _oriented(
         mirrored = np.repeat(offsets[:-1] + offsets[1:] - 1, sizes) - position
         vertices = frozen_int(vertices[np.where(np.repeat(clockwise, sizes), mirrored, position)])
     return own, offsets, vertices, simplified, count
-
-
-def _faces(
-    offsets: Int, vertices: Int, used: Int, own: Int, weak: bool, strict: bool
-) -> tuple[Int, Int, int]:
-    """Face vertices, face cells, and how many pairs of cells overlap at an edge.
-
-    Messages name points and cells by the numbers ``used`` and ``own``.
-    """
-    from agglo_core.mesh.kernels.faces import match_half_edges
-
-    plain = plain_faces(offsets, vertices, len(used))
-    if plain is not None:
-        return *plain, 0
-    face_vertices, face_cells, double, (a, b, *cells) = match_half_edges(offsets, vertices, len(used))
-    if a >= 0:
-        _refuse_duplicates(offsets, vertices, own, combinations(cells, 2))
-        named = ", ".join(str(own[cell]) for cell in sorted(cells))
-        raise MeshError(
-            f"the face between points {used[a]} and {used[b]} has more than two cells: cells {named}"
-        )
-    if weak:  # an agglomerate of two overlapping cells traverses their common edge twice
-        double = double[double[:, 0] != double[:, 1]]
-    _refuse_duplicates(offsets, vertices, own, double.tolist())
-    for first, second in double.tolist():
-        if strict:
-            raise MeshError(
-                f"cells {own[first]} and {own[second]} overlap: both lie on the same side of an edge"
-            )
-    warn_of_overlaps(frozen_int(own[double]))
-    return frozen_int(face_vertices), frozen_int(face_cells), len(double)
-
-
-def _refuse_duplicates(offsets: Int, vertices: Int, own: Int, pairs: Iterable[Sequence[int]]) -> None:
-    """Raise MeshError if a pair of cells is one cell twice, or a cell traverses an edge twice."""
-    for first, second in pairs:
-        if first == second:
-            raise MeshError(f"cell {own[first]}: a repeated vertex (it traverses an edge twice)")
-        a, b = (np.sort(vertices[offsets[c] : offsets[c + 1]]) for c in (first, second))
-        if np.array_equal(a, b):
-            raise MeshError(
-                f"cells {own[first]} and {own[second]} are duplicates: they have the same vertices"
-            )
 
 
 def _check_coverage(points: Float, offsets: Int, vertices: Int, own: Int) -> None:

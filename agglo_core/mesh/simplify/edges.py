@@ -12,6 +12,9 @@ from agglo_core.mesh.geometry.loops import faces_of_cells
 from agglo_core.mesh.simplify.chains import Chains, chains_of, ends_at
 from agglo_core.mesh.simplify.record import Fewer, packed, rounding_of
 
+MAX_TOLERANCE = 0.5
+"""Largest tolerance, over the diameter of a cell: beyond it next to no interface keeps a vertex."""
+
 _STEPS = (1.0, 0.5, 0.25, 0.125, 0.0)  # of the tolerance, one after the other where cells become invalid
 _LEAST = 0.5  # of its measure: what a cell keeps
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -63,7 +61,6 @@ class Fewer(NamedTuple):
     leads: Int  # (n_faces,) the first of the faces before that each one was
     faces: Int  # (n_faces before,)
     held_back: int = 0
-    repairs: Mapping[str, int] = MappingProxyType({})
 
 
 def rounding_of(mesh: Derived) -> float:
