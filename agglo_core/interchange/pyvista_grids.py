@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from agglo_core.arrays import trusted_copy
 from agglo_core.errors import OptionError
-from agglo_core.io.level_tags import check_belongs
+from agglo_core.io.levels import check_belongs
 from agglo_core.io.tags import cell_data
 from agglo_core.io.vtk.vtu import Vtu
 from agglo_core.mesh import Mesh

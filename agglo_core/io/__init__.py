@@ -25,7 +25,7 @@ from agglo_core.registry import Registry, default
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.io.foreign.meshlane import Meshlane
-    from agglo_core.io.level_values import LevelValues
+    from agglo_core.io.levels import LevelValues
     from agglo_core.io.npz import Npz
     from agglo_core.io.openfoam.format import OpenFoam
     from agglo_core.io.vtk.vtu import Vtu
@@ -207,11 +207,11 @@ def write(
     with followed(progress, verbose) as followers, unwrapped(followers) as listen, naming(target):
         known = _writer(target, registry, {"compress": True} if compress else {})
         if hierarchy is not None:
-            from agglo_core.io.level_tags import check_belongs
+            from agglo_core.io.levels import check_belongs
 
             check_belongs(mesh, hierarchy)
         if level_values is not None:
-            from agglo_core.io.level_values import check_level_values
+            from agglo_core.io.levels import check_level_values
 
             check_level_values(hierarchy, level_values)
         with phase(labelled(listen, target.name), "writing") as tell:

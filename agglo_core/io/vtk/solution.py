@@ -14,7 +14,7 @@ from agglo_core.arrays import Int
 from agglo_core.errors import FileError
 from agglo_core.io.atomic import staging
 from agglo_core.io.file_checks import naming
-from agglo_core.io.level_values import under_free_names
+from agglo_core.io.levels import under_free_names
 from agglo_core.io.tags import check_names
 from agglo_core.io.vtk.document import Piece, write_document
 from agglo_core.mesh import Mesh

@@ -11,15 +11,14 @@ from numpy.typing import NDArray
 
 from agglo_core.arrays import Int, fits_in_index, frozen_float, frozen_int
 from agglo_core.errors import AggloError, FileError
-from agglo_core.io.level_values import LevelValues
+from agglo_core.io.levels import LevelValues
 from agglo_core.io.tags import tag_values
 from agglo_core.io.to_mesh.listed_faces import listed_faces
 from agglo_core.io.to_mesh.options import Compressing
 from agglo_core.io.to_mesh.soup import Soup
 from agglo_core.io.vtk.cells import POLYHEDRON, Cells
 from agglo_core.io.vtk.document import Piece
-from agglo_core.io.vtk.grid_pieces import numbered
-from agglo_core.io.vtk.grids import Storage, write_grids
+from agglo_core.io.vtk.grids import Storage, numbered, write_grids
 from agglo_core.io.vtk.hdf_arrays import (
     COUNTS,
     DERIVED,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
-from agglo_core.io.level_values import LevelValues
+from agglo_core.io.levels import LevelValues
 from agglo_core.io.tags import tag_values
 from agglo_core.io.to_mesh.listed_faces import ListedFaces, listed_faces
 from agglo_core.io.to_mesh.options import Compressing, Reading
@@ -22,10 +22,16 @@ from agglo_core.io.to_mesh.soup import Soup
 from agglo_core.io.vtk.arrays import TYPES, Document, is_derived, parse
 from agglo_core.io.vtk.cells import POLYHEDRON, Cells
 from agglo_core.io.vtk.document import MESH, SOLUTION, write_document
-from agglo_core.io.vtk.grid_pieces import numbered
-from agglo_core.io.vtk.grids import Storage, write_grids
-from agglo_core.io.vtk.pieces import CellArrays, Stored, check_counts, mesh_from_pieces, soup_of_piece
-from agglo_core.io.vtk.polydata import KINDS, polydata_cells
+from agglo_core.io.vtk.grids import Storage, numbered, write_grids
+from agglo_core.io.vtk.pieces import (
+    KINDS,
+    CellArrays,
+    Stored,
+    check_counts,
+    mesh_from_pieces,
+    polydata_cells,
+    soup_of_piece,
+)
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import take_cells
 from agglo_core.progress import Tell, to_nobody
