@@ -105,7 +105,7 @@ def _check_content(known: KnownFormat, path: Path) -> None:
 
 
 def _stored(known: KnownFormat, path: Path) -> tuple[Mesh, Hierarchy | None]:
-    """What a format that keeps hierarchies returns."""
+    """Return mesh and hierarchy from a format that keeps hierarchies."""
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.io.levels import check_belongs
 

@@ -52,7 +52,7 @@ def split_levels(mesh: Mesh) -> tuple[Mesh, Hierarchy | None]:
 
 
 def _nests(fine: Int, coarse: Int) -> bool:
-    """Whether every part of ``fine`` lies in one part of ``coarse``."""
+    """Return True if every part of ``fine`` lies in one part of ``coarse``."""
     return bool((coarse[first_of_each(fine)][fine] == coarse).all())
 
 

@@ -1,4 +1,4 @@
-"""What is derived from the arrays of a mesh: sizes, measures, centroids, diameters, loops; computed once."""
+"""Quantities derived from the arrays of a mesh, each computed once: sizes, measures, centroids, loops."""
 
 from __future__ import annotations
 

@@ -158,7 +158,7 @@ class Registry:
         raise PluginError(self._unknown(kind, name))
 
     def declares(self, kind: str, name: str) -> bool:
-        """Whether a component of this name is declared, whatever its state: asked at each run."""
+        """Return True if a component of this name is declared, in any state: asked at each run."""
         return any((kind, name) in plugin.named for plugin in self._plugins)
 
     def level_done(self, info: Mapping[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""What a plugin declares: the hooks, the records they return, and what is wrong with a record."""
+"""Declarations of plugins: the hooks, the records that they return, and faults of records."""
 
 from __future__ import annotations
 
@@ -175,7 +175,7 @@ def is_suffix(suffix: object) -> bool:
 
 
 def made_plain(declared: Component | Command) -> Component | Command:
-    """What can be listed of a faulty declaration: its texts, whatever they are, as plain strings."""
+    """Make a faulty declaration fit to be listed: its texts, whatever they are, as plain strings."""
     name, target, summary = map(_text, (declared.name, declared.target, declared.summary))
     if isinstance(declared, Command):
         return Command(name, target, summary)

@@ -32,7 +32,7 @@ class _Cells(NamedTuple):
 
     @property
     def number(self) -> int:
-        """How many cells there are."""
+        """Number of cells."""
         if self.solid is not None:
             return len(self.solid.cell_offsets) - 1
         return len(self.plane[0]) - 1
@@ -179,7 +179,7 @@ def _tags(found: Mapping[str, Variable], count: int) -> dict[str, Int]:
 
 
 def _is_list(variable: Variable, count: int) -> bool:
-    """Whether it is a row or column with a number for each of several cells."""
+    """Return True for a row or column with a number for each of several cells."""
     return count > 1 and sorted(variable.shape) == [1] * (len(variable.shape) - 1) + [count]
 
 

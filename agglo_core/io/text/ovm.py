@@ -34,7 +34,7 @@ _COMMENT = "# "
 
 
 class _Section(NamedTuple):
-    """What follows a title: a count, then rows."""
+    """Section under a title: a count, then rows."""
 
     title: str
     line: int

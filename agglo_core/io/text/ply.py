@@ -45,7 +45,7 @@ class Element(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """What all rows of an element hold: numbers by name, and the list of each as CSR."""
+    """Contents of all rows of an element: numbers by name, and the list of each as CSR."""
 
     values: Mapping[str, NDArray[Any]]
     listed: str
@@ -179,7 +179,7 @@ _COLOURS = ("red", "green", "blue", "alpha", "flags")
 
 
 class _Header(NamedTuple):
-    """What stands before the data: their byte order (empty for text), the elements, and where it ends."""
+    """Header of a file: byte order of the data (empty for text), elements, and its end."""
 
     order: str
     elements: list[Element]

@@ -89,7 +89,7 @@ def _smaller_among(mesh: Mesh, cells: Int) -> Int:
 
 
 def listed_faces(fields: Mapping[str, NDArray[Any]], n_points: int, n_cells: int) -> ListedFaces | None:
-    """What :func:`face_fields` wrote, or None if there is nothing of the kind.
+    """Read the arrays of :func:`face_fields`; None if there are none.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What all formats can be told that build meshes from the points and cells of a file."""
+"""Options of formats that build meshes from the points and cells of a file."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import TypedDict
 
 
 class ReadOptions(TypedDict):
-    """How a mesh is built of what a file holds."""
+    """Options of building a mesh from the contents of a file."""
 
     merge_points: bool
     allow_gaps: bool

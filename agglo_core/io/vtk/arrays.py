@@ -30,7 +30,7 @@ _WORDS = 1 << 16  # numbers in text that are converted at once
 
 
 def is_derived(element: ElementTree.Element) -> bool:
-    """Whether a DataArray holds what agglo derived when it wrote the file: it is no tag of the mesh."""
+    """Return True if agglo derived a DataArray when it wrote the file, so that it is not a tag."""
     return element.get("agglo") == "derived"
 
 
@@ -130,7 +130,7 @@ class Document:
 
 
 class _Room(NamedTuple):
-    """How many values an array may hold, and the bytes of each."""
+    """Number of values that an array may hold, and the bytes of each."""
 
     declared: int
     width: int

@@ -36,7 +36,7 @@ IDS = {"PointData": "GlobalPointIds", "CellData": "GlobalCellIds"}
 
 
 class Piece(NamedTuple):
-    """What a file holds: arrays by name, reals or integers.
+    """Contents of a file: arrays by name, reals or integers.
 
     Attributes
     ----------

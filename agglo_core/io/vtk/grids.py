@@ -106,7 +106,7 @@ class WritePiece(Protocol):
 
 
 class Storage(NamedTuple):
-    """How a grid is stored.
+    """Functions that store a grid.
 
     Attributes
     ----------

@@ -60,14 +60,14 @@ class CellArrays(Protocol):
     """The arrays of whole numbers of a piece, by the names that VTU files give them."""
 
     def __contains__(self, name: str) -> bool:
-        """Whether there is such an array."""
+        """Return True if there is such an array."""
 
     def take(self, name: str, declared: int) -> Int:
         """Values of an array that should have ``declared`` ones; raises FileError."""
 
 
 class Stored(NamedTuple):
-    """What a file holds.
+    """Contents of a file.
 
     Attributes
     ----------

@@ -44,7 +44,7 @@ class Pvtu(Reading):
 
 
 def stored_together(files: Sequence[Stored]) -> Stored:
-    """What several files hold."""
+    """Join the contents of several files."""
     return Stored(
         list(chain.from_iterable(file.pieces for file in files)),
         list(chain.from_iterable(file.left_out for file in files)),
@@ -89,11 +89,11 @@ _START = (
     ' agglo="{kind}">\n<PUnstructuredGrid GhostLevel="0">\n'
 )
 PIECES = _START.format(kind="mesh").encode()
-"""How lists of pieces of a mesh written by agglo begin."""
+"""First bytes of a list of pieces of a mesh written by agglo."""
 
 
 def piece_name(stem: str, rank: int) -> str:
-    """Where the piece of a rank lies beside ``STEM.pvtu``, as ParaView has it."""
+    """Return the path of the piece of a rank relative to ``STEM.pvtu``, as ParaView has it."""
     return f"{stem}/{stem}_{rank}.vtu"
 
 

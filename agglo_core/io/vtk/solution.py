@@ -47,7 +47,7 @@ def write_solution(path: str | PathLike[str], mesh: Mesh, samples: Samples, *, n
 def solution_piece(
     samples: Samples, tags: Mapping[str, Int], *, name: str = "u", cell_ids: Int | None = None
 ) -> Piece:
-    """What a file holds of a sampled function.
+    """Contents of a file for a sampled function.
 
     Parameters
     ----------

@@ -219,7 +219,7 @@ def _tags(document: Document, piece: ElementTree.Element, n: int) -> dict[str, I
 
 
 def _is_tag(element: ElementTree.Element) -> bool:
-    """Whether cell data are named integers of one component, and not what agglo derived from the mesh."""
+    """Return True for named integers of one component that agglo did not derive from the mesh."""
     if is_derived(element):
         return False
     kind = element.get("type", "")

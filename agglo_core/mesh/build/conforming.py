@@ -111,13 +111,13 @@ def _contacts(mesh: Derived, tolerance: float) -> tuple[Outer, Contacts]:
 
 
 def _in_words(cells: Int) -> str:
-    """What to say of outer faces of pairs of cells ``(k, 2)``."""
+    """Message about outer faces of pairs of cells ``(k, 2)``."""
     first, second = np.sort(cells[0]).tolist()
     return f"{len(cells)} pairs of outer faces, such as of cells {first} and {second}, lie on one another"
 
 
 def reach(mesh: Derived, outer: Outer, pairs: Int, tolerance: float) -> Float:
-    """How far apart two faces may be to lie on one another: a length for each pair."""
+    """Largest distance at which two faces lie on one another: a length for each pair."""
     if not len(pairs):
         return frozen_float([])
     size = outer.measure if mesh.dim == 2 else np.sqrt(outer.measure)
@@ -265,6 +265,6 @@ def _renumbered(n: int, outer: Outer, pieces: _Pieces, place: Int) -> tuple[Int,
 
 
 def _among(pairs: Int, others: Int, n: int) -> Mask:
-    """Which of the pairs of numbers below n are among the others, either way round."""
+    """Mask of the pairs of numbers below n that are among the others, in either order."""
     key, known = (np.sort(each, axis=1) @ [n, 1] for each in (pairs, others))
     return np.isin(key, known)

@@ -35,7 +35,7 @@ class Outer(NamedTuple):
 
 
 class Contacts(NamedTuple):
-    """What lies on what; faces and points are numbered as in :class:`Outer`."""
+    """Contacts of outer faces; faces and points are numbered as in :class:`Outer`."""
 
     pairs: Int  # (k, 2) faces that lie on one another, at least in part
     share: Float  # (k, 2) how much of either lies on the other (3-D only)
@@ -115,7 +115,7 @@ def _candidates(outer: Outer) -> Iterator[Int]:
 
 
 def find_contacts(outer: Outer, pairs: Int, reach: Float) -> Contacts:
-    """Which of the pairs lie on one another within ``reach (k,)``, a length for each pair."""
+    """Mask of the pairs that lie on one another within ``reach (k,)``, a length for each pair."""
     return _edges(outer, pairs, reach) if outer.points.shape[1] == 2 else _plates(outer, pairs, reach)
 
 
@@ -155,7 +155,7 @@ def _edges(outer: Outer, pairs: Int, reach: Float) -> Contacts:
 
 
 def _beside(outer: Outer, edge: Int, vertices: Int) -> tuple[Float, Float]:
-    """How far along each edge its points ``vertices (k, n)`` are, and how far off its line."""
+    """Coordinates of the points ``vertices (k, n)`` along each edge, and distances from its line."""
     normal = outer.normal[edge][:, None]
     step = outer.points[vertices] - outer.points[outer.vertices[2 * edge]][:, None]
     far = step[..., 1] * normal[..., 0] - step[..., 0] * normal[..., 1]
@@ -196,7 +196,7 @@ def _plates(outer: Outer, pairs: Int, reach: Float) -> Contacts:
 
 
 def _lifts(outer: Outer, ordered: Int, row: Int, first: Int, second: Int) -> tuple[Float, Float]:
-    """How far the vertices of both faces, and those of the large one, are from its mean plane at most."""
+    """Largest distances of the vertices of both faces, and of the large one, from its mean plane."""
     large = ordered[row, 0]
     high, warp = np.zeros(len(ordered)), np.zeros(len(ordered))
     for vertices in (first, second):
@@ -209,7 +209,7 @@ def _lifts(outer: Outer, ordered: Int, row: Int, first: Int, second: Int) -> tup
 
 
 def _on_edges(outer: Outer, ordered: Int, reach: Float) -> Int:
-    """How many vertices of the second of two faces lie on edges of the first."""
+    """Count the vertices of the second of two faces that lie on edges of the first."""
     following = np.arange(1, len(outer.vertices) + 1)
     following[outer.offsets[1:] - 1] = outer.offsets[:-1]
     offsets, edge = gather(outer.offsets, frozen_int(ordered[:, 0]))
@@ -239,7 +239,7 @@ def _all_vertex_pairs(outer: Outer, pairs: Int) -> tuple[Int, Int, Int]:
 
 
 def _shares(outer: Outer, pairs: Int, normal: Float) -> Float:
-    """How much of each of two faces the other covers ``(k, 2)``, seen along ``normal (k, 3)``."""
+    """Shares ``(k, 2)`` of two faces that the other covers, seen along ``normal (k, 3)``."""
     import shapely
 
     if not len(pairs):

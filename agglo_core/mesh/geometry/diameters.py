@@ -70,7 +70,7 @@ def compared_diameters(
 def wide_parts(
     labels: Int, asked: Mask, limit: float, vertex_offsets: Int, vertices: Index, points: Float
 ) -> Mask:
-    """Which of the parts ``asked (k,)`` are wider than ``limit``; the labels ``(n,)`` are below k.
+    """Mask of the parts ``asked (k,)`` that are wider than ``limit``; the labels ``(n,)`` are below k.
 
     Bounds of all come from one pass over the cells, in any order; few are so near that they are measured.
 
@@ -126,7 +126,7 @@ def _wider(
     centres: Float,
     limit: float,
 ) -> Mask:
-    """Whether blocks with ``centres (blocks, 2)`` in their middle are wider than ``limit``."""
+    """Mask of the blocks with ``centres (blocks, 2)`` that are wider than ``limit``."""
     from agglo_core.compiled.widths import wide_blocks
 
     def found(start: int, stop: int) -> Mask:

@@ -76,7 +76,7 @@ def plane_cells(points: Float, face_pairs: Int, face_cells: Int, n_cells: int) -
 
 
 def _half_edges(face_pairs: Int, face_cells: Int, n_cells: int) -> tuple[Int, NDArray[np.int32]]:
-    """Where the half-edges of each cell start; and all: tail, head, cell beyond, whether it owns the face."""
+    """Sort half-edges by cell: start of each cell; tail, head, cell beyond and ownership of each."""
     from agglo_core.mesh.kernels.plane_cells import half_edges
 
     edges = np.empty((2 * len(face_cells), 4), np.int32)

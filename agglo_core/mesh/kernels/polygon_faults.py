@@ -1,4 +1,4 @@
-"""What may be wrong with a polygon: repeated or touching vertices, no area, edges that cross."""
+"""Faults of polygons: repeated or touching vertices, no area, edges that cross."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _BENT, _BENT_ZERO = 5, 6  # not convex: faults still to be sought; and its area 
 
 @helper
 def _crosses(points, a, b, c, d):
-    """Whether the open segments ab and cd meet, or one passes through an end of the other."""
+    """Return True if the open segments ab and cd meet, or one passes through an end of the other."""
     ax, ay = points[a, 0], points[a, 1]
     bx, by = points[b, 0] - ax, points[b, 1] - ay
     cx, cy = points[c, 0] - ax, points[c, 1] - ay
@@ -32,7 +32,7 @@ def _crosses(points, a, b, c, d):
 
 @helper
 def _is_convex(points, vertices, start, stop):
-    """Whether all turns go one way and the boundary winds once (so it cannot cross itself)."""
+    """Return True if all turns go one way and the boundary winds once (so it cannot cross itself)."""
     sign, previous, flips = 0.0, 0.0, 0
     p, v = vertices[stop - 2], vertices[stop - 1]
     for i in range(start, stop):

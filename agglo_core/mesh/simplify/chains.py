@@ -48,7 +48,7 @@ class Chains(NamedTuple):
 
 
 def ends_at(ends: Int, n_points: int) -> tuple[Mask, Int]:
-    """Which vertices just two of the edges ``(E, 2)`` have, and these two ``(n_points, 2)``."""
+    """Find the vertices that exactly two of the edges ``(E, 2)`` have, and these two ``(n_points, 2)``."""
     order = np.argsort(ends.ravel(), kind="stable")
     count = np.bincount(ends.ravel(), minlength=n_points)
     first = np.cumsum(count) - count

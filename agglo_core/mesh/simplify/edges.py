@@ -96,7 +96,7 @@ def _thin_within(
 
 
 def _in_bad_cells(mesh: Derived, chains: Chains, keep: Mask, tails: Int, doubtful: Int) -> Mask:
-    """Which chains make a cell cross itself, turn inside out or lose more than half its measure."""
+    """Mask of the chains that make a cell cross itself, invert or lose more than half its measure."""
     from agglo_core.mesh.kernels.cell_crossings import mark_crossings
 
     begin, end = _ends(chains, keep)

@@ -143,7 +143,7 @@ def _centres(mesh: Derived) -> Float:
 
 
 def _off(mesh: Derived, faces: Int, normals: Float, centres: Float) -> Float:
-    """How far the vertices of faces lie at most from planes, one for each."""
+    """Largest distance of the vertices of each face from a plane, one for each."""
     sizes = np.diff(mesh.face_offsets)[faces]
     row = np.repeat(np.arange(len(faces)), sizes)
     start = np.cumsum(sizes) - sizes
@@ -154,7 +154,7 @@ def _off(mesh: Derived, faces: Int, normals: Float, centres: Float) -> Float:
 
 
 def _bends(mesh: Derived, loops: _Loops) -> Mask:
-    """Which points are corners: all but those in the middle of a straight line on which nothing else ends."""
+    """Mask of the corners: all points except those inside a straight line on which nothing else ends."""
     heads = _heads(loops.offsets, loops.vertices)
     ends = np.sort(np.stack((loops.vertices, heads), axis=1), axis=1)
     ends = np.unique(ends, axis=0)

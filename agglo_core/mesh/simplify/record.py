@@ -15,7 +15,7 @@ _ROUNDING = 8  # units in the last place of the largest coordinate
 
 @dataclass(frozen=True, eq=False)
 class Simplification:
-    """What :meth:`~agglo_core.mesh.Mesh.simplified` changed.
+    """Record of the changes by :meth:`~agglo_core.mesh.Mesh.simplified`.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class Fewer(NamedTuple):
 
 
 def rounding_of(mesh: Derived) -> float:
-    """How far rounding may have moved the points of a mesh."""
+    """Distance by which rounding may have moved the points of a mesh."""
     return _ROUNDING * float(np.spacing(np.abs(mesh.points[mesh.face_vertices]).max()))
 
 
