@@ -75,6 +75,18 @@ _FORMATS = {
     "pvtu": ("vtk.pvtu:Pvtu", ".pvtu", "Parallel .pvtu: the .vtu files that it names as one mesh."),
     "vtp": ("vtk.vtu:Vtp", ".vtp", "ParaView's .vtp: plane polygons of PolyData."),
 }
+_MAGIC = {
+    "vtu": r"(?s)\A(?=.*<VTKFile)(?=.*UnstructuredGrid)(?!.*PUnstructuredGrid)",
+    "pvtu": r"(?s)\A(?=.*<VTKFile)(?=.*PUnstructuredGrid)",
+    "vtp": r"(?s)\A(?=.*<VTKFile)(?=.*\"PolyData\")",
+    "npz": r"(?s)\APK\x03\x04.*\.npy",
+    "fvca": r"(?i)\A\s*vertices",
+    "matlab": r"\AMATLAB 5\.0 MAT-file",
+    "ovm": r"\A\s*OVM\s+ASCII(?:\s|\Z)",
+    "off": r"\A\s*(?:ST)?C?N?OFF\s",
+    "ply": r"\Aply\r?\n",
+    "openfoam": r"(?s)FoamFile|\A/\*.*OpenFOAM",
+}
 _NEEDED_BY_FORMATS = {"meshlane": ("meshlane",), "vtkhdf": ("h5py",)}
 _SOLID_FORMATS = ("vtu", "npz", "vtkhdf", "pvtu", "matlab", "openfoam", "rf", "hedra", "ovm")
 _SAMPLES = {
@@ -275,6 +287,7 @@ def _formats() -> list[Component]:
             promises={"pickles": True} | ({"3d": True} if name in _SOLID_FORMATS else {}),
             summary=summary,
             suffixes=tuple(suffixes.split()),
+            magic=_MAGIC.get(name, ""),
         )
         for name, (target, suffixes, summary) in _FORMATS.items()
     ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import chain
@@ -139,12 +140,14 @@ class Formats:
         """Yield the formats that do not claim a file by its name, but by how its content begins."""
         with open(path, "rb") as stream:
             head = without_mark(stream.read(_HEAD))
-        for known in self._all() if head else ():
-            if _claims(known.suffixes, path) or not known.has("recognises"):
+        for record in self._records() if head else ():
+            declared = bool(_declared_suffixes(record))
+            if declared and not _has_magic(record, head):
                 continue
-            with attributed(known.title):
-                recognised = known.tool.recognises(head)
-            if recognised:
+            known = self._usable(record)
+            if known is None or _claims(known.suffixes, path):
+                continue
+            if declared or _recognises(known, head):
                 _log.info("%s: by its content it is a file of %s", path, known.title)
                 yield known
 
@@ -219,6 +222,20 @@ def _claims(suffixes: tuple[str, ...], path: Path) -> bool:
 
 def _declared_suffixes(record: Record) -> tuple[str, ...]:
     return record.component.suffixes if record.component is not None else ()
+
+
+def _has_magic(record: Record, head: bytes) -> bool:
+    """Return True if a file begins as the format declares."""
+    magic = record.component.magic if record.component is not None else ""
+    return bool(magic) and re.search(magic.encode("latin-1"), head) is not None
+
+
+def _recognises(known: KnownFormat, head: bytes) -> bool:
+    """Ask a format that declares no suffixes for a file by its method."""
+    if not known.has("recognises"):
+        return False
+    with attributed(known.title):
+        return bool(known.tool.recognises(head))
 
 
 def _suffixes_of(tool: Any, title: str) -> tuple[str, ...]:

@@ -63,10 +63,6 @@ class Npz(Compressing):
     atomic: bool = True
     tells_progress: bool = True
 
-    def recognises(self, head: bytes) -> bool:
-        """Return True if a file begins as archives of arrays do."""
-        return head.startswith(b"PK\x03\x04") and b".npy" in head
-
     def read(self, path: Path) -> Mesh:
         """Return the mesh of an archive; raises FileError or MeshError."""
         return self.read_hierarchy(path)[0]

@@ -22,8 +22,8 @@ class Format(Protocol):
     Four attributes are optional, false where they are missing. ``last_resort``: it is tried after all others.
     ``reads_empty``: files of no bytes mean something to it. ``atomic``: its own ``write`` makes files appear
     whole or not at all. ``keeps_level_values``: its ``write`` takes a fourth argument, for each level numbers
-    ``(k,)`` by name. ``recognises(head)`` may know a file of another suffix by its first 512 bytes,
-    ``recognises_folder(folder)`` a folder that is read as a whole.
+    ``(k,)`` by name. ``recognises(head)`` of a format that declares no suffixes may know a file of another
+    suffix by its first 512 bytes, ``recognises_folder(folder)`` a folder that is read as a whole.
     Options ``merge_points``, ``allow_gaps`` and ``drop_flat`` (bool) of the constructor are those of
     ``agglo.read``.
 

@@ -54,6 +54,9 @@ class Component:
     suffixes : tuple of str
         For a format: the suffixes of its files, in lower case with their dot, so that it is imported only for
         files that have one. A format that declares none is built to read its attribute ``suffixes``.
+    magic : str
+        For a format with ``suffixes``: a regular expression of bytes (as Latin-1). A file is also read under
+        another suffix if it is found in the first 512 bytes.
 
     Examples
     --------
@@ -70,6 +73,7 @@ class Component:
     summary: str = ""
     fallback: str | None = None
     suffixes: tuple[str, ...] = ()
+    magic: str = ""
 
 
 @dataclass(frozen=True)
@@ -147,6 +151,7 @@ def _component_faults(component: Component) -> Iterator[str]:
     if not isinstance(component.fallback, str | None):
         yield f"fallback {shown(component.fallback)} is not the name of a bisector"
     yield from _suffix_faults(component)
+    yield from _magic_faults(component)
     if not isinstance(component.promises, Mapping):
         yield f"promises {shown(component.promises)} is not a mapping of promise to bool or number"
         return
@@ -167,6 +172,15 @@ def _suffix_faults(component: Component) -> Iterator[str]:
     for suffix in suffixes:
         if not is_suffix(suffix):
             yield f"its suffix {shown(suffix)} is not of the form: lower case after a dot, such as '.vtu'"
+
+
+def _magic_faults(component: Component) -> Iterator[str]:
+    if component.magic and not component.suffixes:
+        yield "magic is for formats that declare their suffixes"
+    try:
+        re.compile(component.magic.encode("latin-1"))
+    except (AttributeError, UnicodeEncodeError, re.error) as error:
+        yield f"magic {shown(component.magic)} is not a regular expression of bytes: {error}"
 
 
 def is_suffix(suffix: object) -> bool:

@@ -31,10 +31,6 @@ class Matlab(Compressing):
 
     lossless: bool = False
 
-    def recognises(self, head: bytes) -> bool:
-        """Return True if a file begins as MATLAB's of level 5 do."""
-        return head.startswith(b"MATLAB 5.0 MAT-file")
-
     def read(self, path: Path) -> Mesh:
         """Return the mesh of a file; raises FileError or MeshError."""
         return read_matlab(path, **self.reading)

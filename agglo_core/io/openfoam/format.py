@@ -43,10 +43,6 @@ class OpenFoam(Compressing):
     def __init__(self, merge_points: bool = True, allow_gaps: bool = False, compress: bool = False) -> None:
         super().__init__(merge_points, allow_gaps, compress)
 
-    def recognises(self, head: bytes) -> bool:
-        """Return True if a file begins as those in ``polyMesh`` do; the mesh of its folder is read."""
-        return b"FoamFile" in head or (head.startswith(b"/*") and b"OpenFOAM" in head)
-
     def recognises_folder(self, folder: Path) -> bool:
         """Return True for the folder of a case, for ``constant``, and for ``polyMesh``."""
         return is_foam_folder(folder)

@@ -49,10 +49,6 @@ class Fvca(Reading):
 
     lossless: bool = False
 
-    def recognises(self, head: bytes) -> bool:
-        """Return True if a file begins as these do: with the title of the points."""
-        return head.lstrip()[:8].lower() == b"vertices"
-
     def read(self, path: Path) -> Mesh:
         """Return the mesh of a ``.typ1`` or ``.typ2`` file; cell data of agglo's own files become tags again.
 

@@ -47,10 +47,6 @@ class Ovm(Reading):
 
     lossless: bool = False
 
-    def recognises(self, head: bytes) -> bool:
-        """Return True if a file begins as these do."""
-        return head.split(maxsplit=2)[:2] == [b"OVM", b"ASCII"]
-
     def read(self, path: Path) -> Mesh:
         """Return the mesh of a file; properties of other programs are passed over.
 

@@ -191,10 +191,6 @@ class Ply(Reading):
 
     lossless: bool = False
 
-    def recognises(self, head: bytes) -> bool:
-        """Return True if a file begins as these do."""
-        return head.startswith((b"ply\n", b"ply\r\n"))
-
     def read(self, path: Path) -> Mesh:
         """Return the mesh of a PLY file; whole numbers of faces become cell tags, colours are passed over.
 

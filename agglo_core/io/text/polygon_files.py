@@ -31,10 +31,6 @@ class Off(Reading):
 
     lossless: bool = False
 
-    def recognises(self, head: bytes) -> bool:
-        """Return True if a file begins as these do."""
-        return re.match(rb"\s*(?:ST)?C?N?OFF\s", head) is not None
-
     def read(self, path: Path) -> Mesh:
         """Return the mesh of an OFF file, without normals, textures and colours.
 

@@ -25,10 +25,6 @@ class Pvtu(Reading):
 
     lossless: bool = False
 
-    def recognises(self, head: bytes) -> bool:
-        """Return True if a file begins as these do."""
-        return b"<VTKFile" in head and b"PUnstructuredGrid" in head
-
     def read(self, path: Path) -> Mesh:
         """Return the mesh of a PVTU file and the VTU files beside it, its cells piece by piece.
 

@@ -70,10 +70,6 @@ class Vtu(Compressing):
     tells_progress: bool = True
     keeps_level_values: bool = True
 
-    def recognises(self, head: bytes) -> bool:
-        """Return True if a file begins as these do."""
-        return b"<VTKFile" in head and b"UnstructuredGrid" in head and b"PUnstructuredGrid" not in head
-
     def read(self, path: Path) -> Mesh:
         """Return the mesh of a VTU file; its pieces are joined, integer cell data become cell tags.
 
@@ -101,10 +97,6 @@ class Vtp(Reading):
     """Polygons and strips of VTK XML PolyData; a constant z makes a plane mesh, surfaces are refused."""
 
     lossless: bool = False
-
-    def recognises(self, head: bytes) -> bool:
-        """Return True if a file begins as these do."""
-        return b"<VTKFile" in head and b'"PolyData"' in head
 
     def read(self, path: Path) -> Mesh:
         """Return the mesh of the polygons and strips of a VTP file; raises as :meth:`Vtu.read`."""

@@ -594,6 +594,41 @@ def test_content_is_recognised_under_a_wrong_suffix(tmp_path: Path, suffix: str,
     assert read(tmp_path / name).n_cells == 9
 
 
+def test_strangers_formats_recognise_content_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the method where no suffixes are declared, by the declaration otherwise."""
+    (tmp_path / "a.dat2").write_text("MINE 2")
+    mine = reading(lambda path: squares(2), recognises=lambda self, head: head.startswith(b"MINE"))
+    assert read(tmp_path / "a.dat2", registry=having(mine=mine)).n_cells == 4
+    monkeypatch.setattr(HOME, "Declared", reading(lambda path: squares(3)), raising=False)
+    for magic, found in ((r"\AMINE\s", True), (r"\AYOURS", False)):
+        component = Component("format", "mine", f"{HOME.__name__}:Declared", suffixes=(".mine",), magic=magic)
+        registry = Registry()
+        registry.register(SimpleNamespace(agglo_components=hookimpl(lambda own=component: [own])), "mine")
+        if found:
+            assert read(tmp_path / "a.dat2", registry=registry).n_cells == 9
+        else:
+            with pytest.raises(FileError, match=r"unknown suffix '\.dat2'"):
+                read(tmp_path / "a.dat2", registry=registry)
+
+
+@pytest.mark.parametrize(
+    ("declared", "says"),
+    [
+        ({"magic": "("}, "magic is for formats that declare their suffixes"),
+        ({"magic": "(", "suffixes": (".a",)}, r"magic '\(' is not a regular expression of bytes"),
+        ({"magic": b"A", "suffixes": (".a",)}, r"magic b'A' is not a regular expression of bytes"),
+        ({"magic": "€", "suffixes": (".a",)}, "magic '€' is not a regular expression of bytes"),
+    ],
+)
+def test_declared_magic_is_checked(declared: dict[str, Any], says: str) -> None:
+    components = [Component("format", "wrong", "absent:Format", **declared)]
+    registry = Registry()
+    registry.register(SimpleNamespace(agglo_components=hookimpl(lambda: components)), "mine")
+    (record,) = registry.list()
+    assert record.state == "broken"
+    assert re.search(says, record.reason)
+
+
 def test_what_is_recognised_and_broken_is_refused_with_both_reasons(tmp_path: Path) -> None:
     (tmp_path / "m.dat2").write_text("OFF\n3 1 0\n0 0 0\n")
     with pytest.raises(FileError, match=r"m\.dat2: 3 points are declared, 3 coordinates follow"):
