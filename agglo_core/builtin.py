@@ -48,14 +48,14 @@ _FORMATS = {
     ),
     "matlab": ("matlab.format:Matlab", ".mat", "MATLAB's .mat: the variables of lymph, mVEM and PolyMesher."),
     "rf": (
-        "text.rf:RegnFace",
+        "text.regn_face:RegnFace",
         ".ele .node",
         "HArDCore3D's .node and .ele: polyhedra by their faces (REGN_FACE).",
     ),
     "hedra": ("text.hedra:Hedra", ".hedra", "cinolib's .hedra: polyhedra with faces of their own."),
     "ovm": ("text.ovm:Ovm", ".ovm", "OpenVolumeMesh's .ovm as text: polyhedra of half-faces."),
-    "off": ("text.polygon_files:Off", ".off", "OFF: plane polygons, as cinolib and others write them."),
-    "obj": ("text.polygon_files:Obj", ".obj", "Wavefront OBJ: plane polygons."),
+    "off": ("text.off_obj:Off", ".off", "OFF: plane polygons, as cinolib and others write them."),
+    "obj": ("text.off_obj:Obj", ".obj", "Wavefront OBJ: plane polygons."),
     "ply": ("text.ply:Ply", ".ply", "PLY: plane polygons, as text or binary."),
     "meshlane": (
         "foreign.meshlane:Meshlane",

@@ -22,9 +22,9 @@ from agglo_core.io.levels import (
 from agglo_core.io.tags import BRIDGES, cell_data, check_names, is_level
 from agglo_core.io.to_mesh.listed_faces import face_fields
 from agglo_core.io.to_mesh.plain_cells import used_points
-from agglo_core.io.vtk.arrays import DERIVED
 from agglo_core.io.vtk.cells import POLYHEDRON, Cells, cells_of, these_cells
-from agglo_core.io.vtk.document import Piece
+from agglo_core.io.vtk.xml_read import DERIVED
+from agglo_core.io.vtk.xml_write import Piece
 from agglo_core.mesh import Mesh
 from agglo_core.progress import Tell, part
 

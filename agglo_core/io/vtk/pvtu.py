@@ -10,10 +10,10 @@ from xml.sax.saxutils import quoteattr
 from agglo_core.errors import FileError
 from agglo_core.files.regular import file_bytes
 from agglo_core.io.to_mesh.options import Reading
-from agglo_core.io.vtk.arrays import vtk_root
-from agglo_core.io.vtk.document import Piece, global_ids, stored_arrays
 from agglo_core.io.vtk.pieces import Stored, mesh_from_pieces
 from agglo_core.io.vtk.vtu import stored_pieces
+from agglo_core.io.vtk.xml_read import vtk_root
+from agglo_core.io.vtk.xml_write import Piece, global_ids, stored_arrays
 from agglo_core.mesh import Mesh
 
 

@@ -16,7 +16,7 @@ from agglo_core.io.atomic import staging
 from agglo_core.io.file_checks import naming
 from agglo_core.io.levels import under_free_names
 from agglo_core.io.tags import check_names
-from agglo_core.io.vtk.document import Piece, write_document
+from agglo_core.io.vtk.xml_write import Piece, write_document
 from agglo_core.mesh import Mesh
 from agglo_core.problems.discretisation import Samples
 

@@ -17,7 +17,6 @@ from agglo_core.io.to_mesh.listed_faces import listed_faces
 from agglo_core.io.to_mesh.options import Compressing
 from agglo_core.io.to_mesh.soup import Soup
 from agglo_core.io.vtk.cells import POLYHEDRON, Cells
-from agglo_core.io.vtk.document import Piece
 from agglo_core.io.vtk.grids import Storage, numbered, write_grids
 from agglo_core.io.vtk.hdf_arrays import (
     COUNTS,
@@ -31,6 +30,7 @@ from agglo_core.io.vtk.hdf_arrays import (
     subgroup,
 )
 from agglo_core.io.vtk.pieces import Stored, check_counts, mesh_from_pieces, soup_of_piece
+from agglo_core.io.vtk.xml_write import Piece
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import take_cells
 from agglo_core.progress import Tell, part, to_nobody

@@ -19,9 +19,7 @@ from agglo_core.io.tags import tag_values
 from agglo_core.io.to_mesh.listed_faces import ListedFaces, listed_faces
 from agglo_core.io.to_mesh.options import Compressing, Reading
 from agglo_core.io.to_mesh.soup import Soup
-from agglo_core.io.vtk.arrays import TYPES, Document, is_derived, parse
 from agglo_core.io.vtk.cells import POLYHEDRON, Cells
-from agglo_core.io.vtk.document import MESH, SOLUTION, write_document
 from agglo_core.io.vtk.grids import Storage, numbered, write_grids
 from agglo_core.io.vtk.pieces import (
     KINDS,
@@ -32,6 +30,8 @@ from agglo_core.io.vtk.pieces import (
     polydata_cells,
     soup_of_piece,
 )
+from agglo_core.io.vtk.xml_read import TYPES, Document, is_derived, parse
+from agglo_core.io.vtk.xml_write import MESH, SOLUTION, write_document
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import take_cells
 from agglo_core.progress import Tell, to_nobody

@@ -18,7 +18,7 @@ from agglo_core.arrays import trusted_copy
 from agglo_core.errors import FileError, MeshError, OptionError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.io import read, read_hierarchy, write
-from agglo_core.io.vtk import document
+from agglo_core.io.vtk import xml_write as document
 
 MESHES = [samples.voronoi(300, seed=5), samples.tetrahedra(2), samples.brain_holes()]
 

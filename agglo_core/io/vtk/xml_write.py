@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglo_core.arrays import fits_in_index
-from agglo_core.io.vtk.arrays import DERIVED
+from agglo_core.io.vtk.xml_read import DERIVED
 from agglo_core.progress import Tell, part, to_nobody
 
 _NAMES = {"i4": "Int32", "i8": "Int64", "u1": "UInt8", "f8": "Float64"}
