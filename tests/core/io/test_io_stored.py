@@ -18,7 +18,7 @@ from agglo_core.arrays import trusted_copy
 from agglo_core.errors import FileError, MeshError, OptionError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.io import read, read_hierarchy, write
-from agglo_core.io.vtk import xml_write as document
+from agglo_core.io.vtk import xml_write
 
 MESHES = [samples.voronoi(300, seed=5), samples.tetrahedra(2), samples.brain_holes()]
 
@@ -103,7 +103,7 @@ def test_blocks_of_any_length(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     """Arrays of several blocks, the last one full or not; 48 bytes are two points."""
     mesh, _ = with_hierarchy(samples.squares(3))
     write(tmp_path / "whole.vtu", mesh)
-    monkeypatch.setattr(document, "_BLOCK", 48)
+    monkeypatch.setattr(xml_write, "_BLOCK", 48)
     for compress in (False, True):
         write(tmp_path / "cut.vtu", mesh, compress=compress)
         cut = arrays_of(tmp_path / "cut.vtu")
