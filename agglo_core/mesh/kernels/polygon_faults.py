@@ -19,6 +19,11 @@ def _crosses(points, a, b, c, d):
     bx, by = points[b, 0] - ax, points[b, 1] - ay
     cx, cy = points[c, 0] - ax, points[c, 1] - ay
     dx, dy = points[d, 0] - ax, points[d, 1] - ay
+    # Segments with separate boxes do not meet; of those nearly on one line the signs below are rounding.
+    if min(cx, dx) > max(bx, 0.0) or max(cx, dx) < min(bx, 0.0):
+        return False
+    if min(cy, dy) > max(by, 0.0) or max(cy, dy) < min(by, 0.0):
+        return False
     s1 = bx * cy - by * cx
     s2 = bx * dy - by * dx
     t1 = (dx - cx) * (0.0 - cy) - (dy - cy) * (0.0 - cx)
