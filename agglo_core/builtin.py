@@ -30,28 +30,62 @@ _SHAPES = {
     "edge_ratio": ("EdgeRatio", "Shortest over longest straight edge of the boundary."),
     "face_ratio": ("FaceRatio", "Smallest over largest flat face of the boundary; in 2-D of its edges."),
 }
+_MESHLANE_SUFFIXES = (
+    ".avs .bdf .cdb .cgns .dat .dato .e .ex2 .exo .f3grid .fem .h5m .hmf .inp .mdpa .med .mesh .meshb "
+    ".msh .nas .post .stl .su2 .tec .ugrid .vol .vtk .wkt .xdmf .xmf .xml"
+)
 _FORMATS = {
-    "vtu": ("vtk.vtu_format:Vtu", "ParaView's .vtu: any mesh, its tags, the labels of all levels."),
-    "npz": ("native.npz_format:Npz", "numpy's .npz: everything a mesh and its hierarchy hold, losslessly."),
-    "fvca": ("text.plain_formats:Fvca", "FVCA's .typ1 and .typ2, as HArDCore2D and DISK++ read them."),
-    "matlab": ("matlab.format:Matlab", "MATLAB's .mat: the variables of lymph, mVEM and PolyMesher."),
+    "vtu": ("vtk.vtu:Vtu", ".vtu", "ParaView's .vtu: any mesh, its tags, the labels of all levels."),
+    "npz": (
+        "npz:Npz",
+        ".npz",
+        "numpy's .npz: everything a mesh and its hierarchy hold, losslessly.",
+    ),
+    "fvca": (
+        "text.fvca:Fvca",
+        ".typ2 .typ1",
+        "FVCA's .typ1 and .typ2, as HArDCore2D and DISK++ read them.",
+    ),
+    "matlab": ("matlab.format:Matlab", ".mat", "MATLAB's .mat: the variables of lymph, mVEM and PolyMesher."),
     "rf": (
-        "text.plain_formats:RegnFace",
+        "text.regn_face:RegnFace",
+        ".ele .node",
         "HArDCore3D's .node and .ele: polyhedra by their faces (REGN_FACE).",
     ),
-    "hedra": ("text.plain_formats:Hedra", "cinolib's .hedra: polyhedra with faces of their own."),
-    "ovm": ("text.plain_formats:Ovm", "OpenVolumeMesh's .ovm as text: polyhedra of half-faces."),
-    "off": ("text.plain_formats:Off", "OFF: plane polygons, as cinolib and others write them."),
-    "obj": ("text.plain_formats:Obj", "Wavefront OBJ: plane polygons."),
-    "ply": ("text.plain_formats:Ply", "PLY: plane polygons, as text or binary."),
+    "hedra": ("text.hedra:Hedra", ".hedra", "cinolib's .hedra: polyhedra with faces of their own."),
+    "ovm": ("text.ovm:Ovm", ".ovm", "OpenVolumeMesh's .ovm as text: polyhedra of half-faces."),
+    "off": ("text.off_obj:Off", ".off", "OFF: plane polygons, as cinolib and others write them."),
+    "obj": ("text.off_obj:Obj", ".obj", "Wavefront OBJ: plane polygons."),
+    "ply": ("text.ply:Ply", ".ply", "PLY: plane polygons, as text or binary."),
     "meshlane": (
-        "foreign.meshlane_format:Meshlane",
+        "foreign.meshlane:Meshlane",
+        _MESHLANE_SUFFIXES,
         "Gmsh, legacy VTK and more, where no other format reads them.",
     ),
-    "openfoam": ("openfoam.format:OpenFoam", "OpenFOAM cases, by way of the .foam file that marks them."),
-    "vtkhdf": ("vtk.hdf_format:VtkHdf", "VTKHDF, ParaView's grids in HDF5; needs h5py (agglo[hdf])."),
-    "pvtu": ("text.plain_formats:Pvtu", "Parallel .pvtu: the .vtu files that it names as one mesh."),
-    "vtp": ("text.plain_formats:Vtp", "ParaView's .vtp: plane polygons of PolyData."),
+    "openfoam": (
+        "openfoam.format:OpenFoam",
+        ".foam .openfoam",
+        "OpenFOAM cases, by way of the .foam file that marks them.",
+    ),
+    "vtkhdf": (
+        "vtk.vtkhdf:VtkHdf",
+        ".vtkhdf",
+        "VTKHDF, ParaView's grids in HDF5; needs h5py (agglo[hdf]).",
+    ),
+    "pvtu": ("vtk.pvtu:Pvtu", ".pvtu", "Parallel .pvtu: the .vtu files that it names as one mesh."),
+    "vtp": ("vtk.vtu:Vtp", ".vtp", "ParaView's .vtp: plane polygons of PolyData."),
+}
+_MAGIC = {
+    "vtu": r"(?s)\A(?=.*<VTKFile)(?=.*UnstructuredGrid)(?!.*PUnstructuredGrid)",
+    "pvtu": r"(?s)\A(?=.*<VTKFile)(?=.*PUnstructuredGrid)",
+    "vtp": r"(?s)\A(?=.*<VTKFile)(?=.*\"PolyData\")",
+    "npz": r"(?s)\APK\x03\x04.*\.npy",
+    "fvca": r"(?i)\A\s*vertices",
+    "matlab": r"\AMATLAB 5\.0 MAT-file",
+    "ovm": r"\A\s*OVM\s+ASCII(?:\s|\Z)",
+    "off": r"\A\s*(?:ST)?C?N?OFF\s",
+    "ply": r"\Aply\r?\n",
+    "openfoam": r"(?s)FoamFile|\A/\*.*OpenFOAM",
 }
 _NEEDED_BY_FORMATS = {"meshlane": ("meshlane",), "vtkhdf": ("h5py",)}
 _SOLID_FORMATS = ("vtu", "npz", "vtkhdf", "pvtu", "matlab", "openfoam", "rf", "hedra", "ovm")
@@ -252,8 +286,10 @@ def _formats() -> list[Component]:
             requires=_NEEDED_BY_FORMATS.get(name, ()),
             promises={"pickles": True} | ({"3d": True} if name in _SOLID_FORMATS else {}),
             summary=summary,
+            suffixes=tuple(suffixes.split()),
+            magic=_MAGIC.get(name, ""),
         )
-        for name, (target, summary) in _FORMATS.items()
+        for name, (target, suffixes, summary) in _FORMATS.items()
     ]
 
 

@@ -183,7 +183,7 @@ def _check_files(
     if plot is not None:
         check_picture(plot)
     if system_file is not None:
-        from agglo_core.io.system_levels import check_system_file
+        from agglo_core.io.system_files import check_system_file
 
         check_system_file(system_file)
 
@@ -213,7 +213,7 @@ def _hand_over(
     outputs: Outputs, path: Path, posed: Posed, hierarchy: Hierarchy, progress: Listener | None
 ) -> None:
     """Write the system before it is solved: whatever becomes of that, others have it."""
-    from agglo_core.io.system_levels import write_system_and_levels
+    from agglo_core.io.system_files import write_system_and_levels
 
     with phase(progress, "writing", path.name):
         system = posed.system()

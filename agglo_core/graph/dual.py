@@ -27,7 +27,6 @@ from agglo_core.graph.block_graph import BlockGraph
 from agglo_core.graph.quotient import quotient
 from agglo_core.graph.validation import check_graph, copied
 from agglo_core.mesh import Mesh, check_labels
-from agglo_core.mesh.elsewhere import made_by
 
 _DTYPES = {
     **dict.fromkeys(("indptr", "vertex_offsets", "offsets"), np.int64),
@@ -186,7 +185,9 @@ class Graph(BlockGraph):
         data: Iterable[str] | None = None,
     ) -> Graph:
         """Graph of a networkx graph; see :func:`agglo_core.interchange.graph_from_networkx`."""
-        made: Graph = made_by("agglo_core.interchange:graph_from_networkx")(
+        from agglo_core.interchange import graph_from_networkx
+
+        return graph_from_networkx(
             network,
             centroid=centroid,
             interface=interface,
@@ -195,11 +196,12 @@ class Graph(BlockGraph):
             boundary=boundary,
             data=data,
         )
-        return made
 
     def to_networkx(self) -> Any:
         """Graph of networkx with all of this one's attributes."""
-        return made_by("agglo_core.interchange:graph_to_networkx")(self)
+        from agglo_core.interchange import graph_to_networkx
+
+        return graph_to_networkx(self)
 
     def coarsen(self, labels: ArrayLike) -> Graph:
         """Quotient graph: one node per agglomerate, labels 0..k−1 without gaps.

@@ -14,8 +14,7 @@ from agglo_core.arrays import plain_array
 from agglo_core.errors import MeshError, OptionError
 from agglo_core.interchange.shapely_in import mesh_from_shapely
 from agglo_core.interchange.shapely_out import mesh_to_shapely
-from agglo_core.io.level_tags import check_belongs
-from agglo_core.io.level_values import about_agglomerates, under_free_names
+from agglo_core.io.levels import about_agglomerates, check_belongs, under_free_names
 from agglo_core.io.tags import cell_data, is_level
 from agglo_core.mesh import Mesh
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from agglo_core.arrays import trusted_copy
 from agglo_core.errors import OptionError
-from agglo_core.io.level_tags import check_belongs
+from agglo_core.io.levels import check_belongs
 from agglo_core.io.tags import cell_data
-from agglo_core.io.vtk.vtu_write import write_vtu
+from agglo_core.io.vtk.vtu import Vtu
 from agglo_core.mesh import Mesh
 
 if TYPE_CHECKING:
@@ -45,5 +45,5 @@ def to_pyvista(mesh: Mesh, hierarchy: Hierarchy | None = None) -> Any:
         check_belongs(mesh, hierarchy)
     with TemporaryDirectory(prefix="agglo") as folder:
         path = Path(folder) / "mesh.vtu"
-        write_vtu(path, trusted_copy(mesh, cell_tags=cell_data(mesh, hierarchy), face_tags={}), None)
+        Vtu().write(path, trusted_copy(mesh, cell_tags=cell_data(mesh, hierarchy), face_tags={}))
         return pyvista.read(path)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import sys
+from importlib import import_module
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,20 +18,34 @@ from typing import TYPE_CHECKING
 from agglo_core.errors import FileError, OptionError
 from agglo_core.files.regular import check_regular
 from agglo_core.io.file_checks import naming, read_by, read_hierarchy_by, write_by
-from agglo_core.io.foreign.meshlane_format import Meshlane
 from agglo_core.io.formats import Formats, KnownFormat
-from agglo_core.io.native.npz_format import Npz
-from agglo_core.io.openfoam.format import OpenFoam
-from agglo_core.io.vtk.vtu_format import Vtu
 from agglo_core.progress import Listener, followed, labelled, phase, unwrapped
 from agglo_core.registry import Registry, default
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
-    from agglo_core.io.level_values import LevelValues
+    from agglo_core.io.foreign.meshlane import Meshlane
+    from agglo_core.io.levels import LevelValues
+    from agglo_core.io.npz import Npz
+    from agglo_core.io.openfoam.format import OpenFoam
+    from agglo_core.io.vtk.vtu import Vtu
     from agglo_core.mesh import Mesh
 
 __all__ = ["Meshlane", "Npz", "OpenFoam", "Vtu", "check_writable", "read", "read_hierarchy", "write"]
+
+_CLASSES = {
+    "Meshlane": "agglo_core.io.foreign.meshlane",
+    "Npz": "agglo_core.io.npz",
+    "OpenFoam": "agglo_core.io.openfoam.format",
+    "Vtu": "agglo_core.io.vtk.vtu",
+}
+
+
+def __getattr__(name: str) -> object:
+    """Import the class of a format on first use: the registry finds formats without this module."""
+    if name not in _CLASSES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_CLASSES[name]), name)
 
 
 def read(
@@ -94,7 +109,7 @@ def read(
     if drop_flat:
         options["drop_flat"] = True
     with naming(source):
-        return _formats(registry, options).first_accepted(source, lambda known: read_by(known, source))
+        return _formats(registry, options).first_accepted(source, read_by)
 
 
 def read_hierarchy(
@@ -129,7 +144,7 @@ def read_hierarchy(
     source = _existing(path)
     with naming(source):
         formats = _formats(registry, {"allow_gaps": True} if allow_gaps else {})
-        return formats.first_accepted(source, lambda known: read_hierarchy_by(known, source))
+        return formats.first_accepted(source, read_hierarchy_by)
 
 
 def write(
@@ -192,11 +207,11 @@ def write(
     with followed(progress, verbose) as followers, unwrapped(followers) as listen, naming(target):
         known = _writer(target, registry, {"compress": True} if compress else {})
         if hierarchy is not None:
-            from agglo_core.io.level_tags import check_belongs
+            from agglo_core.io.levels import check_belongs
 
             check_belongs(mesh, hierarchy)
         if level_values is not None:
-            from agglo_core.io.level_values import check_level_values
+            from agglo_core.io.levels import check_level_values
 
             check_level_values(hierarchy, level_values)
         with phase(labelled(listen, target.name), "writing") as tell:

@@ -17,7 +17,7 @@ from agglo_core.registry.containment import raised, shown
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
-    from agglo_core.io.level_values import LevelValues
+    from agglo_core.io.levels import LevelValues
     from agglo_core.mesh import Mesh
 
 _ON_PURPOSE = (AggloError, OSError, MemoryError)
@@ -47,7 +47,7 @@ def read_hierarchy_by(known: KnownFormat, path: Path) -> tuple[Mesh, Hierarchy |
     mesh, hierarchy = _stored(known, path) if known.has("read_hierarchy") else (read_by(known, path), None)
     if hierarchy is not None:
         return mesh, hierarchy
-    from agglo_core.io.level_tags import split_levels
+    from agglo_core.io.levels import split_levels
 
     return split_levels(mesh)
 
@@ -105,9 +105,9 @@ def _check_content(known: KnownFormat, path: Path) -> None:
 
 
 def _stored(known: KnownFormat, path: Path) -> tuple[Mesh, Hierarchy | None]:
-    """What a format that keeps hierarchies returns."""
+    """Return mesh and hierarchy from a format that keeps hierarchies."""
     from agglo_core.hierarchy import Hierarchy
-    from agglo_core.io.level_tags import check_belongs
+    from agglo_core.io.levels import check_belongs
 
     _check_content(known, path)
     with attributed(known.title, spare=_ON_PURPOSE):

@@ -4,25 +4,30 @@ An ``.npz`` holds the arrays ``data, indices, indptr`` of A in CSR, ``b``, ``blo
 one, ``near_null``. MatrixMarket has no place for several matrices: ``name.mtx`` is A, ``name_b.mtx`` b,
 ``name_block_offsets.mtx`` and ``name_near_null.mtx`` the others; b of one column is read as ``(n,)``. Files
 appear whole or not at all.
+
+Levels that go with a system are ``level_0``, ``level_1``, … in an ``.npz``, the part of each cell, finest
+first, beside what ``scipy.sparse.load_npz`` needs to read A; and files ``name_level_0.mtx``, ….
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
 from typing import Any
+from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from agglo_core.arrays import Int
 from agglo_core.errors import FileError, OptionError
 from agglo_core.files.archive import REAL
 from agglo_core.files.matrix_market import read_matrix_market
 from agglo_core.files.stored_matrices import matrix_archive, read_matrix, read_vectors, stored_matrix
-from agglo_core.io.atomic import staging
+from agglo_core.io.atomic import check_replaceable, staging
 from agglo_core.mesh import Mesh
 from agglo_core.problems import System
 from agglo_core.problems.real_arrays import real_matrix
@@ -172,3 +177,55 @@ def _naming(name: object) -> Iterator[None]:
         raise FileError(f"{name}: {error.strerror or error}") from error
     except MemoryError as error:
         raise FileError(f"{name}: not enough memory to read it") from error
+
+
+_SUFFIXES = (".npz", ".mtx")
+
+
+def check_system_file(path: Path) -> None:
+    """Raise FileError unless a system can be written there, as far as can be told in advance."""
+    if path.suffix.lower() not in _SUFFIXES:
+        raise FileError(f"{path}: a system is written as {' or '.join(_SUFFIXES)}")
+    if not path.parent.is_dir():
+        raise FileError(f"{path}: there is no folder {path.parent}")
+    check_replaceable(path)
+
+
+def write_system_and_levels(path: str | PathLike[str], system: System, levels: Sequence[Int]) -> None:
+    """Write a system, and the labels ``(n_cells,)`` of each level, to ``.npz`` or ``.mtx`` files.
+
+    Raises
+    ------
+    FileError
+        For another suffix, or if a file cannot be written.
+
+    Examples
+    --------
+    >>> write_system_and_levels("poisson.npz", system, hierarchy.levels)  # doctest: +SKIP
+    """
+    target = Path(path)
+    check_system_file(target)
+    labels = {f"level_{k}": np.asarray(each) for k, each in enumerate(levels)}
+    append = _append_npz if target.suffix.lower() == ".npz" else _append_market
+    try:
+        with staging(target) as folder:
+            write_system(folder / target.name, system)
+            append(folder / target.name, labels, system.A.shape)
+    except OSError as error:
+        raise FileError(f"{target}: {error.strerror or error}") from error
+
+
+def _append_npz(path: Path, labels: Mapping[str, Any], shape: tuple[int, int]) -> None:
+    more = {"format": np.array(b"csr"), "shape": np.array(shape), **labels}
+    with ZipFile(path, "a", ZIP_DEFLATED) as archive:
+        for name in sorted(more.keys() - {Path(each).stem for each in archive.namelist()}):
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:
+                np.lib.format.write_array(stream, more[name], allow_pickle=False)
+
+
+def _append_market(path: Path, labels: Mapping[str, Any], shape: tuple[int, int]) -> None:
+    from scipy.io import mmwrite
+
+    for name, values in labels.items():
+        with path.with_name(f"{path.stem}_{name}{path.suffix}").open("wb") as stream:
+            mmwrite(stream, values[:, None], symmetry="general")

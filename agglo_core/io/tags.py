@@ -26,7 +26,7 @@ _NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def is_level(name: str) -> bool:
-    """Whether cell data of that name are the labels of a level: ``level_0``, ``level_1``, …."""
+    """Return True if cell data of that name are the labels of a level: ``level_0``, ``level_1``, …."""
     return _LEVEL.fullmatch(name) is not None
 
 

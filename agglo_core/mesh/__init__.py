@@ -1,10 +1,10 @@
 """Meshes: points, faces and the cells beside them; how they are built and checked, and their geometry."""
 
 from agglo_core.mesh.checks import box_centre, check_labels
-from agglo_core.mesh.diameters import compared_diameters, diameters_of, wide_parts
-from agglo_core.mesh.loops import Loops
+from agglo_core.mesh.geometry.diameters import compared_diameters, diameters_of, wide_parts
+from agglo_core.mesh.geometry.loops import Loops
 from agglo_core.mesh.polytopal import Mesh
-from agglo_core.mesh.simplification import Simplification
+from agglo_core.mesh.simplify.record import Simplification
 
 __all__ = [
     "Loops",

@@ -13,7 +13,7 @@ _FEW = 20_000  # items one thread puts in their places in a millisecond
 
 
 def counting_sort(put: Callable[[int, int, Int, bool], None], n: int, rows: int, *, shares: int = 4) -> Int:
-    """Where each row begins ``(rows + 1,)``, after ``put`` has put all items there, in their order.
+    """Let ``put`` sort all items into rows, stably, and return the start of each row ``(rows + 1,)``.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What is derived from the arrays of a mesh: sizes, measures, centroids, diameters, loops; computed once."""
+"""Quantities derived from the arrays of a mesh, each computed once: sizes, measures, centroids, loops."""
 
 from __future__ import annotations
 
@@ -13,12 +13,11 @@ from numpy.typing import ArrayLike
 from agglo_core.arrays import Float, Int, Mask, frozen, frozen_float, frozen_index, frozen_int, narrow
 from agglo_core.errors import MeshError
 from agglo_core.mesh.checks import box_centre, check_labels
-from agglo_core.mesh.diameters import diameters_of
-from agglo_core.mesh.elsewhere import made_by
-from agglo_core.mesh.geometry2d import Neighbours, PlaneCells, plane_cells
-from agglo_core.mesh.geometry3d import face_moments, polyhedron_moments, polyhedron_vertices
-from agglo_core.mesh.inertia import plane_inertias, polyhedron_inertias
-from agglo_core.mesh.loops import Loops, faces_of_cells, loops_of_cells
+from agglo_core.mesh.geometry.diameters import diameters_of
+from agglo_core.mesh.geometry.inertia import plane_inertias, polyhedron_inertias
+from agglo_core.mesh.geometry.loops import Loops, faces_of_cells, loops_of_cells
+from agglo_core.mesh.geometry.plane_cells import Neighbours, PlaneCells, plane_cells
+from agglo_core.mesh.geometry.solid_cells import face_moments, polyhedron_moments, polyhedron_vertices
 
 
 class Derived:
@@ -201,11 +200,6 @@ class Derived:
         if self.dim != 2:
             raise MeshError("boundary_loops exists only for 2-D meshes")
         return loops_of_cells(self.local_points, *self.cell_faces, self.face_pairs, self.face_cells)
-
-    @cached_property
-    def graph(self) -> Any:
-        """Dual :class:`~agglo_core.graph.Graph`: one node per cell, one edge per pair of neighbours."""
-        return made_by("agglo_core.graph:dual_graph")(self)
 
     def check_labels(self, labels: ArrayLike) -> Int:
         """Labels as ``(n_cells,)`` int64 covering 0..k−1, or MeshError."""

@@ -110,7 +110,7 @@ def _by_name(word: str, text: str, tags: Mapping[str, NDArray[Any]], n: int, wha
 
 
 def _any(masks: Sequence[Mask], n: int) -> Mask:
-    """Where one of the masks is true."""
+    """Union of the masks."""
     result = np.zeros(n, bool)
     for mask in masks:
         result |= mask

@@ -2,31 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from agglo_core.arrays import FieldState, Float, Int, frozen, owned, trusted, trusted_copy
 from agglo_core.errors import OptionError
+from agglo_core.mesh.build.closed_cells import check_cells
+from agglo_core.mesh.build.conforming import TOLERANCE, join_outer_faces
+from agglo_core.mesh.build.double_cover import warn_of_double_cover
+from agglo_core.mesh.build.polygons import Faces, build_polygons
+from agglo_core.mesh.build.polyhedra import build_polyhedra
 from agglo_core.mesh.checks import check_faces, check_points, check_tags, note_repairs, whole_numbers
-from agglo_core.mesh.closed_cells import check_cells
 from agglo_core.mesh.coarsening import coarse_faces, surviving_tags
-from agglo_core.mesh.conforming import TOLERANCE, join_outer_faces
 from agglo_core.mesh.derived import Derived
-from agglo_core.mesh.double_cover import warn_of_double_cover
-from agglo_core.mesh.elsewhere import Interchange
-from agglo_core.mesh.polygons import Faces, build_polygons
-from agglo_core.mesh.polyhedra import build_polyhedra
+from agglo_core.mesh.elsewhere import made_by
 from agglo_core.mesh.renumbering import renumbered_arrays
-from agglo_core.mesh.simplification import Simplification, recorded
-from agglo_core.mesh.simplify import simplify
+from agglo_core.mesh.simplify.edges import MAX_TOLERANCE, fewer_edges
+from agglo_core.mesh.simplify.patches import fewer_faces
+from agglo_core.mesh.simplify.record import Simplification, recorded
 from agglo_core.mesh.tagging import Tagged
+
+if TYPE_CHECKING:
+    from agglo_core.graph import Graph
 
 
 @dataclass(frozen=True, eq=False)
-class Mesh(FieldState, Derived, Interchange, Tagged):
+class Mesh(FieldState, Derived, Tagged):
     """A polygonal (d = 2) or polyhedral (d = 3) mesh, face by face.
 
     Build one with :meth:`from_polygons`, :meth:`from_polyhedra`, :func:`agglo_core.read` or
@@ -181,6 +187,13 @@ class Mesh(FieldState, Derived, Interchange, Tagged):
             tags = {key: frozen(values[own], values.dtype) for key, values in tags.items()}
         return trusted(cls, **faces._asdict(), cell_tags=tags, name=name)
 
+    @cached_property
+    def graph(self) -> Graph:
+        """Dual graph: one node per cell, one edge per pair of neighbours."""
+        from agglo_core.graph import dual_graph
+
+        return dual_graph(self)
+
     def __repr__(self) -> str:
         name = f"{self.name!r}, " if self.name else ""
         return f"Mesh({name}{self.dim}-D, {self.n_cells} cells, {self.n_faces} faces, {self.n_points} points)"
@@ -282,10 +295,23 @@ class Mesh(FieldState, Derived, Interchange, Tagged):
         >>> mesh.n_faces, mesh.simplification.faces_saved
         (7, 13)
         """
-        fewer = simplify(self, self.face_tags, tolerance)
+        if not 0 <= tolerance <= MAX_TOLERANCE:
+            raise OptionError(
+                f"simplified: tolerance must lie between 0 and {MAX_TOLERANCE}, given {tolerance!r}"
+            )
+        if self.dim == 3:
+            if tolerance > 0:
+                raise OptionError(
+                    f"simplified: in 3-D only flat patches become one face, tolerance=0; given {tolerance!r}"
+                )
+            fewer = fewer_faces(self, self.face_tags)
+        else:
+            fewer = fewer_edges(self, self.face_tags, tolerance)
         faces = fewer.face_offsets, fewer.face_vertices, self.face_cells[fewer.leads]
         tags = {name: values[fewer.leads] for name, values in self.face_tags.items()}
-        known = {**self.repairs, **note_repairs(fewer.repairs)}
+        moved = f"faces fewer, interfaces moved within {tolerance:g} of the cells"
+        saved = {moved if tolerance else "straight faces joined": self.n_faces - len(fewer.leads)}
+        known = {**self.repairs, **note_repairs(saved)}
         made = trusted(Mesh, self.points[fewer.points], *faces, self.cell_tags, tags, known, self.name)
         return trusted_copy(made, simplification=recorded(self, made, fewer, tolerance))
 
@@ -308,3 +334,81 @@ class Mesh(FieldState, Derived, Interchange, Tagged):
         cell_tags = {name: values[new.old_cells] for name, values in self.cell_tags.items()}
         face_tags = {name: values[new.old_faces] for name, values in self.face_tags.items()}
         return trusted(Mesh, *new[:4], cell_tags, face_tags, self.repairs, self.name)
+
+    # -- other packages ------------------------------------------------------------------------
+    @classmethod
+    def from_shapely(
+        cls,
+        polygons: Iterable[Any],
+        *,
+        cell_tags: Mapping[str, ArrayLike] | None = None,
+        tolerance: float = 0.0,
+        strict: bool = False,
+        name: str = "",
+    ) -> Mesh:
+        """Make a mesh whose cell i is polygon i; see :func:`agglo_core.interchange.mesh_from_shapely`."""
+        from agglo_core.interchange import mesh_from_shapely
+
+        return mesh_from_shapely(polygons, cell_tags=cell_tags, tolerance=tolerance, strict=strict, name=name)
+
+    def to_shapely(self) -> NDArray[np.object_]:
+        """Each cell as a valid Polygon or MultiPolygon ``(n_cells,)``, holes and pinches included."""
+        from agglo_core.interchange import mesh_to_shapely
+
+        return mesh_to_shapely(self)
+
+    def to_pyvista(self, hierarchy: Any = None) -> Any:
+        """``pyvista.UnstructuredGrid`` with tags, and labels of every level of a hierarchy, as cell data."""
+        from agglo_core.interchange import to_pyvista
+
+        return to_pyvista(self, hierarchy)
+
+    def plot(
+        self,
+        ax: Any = None,
+        *,
+        values: str | ArrayLike | None = None,
+        cmap: str = "viridis",
+        section: Sequence[float] | None = None,
+    ) -> Any:
+        """Draw the mesh on axes of matplotlib.
+
+        Plane meshes are drawn in their own coordinates, so that more can be drawn upon them; solids as a
+        picture from above and a side.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            By default those of a new figure of pyplot, which notebooks and ``plt.show()`` show.
+        values : str or (n_cells,) float, optional
+            What cells are coloured by: the name of a cell tag, with a legend (a colour bar if it has more
+            than nine values), or numbers, with a colour bar; grey where they are not finite.
+        cmap : str
+            Colour map of matplotlib for numbers.
+        section : (3,) float, optional
+            In 3-D: cells beyond the plane with this normal through the middle are left out.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+
+        Raises
+        ------
+        OptionError
+            Without matplotlib, or for an argument that is not as above.
+
+        Examples
+        --------
+        >>> from agglo_core import samples
+        >>> mesh = samples.squares(4).with_tags(rock=lambda x: x[:, 1] < 0.5)
+        >>> ax = mesh.plot(values="rock")
+        >>> [text.get_text() for text in ax.get_legend().get_texts()]
+        ['0', '1']
+        """
+        return made_by("agglo_core.draw.on_axes:plot_mesh")(
+            self, ax, values=values, cmap=cmap, section=section
+        )
+
+    def _repr_html_(self) -> str:
+        html: str = made_by("agglo_core.draw.notebook:mesh_html")(self)
+        return html

@@ -14,15 +14,16 @@ if TYPE_CHECKING:
 class Format(Protocol):
     """Reads meshes from files of one format.
 
-    ``suffixes`` are lower case, with their dot; ``lossless`` says whether what is written is read
-    back to the last bit, hierarchy included. It refuses a file by an AggloError, and the next format of its
-    suffix is tried; OSErrors are reported as they are; anything else is a bug of the format.
+    Its suffixes are declared (:class:`~agglo_core.registry.Component`); a format that declares none has them
+    as the attribute ``suffixes``. ``lossless`` says whether what is written is read back to the last bit,
+    hierarchy included. It refuses a file by an AggloError, and the next format of its suffix is tried;
+    OSErrors are reported as they are; anything else is a bug of the format.
 
     Four attributes are optional, false where they are missing. ``last_resort``: it is tried after all others.
     ``reads_empty``: files of no bytes mean something to it. ``atomic``: its own ``write`` makes files appear
     whole or not at all. ``keeps_level_values``: its ``write`` takes a fourth argument, for each level numbers
-    ``(k,)`` by name. ``recognises(head)`` may know a file of another suffix by its first 512 bytes,
-    ``recognises_folder(folder)`` a folder that is read as a whole.
+    ``(k,)`` by name. ``recognises(head)`` of a format that declares no suffixes may know a file of another
+    suffix by its first 512 bytes, ``recognises_folder(folder)`` a folder that is read as a whole.
     Options ``merge_points``, ``allow_gaps`` and ``drop_flat`` (bool) of the constructor are those of
     ``agglo.read``.
 
@@ -31,7 +32,7 @@ class Format(Protocol):
     >>> from pathlib import Path
     >>> from agglo_core.protocols import Format
     >>> class Squares:
-    ...     suffixes, lossless = (".n",), False
+    ...     lossless = False
     ...
     ...     def read(self, path):
     ...         return agglo.samples.squares(int(path.read_text()))
@@ -40,7 +41,6 @@ class Format(Protocol):
     (True, 4)
     """
 
-    suffixes: tuple[str, ...]
     lossless: bool
 
     def read(self, path: Path) -> Mesh:

@@ -27,7 +27,7 @@ class Member:
     title: str
 
     def offers(self, *methods: str) -> bool:
-        """Whether it has one of these methods; isinstance with a protocol takes ten times as long."""
+        """Return True if it has one of these methods; isinstance with a protocol takes ten times as long."""
         return any(callable(getattr(self.tool, method, None)) for method in methods)
 
 

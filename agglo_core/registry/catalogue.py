@@ -9,9 +9,10 @@ import sys
 import time
 import traceback
 from collections import Counter, defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
+from itertools import chain
 from typing import Any
 
 import pluggy
@@ -106,9 +107,12 @@ class Registry:
         """Components with their states, plugins that failed as a whole, then commands; never fails."""
         return sorted(self._records(), key=lambda record: record.command is not None)
 
-    def list(self) -> Records:
-        """Every component with its state, and every plugin that failed as a whole; never fails."""
-        return [record for record in self._records() if record.command is None]
+    def list(self, kind: str | None = None) -> Records:
+        """List every component with its state, and every plugin that failed as a whole; never fails.
+
+        With a kind, only the components of that kind are listed.
+        """
+        return [record for record in self._records(kind) if record.command is None]
 
     def commands(self) -> Records:
         """Every command of the plugins, with its state."""
@@ -142,7 +146,7 @@ class Registry:
         if kind not in (*KINDS, "command"):
             raise PluginError(f"unknown kind of component {kind!r}; expected one of {', '.join(KINDS)}")
         qualifier, _, plain = name.rpartition("/")
-        records = self._records((kind, plain), resolved=not qualifier)
+        records = self._records(kind, plain, resolved=not qualifier)
         if qualifier:
             records = [r for r in records if qualifier in (r.plugin, r.distribution)]
             records = [r for r in records if r.in_tree] or records
@@ -154,7 +158,7 @@ class Registry:
         raise PluginError(self._unknown(kind, name))
 
     def declares(self, kind: str, name: str) -> bool:
-        """Whether a component of this name is declared, whatever its state: asked at each run."""
+        """Return True if a component of this name is declared, in any state: asked at each run."""
         return any((kind, name) in plugin.named for plugin in self._plugins)
 
     def level_done(self, info: Mapping[str, Any]) -> None:
@@ -229,10 +233,14 @@ class Registry:
             records.append(replace(origin, state="broken", reason=problem))
         self._plugins.append(_Plugin(origin.plugin, origin.distribution, plugin, tuple(records)))
 
-    def _records(self, named: tuple[str, str] | None = None, *, resolved: bool = True) -> Records:
-        """Records with their states; only those of this kind and name, if given."""
-        lists = (plugin.records if named is None else plugin.named.get(named, ()) for plugin in self._plugins)
-        found = (record for records in lists for record in records)
+    def _records(self, kind: str | None = None, name: str | None = None, *, resolved: bool = True) -> Records:
+        """List records with their states; only those of a kind, or of a kind and a name, if given."""
+        found: Iterable[Record]
+        if name is not None:
+            found = chain.from_iterable(plugin.named.get((str(kind), name), ()) for plugin in self._plugins)
+        else:
+            found = chain.from_iterable(plugin.records for plugin in self._plugins)
+            found = (record for record in found if kind in (None, record.kind))
         installed = Installed()
         records = [with_requirements(self._unblocked(record), installed) for record in found]
         return with_conflicts(records) if resolved else records

@@ -26,7 +26,7 @@ class Written(str):
 
 
 def names_code(annotation: Any) -> bool:
-    """Whether an annotation is :data:`ImportPath`, or holds it as a tuple or a union does."""
+    """Return True if an annotation is :data:`ImportPath`, or a tuple or a union that holds it."""
     if get_origin(annotation) is Annotated and _MARK in annotation.__metadata__:
         return True
     return any(names_code(each) for each in get_args(annotation))
@@ -44,7 +44,7 @@ def written(value: Any) -> Any:
 
 
 def is_written(value: Any) -> bool:
-    """Whether a value is a text from a file, or a list or table with one in it."""
+    """Return True for a text from a file, or a list or table with one in it."""
     if isinstance(value, list | tuple):
         return any(is_written(each) for each in value)
     if isinstance(value, Mapping):

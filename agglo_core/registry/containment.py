@@ -1,4 +1,4 @@
-"""What a plugin's code may do without taking the program down, spoiling its output or moving it elsewhere."""
+"""Run code of plugins so that it cannot end the program, spoil its output or change its folder."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 
 PLUGIN_FAILURES = (Exception, SystemExit)
-"""What a component may raise without taking the program down.
+"""Exceptions that a component may raise without ending the program.
 
 While a plugin is loaded it may raise anything but a KeyboardInterrupt: see :func:`loading`. During a run
 other BaseExceptions stop the program (cancelled tasks, alarms) and are nobody's failure.

@@ -1,4 +1,4 @@
-"""What a plugin declares: the hooks, the records they return, and what is wrong with a record."""
+"""Declarations of plugins: the hooks, the records that they return, and faults of records."""
 
 from __future__ import annotations
 
@@ -51,6 +51,12 @@ class Component:
         One line for listings.
     fallback : str, optional
         For a bisector that may return one-sided output: the bisector that repairs such a piece.
+    suffixes : tuple of str
+        For a format: the suffixes of its files, in lower case with their dot, so that it is imported only for
+        files that have one. A format that declares none is built to read its attribute ``suffixes``.
+    magic : str
+        For a format with ``suffixes``: a regular expression of bytes (as Latin-1). A file is also read under
+        another suffix if it is found in the first 512 bytes.
 
     Examples
     --------
@@ -66,6 +72,8 @@ class Component:
     promises: Mapping[str, bool | float] = field(default_factory=dict, hash=False)
     summary: str = ""
     fallback: str | None = None
+    suffixes: tuple[str, ...] = ()
+    magic: str = ""
 
 
 @dataclass(frozen=True)
@@ -142,6 +150,8 @@ def _component_faults(component: Component) -> Iterator[str]:
         yield "fallback is for bisectors only"
     if not isinstance(component.fallback, str | None):
         yield f"fallback {shown(component.fallback)} is not the name of a bisector"
+    yield from _suffix_faults(component)
+    yield from _magic_faults(component)
     if not isinstance(component.promises, Mapping):
         yield f"promises {shown(component.promises)} is not a mapping of promise to bool or number"
         return
@@ -152,8 +162,34 @@ def _component_faults(component: Component) -> Iterator[str]:
             yield f"promise {promise!r} is {shown(value)}, expected a bool or a number"
 
 
+def _suffix_faults(component: Component) -> Iterator[str]:
+    suffixes = component.suffixes
+    if not isinstance(suffixes, tuple):
+        yield f"suffixes {shown(suffixes)} is not a tuple such as ('.vtu',)"
+        return
+    if suffixes and component.kind != "format":
+        yield "suffixes are for formats only"
+    for suffix in suffixes:
+        if not is_suffix(suffix):
+            yield f"its suffix {shown(suffix)} is not of the form: lower case after a dot, such as '.vtu'"
+
+
+def _magic_faults(component: Component) -> Iterator[str]:
+    if component.magic and not component.suffixes:
+        yield "magic is for formats that declare their suffixes"
+    try:
+        re.compile(component.magic.encode("latin-1"))
+    except (AttributeError, UnicodeEncodeError, re.error) as error:
+        yield f"magic {shown(component.magic)} is not a regular expression of bytes: {error}"
+
+
+def is_suffix(suffix: object) -> bool:
+    """Return True for a suffix in lower case with its dot."""
+    return isinstance(suffix, str) and suffix[:1] == "." and len(suffix) > 1 and suffix == suffix.lower()
+
+
 def made_plain(declared: Component | Command) -> Component | Command:
-    """What can be listed of a faulty declaration: its texts, whatever they are, as plain strings."""
+    """Make a faulty declaration fit to be listed: its texts, whatever they are, as plain strings."""
     name, target, summary = map(_text, (declared.name, declared.target, declared.summary))
     if isinstance(declared, Command):
         return Command(name, target, summary)

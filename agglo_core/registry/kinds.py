@@ -130,7 +130,7 @@ _RECORDS = (
         ("read",),
         ("3d", "pickles"),
         ("general", "file_format", "whole", "history", "promises"),
-        {"suffixes": tuple, "lossless": bool},
+        {"lossless": bool},
     ),
     Kind(
         "sample",

@@ -60,7 +60,7 @@ def words_of(annotation: Any) -> list[str]:
 
 
 def fit(annotation: Any, value: Any) -> tuple[bool, Any]:
-    """Whether a value fits an annotation, and what it becomes; anything fits one that options do not know."""
+    """Test a value against an annotation and convert it; anything fits an annotation that is unknown here."""
     known = _members(annotation)
     if known is None:
         return True, parse_value(value) if isinstance(value, Text) else value
@@ -93,7 +93,7 @@ def _is_code(member: Any) -> bool:
 
 
 def _fit(member: Any, value: Any) -> tuple[bool, Any]:
-    """Whether a value fits one type, and what it becomes."""
+    """Test a value against one type and convert it."""
     if _is_code(member):
         return isinstance(value, str), str(value) if isinstance(value, str) else None
     if get_origin(member) is Literal:
@@ -128,7 +128,7 @@ def _read(member: Any, text: Text) -> tuple[bool, Any]:
 
 
 def _is_instance(member: type, value: Any) -> bool:
-    """Whether a value is of a plain type; numbers of numpy are numbers, a bool is none."""
+    """Return True for a value of a plain type; numbers of numpy are numbers, a bool is not."""
     if member is bool:
         return isinstance(value, bool) or type(value).__name__ in ("bool", "bool_")
     if member is str:

@@ -50,7 +50,7 @@ class Option:
 
     @property
     def required(self) -> bool:
-        """Whether a value must be given."""
+        """True if a value must be given."""
         return self.default is UNTYPED
 
     @property
@@ -81,7 +81,7 @@ def _options_of(target: Callable[..., Any]) -> tuple[Option, ...] | None:
 
 
 def wants_registry(target: Callable[..., Any]) -> bool:
-    """Whether a class or factory asks, by ``*, registry=None``, for the registry that builds it.
+    """Return True if a class or factory takes, as ``*, registry=None``, the registry that builds it.
 
     It is no option: users never see it.
     """

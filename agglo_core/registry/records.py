@@ -1,4 +1,4 @@
-"""What the registry knows of each declaration: its origin, what state it is in, and why."""
+"""Records of declarations: origin, state, and the reason of the state."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Record:
 
     @property
     def in_tree(self) -> bool:
-        """Whether it belongs to the ``agglo`` distribution itself, whose names are reserved."""
+        """True if it belongs to the ``agglo`` distribution itself, whose names are reserved."""
         return re.sub(r"[-_.]+", "-", self.distribution).lower() == "agglo"
 
     @cached_property
@@ -83,7 +83,7 @@ class Record:
 
     @property
     def declared(self) -> bool:
-        """Whether it stands for one component or command that may hold a name."""
+        """True if it stands for one component or command that may hold a name."""
         return self.kind != "plugin" and self.state in ("ok", "needs")
 
 
@@ -105,14 +105,14 @@ def unusable(record: Record) -> str:
 
 
 class Installed:
-    """What is installed, each name looked up once; for one listing, as packages may come later."""
+    """Installed modules and extras, looked up once each, for one listing: packages may be added later."""
 
     def __init__(self) -> None:
         self._modules: dict[str, bool] = {}
         self._extras: dict[str, dict[str, set[str]]] = {}
 
     def importable(self, name: str) -> bool:
-        """Whether a module can be found (nothing is imported)."""
+        """Return True if a module can be found (nothing is imported)."""
         top = name.partition(".")[0]  # looking for a submodule would import its package
         if top not in self._modules:
             self._modules[top] = _found(top)

@@ -12,7 +12,7 @@ import pytest
 from command_line import Agglo
 
 from agglo_core import FileError, read, samples, write
-from agglo_core.io.vtk.arrays import parse
+from agglo_core.io.vtk.xml_read import parse
 
 H_STAR = "0.17677669529663687,0.35355339059327373,0.7071067811865476"
 

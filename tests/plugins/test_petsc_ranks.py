@@ -15,7 +15,7 @@ import pytest
 from on_ranks import ended, launch, started
 
 from agglo_core import samples, write
-from agglo_core.io.vtk.arrays import parse
+from agglo_core.io.vtk.xml_read import parse
 
 pytest.importorskip("petsc4py", reason="PETSc tests skipped: no petsc4py here")
 BESIDE = Path(sys.executable).parent / "mpiexec"

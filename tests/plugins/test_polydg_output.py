@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from agglo_core import FileError, Mesh, MeshError, OptionError, read, samples
-from agglo_core.io.vtk.arrays import parse
 from agglo_core.io.vtk.solution import write_solution
+from agglo_core.io.vtk.xml_read import parse
 from agglo_core.problems import Diffusion
 from agglo_polydg_mg.auxiliary.box_transfer import project_between
 from agglo_polydg_mg.forms.norms import errors

@@ -46,7 +46,8 @@ def subject_from(task: Mapping[str, Any]) -> Subject:
     """The component that :func:`task_of` described."""
     given: Any = task.get("name")
     if "component" in task:
-        given = Component(**task["component"] | {"requires": tuple(task["component"]["requires"])})
+        lists = {name: tuple(task["component"][name]) for name in ("requires", "suffixes")}
+        given = Component(**task["component"] | lists)
     if "target" in task:
         module, qualname = task["target"]
         given = importlib.import_module(module)

@@ -123,6 +123,12 @@ class Subject:
         """The bisector used where this one leaves a side empty."""
         return self.record.component.fallback if self.record and self.record.component else None
 
+    @property
+    def suffixes(self) -> Any:
+        """Suffixes of a format: as declared, or else the attribute of its objects."""
+        declared = self.record.component.suffixes if self.record and self.record.component else ()
+        return declared or getattr(self.build(), "suffixes", ())
+
     def promised(self, promise: str) -> bool | float | None:
         """Value of a promise; None if it is not made (or made as False)."""
         value = self.declared.get(promise)

@@ -119,7 +119,7 @@ def with_suffix(subject: Subject, asked: list[Case]) -> list[Case]:
     """Questions to a format with the first of its suffixes that it writes; none if it writes nothing."""
     if not subject.has("write"):
         return []
-    suffixes = tuple(subject.build().suffixes)
+    suffixes = tuple(subject.suffixes)
     simple = cases("format")[0]
     written = (each for each in suffixes if not refuses(subject, _as(simple, each)))
     suffix = suffixes[0] if len(suffixes) == 1 else next(written, suffixes[0])

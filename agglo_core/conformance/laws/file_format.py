@@ -40,7 +40,7 @@ def _writes(subject: Subject) -> bool:
 @law("format")
 def suffixes_declared(subject: Subject) -> None:
     """It has at least one suffix, each in lower case with a leading dot."""
-    suffixes = subject.build().suffixes
+    suffixes = subject.suffixes
     wrong = [each for each in suffixes if not (isinstance(each, str) and re.fullmatch(r"\.[^A-Z\s/]+", each))]
     require(
         suffixes and not wrong,
@@ -98,7 +98,7 @@ def broken_files_refused(subject: Subject) -> None:
     """A file that is empty, truncated or not a mesh at all is refused with an AggloError."""
     tool = subject.build()
     for name, content in _GARBAGE.items():
-        _require_refused(tool, tool.suffixes[0], name, content, None)
+        _require_refused(tool, subject.suffixes[0], name, content, None)
     for case in questions(subject)[:2]:
         with _folder(case) as folder:
             path = folder / f"mesh{case.given[1]}"

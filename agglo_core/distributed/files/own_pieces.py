@@ -16,10 +16,10 @@ from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
 from agglo_core.io.file_checks import naming
 from agglo_core.io.tags import BRIDGES
 from agglo_core.io.to_mesh.listed_faces import usual_values
-from agglo_core.io.vtk.document import Piece, write_document
-from agglo_core.io.vtk.grid_pieces import Share, piece_of
+from agglo_core.io.vtk.grids import Share, piece_of
 from agglo_core.io.vtk.pvtu import piece_name, pvtu_list
-from agglo_core.io.vtk.vtu_write import face_stream, written_by_agglo
+from agglo_core.io.vtk.vtu import face_stream, written_by_agglo
+from agglo_core.io.vtk.xml_write import Piece, write_document
 
 
 def write_pieces(

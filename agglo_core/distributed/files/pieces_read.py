@@ -18,9 +18,9 @@ from agglo_core.distributed.mesh.touching_ranks import outer_faces_touch
 from agglo_core.distributed.mesh.whole_cells import WholeCells
 from agglo_core.errors import FileError, MeshError
 from agglo_core.io.file_checks import naming
-from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.to_mesh.bridges import single_loops
 from agglo_core.io.to_mesh.listed_faces import usual_values
+from agglo_core.io.to_mesh.options import ReadOptions
 from agglo_core.io.to_mesh.plain_cells import half_faces
 from agglo_core.io.to_mesh.soup import Soup
 from agglo_core.io.vtk.joined_pieces import in_global_order

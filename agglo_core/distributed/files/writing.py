@@ -19,7 +19,7 @@ from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
 from agglo_core.errors import FileError, MeshError, OptionError
 from agglo_core.io.atomic import check_replaceable
 from agglo_core.io.file_checks import naming
-from agglo_core.io.level_values import under_free_names
+from agglo_core.io.levels import under_free_names
 from agglo_core.io.tags import BRIDGES, check_names, is_level, tags_and_levels
 from agglo_core.io.vtk.pvtu import PIECES
 

@@ -15,6 +15,8 @@ from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.mesh.shared import check_ids, numbered_by_place
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
+from agglo_core.mesh.build.polygons import loops_as_csr
+from agglo_core.mesh.build.polyhedra import solids_as_csr
 from agglo_core.mesh.checks import (
     check_finite,
     check_indices,
@@ -24,8 +26,6 @@ from agglo_core.mesh.checks import (
     whole_numbers,
 )
 from agglo_core.mesh.elements import Polyhedra, gather, take_cells
-from agglo_core.mesh.polygons import loops_as_csr
-from agglo_core.mesh.polyhedra import solids_as_csr
 
 
 class GivenCells(NamedTuple):

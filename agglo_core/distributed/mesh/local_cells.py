@@ -14,9 +14,9 @@ from agglo_core.distributed.mesh.given_cells import GivenCells
 from agglo_core.distributed.mesh.shared import Beyond, FaceKeys, cells_beyond, face_keys, shared_points
 from agglo_core.distributed.mesh.whole_cells import WholeCells, distinct, places
 from agglo_core.errors import MeshError
+from agglo_core.mesh.build.polygons import loops_as_csr
 from agglo_core.mesh.checks import check_offsets, whole_numbers
 from agglo_core.mesh.elements import gather
-from agglo_core.mesh.polygons import loops_as_csr
 
 FaceTags = Mapping[str, tuple[Any, ArrayLike]]
 """For each name faces, lists of their points, and their values."""

@@ -1,4 +1,4 @@
-"""What meshlane read, as cells; run as a program of its own by ``agglo_core.io.foreign.meshlane_read``.
+"""Convert what meshlane reads to cells; run in a process of its own by ``agglo_core.io.foreign.meshlane``.
 
 meshlane prints, exits, and on some truncated files never ends. A separate process, with limits on its
 processor time and memory, contains all of that.

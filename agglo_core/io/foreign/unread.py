@@ -13,7 +13,7 @@ _LINES = 2000  # looked at; what tells one layout from another is in the first f
 
 
 def why_unread(path: Path) -> str | None:
-    """What a file is that no format reads, and what to do: ``is …; …``. None if it is nothing known."""
+    """Name the layout of a file that no format reads, and a remedy: ``is …; …``. None if it is unknown."""
     look = _LOOKS.get(path.suffix.lower())
     try:
         return look(path) if look is not None else None

@@ -19,7 +19,7 @@ _LARGEST = 1 << 53  # beyond it doubles, as which text is read, are not whole
 
 
 class Header(NamedTuple):
-    """What ``$MeshFormat`` declares.
+    """Contents of the section ``$MeshFormat``.
 
     Attributes
     ----------

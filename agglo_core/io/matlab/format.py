@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from agglo_core.io.format_options import Compressing
+from agglo_core.io.matlab.read import read_matlab
+from agglo_core.io.matlab.write import write_matlab
+from agglo_core.io.to_mesh.options import Compressing
+from agglo_core.mesh import Mesh
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
-    from agglo_core.mesh import Mesh
 
 
 class Matlab(Compressing):
@@ -27,21 +29,12 @@ class Matlab(Compressing):
         Leave out cells of zero area or volume.
     """
 
-    suffixes: tuple[str, ...] = (".mat",)
     lossless: bool = False
-
-    def recognises(self, head: bytes) -> bool:
-        """Whether a file begins as MATLAB's of level 5 do."""
-        return head.startswith(b"MATLAB 5.0 MAT-file")
 
     def read(self, path: Path) -> Mesh:
         """Return the mesh of a file; raises FileError or MeshError."""
-        from agglo_core.io.matlab.read import read_matlab
-
         return read_matlab(path, **self.reading)
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
         """Write the mesh, its tags and labels, and each coarse mesh beside it; raises an AggloError."""
-        from agglo_core.io.matlab.write import write_matlab
-
         write_matlab(path, mesh, hierarchy, compress=self.compress)

@@ -46,17 +46,17 @@ class Variable(NamedTuple):
 
     @property
     def is_numeric(self) -> bool:
-        """Whether it holds numbers; cells, structs and texts do not."""
+        """True if it holds numbers; cells, structs and texts do not."""
         return self.kind in NUMBERS
 
     @property
     def is_struct(self) -> bool:
-        """Whether it is a struct."""
+        """True for a struct."""
         return self.kind == _STRUCT
 
     @property
     def is_cell(self) -> bool:
-        """Whether it is a cell array."""
+        """True for a cell array."""
         return self.kind == _CELL
 
     def reals(self) -> Float:

@@ -24,7 +24,7 @@ INSIDE = 5
 
 
 def matrix_ends(window: NDArray[Any]) -> Int:
-    """Where matrices at each row of a window would end."""
+    """Return the places where matrices at each row of a window would end."""
     size = window[:, 1].astype(np.int64)
     fits = (window[:, 0] == MATRIX) & (size >= 0)
     return frozen_int(np.where(fits, np.arange(1, len(window) + 1) + (size + 7) // 8, 1 << 60))

@@ -14,7 +14,6 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int, trusted_copy
 from agglo_core.errors import FileError
 from agglo_core.io.matlab.mat5 import Variable, variables
 from agglo_core.io.matlab.mrst import mesh_of_grid
-from agglo_core.io.matlab.outer_tags import tagged_outside
 from agglo_core.io.matlab.write import NAMES
 from agglo_core.io.tags import is_level
 from agglo_core.mesh import Mesh
@@ -33,7 +32,7 @@ class _Cells(NamedTuple):
 
     @property
     def number(self) -> int:
-        """How many cells there are."""
+        """Number of cells."""
         if self.solid is not None:
             return len(self.solid.cell_offsets) - 1
         return len(self.plane[0]) - 1
@@ -180,7 +179,7 @@ def _tags(found: Mapping[str, Variable], count: int) -> dict[str, Int]:
 
 
 def _is_list(variable: Variable, count: int) -> bool:
-    """Whether it is a row or column with a number for each of several cells."""
+    """Return True for a row or column with a number for each of several cells."""
     return count > 1 and sorted(variable.shape) == [1] * (len(variable.shape) - 1) + [count]
 
 
@@ -205,5 +204,41 @@ def _with_boundary(mesh: Mesh, points: Float, fields: Mapping[str, Variable]) ->
             f"region.connectivity_bc has the shape {ends.shape} for {len(values)} values of bc_tag"
         )
     pairs = _numbered((frozen_int([0, 2 * len(values)]), ends.integers()), len(points), ends.name)[1]
-    tag = tagged_outside(mesh, points, frozen_int(pairs.reshape(2, -1).T), values)
+    tag = _tagged_outside(mesh, points, frozen_int(pairs.reshape(2, -1).T), values)
     return trusted_copy(mesh, face_tags={**mesh.face_tags, "bc_tag": tag})
+
+
+def _tagged_outside(mesh: Mesh, points: Float, pairs: Int, values: Int) -> Int:
+    """Tag ``(n_faces,)`` of the outer edges of a plane mesh, −1 on all others.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    points : (n, 2) float
+        The points of the file: those of the mesh may have other numbers.
+    pairs : (k, 2) int
+        End points of edges, in either order; those that are no outer edges are passed over.
+    values : (k,) int
+        Their tags.
+    """
+    tag = np.full(mesh.n_faces, -1)
+    outer = np.flatnonzero(mesh.face_cells[:, 1] < 0)
+    own = _ordered(mesh.points[mesh.face_pairs[outer]])
+    given = _ordered(points[pairs])
+    order = np.lexsort(own.T)
+    rows = np.concatenate((own[order], given))
+    number = np.unique(rows, axis=0, return_inverse=True)[1].ravel()
+    face = np.full(number.max(initial=-1) + 1, -1)
+    face[number[: len(outer)]] = outer[order]
+    found = face[number[len(outer) :]]
+    tag[found[found >= 0]] = values[found >= 0]
+    return frozen_int(tag)
+
+
+def _ordered(ends: Float) -> Float:
+    """Coordinates of both ends of edges ``(k, 4)``, the lower left one first."""
+    first, second = ends[:, 0] + 0.0, ends[:, 1] + 0.0
+    swap = (first[:, 0] > second[:, 0]) | ((first[:, 0] == second[:, 0]) & (first[:, 1] > second[:, 1]))
+    return frozen_float(
+        np.where(swap[:, None], np.hstack((second, first)), np.hstack((first, second))).reshape(-1, 4)
+    )

@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from agglo_core.io.format_options import Compressing
+from agglo_core.io.openfoam.read import is_foam_folder, read_foam
+from agglo_core.io.openfoam.write import write_foam
+from agglo_core.io.to_mesh.options import Compressing
+from agglo_core.mesh import Mesh
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
-    from agglo_core.mesh import Mesh
 
 
 class OpenFoam(Compressing):
@@ -33,7 +35,6 @@ class OpenFoam(Compressing):
     8
     """
 
-    suffixes: tuple[str, ...] = (".foam", ".openfoam")
     lossless: bool = False
     reads_empty: bool = True
     atomic: bool = True
@@ -42,24 +43,14 @@ class OpenFoam(Compressing):
     def __init__(self, merge_points: bool = True, allow_gaps: bool = False, compress: bool = False) -> None:
         super().__init__(merge_points, allow_gaps, compress)
 
-    def recognises(self, head: bytes) -> bool:
-        """Whether a file begins as those in ``polyMesh`` do; the mesh of its folder is read."""
-        return b"FoamFile" in head or (head.startswith(b"/*") and b"OpenFOAM" in head)
-
     def recognises_folder(self, folder: Path) -> bool:
         """Return True for the folder of a case, for ``constant``, and for ``polyMesh``."""
-        from agglo_core.io.openfoam.read import is_foam_folder
-
         return is_foam_folder(folder)
 
     def read(self, path: Path) -> Mesh:
         """Return the mesh of the case; raises FileError or MeshError."""
-        from agglo_core.io.openfoam.read import read_foam
-
         return read_foam(path, merge_points=self.merge_points, allow_gaps=self.allow_gaps)
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
         """Write a solid mesh and the labels of its levels as a case; raises an AggloError."""
-        from agglo_core.io.openfoam.write import write_foam
-
         write_foam(path, mesh, hierarchy, compress=self.compress)

@@ -59,7 +59,7 @@ def find_tags(content: bytes, n_cells: int, prefix: str = "") -> dict[str, Int]:
 
 
 def tags_begin(content: bytes, prefix: str = "", start: int = 0) -> int:
-    """Where the first title of cell data stands in a text, or its end."""
+    """Return the place of the first title of cell data in a text, or its end."""
     place = content.find(f'\n{prefix}{_TITLE} "'.encode(), max(start - 1, 0))
     return place + 1 if place >= 0 else len(content)
 

@@ -1,4 +1,4 @@
-"""Where the records of a stream of numbers begin, each of which says how long it is.
+"""Find the records of a stream of numbers in which each record states its length.
 
 They can only be found one after the other. The stream is taken by windows that stay in the processor's
 cache: there the end of a record is looked up for all places as if one began at each, and steps are doubled.
@@ -90,7 +90,7 @@ def counted_solids(stream: Int, n: int, ahead: int) -> tuple[Int, Int, Int, int]
 
 
 def record_starts(stream: NDArray[Any], n: int, ends: Callable[[NDArray[Any]], Int]) -> tuple[Int, int]:
-    """Where each of n records begins, and where the last one ends.
+    """Find the start of each of n records, and the end of the last one.
 
     Parameters
     ----------

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, Unpack
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -16,9 +16,9 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
 from agglo_core.files.regular import text_bytes
 from agglo_core.files.text_numbers import integer_lines, integers, line_of, real_lines, reals
-from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.text.cell_lines import find_tags, tag_lines, tags_begin
 from agglo_core.io.text.counted_lists import counted_lists
+from agglo_core.io.to_mesh.options import Reading
 from agglo_core.io.to_mesh.plain_cells import loops_of, write_levels
 from agglo_core.mesh import Mesh
 
@@ -44,22 +44,41 @@ class _Section(NamedTuple):
     stop: int
 
 
-def read_fvca(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
-    """Mesh of a ``.typ1`` or ``.typ2`` file; cell data of agglo's own files become tags again.
+class Fvca(Reading):
+    """Plane meshes of the FVCA benchmarks, as HArDCore2D and DISK++ read them; written as ``.typ2``."""
 
-    Raises
-    ------
-    FileError, MeshError
-        For a broken file or mesh.
-    """
-    points, (offsets, vertices), tags = _parsed(text_bytes(path))
-    return Mesh.from_polygons(
-        points,
-        (offsets, vertices),
-        cell_tags=tags,
-        **options,
-        name=path.stem,
-    )
+    lossless: bool = False
+
+    def read(self, path: Path) -> Mesh:
+        """Return the mesh of a ``.typ1`` or ``.typ2`` file; cell data of agglo's own files become tags again.
+
+        Raises
+        ------
+        FileError, MeshError
+            For a broken file or mesh.
+        """
+        points, (offsets, vertices), tags = _parsed(text_bytes(path))
+        return Mesh.from_polygons(
+            points,
+            (offsets, vertices),
+            cell_tags=tags,
+            **self.reading,
+            name=path.stem,
+        )
+
+    def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
+        """Write a plane mesh with its tags and labels, and each coarse mesh beside it.
+
+        Raises
+        ------
+        FileError
+            For a mesh in space, or cells with holes.
+        MeshError
+            For a cell tag whose name files cannot hold.
+        """
+        if path.suffix.lower() == ".typ1":
+            raise FileError("a .typ1 file is read, not written; .typ2 holds the same")
+        write_levels(path, mesh, hierarchy, _write)
 
 
 def _parsed(content: bytes) -> tuple[Float, tuple[Int, Int], dict[str, Int]]:
@@ -160,21 +179,6 @@ def _count(numbers: Float | Int, section: _Section) -> int:
     if not len(numbers) or not (0 <= numbers[0] < 2**53 and numbers[0] == int(numbers[0])):
         raise FileError(f"line {section.line}: the number of {section.title} does not follow")
     return int(numbers[0])
-
-
-def write_typ2(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
-    """Write a plane mesh with its tags and labels, and each coarse mesh beside it.
-
-    Raises
-    ------
-    FileError
-        For a mesh in space, or cells with holes.
-    MeshError
-        For a cell tag whose name files cannot hold.
-    """
-    if path.suffix.lower() == ".typ1":
-        raise FileError("a .typ1 file is read, not written; .typ2 holds the same")
-    write_levels(path, mesh, hierarchy, _write)
 
 
 def _write(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,9 +12,9 @@ from agglo_core.arrays import Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
 from agglo_core.files.regular import text_bytes
 from agglo_core.files.text_numbers import integer_lines, real_lines, reals
-from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.text.cell_lines import find_tags, tag_lines, tags_begin
 from agglo_core.io.text.counted_lists import counted_lists
+from agglo_core.io.to_mesh.options import Reading
 from agglo_core.io.to_mesh.plain_cells import used_points, write_levels
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import Polyhedra, gather
@@ -23,40 +23,57 @@ if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
 
-def read_hedra(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
-    """Mesh of a file; cell data of agglo's own files become tags again.
+class Hedra(Reading):
+    """Points, faces, and polyhedra as lists of faces, negative where a face is seen from inside."""
 
-    Raises
-    ------
-    FileError, MeshError
-        For a broken file or mesh.
-    """
-    content = text_bytes(path)
-    numbers = reals(content, 0, tags_begin(content))
-    counts = numbers[:3].tolist()
-    if len(counts) < 3 or not all(0 <= n < 2**53 and n == int(n) for n in counts):
-        raise FileError(f"begins with {counts}, expected the numbers of points, faces and cells")
-    n_points, n_faces, n_cells = (int(n) for n in counts)
-    rows = numbers[3 : 3 + 3 * n_points]
-    if len(rows) != 3 * n_points:
-        raise FileError(f"{n_points} points are declared, {len(rows)} coordinates follow")
-    rest = numbers[3 + 3 * n_points :]
-    if (np.abs(rest) >= 2**53).any() or (rest != np.floor(rest)).any():
-        raise FileError("its faces and cells are not all whole numbers")
-    stream = frozen_int(rest.astype(np.int64))
-    offsets, vertices, used = _lists(stream, n_faces, n_points, "faces", "point")
-    cells = frozen_int(stream[used:])
-    cell_offsets, faces, last = _lists(cells, n_cells, n_faces, "cells", "face")
-    if last != len(cells):
-        raise FileError(f"{n_cells} cells take {last} numbers, but {len(cells)} follow")
-    loop_offsets, places = gather(offsets, faces)
-    return Mesh.from_polyhedra(
-        frozen_float(rows.reshape(-1, 3)),
-        Polyhedra(cell_offsets, loop_offsets, frozen_int(vertices[places])),
-        cell_tags=find_tags(content, n_cells),
-        **options,
-        name=path.stem,
-    )
+    lossless: bool = False
+
+    def read(self, path: Path) -> Mesh:
+        """Return the mesh of a file; cell data of agglo's own files become tags again.
+
+        Raises
+        ------
+        FileError, MeshError
+            For a broken file or mesh.
+        """
+        content = text_bytes(path)
+        numbers = reals(content, 0, tags_begin(content))
+        counts = numbers[:3].tolist()
+        if len(counts) < 3 or not all(0 <= n < 2**53 and n == int(n) for n in counts):
+            raise FileError(f"begins with {counts}, expected the numbers of points, faces and cells")
+        n_points, n_faces, n_cells = (int(n) for n in counts)
+        rows = numbers[3 : 3 + 3 * n_points]
+        if len(rows) != 3 * n_points:
+            raise FileError(f"{n_points} points are declared, {len(rows)} coordinates follow")
+        rest = numbers[3 + 3 * n_points :]
+        if (np.abs(rest) >= 2**53).any() or (rest != np.floor(rest)).any():
+            raise FileError("its faces and cells are not all whole numbers")
+        stream = frozen_int(rest.astype(np.int64))
+        offsets, vertices, used = _lists(stream, n_faces, n_points, "faces", "point")
+        cells = frozen_int(stream[used:])
+        cell_offsets, faces, last = _lists(cells, n_cells, n_faces, "cells", "face")
+        if last != len(cells):
+            raise FileError(f"{n_cells} cells take {last} numbers, but {len(cells)} follow")
+        loop_offsets, places = gather(offsets, faces)
+        return Mesh.from_polyhedra(
+            frozen_float(rows.reshape(-1, 3)),
+            Polyhedra(cell_offsets, loop_offsets, frozen_int(vertices[places])),
+            cell_tags=find_tags(content, n_cells),
+            **self.reading,
+            name=path.stem,
+        )
+
+    def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
+        """Write a solid mesh with its tags and labels, and each coarse mesh beside it.
+
+        Raises
+        ------
+        FileError
+            For a plane mesh.
+        MeshError
+            For a cell tag whose name files cannot hold.
+        """
+        write_levels(path, mesh, hierarchy, _write)
 
 
 def _lists(stream: Int, n: int, most: int, what: str, of: str) -> tuple[Int, Int, int]:
@@ -73,19 +90,6 @@ def _lists(stream: Int, n: int, most: int, what: str, of: str) -> tuple[Int, Int
             f"{what}: number {row} (from 0 on) uses {of} {values[wrong] + 1}, expected 1 to {most}"
         )
     return offsets, frozen_int(values), used
-
-
-def write_hedra(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
-    """Write a solid mesh with its tags and labels, and each coarse mesh beside it.
-
-    Raises
-    ------
-    FileError
-        For a plane mesh.
-    MeshError
-        For a cell tag whose name files cannot hold.
-    """
-    write_levels(path, mesh, hierarchy, _write)
 
 
 def _write(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, Unpack
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -17,9 +17,9 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
 from agglo_core.files.regular import text_bytes
 from agglo_core.files.text_numbers import integer_lines, integers, line_of, real_lines, reals
-from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.text.cell_lines import find_tags, tag_lines
 from agglo_core.io.text.counted_lists import counted_lists
+from agglo_core.io.to_mesh.options import Reading
 from agglo_core.io.to_mesh.plain_cells import used_points, write_levels
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import Polyhedra, gather
@@ -34,7 +34,7 @@ _COMMENT = "# "
 
 
 class _Section(NamedTuple):
-    """What follows a title: a count, then rows."""
+    """Section under a title: a count, then rows."""
 
     title: str
     line: int
@@ -42,35 +42,54 @@ class _Section(NamedTuple):
     stop: int
 
 
-def read_ovm(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
-    """Mesh of a file; properties of other programs are passed over.
+class Ovm(Reading):
+    """OpenVolumeMesh as text: points, edges, faces of half-edges, and polyhedra of half-faces."""
 
-    Raises
-    ------
-    FileError, MeshError
-        For a broken file or mesh, or one in binary.
-    """
-    content = text_bytes(path)
-    text = re.sub(rb"#[^\n]*", b"", content)
-    points, edges, faces, cells = (_sections(text)[title] for title in _TITLES)
-    count, rows = _numbers(text, points)
-    if len(rows) != 3 * count:
-        raise FileError(f"line {points.line}: {count} points are declared, {len(rows)} coordinates follow")
-    loop_offsets, loops = _faces(text, faces, _edges(text, edges, count))
-    cell_offsets, halves = _lists(text, cells, 2 * (len(loop_offsets) - 1))
-    sides, places = gather(loop_offsets, frozen_int(halves >> 1))
-    ends = np.repeat(sides[:-1] + sides[1:] - 1, np.diff(sides))
-    turned = np.repeat(halves & 1 == 0, np.diff(sides))  # half-faces look inward by this convention
-    rank = np.arange(len(places))
-    vertices = loops[places][np.where(turned, ends - rank, rank)]
-    solids = Polyhedra(cell_offsets, sides, frozen_int(vertices))
-    return Mesh.from_polyhedra(
-        frozen_float(rows.reshape(-1, 3)),
-        solids,
-        cell_tags=find_tags(content, len(cell_offsets) - 1, _COMMENT),
-        **options,
-        name=path.stem,
-    )
+    lossless: bool = False
+
+    def read(self, path: Path) -> Mesh:
+        """Return the mesh of a file; properties of other programs are passed over.
+
+        Raises
+        ------
+        FileError, MeshError
+            For a broken file or mesh, or one in binary.
+        """
+        content = text_bytes(path)
+        text = re.sub(rb"#[^\n]*", b"", content)
+        points, edges, faces, cells = (_sections(text)[title] for title in _TITLES)
+        count, rows = _numbers(text, points)
+        if len(rows) != 3 * count:
+            raise FileError(
+                f"line {points.line}: {count} points are declared, {len(rows)} coordinates follow"
+            )
+        loop_offsets, loops = _faces(text, faces, _edges(text, edges, count))
+        cell_offsets, halves = _lists(text, cells, 2 * (len(loop_offsets) - 1))
+        sides, places = gather(loop_offsets, frozen_int(halves >> 1))
+        ends = np.repeat(sides[:-1] + sides[1:] - 1, np.diff(sides))
+        turned = np.repeat(halves & 1 == 0, np.diff(sides))  # half-faces look inward by this convention
+        rank = np.arange(len(places))
+        vertices = loops[places][np.where(turned, ends - rank, rank)]
+        solids = Polyhedra(cell_offsets, sides, frozen_int(vertices))
+        return Mesh.from_polyhedra(
+            frozen_float(rows.reshape(-1, 3)),
+            solids,
+            cell_tags=find_tags(content, len(cell_offsets) - 1, _COMMENT),
+            **self.reading,
+            name=path.stem,
+        )
+
+    def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
+        """Write a solid mesh with its tags and labels, and each coarse mesh beside it.
+
+        Raises
+        ------
+        FileError
+            For a plane mesh.
+        MeshError
+            For a cell tag whose name files cannot hold.
+        """
+        write_levels(path, mesh, hierarchy, _write)
 
 
 def _sections(content: bytes) -> dict[str, _Section]:
@@ -142,19 +161,6 @@ def _faces(content: bytes, section: _Section, first: Int) -> tuple[Int, Int]:
         face = int(np.searchsorted(offsets, broken[0], side="right")) - 1
         raise FileError(f"line {section.line}: the half-edges of face {face} do not follow one another")
     return offsets, frozen_int(first[halves])
-
-
-def write_ovm(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
-    """Write a solid mesh with its tags and labels, and each coarse mesh beside it.
-
-    Raises
-    ------
-    FileError
-        For a plane mesh.
-    MeshError
-        For a cell tag whose name files cannot hold.
-    """
-    write_levels(path, mesh, hierarchy, _write)
 
 
 def _write(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
+from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import quote, unquote
 
 import numpy as np
@@ -15,9 +15,9 @@ from agglo_core.arrays import Float, Int, fits_in_index, frozen_float, frozen_in
 from agglo_core.errors import FileError
 from agglo_core.files.regular import text_bytes
 from agglo_core.files.text_numbers import integer_lines, real_lines, reals
-from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.tags import note_left_out
 from agglo_core.io.text.counted_lists import counted_lists, record_starts
+from agglo_core.io.to_mesh.options import Reading
 from agglo_core.io.to_mesh.plain_cells import loops_of, write_levels
 from agglo_core.mesh import Mesh
 
@@ -45,7 +45,7 @@ class Element(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """What all rows of an element hold: numbers by name, and the list of each as CSR."""
+    """Contents of all rows of an element: numbers by name, and the list of each as CSR."""
 
     values: Mapping[str, NDArray[Any]]
     listed: str
@@ -179,32 +179,49 @@ _COLOURS = ("red", "green", "blue", "alpha", "flags")
 
 
 class _Header(NamedTuple):
-    """What stands before the data: their byte order (empty for text), the elements, and where it ends."""
+    """Header of a file: byte order of the data (empty for text), elements, and its end."""
 
     order: str
     elements: list[Element]
     stop: int
 
 
-def read_ply(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
-    """Mesh of a PLY file; whole numbers of faces become cell tags, colours are passed over.
+class Ply(Reading):
+    """PLY: points and polygons with whole numbers for each, as text or binary; surfaces are refused."""
 
-    Raises
-    ------
-    FileError, MeshError
-        For a broken file or mesh, or a surface.
-    """
-    content = text_bytes(path)
-    header = _header(content)
-    found = read_elements(content, header.stop, header.order, header.elements)
-    points, (rows, lists) = _points(found), _faces(found)
-    tags = {
-        unquote(name): frozen_int(values)
-        for name, values in rows.items()
-        if values.dtype.kind in "iu" and name not in _COLOURS
-    }
-    mesh = Mesh.from_polygons(points, lists, cell_tags=tags, **options, name=path.stem)
-    return note_left_out(mesh, [name for name, values in rows.items() if values.dtype.kind == "f"])
+    lossless: bool = False
+
+    def read(self, path: Path) -> Mesh:
+        """Return the mesh of a PLY file; whole numbers of faces become cell tags, colours are passed over.
+
+        Raises
+        ------
+        FileError, MeshError
+            For a broken file or mesh, or a surface.
+        """
+        content = text_bytes(path)
+        header = _header(content)
+        found = read_elements(content, header.stop, header.order, header.elements)
+        points, (rows, lists) = _points(found), _faces(found)
+        tags = {
+            unquote(name): frozen_int(values)
+            for name, values in rows.items()
+            if values.dtype.kind in "iu" and name not in _COLOURS
+        }
+        mesh = Mesh.from_polygons(points, lists, cell_tags=tags, **self.reading, name=path.stem)
+        return note_left_out(mesh, [name for name, values in rows.items() if values.dtype.kind == "f"])
+
+    def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
+        """Write a plane mesh with its tags and labels, and each coarse mesh beside it.
+
+        Raises
+        ------
+        FileError
+            For a mesh in space, cells with holes, or a tag with numbers of more than 32 bits.
+        MeshError
+            For a cell tag whose name files cannot hold.
+        """
+        write_levels(path, mesh, hierarchy, _write)
 
 
 def _header(content: bytes) -> _Header:
@@ -252,19 +269,6 @@ def _faces(found: Mapping[str, Rows]) -> tuple[Mapping[str, NDArray[Any]], tuple
         raise FileError(f"its faces have no list {' or '.join(_CORNERS)}")
     faces = found["face"]
     return faces.values, (faces.offsets, faces.lists)
-
-
-def write_ply(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
-    """Write a plane mesh with its tags and labels, and each coarse mesh beside it.
-
-    Raises
-    ------
-    FileError
-        For a mesh in space, cells with holes, or a tag with numbers of more than 32 bits.
-    MeshError
-        For a cell tag whose name files cannot hold.
-    """
-    write_levels(path, mesh, hierarchy, _write)
 
 
 def _write(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:

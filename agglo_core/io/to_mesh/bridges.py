@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.errors import FileError
@@ -98,6 +97,8 @@ def _join(points: Float, parts: list[Int], edges: _Edges) -> Int | None:
 
 def _nearest(points: Float, rest: Int, loop: Int, edges: _Edges) -> tuple[Int, Float]:
     """For each vertex of ``rest`` the nearest of ``loop`` that may be joined to it, and its distance."""
+    from scipy.spatial import cKDTree
+
     tree = cKDTree(points[loop])
     for k in (min(8, len(loop)), len(loop)):
         gap, place = tree.query(points[rest], k=range(1, k + 1))

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.errors import FileError
 from agglo_core.mesh import Mesh
+from agglo_core.mesh.build.repeated_vertices import simple_loops
 from agglo_core.mesh.elements import gather
-from agglo_core.mesh.repeated_vertices import simple_loops
 
 _CELLS, _OFFSETS, _POINTS = "agglo_face_cells", "agglo_face_offsets", "agglo_face_points"
 _TAG = "agglo_face_tag "
@@ -89,7 +89,7 @@ def _smaller_among(mesh: Mesh, cells: Int) -> Int:
 
 
 def listed_faces(fields: Mapping[str, NDArray[Any]], n_points: int, n_cells: int) -> ListedFaces | None:
-    """What :func:`face_fields` wrote, or None if there is nothing of the kind.
+    """Read the arrays of :func:`face_fields`; None if there are none.
 
     Raises
     ------

@@ -104,7 +104,7 @@ def _plane(mesh: Mesh) -> Cells:
 
 
 def _convex(corners: Float) -> Mask:
-    """Which quadrilaterals ``(q, 4, d)`` turn the same way at each corner, seen along their area vector."""
+    """Mask of the quadrilaterals ``(q, 4, d)`` that turn one way at each corner, along their area vector."""
     a, b, c, d = (corners[:, k] for k in range(4))
     area = _cross(c - a, d - b)
     least = _CONVEX * (area * area).sum(axis=1)
@@ -122,7 +122,7 @@ def _cross(u: Float, v: Float) -> Float:
 
 
 def _bent(mesh: Mesh) -> Mask:
-    """Which faces of a 3-D mesh are quadrilaterals that are not convex."""
+    """Mask of the faces of a 3-D mesh that are non-convex quadrilaterals."""
     bent = np.zeros(mesh.n_faces, bool)
     quads = np.flatnonzero(np.diff(mesh.face_offsets) == 4)
     corners = mesh.face_vertices[mesh.face_offsets[quads][:, None] + np.arange(4)]
@@ -131,7 +131,7 @@ def _bent(mesh: Mesh) -> Mask:
 
 
 def _may_be(kind: str, solids: Polyhedra, vertex_offsets: Int) -> Mask:
-    """Which cells have as many vertices, faces and corners of faces as the element."""
+    """Mask of the cells with as many vertices, faces and corners of faces as the element."""
     sizes = _ELEMENTS[kind].sizes
     corners = np.diff(solids.loop_offsets[solids.cell_offsets])
     alike = (np.diff(vertex_offsets) == CORNERS[kind]) & (np.diff(solids.cell_offsets) == len(sizes))
@@ -139,7 +139,7 @@ def _may_be(kind: str, solids: Polyhedra, vertex_offsets: Int) -> Mask:
 
 
 def _elements(mesh: Mesh, solids: Polyhedra, kind: str, cells: Int) -> tuple[Int, Int]:
-    """Which of the cells are such an element ``(n,)``, and their corners in VTK's order ``(n, k)``.
+    """Find the cells that are such an element ``(n,)``, and their corners in VTK's order ``(n, k)``.
 
     The corners are found from the loop of one face and the edges that leave it, then every face is
     compared with those of the element.

@@ -27,7 +27,7 @@ COUNTS = {
     **{"connectivity": "NumberOfConnectivityIds", "face_connectivity": "NumberOfFaceConnectivityIds"},
     **{"face_offsets": "NumberOfFaces", "polyhedron_to_faces": "NumberOfPolyhedronToFaceIds"},
 }
-"""How many entries the arrays have, that are not one for each cell."""
+"""Datasets with the lengths of the arrays that do not have one entry for each cell."""
 
 
 def hdf5() -> Any:

@@ -114,5 +114,5 @@ def _each_point_once(soup: Soup, point_ids: Int) -> Soup:
 
 
 def _differ(one: Float, other: Float) -> Mask:
-    """Which points do; what is no number is found elsewhere."""
+    """Mask of the points that differ; those that are not finite are found elsewhere."""
     return np.asarray(((one != other) & ~(np.isnan(one) & np.isnan(other))).any(axis=1))

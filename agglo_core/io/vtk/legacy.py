@@ -16,8 +16,7 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
 from agglo_core.io.tags import tag_values
 from agglo_core.io.text.counted_lists import counted_lists
-from agglo_core.io.vtk.pieces import Stored, check_counts, soup_of_piece
-from agglo_core.io.vtk.polydata import StoredArrays, polydata_cells
+from agglo_core.io.vtk.pieces import Stored, StoredArrays, check_counts, polydata_cells, soup_of_piece
 
 _DATASETS = ("UNSTRUCTURED_GRID", "POLYDATA")
 _LISTS = {"VERTICES": "Verts", "LINES": "Lines", "POLYGONS": "Polys", "TRIANGLE_STRIPS": "Strips"}

@@ -1,37 +1,73 @@
-"""Pieces of VTK's unstructured grids, whatever file holds their arrays: cells of all kinds as one mesh."""
+"""Pieces of VTK's grids, of PolyData too: from their stored arrays to cells, and to a mesh."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple, Protocol, Unpack
 
 import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.errors import FileError
-from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.tags import BRIDGES, note_left_out
+from agglo_core.io.to_mesh.options import ReadOptions
 from agglo_core.io.to_mesh.soup import Soup, mesh_from_soup, with_repairs
 from agglo_core.io.vtk.joined_pieces import in_global_order, joined, without_ghosts
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import Polyhedra, concatenate, gather
 
-_VISITS = 32  # cells of each point, and visits of a cell to it, bridges and pinches included, at the most
-_FEW = 1 << 15  # points below which nobody counts
+KINDS = ("Verts", "Lines", "Polys", "Strips")
+"""Kinds of cells in the order in which VTK numbers them."""
+
+_TYPES = {"Verts": 2, "Lines": 4, "Polys": 7, "Strips": 6}
+_LINE, _POLYLINE = 3, 4
+_VISITS = 32  # most cells of a point, and visits of a cell to it, bridges and pinches included
+_FEW = 1 << 15  # below this many points the visits are not counted
+
+
+class StoredArrays(dict[str, Int]):
+    """Arrays of whole numbers of a piece that are in memory already."""
+
+    def take(self, name: str, declared: int) -> Int:
+        """Values of an array."""
+        return self[name]
+
+
+def polydata_cells(lists: Mapping[str, tuple[Int, Int]]) -> StoredArrays:
+    """Types, offsets and points of the cells of a PolyData, by the names of VTU files.
+
+    Parameters
+    ----------
+    lists : mapping of kind to (ends, points)
+        For each of :data:`KINDS` that there is, where the points of each cell end, and the points.
+    """
+    types, offsets, points = [], [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+    for kind in KINDS:
+        ends, vertices = lists.get(kind, (frozen_int([]), frozen_int([])))
+        sizes = np.diff(ends, prepend=0)
+        own = np.full(len(ends), _TYPES[kind])
+        types.append(np.where((own == _POLYLINE) & (sizes == 2), _LINE, own))
+        offsets.append(ends + sum(map(len, points)))
+        points.append(vertices)
+    return StoredArrays(
+        types=frozen_int(np.concatenate(types)),
+        offsets=frozen_int(np.concatenate(offsets)),
+        connectivity=frozen_int(np.concatenate(points)),
+    )
 
 
 class CellArrays(Protocol):
     """The arrays of whole numbers of a piece, by the names that VTU files give them."""
 
     def __contains__(self, name: str) -> bool:
-        """Whether there is such an array."""
+        """Return True if there is such an array."""
 
     def take(self, name: str, declared: int) -> Int:
         """Values of an array that should have ``declared`` ones; raises FileError."""
 
 
 class Stored(NamedTuple):
-    """What a file holds.
+    """Contents of a file.
 
     Attributes
     ----------

@@ -5,35 +5,42 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import chain
 from pathlib import Path, PurePosixPath
-from typing import Unpack
 from xml.sax.saxutils import quoteattr
 
 from agglo_core.errors import FileError
 from agglo_core.files.regular import file_bytes
-from agglo_core.io.format_options import ReadOptions
-from agglo_core.io.vtk.arrays import vtk_root
-from agglo_core.io.vtk.document import Piece, global_ids, stored_arrays
+from agglo_core.io.to_mesh.options import Reading
 from agglo_core.io.vtk.pieces import Stored, mesh_from_pieces
-from agglo_core.io.vtk.vtu_read import stored_pieces
+from agglo_core.io.vtk.vtu import stored_pieces
+from agglo_core.io.vtk.xml_read import vtk_root
+from agglo_core.io.vtk.xml_write import Piece, global_ids, stored_arrays
 from agglo_core.mesh import Mesh
 
 
-def read_pvtu(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
-    """Mesh of a PVTU file and the VTU files beside it; cells follow one another piece by piece.
+class Pvtu(Reading):
+    """The pieces of a parallel unstructured grid as one mesh, without ghost cells.
 
-    Raises
-    ------
-    FileError, MeshError
-        Naming the piece that is missing or broken; for a piece that lies elsewhere or is named twice.
+    Without merged points, pieces stay apart where they meet.
     """
-    files = [stored_piece(path.parent, source) for source in sources_of(file_bytes(path))]
-    if not files:
-        raise FileError("there is no Piece in it")
-    return mesh_from_pieces(stored_together(files), **options, name=path.stem)
+
+    lossless: bool = False
+
+    def read(self, path: Path) -> Mesh:
+        """Return the mesh of a PVTU file and the VTU files beside it, its cells piece by piece.
+
+        Raises
+        ------
+        FileError, MeshError
+            Naming the piece that is missing or broken; for a piece that lies elsewhere or is named twice.
+        """
+        files = [stored_piece(path.parent, source) for source in sources_of(file_bytes(path))]
+        if not files:
+            raise FileError("there is no Piece in it")
+        return mesh_from_pieces(stored_together(files), **self.reading, name=path.stem)
 
 
 def stored_together(files: Sequence[Stored]) -> Stored:
-    """What several files hold."""
+    """Join the contents of several files."""
     return Stored(
         list(chain.from_iterable(file.pieces for file in files)),
         list(chain.from_iterable(file.left_out for file in files)),
@@ -78,11 +85,11 @@ _START = (
     ' agglo="{kind}">\n<PUnstructuredGrid GhostLevel="0">\n'
 )
 PIECES = _START.format(kind="mesh").encode()
-"""How lists of pieces of a mesh written by agglo begin."""
+"""First bytes of a list of pieces of a mesh written by agglo."""
 
 
 def piece_name(stem: str, rank: int) -> str:
-    """Where the piece of a rank lies beside ``STEM.pvtu``, as ParaView has it."""
+    """Return the path of the piece of a rank relative to ``STEM.pvtu``, as ParaView has it."""
     return f"{stem}/{stem}_{rank}.vtu"
 
 

@@ -14,9 +14,9 @@ from agglo_core.arrays import Int
 from agglo_core.errors import FileError
 from agglo_core.io.atomic import staging
 from agglo_core.io.file_checks import naming
-from agglo_core.io.level_values import under_free_names
+from agglo_core.io.levels import under_free_names
 from agglo_core.io.tags import check_names
-from agglo_core.io.vtk.document import Piece, write_document
+from agglo_core.io.vtk.xml_write import Piece, write_document
 from agglo_core.mesh import Mesh
 from agglo_core.problems.discretisation import Samples
 
@@ -47,7 +47,7 @@ def write_solution(path: str | PathLike[str], mesh: Mesh, samples: Samples, *, n
 def solution_piece(
     samples: Samples, tags: Mapping[str, Int], *, name: str = "u", cell_ids: Int | None = None
 ) -> Piece:
-    """What a file holds of a sampled function.
+    """Contents of a file for a sampled function.
 
     Parameters
     ----------

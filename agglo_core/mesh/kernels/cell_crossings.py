@@ -1,4 +1,4 @@
-"""Whether plane cells, given by segments that have them on their left, overlap themselves or are inverted."""
+"""Test plane cells, given by segments with the cell on their left, for overlap and inversion."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def _side(points, a, b, c):
 
 @helper
 def _same_way(points, a, b, c):
-    """Whether b and c lie in the same direction from a."""
+    """Return True if b and c lie in the same direction from a."""
     ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
     vx, vy = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1]
     return _side(points, a, b, c) == 0 and ux * vx + uy * vy > 0.0
@@ -31,7 +31,7 @@ def _same_way(points, a, b, c):
 
 @helper
 def _between(points, a, b, c):
-    """Whether c, on the line ab, is no farther out than a and b."""
+    """Return True if c, on the line ab, lies between a and b."""
     ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
     along = ux * (points[c, 0] - points[a, 0]) + uy * (points[c, 1] - points[a, 1])
     return 0.0 <= along <= ux * ux + uy * uy
@@ -39,7 +39,7 @@ def _between(points, a, b, c):
 
 @helper
 def _meet(points, a, b, c, d):
-    """Whether the segments ab and cd have more in common than an end of both."""
+    """Return True if the segments ab and cd have more in common than an end of both."""
     if (a == c and b == d) or (a == d and b == c):
         return True
     if a == c:
@@ -96,7 +96,7 @@ def _in_rows(points, tails, heads, begin, end):
 
 @helper
 def _winding(points, tails, heads, members, begin, end, own):
-    """How often the boundary winds around what is just left of its segment ``own``.
+    """Count how often the boundary winds around the points just left of its segment ``own``.
 
     Those that a ray to the right may cross are ``members[begin:end]``.
     """
@@ -125,7 +125,7 @@ def _winding(points, tails, heads, members, begin, end, own):
 
 @helper(allocates=True)
 def _turned(points, tails, heads, begin, end):
-    """Whether the boundary of a cell does not wind once around what is left of it, everywhere."""
+    """Return True unless the boundary of a cell winds once around all that is on its left."""
     starts, members, low, height = _in_rows(points, tails, heads, begin, end)
     for k in range(begin, end):
         row = _row(0.5 * (points[tails[k], 1] + points[heads[k], 1]), low, height, len(starts) - 1)

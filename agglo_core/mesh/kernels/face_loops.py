@@ -51,7 +51,7 @@ def loop_moments(points, offsets, vertices):
 
 @kernel
 def repeated_points(offsets, vertices, n_points):
-    """Whether each loop meets a point twice."""
+    """Mask of the loops that meet a point twice."""
     latest = np.full(n_points, -1, np.int64)  # loop that met a point
     repeated = np.zeros(len(offsets) - 1, np.bool_)
     for f in range(len(repeated)):

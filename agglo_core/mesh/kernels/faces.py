@@ -104,7 +104,7 @@ def _next_edge(points, start, end, first, other, used, h, seed):
 
 @helper
 def _around(start, end, size, walk):
-    """Whether the edges are one loop that meets no vertex twice: then ``walk`` is its vertices."""
+    """Return True if the edges are one loop that meets no vertex twice; ``walk`` gets its vertices."""
     h = 0
     for k in range(size):
         walk[k] = start[h]

@@ -43,7 +43,7 @@ def vertices_of_solids(face_offsets, face_vertices, offsets, faces, n_points):
 
 @kernel
 def surfaces(offsets, vector, centre):
-    """What the half-faces of each cell add up to; cell c has those numbered ``offsets[c]:offsets[c + 1]``.
+    """Sum the half-faces of each cell; cell c has those numbered ``offsets[c]:offsets[c + 1]``.
 
     Returns ``(n, 8)``: area; length of the sum of area vectors; of the flux through each half-face of the
     position about the mean of their centres the least, the largest and the sum, thrice the volume; that mean.

@@ -25,7 +25,7 @@ PROGRAM = "from agglo_core.cli import main; main()"
 STOPPED = """
 import os, signal, time
 from agglo_core.cli import main
-from agglo_core.io.vtk import document as vtu_document
+from agglo_core.io.vtk import xml_write as vtu_document
 
 def stopped(*_):
     os.kill(os.getpid(), signal.SIGTERM)

@@ -29,7 +29,7 @@ from agglo_core import (
     hookimpl,
     samples,
 )
-from agglo_core.io.vtk.arrays import parse
+from agglo_core.io.vtk.xml_read import parse
 from agglo_core.problems import (
     Diffusion,
     Discretisation,

@@ -14,7 +14,7 @@ from scipy import sparse
 from scipy.io import mmread
 
 from agglo_core import Component, FileError, OptionError, agglomerate, hookimpl, samples
-from agglo_core.io.system_levels import write_system_and_levels
+from agglo_core.io.system_files import write_system_and_levels
 from agglo_core.problems import Diffusion, Linear, System, read_problem
 from agglo_core.registry import default
 

@@ -27,10 +27,10 @@ from agglo_core.compiled.geometry import block_diameters, compare_diameters
 from agglo_core.compiled.graphs import broken_blocks, child_order, components, take_rows
 from agglo_core.graph.curve_keys import curve_keys
 from agglo_core.graph.ordering import curve_order
+from agglo_core.mesh.geometry.loops import faces_of_cells
 from agglo_core.mesh.kernels.face_sums import add_faces
 from agglo_core.mesh.kernels.faces import match_half_edges
 from agglo_core.mesh.kernels.polygon_faults import check_polygons
-from agglo_core.mesh.loops import faces_of_cells
 from agglo_core.refine.interface_kernels import relax_interface
 from agglo_core.refine.repair import absorb
 from agglo_kmeans.kernel import two_means

@@ -23,7 +23,7 @@ from agglo_core.interchange import (
     to_geojson,
     to_pyvista,
 )
-from agglo_core.io.level_tags import split_levels
+from agglo_core.io.levels import split_levels
 
 
 def neighbours(mesh: Mesh) -> np.ndarray:

@@ -11,7 +11,7 @@ import pytest
 
 from agglo_core.errors import AggloError, FileError
 from agglo_core.hierarchy import Hierarchy
-from agglo_core.io import read, read_hierarchy, write
+from agglo_core.io import Meshlane, read, read_hierarchy, write
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import polyhedra_from_elements
 
@@ -83,13 +83,11 @@ def test_truncated(tmp_path: Path, keep: int) -> None:
 
 def test_readers_that_never_end_are_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """meshlane's TetGen reader loops for ever on a file of comments."""
-    from agglo_core.io.foreign import meshlane_read
-
-    monkeypatch.setattr(meshlane_read, "_SECONDS", 2)
+    monkeypatch.setattr("agglo_core.io.foreign.meshlane._SECONDS", 2)
     for suffix in (".node", ".ele"):
         (tmp_path / f"a{suffix}").write_text("# nothing\n")
     with pytest.raises(FileError, match="processor time"):
-        meshlane_read.read_foreign(tmp_path / "a.ele", merge_points=True, allow_gaps=False)
+        Meshlane().read(tmp_path / "a.ele")
 
 
 @pytest.mark.parametrize("suffix", [".vtk", ".obj"])

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import pickle
+import re
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import meshlane
@@ -31,7 +32,6 @@ from agglo_core.errors import AggloError
 from agglo_core.io import (
     Meshlane,
     Npz,
-    OpenFoam,
     Vtu,
     check_writable,
     file_checks,
@@ -462,12 +462,61 @@ def test_the_program_without_its_own_formats(tmp_path: Path, command: str) -> No
 def test_suffixes_are_known_without_the_readers() -> None:
     source = """
 import sys
-from agglo_core.io import Meshlane, Npz, OpenFoam, Vtu
-assert {".vtu", ".npz", ".msh", ".foam"} <= {s for f in (Meshlane, Npz, OpenFoam, Vtu) for s in f.suffixes}
+from agglo_core.registry import default
+formats = [each.component for each in default().list() if each.kind == "format"]
+assert {".vtu", ".npz", ".msh", ".foam"} <= {suffix for each in formats for suffix in each.suffixes}
 print([name for name in ("numpy", "scipy", "meshlane", "agglo_core.mesh") if name in sys.modules])
 """
     done = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def declaring(**suffixes: Any) -> Registry:
+    """A registry with agglo's own formats and strangers' that cannot be imported, with these suffixes."""
+    registry = Registry()
+    registry.register(builtin, "defaults", distribution="agglo", version="1")
+    declared = [Component("format", name, "absent:Format", suffixes=own) for name, own in suffixes.items()]
+    registry.register(SimpleNamespace(agglo_components=hookimpl(lambda: declared)), "mine")
+    return registry
+
+
+def test_a_format_that_declares_other_suffixes_is_not_built(tmp_path: Path) -> None:
+    (tmp_path / "a.toy").write_text("1")
+    registry = declaring(other=(".other",))
+    with pytest.raises(FileError, match=r"unknown suffix '.toy'.*format 'other' .*: importing its target"):
+        read(tmp_path / "a.toy", registry=registry)
+    (tmp_path / "a.vtk").write_text("1")
+    with pytest.raises(FileError) as caught:
+        read(tmp_path / "a.vtk", registry=registry)
+    assert "other" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("suffixes", "says"),
+    [
+        ([".a"], r"suffixes \['\.a'\] is not a tuple such as"),
+        ((".A",), r"its suffix '\.A' is not of the form: lower case after a dot"),
+        (("a",), r"its suffix 'a' is not of the form"),
+    ],
+)
+def test_declared_suffixes_are_checked(suffixes: Any, says: str) -> None:
+    (record,) = (each for each in declaring(wrong=suffixes).list() if each.name == "wrong")
+    assert record.state == "broken"
+    assert re.search(says, record.reason)
+
+
+def test_only_formats_declare_suffixes() -> None:
+    declared = [Component("metric", "wrong", "absent:Metric", suffixes=(".a",))]
+    registry = Registry()
+    registry.register(SimpleNamespace(agglo_components=hookimpl(lambda: declared)), "mine")
+    (record,) = registry.list()
+    assert (record.state, record.reason) == ("broken", "suffixes are for formats only")
+
+
+def test_a_format_without_suffixes_says_so(tmp_path: Path) -> None:
+    registry = having(bare=reading(lambda path: squares(1), suffixes=()))
+    with pytest.raises(FileError, match=r"format 'bare' .*: its suffixes are \(\), expected a tuple such as"):
+        check_writable(tmp_path / "a.toy", registry=registry)
 
 
 def test_strangers_are_not_imported_where_ours_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -484,6 +533,8 @@ def test_strangers_are_not_imported_where_ours_read(tmp_path: Path, monkeypatch:
 
 def test_the_suffixes_are_those_that_meshlane_reads() -> None:
     known = {suffix for suffix in meshlane.extension_to_filetypes if suffix.count(".") == 1}
+    registry = agglo_core.registry.default()
+    declared = {name: registry.record("format", name).component for name in ("vtu", "openfoam", "meshlane")}
     ours = {
         ".svg",
         ".ele",
@@ -493,15 +544,15 @@ def test_the_suffixes_are_those_that_meshlane_reads() -> None:
         ".obj",
     }  # the first is only drawn, the others are read by formats of agglo
     others = {".openfoam"}  # of ParaView's second reader of such cases
-    assert {*Vtu.suffixes, *OpenFoam.suffixes, *Meshlane.suffixes, *ours} - others == known
-    assert list(Meshlane.suffixes) == sorted(Meshlane.suffixes)
+    found = [suffix for each in declared.values() if each is not None for suffix in each.suffixes]
+    assert {*found, *ours} - others == known
 
 
 @pytest.mark.parametrize("kind", [Vtu, Npz, Meshlane])
 def test_ours_can_be_used_by_themselves(kind: type, tmp_path: Path) -> None:
     tool = pickle.loads(pickle.dumps(kind(merge_points=False)))
     assert not tool.merge_points
-    file = tmp_path / f"a{tool.suffixes[0] if kind is not Meshlane else '.vtk'}"
+    file = tmp_path / f"a{'.vtk' if kind is Meshlane else f'.{kind.__name__.lower()}'}"
     tool.write(file, squares(3))
     assert tool.read(file).n_cells == 9
 
@@ -541,6 +592,41 @@ def test_content_is_recognised_under_a_wrong_suffix(tmp_path: Path, suffix: str,
     write(tmp_path / f"m{suffix}", squares(3))
     (tmp_path / f"m{suffix}").rename(tmp_path / name)
     assert read(tmp_path / name).n_cells == 9
+
+
+def test_strangers_formats_recognise_content_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the method where no suffixes are declared, by the declaration otherwise."""
+    (tmp_path / "a.dat2").write_text("MINE 2")
+    mine = reading(lambda path: squares(2), recognises=lambda self, head: head.startswith(b"MINE"))
+    assert read(tmp_path / "a.dat2", registry=having(mine=mine)).n_cells == 4
+    monkeypatch.setattr(HOME, "Declared", reading(lambda path: squares(3)), raising=False)
+    for magic, found in ((r"\AMINE\s", True), (r"\AYOURS", False)):
+        component = Component("format", "mine", f"{HOME.__name__}:Declared", suffixes=(".mine",), magic=magic)
+        registry = Registry()
+        registry.register(SimpleNamespace(agglo_components=hookimpl(lambda own=component: [own])), "mine")
+        if found:
+            assert read(tmp_path / "a.dat2", registry=registry).n_cells == 9
+        else:
+            with pytest.raises(FileError, match=r"unknown suffix '\.dat2'"):
+                read(tmp_path / "a.dat2", registry=registry)
+
+
+@pytest.mark.parametrize(
+    ("declared", "says"),
+    [
+        ({"magic": "("}, "magic is for formats that declare their suffixes"),
+        ({"magic": "(", "suffixes": (".a",)}, r"magic '\(' is not a regular expression of bytes"),
+        ({"magic": b"A", "suffixes": (".a",)}, r"magic b'A' is not a regular expression of bytes"),
+        ({"magic": "€", "suffixes": (".a",)}, "magic '€' is not a regular expression of bytes"),
+    ],
+)
+def test_declared_magic_is_checked(declared: dict[str, Any], says: str) -> None:
+    components = [Component("format", "wrong", "absent:Format", **declared)]
+    registry = Registry()
+    registry.register(SimpleNamespace(agglo_components=hookimpl(lambda: components)), "mine")
+    (record,) = registry.list()
+    assert record.state == "broken"
+    assert re.search(says, record.reason)
 
 
 def test_what_is_recognised_and_broken_is_refused_with_both_reasons(tmp_path: Path) -> None:

@@ -125,7 +125,7 @@ def npy(values: Any) -> bytes:
 
 
 def meta(**changes: Any) -> bytes:
-    base = {"format": "agglo", "version": 1, "name": "", "repairs": {}, "cell_tags": [], "face_tags": []}
+    base = {"format": "agglo", "version": 2, "name": "", "repairs": {}, "cell_tags": [], "face_tags": []}
     return npy(np.frombuffer(json.dumps(base | changes).encode(), np.uint8))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from agglo_core import FileError, MeshError, agglomerate, read, read_hierarchy, samples, write
-from agglo_core.io.text.plain_formats import Ply
+from agglo_core.io.text.ply import Ply
 
 TWO = """ply
 format ascii 1.0

@@ -10,7 +10,8 @@ import pytest
 
 from agglo_core import AggloError, agglomerate, read, read_hierarchy, samples, write
 from agglo_core.files.text_numbers import words_per_line
-from agglo_core.io.text.plain_formats import Obj, Off, RegnFace
+from agglo_core.io.text.off_obj import Obj, Off
+from agglo_core.io.text.regn_face import RegnFace
 
 NODES = "# points\n4 3 0 0\n0 0 0 0\n1 1 0 0\n2 0 1 0\n3 0 0 1\n"
 CELLS = "# faces of cells\n1 0\n0 4\n 0 3 0 2 1\n 1 3 0 1 3\n 2 3 1 2 3\n 3 3 2 0 3\n# end\n"

@@ -1,4 +1,4 @@
-"""How VTU and npz store arrays: raw or compressed, in 32 bits where they fit; files of before are read."""
+"""How VTU and npz store arrays: raw or compressed, in 32 bits where they fit."""
 
 from __future__ import annotations
 
@@ -18,9 +18,8 @@ from agglo_core.arrays import trusted_copy
 from agglo_core.errors import FileError, MeshError, OptionError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.io import read, read_hierarchy, write
-from agglo_core.io.vtk import document
+from agglo_core.io.vtk import xml_write
 
-BEFORE = Path(__file__).parent / "before_raw"
 MESHES = [samples.voronoi(300, seed=5), samples.tetrahedra(2), samples.brain_holes()]
 
 
@@ -104,7 +103,7 @@ def test_blocks_of_any_length(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     """Arrays of several blocks, the last one full or not; 48 bytes are two points."""
     mesh, _ = with_hierarchy(samples.squares(3))
     write(tmp_path / "whole.vtu", mesh)
-    monkeypatch.setattr(document, "_BLOCK", 48)
+    monkeypatch.setattr(xml_write, "_BLOCK", 48)
     for compress in (False, True):
         write(tmp_path / "cut.vtu", mesh, compress=compress)
         cut = arrays_of(tmp_path / "cut.vtu")
@@ -113,44 +112,36 @@ def test_blocks_of_any_length(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         assert read(tmp_path / "cut.vtu").cell_tags["mat"].tolist() == mesh.cell_tags["mat"].tolist()
 
 
-def test_files_of_before_are_read() -> None:
-    """Deflated npz of version 1 with 64 bits, VTU as zlib in base64."""
-    mesh, hierarchy = read_hierarchy(BEFORE / "plane.npz")
-    assert hierarchy is not None
-    assert [each.tolist() for each in hierarchy.levels] == [[k // 2 for k in range(16)], [0] * 8 + [1] * 8]
-    assert hierarchy.targets == [{"parts": 8}, {"parts": 2}]
-    assert mesh.cell_tags["big"].tolist() == [k + 2**40 for k in range(16)]
-    assert mesh.face_tags["side"].tolist() == [k % 2 for k in range(40)]
-    assert mesh.fingerprint == samples.squares(4).fingerprint
-    plane = read(BEFORE / "plane.vtu")
-    assert plane.cell_tags["mat"].tolist() == [k % 3 - 1 for k in range(16)]
-    assert plane.cell_measures == pytest.approx(np.full(16, 1 / 16))
-    assert read(BEFORE / "solid.npz").cell_measures == pytest.approx([7 / 8, 1 / 8])
-
-
-def test_what_was_altered_in_a_file_of_before_is_noticed(tmp_path: Path) -> None:
-    with zipfile.ZipFile(BEFORE / "plane.npz") as old, zipfile.ZipFile(tmp_path / "m.npz", "w") as new:
+def rewritten(source: Path, target: Path, **changes: Any) -> None:
+    """Copy an npz with some of its members replaced by arrays."""
+    with zipfile.ZipFile(source) as old, zipfile.ZipFile(target, "w") as new:
         for name in old.namelist():
-            data: Any = old.read(name)
-            if name == "points.npy":
-                data = data[:-8] + np.array([0.75]).tobytes()
-            new.writestr(name, data)
+            array = changes.get(name.removesuffix(".npy"))
+            with new.open(name, "w") as entry:
+                if array is None:
+                    entry.write(old.read(name))
+                else:
+                    np.lib.format.write_array(entry, array)
+
+
+def test_what_was_altered_in_a_file_is_noticed(tmp_path: Path) -> None:
+    mesh = samples.squares(4)
+    write(tmp_path / "m.npz", mesh)
+    points = np.array(mesh.points)
+    points[-1, -1] = 0.75
+    rewritten(tmp_path / "m.npz", tmp_path / "altered.npz", points=points)
     with pytest.raises(FileError, match="fingerprint"):
-        read(tmp_path / "m.npz")
+        read(tmp_path / "altered.npz")
 
 
-def test_versions_to_come_are_refused(tmp_path: Path) -> None:
-    with zipfile.ZipFile(BEFORE / "plane.npz") as old, zipfile.ZipFile(tmp_path / "m.npz", "w") as new:
-        for name in old.namelist():
-            data = old.read(name)
-            if name == "meta.npy":
-                told = json.loads(np.load(BEFORE / "plane.npz")["meta"].tobytes()) | {"version": 3}
-                with new.open(name, "w") as entry:
-                    np.lib.format.write_array(entry, np.frombuffer(json.dumps(told).encode(), np.uint8))
-                continue
-            new.writestr(name, data)
-    with pytest.raises(FileError, match="version 3 is unknown; this program reads 1 and 2"):
-        read(tmp_path / "m.npz")
+@pytest.mark.parametrize("version", [1, 3])
+def test_other_versions_are_refused(tmp_path: Path, version: int) -> None:
+    write(tmp_path / "m.npz", samples.squares(4))
+    told = json.loads(np.load(tmp_path / "m.npz")["meta"].tobytes()) | {"version": version}
+    meta = np.frombuffer(json.dumps(told).encode(), np.uint8)
+    rewritten(tmp_path / "m.npz", tmp_path / "other.npz", meta=meta)
+    with pytest.raises(FileError, match=f"version {version} is unknown; this program reads 2"):
+        read(tmp_path / "other.npz")
 
 
 def test_faces_that_do_not_close_are_found() -> None:

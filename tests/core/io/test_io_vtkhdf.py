@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from agglo_core import AggloError, FileError, Mesh, agglomerate, read, read_hierarchy, samples, write
-from agglo_core.io.vtk.hdf_format import VtkHdf
+from agglo_core.io.vtk.vtkhdf import VtkHdf
 
 MESHES = {
     "polygons": lambda: samples.voronoi(90, seed=2),

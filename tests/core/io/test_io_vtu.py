@@ -21,7 +21,7 @@ from agglo_core.errors import AggloError, FileError, MeshError, OptionError, Plu
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.io import check_writable, read, read_hierarchy, write
 from agglo_core.io.to_mesh.bridges import single_loops
-from agglo_core.io.vtk import document as vtu_document
+from agglo_core.io.vtk import xml_write as vtu_document
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import polyhedra_from_elements
 

@@ -20,7 +20,6 @@ from agglo_core.io import read_hierarchy
 from agglo_core.measure import measure_levels
 
 OURS = ["agglomerate", "parent", "cells", "measure", "diameter"]
-OLD = Path(__file__).parent / "version_0_1"
 
 
 def hierarchy_of(mesh: Mesh, *levels: Any) -> Hierarchy:
@@ -146,22 +145,6 @@ def test_another_program_may_save_it_again(tmp_path: Path) -> None:
     back = read(tmp_path / "saved.vtu")
     assert sorted(back.cell_tags) == ["agglomerate", "cells", "parent"]
     assert back.repairs == {"cell data that are not integers left out": 2}
-
-
-@pytest.mark.parametrize(
-    ("file", "measures", "tags"),
-    [
-        ("ring_level0.vtu", [1 / 9, 8 / 9], {"mat": [4, 5]}),
-        ("boxes_level0.vtu", [7 / 8, 1 / 8], {}),
-        ("boxes.vtu", [1 / 8] * 8, {"level_0": [0] * 7 + [1]}),
-    ],
-)
-def test_files_of_version_0_1_are_read(file: str, measures: list[float], tags: dict[str, list[int]]) -> None:
-    assert set(arrays_of(OLD / file)["types"].tolist()) <= {7, 42}
-    mesh = read(OLD / file)
-    assert mesh.cell_measures == pytest.approx(measures)
-    assert {name: each.tolist() for name, each in mesh.cell_tags.items()} == tags
-    assert mesh.repairs == {}
 
 
 # -- values of the caller ----------------------------------------------------------------------

@@ -7,11 +7,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from agglo_core import Mesh, samples
+from agglo_core import Mesh, agglomerate, samples
 from agglo_core.arrays import frozen_float, frozen_int
+from agglo_core.mesh.build.polygon_faces import plain_faces
 from agglo_core.mesh.kernels.face_loops import loop_moments, repeated_points
 from agglo_core.mesh.kernels.faces import match_half_edges
-from agglo_core.mesh.plain_faces import plain_faces
 from agglo_core.threads import using_threads
 
 
@@ -150,3 +150,13 @@ def test_loops_that_meet_a_point_twice_are_found() -> None:
     offsets = frozen_int(np.cumsum([0, *map(len, loops)]))
     found = repeated_points(offsets, frozen_int(np.concatenate(loops)), 5)
     assert found.tolist() == [len(set(loop)) < len(loop) for loop in loops]
+
+
+@pytest.mark.parametrize("n", [24, 48])
+def test_edges_of_a_cell_on_one_line_do_not_cross(n: int) -> None:
+    """Parts of a ring have separate edges on one radius, whose points are in line except for rounding."""
+    coarse = agglomerate(samples.ring(n), bisector="coordinate", n_parts=(12, 4), seed=0).mesh(0)
+    loops = coarse.boundary_loops
+    cells = np.split(loops.vertices, loops.loop_offsets[1:-1])
+    again = Mesh.from_polygons(coarse.points, cells)
+    np.testing.assert_allclose(again.cell_measures, coarse.cell_measures, rtol=1e-12)

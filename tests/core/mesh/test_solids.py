@@ -11,9 +11,9 @@ from hypothesis import given, settings, strategies as st
 from agglo_core import Mesh, MeshError, samples
 from agglo_core.arrays import frozen_int
 from agglo_core.io.vtk.cells import _turns
+from agglo_core.mesh.build.polyhedra import _sorted_pairs
 from agglo_core.mesh.elements import turns_as_listed
 from agglo_core.mesh.kernels.solid_cells import pair_half_faces, surfaces, vertices_of_solids
-from agglo_core.mesh.polyhedra import _sorted_pairs
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -212,12 +212,12 @@ def test_an_option_knows_its_type_in_words() -> None:
 
 
 class Moody:
-    """A format whose suffixes cannot be read."""
+    """A format whose attribute cannot be read."""
 
-    lossless = False
+    suffixes = (".moody",)
 
     @property
-    def suffixes(self) -> tuple[str, ...]:
+    def lossless(self) -> bool:
         """Never there."""
         raise ValueError("not today")
 
@@ -235,5 +235,5 @@ def test_an_attribute_that_raises_is_attributed(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setitem(__import__("sys").modules, "moody_module", module)
     registry = Registry()
     registry.register(Plugin(), "mine")
-    with pytest.raises(PluginError, match=r"format 'moody' .* 'suffixes' raised ValueError: not today"):
+    with pytest.raises(PluginError, match=r"format 'moody' .* 'lossless' raised ValueError: not today"):
         registry.build("format", "moody")

@@ -44,10 +44,10 @@ class Forgets:
         pass
 
 
-class Suffix:
-    """One suffix, not in a tuple."""
+class Lossless:
+    """Says in words whether it is lossless."""
 
-    suffixes, lossless = ".one", False
+    suffixes, lossless = (".one",), "mostly"
 
     def read(self, path: Path) -> Any:
         return MESH
@@ -152,7 +152,7 @@ class Drawn:
 KINDS = {
     "bisector": (Forgets,),
     "refiner": (Tuple,),
-    "format": (Suffix,),
+    "format": (Lossless,),
     "metric": (Changes,),
     "problem": (Kindless, Bound, Tableless),
     "smoother": (NoFunction, Short),
@@ -212,8 +212,8 @@ def test_of_a_run(chosen: dict[str, Any], title: tuple[str, str], says: str, reg
 
 
 def test_an_attribute_of_another_type_is_shown(registry: Registry) -> None:
-    with pytest.raises(PluginError, match=r"which has suffixes = '\.one'; expected a tuple"):
-        registry.build("format", "suffix")
+    with pytest.raises(PluginError, match=r"which has lossless = 'mostly'; expected a bool"):
+        registry.build("format", "lossless")
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,13 @@ def agglo_components() -> list[Component]:
     borders = "agglo_borders"
     robust = {"3d": True, "pickles": True}
     return [
-        Component("format", "toy", f"{borders}.toy_file:Toy", summary="Cells of the plane, as JSON."),
+        Component(
+            "format",
+            "toy",
+            f"{borders}.toy_file:Toy",
+            summary="Cells of the plane, as JSON.",
+            suffixes=(".toy",),
+        ),
         Component("sample", "cross", f"{borders}.cross:cross", summary="A cross of five squares."),
         Component("problem", "heat", f"{borders}.heat:Heat", summary="A heated plate that leaks."),
         Component(

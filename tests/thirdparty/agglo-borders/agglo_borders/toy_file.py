@@ -14,7 +14,6 @@ __all__ = ["Toy"]
 class Toy:
     """Points, vertex loops and cell tags as JSON: cells of the plane without holes, no hierarchies."""
 
-    suffixes = (".toy",)
     lossless = False
 
     def read(self, path: Path) -> Mesh:

@@ -1,0 +1,280 @@
+"""Every other format, through the package meshlane, whose failures all become FileErrors."""
+
+from __future__ import annotations
+
+import io
+import json
+import logging
+import os
+import subprocess
+import sys
+import tempfile
+import warnings
+from collections.abc import Mapping
+from contextlib import redirect_stderr, redirect_stdout
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglo_core.arrays import Int, frozen_float, frozen_int, trusted_copy
+from agglo_core.errors import AggloError, FileError
+from agglo_core.files.regular import text_bytes, without_mark
+from agglo_core.io.atomic import staging
+from agglo_core.io.foreign.unread import why_unread
+from agglo_core.io.gmsh.read import soup_of_gmsh
+from agglo_core.io.gmsh.write import RESERVED, write_gmsh
+from agglo_core.io.tags import cell_data, check_names, note_left_out
+from agglo_core.io.to_mesh.options import Reading, ReadOptions
+from agglo_core.io.to_mesh.soup import Soup, mesh_from_soup
+from agglo_core.io.vtk.legacy import legacy_kind, stored_legacy
+from agglo_core.io.vtk.pieces import mesh_from_pieces
+from agglo_core.mesh import Mesh
+from agglo_core.mesh.elements import Polyhedra, gather
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+
+_log = logging.getLogger("agglo")
+_SECONDS, _BYTES_PER_SECOND = 6, 100_000  # processor time allowed: far above what a whole file needs
+_MEMORY, _MEMORY_PER_BYTE = 1 << 28, 400  # beyond what the program itself takes
+
+
+class Meshlane(Reading):
+    """The files that the package meshlane reads and writes: Abaqus, STL, MED and more.
+
+    Gmsh's files, and unstructured grids and PolyData of legacy VTK, are read by agglo itself.
+    What is written is read back and compared; what the file would lose is refused.
+
+    Parameters
+    ----------
+    merge_points : bool
+        Merge exactly equal points on reading.
+    allow_gaps : bool
+        Leave outer faces that lie on one another as they are.
+    drop_flat : bool
+        Leave out cells of zero area or volume.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from agglo_core.io import Meshlane
+    >>> Meshlane().write(Path("mesh.vtk"), agglo.samples.squares(2))
+    >>> Meshlane().read(Path("mesh.vtk")).n_cells
+    4
+    """
+
+    lossless: bool = False
+    atomic: bool = True
+    last_resort: bool = True
+
+    def read(self, path: Path) -> Mesh:
+        """Return the mesh of a file that meshlane reads; integer cell data and cell sets become tags.
+
+        Raises
+        ------
+        FileError, MeshError
+            For a broken file or mesh; FileError for a layout that is known and not read.
+        """
+        try:
+            return _read(path, self.reading)
+        except AggloError as error:
+            known = why_unread(path)
+            if known is None:
+                raise
+            raise FileError(known) from error
+
+    def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
+        """Write through meshlane, then read the result back: what differs from the mesh is refused.
+
+        Raises
+        ------
+        FileError
+            Naming what the format would lose.
+        MeshError
+            For a cell tag whose name files cannot hold.
+        """
+        tags = cell_data(mesh, hierarchy)
+        check_names(tags)
+        with staging(path) as folder:
+            target = folder / path.name
+            (write_gmsh if path.suffix.lower() == ".msh" else _silently)(target, mesh, tags)
+            _check_whole(target, mesh, tags)
+
+
+def _read(path: Path, options: ReadOptions) -> Mesh:
+    if legacy_kind(path):
+        return mesh_from_pieces(stored_legacy(path), **options, name=path.stem)
+    soup, sets, left = soup_of_gmsh(text_bytes(path)) if _is_gmsh(path) else _soup(path)
+    mesh = mesh_from_soup(soup, weak=False, name=path.stem, **options)
+    mesh = _without_empty_sets(mesh, sets)
+    _note_sets(mesh, sets)
+    return note_left_out(mesh, left)
+
+
+def _is_gmsh(path: Path) -> bool:
+    with open(path, "rb") as file:
+        return without_mark(file.read(64)).lstrip().startswith((b"$MeshFormat", b"$Comments"))
+
+
+def _soup(path: Path) -> tuple[Soup, set[str], list[str]]:
+    """Cells that meshlane finds, in a separate process; names of tags that are sets, and of data left out."""
+    size = path.stat().st_size
+    seconds, memory = _SECONDS + size // _BYTES_PER_SECOND, _MEMORY + _MEMORY_PER_BYTE * size
+    with tempfile.TemporaryDirectory(prefix="agglo-") as folder:
+        target = os.path.join(folder, "cells.npz")
+        command = [sys.executable, "-P", "-m", "agglo_core.io.foreign.meshlane_soup"]
+        search = os.pathsep.join(part for part in sys.path if part)
+        try:
+            done = subprocess.run(
+                [*command, str(_without_marks(path.absolute(), folder)), target, str(seconds), str(memory)],
+                env={**os.environ, "PYTHONPATH": search, "OPENBLAS_NUM_THREADS": "1"},
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                timeout=20 * seconds,
+                check=False,
+            )
+        except subprocess.TimeoutExpired:
+            raise FileError(f"meshlane did not read it within {20 * seconds} s") from None
+        if done.returncode < 0:
+            raise FileError(
+                f"meshlane did not read it within {seconds} s of processor time, or crashed "
+                f"(signal {-done.returncode}): the file is probably truncated"
+            )
+        if done.returncode:
+            reason = done.stdout.decode(errors="replace").strip()
+            raise FileError(f"meshlane cannot read it: {reason[:300] or 'no reason given'}")
+        return _load(target)
+
+
+def _without_marks(path: Path, folder: str) -> Path:
+    """Return the path, or that of a copy in a folder if the file begins with a byte order mark.
+
+    Parsers of XML pass over the mark. TetGen's pair of files is copied together.
+    """
+    with open(path, "rb") as file:
+        head = file.read(64)
+    if without_mark(head) == head or without_mark(head).lstrip().startswith(b"<"):
+        return path
+    pair = (".ele", ".node") if path.suffix.lower() in (".ele", ".node") else (path.suffix,)
+    for suffix in pair:
+        copy = Path(folder, path.name).with_suffix(suffix)
+        copy.write_bytes(text_bytes(path.with_suffix(suffix)))
+    return copy.with_suffix(path.suffix)
+
+
+def _load(target: str) -> tuple[Soup, set[str], list[str]]:
+    with np.load(target, allow_pickle=False) as arrays:
+        names = json.loads(arrays["names"].tobytes())
+        solids = (frozen_int(arrays[key]) for key in ("cell_offsets", "loop_offsets", "loops"))
+        soup = Soup(
+            frozen_float(arrays["points"]),
+            frozen_int(arrays["types"]),
+            frozen_int(arrays["offsets"]),
+            frozen_int(arrays["vertices"]),
+            Polyhedra(*solids),
+            {name: frozen_int(arrays[f"tag_{i}"]) for i, name in enumerate(names["tags"])},
+        )
+        return soup, set(names["sets"]), names["left"]
+
+
+def _note_sets(mesh: Mesh, sets: set[str]) -> None:
+    """Log the named parts of the mesh and of its boundary, which can be chosen by name."""
+    for what, tags in (("cells", mesh.cell_tags), ("faces", mesh.face_tags)):
+        found = [f"{name} ({(values == 1).sum():,})" for name, values in tags.items() if name in sets]
+        if found:
+            _log.info("%s by name: %s", what, ", ".join(found))
+
+
+def _without_empty_sets(mesh: Mesh, names: set[str]) -> Mesh:
+    """Mesh without tags of sets that hold no cell or no face, and without face tags of −1 alone.
+
+    A set lives in one dimension, so that most are empty in the other. Those empty in both are warned about.
+    """
+    cell_tags, face_tags = (
+        {name: values for name, values in tags.items() if name not in names or (values == 1).any()}
+        for tags in (mesh.cell_tags, mesh.face_tags)
+    )
+    face_tags = {name: values for name, values in face_tags.items() if (values != -1).any()}
+    lost = sorted(names - cell_tags.keys() - face_tags.keys())
+    if lost:
+        _log.warning("groups without a cell or face of the mesh left out: %s", ", ".join(lost))
+    return trusted_copy(mesh, cell_tags=cell_tags, face_tags=face_tags)
+
+
+def _silently(target: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
+    """Let meshlane write in silence; what a format cannot express may make it raise anything."""
+    import meshlane
+
+    blocks = _blocks(mesh)
+    cuts = np.cumsum([len(rows) for _, rows in blocks])[:-1]
+    points = np.zeros((mesh.n_points, 3))
+    points[:, : mesh.dim] = mesh.points
+    data = {name: np.split(values, cuts) for name, values in tags.items()}
+    said = io.StringIO()
+    try:
+        with redirect_stdout(said), redirect_stderr(said), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            meshlane.Mesh(points, blocks, cell_data=data).write(target)
+    except (Exception, SystemExit) as error:
+        reason = f"{type(error).__name__}: {error}"
+        raise FileError(f"meshlane cannot write it: {reason[:300]}; .vtu and .npz can hold it") from error
+
+
+def _blocks(mesh: Mesh) -> list[tuple[str, NDArray[Any]]]:
+    """Blocks of consecutive cells of one type, with their nodes."""
+    names, offsets, vertices = _polygons(mesh) if mesh.dim == 2 else _tetrahedra(mesh)
+    sizes = np.diff(offsets)
+    cuts = [0, *(np.flatnonzero(np.diff(sizes)) + 1).tolist(), len(sizes)]
+    return [
+        (
+            names.get(int(sizes[a]), "polygon"),
+            vertices[offsets[a] : offsets[b]].reshape(b - a, int(sizes[a])),
+        )
+        for a, b in pairwise(cuts)
+    ]
+
+
+def _polygons(mesh: Mesh) -> tuple[dict[int, str], Int, Int]:
+    loops = mesh.boundary_loops
+    several = np.flatnonzero(np.diff(loops.cell_offsets) > 1)
+    if len(several):
+        raise FileError(f"cell {several[0]} has a hole; only .vtu and .npz can hold it")
+    return {3: "triangle", 4: "quad"}, loops.loop_offsets, loops.vertices
+
+
+def _tetrahedra(mesh: Mesh) -> tuple[dict[int, str], Int, Int]:
+    """Tetrahedra as a face seen from inside and the vertex opposite."""
+    offsets, vertices = mesh.cell_vertices
+    cell_offsets, faces = mesh.cell_faces
+    other = np.flatnonzero((np.diff(offsets) != 4) | (np.diff(cell_offsets) != 4))
+    if len(other):
+        raise FileError(f"cell {other[0]} is not a tetrahedron; only .vtu and .npz can hold it")
+    first = faces[cell_offsets[:-1]]
+    base = mesh.face_vertices[gather(mesh.face_offsets, first)[1]].reshape(-1, 3)
+    own = mesh.face_cells[first, 0] == np.arange(mesh.n_cells)
+    base = np.where(own[:, None], base[:, ::-1], base)
+    apex = vertices.reshape(-1, 4).astype(np.int64).sum(axis=1) - base.sum(axis=1)
+    nodes = np.concatenate((base, apex[:, None]), axis=1)
+    return {4: "tetra"}, frozen_int(np.arange(0, nodes.size + 1, 4)), frozen_int(nodes.ravel())
+
+
+def _check_whole(written: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
+    """Raise FileError unless the file holds the mesh with its tags."""
+    hint = f"{written.suffix} would lose {{}}; .vtu and .npz keep everything"
+    try:
+        found = Meshlane(merge_points=False, allow_gaps=True).read(written)
+    except (AggloError, OSError) as error:
+        raise FileError(hint.format(f"the mesh ({error})")) from None
+    if found.dim != mesh.dim or found.n_cells != mesh.n_cells or found.n_faces != mesh.n_faces:
+        raise FileError(hint.format(f"cells ({found!r} instead of {mesh!r})"))
+    if not np.allclose(found.cell_measures, mesh.cell_measures, rtol=1e-9, atol=0):
+        raise FileError(hint.format("digits of the points or the order of the cells"))
+    for name, values in tags.items():
+        if name in RESERVED and written.suffix.lower() == ".msh":
+            continue
+        if name not in found.cell_tags or not np.array_equal(found.cell_tags[name], values):
+            raise FileError(hint.format(f"the cell data {name!r}"))

@@ -1,0 +1,133 @@
+"""Levels of hierarchies in files: their labels as cell data, and what coarse meshes hold of agglomerates."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Collection, Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from agglo_core.arrays import (
+    Float,
+    Int,
+    first_of_each,
+    frozen_float,
+    frozen_int,
+    plain_array,
+    trusted,
+    trusted_copy,
+)
+from agglo_core.errors import MeshError, OptionError
+from agglo_core.hierarchy import Hierarchy
+from agglo_core.io.tags import is_level
+from agglo_core.mesh import Mesh
+
+LevelValues = Sequence[Mapping[str, ArrayLike]]
+"""For each level, numbers of its agglomerates by name."""
+
+_log = logging.getLogger("agglo")
+
+
+def split_levels(mesh: Mesh) -> tuple[Mesh, Hierarchy | None]:
+    """Mesh without its tags ``level_0``, ``level_1``, …, and the hierarchy that they are, if any.
+
+    Tags of later levels than the first that is missing stay tags, which is logged.
+    """
+    tags = dict(mesh.cell_tags)
+    levels: list[Int] = []
+    while f"level_{len(levels)}" in tags:
+        levels.append(mesh.check_labels(tags.pop(f"level_{len(levels)}")))
+    later = [name for name in tags if is_level(name)]
+    if later:
+        _log.warning("%s not taken for levels: there is no level_%d", ", ".join(later), len(levels))
+    if not levels:
+        return mesh, None
+    mesh = trusted_copy(mesh, cell_tags=tags)
+    nested = all(_nests(fine, coarse) for fine, coarse in pairwise(levels))
+    targets = [{"parts": int(labels.max()) + 1} for labels in levels]
+    return mesh, trusted(Hierarchy, mesh, mesh.graph, tuple(levels), targets, nested)
+
+
+def _nests(fine: Int, coarse: Int) -> bool:
+    """Return True if every part of ``fine`` lies in one part of ``coarse``."""
+    return bool((coarse[first_of_each(fine)][fine] == coarse).all())
+
+
+def check_belongs(mesh: Mesh, hierarchy: Hierarchy) -> None:
+    """Raise MeshError if the hierarchy was made from another mesh."""
+    if hierarchy.fine is not mesh and hierarchy.fingerprint not in ("", mesh.fingerprint):
+        raise MeshError(f"the hierarchy belongs to another mesh: {hierarchy.fine!r}, not {mesh!r}")
+    for i, labels in enumerate(hierarchy.levels):
+        if len(labels) != mesh.n_cells:
+            raise MeshError(
+                f"the hierarchy belongs to another mesh: level {i} has {len(labels)} labels, "
+                f"the mesh {mesh.n_cells} cells"
+            )
+
+
+def about_agglomerates(
+    levels: Sequence[Int], level: int, coarse: Mesh, values: Mapping[str, Float]
+) -> dict[str, NDArray[Any]]:
+    """Cell data of the coarse mesh of one of the levels, each ``(k,)``.
+
+    ``agglomerate`` is the label, ``parent`` that of the agglomerate of the next coarser level that holds it
+    (−1 if there is no such level, or it lies in several), ``cells`` the number of cells, ``measure`` and
+    ``diameter`` are those of the coarse mesh. ``values`` of other names follow.
+    """
+    labels = levels[level]
+    known = {
+        "agglomerate": np.arange(coarse.n_cells),
+        "parent": _parents(labels, levels[level + 1 : level + 2]),
+        "cells": np.bincount(labels),
+        "measure": coarse.cell_measures,
+        "diameter": coarse.cell_diameters,
+    }
+    return known | {name: each for name, each in values.items() if name not in known}
+
+
+def _parents(labels: Int, coarser: Sequence[Int]) -> Int:
+    first = first_of_each(labels)
+    parents = np.full(len(first), -1)
+    for above in coarser:
+        parents = above[first]
+        parents[labels[above != parents[labels]]] = -1
+    return frozen_int(parents)
+
+
+def check_level_values(hierarchy: Hierarchy | None, values: LevelValues) -> list[dict[str, Float]]:
+    """The values of each level as reals.
+
+    Raises
+    ------
+    OptionError
+        Unless there is one mapping for each level, and in it by name one number for each agglomerate.
+    """
+    levels = hierarchy.levels if hierarchy is not None else []
+    if len(values) != len(levels):
+        raise OptionError(f"level_values: {len(values)} mappings given for {len(levels)} levels")
+    for place, (given, labels) in enumerate(zip(values, levels, strict=True)):
+        count = int(labels.max()) + 1
+        for name, each in given.items():
+            if not isinstance(name, str) or not name or not name.isprintable():
+                raise OptionError(f"level_values[{place}]: {name!r} is no name: it must be text to be shown")
+            array = plain_array(each, f"level_values[{place}][{name!r}]", OptionError)
+            if array.dtype.kind not in "biuf" or array.shape != (count,):
+                found = f"{array.dtype} of shape {array.shape}"
+                raise OptionError(f"level_values[{place}][{name!r}]: {found}; expected {count} numbers")
+    return [{name: frozen_float(each) for name, each in given.items()} for given in values]
+
+
+def under_free_names(data: Mapping[str, NDArray[Any]], taken: Collection[str]) -> dict[str, NDArray[Any]]:
+    """The data; a name that a tag of the user has, or a mark of our own, gets ``agglo_`` before it."""
+    renamed: dict[str, NDArray[Any]] = {}
+    for name, values in data.items():
+        free = name
+        while free in taken or free in renamed or (free != name and free in data):
+            free = f"agglo_{free}"
+        if free != name:
+            _log.info("cell data %r are written as %r: the mesh has a tag of that name", name, free)
+        renamed[free] = values
+    return renamed

@@ -1,1 +1,0 @@
-"""The format .npz, which holds a mesh and its hierarchy without loss."""

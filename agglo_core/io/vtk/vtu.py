@@ -1,0 +1,271 @@
+"""VTU and VTP, VTK's XML files: read in every encoding, with several pieces and both layouts of polyhedra."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.errors import FileError
+from agglo_core.io.levels import LevelValues
+from agglo_core.io.tags import tag_values
+from agglo_core.io.to_mesh.listed_faces import ListedFaces, listed_faces
+from agglo_core.io.to_mesh.options import Compressing, Reading
+from agglo_core.io.to_mesh.soup import Soup
+from agglo_core.io.vtk.cells import POLYHEDRON, Cells
+from agglo_core.io.vtk.grids import Storage, numbered, write_grids
+from agglo_core.io.vtk.pieces import (
+    KINDS,
+    CellArrays,
+    Stored,
+    check_counts,
+    mesh_from_pieces,
+    polydata_cells,
+    soup_of_piece,
+)
+from agglo_core.io.vtk.xml_read import TYPES, Document, is_derived, parse
+from agglo_core.io.vtk.xml_write import MESH, SOLUTION, write_document
+from agglo_core.mesh import Mesh
+from agglo_core.mesh.elements import take_cells
+from agglo_core.progress import Tell, to_nobody
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+
+_FACES = 64  # numbers about faces for each cell, beyond which an array is looked at before it is decoded
+
+
+class Vtu(Compressing):
+    """VTU by agglo's own reader and writer: any mesh, its cell tags, the labels of all levels.
+
+    Parameters
+    ----------
+    merge_points : bool
+        Merge exactly equal points on reading.
+    allow_gaps : bool
+        Leave outer faces that lie on one another as they are.
+    compress : bool
+        Write zlib of the arrays: smaller files, slower to write and to read.
+    drop_flat : bool
+        Leave out cells of zero area or volume.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from agglo_core.io import Vtu
+    >>> Vtu().write(Path("mesh.vtu"), agglo.samples.squares(2))
+    >>> Vtu().read(Path("mesh.vtu")).n_cells
+    4
+    """
+
+    lossless: bool = False
+    atomic: bool = True
+    tells_progress: bool = True
+    keeps_level_values: bool = True
+
+    def read(self, path: Path) -> Mesh:
+        """Return the mesh of a VTU file; its pieces are joined, integer cell data become cell tags.
+
+        Raises
+        ------
+        FileError, MeshError
+            For a broken file or mesh.
+        """
+        return mesh_from_pieces(stored_pieces(path.read_bytes()), **self.reading, name=path.stem)
+
+    def write(
+        self,
+        path: Path,
+        mesh: Mesh,
+        hierarchy: Hierarchy | None = None,
+        level_values: LevelValues | None = None,
+        tell: Tell = to_nobody,
+    ) -> None:
+        """Write the mesh, and each coarse mesh with its values beside it; raises an AggloError."""
+        storage = Storage(write_document, face_stream, written_by_agglo)
+        write_grids(storage, path, mesh, hierarchy, level_values, tell, compress=self.compress)
+
+
+class Vtp(Reading):
+    """Polygons and strips of VTK XML PolyData; a constant z makes a plane mesh, surfaces are refused."""
+
+    lossless: bool = False
+
+    def read(self, path: Path) -> Mesh:
+        """Return the mesh of the polygons and strips of a VTP file; raises as :meth:`Vtu.read`."""
+        return mesh_from_pieces(stored_pieces(path.read_bytes(), "PolyData"), **self.reading, name=path.stem)
+
+
+def stored_pieces(content: bytes, kind: str = "UnstructuredGrid") -> Stored:
+    """Pieces of a file of that kind; raises FileError."""
+    document = parse(content, kind)
+    grid = document.root.find(kind)
+    if grid is None:
+        return Stored([], [])
+    _check_places(grid.iterfind(".//DataArray"))
+    data = grid.iterfind("Piece/CellData/DataArray")
+    left = [each.get("Name", "") for each in data if not _is_tag(each) and not is_derived(each)]
+    pieces = [_piece(document, piece) for piece in grid.findall("Piece")]
+    ours = document.root.get("agglo") == "mesh"
+    if len(pieces) == 1 and ours:  # in files of others it may be out of date
+        pieces = [pieces[0]._replace(listed=_listed(document, grid, pieces[0]))]
+    return Stored(pieces, left, ours)
+
+
+def _listed(document: Document, grid: ElementTree.Element, piece: Soup) -> ListedFaces | None:
+    """Faces with tags, from the field data."""
+    n, elements = len(piece.types), grid.findall("FieldData/DataArray")
+    fields = {each.get("Name", ""): document.array(each, _FACES * n) for each in elements}
+    return listed_faces(fields, len(piece.points), n)
+
+
+def _check_places(elements: Iterable[ElementTree.Element]) -> None:
+    """Refuse arrays that share their bytes: a small file could say the same thing a million times."""
+    names: dict[int, str] = {}
+    for element in elements:
+        if element.get("format") != "appended":
+            continue
+        name = element.get("Name", "Points")
+        try:
+            place = int(element.get("offset", ""))
+        except ValueError:  # refused if it is read
+            continue
+        if place in names:
+            raise FileError(f"arrays {names[place]!r} and {name!r} begin at the same appended byte, {place}")
+        names[place] = name
+
+
+def _piece(document: Document, piece: ElementTree.Element) -> Soup:
+    kinds = [kind for kind in KINDS if piece.find(kind) is not None]
+    counted = ["Points", *(kinds or ["Cells"])]
+    try:
+        n_points, *counts = (int(piece.get(f"NumberOf{each}", "")) for each in counted)
+    except ValueError:
+        raise FileError(
+            f"a Piece does not say its {' and '.join(f'NumberOf{each}' for each in counted)}"
+        ) from None
+    n = sum(counts)
+    check_counts(n_points, n)
+    points = _points(document, piece, n_points)
+    arrays: CellArrays = _Arrays(document, piece, "Cells")
+    if kinds:
+        lists = {kind: _list(document, piece, kind, k) for kind, k in zip(kinds, counts, strict=True) if k}
+        arrays = polydata_cells(lists)
+    soup = soup_of_piece(arrays, points, n)
+    point_ids = _ids(document, piece.find("PointData"), n_points)
+    cell_ids = _ids(document, piece.find("CellData"), n)
+    return soup._replace(tags=_tags(document, piece, n) if n else {}, point_ids=point_ids, cell_ids=cell_ids)
+
+
+def _list(document: Document, piece: ElementTree.Element, kind: str, n: int) -> tuple[Int, Int]:
+    """Ends and points of n cells of a PolyData."""
+    arrays = _Arrays(document, piece, kind)
+    ends = arrays.take("offsets", n)
+    if len(ends) != n or (np.diff(ends, prepend=0) < 0).any():
+        raise FileError(f"array 'offsets' of {kind} must rise and have {n} values")
+    vertices = arrays.take("connectivity", int(ends[-1]))
+    if len(vertices) != ends[-1]:
+        raise FileError(f"array 'connectivity' of {kind} has {len(vertices)} values, expected {ends[-1]}")
+    return ends, vertices
+
+
+def _ids(document: Document, section: ElementTree.Element | None, n: int) -> Int | None:
+    """The n integers that a section declares to be its global ids, if it does."""
+    name = "" if section is None else section.get("GlobalIds", "")
+    for element in () if section is None or not name else section.iterfind("DataArray"):
+        if element.get("Name") != name or not element.get("type", "").startswith(("Int", "UInt")):
+            continue
+        values = document.array(element, n)
+        if len(values) != n:
+            raise FileError(f"there are {len(values)} global ids {name!r}, expected {n}")
+        return tag_values(name, values)
+    return None
+
+
+def _points(document: Document, piece: ElementTree.Element, n: int) -> Float:
+    element = piece.find("Points/DataArray")
+    values = document.array(element, 3 * n) if element is not None else np.empty(0)
+    if values.size != 3 * n:
+        raise FileError(f"a Piece of {n} points has {values.size} coordinates, expected {3 * n}")
+    return frozen_float(values.reshape(-1, 3))
+
+
+def _tags(document: Document, piece: ElementTree.Element, n: int) -> dict[str, Int]:
+    """Integer cell data of one component."""
+    tags = {}
+    for element in piece.iterfind("CellData/DataArray"):
+        if not _is_tag(element):
+            continue
+        name, values = element.get("Name", ""), document.array(element, n)
+        if len(values) != n:
+            raise FileError(f"cell data {name!r} has {len(values)} values for {n} cells")
+        tags[name] = tag_values(name, values)
+    return tags
+
+
+def _is_tag(element: ElementTree.Element) -> bool:
+    """Return True for named integers of one component that agglo did not derive from the mesh."""
+    if is_derived(element):
+        return False
+    kind = element.get("type", "")
+    single = element.get("NumberOfComponents", "1").strip() in ("0", "1")
+    return bool(element.get("Name")) and kind.startswith(("Int", "UInt")) and kind in TYPES and single
+
+
+@dataclass(frozen=True)
+class _Arrays:
+    """Arrays of whole numbers of a section of a piece."""
+
+    document: Document
+    piece: ElementTree.Element
+    section: str
+
+    @cached_property
+    def _elements(self) -> dict[str, ElementTree.Element]:
+        return {each.get("Name", ""): each for each in self.piece.iterfind(f"{self.section}/DataArray")}
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._elements
+
+    def take(self, name: str, declared: int) -> Int:
+        """Integers of an array that should have ``declared`` values."""
+        if name not in self._elements:
+            known = ", ".join(self._elements) or "none"
+            raise FileError(f"array {name!r} is missing from {self.section}; found {known}")
+        values: NDArray[Any] = self.document.array(self._elements[name], declared)
+        if values.dtype.kind not in "iu":
+            raise FileError(f"array {name!r} must hold integers, not {values.dtype}")
+        return frozen_int(values)
+
+
+def written_by_agglo(file: Path, *, solutions: bool = False) -> bool:
+    """Return True if a file begins as our meshes do, or also as our solutions; may raise OSError."""
+    heads = (MESH, SOLUTION) if solutions else (MESH,)
+    with open(file, "rb") as stream:
+        return stream.read(max(map(len, heads))).startswith(heads)
+
+
+def face_stream(cells: Cells, number: Int | None) -> dict[str, NDArray[Any]]:
+    """Per polyhedron: number of faces, then each face's size and vertices, seen from outside the cell.
+
+    Other cells end nowhere in the stream, which is -1.
+    """
+    own = np.flatnonzero(cells.types == POLYHEDRON)
+    offsets, loop_offsets, vertices = take_cells(cells.solids, frozen_int(own))
+    counts, sizes = np.diff(offsets), np.diff(loop_offsets)
+    starts = loop_offsets[offsets] + offsets + np.arange(len(offsets))  # of each cell, and the end
+    loops = loop_offsets[:-1] + np.arange(len(sizes)) + np.repeat(np.arange(1, len(counts) + 1), counts)
+    stream = np.empty(starts[-1], np.int64)
+    rest = np.ones(len(stream), bool)
+    rest[starts[:-1]] = rest[loops] = False
+    stream[starts[:-1]], stream[loops], stream[rest] = counts, sizes, numbered(vertices, number)
+    ends = np.full(len(cells.types), -1)
+    ends[own] = starts[1:]
+    return {"faces": stream, "faceoffsets": ends}

@@ -1,0 +1,222 @@
+"""DataArrays of VTK XML files: ascii, base64 and raw; plain, zlib and lzma; either byte order."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import lzma
+import re
+import zlib
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglo_core.errors import FileError
+
+DERIVED = 'agglo="derived"'
+"""Attribute of our own DataArrays that follow from the mesh or its hierarchy; VTK passes over it."""
+
+TYPES = {f"{kind}{8 * size}": f"{kind[0].lower()}{size}" for kind in ("Int", "UInt") for size in (1, 2, 4, 8)}
+TYPES |= {"Float32": "f4", "Float64": "f8"}
+_COMPRESSORS = {"": "", "vtkZLibDataCompressor": "zlib", "vtkLZMADataCompressor": "lzma"}
+_EXPANSION = 10_000  # more than lzma's largest ratio on real data: bounds what a forged header can claim
+_SPARE = 1 << 20  # values beyond the declared ones that are decoded, for the caller to say what is wrong
+_LZMA_MEMORY = 1 << 27  # bytes; its largest preset needs half of that
+_DOCTYPES = tuple("<!DOCTYPE".encode(code) for code in ("ascii", "utf-16-le", "utf-16-be"))
+_WORDS = 1 << 16  # numbers in text that are converted at once
+
+
+def is_derived(element: ElementTree.Element) -> bool:
+    """Return True if agglo derived a DataArray when it wrote the file, so that it is not a tag."""
+    return element.get("agglo") == "derived"
+
+
+@dataclass(frozen=True)
+class Document:
+    """A parsed file: its XML tree, and how its binary arrays are encoded."""
+
+    root: ElementTree.Element
+    order: Literal["<", ">"]
+    header: np.dtype[Any]
+    compression: str  # "", "zlib" or "lzma"
+    appended: bytes | memoryview
+    raw: bool  # the appended bytes are not base64
+
+    def array(self, element: ElementTree.Element, declared: int) -> NDArray[Any]:
+        """Values of a DataArray ``(n,)`` in its own type, native byte order.
+
+        Parameters
+        ----------
+        element : Element
+        declared : int
+            How many values there should be by what the file says elsewhere. Many more are refused before
+            they are decoded; whether the number is right to the last value is for the caller to say.
+
+        Raises
+        ------
+        FileError
+            Naming the array: unknown type or format, broken encoding, too short, far too long.
+        """
+        name = element.get("Name", "Points")
+        try:
+            return self._array(element, declared)
+        except (ValueError, OverflowError, zlib.error, lzma.LZMAError, binascii.Error) as error:
+            raise FileError(f"array {name!r}: {error}") from None
+
+    def _array(self, element: ElementTree.Element, declared: int) -> NDArray[Any]:
+        kind, form = element.get("type", ""), element.get("format", "ascii")
+        if kind not in TYPES:
+            raise ValueError(f"unknown type {kind!r}")
+        native = np.dtype(TYPES[kind])
+        if form == "ascii":
+            return _numbers(element.text or "", native, declared)
+        room = _Room(declared, native.itemsize)
+        if form == "binary":
+            content = self._binary((element.text or "").strip().encode(), 0, room, raw=False)
+        elif form == "appended":
+            start = int(element.get("offset", "-1"))
+            if not 0 <= start <= len(self.appended):
+                raise ValueError(f"offset {start} lies outside the {len(self.appended)} appended bytes")
+            content = self._binary(self.appended, start, room, raw=self.raw)
+        else:
+            raise ValueError(f"unknown format {form!r}")
+        if len(content) % native.itemsize:
+            raise ValueError(f"{len(content)} bytes are not a whole number of {kind}")
+        return np.frombuffer(content, native.newbyteorder(self.order)).astype(native)
+
+    def _binary(self, data: bytes | memoryview, start: int, room: _Room, *, raw: bool) -> bytes | memoryview:
+        if len(data) <= start:
+            return b""
+        if self.compression:
+            return self._compressed(data, start, room, raw)
+        width = self.header.itemsize
+        prefix, after = _take(data, start, width, raw)
+        size = int(np.frombuffer(prefix, self.header)[0])
+        room.check(size)
+        if (
+            raw or len(base64.b64decode(data[start:after])) == width
+        ):  # the length is encoded apart from the data
+            return _take(data, after, size, raw)[0]
+        return _take(data, start, width + size, raw)[0][width:]
+
+    def _compressed(self, data: bytes | memoryview, start: int, room: _Room, raw: bool) -> bytes:
+        width = self.header.itemsize
+        prefix, _ = _take(data, start, 3 * width, raw)
+        n, size, last = (int(value) for value in np.frombuffer(prefix, self.header))
+        room.check(n * size - (size - last if n and last else 0))
+        prefix, place = _take(data, start, (3 + n) * width, raw)
+        lengths = np.frombuffer(prefix, self.header)[3:].tolist()
+        blocks, _ = _take(data, place, sum(lengths), raw)
+        pieces, position = [], 0
+        for i, length in enumerate(lengths):
+            expected = last if i == n - 1 and last else size
+            pieces.append(self._inflate(blocks[position : position + length], expected))
+            position += length
+        return b"".join(pieces)
+
+    def _inflate(self, block: bytes | memoryview, size: int) -> bytes:
+        if size > _EXPANSION * (len(block) + 64):
+            raise ValueError(f"a block of {len(block)} bytes claims to hold {size}")
+        zipped = self.compression == "zlib"
+        codec = zlib.decompressobj() if zipped else lzma.LZMADecompressor(memlimit=_LZMA_MEMORY)
+        content = codec.decompress(block, size + 1)
+        if len(content) != size:
+            found = len(content) if len(content) < size else f"more than {size}"
+            raise ValueError(f"a block holds {found} bytes, its header declares {size}")
+        return content
+
+
+class _Room(NamedTuple):
+    """Number of values that an array may hold, and the bytes of each."""
+
+    declared: int
+    width: int
+
+    def check(self, size: int) -> None:
+        """Raise ValueError if that many bytes are far more than the declared values take."""
+        if size > self.width * (max(self.declared, 0) + _SPARE):
+            raise ValueError(
+                f"it holds {size // self.width} values ({size} bytes), but the file declares {self.declared} "
+                f"({self.width * self.declared} bytes)"
+            )
+
+
+def _numbers(text: str, dtype: np.dtype[Any], declared: int) -> NDArray[Any]:
+    most = max(declared, 0) + _SPARE
+    words = text.split(maxsplit=most)
+    if not words:
+        return np.empty(0, dtype)
+    if len(words) > most:
+        raise ValueError(f"it holds more than {most} values, but the file declares {declared}")
+    longest = max(words, key=len)
+    if len(longest) > 64:  # a numpy string array gives every word the room of the longest
+        raise ValueError(f"{longest[:20]}… is not a number")
+    values = np.empty(len(words), dtype)
+    for i in range(0, len(words), _WORDS):
+        values[i : i + _WORDS] = np.array(words[i : i + _WORDS]).astype(dtype)
+    return values
+
+
+def _take(data: bytes | memoryview, start: int, size: int, raw: bool) -> tuple[bytes | memoryview, int]:
+    """``size`` bytes encoded from ``start`` on, and the place after them."""
+    stop = start + (size if raw else (size + 2) // 3 * 4)
+    if stop > len(data):
+        raise ValueError(f"truncated: {stop - start} bytes expected at {start}, {len(data) - start} found")
+    if raw:
+        return data[start:stop], stop
+    content = base64.b64decode(data[start:stop], validate=True)
+    if len(content) < size:
+        raise ValueError(f"truncated: {size} bytes expected, {len(content)} decoded")
+    return content[:size], stop
+
+
+def parse(content: bytes, kind: str = "UnstructuredGrid") -> Document:
+    """Read the XML of a VTK file, its appended data apart.
+
+    Raises
+    ------
+    FileError
+        For anything but a whole VTKFile of that type.
+    """
+    text, appended, raw = _split_appended(content)
+    root = vtk_root(text, kind)
+    orders: dict[str, Literal["<", ">"]] = {"LittleEndian": "<", "BigEndian": ">"}
+    order = orders.get(root.get("byte_order", "LittleEndian"))
+    header = {"UInt32": "u4", "UInt64": "u8"}.get(root.get("header_type", "UInt32"))
+    compressor = root.get("compressor", "")
+    if order is None or header is None:
+        raise FileError(f"unknown byte order or header type: {root.attrib}")
+    if compressor not in _COMPRESSORS:
+        raise FileError(f"compressor {compressor} is not supported; write the file with zlib, lzma or none")
+    return Document(
+        root, order, np.dtype(header).newbyteorder(order), _COMPRESSORS[compressor], appended, raw
+    )
+
+
+def vtk_root(text: bytes, kind: str) -> ElementTree.Element:
+    """Root of the XML of a VTKFile of some type; FileError for anything else."""
+    if any(mark in text for mark in _DOCTYPES):  # where entities are declared that grow without end
+        raise FileError("it has a document type declaration, which no VTK file has; it is not read")
+    try:
+        root = ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise FileError(f"not well-formed XML: {error}") from None
+    if root.tag != "VTKFile" or root.get("type") != kind:
+        raise FileError(f"expected a VTKFile of type {kind}, found {root.tag} of type {root.get('type')}")
+    return root
+
+
+def _split_appended(content: bytes) -> tuple[bytes, bytes | memoryview, bool]:
+    """XML without its AppendedData, that data, and whether it is raw (then it breaks XML's rules)."""
+    tag = re.search(rb"<AppendedData([^>]*)>\s*_", content)
+    if tag is None:
+        return content, b"", False
+    stop = content.rfind(b"</AppendedData>")
+    if stop < tag.end():
+        raise FileError("truncated: AppendedData does not end")
+    raw = b"raw" in tag.group(1)
+    data = memoryview(content)[tag.end() : stop]
+    return content[: tag.start()] + b"</VTKFile>", data if raw else bytes(data).rstrip(), raw

@@ -1,0 +1,65 @@
+"""Checks that faces given one by one enclose cells of positive measure."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.arrays import Int, frozen_float, frozen_int
+from agglo_core.errors import MeshError
+from agglo_core.mesh.checks import check_extent, name_cells
+from agglo_core.mesh.derived import Derived
+from agglo_core.mesh.geometry.solid_cells import sum_by
+
+#: Area over the sum of its absolute terms, far above rounding: the bound of that is 2e-16 for each face
+_CERTAIN = 1e-11
+_CLOSED = 1e-6  # a gap in the surface of a cell, over its area
+
+
+def check_cells(mesh: Derived) -> None:
+    """Raise MeshError unless the faces of every cell close and enclose a positive measure.
+
+    Shapes and ranges of the arrays must have been checked before.
+    """
+    open_, flat = _plane(mesh) if mesh.dim == 2 else _solid(mesh)
+    if len(flat):
+        count = np.bincount(mesh.face_cells.ravel() + 1, minlength=mesh.n_cells + 1)[1:]
+        bare = flat[count[flat] == 0]
+        if len(bare):
+            raise MeshError(f"face_cells: {name_cells(bare)} of {mesh.n_cells} have no faces")
+    if len(open_):
+        raise MeshError(f"{name_cells(open_)}: the faces do not close")
+    flat = flat[~(mesh.cell_measures[flat] > 0)] if len(flat) else flat
+    if len(flat):
+        raise MeshError(f"{name_cells(flat)}: no positive measure, or faces that are turned inside out")
+
+
+def _plane(mesh: Derived) -> tuple[Int, Int]:
+    """Plane cells that are not closed, and cells whose area is not positive beyond rounding.
+
+    The vertices of a cell that is not closed pass as closed by chance once in 2^64.
+    """
+    from agglo_core.mesh.kernels.face_sums import add_faces
+
+    gap, area = np.zeros(mesh.n_cells, np.uint64), np.zeros((mesh.n_cells, 2))
+    box = add_faces(mesh.points, mesh.face_vertices, mesh.face_cells, gap, area)
+    check_extent(frozen_float(box).reshape(2, 2))
+    return frozen_int(np.flatnonzero(gap)), frozen_int(np.flatnonzero(~(area[:, 0] > _CERTAIN * area[:, 1])))
+
+
+def _solid(mesh: Derived) -> tuple[Int, Int]:
+    """Solid cells that are not closed, and all cells, whose volumes are yet to be computed."""
+    used = np.zeros(mesh.n_points, bool)
+    used[mesh.face_vertices] = True
+    check_extent(mesh.points if used.all() else mesh.points[used])
+    return _gaping(mesh), frozen_int(np.arange(mesh.n_cells))
+
+
+def _gaping(mesh: Derived) -> Int:
+    """Solid cells whose outward face vectors do not sum to zero."""
+    owner, neighbour = mesh.face_cells.T
+    inner = neighbour >= 0
+    vector = mesh.face_normals * mesh.face_measures[:, None]
+    cell = np.concatenate((owner, neighbour[inner]))
+    gap = np.linalg.norm(sum_by(cell, np.concatenate((vector, -vector[inner])), mesh.n_cells), axis=1)
+    size = np.bincount(cell, np.concatenate((mesh.face_measures, mesh.face_measures[inner])))
+    return np.flatnonzero(~(gap <= _CLOSED * size))

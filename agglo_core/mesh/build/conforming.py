@@ -1,0 +1,270 @@
+"""Outer faces that lie on one another made one: hanging vertices inserted, points at one place merged."""
+
+from __future__ import annotations
+
+import logging
+from typing import NamedTuple
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
+from agglo_core.errors import MeshError
+from agglo_core.mesh.checks import last_place
+from agglo_core.mesh.derived import Derived
+from agglo_core.mesh.elements import gather
+from agglo_core.mesh.build.touching import Contacts, Outer, facing_pairs, find_contacts, outer_faces
+
+_log = logging.getLogger("agglo")
+
+TOLERANCE = 1e-6  # relative to the cells: above rounding, below any gap that is meant
+_NEAR = 1e-2  # tolerance at which faces are still told, though not joined
+_ROUNDING = 8  # units in the last place of the largest coordinate
+
+_CUT = {2: "hanging vertices inserted", 3: "faces split like those of neighbours"}
+_WAYS_OUT = (
+    "merge_points=True joins faces that only have points of their own; allow_gaps=True says that it is meant"
+)
+_NARROW = f"mesh.conforming(tolerance={_NEAR:g}) joins them; allow_gaps=True says that it is meant"
+
+
+class Joined(NamedTuple):
+    """A mesh after joining, face by face as :class:`~agglo_core.mesh.Mesh` holds it."""
+
+    points: Float
+    face_offsets: Int
+    face_vertices: Int
+    face_cells: Int
+    sources: Int  # (2, n_faces) the faces of the given mesh that each one was part of, often one twice
+    repairs: dict[str, int]
+
+
+class _Pieces(NamedTuple):
+    """The outer faces, cut where points of others lie on them, in order."""
+
+    face: Int  # number in Outer of each piece
+    offsets: Int
+    vertices: Int  # numbers in Outer
+    partner: Int  # the piece that each one is joined to, or −1
+
+
+def join_outer_faces(mesh: Derived, tolerance: float, merge: bool) -> Joined | None:
+    """A mesh whose outer faces lie on one another with these joined; None if there are none.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    tolerance : float
+        Relative to length and height of the smaller face's cell.
+    merge : bool
+        Whether points at one place become one.
+
+    Raises
+    ------
+    MeshError
+        For solids whose faces overlap in part.
+    """
+    outer, contacts = _contacts(mesh, tolerance)
+    if not len(contacts.pairs):
+        return None
+    owner = frozen_int(mesh.face_cells[outer.faces, 0])
+    place = _places(len(outer.used), contacts.same)
+    pieces = _cut(outer, contacts, place, owner, merge) if mesh.dim == 2 else _tiled(outer, contacts, merge)
+    inner = np.flatnonzero(pieces.partner >= 0)
+    done = np.stack((pieces.face[inner], pieces.face[pieces.partner[inner]]), axis=1)
+    apart = ~_among(contacts.pairs, done, len(outer.faces))
+    if mesh.dim == 2:  # an edge shorter than the tolerance, now a point, is not missed
+        ends = place[outer.vertices].reshape(-1, 2)
+        apart &= (ends[:, 0] != ends[:, 1])[contacts.pairs].all(axis=1)
+    if apart.any():
+        found = _in_words(owner[contacts.pairs[apart]])
+        if mesh.dim == 3 and not contacts.alike[apart].all():
+            raise MeshError(
+                f"{found} in part, so that the cells would be no neighbours. Give both sides the same faces "
+                "and points, or one side faces that tile those of the other; or say allow_gaps=True if the "
+                "gap is meant (a fracture, bodies that touch)"
+            )
+        _log.warning("%s and were left apart: the domain has a gap there. %s", found, _WAYS_OUT)
+    return _joined(mesh, outer, pieces, place, int(apart.sum()))
+
+
+def warn_of_gaps(mesh: Derived) -> None:
+    """Warn if outer faces of a mesh that must not be changed lie on one another."""
+    outer, contacts = _contacts(mesh, TOLERANCE)
+    if len(contacts.pairs):
+        found = _in_words(mesh.face_cells[outer.faces[contacts.pairs], 0])
+        _log.warning("%s: the domain has a gap there. mesh.conforming() joins them", found)
+
+
+def _contacts(mesh: Derived, tolerance: float) -> tuple[Outer, Contacts]:
+    """The outer faces, and which of different cells lie on one another; warns of those that almost do."""
+    outer = outer_faces(mesh)
+    pairs = facing_pairs(outer)
+    owner = mesh.face_cells[outer.faces, 0]
+    pairs = frozen_int(pairs[owner[pairs[:, 0]] != owner[pairs[:, 1]]])
+    contacts = find_contacts(outer, pairs, reach(mesh, outer, pairs, tolerance))
+    if len(pairs) and tolerance < _NEAR:
+        near = find_contacts(outer, pairs, reach(mesh, outer, pairs, _NEAR)).pairs
+        near = near[~_among(near, contacts.pairs, len(owner))]
+        if len(near):
+            _log.warning("%s almost: the domain has a gap there. %s", _in_words(owner[near]), _NARROW)
+    return outer, contacts
+
+
+def _in_words(cells: Int) -> str:
+    """Message about outer faces of pairs of cells ``(k, 2)``."""
+    first, second = np.sort(cells[0]).tolist()
+    return f"{len(cells)} pairs of outer faces, such as of cells {first} and {second}, lie on one another"
+
+
+def reach(mesh: Derived, outer: Outer, pairs: Int, tolerance: float) -> Float:
+    """Largest distance at which two faces lie on one another: a length for each pair."""
+    if not len(pairs):
+        return frozen_float([])
+    size = outer.measure if mesh.dim == 2 else np.sqrt(outer.measure)
+    area = np.where(outer.measure > 0, outer.measure, 1.0)  # faces without any are in no pair
+    height = mesh.cell_measures[mesh.face_cells[outer.faces, 0]] / area
+    small = np.minimum(size, height)[pairs].min(axis=1)
+    rounding = _ROUNDING * last_place(mesh.points[outer.used])
+    return frozen_float(np.minimum(np.maximum(tolerance * small, rounding), 0.01 * small))
+
+
+def _places(n: int, same: Int) -> Int:
+    """The lowest of all points at the place of each of n points."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    links = coo_array((np.ones(len(same)), same.T), shape=(n, n))
+    group = connected_components(links, directed=False)[1]
+    return frozen_int(np.unique(group, return_index=True)[1][group])
+
+
+def _cut(outer: Outer, contacts: Contacts, place: Int, owner: Int, merge: bool) -> _Pieces:
+    """Edges cut at the points inside them, and joined where just two run opposite ways."""
+    ends = outer.vertices.reshape(-1, 2)
+    edge, point = contacts.inside.T
+    new = (place[point][:, None] != place[ends[edge]]).all(axis=1)
+    edge, point, along = edge[new], point[new], contacts.along[new]
+    first = np.unique(np.stack((edge, place[point])), axis=1, return_index=True)[1]
+    first = first[np.lexsort((along[first], edge[first]))]
+    edge, point = edge[first], point[first]
+    count = np.bincount(edge, minlength=len(ends)) + 1
+    face = frozen_int(np.repeat(np.arange(len(ends)), count))
+    tails = np.insert(ends[:, 0], edge + 1, point)
+    heads = np.insert(ends[:, 1], edge, point)
+    partner = _opposite(place[tails], place[heads], owner[face])
+    if not merge:
+        own = partner < 0
+        match = (tails == heads[partner]) & (heads == tails[partner])
+        partner = np.where(own | ~match, -1, partner)
+    vertices = np.stack((tails, heads), axis=1).ravel()
+    return _Pieces(
+        face,
+        frozen_int(np.arange(0, len(vertices) + 1, 2)),
+        frozen_int(vertices),
+        frozen_int(partner),
+    )
+
+
+def _opposite(tails: Int, heads: Int, owner: Int) -> Int:
+    """For each piece the only other one between its ends, if that runs the other way, else −1."""
+    order = np.lexsort((np.maximum(tails, heads), np.minimum(tails, heads)))
+    ends = np.sort(np.stack((tails, heads))[:, order], axis=0)
+    start = np.flatnonzero(np.concatenate(([True], (np.diff(ends, axis=1) != 0).any(axis=0))))
+    two = start[np.diff(np.append(start, len(order))) == 2]
+    a, b = order[two], order[two + 1]
+    fits = (tails[a] == heads[b]) & (tails[a] != heads[a]) & (owner[a] != owner[b])
+    partner = np.full(len(tails), -1)
+    partner[a[fits]], partner[b[fits]] = b[fits], a[fits]
+    return frozen_int(partner)
+
+
+def _tiled(outer: Outer, contacts: Contacts, merge: bool) -> _Pieces:
+    """Faces joined where just two have the same vertices, or split where others tile them."""
+    n = len(outer.faces)
+    fits = merge | ~contacts.distinct
+    times = np.bincount(contacts.pairs.ravel(), minlength=n)
+    large, small = _tiles(outer, contacts, fits, times)
+    whole = np.setdiff1d(np.arange(n), large)
+    face, loop = np.concatenate((whole, large)), np.concatenate((whole, small))
+    order = np.argsort(face, kind="stable")
+    piece = np.empty(len(face), np.int64)
+    piece[order] = np.arange(len(face))
+    twins = contacts.pairs[fits & contacts.alike & (times[contacts.pairs] == 1).all(axis=1)]
+    own = np.full(n, -1)
+    own[whole] = piece[: len(whole)]
+    partner = np.full(len(face), -1)
+    for a, b in ((own[twins[:, 0]], own[twins[:, 1]]), (piece[len(whole) :], own[small])):
+        partner[a], partner[b] = b, a
+    offsets, places = gather(outer.offsets, frozen_int(loop[order]))
+    mirrored = np.repeat(offsets[:-1] + offsets[1:] - 1, np.diff(offsets)) - np.arange(len(places))
+    turned = np.repeat(face[order] != loop[order], np.diff(offsets))  # seen from the other side
+    vertices = outer.vertices[np.where(turned, places[mirrored], places)]
+    return _Pieces(frozen_int(face[order]), offsets, frozen_int(vertices), frozen_int(partner))
+
+
+def _tiles(outer: Outer, contacts: Contacts, fits: Mask, times: Int) -> tuple[Int, Int]:
+    """Faces that others, each on this one alone, cover without rest: the face and each of the others."""
+    both = np.concatenate((contacts.pairs, contacts.pairs[:, ::-1]))
+    share, slack = np.concatenate((contacts.share, contacts.share[:, ::-1])), np.tile(contacts.slack, 2)
+    tile = (share[:, 1] > 1 - slack) & np.tile(fits & ~contacts.alike, 2) & (times[both[:, 1]] == 1)
+    large, small = both[tile].T
+    n = len(times)
+    cover = np.bincount(large, weights=share[tile, 0], minlength=n)
+    rest = np.bincount(large, weights=(slack * share[:, 0])[tile], minlength=n)
+    full = (np.abs(cover - 1) <= 2 * rest) & (np.bincount(large, minlength=n) == times)
+    return frozen_int(large[full[large]]), frozen_int(small[full[large]])
+
+
+def _joined(mesh: Derived, outer: Outer, pieces: _Pieces, place: Int, apart: int) -> Joined:
+    """The mesh with the pieces of those outer faces of which some piece is joined."""
+    inner = pieces.partner >= 0
+    split = np.zeros(len(outer.faces), bool)
+    split[pieces.face[inner]] = True
+    untouched = np.ones(len(mesh.face_cells), bool)
+    untouched[outer.faces[split]] = False
+    old = np.flatnonzero(untouched)
+    number = np.arange(len(pieces.face))
+    new = np.flatnonzero(split[pieces.face] & ~(inner & (pieces.partner < number)))
+    other = pieces.face[np.where(inner, pieces.partner, number)]
+    sources = outer.faces[np.stack((pieces.face, other), axis=1)[new]]
+    cells = mesh.face_cells[sources, 0]
+    cells[~inner[new], 1] = -1
+    order = np.argsort(np.concatenate((old, sources[:, 0])), kind="stable")
+    many = np.bincount(pieces.face)[split]
+    point, kept = _renumbered(mesh.n_points, outer, pieces, place)
+    (a, own), (b, cut) = gather(mesh.face_offsets, frozen_int(old)), gather(pieces.offsets, frozen_int(new))
+    vertices = point[np.concatenate((mesh.face_vertices[own], outer.used[pieces.vertices[cut]]))]
+    if mesh.dim == 2:  # an edge shorter than the tolerance may have become a point
+        order = order[(vertices[::2] != vertices[1::2])[order]]
+    offsets, places = gather(frozen_int(np.append(a, b[1:] + a[-1])), frozen_int(order))
+    return Joined(
+        frozen_float(mesh.points[kept]),
+        offsets,
+        frozen_int(vertices[places]),
+        frozen_int(np.concatenate((mesh.face_cells[old], cells))[order]),
+        frozen_int(np.concatenate((np.stack((old, old), axis=1), sources))[order].T),
+        {
+            _CUT[mesh.dim]: int((many - 1).sum() if mesh.dim == 2 else (many > 1).sum()),
+            "points of outer faces merged": mesh.n_points - len(kept),
+            "outer faces on one another left apart": apart,
+        },
+    )
+
+
+def _renumbered(n: int, outer: Outer, pieces: _Pieces, place: Int) -> tuple[Int, Int]:
+    """New number of each of n points, those at one place of a joined piece being one; the points kept."""
+    ends = np.zeros(len(place), bool)
+    joined = gather(pieces.offsets, frozen_int(np.flatnonzero(pieces.partner >= 0)))[1]
+    ends[place[pieces.vertices[joined]]] = True
+    target = np.arange(n)
+    target[outer.used] = outer.used[np.where(ends[place], place, np.arange(len(place)))]
+    kept = np.flatnonzero(target == np.arange(n))
+    number = np.empty(n, np.int64)
+    number[kept] = np.arange(len(kept))
+    return frozen_int(number[target]), frozen_int(kept)
+
+
+def _among(pairs: Int, others: Int, n: int) -> Mask:
+    """Mask of the pairs of numbers below n that are among the others, in either order."""
+    key, known = (np.sort(each, axis=1) @ [n, 1] for each in (pairs, others))
+    return np.isin(key, known)

@@ -1,0 +1,228 @@
+"""From polygons as given to a checked 2-D Mesh: repairs are counted, faults name their cells."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import chain, combinations
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int, is_masked_array
+from agglo_core.errors import MeshError
+from agglo_core.mesh.checks import (
+    box_centre,
+    check_extent,
+    check_finite,
+    check_indices,
+    check_offsets,
+    check_points,
+    compact_points,
+    name_cells,
+    note_repairs,
+    warn_of_overlaps,
+    whole_numbers,
+)
+from agglo_core.mesh.elements import gather
+from agglo_core.mesh.build.polygon_faces import polygon_faces
+from agglo_core.mesh.build.repeated_vertices import simple_loops
+
+_REPEATED, _ZERO = 1, 2  # codes of kernels.polygon_faults
+_FAULTS = {
+    _REPEATED: "a repeated vertex",
+    3: "a boundary that crosses itself (bow-tie)",
+    4: "a boundary that folds back on itself",
+}
+
+
+class Faces(NamedTuple):
+    """A checked mesh, face by face, as :class:`~agglo_core.mesh.Mesh` holds it; repairs are counted."""
+
+    points: Float
+    face_offsets: Int
+    face_vertices: Int
+    face_cells: Int
+    repairs: dict[str, int]
+
+
+def loops_as_csr(cells: Any) -> tuple[Int, Int]:
+    """Offsets and vertices of loops given as a list, an (n, k) array or such a pair.
+
+    Masked entries at the end of a row are padding, as UGRID files have it.
+    """
+    if isinstance(cells, tuple) and len(cells) == 2 and any(isinstance(part, np.ndarray) for part in cells):
+        return whole_numbers(cells[0], "cell offsets"), whole_numbers(cells[1], "cells")
+    if is_masked_array(cells) and cells.ndim == 2:
+        kept = ~np.ma.getmaskarray(cells)
+        gaps = np.flatnonzero((~kept[:, :-1] & kept[:, 1:]).any(axis=1))
+        if len(gaps):
+            raise MeshError(f"{name_cells(gaps)}: masked vertices must be at the end of the row")
+        offsets = np.concatenate(([0], np.cumsum(kept.sum(axis=1))))
+        return frozen_int(offsets), whole_numbers(cells.data[kept], "cells")
+    if isinstance(cells, np.ndarray) and cells.ndim == 2:
+        n, k = cells.shape
+        return frozen_int(np.arange(n + 1) * k), whole_numbers(cells.ravel(), "cells")
+    try:
+        loops = [without_padding(loop) for loop in cells]
+        sizes = [len(loop) for loop in loops]
+        flat: Any
+        if loops and isinstance(loops[0], np.ndarray):
+            flat = np.concatenate(loops)
+        else:
+            flat = list(chain.from_iterable(loops))
+    except (TypeError, ValueError) as error:
+        raise MeshError(f"cells must be vertex loops of integers: {error}") from None
+    return frozen_int(np.concatenate(([0], np.cumsum(sizes, dtype=np.int64)))), whole_numbers(flat, "cells")
+
+
+def without_padding(loop: Any) -> Any:
+    """A loop without the masked vertices at its end, or MeshError for others that are masked."""
+    if not is_masked_array(loop) or loop.ndim != 1:
+        return loop
+    kept = loop.compressed()
+    if loop[: len(kept)].mask.any():
+        raise MeshError(f"masked vertices must be at the end of a loop, given {loop.tolist()}")
+    return kept
+
+
+def _plane(points: Float) -> Float:
+    if points.shape[1] == 2:
+        return points
+    z = points[:, 2]
+    if len(z) and np.ptp(z) > 0 and np.ptp(z) > 1e-12 * max(np.ptp(points, axis=0).max(), np.abs(z).max()):
+        raise MeshError(
+            f"polygons in 3-D are a surface, which is not supported: z runs from {z.min():g} to "
+            f"{z.max():g}; give two coordinates, or a constant z"
+        )
+    return frozen_float(points[:, :2])
+
+
+def build_polygons(
+    points: ArrayLike, cells: Any, merge_points: bool, weak: bool, strict: bool, drop_flat: bool
+) -> tuple[Faces, Int, int]:
+    """Faces of polygons given as vertex loops, the cells that are left, and the number of cells given.
+
+    Arguments and errors are those of ``Mesh.from_polygons``.
+    """
+    offsets, vertices = loops_as_csr(cells)
+    points = check_points(points)
+    check_offsets(offsets, len(vertices), "cell")
+    n = len(offsets) - 1
+    if n < 1:
+        raise MeshError("the mesh is empty: it has no cells")
+    few = np.flatnonzero(np.diff(offsets) < 3)
+    if len(few):
+        raise MeshError(f"{name_cells(few)}: fewer than 3 vertices")
+    check_indices(offsets, vertices, len(points))
+    check_finite(points, vertices)
+    used, vertices, repairs = compact_points(points, vertices, merge_points)
+    points = _plane(points if len(used) == len(points) else frozen_float(points[used]))
+    check_extent(points)
+    own, offsets, vertices, simplified, reversed_ = _oriented(points, offsets, vertices, weak, drop_flat)
+    repairs["cells with repeated vertices simplified"] = simplified
+    repairs["cells without area dropped"] = n - len(own)
+    repairs["clockwise cells reversed"] = reversed_
+    if len(own) < n:  # points of dropped cells alone
+        again, vertices, more = compact_points(points, vertices, False)
+        used, points = used[again], frozen_float(points[again])
+        repairs["orphan points dropped"] += more["orphan points dropped"]
+    face_vertices, face_cells, overlaps = polygon_faces(
+        offsets, vertices, used, own, weak=weak, strict=strict
+    )
+    repairs["overlapping edges left apart"] = overlaps
+    if strict:
+        _check_coverage(points, offsets, vertices, own)
+    faces = Faces(
+        points,
+        frozen_int(np.arange(0, 2 * len(face_cells) + 1, 2)),
+        frozen_int(face_vertices.ravel()),
+        face_cells,
+        note_repairs(repairs),
+    )
+    return faces, own, n
+
+
+def kept_cells(flat: Mask, measure: str, drop_flat: bool, own: Int | None = None) -> Int:
+    """Numbers of the cells that are not flat.
+
+    Parameters
+    ----------
+    flat : (n,) bool
+    measure : str
+        Area or volume, for the message.
+    drop_flat : bool
+        Whether flat cells may be left out.
+    own : (n,) int, optional
+        Numbers of the cells for the message, if not 0, 1, ….
+
+    Raises
+    ------
+    MeshError
+        For flat cells, unless they may be left out and are not all.
+    """
+    if flat.any() and not drop_flat:
+        cells = np.flatnonzero(flat)
+        named = name_cells(cells if own is None else own[cells])
+        raise MeshError(f"{named}: zero {measure}; drop_flat=True leaves such cells out")
+    if flat.all():
+        raise MeshError(f"the mesh is empty: all {len(flat)} cells have zero {measure}")
+    return frozen_int(np.flatnonzero(~flat))
+
+
+def _oriented(
+    points: Float, offsets: Int, vertices: Int, weak: bool, drop_flat: bool
+) -> tuple[Int, Int, Int, int, int]:
+    """Cells that have an area, their loops counter-clockwise, how many were simplified, how many reversed."""
+    from agglo_core.mesh.kernels.polygon_faults import check_polygons
+
+    local, simplified = frozen_float(points - box_centre(points)), 0
+    own = frozen_int(np.arange(len(offsets) - 1))
+    area, fault = check_polygons(local, offsets, vertices, weak)
+    if (fault == _REPEATED).any():
+        sizes, (offsets, vertices) = np.diff(offsets), simple_loops(offsets, vertices)
+        simplified = int((np.diff(offsets) < sizes).sum())
+        own = kept_cells(np.diff(offsets) < 3, "area", drop_flat)
+        offsets, places = gather(offsets, own)
+        vertices = frozen_int(vertices[places])
+        area, fault = check_polygons(local, offsets, vertices, weak)
+    if (fault == _ZERO).any():
+        full = kept_cells(fault == _ZERO, "area", drop_flat, own)
+        own, area, fault = own[full], area[full], fault[full]
+        offsets, places = gather(offsets, full)
+        vertices = frozen_int(vertices[places])
+    if fault.any():
+        code = int(fault[np.argmax(fault > 0)])
+        raise MeshError(f"{name_cells(own[fault == code])}: {_FAULTS[code]}")
+    clockwise = area < 0
+    count = int(clockwise.sum())
+    if count:
+        sizes = np.diff(offsets)
+        position = np.arange(len(vertices))
+        mirrored = np.repeat(offsets[:-1] + offsets[1:] - 1, sizes) - position
+        vertices = frozen_int(vertices[np.where(np.repeat(clockwise, sizes), mirrored, position)])
+    return own, offsets, vertices, simplified, count
+
+
+def _check_coverage(points: Float, offsets: Int, vertices: Int, own: Int) -> None:
+    """Strict check: no two cells overlap, no vertex hangs on a neighbour's edge without being listed."""
+    import shapely
+
+    centre = box_centre(points)
+    rings = shapely.linearrings(
+        (points - centre)[_closed(offsets, vertices)],
+        indices=np.repeat(np.arange(len(offsets) - 1), np.diff(offsets) + 1),
+    )
+    wrong = shapely.coverage_invalid_edges(shapely.polygons(rings))
+    cells = np.flatnonzero(~shapely.is_empty(wrong))
+    if len(cells):
+        a, b = (shapely.get_coordinates(wrong[cells[0]])[:2] + centre).tolist()
+        raise MeshError(
+            f"{name_cells(own[cells])} overlap a neighbour or touch it at an unlisted vertex, "
+            f"first along the edge from {a} to {b} of cell {own[cells[0]]}"
+        )
+
+
+def _closed(offsets: Int, vertices: Int) -> Int:
+    """Vertices of each loop with the first repeated at the end."""
+    return frozen_int(np.insert(vertices, offsets[1:], vertices[offsets[:-1]]))

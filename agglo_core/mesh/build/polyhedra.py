@@ -1,0 +1,234 @@
+"""From polyhedra as given to a checked 3-D Mesh: half-faces are paired, turned outward, checked."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.errors import MeshError
+from agglo_core.mesh.checks import (
+    box_centre,
+    check_extent,
+    check_finite,
+    check_indices,
+    check_offsets,
+    check_points,
+    compact_points,
+    last_place,
+    name_cells,
+    note_repairs,
+    whole_numbers,
+)
+from agglo_core.mesh.elements import Polyhedra, take_cells
+from agglo_core.mesh.geometry.solid_cells import face_moments
+from agglo_core.mesh.build.polygons import Faces, kept_cells, without_padding
+from agglo_core.mesh.build.repeated_vertices import simple_solids
+from agglo_core.mesh.build.shells import outward_signs
+
+_ROUNDING = 8  # units in the last place that points may be off an edge or a face that they lie on
+
+
+def build_polyhedra(
+    points: ArrayLike, cells: Any, merge_points: bool, drop_flat: bool
+) -> tuple[Faces, Int, int]:
+    """Faces of polyhedra given as loops, the cells that are left, and the number of cells given.
+
+    Arguments and errors are those of ``Mesh.from_polyhedra``.
+    """
+    points = check_points(points)
+    if points.shape[1] != 3:
+        raise MeshError(f"polyhedra need points of shape (n_points, 3), not {points.shape}")
+    solids = Polyhedra(*solids_as_csr(cells))
+    n = len(solids.cell_offsets) - 1
+    _check_counts(solids)
+    check_indices(solids.loop_offsets[solids.cell_offsets], solids.vertices, len(points))
+    check_finite(points, solids.vertices)
+    used, vertices, repairs = compact_points(points, solids.vertices, merge_points)
+    solids, repairs["cells with repeated vertices simplified"] = _simple(
+        solids._replace(vertices=vertices), len(used)
+    )
+    points = frozen_float(points[used])
+    check_extent(points)
+    own, solids, vector, sign = _oriented(points, solids, drop_flat)
+    repairs["cells without volume dropped"] = n - len(own)
+    repairs["faces turned outward"] = int((sign < 0).sum())
+    loop_offsets, vertices = solids.loop_offsets, solids.vertices
+    cell_of = frozen_int(np.repeat(own, np.diff(solids.cell_offsets)))
+    owner, neighbour = _match(cell_of, loop_offsets, vertices, used)
+    _refuse_overlaps(cell_of, owner, neighbour, vector * sign[:, None])
+    keep_offsets, keep_vertices = _take_loops(loop_offsets, vertices, owner, sign[owner] > 0)
+    sides = np.stack((cell_of[owner], np.where(neighbour >= 0, cell_of[neighbour], -1)), axis=1)
+    if len(own) < n:  # cells numbered anew, without the points of dropped ones
+        sides = np.where(sides >= 0, np.searchsorted(own, sides), -1)
+        again, keep_vertices, more = compact_points(points, keep_vertices, False)
+        points = frozen_float(points[again])
+        repairs["orphan points dropped"] += more["orphan points dropped"]
+    face_cells = frozen_int(sides)
+    return Faces(points, keep_offsets, keep_vertices, face_cells, note_repairs(repairs)), own, n
+
+
+def _oriented(points: Float, solids: Polyhedra, drop_flat: bool) -> tuple[Int, Polyhedra, Float, Float]:
+    """Cells that have a volume, their half-faces, with area vectors and the signs that turn them outward."""
+    own = kept_cells(np.diff(solids.cell_offsets) == 0, "volume", drop_flat)
+    if len(own) < len(solids.cell_offsets) - 1:
+        solids = take_cells(solids, own)
+    _check_counts(solids, own)
+    local = frozen_float(points - box_centre(points))
+    vector, centre = face_moments(local, solids.loop_offsets, solids.vertices)
+    cell_of = frozen_int(np.repeat(np.arange(len(own)), np.diff(solids.cell_offsets)))
+    sign, open_, flat = outward_signs(
+        cell_of,
+        solids.loop_offsets,
+        solids.vertices,
+        local,
+        vector,
+        centre,
+        _ROUNDING * last_place(points),
+    )
+    if len(open_):
+        raise MeshError(f"{name_cells(own[open_])}: the faces do not close, or cannot be oriented")
+    if not flat.any():
+        return own, solids, vector, sign
+    full = kept_cells(flat, "volume", drop_flat, own)
+    half = ~flat[cell_of]
+    return (
+        own[full],
+        take_cells(solids, full),
+        frozen_float(vector[half]),
+        frozen_float(sign[half]),
+    )
+
+
+def _simple(solids: Polyhedra, n_points: int) -> tuple[Polyhedra, int]:
+    """Polyhedra without vertices that follow themselves, and the number of cells that had any.
+
+    Raises MeshError for a face that meets a vertex again later.
+    """
+    from agglo_core.mesh.kernels.face_loops import repeated_points
+
+    if not repeated_points(solids.loop_offsets, solids.vertices, n_points).any():
+        return solids, 0
+    simple = simple_solids(solids)
+    repeated = repeated_points(simple.loop_offsets, simple.vertices, n_points)
+    if repeated.any():
+        cells = np.searchsorted(simple.cell_offsets, np.flatnonzero(repeated), side="right") - 1
+        raise MeshError(f"{name_cells(np.unique(cells))}: a face with a repeated vertex")
+    length, simple_length = (np.diff(each.loop_offsets[each.cell_offsets]) for each in (solids, simple))
+    return simple, int((simple_length < length).sum())
+
+
+def solids_as_csr(cells: Any) -> tuple[Int, Int, Int]:
+    """Cell offsets, loop offsets and vertices of cells given as nested lists or as these three."""
+    if isinstance(cells, tuple) and len(cells) == 3 and any(isinstance(part, np.ndarray) for part in cells):
+        a, b, c = cells
+        return whole_numbers(a, "cell offsets"), whole_numbers(b, "face offsets"), whole_numbers(c, "cells")
+    try:
+        solids = [list(cell) for cell in cells]
+        loops = [list(without_padding(loop)) for cell in solids for loop in cell]
+        flat = [vertex for loop in loops for vertex in loop]
+    except (TypeError, ValueError) as error:
+        raise MeshError(f"cells must be lists of faces, each a vertex loop of integers: {error}") from None
+    counts, sizes = [len(cell) for cell in solids], [len(loop) for loop in loops]
+    return (
+        frozen_int(np.concatenate(([0], np.cumsum(counts, dtype=np.int64)))),
+        frozen_int(np.concatenate(([0], np.cumsum(sizes, dtype=np.int64)))),
+        whole_numbers(flat, "cells"),
+    )
+
+
+def _check_counts(solids: Polyhedra, own: Int | None = None) -> None:
+    """Raise MeshError for too few cells, faces or vertices; ``own`` are the numbers of the cells."""
+    cell_offsets, loop_offsets, vertices = solids
+    check_offsets(cell_offsets, len(loop_offsets) - 1, "cell")
+    check_offsets(loop_offsets, len(vertices), "face")
+    if len(cell_offsets) < 2:
+        raise MeshError("the mesh is empty: it has no cells")
+    few = np.flatnonzero(np.diff(cell_offsets) < 4)
+    if len(few):
+        raise MeshError(f"{name_cells(few if own is None else own[few])}: fewer than 4 faces")
+    few = np.flatnonzero(np.diff(loop_offsets) < 3)
+    if len(few):
+        owner = np.searchsorted(cell_offsets, few, side="right") - 1
+        raise MeshError(f"{name_cells(np.unique(owner))}: a face with fewer than 3 vertices")
+
+
+def _match(cell_of: Int, loop_offsets: Int, vertices: Int, used: Int) -> tuple[Int, Int]:
+    """Half-faces paired by vertex set: owner half-face of each face, and its partner or −1."""
+    from agglo_core.mesh.kernels.solid_cells import pair_half_faces
+
+    found = pair_half_faces(loop_offsets, vertices, len(used))
+    owner = np.flatnonzero(found >= -1)
+    partner = found[owner]
+    if not len(found):
+        owner, partner = _sorted_pairs(cell_of, loop_offsets, vertices, used)
+    same = np.flatnonzero((partner >= 0) & (cell_of[owner] == cell_of[partner]))
+    if len(same):
+        raise MeshError(f"{name_cells(np.unique(cell_of[owner[same]]))}: the same face twice")
+    return frozen_int(owner), frozen_int(partner)
+
+
+def _sorted_pairs(cell_of: Int, loop_offsets: Int, vertices: Int, used: Int) -> tuple[Int, Int]:
+    """As ``_match``, by sorting; raises MeshError that says why three have the same vertices."""
+    sizes = np.diff(loop_offsets)
+    owners, partners = [], []
+    for size in np.unique(sizes):
+        loops = np.flatnonzero(sizes == size)
+        keys = np.sort(vertices[loop_offsets[loops][:, None] + np.arange(size)], axis=1)
+        order = np.lexsort(keys.T[::-1])  # stable: equal faces stay in the order of their cells
+        new = np.concatenate(([True], (np.diff(keys[order], axis=0) != 0).any(axis=1)))
+        start = np.flatnonzero(new)
+        count = np.diff(np.append(start, len(order)))
+        many = np.flatnonzero(count > 2)
+        if len(many):
+            half_faces = loops[order[start[many[0]] : start[many[0]] + count[many[0]]]]
+            face = used[keys[order[start[many[0]]]]].tolist()
+            _refuse_shared_face(cell_of, loop_offsets, vertices, cell_of[half_faces].tolist(), face)
+        owners.append(loops[order[start]])
+        partners.append(np.where(count == 2, loops[order[np.minimum(start + 1, len(order) - 1)]], -1))
+    owner, partner = np.concatenate(owners), np.concatenate(partners)
+    order = np.argsort(owner)
+    return owner[order], partner[order]
+
+
+def _refuse_shared_face(
+    cell_of: Int, loop_offsets: Int, vertices: Int, cells: list[int], face: list[int]
+) -> NoReturn:
+    """Raise MeshError that says why a face cannot have these three or more cells."""
+    for cell in cells:
+        if cells.count(cell) > 1:
+            raise MeshError(f"cell {cell}: the same face twice")
+    loops = np.searchsorted(cell_of, [[cell, cell + 1] for cell in cells])
+    sets = [np.unique(vertices[loop_offsets[i] : loop_offsets[j]]) for i, j in loops]
+    for (a, own), (b, others) in combinations(zip(cells, sets, strict=True), 2):
+        if np.array_equal(own, others):
+            raise MeshError(f"cells {a} and {b} are duplicates: they have the same vertices")
+    raise MeshError(
+        f"the face with points {face} has more than two cells: cells {', '.join(map(str, cells))}"
+    )
+
+
+def _refuse_overlaps(cell_of: Int, owner: Int, partner: Int, outward: Float) -> None:
+    """Two cells must lie on different sides of the face they share."""
+    inner = partner >= 0
+    a, b = owner[inner], partner[inner]
+    wrong = np.flatnonzero((outward[a] * outward[b]).sum(axis=1) > 0)
+    if not len(wrong):
+        return
+    first, second = int(cell_of[a[wrong[0]]]), int(cell_of[b[wrong[0]]])
+    pair = (np.minimum(cell_of[a], cell_of[b]) == first) & (np.maximum(cell_of[a], cell_of[b]) == second)
+    if pair.sum() == (cell_of == first).sum() == (cell_of == second).sum():
+        raise MeshError(f"cells {first} and {second} are duplicates: they have the same faces")
+    raise MeshError(f"cells {first} and {second} overlap: both lie on the same side of a face")
+
+
+def _take_loops(offsets: Int, vertices: Int, loops: Int, forward: Any) -> tuple[Int, Int]:
+    sizes = np.diff(offsets)[loops]
+    new = np.concatenate(([0], np.cumsum(sizes)))
+    rank = np.arange(new[-1]) - np.repeat(new[:-1], sizes)
+    mirrored = np.repeat(sizes, sizes) - 1 - rank
+    rank = np.where(np.repeat(forward, sizes), rank, mirrored)
+    return frozen_int(new), frozen_int(vertices[np.repeat(offsets[loops], sizes) + rank])

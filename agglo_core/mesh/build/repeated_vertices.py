@@ -1,0 +1,52 @@
+"""Loops in which a vertex follows itself: closed and padded rings, elements with repeated nodes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.arrays import Int, frozen_int
+from agglo_core.mesh.elements import Polyhedra, gather
+
+
+def simple_loops(offsets: Int, vertices: Int) -> tuple[Int, Int]:
+    """Loops (CSR) without each vertex that the next one repeats; the first vertex is next to the last.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.mesh.build.repeated_vertices import simple_loops
+    >>> offsets, vertices = simple_loops(np.array([0, 4, 9]), np.array([0, 1, 2, 0, 3, 4, 5, 5, 5]))
+    >>> offsets.tolist(), vertices.tolist()
+    ([0, 3, 6], [0, 1, 2, 3, 4, 5])
+    """
+    used = np.diff(offsets) > 0
+    following = np.roll(vertices, -1)
+    following[offsets[1:][used] - 1] = vertices[offsets[:-1][used]]
+    kept = vertices != following
+    place = np.concatenate(([0], np.cumsum(kept)))
+    return frozen_int(place[offsets]), frozen_int(vertices[kept])
+
+
+def simple_solids(solids: Polyhedra) -> Polyhedra:
+    """Polyhedra without repeated vertices, and without the faces that have no area for that reason.
+
+    Faces left with fewer than three vertices are dropped, and so are, of the cells that change, pairs of
+    faces with equal vertices: the two sides of a part without thickness.
+    """
+    loop_offsets, vertices = simple_loops(solids.loop_offsets, solids.vertices)
+    cell = np.repeat(np.arange(len(solids.cell_offsets) - 1), np.diff(solids.cell_offsets))
+    sizes = np.diff(loop_offsets)
+    changed = np.zeros(len(solids.cell_offsets) - 1, bool)
+    changed[cell[sizes < np.diff(solids.loop_offsets)]] = True
+    kept = sizes >= 3
+    for size in np.unique(sizes[kept & changed[cell]]):
+        loops = np.flatnonzero((sizes == size) & changed[cell])
+        rows = np.sort(vertices[loop_offsets[loops][:, None] + np.arange(size)], axis=1)
+        _, group, count = np.unique(
+            np.column_stack((cell[loops], rows)), axis=0, return_inverse=True, return_counts=True
+        )
+        kept[loops[count[group.ravel()] == 2]] = False
+    chosen = frozen_int(np.flatnonzero(kept))
+    new, places = gather(loop_offsets, chosen)
+    counts = np.bincount(cell[chosen], minlength=len(changed))
+    return Polyhedra(frozen_int(np.concatenate(([0], np.cumsum(counts)))), new, frozen_int(vertices[places]))

@@ -1,0 +1,1 @@
+"""Geometry of cells from their faces: measures, centroids, inertia, diameters, boundary loops."""

@@ -1,0 +1,137 @@
+"""Diameters of blocks of cells: the largest distance of two of their vertices."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.arrays import Float, Index, Int, Mask, frozen_float, frozen_index, frozen_int
+from agglo_core.threads import over_ranges
+
+_FEW = 2_000  # blocks one thread looks at in some milliseconds
+_NEAR = 1e-12  # bounds this close to a limit may be off by rounding
+
+
+def diameters_of(offsets: Int, cells: Int, vertex_offsets: Int, vertices: Index, points: Float) -> Float:
+    """Diameter ``(B,)`` of each block; block b is ``cells[offsets[b]:offsets[b + 1]]``.
+
+    Parameters
+    ----------
+    offsets : (B + 1,) int
+    cells : (n,) int
+    vertex_offsets, vertices : CSR
+        Vertices of each cell.
+    points : (p, d) float
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.mesh import diameters_of
+    >>> graph = agglo.samples.squares(2).graph
+    >>> shape = graph.vertex_offsets, graph.vertices, graph.points
+    >>> diameters_of(np.array([0, 1, 4]), np.arange(4), *shape).round(3)  # a cell, and the three others
+    array([0.707, 1.414])
+    """
+    from agglo_core.compiled.geometry import block_diameters
+
+    def found(start: int, stop: int) -> Float:
+        own: Float = block_diameters(offsets[start : stop + 1], cells, vertex_offsets, vertices, points)
+        return own
+
+    return frozen_float(np.concatenate(over_ranges(found, len(offsets) - 1, few=_FEW, shares=1)))
+
+
+def compared_diameters(
+    offsets: Int, cells: Int, vertex_offsets: Int, vertices: Index, points: Float, limits: Float
+) -> Float:
+    """As :func:`diameters_of`, but only on the right side of each of the ascending ``limits (k,)``.
+
+    Exact where a limit is near, a lower bound elsewhere, or infinite beyond the last one: many times faster.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.mesh import compared_diameters
+    >>> graph = agglo.samples.squares(2).graph
+    >>> shape = graph.vertex_offsets, graph.vertices, graph.points
+    >>> found = compared_diameters(np.array([0, 1, 4]), np.arange(4), *shape, np.array([1.0]))
+    >>> found <= 1.0
+    array([ True, False])
+    """
+    from agglo_core.compiled.geometry import compare_diameters
+
+    def found(start: int, stop: int) -> Float:
+        own = offsets[start : stop + 1]
+        bounds: Float = compare_diameters(own, cells, vertex_offsets, vertices, points, limits)
+        return bounds
+
+    return frozen_float(np.concatenate(over_ranges(found, len(offsets) - 1, few=_FEW, shares=1)))
+
+
+def wide_parts(
+    labels: Int, asked: Mask, limit: float, vertex_offsets: Int, vertices: Index, points: Float
+) -> Mask:
+    """Mask of the parts ``asked (k,)`` that are wider than ``limit``; the labels ``(n,)`` are below k.
+
+    Bounds of all come from one pass over the cells, in any order; few are so near that they are measured.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.mesh import wide_parts
+    >>> graph = agglo.samples.squares(2).graph
+    >>> labels, asked = np.array([0, 1, 1, 1]), np.array([True, True])
+    >>> wide_parts(labels, asked, 1.0, graph.vertex_offsets, graph.vertices, graph.points)
+    array([False,  True])
+    """
+    from agglo_core.compiled.graphs import listed_blocks
+    from agglo_core.compiled.part_faults import extend_parts
+
+    def bounds(start: int, stop: int) -> Float:
+        own = np.empty((len(asked), 8))
+        own[:, :4], own[:, 4:] = np.inf, -np.inf
+        extend_parts(start, stop, labels, asked, vertex_offsets, vertices, points, own)
+        return own
+
+    first, *others = over_ranges(bounds, len(labels), shares=1)
+    least, most = first[:, :4], first[:, 4:]
+    for each in others:
+        np.minimum(least, each[:, :4], out=least)
+        np.maximum(most, each[:, 4:], out=most)
+    extents = most - least
+    if points.shape[1] == 2:  # a farthest pair lies within 22.5 degrees of one of the four directions
+        x, y, u, v = extents.T
+        lower = np.maximum(np.maximum(x, y), np.sqrt(0.5) * np.maximum(u, v))
+        upper = lower / np.cos(np.pi / 8)
+    else:
+        lower, upper = extents.max(axis=1), np.sqrt((extents[:, :3] ** 2).sum(axis=1))
+    wide = asked & (lower > limit * (1 + _NEAR))
+    near = np.flatnonzero(asked & ~wide & (upper >= limit * (1 - _NEAR)))
+    if len(near):
+        listed, starts = listed_blocks(labels, frozen_int(near), len(asked))
+        offsets, shape = frozen_int(starts), (vertex_offsets, vertices, points)
+        if points.shape[1] == 2:
+            centres = frozen_float(least[near, :2] + 0.5 * extents[near, :2])
+            wide[near] = _wider(offsets, frozen_index(listed), *shape, centres, limit)
+        else:  # a vertex is in many cells, and should be looked at once
+            wide[near] = diameters_of(offsets, frozen_int(listed), *shape) > limit
+    return np.asarray(wide)
+
+
+def _wider(
+    offsets: Int,
+    cells: Index,
+    vertex_offsets: Int,
+    vertices: Index,
+    points: Float,
+    centres: Float,
+    limit: float,
+) -> Mask:
+    """Mask of the blocks with ``centres (blocks, 2)`` that are wider than ``limit``."""
+    from agglo_core.compiled.widths import wide_blocks
+
+    def found(start: int, stop: int) -> Mask:
+        own = offsets[start : stop + 1], cells, vertex_offsets, vertices, points, centres[start:stop]
+        wide: Mask = wide_blocks(*own, limit)
+        return wide
+
+    return np.concatenate(over_ranges(found, len(offsets) - 1, few=_FEW, shares=1))

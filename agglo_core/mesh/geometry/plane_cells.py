@@ -1,0 +1,88 @@
+"""Geometry of plane cells and what they share, in one pass; what a pass over cells costs is cache misses."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglo_core.arrays import Float, Index, Int, frozen_float, frozen_index, frozen_int
+from agglo_core.mesh.counting_sort import counting_sort
+from agglo_core.threads import over_ranges
+
+
+class Neighbours(NamedTuple):
+    """Cells that share faces, both directions, and what is shared with nobody.
+
+    The neighbours of cell c are ``indices[indptr[c]:indptr[c + 1]]``, each once, and ``interface`` is the
+    measure of all faces shared with that neighbour; ``boundary (n_cells,)`` that of the outer faces.
+    """
+
+    indptr: Int
+    indices: Index
+    interface: Float
+    boundary: Float
+
+
+class PlaneCells(NamedTuple):
+    """Areas, centroids, vertices (CSR) and neighbours of plane cells."""
+
+    measures: Float
+    centroids: Float
+    vertex_offsets: Int
+    vertices: Index
+    neighbours: Neighbours
+
+
+def plane_cells(points: Float, face_pairs: Int, face_cells: Int, n_cells: int) -> PlaneCells:
+    """Geometry of the cells of a 2-D mesh, whose arrays these are."""
+    from agglo_core.mesh.kernels import plane_cells as kernels
+
+    offsets, edges = _half_edges(face_pairs, face_cells, n_cells)
+    count = int(offsets[-1])
+    area, centroid, boundary = np.empty(n_cells), np.empty((n_cells, 2)), np.empty(n_cells)
+    vertices, indices, interface = np.empty(count, np.int32), np.empty(count, np.int32), np.empty(count)
+    indptr = np.zeros(n_cells + 1, np.int64)
+
+    def measured(start: int, stop: int) -> tuple[int, int]:
+        own, corners = slice(start, stop), slice(offsets[start], offsets[stop])
+        of_cells = (each[own] for each in (area, centroid, boundary, indptr[1:]))
+        of_edges = (each[corners] for each in (vertices, indices, interface))
+        found = kernels.plane_cells(points, offsets[start : stop + 1], edges, n_cells, *of_cells, *of_edges)
+        return int(offsets[start]), int(found)
+
+    used = 0
+    for start, found in over_ranges(measured, n_cells, work=count):
+        if used < start:  # close the gap that the outer faces of cells before have left
+            indices[used : used + found] = indices[start : start + found]
+            interface[used : used + found] = interface[start : start + found]
+        used += found
+    np.cumsum(indptr, out=indptr)
+    if used < 0.75 * count:  # many faces between the same cells: do not hold on to the rest
+        indices, interface = indices[:used].copy(), interface[:used].copy()
+    return PlaneCells(
+        frozen_float(area),
+        frozen_float(centroid),
+        offsets,
+        frozen_index(vertices),
+        Neighbours(
+            frozen_int(indptr),
+            frozen_index(indices[:used]),
+            frozen_float(interface[:used]),
+            frozen_float(boundary),
+        ),
+    )
+
+
+def _half_edges(face_pairs: Int, face_cells: Int, n_cells: int) -> tuple[Int, NDArray[np.int32]]:
+    """Sort half-edges by cell: start of each cell; tail, head, cell beyond and ownership of each."""
+    from agglo_core.mesh.kernels.plane_cells import half_edges
+
+    edges = np.empty((2 * len(face_cells), 4), np.int32)
+
+    def put(start: int, stop: int, places: Int, only_count: bool) -> None:
+        own = slice(start, stop)
+        half_edges(face_pairs[own], face_cells[own], places, edges[:0] if only_count else edges)
+
+    return counting_sort(put, len(face_cells), n_cells, shares=1), edges

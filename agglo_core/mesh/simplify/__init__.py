@@ -1,0 +1,1 @@
+"""Simplify meshes: one face instead of straight runs of edges and flat patches of faces."""

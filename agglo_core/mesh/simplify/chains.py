@@ -1,0 +1,65 @@
+"""Runs of edges that go on through vertices at which nothing else ends, and what is left of them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
+
+
+class Chains(NamedTuple):
+    """Chain c has ``edges[offsets[c]:offsets[c + 1]]``, and one vertex more, in order.
+
+    Its vertices are ``vertices[offsets[c] + c:offsets[c + 1] + c + 1]``; those of a closed one begin and end
+    with the same.
+    """
+
+    offsets: Int
+    edges: Int
+    vertices: Int
+
+    @property
+    def n(self) -> int:
+        """Number of chains."""
+        return len(self.offsets) - 1
+
+    @property
+    def of_edges(self) -> Int:
+        """Chain of each place in ``edges``."""
+        return frozen_int(np.repeat(np.arange(self.n), np.diff(self.offsets)))
+
+    @property
+    def before(self) -> Int:
+        """Place in ``vertices`` of the vertex before each edge."""
+        return frozen_int(np.arange(len(self.edges)) + self.of_edges)
+
+    def thin(self, points: Float, limits: Float, chains: Int, keep: Mask) -> None:
+        """Mark the vertices that chains need, so that all stay within ``limits (n,)`` of what is left."""
+        from agglo_core.mesh.kernels.edge_chains import thinned
+
+        thinned(points, self.offsets, self.vertices, frozen_float(limits), frozen_int(chains), keep)
+
+    def runs(self, keep: Mask) -> Int:
+        """Number of the new edge that each place in ``edges`` is part of, if vertices are left out."""
+        begins = keep[self.before]
+        return frozen_int(np.cumsum(begins) - 1)
+
+
+def ends_at(ends: Int, n_points: int) -> tuple[Mask, Int]:
+    """Find the vertices that exactly two of the edges ``(E, 2)`` have, and these two ``(n_points, 2)``."""
+    order = np.argsort(ends.ravel(), kind="stable")
+    count = np.bincount(ends.ravel(), minlength=n_points)
+    first = np.cumsum(count) - count
+    two = count == 2
+    at = np.full((n_points, 2), -1)
+    at[two] = order[first[two][:, None] + [0, 1]] // 2
+    return two, frozen_int(at)
+
+
+def chains_of(points: Float, ends: Int, joint: Mask, at: Int) -> Chains:
+    """Chains of edges ``(E, 2)`` that go on at the vertices ``joint``, whose two edges are ``at``."""
+    from agglo_core.mesh.kernels.edge_chains import walk_chains
+
+    return Chains(*map(frozen_int, walk_chains(points, ends, joint, at)))

@@ -1,0 +1,168 @@
+"""Polyhedral meshes with fewer faces: those of the same two cells in one plane made one polygon."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
+from agglo_core.mesh.derived import Derived
+from agglo_core.mesh.geometry.solid_cells import sum_by
+from agglo_core.mesh.simplify.chains import chains_of, ends_at
+from agglo_core.mesh.simplify.record import Fewer, packed, rounding_of
+
+_SLACK = 4.0  # times rounding: what a plane through rounded points may be off
+
+
+class _Loops(NamedTuple):
+    """Faces as loops: loop l has ``vertices[offsets[l]:offsets[l + 1]]``; ``faces`` are those it was."""
+
+    offsets: Int
+    vertices: Int
+    faces: Int
+
+
+def fewer_faces(mesh: Derived, tags: Mapping[str, Int]) -> Fewer:
+    """Faces of solids: flat patches between two cells, with equal tags, as one; straight edges, too.
+
+    A patch stays as it is if it has a hole, or touches itself, as faces are single loops.
+    """
+    loops = _merged(mesh, tags)
+    keep = _bends(mesh, loops)[loops.vertices]
+    sizes = np.add.reduceat(keep.astype(np.int64), loops.offsets[:-1])
+    return packed(frozen_int(sizes), frozen_int(loops.vertices[keep]), loops.faces)
+
+
+def _heads(offsets: Int, vertices: Int) -> Int:
+    """The vertex after each one of a loop."""
+    heads = np.roll(vertices, -1)
+    heads[offsets[1:] - 1] = vertices[offsets[:-1]]
+    return frozen_int(heads)
+
+
+def _merged(mesh: Derived, tags: Mapping[str, Int]) -> _Loops:
+    """Patches as loops, where they are such, and all other faces."""
+    from agglo_core.mesh.kernels.patch_loops import outlines
+
+    face = np.repeat(np.arange(mesh.n_faces), np.diff(mesh.face_offsets))
+    tails, heads = mesh.face_vertices, _heads(mesh.face_offsets, mesh.face_vertices)
+    a, b = _twins(tails, heads, mesh.n_points)
+    patch = _patches(mesh, tags, face[a], face[b], tails[a] == tails[b])
+    inner = np.zeros(len(face), bool)
+    within = patch[face[a]] == patch[face[b]]
+    inner[a[within]] = inner[b[within]] = True
+    lead = np.unique(patch, return_index=True)[1]  # the first face of each patch
+    turned = (mesh.face_cells[:, 0] != mesh.face_cells[lead[patch], 0])[face]
+    tails, heads = np.where(turned, heads, tails), np.where(turned, tails, heads)
+    several = np.bincount(patch)[patch[face]] > 1
+    outer = np.flatnonzero(several & ~inner)
+    outer = outer[np.argsort(patch[face[outer]], kind="stable")]
+    counts = np.bincount(patch[face[outer]], minlength=len(lead))
+    around = frozen_int(np.concatenate(([0], np.cumsum(counts))))
+    of_edges = frozen_int(tails[outer]), frozen_int(heads[outer])
+    found, whole = outlines(around, *of_edges, mesh.n_points)
+    return _put_together(mesh, frozen_int(patch), around, found, whole)
+
+
+def _twins(tails: Int, heads: Int, n_points: int) -> tuple[Int, Int]:
+    """The two half-edges of each edge that just two faces have."""
+    key = np.minimum(tails, heads) * n_points + np.maximum(tails, heads)
+    order = np.argsort(key, kind="stable")
+    start = np.flatnonzero(np.append(True, np.diff(key[order]) != 0))
+    pairs = start[np.diff(np.append(start, len(order))) == 2]
+    return frozen_int(order[pairs]), frozen_int(order[pairs + 1])
+
+
+def _put_together(mesh: Derived, patch: Int, around: Int, found: Int, whole: Mask) -> _Loops:
+    """The outlines of whole patches, and the faces of all others."""
+    alone = np.flatnonzero(~whole[patch])
+    sizes = np.diff(mesh.face_offsets)
+    own = np.zeros(mesh.n_faces, bool)
+    own[alone] = True
+    made = np.flatnonzero(whole)
+    kept = np.repeat(whole, np.diff(around))
+    lengths = np.concatenate((np.diff(around)[made], sizes[alone]))
+    vertices = np.concatenate((found[kept], mesh.face_vertices[np.repeat(own, sizes)]))
+    number = np.empty(len(whole), np.int64)
+    number[made] = np.arange(len(made))
+    faces = number[patch]
+    faces[alone] = len(made) + np.arange(len(alone))
+    offsets = np.concatenate(([0], np.cumsum(lengths)))
+    return _Loops(frozen_int(offsets), frozen_int(vertices), frozen_int(faces))
+
+
+def _patches(mesh: Derived, tags: Mapping[str, Int], f: Int, g: Int, ways: Mask) -> Int:
+    """Patch of each face: faces f and g share an edge, which both traverse the same way where ``ways``."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    cells = np.sort(mesh.face_cells, axis=1)
+    joined = (f != g) & (cells[f] == cells[g]).all(axis=1)
+    joined &= ways == (mesh.face_cells[f, 0] != mesh.face_cells[g, 0])
+    for values in tags.values():
+        joined &= values[f] == values[g]
+    f, g = f[joined], g[joined]
+    large = mesh.face_measures[f] >= mesh.face_measures[g]
+    f, g = np.where(large, f, g), np.where(large, g, f)
+    slack = _SLACK * rounding_of(mesh)
+    vector, centre = mesh.face_normals, _centres(mesh)
+    same = mesh.face_cells[f, 0] == mesh.face_cells[g, 0]
+    facing = (vector[f] * vector[g]).sum(axis=1) * np.where(same, 1.0, -1.0) > 0.5
+    flat = facing & (_off(mesh, g, vector[f], centre[f]) <= slack)
+    flat &= _off(mesh, f, vector[f], centre[f]) <= slack
+    f, g = f[flat], g[flat]
+    links = coo_array((np.ones(len(f)), (f, g)), shape=(mesh.n_faces, mesh.n_faces))
+    patch = connected_components(links, directed=False)[1].astype(np.int64)
+    return _flat_ones(mesh, frozen_int(patch), slack)
+
+
+def _flat_ones(mesh: Derived, patch: Int, slack: float) -> Int:
+    """The patches, those that bend little by little taken apart into their faces."""
+    lead = np.unique(patch, return_index=True)[1][patch]
+    sign = np.where(mesh.face_cells[:, 0] == mesh.face_cells[lead, 0], 1.0, -1.0)[:, None]
+    weight, n = mesh.face_measures, int(patch.max(initial=-1)) + 1
+    total = sum_by(patch, sign * mesh.face_normals * weight[:, None], n)
+    area = np.bincount(patch, weight, n)[:, None]
+    safe = np.where(area > 0, area, 1.0)
+    normal, centre = total / safe, sum_by(patch, _centres(mesh) * weight[:, None], n) / safe
+    every = np.arange(mesh.n_faces)
+    off = _off(mesh, every, normal[patch], centre[patch])
+    wrong = np.zeros(n, bool)
+    wrong[patch[off > slack]] = True
+    wrong &= np.bincount(patch, minlength=n) > 1
+    return frozen_int(np.unique(np.where(wrong[patch], n + every, patch), return_inverse=True)[1])
+
+
+def _centres(mesh: Derived) -> Float:
+    """Means of the vertices of the faces ``(n_faces, 3)``."""
+    sizes = np.diff(mesh.face_offsets)
+    face = frozen_int(np.repeat(np.arange(mesh.n_faces), sizes))
+    return frozen_float(sum_by(face, mesh.local_points[mesh.face_vertices], mesh.n_faces) / sizes[:, None])
+
+
+def _off(mesh: Derived, faces: Int, normals: Float, centres: Float) -> Float:
+    """Largest distance of the vertices of each face from a plane, one for each."""
+    sizes = np.diff(mesh.face_offsets)[faces]
+    row = np.repeat(np.arange(len(faces)), sizes)
+    start = np.cumsum(sizes) - sizes
+    places = np.arange(len(row)) + np.repeat(mesh.face_offsets[faces] - start, sizes)
+    arm = mesh.local_points[mesh.face_vertices[places]] - centres[row]
+    off = np.abs((arm * normals[row]).sum(axis=1))
+    return frozen_float(np.maximum.reduceat(off, start) if len(faces) else off)
+
+
+def _bends(mesh: Derived, loops: _Loops) -> Mask:
+    """Mask of the corners: all points except those inside a straight line on which nothing else ends."""
+    heads = _heads(loops.offsets, loops.vertices)
+    ends = np.sort(np.stack((loops.vertices, heads), axis=1), axis=1)
+    ends = np.unique(ends, axis=0)
+    joint, at = ends_at(frozen_int(ends), mesh.n_points)
+    chains = chains_of(mesh.local_points, frozen_int(ends), joint, at)
+    keep = np.ones(len(chains.vertices), bool)
+    limits = np.full(chains.n, rounding_of(mesh))
+    chains.thin(mesh.local_points, frozen_float(limits), frozen_int(np.arange(chains.n)), keep)
+    corner = np.ones(mesh.n_points, bool)
+    corner[chains.vertices[~keep]] = False
+    return corner
