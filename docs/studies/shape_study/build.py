@@ -10,11 +10,11 @@ from pathlib import Path
 from agglo_core.authoring import AggloError, FileError, staging
 from agglo_paper.record import Page
 from agglo_paper.store import Results, Store, Unit
-from agglo_paper.study.ranks import Measured
-from agglo_paper.study.study_figure import draw
-from agglo_paper.study.study_page import page
-from agglo_paper.study.study_plan import Plan, Size, plan_of
-from agglo_paper.study.study_tables import Group
+from shape_study.figure import draw
+from shape_study.page import page
+from shape_study.plan import Plan, Size, plan_of
+from shape_study.ranks import Measured
+from shape_study.tables import Group
 
 Begin = Callable[[Sequence[Unit], str], Callable[[Unit, bool], None]]
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from agglo_core.authoring import PALETTE
 from agglo_paper.figures import picture
-from agglo_paper.study.ranks import Measured
+from shape_study.ranks import Measured
 
 _METRICS: Final = {
     "UF": "mean UF",

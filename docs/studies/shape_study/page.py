@@ -7,8 +7,8 @@ from typing import Any, Final
 
 from agglo_paper.record import Page
 from agglo_paper.store import versions
-from agglo_paper.study.study_tables import Group, tables
-from agglo_paper.study.study_work import TOLERANCE
+from shape_study.tables import Group, tables
+from shape_study.work import TOLERANCE
 
 TITLES: Final = {
     "shapes": "What shapes are for",

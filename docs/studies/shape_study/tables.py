@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from agglo_paper.record import Cell, Row, Table
-from agglo_paper.study.ranks import Measured, correlations, costs, relative
+from shape_study.ranks import Measured, correlations, costs, relative
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from agglo_core.authoring import Float
-from agglo_paper.study.study_partitions import RECIPES
+from shape_study.partitions import RECIPES
 
 _SAME: Final = 1e-6
 """Of the variance: where less is left once the ranks of a metric are taken out, it was that metric."""
@@ -18,7 +18,7 @@ _SAME: Final = 1e-6
 
 @dataclass(frozen=True)
 class Measured:
-    """A partition and what was measured of it: see :func:`agglo_paper.study.study_work.measured`."""
+    """A partition and what was measured of it: see :func:`shape_study.work.measured`."""
 
     source: str
     recipe: str

@@ -8,12 +8,13 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from agglo_paper.store import Unit
-from agglo_paper.study.level_work import KINDS, measured_levels
-from agglo_paper.study.solid_work import APPROXIMATION, SOLID_SOLVERS, measured_solids
-from agglo_paper.study.study_partitions import chosen
-from agglo_paper.study.study_work import ERRORS, SOLVERS, measured
+from shape_study.levels import KINDS, measured_levels
+from shape_study.partitions import chosen
+from shape_study.solids import APPROXIMATION, SOLID_SOLVERS, measured_solids
+from shape_study.work import ERRORS, SOLVERS, measured
 
 _PACKAGES: Final = (
+    "shape_study",
     "agglo_paper",
     "agglo_polydg_mg",
     "agglo_kmeans",
@@ -43,7 +44,7 @@ class Size:
         amounts = f"--meshes {self.meshes} --cells {self.cells} --partitions {self.partitions}"
         degrees = f" --degrees {','.join(map(str, self.degrees))}" if self.degrees else ""
         rest = f"--cells-per-part {self.per_part}{degrees} --seed {self.seed}"
-        return f"agglo study {self.what} {amounts} {rest}"
+        return f"python -m shape_study {self.what} {amounts} {rest}"
 
 
 DEFAULTS: Final[Mapping[str, Size]] = MappingProxyType(
@@ -58,7 +59,7 @@ DEFAULTS: Final[Mapping[str, Size]] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Work:
-    """The units of a group, with the names of :class:`~agglo_paper.study.study_tables.Group`."""
+    """The units of a group, with the names of :class:`~shape_study.tables.Group`."""
 
     key: str
     title: str

@@ -1,4 +1,4 @@
-"""``agglo study levels`` and ``agglo study solids``: several levels, finite volumes in space, their pages."""
+"""``python -m shape_study levels`` and ``… solids``: several levels, finite volumes in space, their pages."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import Agglo
+from click.testing import CliRunner
 
 from agglo_core import samples
-from agglo_paper.study.level_work import KINDS, Kind, measured_levels, metrics_of_levels, target_of
-from agglo_paper.study.solid_work import (
+from shape_study.__main__ import study
+from shape_study.levels import KINDS, Kind, measured_levels, metrics_of_levels, target_of
+from shape_study.partitions import RECIPES
+from shape_study.solids import (
     SOLID_SOLVERS,
     approximation_error,
     finite_volumes,
     measured_solids,
 )
-from agglo_paper.study.study_partitions import RECIPES
-from agglo_paper.study.study_work import SOLVERS, metrics_of
+from shape_study.work import SOLVERS, metrics_of
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -119,21 +120,22 @@ def test_solids_are_measured_and_bad_shapes_cost() -> None:
     ],
 )
 def test_the_other_studies_write_their_pages(
-    agglo: Agglo, tmp_path: Path, what: str, keys: list[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str, keys: list[str]
 ) -> None:
     tiny = ["--meshes", "1", "--cells", "80", "--partitions", "4"] + ["--degrees", "1"] * (what == "levels")
-    assert agglo("study", what, *tiny, "-o", "out").code == 0
+    monkeypatch.chdir(tmp_path)
+    assert CliRunner().invoke(study, [what, *tiny, "-o", "out"]).exit_code == 0
     data = json.loads((tmp_path / "out" / f"{what}.json").read_text(encoding="utf-8"))
     names = [table["name"] for table in data["tables"]]
     assert [name for name in names if name.endswith("-all")] == [f"{key}-all" for key in keys]
     assert [f"{key}-partial" in names for key in keys] == [key.endswith("sizes") for key in keys]
     text = (tmp_path / "out" / f"{what}.md").read_text(encoding="utf-8")
-    assert f"Made by `agglo study {what} --meshes 1 --cells 80" in text
+    assert f"Made by `python -m shape_study {what} --meshes 1 --cells 80" in text
     figures = [f"{what}-{key}.svg" for key in keys]
     assert all((tmp_path / "out" / name).exists() == (name in text) for name in figures)
 
 
-def test_solids_have_no_degrees(agglo: Agglo) -> None:
-    code, _, err = agglo("study", "solids", "--degrees", "1")
-    assert code == 2
-    assert "--degrees is for the plane" in err
+def test_solids_have_no_degrees() -> None:
+    done = CliRunner().invoke(study, ["solids", "--degrees", "1"])
+    assert done.exit_code == 2
+    assert "--degrees is for the plane" in done.stderr

@@ -1,4 +1,4 @@
-"""``agglo study shapes``: partitions from excellent to bad, rank correlations, what the command writes."""
+"""``python -m shape_study shapes``: partitions from excellent to bad, correlations, what is written."""
 
 from __future__ import annotations
 
@@ -8,18 +8,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import Agglo
+from click.testing import CliRunner
 from scipy.stats import spearmanr
 
 from agglo_core import samples
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_paper.store import Unit
-from agglo_paper.study.ranks import Measured, correlations, costs, relative
-from agglo_paper.study.study_page import page
-from agglo_paper.study.study_partitions import RECIPES, Growth, Recipe, Scattered, Shaken, chosen
-from agglo_paper.study.study_plan import Size, sources
-from agglo_paper.study.study_tables import Group
-from agglo_paper.study.study_work import measured
+from shape_study.__main__ import study
+from shape_study.page import page
+from shape_study.partitions import RECIPES, Growth, Recipe, Scattered, Shaken, chosen
+from shape_study.plan import Size, sources
+from shape_study.ranks import Measured, correlations, costs, relative
+from shape_study.tables import Group
+from shape_study.work import measured
 
 TINY = ["--meshes", "1", "--cells", "80", "--partitions", "4", "--degrees", "1"]
 USABLE = [name for name, recipe in RECIPES.items() if not recipe.problem]
@@ -134,17 +135,17 @@ def test_bad_shapes_cost_and_metrics_tell() -> None:
 
 
 def test_the_command_writes_a_page_and_goes_on_where_it_was(
-    agglo: Agglo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    code, out, _ = agglo("study", "shapes", *TINY, "-o", "out")
-    assert code == 0
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(study, ["shapes", *TINY, "-o", "out"])
+    assert done.exit_code == 0
     text = (tmp_path / "out" / "shapes.md").read_text(encoding="utf-8")
-    assert " ".join(text.split()) in " ".join(out.split())
+    assert " ".join(text.split()) in " ".join(done.stdout.split())
     assert text.startswith("# What shapes are for")
     assert "`voronoi:n=80,seed=0` in 5 parts each, 4 of every mesh" in " ".join(text.split())
-    assert (
-        f"Made by `agglo study shapes {' '.join(TINY[:6])} --cells-per-part 16 --degrees 1 --seed 0`" in text
-    )
+    amounts = f"{' '.join(TINY[:6])} --cells-per-part 16 --degrees 1 --seed 0"
+    assert f"Made by `python -m shape_study shapes {amounts}`" in text
     data = json.loads((tmp_path / "out" / "shapes.json").read_text(encoding="utf-8"))
     assert [table["name"] for table in data["tables"]] == ["all", "usual", "p1", "costs", "recipes"]
     ranks = {each["name"]: each["cells"] for each in data["tables"][0]["rows"]}
@@ -156,23 +157,23 @@ def test_the_command_writes_a_page_and_goes_on_where_it_was(
         raise AssertionError("computed again")
 
     monkeypatch.setattr(Unit, "run", never)
-    code, out, _ = agglo("study", "shapes", *TINY, "-o", "out", "--json")
-    assert code == 0
-    assert json.loads(out) == data
+    done = CliRunner().invoke(study, ["shapes", *TINY, "-o", "out", "--json"])
+    assert done.exit_code == 0
+    assert json.loads(done.stdout) == data
 
 
 @pytest.mark.parametrize("wrong", ["0", "7", "one", "", "1,,2"])
-def test_wrong_degrees_are_refused(agglo: Agglo, wrong: str) -> None:
-    code, _, err = agglo("study", "shapes", "--degrees", wrong)
-    assert code == 2
-    assert "expected degrees from 1 to 6" in " ".join(err.split())
+def test_wrong_degrees_are_refused(wrong: str) -> None:
+    done = CliRunner().invoke(study, ["shapes", "--degrees", wrong])
+    assert done.exit_code == 2
+    assert "expected degrees from 1 to 6" in " ".join(done.stderr.split())
 
 
 def test_the_page_of_one_degree_names_all_that_was_measured() -> None:
     result = measured("squares:n=8", 4, "kmeans", 0, [1])
     rows = [Measured("squares:n=8", name, 0, result) for name in ("kmeans", "branches", "shaken")]
     group = Group("", "", rows, ["L2", "paper κ = 1"], [1])
-    found = page("shapes", [group], {"parts": 4, "degrees": "1"}, "agglo study shapes", {})
+    found = page("shapes", [group], {"parts": 4, "degrees": "1"}, "python -m shape_study shapes", {})
     assert found.tables[0].rows == []  # nothing differs
     assert len(found.tables[-1].rows) == 3
 

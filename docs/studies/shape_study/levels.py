@@ -8,8 +8,8 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from agglo_core.authoring import OBJECTIVES, Int, Mesh
-from agglo_paper.study.study_partitions import RECIPES
-from agglo_paper.study.study_work import SOLVERS, iterations, loaded, metrics_of, plane_solver, problems
+from shape_study.partitions import RECIPES
+from shape_study.work import SOLVERS, iterations, loaded, metrics_of, plane_solver, problems
 
 Kind = Literal["counts", "sizes"]
 KINDS: Final[tuple[Kind, ...]] = ("counts", "sizes")
@@ -47,7 +47,7 @@ def metrics_of_levels(
 def measured_levels(
     source: str, kind: Kind, per_part: Sequence[int], recipe: str, seed: int, degrees: Sequence[int]
 ) -> dict[str, dict[str, Any]]:
-    """Metrics and outcomes of levels by name, plain data as of :func:`study_work.measured`.
+    """Metrics and outcomes of levels by name, plain data as of :func:`shape_study.work.measured`.
 
     Outcomes are iterations with all levels, and by size the number of ``parts``.
     """

@@ -1,4 +1,4 @@
-"""``agglo study``: what the shapes of agglomerates do to iterations and errors."""
+"""The command of the study: ``python -m shape_study``."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def _degrees(context: click.Context, parameter: click.Parameter, text: str | Non
     return found
 
 
-@click.command(short_help="What shapes do to iterations and errors.")
+@click.command()
 @click.argument("what", type=click.Choice(["shapes", "levels", "solids"]))
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path, file_okay=False), default=Path("agglo-study"),
@@ -61,7 +61,7 @@ def study(
     seed: int,
     as_json: bool,
 ) -> None:
-    """Find out which metric tells how a partition does.
+    """Correlate metrics of partitions with iterations and errors of solvers.
 
     WHAT is shapes (in the plane, two levels), levels (four levels) or solids (in space, by finite volumes).
     Writes WHAT.md, WHAT.json and, with matplotlib, figures. An interrupted run goes on where it was.
@@ -69,8 +69,8 @@ def study(
     if what == "solids" and degrees is not None:
         raise click.UsageError("--degrees is for the plane: solids are studied by finite volumes")
     with one_thread(), without_notices():
-        from agglo_paper.study.study_build import build
-        from agglo_paper.study.study_plan import DEFAULTS
+        from shape_study.build import build
+        from shape_study.plan import DEFAULTS
 
         given: dict[str, Any] = {"meshes": meshes, "cells": cells, "partitions": partitions}
         given |= {"per_part": cells_per_part, "degrees": degrees}
@@ -82,3 +82,7 @@ def study(
         return
     print_lines(page.markdown())
     print_lines(f"wrote {what} to {output}")
+
+
+if __name__ == "__main__":
+    study(prog_name="python -m shape_study")

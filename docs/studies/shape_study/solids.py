@@ -14,9 +14,9 @@ import numpy as np
 from scipy import sparse
 
 from agglo_core.authoring import Float, Int, Linear, Mesh, default, frozen_float, frozen_int
-from agglo_paper.study.level_work import Kind, metrics_of_levels, target_of
-from agglo_paper.study.study_partitions import RECIPES
-from agglo_paper.study.study_work import MOST, TOLERANCE, coefficients, iterations, loaded, unit_box
+from shape_study.levels import Kind, metrics_of_levels, target_of
+from shape_study.partitions import RECIPES
+from shape_study.work import MOST, TOLERANCE, coefficients, iterations, loaded, unit_box
 
 SOLID_SOLVERS: Final[Mapping[str, tuple[str, Mapping[str, Any]]]] = {
     "default": ("polydg_mg", {"recipe": "agglomerates"}),
@@ -65,7 +65,7 @@ def approximation_error(mesh: Mesh, labels: Int) -> float:
 def measured_solids(
     source: str, kind: Kind, per_part: Sequence[int], recipe: str, seed: int
 ) -> dict[str, dict[str, Any]]:
-    """Metrics and outcomes of levels by name, plain data as of :func:`study_work.measured`.
+    """Metrics and outcomes of levels by name, plain data as of :func:`shape_study.work.measured`.
 
     Outcomes are iterations with all levels, the error of approximation by the finest, and by size the number
     of ``parts``.

@@ -20,7 +20,7 @@ from agglo_core.authoring import (
     load_mesh,
     quality,
 )
-from agglo_paper.study.study_partitions import RECIPES
+from shape_study.partitions import RECIPES
 
 TOLERANCE: Final = 1e-6
 SOLVERS: Final[Mapping[str, tuple[str, Mapping[str, Any]]]] = {
