@@ -1,17 +1,16 @@
-"""Tables on stdout that never cut a number: columns have the width they need.
+"""Print tables on stdout: rich draws them, with column widths chosen here so that no number is cut.
 
-Where a terminal is too narrow, first the lines around the cells go, then headings and words are folded, then
-the columns that a command can spare are left out, which is said below the table; if that is not enough, every
-row becomes a block of lines. A pipe is as wide as the table.
+On a narrow terminal the frame goes first, then headings and words are folded, then the columns that a command
+can spare are left out, with a line below the table that names them; finally every row becomes a block of
+lines. In a pipe a table is as wide as it needs to be, and has the same frame.
 """
 
 from __future__ import annotations
 
 import re
-import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import zip_longest
+from io import StringIO
 from types import MappingProxyType
 
 import click
@@ -24,7 +23,7 @@ _GAP = 2  # columns between columns
 _SPACES = re.compile(r"(?<= )(?=[^ ])")
 _BREAKS = re.compile(r"(?<= )(?=[^ ])|(?<=[,:=_-])(?=[A-Za-z])")
 _NUMBER = re.compile(r"[-+]?\d[\d,.]*(e[-+]?\d+)?( %| \(.*\))?|[–-]|")
-_FRAME = ("┏━┳┓", "┃┃", "┡━╇┩", "││", "└─┴┘")
+_FRAME = "┏━┳┓┃┡╇┩│└─┴┘"
 _NOTHING: Mapping[str, int] = MappingProxyType({})
 
 
@@ -120,7 +119,7 @@ def print_table(
     )
     if title:
         print_lines(title)
-    boxed = boxed and can_show("".join(_FRAME))
+    boxed = boxed and can_show(_FRAME)
     click.echo("\n".join(laid_out(table, terminal_columns(), boxed=boxed)), file=stdout())
 
 
@@ -152,14 +151,14 @@ def laid_out(table: Table, width: int | None, *, boxed: bool) -> list[str]:
     if width is None:
         width = max(_PIPE, sum(table.least(whole_heads=True)) + frame)
     if boxed and (widths := table.widths(width - frame, whole_heads=True)) is not None:
-        return list(_boxed(table, widths))
+        return _drawn(table, widths, boxed=True)
     for gone in range(len(table.spare) + 1):
         left = [name for name in table.columns if name in table.spare[:gone]]
         kept = table.without(left)
         widths = kept.widths(width - gaps + _GAP * len(left), whole_heads=False)
         if widths is not None:
             needed = sum(table.least(whole_heads=False)) + gaps
-            return [*_plain(kept, widths), *(_left_out(left, width, needed) if left else ())]
+            return [*_drawn(kept, widths, boxed=False), *(_left_out(left, width, needed) if left else ())]
     return list(_stacked(table, width))
 
 
@@ -168,28 +167,30 @@ def _left_out(names: Sequence[str], width: int, needed: int) -> list[str]:
     return list(folded(text, width, "  "))
 
 
-def _boxed(table: Table, widths: Sequence[int]) -> Iterator[str]:
-    top, head, middle, body, bottom = _FRAME
+def _drawn(table: Table, widths: Sequence[int], *, boxed: bool) -> list[str]:
+    """Lines of the table as rich draws it, with columns of these widths."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table as Grid
+    from rich.text import Text
 
-    def rule(left: str, line: str, cross: str, right: str) -> str:
-        return left + cross.join(line * (width + 2) for width in widths) + right
-
-    def framed(cells: Sequence[str], bar: str) -> Iterator[str]:
-        for line in _side_by_side(table, cells, widths):
-            yield f"{bar} {f' {bar} '.join(line)} {bar}"
-
-    yield rule(*top)
-    yield from framed(table.columns, head[0])
-    yield rule(*middle)
-    for row in table.rows:
-        yield from framed(row, body[0])
-    yield rule(*bottom)
-
-
-def _plain(table: Table, widths: Sequence[int]) -> Iterator[str]:
-    for row in (table.columns, ["-" * width for width in widths], *table.rows):
-        for line in _side_by_side(table, row, widths):
-            yield (" " * _GAP).join(line).rstrip()
+    grid = Grid(
+        box=box.HEAVY_HEAD if boxed else None,
+        padding=(0, 1) if boxed else (0, _GAP, 0, 0),
+        pad_edge=boxed,
+        show_header=boxed,
+    )
+    for place, (name, width) in enumerate(zip(table.columns, widths, strict=True)):
+        numeric = name not in table.fold and all(map(_NUMBER.fullmatch, table.cells(place)))
+        grid.add_column(Text(name), width=width, justify="right" if numeric else "left")
+    heads = () if boxed else (table.columns, ["-" * width for width in widths])  # rich folds them at the top
+    for row in (*heads, *table.rows):
+        cells = (folded(cell, width) for cell, width in zip(row, widths, strict=True))
+        grid.add_row(*(Text("\n".join(lines)) for lines in cells))
+    room = sum(widths) + 4 * len(widths) + 1
+    page = StringIO()  # rich draws with ASCII on a stream that is not in UTF-8
+    Console(file=page, width=room, color_system=None, legacy_windows=False, _environ={}).print(grid)
+    return [line.rstrip() for line in page.getvalue().removesuffix("\n").split("\n")]
 
 
 def _stacked(table: Table, width: int) -> Iterator[str]:
@@ -200,18 +201,7 @@ def _stacked(table: Table, width: int) -> Iterator[str]:
             yield ""
         for name, cell in zip(table.columns, row, strict=True):
             if cell:
-                yield from folded(_padded(name, margin) + cell, width, " " * _GAP)
-
-
-def _side_by_side(table: Table, cells: Sequence[str], widths: Sequence[int]) -> Iterator[list[str]]:
-    """The lines of a row of cells, each cell folded and padded to the width of its column."""
-    columns = [list(folded(cell, width)) for cell, width in zip(cells, widths, strict=True)]
-    right = [
-        name not in table.fold and all(map(_NUMBER.fullmatch, table.cells(place)))
-        for place, name in enumerate(table.columns)
-    ]
-    for line in zip_longest(*columns, fillvalue=""):
-        yield [_padded(*each) for each in zip(line, widths, right, strict=True)]
+                yield from folded(name + " " * (margin - _width(name)) + cell, width, " " * _GAP)
 
 
 def folded(text: str, width: int, indent: str = "", breaks: re.Pattern[str] = _BREAKS) -> Iterator[str]:
@@ -229,17 +219,13 @@ def folded(text: str, width: int, indent: str = "", breaks: re.Pattern[str] = _B
         yield line.rstrip()
 
 
-def _padded(text: str, width: int, right: bool = False) -> str:
-    room = " " * (width - _width(text))
-    return room + text if right else text + room
-
-
 def _width(text: str) -> int:
-    """Columns that a line takes on a terminal: letters of East Asia two, accents none."""
+    """Return how many columns a line takes on a terminal: two for East Asian letters, none for accents."""
     if text.isascii():
         return len(text)
-    wide = sum(unicodedata.east_asian_width(character) in "WF" for character in text)
-    return len(text) + wide - sum(map(bool, map(unicodedata.combining, text)))
+    from rich.cells import cell_len
+
+    return cell_len(text)
 
 
 def _widest(cells: Sequence[str]) -> int:
