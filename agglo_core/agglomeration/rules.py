@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglo_core.agglomeration.choices import Choice, chosen
+from agglo_core.agglomeration.choices import chosen
+from agglo_core.agglomeration.keywords import BALANCES, BOUNDS, Keywords, Names
 from agglo_core.arrays import Float, Int, frozen_float, plain_array
 from agglo_core.errors import OptionError, PluginError
 from agglo_core.graph import Graph
@@ -20,66 +21,13 @@ from agglo_core.mesh.marks import marked, weights_of
 from agglo_core.registry import Registry
 from agglo_core.registry.attribution import Member, attributed
 
-Balance = Literal["cells", "measure", "weights"]
-BALANCES = ("cells", "measure", "weights")
-Names = str | Sequence[str]
-Marks = Names | Mapping[str, Any] | ArrayLike
-"""Tags, tags with the values that count, or an array."""
-
 _TIE = 1e-4
 """Share of the measure in masses: of sides of as many cells the larger one is the same on any axes."""
 
-BOUNDS = ("max_cells", "min_cells", "max_measure", "min_measure", "max_weight", "min_weight")
-"""Keywords for bounds on parts."""
 
-
-@dataclass(frozen=True, kw_only=True)
-class Rules:
-    """Constraints, also by keyword: see :func:`~agglo_core.agglomerate`.
-
-    Attributes
-    ----------
-    constraints : sequence of Choice
-        Components of that kind.
-    regions : str, sequence of str or (n,) array, optional
-        No part holds cells of two regions: of different values of a cell tag, or of several.
-    barriers : str, sequence of str, mapping of str to values, or (n_faces,) bool, optional
-        No part lies on both sides of a face that is marked.
-    where : str, mapping or (n,) bool, optional
-        Only these cells are agglomerated, all others stay single.
-    boundary_rules : "ridges", optional
-        Cells on several boundary patches are joined with cells on the same ones only, or not at all.
-    weights : str or (n,) array, optional
-        What counts are shared out by, and what bounds on weights refer to: the name of cell data, or numbers.
-    balance : "cells", "measure" or "weights", optional
-        What counts are shared out by; by default the weights if given, else cells.
-    max_cells, min_cells : int, optional
-        At most, and where neighbours allow at least, so many cells in a part.
-    max_measure, min_measure : float, optional
-        At most, and where neighbours allow at least, so much area or volume in a part.
-    max_weight, min_weight : float, optional
-        At most, and where neighbours allow at least, so much of the ``weights`` in a part.
-    metric : (d, d) or (n, d, d) float, optional
-        In which diameters, distances and interfaces are measured.
-    lines : bool
-        Whether lines of strongly coupled cells are kept, and coarsened along themselves first.
-    """
-
-    constraints: Sequence[Choice] = ()
-    regions: Names | ArrayLike | None = None
-    barriers: Marks | None = None
-    where: Marks | None = None
-    boundary_rules: Literal["ridges"] | None = None
-    weights: str | ArrayLike | None = None
-    balance: Balance | None = None
-    max_cells: int | None = None
-    min_cells: int | None = None
-    max_measure: float | None = None
-    min_measure: float | None = None
-    max_weight: float | None = None
-    min_weight: float | None = None
-    metric: ArrayLike | None = None
-    lines: bool = False
+@dataclass(frozen=True)
+class Rules(Keywords):
+    """Rules for the parts, by keyword or as components."""
 
     @property
     def bounds_weights(self) -> bool:

@@ -1,4 +1,4 @@
-"""Options and arguments of commands: meshes, components with options, targets. For plugins' commands too.
+"""Options of agglomeration for commands, those of plugins too; help texts come from the keywords of a run.
 
 .. code-block:: python
 
@@ -23,9 +23,18 @@ from typing import Any, Literal, overload
 
 import click
 
+from agglo_core.agglomeration.keywords import (
+    BALANCES,
+    BOUNDS,
+    COMPONENT_LISTS,
+    COMPONENTS,
+    HELP,
+    METHODS,
+    NAMES,
+    TARGETS,
+)
 from agglo_core.cli.completing import names
 from agglo_core.cli.number_types import Number
-from agglo_core.cli.rule_options import RULE_OPTIONS, RULES
 from agglo_core.cli.shared_options import (
     COMPONENT,
     Command,
@@ -50,19 +59,6 @@ class _File(click.Path):
 
 
 FILE = _File(path_type=Path)
-METHODS = ("recursive", "kway")
-
-_TARGETS = {
-    "h_star": "--h-star",
-    "h_factor": "--h-factor",
-    "n_parts": "--parts",
-    "cells_per_part": "--cells-per-part",
-}
-_BARE = ("refiners", "fixer", *_TARGETS, "seed")
-_LAST = ("merge", "polish", "post_refiners", "constraints", "config", "allow_code")
-_ALL = ("bisector", "method", "nested", *_BARE, *_LAST, *RULES)
-_SEVERAL = {"refiners": ("refiner", "--refiner"), "post_refiners": ("refiner", "--post-refiner")}
-
 Amount = Literal["one", "several"]
 
 
@@ -77,61 +73,105 @@ def read_methods(_: click.Context, parameter: click.Parameter, text: str | None)
     return methods
 
 
-_ONE_BISECTOR = click.option(
-    "--bisector",
-    metavar=COMPONENT,
-    shell_complete=names("bisector"),
-    help="How a piece is split (default kmeans).",
-)
-_METHOD = click.option("--method", type=click.Choice(METHODS), help="Default recursive.")
+def _names(_: click.Context, parameter: click.Parameter, text: str | None) -> tuple[str, ...] | None:
+    """The items of a comma list."""
+    if text is None:
+        return None
+    names = tuple(each.strip() for each in text.split(","))
+    if not all(names):
+        raise click.BadParameter(f"{text!r} is not a comma list of tags", param=parameter)
+    return names
+
+
+def _tensor(_: click.Context, parameter: click.Parameter, text: str | None) -> list[list[float]] | None:
+    """A square matrix of 4 or 9 numbers."""
+    if text is None:
+        return None
+    try:
+        values = [float(each) for each in text.split(",")]
+    except ValueError:
+        values = []
+    d = {4: 2, 9: 3}.get(len(values))
+    if d is None:
+        raise click.BadParameter(f"{text!r} is not a comma list of 4 or 9 numbers", param=parameter)
+    return [values[d * i : d * (i + 1)] for i in range(d)]
+
+
+_TAGS = "TAG[=VALUE],…"
+_FLAGS = {
+    "n_parts": "--parts",
+    "refiners": "--refiner",
+    "post_refiners": "--post-refiner",
+    "metric": "--metric-tensor",
+}
+_FLAGS |= {"constraints": "--constraint"}
+_SWITCHES = {
+    "nested": "--nested/--not-nested",
+    "merge": "--merge/--no-merge",
+    "polish": "--polish/--no-polish",
+    "lines": "--lines/--no-lines",
+}
+_BARE = ("refiners", "fixer", *TARGETS, "seed")
+_ALL = (*NAMES, "config", "allow_code")
+
+
+def _flag(name: str) -> str:
+    """Option of a keyword on the command line."""
+    return _FLAGS.get(name) or f"--{name.replace('_', '-')}"
+
+
+def _option(name: str, **settings: Any) -> Decorator:
+    """Option of a keyword that takes a value."""
+    return click.option(_flag(name), name, help=HELP[name], **settings)
+
+
+def _component(name: str) -> Decorator:
+    """Option of a keyword that names components of a kind."""
+    several = name in COMPONENT_LISTS
+    also = ("none",) if COMPONENTS[name] == "refiner" else ()
+    offer = names(COMPONENTS[name], also=also)
+    return _option(name, multiple=several, metavar=COMPONENT, shell_complete=offer)
+
+
+def _numbers(name: str, kind: type[int] | type[float], least: float | None = None) -> Decorator:
+    """Option of a target: a comma list with a number for each level."""
+    return _option(name, callback=numbers(kind, least=least), metavar="LIST")
+
+
+def _bound(name: str) -> Decorator:
+    """Option of a bound on parts."""
+    return _option(name, type=Number(int, least=1) if name.endswith("cells") else Number(float, above=0))
+
+
+def _switch(name: str) -> Decorator:
+    """Option of a keyword that is true or false; by default that of :func:`~agglo_core.agglomerate`."""
+    return click.option(_SWITCHES[name], name, default=None, help=HELP[name])
+
+
+_ONE_BISECTOR = _component("bisector")
+_METHOD = _option("method", type=click.Choice(METHODS))
 _METHOD_LIST = click.option(
     "--method", "methods", callback=read_methods, metavar="LIST", help="recursive (default), kway, or both."
 )
-_NESTED = click.option(
-    "--nested/--not-nested", default=None, help="Whether levels coarsen each other (default)."
-)
-_SIZES, _COUNTS, _MEANS = numbers(float), numbers(int), numbers(float, least=1)
-_REFINER = click.option(
-    "--refiner",
-    "refiners",
-    multiple=True,
-    metavar=COMPONENT,
-    shell_complete=names("refiner", also=("none",)),
-    help="Repeatable; 'none' for none.",
-)
-_FIXER = click.option(
-    "--fixer", metavar=COMPONENT, shell_complete=names("fixer"), help="Default connectivity."
-)
-_LAST_STEPS = (
-    click.option(
-        "--merge/--no-merge", default=None, help="Sizes: merge neighbours while they meet the target."
-    ),
-    click.option(
-        "--polish/--no-polish", default=None, help="Whether finished levels are polished (default)."
-    ),
-    click.option(
-        "--post-refiner",
-        "post_refiners",
-        multiple=True,
-        metavar=COMPONENT,
-        shell_complete=names("refiner", also=("none",)),
-        help="For each finished level (default compactness). Repeatable; 'none' for none.",
-    ),
-    click.option(
-        "--constraint",
-        "constraints",
-        multiple=True,
-        metavar=COMPONENT,
-        shell_complete=names("constraint"),
-        help="A rule for the parts. Repeatable.",
-    ),
-)
+_NESTED, _REFINER, _FIXER = _switch("nested"), _component("refiners"), _component("fixer")
+_LAST_STEPS = (_switch("merge"), _switch("polish"), _component("post_refiners"), _component("constraints"))
 _TARGET_OPTIONS = (
-    click.option("--h-star", callback=_SIZES, metavar="LIST", help="Largest diameters, a level each."),
-    click.option("--h-factor", callback=_SIZES, metavar="LIST", help="The same over h0 (default 2,4,8)."),
-    click.option("--parts", "n_parts", callback=_COUNTS, metavar="LIST", help="Numbers of agglomerates."),
-    click.option("--cells-per-part", callback=_MEANS, metavar="LIST", help="Mean sizes of agglomerates."),
-    click.option("--seed", type=Number(int, least=0), help="Default 0."),
+    _numbers("h_star", float),
+    _numbers("h_factor", float),
+    _numbers("n_parts", int),
+    _numbers("cells_per_part", float, least=1),
+    _option("seed", type=Number(int, least=0)),
+)
+_RULE_OPTIONS = (
+    _option("regions", metavar="TAG,…", callback=_names),
+    _option("barriers", metavar=_TAGS, callback=_names),
+    _option("where", metavar=_TAGS, callback=_names),
+    _option("boundary_rules", type=click.Choice(("ridges",))),
+    _option("weights", metavar="NAME"),
+    _option("balance", type=click.Choice(BALANCES)),
+    *map(_bound, BOUNDS),
+    _option("metric", metavar="LIST", callback=_tensor),
+    _switch("lines"),
 )
 _CONFIG = (
     click.option("--config", type=FILE, help="TOML file; options given here win."),
@@ -186,7 +226,7 @@ def agglomeration_options(
     chosen = several if bisector == "several" else _ONE_BISECTOR
     methods = _METHOD_LIST if method == "several" else _METHOD
     options = [chosen, methods, _NESTED, _REFINER, _FIXER, *_LAST_STEPS, *_TARGET_OPTIONS]
-    options += [*RULE_OPTIONS, *_CONFIG]
+    options += [*_RULE_OPTIONS, *_CONFIG]
     options.append(threads_option)
     return lambda inner: _gathering(inner, options, _ALL)
 
@@ -207,18 +247,19 @@ def _gathering(command: Command, options: Sequence[Decorator], names: Sequence[s
 
 def _arguments(chosen: dict[str, Any]) -> dict[str, Any]:
     given = {name: value for name, value in chosen.items() if value is not None and value != ()}
-    targets = [flag for name, flag in _TARGETS.items() if name in given]
+    targets = [_flag(name) for name in TARGETS if name in given]
     if len(targets) > 1:
         raise click.UsageError(f"{' and '.join(targets)} cannot be given together: choose one")
-    for name, (kind, flag) in _SEVERAL.items():
-        specs = given.get(name, ())
-        if "none" in specs and len(specs) > 1:
-            raise click.UsageError(f"{flag} none cannot be given with another {flag}: choose one")
-        if specs:
-            given[name] = tuple(choice(kind, spec) for spec in specs if spec != "none")
-    for name in ("bisector", "fixer"):
-        if name in given:
-            given[name] = choice(name, given[name])
-    if "constraints" in given:
-        given["constraints"] = tuple(choice("constraint", spec) for spec in given["constraints"])
+    for name, kind in COMPONENTS.items():
+        if name not in given:
+            continue
+        if name not in COMPONENT_LISTS:
+            given[name] = choice(kind, given[name])
+            continue
+        specs, alone = given[name], "none" if kind == "refiner" else None
+        if alone in specs and len(specs) > 1:
+            raise click.UsageError(
+                f"{_flag(name)} none cannot be given with another {_flag(name)}: choose one"
+            )
+        given[name] = tuple(choice(kind, spec) for spec in specs if spec != alone)
     return given

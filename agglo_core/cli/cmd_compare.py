@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from agglo_core.cli.arguments import FILE, METHODS, agglomeration_options
+from agglo_core.agglomeration.keywords import METHODS
+from agglo_core.cli.arguments import FILE, agglomeration_options
 from agglo_core.cli.completing import meshes, names
 from agglo_core.cli.console import explain_compilation, number, print_json, quieten
 from agglo_core.cli.outputs import (

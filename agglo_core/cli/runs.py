@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Any
 
+from agglo_core.agglomeration.keywords import COUNTS, RULES, TARGETS
 from agglo_core.cli.console import number
-from agglo_core.cli.rule_options import RULES
 from agglo_core.cli.stopping import stopped_by
 from agglo_core.cli.tables import print_lines, print_table
 from agglo_core.errors import AggloError, OptionError
@@ -88,9 +88,8 @@ def warm_up(given: Mapping[str, Any]) -> None:
     from agglo_core import samples
     from agglo_core.agglomeration.one_call import agglomerate
 
-    targets = ("h_star", "h_factor", "n_parts", "cells_per_part")
-    counts = "n_parts" in given or "cells_per_part" in given
-    rest = {name: value for name, value in given.items() if name not in (*targets, *RULES)}
+    counts = any(name in given for name in COUNTS)
+    rest = {name: value for name, value in given.items() if name not in (*TARGETS, *RULES)}
     try:
         agglomerate(samples.squares(4), **rest, **({"n_parts": 4} if counts else {"h_factor": 2.0}))
     except AggloError as error:
