@@ -7,9 +7,9 @@ from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Any
 
 from agglo_core.agglomeration.keywords import COUNTS, RULES, TARGETS
-from agglo_core.cli.console import number
+from agglo_core.cli.output.console import number
+from agglo_core.cli.output.tables import print_lines, print_table
 from agglo_core.cli.stopping import stopped_by
-from agglo_core.cli.tables import print_lines, print_table
 from agglo_core.errors import AggloError, OptionError
 from agglo_core.progress import Listener, labelled, phase, shown
 from agglo_core.registry.containment import PLUGIN_FAILURES

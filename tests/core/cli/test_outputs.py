@@ -204,7 +204,7 @@ def test_a_picture_of_a_solid_that_fails_costs_no_result(
 
 
 def test_without_matplotlib_a_run_goes_on(agglo: Agglo, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("agglo_core.cli.outputs.find_spec", lambda name: None)
+    monkeypatch.setattr("agglo_core.cli.output.files.find_spec", lambda name: None)
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     code, out, err = agglo("run", "squares:n=8", "--parts", "4", "-o", "a.npz", "--plot", "a.png")
     assert (code, levels("a.npz")) == (3, 1)

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from agglo_core.cli.console import number, print_json
+from agglo_core.cli.options.specs import choice, load_mesh
+from agglo_core.cli.output.console import number, print_json
+from agglo_core.cli.output.tables import print_lines
+from agglo_core.cli.ranks.launch import launched
 from agglo_core.cli.runs import level_data, show, warm_up, watched
-from agglo_core.cli.specs import choice, load_mesh
-from agglo_core.cli.tables import print_lines
-from agglo_core.cli.under_mpi import launched
 from agglo_core.errors import OptionError
 from agglo_core.progress import phase
 

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from agglo_core.cli.console import say
+from agglo_core.cli.output.console import say
+from agglo_core.cli.output.tables import print_lines
 from agglo_core.cli.stopping import stopped_by
-from agglo_core.cli.tables import print_lines
 from agglo_core.errors import AggloError, FileError
 from agglo_core.progress import Listener, phase
 from agglo_core.registry.containment import PLUGIN_FAILURES, printable, raised

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from agglo_core.cli.outputs import Outputs, check_picture, check_report
+from agglo_core.cli.output.files import Outputs, check_picture, check_report
 from agglo_core.progress import Listener, phase
 
 if TYPE_CHECKING:

@@ -15,8 +15,8 @@ from types import MappingProxyType
 
 import click
 
-from agglo_core.cli.readable import can_show, shown
-from agglo_core.cli.stdout import stdout, terminal_columns
+from agglo_core.cli.output.encoding import can_show, shown
+from agglo_core.cli.output.stdout import stdout, terminal_columns
 
 _PIPE = 200  # columns that words are folded to where the output is not a terminal
 _GAP = 2  # columns between columns

@@ -7,9 +7,9 @@ from typing import Any
 
 import click
 
-from agglo_core.cli.completing import names
-from agglo_core.cli.number_types import Number
-from agglo_core.cli.specs import as_typed, bisector_specs, split_specs
+from agglo_core.cli.options.completion import names
+from agglo_core.cli.options.numbers import Number
+from agglo_core.cli.options.specs import as_typed, bisector_specs, split_specs
 from agglo_core.threads import using_threads
 
 COMPONENT = "NAME[:opt=val,…]"

@@ -33,16 +33,16 @@ from agglo_core.agglomeration.keywords import (
     NAMES,
     TARGETS,
 )
-from agglo_core.cli.completing import names
-from agglo_core.cli.number_types import Number
-from agglo_core.cli.shared_options import (
+from agglo_core.cli.options.completion import names
+from agglo_core.cli.options.numbers import Number
+from agglo_core.cli.options.shared import (
     COMPONENT,
     Command,
     Decorator,
     bisectors_option,
     threads_option,
 )
-from agglo_core.cli.specs import (
+from agglo_core.cli.options.specs import (
     choice,
     numbers,
     refuse_duplicates,

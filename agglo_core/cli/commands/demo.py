@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from agglo_core.cli.arguments import FILE
-from agglo_core.cli.console import explain_compilation, number, print_json, quieten, say
-from agglo_core.cli.number_types import Number
-from agglo_core.cli.outputs import Outputs, as_file_name
+from agglo_core.cli.options.agglomeration import FILE
+from agglo_core.cli.options.numbers import Number
+from agglo_core.cli.options.shared import bisectors_option, threads_option
+from agglo_core.cli.options.specs import choice
+from agglo_core.cli.output.console import explain_compilation, number, print_json, quieten, say
+from agglo_core.cli.output.files import Outputs, as_file_name
+from agglo_core.cli.output.stdout import OwnCommand
+from agglo_core.cli.output.tables import print_lines
 from agglo_core.cli.runs import attempt, data, refuse_all_failed, run_data, show, watched
-from agglo_core.cli.shared_options import bisectors_option, threads_option
-from agglo_core.cli.specs import choice
-from agglo_core.cli.stdout import OwnCommand
-from agglo_core.cli.tables import print_lines
 from agglo_core.errors import FileError, PluginError
 from agglo_core.progress import phase
 from agglo_core.registry import Record, default

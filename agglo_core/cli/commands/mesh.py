@@ -6,13 +6,13 @@ from pathlib import Path
 
 import click
 
-from agglo_core.cli.arguments import FILE
-from agglo_core.cli.completing import samples as sample_names
-from agglo_core.cli.console import quieten
+from agglo_core.cli.options.agglomeration import FILE
+from agglo_core.cli.options.completion import samples as sample_names
+from agglo_core.cli.options.shared import threads_option
+from agglo_core.cli.output.console import quieten
+from agglo_core.cli.output.stdout import OwnCommand
+from agglo_core.cli.output.tables import print_lines
 from agglo_core.cli.runs import watched
-from agglo_core.cli.shared_options import threads_option
-from agglo_core.cli.stdout import OwnCommand
-from agglo_core.cli.tables import print_lines
 from agglo_core.progress import phase
 
 

@@ -9,22 +9,22 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from agglo_core.agglomeration.keywords import METHODS
-from agglo_core.cli.arguments import FILE, agglomeration_options
-from agglo_core.cli.completing import meshes, names
-from agglo_core.cli.console import explain_compilation, number, print_json, quieten
-from agglo_core.cli.outputs import (
+from agglo_core.cli.options.agglomeration import FILE, agglomeration_options
+from agglo_core.cli.options.completion import meshes, names
+from agglo_core.cli.options.shared import COMPONENT, metrics_option
+from agglo_core.cli.options.specs import all_bisectors, choice, load_mesh, refuse_duplicates
+from agglo_core.cli.output.console import explain_compilation, number, print_json, quieten
+from agglo_core.cli.output.files import (
     Outputs,
     check_outputs,
     check_picture,
     draw_runs,
     weigh_runs,
 )
+from agglo_core.cli.output.stdout import OwnCommand
 from agglo_core.cli.runs import attempt, data, refuse_all_failed, refuse_metrics, run_data, show, watched
-from agglo_core.cli.shared_options import COMPONENT, metrics_option
-from agglo_core.cli.solved_runs import Solved, reported, show_solved, solve_runs
-from agglo_core.cli.solver_choice import DEFAULT_SOLVER, built_solver, posed_by
-from agglo_core.cli.specs import all_bisectors, choice, load_mesh, refuse_duplicates
-from agglo_core.cli.stdout import OwnCommand
+from agglo_core.cli.solving.choice import DEFAULT_SOLVER, built_solver, posed_by
+from agglo_core.cli.solving.runs import Solved, reported, show_solved, solve_runs
 from agglo_core.progress import phase
 from agglo_core.registry import default
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import click
 
-from agglo_core.cli.completing import any_names
-from agglo_core.cli.console import print_json
-from agglo_core.cli.stdout import OwnCommand
-from agglo_core.cli.tables import print_lines, print_table
+from agglo_core.cli.options.completion import any_names
+from agglo_core.cli.output.console import print_json
+from agglo_core.cli.output.stdout import OwnCommand
+from agglo_core.cli.output.tables import print_lines, print_table
 from agglo_core.errors import PluginError
 from agglo_core.registry import KINDS, Record, Registry, default, describe
 from agglo_core.registry.construct import resolve

@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from agglo_core.cli.arguments import FILE, agglomeration_options
-from agglo_core.cli.completing import meshes
-from agglo_core.cli.console import explain_compilation, number, print_json, quieten
-from agglo_core.cli.number_types import Number
-from agglo_core.cli.outputs import Outputs, check_outputs, draw_runs
-from agglo_core.cli.ranks_run import is_of_ranks, run_on_ranks
+from agglo_core.cli.options.agglomeration import FILE, agglomeration_options
+from agglo_core.cli.options.completion import meshes
+from agglo_core.cli.options.numbers import Number
+from agglo_core.cli.options.shared import metrics_option
+from agglo_core.cli.options.specs import choice, load_mesh
+from agglo_core.cli.output.console import explain_compilation, number, print_json, quieten
+from agglo_core.cli.output.files import Outputs, check_outputs, draw_runs
+from agglo_core.cli.output.stdout import OwnCommand
+from agglo_core.cli.ranks.launch import refuse_files
+from agglo_core.cli.ranks.run import is_of_ranks, run_on_ranks
 from agglo_core.cli.runs import data, execute, level_data, refuse_metrics, show, watched
-from agglo_core.cli.shared_options import metrics_option
-from agglo_core.cli.specs import choice, load_mesh
-from agglo_core.cli.stdout import OwnCommand
-from agglo_core.cli.under_mpi import refuse_files
 from agglo_core.progress import phase
 
 if TYPE_CHECKING:

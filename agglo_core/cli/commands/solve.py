@@ -9,15 +9,20 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from agglo_core.cli.arguments import FILE, agglomeration_options
-from agglo_core.cli.completing import meshes, names
-from agglo_core.cli.console import explain_compilation, print_json
-from agglo_core.cli.number_types import Number
-from agglo_core.cli.outputs import Outputs, check_picture
-from agglo_core.cli.ranks_solve import NOT_CONVERGED, solve_on_ranks, solves_across
+from agglo_core.cli.options.agglomeration import FILE, agglomeration_options
+from agglo_core.cli.options.completion import meshes, names
+from agglo_core.cli.options.numbers import Number
+from agglo_core.cli.options.shared import COMPONENT
+from agglo_core.cli.options.specs import load_mesh
+from agglo_core.cli.output.console import explain_compilation, print_json
+from agglo_core.cli.output.files import Outputs, check_picture
+from agglo_core.cli.output.stdout import OwnCommand, terminal_columns
+from agglo_core.cli.output.tables import print_lines
+from agglo_core.cli.ranks.launch import launched, refuse_files, refuse_on_ranks
+from agglo_core.cli.ranks.solve import NOT_CONVERGED, solve_on_ranks, solves_across
 from agglo_core.cli.runs import watched
-from agglo_core.cli.shared_options import COMPONENT
-from agglo_core.cli.solve_outputs import (
+from agglo_core.cli.solving.choice import DEFAULT_SOLVER, Posed, built_solver, posed_by, solver_title
+from agglo_core.cli.solving.outputs import (
     check_more,
     draw_history,
     levelless_run,
@@ -25,11 +30,6 @@ from agglo_core.cli.solve_outputs import (
     report_solution,
     with_hierarchy,
 )
-from agglo_core.cli.solver_choice import DEFAULT_SOLVER, Posed, built_solver, posed_by, solver_title
-from agglo_core.cli.specs import load_mesh
-from agglo_core.cli.stdout import OwnCommand, terminal_columns
-from agglo_core.cli.tables import print_lines
-from agglo_core.cli.under_mpi import launched, refuse_files, refuse_on_ranks
 from agglo_core.errors import AggloError, OptionError
 from agglo_core.progress import Listener, phase
 from agglo_core.registry.attribution import Member, attributed

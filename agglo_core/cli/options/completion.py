@@ -15,9 +15,9 @@ from click.shell_completion import (
     split_arg_string,
 )
 
-from agglo_core.cli.specs import split_specs
-from agglo_core.cli.stdout import OwnCommand
-from agglo_core.cli.tables import print_lines
+from agglo_core.cli.options.specs import split_specs
+from agglo_core.cli.output.stdout import OwnCommand
+from agglo_core.cli.output.tables import print_lines
 from agglo_core.errors import AggloError
 from agglo_core.registry import KINDS, Record, default
 from agglo_core.registry.construct import resolve

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from agglo_core.cli.number_types import in_words
+from agglo_core.cli.options.numbers import in_words
 from agglo_core.errors import FileError, OptionError, PluginError
 from agglo_core.registry import default
 from agglo_core.registry.construct import checked_options, resolve

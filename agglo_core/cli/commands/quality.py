@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from agglo_core.cli.arguments import FILE
-from agglo_core.cli.console import number, print_json, quieten
+from agglo_core.cli.options.agglomeration import FILE
+from agglo_core.cli.options.shared import metrics_option, threads_option
+from agglo_core.cli.output.console import number, print_json, quieten
+from agglo_core.cli.output.stdout import OwnCommand
+from agglo_core.cli.output.tables import print_table
 from agglo_core.cli.runs import level_data, single_level, undefined, watched
-from agglo_core.cli.shared_options import metrics_option, threads_option
-from agglo_core.cli.stdout import OwnCommand
-from agglo_core.cli.tables import print_table
 from agglo_core.progress import phase
 
 if TYPE_CHECKING:

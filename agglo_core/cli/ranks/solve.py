@@ -10,14 +10,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from agglo_core.cli.console import print_json
-from agglo_core.cli.outputs import Outputs
-from agglo_core.cli.ranks_run import agglomerated, shared_mesh, warm_up_in_turn
+from agglo_core.cli.output.console import print_json
+from agglo_core.cli.output.files import Outputs
+from agglo_core.cli.output.stdout import terminal_columns
+from agglo_core.cli.output.tables import print_lines
+from agglo_core.cli.ranks.launch import launched
+from agglo_core.cli.ranks.run import agglomerated, shared_mesh, warm_up_in_turn
 from agglo_core.cli.runs import watched
-from agglo_core.cli.solver_choice import posed_by, solver_title
-from agglo_core.cli.stdout import terminal_columns
-from agglo_core.cli.tables import print_lines
-from agglo_core.cli.under_mpi import launched
+from agglo_core.cli.solving.choice import posed_by, solver_title
 from agglo_core.errors import AggloError, OptionError
 from agglo_core.progress import phase
 from agglo_core.registry.attribution import attributed

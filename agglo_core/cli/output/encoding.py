@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from typing import TextIO
 
-from agglo_core.cli.stdout import stdout
+from agglo_core.cli.output.stdout import stdout
 from agglo_core.registry.containment import printable
 
 _ERRORS = "agglo_readable"

@@ -12,8 +12,8 @@ from typing import Any
 
 import click
 
-from agglo_core.cli.stdout import stdout, terminal_columns
-from agglo_core.cli.tables import line_for
+from agglo_core.cli.output.stdout import stdout, terminal_columns
+from agglo_core.cli.output.tables import line_for
 from agglo_core.registry.containment import printable
 
 _log = logging.getLogger("agglo")

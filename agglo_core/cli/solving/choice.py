@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from agglo_core.cli.specs import as_typed
+from agglo_core.cli.options.specs import as_typed
 from agglo_core.errors import AggloError, OptionError, PluginError
 from agglo_core.registry import default, describe
 from agglo_core.registry.attribution import attributed

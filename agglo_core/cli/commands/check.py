@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from agglo_core.cli.completing import any_names
-from agglo_core.cli.console import print_json
-from agglo_core.cli.specs import as_typed
-from agglo_core.cli.stdout import OwnCommand
-from agglo_core.cli.tables import print_lines, print_table
+from agglo_core.cli.options.completion import any_names
+from agglo_core.cli.options.specs import as_typed
+from agglo_core.cli.output.console import print_json
+from agglo_core.cli.output.stdout import OwnCommand
+from agglo_core.cli.output.tables import print_lines, print_table
 from agglo_core.errors import OptionError, PluginError
 from agglo_core.registry import KINDS
 

@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from agglo_core.cli.console import number
+from agglo_core.cli.output.console import number
+from agglo_core.cli.output.tables import print_lines, print_table
 from agglo_core.cli.runs import short
-from agglo_core.cli.solve_outputs import with_hierarchy
-from agglo_core.cli.solver_choice import Posed, solver_title
+from agglo_core.cli.solving.choice import Posed, solver_title
+from agglo_core.cli.solving.outputs import with_hierarchy
 from agglo_core.cli.stopping import stopped_by
-from agglo_core.cli.tables import print_lines, print_table
 from agglo_core.errors import AggloError
 from agglo_core.progress import Listener, Progress, labelled
 from agglo_core.registry.attribution import Member, attributed

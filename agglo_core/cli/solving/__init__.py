@@ -1,0 +1,1 @@
+"""What the commands that solve share: solver, problem, runs, files."""
