@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -36,8 +37,9 @@ from agglo_core.registry.attribution import Member, attributed
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
+    from agglo_core.measure.comparison import RunResult
     from agglo_core.mesh import Mesh
-    from agglo_core.problems import Discretisation, Samples, Solution
+    from agglo_core.problems import Samples, Solution
 
 _COLUMNS = 80
 
@@ -112,47 +114,117 @@ def solve(
     explain_compilation()
     outputs = Outputs()
     with watched() as progress:
-        with phase(progress, "reading", source):
-            mesh = load_mesh(source)
-        title = solver_title(solver)
-        trusted = bool(agglomeration.get("allow_code"))
-        posed = posed_by(problem, mesh, tool, solver, allow_code=trusted)
-        if output or plot:
-            posed.refuse_without_meaning("-o and --plot are")
-        from agglo_core.problems.solving import solved_by
-
-        # some solvers need no levels, but what is asked of them is checked
-        plain = bool(getattr(tool, "plain_cg", False))
-        levelless = (plain or not getattr(tool, "needs_levels", True)) and not agglomeration
-        made = levelless_run(mesh) if levelless else levels_run(mesh, agglomeration, progress)
-        hierarchy = made.hierarchy
-        assert hierarchy is not None  # as in runs that failed
+        sampled_for = "-o and --plot are" if output or plot else ""
+        task = _task(source, problem, tool, solver, agglomeration, sampled_for, progress)
         if system_file is not None:
-            _hand_over(outputs, system_file, posed, hierarchy, progress)
-        solution = with_hierarchy(solved_by(Member(tool, title), posed.problem, hierarchy, progress), made)
-        sampled = _sampler(mesh, solution, posed.how, title)
+            _hand_over(outputs, system_file, task, progress)
+        solution = task.solution(progress)
+        sampled = _sampler(task, solution)
         if output is not None:
-            _write(outputs, output, mesh, sampled, progress)
-        counted = getattr(tool, "tolerance", 1e-6) if cg and not plain else None
-        from agglo_core.problems import solution_report
-
-        with attributed(title, spare=(AggloError,)):  # asks the discretisation
-            data = solution_report.report(mesh, posed.problem, solution, posed.how, counted, progress)
-    if as_json:
-        if cg and plain and solution.converged:
-            data["cg_iterations"] = solution.iterations
-        print_json(data)
-    else:
-        columns = min(_COLUMNS, terminal_columns() or _COLUMNS)
-        print_lines(solution_report.text(f"{mesh.name or source}, {solver}", data, columns))
+            _write(outputs, output, task.mesh, sampled, progress)
+        data = task.report(solution, cg, progress)
+    if as_json and cg and _is_plain_cg(tool) and solution.converged:
+        data["cg_iterations"] = solution.iterations
+    _show(task, data, as_json=as_json)
     with watched() as progress:
         if plot is not None:
             _draw(outputs, plot, sampled, progress)
         if history is not None:
-            draw_history(outputs, history, f"{mesh.name or source}, {problem}", {solver: solution}, progress)
+            draw_history(outputs, history, f"{task.name}, {problem}", {solver: solution}, progress)
         if report is not None:
-            report_solution(outputs, report, mesh, made, f"problem {problem}", {solver: data}, progress)
+            note = f"problem {problem}"
+            report_solution(outputs, report, task.mesh, task.made, note, {solver: data}, progress)
     return outputs.finish(listed=not as_json) or (0 if solution.converged else NOT_CONVERGED)
+
+
+@dataclass(frozen=True)
+class _Task:
+    """A problem on a mesh, a solver, and the levels made for it.
+
+    Attributes
+    ----------
+    name : str
+        Of the mesh, or the source it was read from.
+    solver : str
+        As it was typed.
+    """
+
+    name: str
+    mesh: Mesh
+    posed: Posed
+    made: RunResult
+    tool: Any
+    solver: str
+
+    @property
+    def title(self) -> str:
+        """Title of the solver in messages."""
+        return solver_title(self.solver)
+
+    @property
+    def hierarchy(self) -> Hierarchy:
+        """The levels; the run that made them did not fail."""
+        assert self.made.hierarchy is not None
+        return self.made.hierarchy
+
+    def solution(self, progress: Listener | None) -> Solution:
+        """Solve the problem."""
+        from agglo_core.problems.solving import solved_by
+
+        solver = Member(self.tool, self.title)
+        return with_hierarchy(solved_by(solver, self.posed.problem, self.hierarchy, progress), self.made)
+
+    def report(self, solution: Solution, cg: bool, progress: Listener | None) -> dict[str, Any]:
+        """Plain data of a solution; with ``cg`` also the iterations of plain conjugate gradients."""
+        from agglo_core.problems import solution_report
+
+        counted = getattr(self.tool, "tolerance", 1e-6) if cg and not _is_plain_cg(self.tool) else None
+        with attributed(self.title, spare=(AggloError,)):  # calls the discretisation
+            return solution_report.report(
+                self.mesh, self.posed.problem, solution, self.posed.how, counted, progress
+            )
+
+
+def _task(
+    source: str,
+    problem: str,
+    tool: Any,
+    solver: str,
+    agglomeration: Mapping[str, Any],
+    sampled_for: str,
+    progress: Listener | None,
+) -> _Task:
+    """Read the mesh, pose the problem, make the levels.
+
+    ``sampled_for`` names options that need the meaning of unknowns, as the beginning of a sentence.
+    """
+    with phase(progress, "reading", source):
+        mesh = load_mesh(source)
+    trusted = bool(agglomeration.get("allow_code"))
+    posed = posed_by(problem, mesh, tool, solver, allow_code=trusted)
+    if sampled_for:
+        posed.refuse_without_meaning(sampled_for)
+    # some solvers need no levels, but levels that are asked for are made
+    needs_levels = getattr(tool, "needs_levels", True) and not _is_plain_cg(tool)
+    levels = needs_levels or bool(agglomeration)
+    made = levels_run(mesh, agglomeration, progress) if levels else levelless_run(mesh)
+    return _Task(mesh.name or source, mesh, posed, made, tool, solver)
+
+
+def _is_plain_cg(tool: object) -> bool:
+    """Whether a solver is conjugate gradients without levels."""
+    return bool(getattr(tool, "plain_cg", False))
+
+
+def _show(task: _Task, data: dict[str, Any], *, as_json: bool) -> None:
+    """Print the report of a solution."""
+    if as_json:
+        print_json(data)
+        return
+    from agglo_core.problems import solution_report
+
+    columns = min(_COLUMNS, terminal_columns() or _COLUMNS)
+    print_lines(solution_report.text(f"{task.name}, {task.solver}", data, columns))
 
 
 def _refuse_one_process(tool: object, solver: str, files: Mapping[str, Path | None]) -> None:
@@ -188,14 +260,15 @@ def _check_files(
         check_system_file(system_file)
 
 
-def _sampler(mesh: Mesh, solution: Solution, how: Discretisation | None, title: str) -> Callable[[], Samples]:
-    """Samples the solution when first called: for file and picture."""
+def _sampler(task: _Task, solution: Solution) -> Callable[[], Samples]:
+    """Function that samples the solution when first called, for file and picture."""
 
     @cache
     def sampled() -> Samples:
-        assert how is not None  # checked before, where a file or a picture is wanted
-        with attributed(title, spare=(AggloError,)):
-            return how.sample(mesh, solution.x)
+        how = task.posed.how
+        assert how is not None  # checked before, where a file or a picture is asked for
+        with attributed(task.title, spare=(AggloError,)):
+            return how.sample(task.mesh, solution.x)
 
     return sampled
 
@@ -209,15 +282,13 @@ def _write(
         outputs.result(output, lambda: write_solution(output, mesh, sampled()))
 
 
-def _hand_over(
-    outputs: Outputs, path: Path, posed: Posed, hierarchy: Hierarchy, progress: Listener | None
-) -> None:
-    """Write the system before it is solved: whatever becomes of that, others have it."""
+def _hand_over(outputs: Outputs, path: Path, task: _Task, progress: Listener | None) -> None:
+    """Write the system before it is solved, so that it is there even if the solver fails."""
     from agglo_core.io.system_levels import write_system_and_levels
 
     with phase(progress, "writing", path.name):
-        system = posed.system()
-        outputs.result(path, lambda: write_system_and_levels(path, system, hierarchy.levels))
+        system = task.posed.system()
+        outputs.result(path, lambda: write_system_and_levels(path, system, task.hierarchy.levels))
 
 
 def _draw(outputs: Outputs, plot: Path, sampled: Callable[[], Samples], progress: Listener | None) -> None:
