@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from agglo_core.arrays import Float, Int
 from agglo_core.draw.colours import PALETTE, PAPER, colouring
-from agglo_core.draw.shading import rgb
+from agglo_core.draw.solids.shading import rgb
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 

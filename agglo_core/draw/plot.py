@@ -11,7 +11,7 @@ import numpy as np
 
 from agglo_core.draw.colours import INK, PALETTE, colouring
 from agglo_core.draw.plane_panels import PlanePanels
-from agglo_core.draw.solid_panels import SolidPanels
+from agglo_core.draw.solids.panels import SolidPanels
 from agglo_core.errors import FileError, OptionError
 from agglo_core.measure.agglomerates import Level, measure_levels
 from agglo_core.mesh import Mesh

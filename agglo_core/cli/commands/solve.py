@@ -292,7 +292,7 @@ def _hand_over(outputs: Outputs, path: Path, task: _Task, progress: Listener | N
 
 
 def _draw(outputs: Outputs, plot: Path, sampled: Callable[[], Samples], progress: Listener | None) -> None:
-    from agglo_core.draw.solution_picture import draw_solution
+    from agglo_core.draw.solution import draw_solution
 
     with phase(progress, "drawing", plot.name):
         outputs.picture(plot, lambda: draw_solution(plot, sampled()))

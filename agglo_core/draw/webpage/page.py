@@ -1,4 +1,4 @@
-"""The HTML file: template, style and script of this folder with the data of a comparison inside."""
+"""The HTML file: template, style and scripts with the data of a comparison inside."""
 
 from __future__ import annotations
 
@@ -151,4 +151,5 @@ def _hash(text: str) -> str:
 
 
 def _text(name: str) -> str:
-    return (files(__package__) / name).read_text(encoding="utf-8")
+    folder = "scripts" if name.endswith(".js") else "templates"
+    return (files(__package__) / folder / name).read_text(encoding="utf-8")

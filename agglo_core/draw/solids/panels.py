@@ -10,8 +10,8 @@ import numpy as np
 from agglo_core.arrays import Float, Int
 from agglo_core.draw.painting import Paint, blank, by_neighbours
 from agglo_core.draw.plane_panels import inches_across
-from agglo_core.draw.shading import shaded
-from agglo_core.draw.surfaces import Surface, beyond, check_explode, outer_faces, seen
+from agglo_core.draw.solids.shading import shaded
+from agglo_core.draw.solids.surfaces import Surface, beyond, check_explode, outer_faces, seen
 from agglo_core.mesh import Mesh
 
 _FINE = 2

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
-from agglo_core.draw.depth_buffer import nearest_faces
+from agglo_core.draw.solids.depth_buffer import nearest_faces
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 

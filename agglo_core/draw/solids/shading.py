@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from agglo_core.arrays import Float, Int, Mask
 from agglo_core.draw.colours import INK
-from agglo_core.draw.surfaces import Sight, Surface
+from agglo_core.draw.solids.surfaces import Sight, Surface
 
 _DARKEST = 0.5
 """Brightness of a face that the light passes by."""
