@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from agglo_core.arrays import Float, Int
-from agglo_core.draw.painting import Paint, blank, by_neighbours
+from agglo_core.draw.colours import Paint, blank, by_neighbours
 from agglo_core.draw.plane_panels import inches_across
 from agglo_core.draw.solids.shading import shaded
 from agglo_core.draw.solids.surfaces import Surface, beyond, check_explode, outer_faces, seen

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from agglo_core.arrays import Float, Int
-from agglo_core.draw.colours import PALETTE, colouring
-from agglo_core.draw.solids.shading import rgb
+from agglo_core.draw.colours import PALETTE, colouring, rgb
 from agglo_core.draw.solids.surfaces import SIDE, axes_of, beyond, check_explode, outer_faces
 from agglo_core.errors import FileError, MeshError, OptionError
 from agglo_core.interchange.pyvista_grids import to_pyvista

@@ -6,18 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglo_core.arrays import Float, Int, Mask
-from agglo_core.draw.colours import INK
+from agglo_core.draw.colours import INK, rgb
 from agglo_core.draw.solids.surfaces import Sight, Surface
 
 _DARKEST = 0.5
 """Brightness of a face that the light passes by."""
 _CREASE = 0.8  # cosine of an angle between faces of one part that is drawn as a line
 _ROOM = 5.0  # pixels across a face, from which on lines around cells leave something of it
-
-
-def rgb(colour: str) -> Float:
-    """A colour ``#rrggbb`` as three numbers from 0 to 1."""
-    return np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
 
 
 def brightness(surface: Surface, sight: Sight) -> Float:
