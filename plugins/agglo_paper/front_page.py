@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from agglo_paper.claims import claims
-from agglo_paper.plan import Plan
-from agglo_paper.published import EXACT, NEAR, NOT
-from agglo_paper.record import Page
-from agglo_paper.store import Results, versions
+from agglo_paper.tables.published import EXACT, NEAR, NOT
+from agglo_paper.tables.record import Page
+from agglo_paper.work.plan import Plan
+from agglo_paper.work.store import Results, versions
 
 _INTRO = """# The paper, table by table
 

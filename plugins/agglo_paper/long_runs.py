@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 if TYPE_CHECKING:
-    from agglo_paper.store import Unit
+    from agglo_paper.work.store import Unit
 
 _THREADS: Final = ("OMP", "OPENBLAS", "MKL", "NUMBA", "BLIS")
 

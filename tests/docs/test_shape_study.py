@@ -13,7 +13,7 @@ from scipy.stats import spearmanr
 
 from agglo_core import samples
 from agglo_core.graph.objectives import OBJECTIVES
-from agglo_paper.store import Unit
+from agglo_paper.work.store import Unit
 from shape_study.__main__ import study
 from shape_study.page import page
 from shape_study.partitions import RECIPES, Growth, Recipe, Scattered, Shaken, chosen

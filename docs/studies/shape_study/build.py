@@ -8,8 +8,8 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from agglo_core.authoring import AggloError, FileError, staging
-from agglo_paper.record import Page
-from agglo_paper.store import Results, Store, Unit
+from agglo_paper.tables.record import Page
+from agglo_paper.work.store import Results, Store, Unit
 from shape_study.figure import draw
 from shape_study.page import page
 from shape_study.plan import Plan, Size, plan_of

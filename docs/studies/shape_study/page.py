@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from agglo_paper.record import Page
-from agglo_paper.store import versions
+from agglo_paper.tables.record import Page
+from agglo_paper.work.store import versions
 from shape_study.tables import Group, tables
 from shape_study.work import TOLERANCE
 

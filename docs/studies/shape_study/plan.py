@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final
 
-from agglo_paper.store import Unit
+from agglo_paper.work.store import Unit
 from shape_study.levels import KINDS, measured_levels
 from shape_study.partitions import chosen
 from shape_study.solids import APPROXIMATION, SOLID_SOLVERS, measured_solids

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agglo_paper.record import Cell, Row, Table
+from agglo_paper.tables.record import Cell, Row, Table
 from shape_study.ranks import Measured, correlations, costs, relative
 
 

@@ -8,8 +8,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from agglo_core.authoring import Diffusion, Hierarchy, OptionError, Solution, agglomerate, default, quality
-from agglo_paper.grids import load, targets
-from agglo_paper.strategies import Strategy
+from agglo_paper.work.grids import load, targets
+from agglo_paper.work.strategies import Strategy
 
 METRICS: Final = ("UF", "CR", "CRc")
 SOLVER: Final = "polydg_mg_paper"

@@ -10,7 +10,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from agglo_core.authoring import Mesh, OptionError, read, samples
-from agglo_paper.strategies import Targets
+from agglo_paper.work.strategies import Targets
 
 GRIDS: Final = ("triangles", "random", "voronoi", "squares")
 SIZES: Final = (sqrt(2) / 8, sqrt(2) / 4, sqrt(2) / 2)

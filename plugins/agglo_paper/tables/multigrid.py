@@ -8,13 +8,13 @@ from typing import Final
 
 import numpy as np
 
-from agglo_paper.plan import Plan
-from agglo_paper.published import band, judged, number, printed
-from agglo_paper.record import Cell, Page, Row, Table
-from agglo_paper.shape_tables import notes, repeats
-from agglo_paper.store import Data, Results, Unit
-from agglo_paper.strategies import Strategy
-from agglo_paper.work import SETTINGS, SOLVER, count, plain
+from agglo_paper.tables.published import band, judged, number, printed
+from agglo_paper.tables.record import Cell, Page, Row, Table
+from agglo_paper.tables.shapes import notes, repeats
+from agglo_paper.work.measures import SETTINGS, SOLVER, count, plain
+from agglo_paper.work.plan import Plan
+from agglo_paper.work.store import Data, Results, Unit
+from agglo_paper.work.strategies import Strategy
 
 TABLES: Final[Mapping[str, tuple[str, str, Sequence[int]]]] = {
     "mg-levels": ("Iterations by number of levels ℓ (p = 1, m = 3)", "levels", (0, 1, 2)),

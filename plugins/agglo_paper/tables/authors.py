@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from agglo_paper.plan import Plan
-from agglo_paper.published import printed
-from agglo_paper.record import Cell, Row, Table
-from agglo_paper.shape_tables import cell, unit
-from agglo_paper.store import Results, Unit
-from agglo_paper.strategies import Strategy
+from agglo_paper.tables.published import printed
+from agglo_paper.tables.record import Cell, Row, Table
+from agglo_paper.tables.shapes import cell, unit
+from agglo_paper.work.plan import Plan
+from agglo_paper.work.store import Results, Unit
+from agglo_paper.work.strategies import Strategy
 
 _UF_SLACK = 0.03
 

@@ -8,7 +8,7 @@ from functools import cache
 from importlib.resources import files
 from typing import Any, Final, NamedTuple
 
-from agglo_paper.record import Cell, Row
+from agglo_paper.tables.record import Cell, Row
 
 EXACT: Final = "reproduced"
 NEAR: Final = "within band"
@@ -27,7 +27,7 @@ class Band(NamedTuple):
 @cache
 def printed() -> Mapping[str, Any]:
     """Content of ``published.toml``."""
-    text = files("agglo_paper").joinpath("published.toml").read_text(encoding="utf-8")
+    text = files("agglo_paper.tables").joinpath("published.toml").read_text(encoding="utf-8")
     return tomllib.loads(text)
 
 

@@ -7,14 +7,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from agglo_core.authoring import FileError, MeshError
-from agglo_paper.authors import authors_table, authors_units
-from agglo_paper.grids import load
-from agglo_paper.plan import Plan
-from agglo_paper.published import band, judged, number, printed
-from agglo_paper.record import Page, Row, Table
-from agglo_paper.shape_tables import cell, notes, ratio, units as shape_units
-from agglo_paper.store import Results, Unit
-from agglo_paper.work import METRICS
+from agglo_paper.tables.authors import authors_table, authors_units
+from agglo_paper.tables.published import band, judged, number, printed
+from agglo_paper.tables.record import Page, Row, Table
+from agglo_paper.tables.shapes import cell, notes, ratio, units as shape_units
+from agglo_paper.work.grids import load
+from agglo_paper.work.measures import METRICS
+from agglo_paper.work.plan import Plan
+from agglo_paper.work.store import Results, Unit
 
 _INTRO = (
     "Agglomerates of {what} to h* = 0.2 D, D the largest distance of two of its points; METIS is asked for "

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from agglo_core.authoring import PluginError, default
-from agglo_paper.grids import FAMILIES, GRIDS
-from agglo_paper.strategies import Strategy
-from agglo_paper.work import SOLVER
+from agglo_paper.work.grids import FAMILIES, GRIDS
+from agglo_paper.work.measures import SOLVER
+from agglo_paper.work.strategies import Strategy
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,13 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from agglo_paper.grids import GRIDS
-from agglo_paper.plan import Plan
-from agglo_paper.published import band, judged, number, printed
-from agglo_paper.record import Cell, Page, Row, Table
-from agglo_paper.store import Data, Results, Unit
-from agglo_paper.strategies import Strategy
-from agglo_paper.work import measure
+from agglo_paper.tables.published import band, judged, number, printed
+from agglo_paper.tables.record import Cell, Page, Row, Table
+from agglo_paper.work.grids import GRIDS
+from agglo_paper.work.measures import measure
+from agglo_paper.work.plan import Plan
+from agglo_paper.work.store import Data, Results, Unit
+from agglo_paper.work.strategies import Strategy
 
 _INTRO = {
     "uf": "Uniformity factor UF: diameter over the largest diameter, mean over the agglomerates. It rises "

@@ -7,11 +7,11 @@ from typing import Final
 
 import numpy as np
 
-from agglo_paper.plan import Plan
-from agglo_paper.published import printed
-from agglo_paper.record import Cell, Page, Row, Table
-from agglo_paper.store import Results, Unit
-from agglo_paper.timing import time_one
+from agglo_paper.tables.published import printed
+from agglo_paper.tables.record import Cell, Page, Row, Table
+from agglo_paper.work.plan import Plan
+from agglo_paper.work.store import Results, Unit
+from agglo_paper.work.timing import time_one
 
 KINDS: Final = ("bisection", "recursion")
 _AT = 5000  # the size the paper gives ratios for
