@@ -196,7 +196,7 @@ class CountGoal:
         else:
             cells = np.diff(offsets)
             piece = np.repeat(np.arange(len(cells)), cells)
-            masses = frozen_float(np.bincount(piece, graph.mass[order]))  # as `growing` adds them up
+            masses = frozen_float(np.bincount(piece, graph.mass[order]))  # as `growth` adds them up
             quotas = frozen_float(self.shares(masses, frozen_int(cells)))
         return quotas, quotas == 1
 

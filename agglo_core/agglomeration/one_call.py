@@ -178,16 +178,17 @@ def agglomerate(
 
 
 def changed(base: Pipeline, given: Mapping[str, Any]) -> Pipeline:
-    """The pipeline with what is given (None is nothing) in place of its own.
+    """Return the pipeline with the keywords that are given; None leaves those of ``base``.
 
-    A target takes the place of any other, and of what makes no sense beside it: with sizes, weights
-    do unless they are bounded.
+    A target replaces any other, and resets what does not go with it: counts ``merge``, sizes ``balance`` and
+    ``weights``, these unless they are bounded.
     """
-    own = {name: value for name, value in given.items() if value is not None}
-    counts, sizes = (any(name in own for name in names) for names in (COUNTS, SIZES))
-    gone: dict[str, Any] = dict.fromkeys(TARGETS if counts or sizes else ())
-    gone |= {"merge": False} if counts else {}
-    gone |= {"balance": None} if sizes else {}
-    bounded = any(own.get(name, getattr(base, name)) is not None for name in ("max_weight", "min_weight"))
-    gone |= {"weights": None} if sizes and not bounded else {}
-    return replace(base, **{**gone, **own})
+    explicit = {name: value for name, value in given.items() if value is not None}
+    counts, sizes = (any(name in explicit for name in names) for names in (COUNTS, SIZES))
+    reset: dict[str, Any] = dict.fromkeys(TARGETS if counts or sizes else ())
+    reset |= {"merge": False} if counts else {}
+    reset |= {"balance": None} if sizes else {}
+    bounds = (explicit.get(name, getattr(base, name)) for name in ("max_weight", "min_weight"))
+    bounded = any(bound is not None for bound in bounds)
+    reset |= {"weights": None} if sizes and not bounded else {}
+    return replace(base, **{**reset, **explicit})

@@ -100,24 +100,25 @@ class Pipeline(Rules):
             return self._hierarchy(mesh, default() if registry is None else registry, listen)
 
     def _hierarchy(self, mesh: Mesh | Graph, registry: Registry, listen: Listener | None) -> Hierarchy:
+        """Agglomerate; the graph of the mesh is, in turn, measured in the metric, cut and loaded."""
         with phase(listen, "building the graph"):
             graph = mesh.graph if isinstance(mesh, Mesh) else mesh
         members = self.members(mesh, graph, registry)
-        there = graph if self.metric is None else in_metric(mesh, graph, self.metric)
-        allowed = constrained(graph, members, there)
-        goals = bounded_goals(graph, allowed, members, self._goals(mesh, there, allowed))
+        measured = graph if self.metric is None else in_metric(mesh, graph, self.metric)
+        allowed = constrained(graph, members, measured)
+        goals = bounded_goals(graph, allowed, members, self._goals(mesh, measured, allowed))
         run = new_run(self, registry, listen)
         post = PostPass(self.merge, bool(run.post_refiners), part_rules(graph, members))
         counts = isinstance(goals[0], CountGoal)
-        usable = self.balanced(allowed, counts=counts)
-        make = line_levels if self.lines else ordered_levels
+        loaded = self.balanced(allowed, counts=counts)
+        make_levels = line_levels if self.lines else ordered_levels
         with naming(members):
-            levels = make(usable, goals, run, post, kway=self.method == "kway", nested=self.nested)
+            levels = make_levels(loaded, goals, run, post, kway=self.method == "kway", nested=self.nested)
         warn_of_large_cells(goals, run)
-        told: dict[str, Any] = {"bisector": short_name(self.bisector), "method": self.method}
+        statistics: dict[str, Any] = {"bisector": short_name(self.bisector), "method": self.method}
         if counts:
             mass = None if self.weights is None and self.balance in (None, "cells") else self.mass(graph)
-            told["imbalance"] = [imbalance(mass, labels) for labels in levels]
+            statistics["imbalance"] = [imbalance(mass, labels) for labels in levels]
         return trusted(
             Hierarchy,
             mesh if isinstance(mesh, Mesh) else None,
@@ -125,7 +126,7 @@ class Pipeline(Rules):
             tuple(levels),
             [goal.record(int(labels.max()) + 1) for goal, labels in zip(goals, levels, strict=True)],
             self.nested or len(levels) == 1,
-            run.statistics.told() | told,
+            run.statistics.told() | statistics,
         )
 
     def goals(

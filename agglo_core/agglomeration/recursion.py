@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from agglo_core.agglomeration.goals import Goal, SizeGoal
-from agglo_core.agglomeration.growing import grown_levels
+from agglo_core.agglomeration.growth import grown_levels
 from agglo_core.agglomeration.polishing import PostPass
 from agglo_core.agglomeration.run import Run
 from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int, splitmix
@@ -25,7 +25,7 @@ from agglo_core.split.side_shares import side_shares
 
 
 @dataclass
-class _Growth:
+class _TreeBuilder:
     """A tree being built: nodes in order of depth, finished pieces written into tree order."""
 
     n: int
@@ -61,7 +61,7 @@ class _Growth:
         self.placed += len(take)
 
     def reached(self, expected: float) -> tuple[float, str]:
-        """Share of the growth that is done, and its details; a root is to become ``expected`` leaves.
+        """Share of the splits that is done, and its details; a root is to become ``expected`` leaves.
 
         Depths cost about the same until pieces are finished; the depth is the logarithm of the leaves.
         """
@@ -105,24 +105,24 @@ def grow(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int = 0) -> tup
 
 
 def _grown(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int, tell: Tell) -> tuple[Tree, Int]:
-    growth = _Growth(graph.n, goal)
+    tree = _TreeBuilder(graph.n, goal)
     run, statistics = run.for_target(goal.target), run.statistics
     with statistics.timed("split"):
         source, cells = graph.split(labels)
         order, offsets = frozen_int(np.arange(graph.n)), source.offsets
         state, finished = goal.assess(source, order, offsets)
     start = np.asarray(offsets[:-1])
-    nodes = growth.add(np.full(len(start), -1), start, np.diff(offsets), state)
+    nodes = tree.add(np.full(len(start), -1), start, np.diff(offsets), state)
     seeds = run.seeds(stage, len(start))
     leaves: list[Int] = []
     table = None if isinstance(goal, SizeGoal) else side_shares(goal.parts)
     expected = goal.estimate(graph) / len(start)
     while True:
         leaves.append(nodes[finished])
-        growth.write(start, finished, cells, order, offsets)
-        tell(*growth.reached(expected))
+        tree.write(start, finished, cells, order, offsets)
+        tell(*tree.reached(expected))
         if finished.all():
-            return growth.tree(), frozen_int(np.concatenate(leaves))
+            return tree.tree(), frozen_int(np.concatenate(leaves))
         going = np.flatnonzero(~finished)
         if nodes[0] > 0 or len(going) < len(nodes):  # otherwise the blocks are the roots themselves
             with statistics.timed("split"):
@@ -136,7 +136,7 @@ def _grown(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int, tell: Te
             state, finished = goal.assess(source, order, offsets, frozen_float(state))
         sizes = np.diff(offsets)
         start = np.stack((start, start + sizes[::2]), axis=1).ravel()
-        nodes = growth.add(np.repeat(nodes, 2), start, sizes, state)
+        nodes = tree.add(np.repeat(nodes, 2), start, sizes, state)
         seeds = splitmix(np.repeat(seeds, 2) ^ np.tile(np.array([1, 2], np.uint64), len(seeds)))
 
 
