@@ -12,7 +12,7 @@ from agglo_core.agglomeration import (
     agglomerate as agglomerate,
 )
 from agglo_core.agglomeration.goals import SizeGoal as SizeGoal
-from agglo_core.agglomeration.recursion import grow as grow
+from agglo_core.agglomeration.levels.recursion import grow as grow
 from agglo_core.agglomeration.run import Run as Run
 from agglo_core.anneal.part_search import PartSearch as PartSearch
 from agglo_core.arrays import (

@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 
 from agglo_core.agglomeration.choices import new_run, short_name
-from agglo_core.agglomeration.constraints import bounded_goals, constrained, naming
-from agglo_core.agglomeration.enforcing import part_rules
 from agglo_core.agglomeration.goals import CountGoal, Goal, check_targets, resolve_goals
 from agglo_core.agglomeration.keywords import METHODS, TARGETS
-from agglo_core.agglomeration.lines import line_levels
-from agglo_core.agglomeration.ordered_levels import ordered_levels
-from agglo_core.agglomeration.polishing import PostPass
-from agglo_core.agglomeration.recursion import warn_of_large_cells
-from agglo_core.agglomeration.rules import Rules, imbalance
+from agglo_core.agglomeration.levels.lines import line_levels
+from agglo_core.agglomeration.levels.ordered import ordered_levels
+from agglo_core.agglomeration.levels.polishing import PostPass
+from agglo_core.agglomeration.levels.recursion import warn_of_large_cells
+from agglo_core.agglomeration.rules.edges import bounded_goals, constrained, naming
+from agglo_core.agglomeration.rules.members import Rules, imbalance
+from agglo_core.agglomeration.rules.parts import part_rules
 from agglo_core.agglomeration.run_file import read_run_file
 from agglo_core.arrays import Int, frozen_int, trusted
 from agglo_core.constraints.metric import in_metric

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglo_core.agglomeration import Pipeline
-from agglo_core.agglomeration.constraints import forbidden_by
 from agglo_core.agglomeration.keywords import BOUNDS, RULES
-from agglo_core.agglomeration.rules import Rules
+from agglo_core.agglomeration.rules.edges import forbidden_by
+from agglo_core.agglomeration.rules.members import Rules
 from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
 from agglo_core.constraints.barriers import Barriers
 from agglo_core.constraints.bounds import Bounds

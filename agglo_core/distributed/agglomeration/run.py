@@ -6,7 +6,7 @@ from dataclasses import asdict, fields, replace
 
 from agglo_core.agglomeration import Pipeline
 from agglo_core.agglomeration.choices import new_run, short_name
-from agglo_core.agglomeration.recursion import warn_of_large_cells
+from agglo_core.agglomeration.levels.recursion import warn_of_large_cells
 from agglo_core.agglomeration.run import Run, Statistics
 from agglo_core.distributed.agglomeration.domain_run import DomainRun
 from agglo_core.distributed.agglomeration.hierarchy import DistributedHierarchy

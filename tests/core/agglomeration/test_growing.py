@@ -16,8 +16,8 @@ import agglo_core as agglo
 from agglo_core import Graph, Mesh, PluginError, samples
 from agglo_core.agglomeration.choices import new_run
 from agglo_core.agglomeration.goals import CountGoal
-from agglo_core.agglomeration.polishing import PostPass
-from agglo_core.agglomeration.recursion import recursive_levels
+from agglo_core.agglomeration.levels.polishing import PostPass
+from agglo_core.agglomeration.levels.recursion import recursive_levels
 from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.compiled.sums import slice_sums
 from agglo_core.progress import Progress

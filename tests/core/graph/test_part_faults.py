@@ -11,7 +11,7 @@ from hypothesis import given, settings, strategies as st
 
 import agglo_core as agglo
 from agglo_core import samples
-from agglo_core.agglomeration import growth
+from agglo_core.agglomeration.levels import growth
 from agglo_core.arrays import frozen_index, frozen_int
 from agglo_core.compiled import part_faults
 from agglo_core.compiled.graphs import listed_blocks, numbered_as_met

@@ -13,7 +13,7 @@ import numpy as np
 
 from agglo_core.agglomeration.border import checked_sizes, checked_split
 from agglo_core.agglomeration.goals import CountGoal, Goal, SizeGoal
-from agglo_core.agglomeration.polishing import PostPass
+from agglo_core.agglomeration.levels.polishing import PostPass
 from agglo_core.agglomeration.run import Run
 from agglo_core.arrays import Int, UInt64, frozen_float, frozen_int
 from agglo_core.errors import PluginError

@@ -11,8 +11,8 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from agglo_core.agglomeration.enforcing import PartRules
 from agglo_core.agglomeration.goals import Goal, SizeGoal
+from agglo_core.agglomeration.rules.parts import PartRules
 from agglo_core.agglomeration.run import Run
 from agglo_core.arrays import Int, Mask, frozen_int
 from agglo_core.errors import PluginError
@@ -71,7 +71,7 @@ def merge_parts(graph: Graph, blocks: Int, labels: Int, limit: float, tell: Tell
     The larger the share of its parts' boundary that becomes interior, the rounder a union is. In each round
     every part proposes its best neighbour; mutual proposals merge.
     """
-    from agglo_core.agglomeration.merging_kernels import merged_parts
+    from agglo_core.agglomeration.levels.merging_kernels import merged_parts
 
     labels = by_first_cell(labels)
     parts = graph.coarsen(labels)

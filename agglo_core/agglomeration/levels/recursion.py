@@ -14,8 +14,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from agglo_core.agglomeration.goals import Goal, SizeGoal
-from agglo_core.agglomeration.growth import grown_levels
-from agglo_core.agglomeration.polishing import PostPass
+from agglo_core.agglomeration.levels.growth import grown_levels
+from agglo_core.agglomeration.levels.polishing import PostPass
 from agglo_core.agglomeration.run import Run
 from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int, splitmix
 from agglo_core.graph import Graph

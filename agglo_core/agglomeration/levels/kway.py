@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from agglo_core.agglomeration.goals import CountGoal, Goal, SizeGoal, apportion
-from agglo_core.agglomeration.polishing import PostPass
-from agglo_core.agglomeration.recursion import grow, note_oversized
+from agglo_core.agglomeration.levels.polishing import PostPass
+from agglo_core.agglomeration.levels.recursion import grow, note_oversized
 from agglo_core.agglomeration.run import Run
 from agglo_core.arrays import Int, UInt64, frozen_float, frozen_int
 from agglo_core.graph import Graph

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from agglo_core.agglomeration.goals import Goal
-from agglo_core.agglomeration.kway import kway_levels
-from agglo_core.agglomeration.polishing import PostPass
-from agglo_core.agglomeration.recursion import recursive_levels
+from agglo_core.agglomeration.levels.kway import kway_levels
+from agglo_core.agglomeration.levels.polishing import PostPass
+from agglo_core.agglomeration.levels.recursion import recursive_levels
 from agglo_core.agglomeration.run import Run
 from agglo_core.arrays import Int, frozen_index, frozen_int, trusted_copy
 from agglo_core.graph import Graph

@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from agglo_core.agglomeration.goals import CountGoal, Goal
-from agglo_core.agglomeration.ordered_levels import ordered_levels
-from agglo_core.agglomeration.polishing import PostPass
+from agglo_core.agglomeration.levels.ordered import ordered_levels
+from agglo_core.agglomeration.levels.polishing import PostPass
 from agglo_core.agglomeration.run import Run
 from agglo_core.arrays import Float, Int, Mask, frozen_int
 from agglo_core.graph import Graph
@@ -27,7 +27,7 @@ STRONG = 4.0
 def line_levels(
     graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass, *, kway: bool, nested: bool
 ) -> list[Int]:
-    """Labels ``(n,)`` of each level, finest first; see :func:`~agglo_core.agglomeration.ordered_levels`."""
+    """Labels ``(n,)`` of each level, finest first; see :func:`~agglo_core.agglomeration.levels.ordered`."""
     lines, inside = lines_of_cells(graph)
     count = int(lines.max()) + 1
     whole = [goal for goal in goals if not isinstance(goal, CountGoal) or goal.parts <= count]

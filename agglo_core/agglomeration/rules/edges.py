@@ -1,7 +1,7 @@
 """Constraints: edges that no part may cross are removed before a run starts.
 
 Recursion, direct partitions, merging, polishing and fixing then work on a graph that knows no such edge,
-and every part, being connected, keeps the constraints. What they ask of whole parts: ``enforcing.py``.
+and every part, being connected, keeps the constraints. What they ask of whole parts: ``parts.py``.
 """
 
 from __future__ import annotations
