@@ -20,8 +20,9 @@ from agglo_paper.tables.multigrid import TABLES
 from agglo_paper.tables.published import Band, band, judge, judged, printed
 from agglo_paper.tables.record import Cell, Page, Row, Table
 from agglo_paper.tables.shapes import ratio
+from agglo_paper.work import plan
 from agglo_paper.work.grids import FAMILIES, GRIDS, load, targets
-from agglo_paper.work.measures import SETTINGS, plain, plan
+from agglo_paper.work.measures import SETTINGS, plain
 from agglo_paper.work.store import Store, Unit, versions
 from agglo_paper.work.strategies import columns
 
