@@ -39,7 +39,7 @@ def _about(text: str, role: Role = "step", *, component: str = "") -> dict[str, 
 
 @dataclass(frozen=True)
 class Keywords:
-    """What can be asked of a run; :func:`~agglo_core.agglomerate` explains each keyword."""
+    """The keywords of a run, each explained by :func:`~agglo_core.agglomerate`."""
 
     bisector: Choice = field(
         default="kmeans", metadata=_about("How a piece is split (default kmeans).", component="bisector")

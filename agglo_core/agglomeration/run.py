@@ -52,7 +52,7 @@ class Timed:
 
 @dataclass
 class Statistics:
-    """What happened during a run: counts, and CPU seconds by phase.
+    """Statistics of a run: counts, and CPU seconds by phase.
 
     ``time_limits`` counts the searches that a limit of seconds has ended.
     """
@@ -174,7 +174,7 @@ class Run:
 
     @property
     def final_parts(self) -> bool:
-        """Whether a direct partition is to be left as it is, neither refined nor polished."""
+        """True if a direct partition is neither refined nor polished."""
         return self.partitioner is not None and bool(getattr(self.partitioner.tool, "final_parts", False))
 
     def partition(self, graph: Graph, target: Target, seed: int) -> Int:

@@ -72,7 +72,7 @@ def attempt(
     metrics: Metrics = None,
     progress: Listener | None = None,
 ) -> RunResult:
-    """The same for one run among others: its failure is a result."""
+    """Execute one run among others, the failure of which is a result."""
     from agglo_core.measure.comparison import RunResult
 
     try:
@@ -130,7 +130,7 @@ def run_data(run: RunResult, bisector: str, method: str) -> dict[str, Any]:
 
 
 def refuse_metrics(mesh: Mesh, metrics: Metrics) -> None:
-    """Find out on a small solid whether the metrics asked for exist for a mesh in 3-D.
+    """Refuse metrics that do not exist in 3-D, found out on a small solid.
 
     Raises
     ------
@@ -175,14 +175,14 @@ def show(title: str, runs: Sequence[RunResult], only_finest: bool = False) -> No
 
 
 def _limited(run: RunResult) -> str:
-    """What is to be said of searches that a time limit ended; nothing if there were none."""
+    """Sentence on searches that a time limit ended, empty if there were none."""
     count = run.hierarchy.statistics.get("time_limits", 0) if run.hierarchy else 0
     searches = "a search" if count == 1 else f"{count:,} searches"
     return f"the time limit ended {searches}; these are the best parts found by then" if count else ""
 
 
 def _columns(level: Level, sized: bool) -> dict[str, str]:
-    """Keys and headings of what is told of a level; where it has a size, how far that is filled."""
+    """Keys and headings of the columns, with the mean diameter over h* where a level has a size."""
     shown = {"diameter_ratio": _RATIO} if sized and "diameter_ratio" not in level.metrics else {}
     alike = (*level.metrics, "connected", *level.objectives)
     return {"parts": "K"} | shown | {name: name for name in alike}
@@ -197,7 +197,7 @@ def _cells(level: Level, columns: Iterable[str]) -> list[str]:
 
 
 def undefined(level: Level, name: str) -> str:
-    """What stands behind the mean of a metric that some agglomerates have no value of."""
+    """Remark behind the mean of a metric that is undefined for some agglomerates."""
     count = level.undefined.get(name, 0)
     return f" ({count} undefined)" if count else ""
 

@@ -22,7 +22,7 @@ MARKED = 40
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """What there is to draw of a solution.
+    """The curves of a solution.
 
     Attributes
     ----------

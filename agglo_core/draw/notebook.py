@@ -1,4 +1,4 @@
-"""What notebooks show of meshes, levels, quality and solutions: a small picture and a table, as HTML."""
+"""HTML for notebooks: a small picture and a table of a mesh, hierarchy, quality or solution."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def quality_html(values: Mapping[str, Float]) -> str:
 
 
 def solution_html(solution: Solution) -> str:
-    """How a solution was reached as HTML, with its residuals."""
+    """HTML of a solution: outcome and residuals."""
     first, last = solution.residuals[[0, -1]] if len(solution.residuals) else (np.nan, np.nan)
     told: Mapping[str, Any] = {
         "unknowns": f"{solution.x.shape[0]:,}",

@@ -16,7 +16,7 @@ _AT_ONCE = 1000
 
 
 class PlanePanels:
-    """What the panels of a 2-D mesh show.
+    """Panels of a 2-D mesh.
 
     Parameters
     ----------

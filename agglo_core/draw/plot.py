@@ -158,7 +158,7 @@ def _panels(
 def panels_of(
     mesh: Mesh, explode: float | None = None, section: Sequence[float] | None = None
 ) -> PlanePanels | SolidPanels:
-    """What draws the panels of a mesh; OptionError for what a plane mesh cannot have.
+    """Panels of a mesh, with OptionError for options that a 2-D mesh cannot have.
 
     Examples
     --------

@@ -86,7 +86,7 @@ def draw_solution(path: Path, samples: Samples) -> None:
 
 
 def _slices(samples: Samples) -> dict[str, Slice]:
-    """What is drawn, by title: the function itself, or in 3-D what it is on three planes."""
+    """Slices by title: the function itself, or in 3-D its values on three planes."""
     if samples.points.shape[1] == 2:
         return {"": Slice(samples.points, samples.simplices, samples.values)}
     low, high = samples.points.min(axis=0), samples.points.max(axis=0)

@@ -1,4 +1,4 @@
-"""What surrounds a long computation of a command: one thread, no repeated notices, a bar."""
+"""Contexts for long computations of a command: one thread, no repeated notices, a bar."""
 
 from __future__ import annotations
 

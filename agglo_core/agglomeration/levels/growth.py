@@ -64,7 +64,7 @@ class Growing(Protocol):
 
 
 def grown_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass) -> list[Int] | None:
-    """Labels of each coarse level, finest first; None if the bisector wants to be asked depth by depth.
+    """Labels of each coarse level, finest first; None if the bisector does not serve these goals.
 
     The coarsest goes first, the parts of one level being the pieces that the next starts from.
     """

@@ -27,7 +27,7 @@ STRONG = 4.0
 def line_levels(
     graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass, *, kway: bool, nested: bool
 ) -> list[Int]:
-    """Labels ``(n,)`` of each level, finest first; see :func:`~agglo_core.agglomeration.levels.ordered`."""
+    """Labels ``(n,)`` of each level, finest first; as ``ordered_levels`` returns them."""
     lines, inside = lines_of_cells(graph)
     count = int(lines.max()) + 1
     whole = [goal for goal in goals if not isinstance(goal, CountGoal) or goal.parts <= count]

@@ -52,7 +52,7 @@ def _boxes(vertex_offsets, vertices, points):
 
 @helper
 def _union_fits(a, b, following, shapes, space, stamp, limit):
-    """Whether the union of parts a and b has a diameter of at most ``limit``; often its box can tell."""
+    """Return True if the union of parts a and b has a diameter of at most ``limit``."""
     vertex_offsets, vertices, points, low, high = shapes
     members, marks, unique, centre = space
     longest, diagonal = 0.0, 0.0

@@ -36,7 +36,7 @@ class PartRefiner(Protocol):
 
 @dataclass(frozen=True)
 class PostPass:
-    """Which post-passes to run, and what constraints ask of whole parts."""
+    """The post-passes of a run, with the rules for whole parts."""
 
     merge: bool
     polish: bool
@@ -44,7 +44,7 @@ class PostPass:
 
     @property
     def active(self) -> bool:
-        """Whether there is anything to do."""
+        """True if there is a pass to run."""
         return self.merge or self.polish or self.rules is not None
 
     def apply(

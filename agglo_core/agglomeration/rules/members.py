@@ -1,4 +1,4 @@
-"""What users ask of parts by keyword, and the constraints that these words stand for."""
+"""Turn the keywords of rules into constraints, and share out counts by mass."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Rules(Keywords):
 
     @property
     def bounds_weights(self) -> bool:
-        """Whether there are bounds on weights."""
+        """True if there are bounds on weights."""
         return self.max_weight is not None or self.min_weight is not None
 
     def check_rules(self) -> None:
@@ -91,7 +91,7 @@ class Rules(Keywords):
         return graph.with_loads(Loads(kind, mass, weights=loads if kind == "weights" else None))
 
     def mass(self, graph: Graph) -> Float:
-        """What counts are shared out by ``(n,)``."""
+        """Mass ``(n,)`` by which counts are shared out."""
         weights = self.cell_weights(graph)
         if self.balance == "weights" or (self.balance is None and weights is not None):
             return graph.weights if weights is None else weights
@@ -153,7 +153,7 @@ def _faces(mesh: Mesh | Graph, word: str) -> Mesh:
 
 
 def _on_mesh(member: Member, mesh: Mesh | Graph) -> Member:
-    """The constraint for this mesh, if it wants to see it."""
+    """Fit a constraint to the mesh if it has ``for_mesh``."""
     if not callable(getattr(member.tool, "for_mesh", None)):
         return member
     if not isinstance(mesh, Mesh):

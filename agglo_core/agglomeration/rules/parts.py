@@ -116,7 +116,7 @@ _STAGE = 1 << 20
 
 @dataclass(frozen=True)
 class PartRules:
-    """What the constraints of a run ask of whole parts.
+    """The rules of a run for whole parts.
 
     Attributes
     ----------
@@ -184,7 +184,7 @@ class PartRules:
 
 
 def part_rules(graph: Graph, constraints: Sequence[Member]) -> PartRules | None:
-    """What the constraints ask of whole parts; None if they ask nothing."""
+    """Rules of the constraints for whole parts, None if there are none."""
     asking = [
         member
         for member in constraints

@@ -95,7 +95,7 @@ def _particulars(record: Record) -> list[str]:
 
 
 def _card(record: Record) -> Iterator[str]:
-    """What a component is, and its options, a line each."""
+    """Lines that describe a component and each of its options."""
     kind = KINDS.get(record.kind)
     yield f"{describe(record)}: {record.state}"
     if record.reason:

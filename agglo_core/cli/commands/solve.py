@@ -212,7 +212,7 @@ def _task(
 
 
 def _is_plain_cg(tool: object) -> bool:
-    """Whether a solver is conjugate gradients without levels."""
+    """Return True if a solver is conjugate gradients without levels."""
     return bool(getattr(tool, "plain_cg", False))
 
 

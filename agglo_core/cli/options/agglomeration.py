@@ -1,4 +1,4 @@
-"""Options of agglomeration for commands, those of plugins too; help texts come from the keywords of a run.
+"""Options of agglomeration for commands, also of plugins, with the help texts of the keywords of a run.
 
 .. code-block:: python
 
@@ -34,7 +34,7 @@ from agglo_core.agglomeration.keywords import (
     TARGETS,
 )
 from agglo_core.cli.options.completion import names
-from agglo_core.cli.options.numbers import Number
+from agglo_core.cli.options.numbers import Number, numbers
 from agglo_core.cli.options.shared import (
     COMPONENT,
     Command,
@@ -44,7 +44,6 @@ from agglo_core.cli.options.shared import (
 )
 from agglo_core.cli.options.specs import (
     choice,
-    numbers,
     refuse_duplicates,
 )
 

@@ -1,4 +1,4 @@
-"""What a shell offers while something is typed: names, options and values of components, samples, files."""
+"""Completion in the shell: names, options and values of components, samples, files."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ complete -o nosort -o nospace -F %(complete_func)s %(prog_name)s
 
 
 class _Bash(BashComplete):
-    """bash takes ``:`` and ``=`` for the ends of words: it is told what follows the last of them."""
+    """Completion in bash, which ends words at ``:`` and ``=`` and gets what follows the last of them."""
 
     source_template = _BASH
 

@@ -1,7 +1,8 @@
-"""Options that are numbers: what does not fit is refused with what was expected, NaN and infinities too."""
+"""Options that are numbers or lists of them: what does not fit is refused with what was expected."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf
 from typing import Any
@@ -38,7 +39,7 @@ class Number(click.ParamType[float]):
 
     @property
     def name(self) -> str:  # type: ignore[override]
-        """How help texts call it."""
+        """Name of the type in help texts."""
         return "integer" if self.kind is int else "float"
 
     def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> float:
@@ -62,3 +63,27 @@ def in_words(value: Any) -> str:
     """A value as error messages quote it: the beginning of a long one."""
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:56]}…{text[-1]}"
+
+
+def numbers(
+    number: type[int] | type[float], least: float | None = None
+) -> Callable[[click.Context, click.Parameter, Any], tuple[float, ...] | None]:
+    """A click callback that turns ``"2,4,8"`` into a tuple of positive numbers, ``least`` or more."""
+    noun = "whole numbers" if number is int else "numbers"
+    wanted = "positive and finite" if least is None else f"at least {least:g} and finite"
+
+    def read(_: click.Context, parameter: click.Parameter, text: str | None) -> tuple[float, ...] | None:
+        if text is None:
+            return None
+        try:
+            values = tuple(number(item) for item in text.split(","))
+        except ValueError:
+            message = f"{in_words(text)} is not a comma list of {noun}"
+            raise click.BadParameter(message, param=parameter) from None
+        for value in values:
+            if not (0 < value < inf and value >= (least or 0)):
+                message = f"each number must be {wanted}, given {in_words(value)}"
+                raise click.BadParameter(message, param=parameter)
+        return values
+
+    return read

@@ -1,16 +1,14 @@
-"""Parsing of single arguments: a mesh, a component with its options, a list of either, numbers."""
+"""Parse single arguments: a mesh, a component with its options, a list of either."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from math import inf
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from agglo_core.cli.options.numbers import in_words
 from agglo_core.errors import FileError, OptionError, PluginError
 from agglo_core.registry import default
 from agglo_core.registry.construct import checked_options, resolve
@@ -166,27 +164,3 @@ def refuse_duplicates(flag: str, specs: Sequence[str]) -> None:
     twice = sorted({spec for spec in specs if specs.count(spec) > 1})
     if twice:
         raise click.UsageError(f"{flag} {', '.join(twice)} is given twice")
-
-
-def numbers(
-    number: type[int] | type[float], least: float | None = None
-) -> Callable[[click.Context, click.Parameter, Any], tuple[float, ...] | None]:
-    """A click callback that turns ``"2,4,8"`` into a tuple of positive numbers, ``least`` or more."""
-    noun = "whole numbers" if number is int else "numbers"
-    wanted = "positive and finite" if least is None else f"at least {least:g} and finite"
-
-    def read(_: click.Context, parameter: click.Parameter, text: str | None) -> tuple[float, ...] | None:
-        if text is None:
-            return None
-        try:
-            values = tuple(number(item) for item in text.split(","))
-        except ValueError:
-            message = f"{in_words(text)} is not a comma list of {noun}"
-            raise click.BadParameter(message, param=parameter) from None
-        for value in values:
-            if not (0 < value < inf and value >= (least or 0)):
-                message = f"each number must be {wanted}, given {in_words(value)}"
-                raise click.BadParameter(message, param=parameter)
-        return values
-
-    return read

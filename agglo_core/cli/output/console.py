@@ -1,4 +1,4 @@
-"""What the commands say: notices and progress on stderr, JSON on stdout."""
+"""Print notices on stderr and JSON on stdout."""
 
 from __future__ import annotations
 

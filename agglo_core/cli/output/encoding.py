@@ -106,5 +106,5 @@ def shown(text: str, stream: TextIO | None = None) -> str:
 
 
 def can_show(text: str, stream: TextIO | None = None) -> bool:
-    """Whether a stream (by default stdout) shows the text as it is."""
+    """Return True if a stream (by default stdout) shows the text unchanged."""
     return shown(text, stream) == text

@@ -86,7 +86,7 @@ class Outputs:
 
 
 def _coarse_meshes(path: Path) -> str:
-    """How many files of coarse meshes ``write`` has left beside a file, and what they are called."""
+    """Describe the files of coarse meshes that ``write`` has left beside a file."""
     count = 0
     while path.with_name(f"{path.stem}_level{count}{path.suffix}").is_file():
         count += 1

@@ -36,7 +36,7 @@ _LONGEST = 3.0  # seconds at most in which others may be the first
 
 
 class Launched(NamedTuple):
-    """What a launcher of MPI says of this process: one of several."""
+    """Rank and number of processes, as a launcher of MPI states them."""
 
     rank: int
     size: int

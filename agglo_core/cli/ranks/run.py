@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
 
 def is_of_ranks(output: Path | None, independent: bool) -> bool:
-    """Whether a run is of several ranks, or asks of one what else several do."""
+    """Return True if a run has several ranks, or one that does what otherwise several do."""
     pieces = output is not None and output.suffix.lower() == ".pvtu"
     return launched() is not None or pieces or independent
 
 
 @dataclass(frozen=True)
 class _Level:
-    """What is told of a level: as :class:`agglo_core.measure.Level`, without values of single parts."""
+    """Data of a level: as :class:`agglo_core.measure.Level`, without values of single parts."""
 
     target: Mapping[str, Any]
     line: Mapping[str, Any]
@@ -40,7 +40,7 @@ class _Level:
 
 @dataclass(frozen=True)
 class _Run:
-    """What is told of a run, in the same way."""
+    """Data of a run on several ranks, by the names of :class:`agglo_core.measure.RunResult`."""
 
     name: str
     hierarchy: DistributedHierarchy

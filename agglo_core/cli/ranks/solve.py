@@ -30,7 +30,7 @@ _COLUMNS = 80
 
 
 def solves_across(tool: object) -> bool:
-    """Whether this process is one of several, and the solver takes a mesh that lies on them."""
+    """Return True if this process is one of several, and the solver takes a mesh that lies on them."""
     shares = hasattr(tool, "solve_across") and getattr(tool, "ranks", "one") == "one"
     return launched() is not None and shares
 
@@ -98,7 +98,7 @@ def solve_on_ranks(
 def _report(
     found: Any, norms: Mapping[str, float], hierarchy: DistributedHierarchy, seconds: float
 ) -> dict[str, Any]:
-    """What is told of a solution, by the names of :func:`agglo_core.problems.solution_report.report`."""
+    """Data of a solution, by the names of :func:`agglo_core.problems.solution_report.report`."""
     from agglo_core.problems.solution_report import error_entries
 
     cells = [hierarchy.mesh.n_cells, *hierarchy.parts]

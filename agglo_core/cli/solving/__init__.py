@@ -1,1 +1,1 @@
-"""What the commands that solve share: solver, problem, runs, files."""
+"""Solver, problem, runs and files of the commands that solve."""

@@ -1,4 +1,4 @@
-"""What commands that solve have in common: which solver, what problem, who knows its unknowns."""
+"""Choose the solver, the problem and its discretisation for commands that solve."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DEFAULT_SOLVER = "polydg_mg"
 
 @dataclass(frozen=True)
 class Posed:
-    """A problem on a mesh, for a solver; ``how`` is its discretisation, if anybody knows one."""
+    """A problem on a mesh for a solver, with the discretisation ``how`` if one is known."""
 
     problem: Problem
     mesh: Mesh
@@ -29,7 +29,7 @@ class Posed:
     solver: str
 
     def refuse_without_meaning(self, options: str) -> None:
-        """Raise OptionError if nobody knows what the unknowns mean: these options need it."""
+        """Raise OptionError if there is no discretisation: these options need the meaning of the unknowns."""
         if self.how is None:
             raise OptionError(
                 f"{self.solver} does not say what the unknowns of a problem of kind {self.problem.kind} "
@@ -61,7 +61,7 @@ class Posed:
 
 
 def solver_title(spec: str) -> str:
-    """How messages call the solver that the user wrote."""
+    """Name, in messages, of the solver that was typed."""
     return describe(default().record("solver", as_typed(spec)[0]))
 
 
@@ -88,7 +88,7 @@ def built_solver(spec: str, given: Mapping[str, Any], flag: str = "--solver") ->
 
 
 def posed_by(text: str, mesh: Mesh, tool: object, solver: str, *, allow_code: bool) -> Posed:
-    """The problem asked for by name or file, as the solver takes it.
+    """Make the problem that a name or file stands for, and check that the solver accepts it.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What ``agglo solve`` makes besides text: a picture of the history, a report, the seconds of the levels."""
+"""Files of ``agglo solve``: the picture of convergence and the report."""
 
 from __future__ import annotations
 

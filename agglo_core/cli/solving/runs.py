@@ -1,4 +1,4 @@
-"""What ``agglo compare --solve`` adds: each hierarchy put to work in a solver, and what it cost."""
+"""Solve with the hierarchy of each run of ``agglo compare --solve``, and measure the cost."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _COLUMNS = ("iterations", "converged", "contraction", "hierarchy s", "set-up s",
 
 @dataclass(frozen=True)
 class Solved:
-    """What came of a hierarchy in the solver; ``error`` says why nothing did.
+    """Result of a solver with a hierarchy, or the ``error`` that ended it.
 
     ``contraction`` is the factor of the residual's 2-norm in an iteration, the geometric mean. ``seconds``
     are CPU seconds: of the hierarchy, of all before the iteration (assembly too; None if the solver does not
@@ -64,7 +64,7 @@ class Solved:
 
     @property
     def remark(self) -> str:
-        """What a reader of the row has to know besides."""
+        """Remark below the table, empty if the solver converged."""
         return self.error or ("" if self.converged else f"not converged: {self.reason}")
 
 
@@ -104,7 +104,7 @@ def solve_runs(
 
 
 def reported(runs: Sequence[RunResult], solved: Sequence[Solved]) -> dict[str, Mapping[str, Any]]:
-    """What a report shows of each run that was solved, by its name."""
+    """Data of each solved run for the report, by its name."""
     pairs = zip(runs, solved, strict=False)
     return {run.name: each.details or {"error": each.error} for run, each in pairs if not run.error}
 

@@ -1,4 +1,4 @@
-"""Which of many plane faces is seen at each pixel."""
+"""Find the face that is seen at each pixel."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 

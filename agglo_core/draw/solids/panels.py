@@ -19,7 +19,7 @@ _FINE = 2
 
 
 class SolidPanels:
-    """What the panels of a 3-D mesh show.
+    """Panels of a 3-D mesh.
 
     Parameters
     ----------

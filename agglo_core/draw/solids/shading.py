@@ -16,7 +16,7 @@ _ROOM = 5.0  # pixels across a face, from which on lines around cells leave some
 
 
 def brightness(surface: Surface, sight: Sight) -> Float:
-    """How bright each face is ``(f,)``, from 0.5 to 1: the light is above the eye, to its left."""
+    """Brightness of each face ``(f,)``, from 0.5 to 1: the light is above the eye, to its left."""
     left = np.cross(sight.eye, np.array([0.0, 0.0, 1.0]))
     light = 2.0 * sight.eye + 0.8 * left / max(float(np.linalg.norm(left)), 1e-9) + np.array([0.0, 0.0, 1.6])
     facing: Float = surface.normals @ (light / np.linalg.norm(light))

@@ -42,7 +42,7 @@ class Surface:
 
 @dataclass(frozen=True)
 class Sight:
-    """What is seen from a side, pixel by pixel.
+    """The visible face and its depth at each pixel of a view.
 
     Attributes
     ----------
@@ -132,7 +132,7 @@ def axes_of(azimuth: float, elevation: float) -> Float:
 
 
 def seen(surface: Surface, side: tuple[float, float] = SIDE, pixels: int = 800) -> Sight:
-    """What is seen of a surface without perspective, the longer side of the picture ``pixels`` long.
+    """View of a surface without perspective, the longer side of the picture ``pixels`` long.
 
     Faces that show their inside are hidden, and so are those seen from their edge.
     """

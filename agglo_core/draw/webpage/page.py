@@ -146,7 +146,7 @@ def _of_runs(mesh: Mesh, runs: Sequence[RunResult], note: str, registry: Registr
 
 
 def _hash(text: str) -> str:
-    """What a content security policy calls a script or a style of exactly this text."""
+    """Hash of a script or style for the content security policy."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode('ascii')}'"
 
 

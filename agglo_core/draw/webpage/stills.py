@@ -1,4 +1,4 @@
-"""What the page shows of a solid: which cell is seen at each pixel from several sides, and how bright."""
+"""Stills of a solid for the page: cell and brightness at each pixel, from several sides."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is computed of levels of partitions of a mesh in the plane, by number of parts or by size."""
+"""Measure levels of partitions of a 2-D mesh, by number of parts or by size."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ KINDS: Final[tuple[Kind, ...]] = ("counts", "sizes")
 
 
 def target_of(mesh: Mesh, kind: Kind, per_part: Sequence[int]) -> dict[str, list[float]]:
-    """What is asked for, finest first: so many parts, or the diagonal of a cube of so many mean cells."""
+    """Targets, finest first: numbers of parts, or the diagonal of a cube of ``per_part`` mean cells."""
     if kind == "counts":
         return {"n_parts": [max(2, mesh.n_cells // cells) for cells in per_part]}
     volumes = np.array(per_part) * float(mesh.cell_measures.mean())

@@ -28,7 +28,7 @@ from agglo_core.authoring import (
 
 
 class _Partitioner:
-    """What missing parts are made with: bisections across principal axes."""
+    """Base of partitioners; missing parts are made by bisections across principal axes."""
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
         """Side of each node ``(n,)``."""

@@ -1,4 +1,4 @@
-"""What is to be computed for each study: meshes, partitions, outcomes."""
+"""Plan of each study: meshes, partitions, outcomes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _WORDS: Final = {"counts": "equal numbers of parts", "sizes": "equal sizes"}
 
 @dataclass(frozen=True)
 class Size:
-    """How much is computed: meshes of so many cells, partitions of each, degrees; seed of the first mesh."""
+    """Size of a study: meshes and their cells, partitions of each, degrees, seed of the first mesh."""
 
     meshes: int
     cells: int

@@ -27,7 +27,7 @@ class Measured:
 
     @property
     def usual(self) -> bool:
-        """Whether its recipe is one that anybody would use."""
+        """True if its recipe is a usual one."""
         return RECIPES[self.recipe].usual
 
     def outcome(self, name: str) -> float:

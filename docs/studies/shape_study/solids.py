@@ -1,4 +1,4 @@
-"""What is computed of levels of partitions of a mesh in space, by finite volumes.
+"""Measure levels of partitions of a 3-D mesh, with finite volumes.
 
 Finite volumes take its place: one unknown in each cell, two-point fluxes. With them errors of the parts are
 no measure of shapes, as two points say too little about faces that are not at right angles to the line

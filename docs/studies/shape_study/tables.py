@@ -1,4 +1,4 @@
-"""Tables of a study: which metric tells what, what bad shapes cost, how each recipe does."""
+"""Tables of a study: correlations of metrics, cost of bad shapes, outcomes of recipes."""
 
 from __future__ import annotations
 

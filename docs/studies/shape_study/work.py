@@ -1,4 +1,4 @@
-"""What is computed of one partition: the value of each metric, errors on it, iterations with it."""
+"""Measure one partition: metrics, errors, iterations."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ def _cases(source: str) -> Mapping[str, tuple[str, str, str]]:
 
 
 def authors_units(plan: Plan, source: str) -> Iterator[Unit]:
-    """What the table needs."""
+    """Units of work of the table."""
     ours = _ours(plan)
     if ours is not None:
         yield from (unit(mesh, convention, ours) for _, mesh, convention in _cases(source).values())

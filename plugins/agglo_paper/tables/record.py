@@ -93,7 +93,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Page:
-    """What one word of the command makes: tables, an introduction, figures to show, what failed."""
+    """A page: tables, introduction, figures, failures."""
 
     name: str
     title: str

@@ -1,4 +1,4 @@
-"""How long a bisection takes, and a whole recursion, all from the same graph (paper, section 4.2)."""
+"""Time of a bisection and of a whole recursion, all on one graph (paper, section 4.2)."""
 
 from __future__ import annotations
 

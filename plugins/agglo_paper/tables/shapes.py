@@ -68,7 +68,7 @@ def cell(
 
 
 def notes(plan: Plan) -> list[str]:
-    """What a reader of these tables must know."""
+    """Notes of the tables."""
     return [
         "paper / ours; where the result hangs on the numbering of the cells or on a seed, ours is the median "
         f"and (lowest–highest) of {plan.repeats}",

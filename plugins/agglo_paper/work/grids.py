@@ -1,4 +1,4 @@
-"""The meshes: the paper's four grids, fresh ones of four families, brains; and what they are coarsened to."""
+"""Meshes and targets: the paper's four grids, fresh ones of four families, brains."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def load(source: str, numbering: int = 0) -> Mesh:
 
 
 def targets(mesh: Mesh, source: str, convention: str) -> Targets:
-    """What a mesh is coarsened to.
+    """Targets of a mesh.
 
     ``levels``: the three levels of the multigrid tables; ``run``: the middle one, √2/4 or N0/16 parts;
     ``text``: the same with 4 h0, as the text of the paper says; ``brain``: 0.2 D or 50 parts.
@@ -85,7 +85,7 @@ def _perturbed(mesh: Mesh, spacing: float, seed: int) -> Mesh:
 
 
 def _renumbered(mesh: Mesh, seed: int) -> Mesh:
-    """The same mesh, cells in random order."""
+    """Renumber the cells of a mesh at random."""
     loops = mesh.boundary_loops
     cells = np.split(loops.vertices, loops.loop_offsets[1:-1])
     order = np.random.default_rng(seed).permutation(mesh.n_cells)

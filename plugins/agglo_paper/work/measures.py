@@ -1,4 +1,4 @@
-"""What is computed: shapes and iterations on one mesh, as functions of plain data."""
+"""Measure shapes and iterations on one mesh, as functions of plain data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How much is computed: all of it, or the quick version."""
+"""Amount of work: the full plan or the quick one."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ class Unit:
 
     @cached_property
     def key(self) -> str:
-        """What it computes, in one line."""
+        """Key of the unit: function and settings in one line."""
         return json.dumps([self.work.__module__, self.work.__name__, self.settings], sort_keys=True)
 
     def run(self) -> Data:

@@ -64,7 +64,7 @@ class Strategy:
     problem: str = ""
 
     def data(self) -> dict[str, Any]:
-        """What makes it differ from others, as plain data."""
+        """Settings that tell the strategy from others, as plain data."""
         return {key: value for key, value in asdict(self).items() if key not in ("package", "problem")}
 
     def run(self, mesh: Mesh, targets: Targets, seed: int = 0) -> Hierarchy:
