@@ -13,7 +13,7 @@ from agglo_core.agglomeration import (
     agglomerate as agglomerate,
 )
 from agglo_core.agglomeration.goals import SizeGoal as SizeGoal
-from agglo_core.agglomeration.recursion import grow as grow
+from agglo_core.agglomeration.levels.recursion import grow as grow
 from agglo_core.agglomeration.run import Run as Run
 from agglo_core.anneal.part_search import PartSearch as PartSearch
 from agglo_core.arrays import (
@@ -27,15 +27,15 @@ from agglo_core.arrays import (
     frozen_index as frozen_index,
     frozen_int as frozen_int,
 )
-from agglo_core.cli.arguments import FILE as FILE, agglomeration_options as agglomeration_options
-from agglo_core.cli.number_types import Number as Number
-from agglo_core.cli.shared_options import (
+from agglo_core.cli.options.agglomeration import FILE as FILE, agglomeration_options as agglomeration_options
+from agglo_core.cli.options.numbers import Number as Number
+from agglo_core.cli.options.shared import (
     COMPONENT as COMPONENT,
     bisectors_option as bisectors_option,
     metrics_option as metrics_option,
 )
-from agglo_core.cli.specs import choice as choice, load_mesh as load_mesh, parse_spec as parse_spec
-from agglo_core.cli.tables import (
+from agglo_core.cli.options.specs import choice as choice, load_mesh as load_mesh, parse_spec as parse_spec
+from agglo_core.cli.output.tables import (
     print_lines as print_lines,
     print_table as print_table,
 )

@@ -30,7 +30,7 @@ extensions = [
     "public_names",
     "toml_keys",
 ]
-exclude_patterns = ["brain", "extensions", "notebooks/run", "README.md"]
+exclude_patterns = ["brain", "extensions", "notebooks/run", "studies", "README.md"]
 root_doc = "index"
 
 myst_heading_anchors = 4  # as a code host makes them: headings can be linked to without labels

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
+from agglo_core.agglomeration.keywords import POLISH, Choice, Keywords
 from agglo_core.agglomeration.run import Run
 from agglo_core.errors import AggloError, OptionError, PluginError
 from agglo_core.mesh.elsewhere import made_by
@@ -13,30 +13,15 @@ from agglo_core.registry import KINDS, Registry, describe
 from agglo_core.registry.attribution import Member
 from agglo_core.registry.options import name_and_options
 
-Choice = str | tuple[str, Mapping[str, Any]] | Any
-"""A component: its name, its name with options, or an object that has a method of its kind."""
 
-POLISH = ("compactness",)
-"""Refiners of finished levels unless others are chosen: our own, should a registry know none of that name."""
-
-
-def new_run(
-    registry: Registry,
-    *,
-    kway: bool,
-    bisector: Choice,
-    refiners: Sequence[Choice],
-    post_refiners: Sequence[Choice],
-    fixer: Choice,
-    seed: int,
-    progress: Listener | None = None,
-) -> Run:
-    """The run of these components; in a k-way run the bisector must have ``partition``.
+def new_run(keywords: Keywords, registry: Registry, progress: Listener | None = None) -> Run:
+    """Run with the components of some keywords; in a k-way run the bisector must have ``partition``.
 
     Parts that need splitting after a direct partition are bisected: by ``inertial`` if the bisector
     cannot.
     """
-    member, fallback = chosen("bisector", bisector, registry)
+    kway = keywords.method == "kway"
+    member, fallback = chosen("bisector", keywords.bisector, registry)
     bisects = member.offers("bisect_level", "bisect")
     if kway and not member.offers("partition"):
         raise OptionError(f"{member.title} has no k-way partition; use method='recursive'")
@@ -45,13 +30,13 @@ def new_run(
     stand_in = None if fallback is None else _stand_in(member, "declares the fallback", fallback, registry)
     return Run(
         bisector=member if bisects else _stand_in(member, "cannot bisect and needs", "inertial", registry),
-        refiners=[chosen("refiner", each, registry)[0] for each in refiners],
-        post_refiners=_polishers(post_refiners, registry),
-        fixer=chosen("fixer", fixer, registry)[0],
+        refiners=[chosen("refiner", each, registry)[0] for each in keywords.refiners],
+        post_refiners=_polishers(keywords.post_refiners if keywords.polish else (), registry),
+        fixer=chosen("fixer", keywords.fixer, registry)[0],
         fallback=stand_in,
         partitioner=member if kway else None,
         listen=registry.level_done,
-        seed=seed,
+        seed=keywords.seed,
         progress=progress,
     )
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from agglo_core.agglomeration.keywords import COUNTS, Numbers
 from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
@@ -90,11 +91,6 @@ def split_quotas(quotas: Float, measures: Float, cells: Int) -> Float:
     first = np.clip(np.round(quotas * share), low, high)
     return frozen_float(np.stack((first, quotas - first), axis=1).ravel())
 
-
-Numbers = float | Sequence[float]
-
-TARGETS = ("h_star", "h_factor", "n_parts", "cells_per_part")
-"""Kinds of target, of which one is given."""
 
 _ROUNDING = 1e-9
 """A part meets a size h* if its diameter is at most h* (1 + _ROUNDING)."""
@@ -200,7 +196,7 @@ class CountGoal:
         else:
             cells = np.diff(offsets)
             piece = np.repeat(np.arange(len(cells)), cells)
-            masses = frozen_float(np.bincount(piece, graph.mass[order]))  # as `growing` adds them up
+            masses = frozen_float(np.bincount(piece, graph.mass[order]))  # as `growth` adds them up
             quotas = frozen_float(self.shares(masses, frozen_int(cells)))
         return quotas, quotas == 1
 
@@ -225,11 +221,8 @@ def resolve_goals(
     n_cells: int,
     h0: Callable[[], float],
     *,
-    h_star: Numbers | None = None,
-    h_factor: Numbers | None = None,
-    n_parts: Numbers | None = None,
-    cells_per_part: Numbers | None = None,
     components: Callable[[], Int] | None = None,
+    **targets: Numbers | None,
 ) -> tuple[Goal, ...]:
     """Goals from exactly one of the four kinds of target, finest first; ``h_factor=(2, 4, 8)`` if none.
 
@@ -244,17 +237,11 @@ def resolve_goals(
         If several kinds are given, or a value is not positive and finite, or a count exceeds the
         number of cells.
     """
-    kinds = {
-        "h_star": h_star,
-        "h_factor": h_factor,
-        "n_parts": n_parts,
-        "cells_per_part": cells_per_part,
-    }
-    check_targets(kinds)
-    given = ((name, value) for name, value in kinds.items() if value is not None)
+    check_targets(targets)
+    given = ((name, value) for name, value in targets.items() if value is not None)
     name, value = next(given, ("h_factor", (2.0, 4.0, 8.0)))
     values = _positive(name, value)
-    if name in ("n_parts", "cells_per_part"):
+    if name in COUNTS:
         counts = _counts(values, n_cells) if name == "n_parts" else _means(values, n_cells, components)
         return tuple(sorted(counts, key=lambda goal: -goal.parts))
     sizes = _sizes(values) if name == "h_star" else _multiples(values, h0())

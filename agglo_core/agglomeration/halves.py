@@ -1,4 +1,4 @@
-"""Whether the two sides of each block are connected."""
+"""Find blocks of which a side is not connected."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 

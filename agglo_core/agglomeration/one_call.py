@@ -4,15 +4,24 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any, Literal
 
 from numpy.typing import ArrayLike
 
-from agglo_core.agglomeration.choices import Choice
-from agglo_core.agglomeration.goals import Numbers
-from agglo_core.agglomeration.pipeline import Method, Pipeline
-from agglo_core.agglomeration.rules import Balance, Marks, Names
+from agglo_core.agglomeration.keywords import (
+    COUNTS,
+    NAMES,
+    SIZES,
+    TARGETS,
+    Balance,
+    Choice,
+    Marks,
+    Method,
+    Names,
+    Numbers,
+)
+from agglo_core.agglomeration.pipeline import Pipeline
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Hierarchy
@@ -20,9 +29,7 @@ from agglo_core.mesh import Mesh
 from agglo_core.progress import Listener
 from agglo_core.registry import Registry
 
-_COUNTS, _SIZES = ("n_parts", "cells_per_part"), ("h_star", "h_factor")
 _DEFAULT = Pipeline()
-_NAMES = frozenset(each.name for each in fields(Pipeline))
 
 
 def agglomerate(
@@ -68,30 +75,39 @@ def agglomerate(
     Parameters
     ----------
     mesh : Mesh or Graph
-    bisector, fixer : str, (str, options) or component object, optional
-        Default ``"kmeans"`` and ``"connectivity"``.
-    h_star, h_factor, n_parts, cells_per_part : number or sequence, optional
-        One kind of target, a level for each value: largest diameter, the same in units of the mesh
-        size h0, exact number of parts, mean number of cells. Default ``h_factor=(2, 4, 8)``. An exact number
-        that cannot be had is refused; for a mean size each connected component, also of a region, is at
-        least one part.
+    bisector : str, (str, options) or component object, optional
+        Component that splits a piece in two. Default ``"kmeans"``.
+    h_star : float or sequence, optional
+        Target: largest diameter of a part, a level for each value. One kind of target may be given; without
+        any it is ``h_factor=(2, 4, 8)``.
+    h_factor : float or sequence, optional
+        Target: largest diameter of a part in units of the mesh size h0.
+    n_parts : int or sequence, optional
+        Target: exact number of parts; one that cannot be had is refused.
+    cells_per_part : float or sequence, optional
+        Target: mean number of cells. Each connected component, also of a region, is at least one part.
     method : "recursive" or "kway", optional
+        ``"kway"`` needs a bisector that implements ``partition``. Default ``"recursive"``.
     nested : bool, optional
-        Default True.
+        Whether each level is a coarsening of the one before. Default True.
     refiners : sequence of components, optional
-        Default ``("interface",)``; ``()`` for none.
+        Components that shorten the interface of each split, in this order; ``()`` for none. Default
+        ``("interface",)``.
+    fixer : component, optional
+        Component that makes both sides of a split connected. Default ``"connectivity"``.
     merge : bool, optional
         Size targets: merge neighbouring parts while their union meets the target. Default False.
     polish : bool, optional
         Whether ``post_refiners`` work on each finished level. Default True.
     post_refiners : sequence of components, optional
-        Moves that make a part miss its size are undone. Default ``("compactness",)``.
+        Components that move cells between finished parts; moves that make a part miss its size are undone.
+        Default ``("compactness",)``.
     seed : int, optional
-        Default 0.
+        Root of all random numbers. Default 0.
     config : path, optional
         TOML file with these names as keys; arguments given here take precedence.
     constraints : sequence of components, optional
-        Rules of your own, in place of or besides those that follow. Default ``()``.
+        Rules of your own, instead of or besides those that follow. Default ``()``.
     regions : str, sequence of str or (n,) array, optional
         No part holds cells of two regions: of different values of a cell tag, or of several.
     barriers : str, sequence of str, mapping of str to values, or (n_faces,) bool, optional
@@ -103,16 +119,20 @@ def agglomerate(
     boundary_rules : "ridges", optional
         Cells are joined only with cells on the same boundary patches; those at corners stay single.
     weights : str or (n,) array, optional
-        What counts are shared out by, and what bounds on weights refer to: the name of cell data, or numbers.
+        Name of cell data, or numbers, by which counts are shared out, and to which bounds on weights refer.
     balance : "cells", "measure" or "weights", optional
-        What counts are shared out by; by default weights if given, else cells.
-    max_cells, max_measure, max_weight : int, float, float, optional
-        No part has more, single cells excepted. Bounds on weights need ``weights``.
-    min_cells, min_measure, min_weight : int, float, float, optional
+        Quantity by which counts are shared out; by default weights if given, else cells.
+    max_cells : int, optional
+        No part has more cells.
+    min_cells : int, optional
         Smaller parts join a neighbour where nothing forbids it; ``statistics`` say how many are left.
+    max_measure, max_weight : float, optional
+        No part has more area or volume, or more of the ``weights``, except single cells.
+    min_measure, min_weight : float, optional
+        Parts with less join a neighbour, as with ``min_cells``.
     metric : (d, d) or (n, d, d) float, optional
         Symmetric positive definite tensor, one or one for each cell, in which diameters, distances and
-        interfaces are measured: parts are long where it makes lengths short. Sizes are meant in it, too.
+        interfaces are measured: parts are long where it makes lengths short. It applies to sizes, too.
     lines : bool, optional
         Keep lines of strongly coupled cells, as in boundary layers: a part consists of whole lines, or of
         some cells of one. Default False.
@@ -150,7 +170,7 @@ def agglomerate(
     >>> agglo.agglomerate(mesh, bisector="coordinate", h_factor=4, polish=False).parts
     [4]
     """
-    given = {name: value for name, value in locals().items() if name in _NAMES}
+    given = {name: value for name, value in locals().items() if name in NAMES}
     if not isinstance(mesh, Mesh | Graph):
         raise OptionError(f"agglomerate needs a Mesh or a Graph, given {type(mesh).__name__}")
     base = _DEFAULT if config is None else Pipeline.from_toml(config, allow_code=allow_code)
@@ -158,16 +178,17 @@ def agglomerate(
 
 
 def changed(base: Pipeline, given: Mapping[str, Any]) -> Pipeline:
-    """The pipeline with what is given (None is nothing) in place of its own.
+    """Return the pipeline with the keywords that are given; None leaves those of ``base``.
 
-    A target takes the place of any other, and of what makes no sense beside it: with sizes, weights
-    do unless they are bounded.
+    A target replaces any other, and resets what does not go with it: counts ``merge``, sizes ``balance`` and
+    ``weights``, these unless they are bounded.
     """
-    own = {name: value for name, value in given.items() if value is not None}
-    counts, sizes = (any(name in own for name in names) for names in (_COUNTS, _SIZES))
-    gone: dict[str, Any] = dict.fromkeys((*_COUNTS, *_SIZES) if counts or sizes else ())
-    gone |= {"merge": False} if counts else {}
-    gone |= {"balance": None} if sizes else {}
-    bounded = any(own.get(name, getattr(base, name)) is not None for name in ("max_weight", "min_weight"))
-    gone |= {"weights": None} if sizes and not bounded else {}
-    return replace(base, **{**gone, **own})
+    explicit = {name: value for name, value in given.items() if value is not None}
+    counts, sizes = (any(name in explicit for name in names) for names in (COUNTS, SIZES))
+    reset: dict[str, Any] = dict.fromkeys(TARGETS if counts or sizes else ())
+    reset |= {"merge": False} if counts else {}
+    reset |= {"balance": None} if sizes else {}
+    bounds = (explicit.get(name, getattr(base, name)) for name in ("max_weight", "min_weight"))
+    bounded = any(bound is not None for bound in bounds)
+    reset |= {"weights": None} if sizes and not bounded else {}
+    return replace(base, **{**reset, **explicit})

@@ -4,24 +4,24 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from numbers import Integral
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from agglo_core.agglomeration.choices import POLISH, Choice, new_run, short_name
-from agglo_core.agglomeration.constraints import bounded_goals, constrained, naming
-from agglo_core.agglomeration.enforcing import part_rules
-from agglo_core.agglomeration.goals import TARGETS, CountGoal, Goal, Numbers, check_targets, resolve_goals
-from agglo_core.agglomeration.lines import line_levels
-from agglo_core.agglomeration.ordered_levels import ordered_levels
-from agglo_core.agglomeration.polishing import PostPass
-from agglo_core.agglomeration.recursion import warn_of_large_cells
-from agglo_core.agglomeration.rules import Rules, imbalance
-from agglo_core.agglomeration.run import Run
-from agglo_core.agglomeration.run_file import RunFile
+from agglo_core.agglomeration.choices import new_run, short_name
+from agglo_core.agglomeration.goals import CountGoal, Goal, check_targets, resolve_goals
+from agglo_core.agglomeration.keywords import METHODS, TARGETS
+from agglo_core.agglomeration.levels.lines import line_levels
+from agglo_core.agglomeration.levels.ordered import ordered_levels
+from agglo_core.agglomeration.levels.polishing import PostPass
+from agglo_core.agglomeration.levels.recursion import warn_of_large_cells
+from agglo_core.agglomeration.rules.edges import bounded_goals, constrained, naming
+from agglo_core.agglomeration.rules.members import Rules, imbalance
+from agglo_core.agglomeration.rules.parts import part_rules
+from agglo_core.agglomeration.run_file import read_run_file
 from agglo_core.arrays import Int, frozen_int, trusted
 from agglo_core.constraints.metric import in_metric
 from agglo_core.errors import OptionError
@@ -32,37 +32,14 @@ from agglo_core.progress import Listener, followed, phase
 from agglo_core.registry import Registry, default
 from agglo_core.threads import thread_count, using_threads
 
-Method = Literal["recursive", "kway"]
-
 
 @dataclass(frozen=True)
 class Pipeline(Rules):
-    """The components and targets of a run; names are looked up when it starts.
+    """The components, targets and rules of a run; names are looked up when it starts.
 
-    Attributes
-    ----------
-    bisector : Choice
-        What splits a piece.
-    fixer : Choice
-        What makes both sides connected.
-    refiners : sequence of Choice
-        What shortens the interface of each split, in this order.
-    method : "recursive" or "kway"
-        ``kway`` needs a bisector that implements ``partition``.
-    nested : bool
-        Whether each level must be a coarsening of the one before.
-    merge : bool
-        Size targets: merge neighbouring parts while their union meets the target.
-    polish : bool
-        Whether ``post_refiners`` work on each finished level.
-    post_refiners : sequence of Choice
-        What moves cells between finished parts; moves that make a part miss its size are undone.
-    seed : int
-        Root of all random numbers.
-    h_star, h_factor, n_parts, cells_per_part : number or sequence, optional
-        One kind of target; ``h_factor=(2, 4, 8)`` if none is given.
-
-    Constraints, by keyword or as components: see :class:`~agglo_core.agglomeration.rules.Rules`.
+    Parameters are the keywords of :func:`~agglo_core.agglomerate` that state what is made, from ``bisector``
+    to ``lines``, with the same meaning and defaults. Those up to ``cells_per_part`` in the signature may be
+    given by position.
 
     Examples
     --------
@@ -71,22 +48,8 @@ class Pipeline(Rules):
     [8, 2]
     """
 
-    bisector: Choice = "kmeans"
-    refiners: Sequence[Choice] = ("interface",)
-    fixer: Choice = "connectivity"
-    method: Method = "recursive"
-    nested: bool = True
-    merge: bool = False
-    polish: bool = True
-    post_refiners: Sequence[Choice] = POLISH
-    seed: int = 0
-    h_star: Numbers | None = None
-    h_factor: Numbers | None = None
-    n_parts: Numbers | None = None
-    cells_per_part: Numbers | None = None
-
     def __post_init__(self) -> None:
-        if self.method not in ("recursive", "kway"):
+        if self.method not in METHODS:
             raise OptionError(f"method must be 'recursive' or 'kway', given {self.method!r}")
         if not isinstance(self.seed, Integral) or isinstance(self.seed, bool) or not 0 <= self.seed < 2**63:
             raise OptionError(f"seed must be an integer in 0..2^63 − 1, given {self.seed!r}")
@@ -116,11 +79,10 @@ class Pipeline(Rules):
         OptionError
             If a value does not fit its key; names the file.
         """
-        known = [each.name for each in sorted(fields(cls), key=lambda each: bool(each.kw_only))]
-        base, file = cls(), RunFile(Path(path), known, allow_code=allow_code)
+        given = read_run_file(Path(path), allow_code=allow_code)
         try:
-            check_targets({name: file.read(name, None) for name in TARGETS})
-            return cls(**{name: file.read(name, getattr(base, name)) for name in known})
+            check_targets({name: given.get(name) for name in TARGETS})
+            return cls(**given)
         except OptionError as error:
             raise OptionError(f"{path}: {error}") from error
 
@@ -138,24 +100,25 @@ class Pipeline(Rules):
             return self._hierarchy(mesh, default() if registry is None else registry, listen)
 
     def _hierarchy(self, mesh: Mesh | Graph, registry: Registry, listen: Listener | None) -> Hierarchy:
+        """Agglomerate; the graph of the mesh is, in turn, measured in the metric, cut and loaded."""
         with phase(listen, "building the graph"):
             graph = mesh.graph if isinstance(mesh, Mesh) else mesh
         members = self.members(mesh, graph, registry)
-        there = graph if self.metric is None else in_metric(mesh, graph, self.metric)
-        allowed = constrained(graph, members, there)
-        goals = bounded_goals(graph, allowed, members, self._goals(mesh, there, allowed))
-        run = self.new_run(registry, listen)
+        measured = graph if self.metric is None else in_metric(mesh, graph, self.metric)
+        allowed = constrained(graph, members, measured)
+        goals = bounded_goals(graph, allowed, members, self._goals(mesh, measured, allowed))
+        run = new_run(self, registry, listen)
         post = PostPass(self.merge, bool(run.post_refiners), part_rules(graph, members))
         counts = isinstance(goals[0], CountGoal)
-        usable = self.balanced(allowed, counts=counts)
-        make = line_levels if self.lines else ordered_levels
+        loaded = self.balanced(allowed, counts=counts)
+        make_levels = line_levels if self.lines else ordered_levels
         with naming(members):
-            levels = make(usable, goals, run, post, kway=self.method == "kway", nested=self.nested)
+            levels = make_levels(loaded, goals, run, post, kway=self.method == "kway", nested=self.nested)
         warn_of_large_cells(goals, run)
-        told: dict[str, Any] = {"bisector": short_name(self.bisector), "method": self.method}
+        statistics: dict[str, Any] = {"bisector": short_name(self.bisector), "method": self.method}
         if counts:
             mass = None if self.weights is None and self.balance in (None, "cells") else self.mass(graph)
-            told["imbalance"] = [imbalance(mass, labels) for labels in levels]
+            statistics["imbalance"] = [imbalance(mass, labels) for labels in levels]
         return trusted(
             Hierarchy,
             mesh if isinstance(mesh, Mesh) else None,
@@ -163,20 +126,7 @@ class Pipeline(Rules):
             tuple(levels),
             [goal.record(int(labels.max()) + 1) for goal, labels in zip(goals, levels, strict=True)],
             self.nested or len(levels) == 1,
-            run.statistics.told() | told,
-        )
-
-    def new_run(self, registry: Registry, progress: Listener | None = None) -> Run:
-        """A run of these components, looked up in ``registry``, which tells of its progress."""
-        return new_run(
-            registry,
-            kway=self.method == "kway",
-            bisector=self.bisector,
-            refiners=self.refiners,
-            post_refiners=self.post_refiners if self.polish else (),
-            fixer=self.fixer,
-            seed=self.seed,
-            progress=progress,
+            run.statistics.told() | statistics,
         )
 
     def goals(
@@ -186,11 +136,8 @@ class Pipeline(Rules):
         return resolve_goals(
             n_cells,
             mesh_size,
-            h_star=self.h_star,
-            h_factor=self.h_factor,
-            n_parts=self.n_parts,
-            cells_per_part=self.cells_per_part,
             components=components,
+            **{name: getattr(self, name) for name in TARGETS},
         )
 
     def _goals(self, mesh: Mesh | Graph, graph: Graph, allowed: Graph) -> tuple[Goal, ...]:

@@ -18,18 +18,15 @@ from agglo_core.agglomeration.border import (
     checked_moves,
     checked_parts,
     checked_sides,
-    checked_sizes,
-    checked_split,
     checked_widths,
     one_sided_blocks,
     require_no_worse,
     sides_by_share,
 )
-from agglo_core.agglomeration.growth import Growth, GrowthToSize
 from agglo_core.arrays import Float, Int, Mask, UInt64, frozen_int, splitmix
 from agglo_core.errors import PluginError
 from agglo_core.graph import Graph
-from agglo_core.progress import Listener, Tell, labelled, noted_limits
+from agglo_core.progress import Listener, labelled, noted_limits
 from agglo_core.protocols import Target
 from agglo_core.registry.attribution import Member, attributed
 from agglo_core.split.side_shares import shifted
@@ -55,7 +52,7 @@ class Timed:
 
 @dataclass
 class Statistics:
-    """What happened during a run: counts, and CPU seconds by phase.
+    """Statistics of a run: counts, and CPU seconds by phase.
 
     ``time_limits`` counts the searches that a limit of seconds has ended.
     """
@@ -161,65 +158,13 @@ class Run:
             raise PluginError(f"{self.bisector.title} put all {size} cells of a piece on one side{also}")
         return shifted(level, sides, uneven, shares)
 
-    def growth(self, graph: Graph, pieces: Int) -> Growth | None:
-        """The growth that the bisector offers for these components; None if it offers none."""
-        if not self.bisector.offers("grow"):
-            return None
-        tool, refiners = self.bisector.tool, [member.tool for member in self.refiners]
-        with attributed(self.bisector.title):
-            made: Growth | None = tool.grow(graph, pieces, refiners, self.fixer.tool)
-        return made
-
-    def grow(
-        self,
-        graph: Graph,
-        pieces: Int,
-        growth: Growth,
-        quotas: Int,
-        seeds: UInt64,
-        tell: Tell,
-        *,
-        tested: bool = True,
-    ) -> Int:
-        """Labels ``(n,)`` once the bisector has split each piece into its quota of connected ones.
-
-        Unless ``tested``, whether they are connected is not looked at: who polishes them next does.
-        """
-        with attributed(self.bisector.title):
-            given, depths = growth.split(quotas, seeds, tell)
-        labels = checked_split(self.bisector, graph, pieces, quotas, given, tested=tested)
-        self._count(depths)
-        return labels
-
-    def grow_to_size(
-        self,
-        graph: Graph,
-        pieces: Int,
-        growth: GrowthToSize,
-        limit: float,
-        seeds: UInt64,
-        tell: Tell,
-        *,
-        tested: bool = True,
-    ) -> Int:
-        """Labels ``(n,)`` once the bisector has split the pieces into connected ones, none too wide.
-
-        Unless ``tested``, neither is looked at: who polishes them next does.
-        """
-        with attributed(self.bisector.title):
-            given, depths = growth.split_to_size(limit, seeds, tell)
-        labels = checked_sizes(self.bisector, graph, pieces, given, tested=tested)
-        if tested:
-            self.note_widths(labels, graph.wide_parts(labels, limit), limit)
-        self._count(depths)
-        return labels
-
     def note_widths(self, labels: Int, wide: Mask, limit: float) -> None:
         """Note how many single cells are wider than ``limit``; of the ``wide (k,)`` all must be such."""
         alone = checked_widths(self.bisector, labels, wide, limit)
         self.statistics.oversized_cells = max(alone, self.statistics.oversized_cells)
 
-    def _count(self, depths: Int) -> None:
+    def count_depths(self, depths: Int) -> None:
+        """Add up pieces split, their cells and repairs of each depth ``(depths, 3)``."""
         for blocks, cells, mended in depths.tolist():
             self.statistics.depth += 1
             self.statistics.bisections += blocks
@@ -229,7 +174,7 @@ class Run:
 
     @property
     def final_parts(self) -> bool:
-        """Whether a direct partition is to be left as it is, neither refined nor polished."""
+        """True if a direct partition is neither refined nor polished."""
         return self.partitioner is not None and bool(getattr(self.partitioner.tool, "final_parts", False))
 
     def partition(self, graph: Graph, target: Target, seed: int) -> Int:
@@ -272,7 +217,7 @@ class Run:
             sides = self.refine(level, sides, seeds, target)
         with statistics.timed("fix"):
             sides = self.fix(level, sides, halves=True)
-        self._count(np.array([[level.n_blocks, level.n, 0]]))
+        self.count_depths(np.array([[level.n_blocks, level.n, 0]]))
         return sides
 
     def fix(self, graph: Graph, labels: Int, *, halves: bool = False) -> Int:

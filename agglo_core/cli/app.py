@@ -13,19 +13,19 @@ from typing import NoReturn
 import click
 
 import agglo_core
-from agglo_core.cli.cmd_check import check
-from agglo_core.cli.cmd_compare import compare
-from agglo_core.cli.cmd_demo import demo
-from agglo_core.cli.cmd_mesh import mesh
-from agglo_core.cli.cmd_plugins import plugins
-from agglo_core.cli.cmd_quality import quality
-from agglo_core.cli.cmd_run import run
-from agglo_core.cli.cmd_solve import solve
-from agglo_core.cli.completing import completion
-from agglo_core.cli.console import notices, say
-from agglo_core.cli.readable import readable_output
+from agglo_core.cli.commands.check import check
+from agglo_core.cli.commands.compare import compare
+from agglo_core.cli.commands.demo import demo
+from agglo_core.cli.commands.mesh import mesh
+from agglo_core.cli.commands.plugins import plugins
+from agglo_core.cli.commands.quality import quality
+from agglo_core.cli.commands.run import run
+from agglo_core.cli.commands.solve import solve
+from agglo_core.cli.options.completion import completion
+from agglo_core.cli.output.console import notices, say
+from agglo_core.cli.output.encoding import readable_output
+from agglo_core.cli.ranks.launch import launched, on_all_ranks, refuse_on_ranks
 from agglo_core.cli.stopping import Terminated, stopped_by, terminations
-from agglo_core.cli.under_mpi import launched, on_all_ranks, refuse_on_ranks
 from agglo_core.errors import AggloError, PluginError
 from agglo_core.registry import CORE_COMMANDS, Record, default, describe
 from agglo_core.registry.construct import resolve

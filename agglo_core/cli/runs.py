@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Any
 
-from agglo_core.cli.console import number
-from agglo_core.cli.rule_options import RULES
+from agglo_core.agglomeration.keywords import COUNTS, RULES, TARGETS
+from agglo_core.cli.output.console import number
+from agglo_core.cli.output.tables import print_lines, print_table
 from agglo_core.cli.stopping import stopped_by
-from agglo_core.cli.tables import print_lines, print_table
 from agglo_core.errors import AggloError, OptionError
 from agglo_core.progress import Listener, labelled, phase, shown
 from agglo_core.registry.containment import PLUGIN_FAILURES
@@ -72,7 +72,7 @@ def attempt(
     metrics: Metrics = None,
     progress: Listener | None = None,
 ) -> RunResult:
-    """The same for one run among others: its failure is a result."""
+    """Execute one run among others, the failure of which is a result."""
     from agglo_core.measure.comparison import RunResult
 
     try:
@@ -88,9 +88,8 @@ def warm_up(given: Mapping[str, Any]) -> None:
     from agglo_core import samples
     from agglo_core.agglomeration.one_call import agglomerate
 
-    targets = ("h_star", "h_factor", "n_parts", "cells_per_part")
-    counts = "n_parts" in given or "cells_per_part" in given
-    rest = {name: value for name, value in given.items() if name not in (*targets, *RULES)}
+    counts = any(name in given for name in COUNTS)
+    rest = {name: value for name, value in given.items() if name not in (*TARGETS, *RULES)}
     try:
         agglomerate(samples.squares(4), **rest, **({"n_parts": 4} if counts else {"h_factor": 2.0}))
     except AggloError as error:
@@ -131,7 +130,7 @@ def run_data(run: RunResult, bisector: str, method: str) -> dict[str, Any]:
 
 
 def refuse_metrics(mesh: Mesh, metrics: Metrics) -> None:
-    """Find out on a small solid whether the metrics asked for exist for a mesh in 3-D.
+    """Refuse metrics that do not exist in 3-D, found out on a small solid.
 
     Raises
     ------
@@ -176,14 +175,14 @@ def show(title: str, runs: Sequence[RunResult], only_finest: bool = False) -> No
 
 
 def _limited(run: RunResult) -> str:
-    """What is to be said of searches that a time limit ended; nothing if there were none."""
+    """Sentence on searches that a time limit ended, empty if there were none."""
     count = run.hierarchy.statistics.get("time_limits", 0) if run.hierarchy else 0
     searches = "a search" if count == 1 else f"{count:,} searches"
     return f"the time limit ended {searches}; these are the best parts found by then" if count else ""
 
 
 def _columns(level: Level, sized: bool) -> dict[str, str]:
-    """Keys and headings of what is told of a level; where it has a size, how far that is filled."""
+    """Keys and headings of the columns, with the mean diameter over h* where a level has a size."""
     shown = {"diameter_ratio": _RATIO} if sized and "diameter_ratio" not in level.metrics else {}
     alike = (*level.metrics, "connected", *level.objectives)
     return {"parts": "K"} | shown | {name: name for name in alike}
@@ -198,7 +197,7 @@ def _cells(level: Level, columns: Iterable[str]) -> list[str]:
 
 
 def undefined(level: Level, name: str) -> str:
-    """What stands behind the mean of a metric that some agglomerates have no value of."""
+    """Remark behind the mean of a metric that is undefined for some agglomerates."""
     count = level.undefined.get(name, 0)
     return f" ({count} undefined)" if count else ""
 

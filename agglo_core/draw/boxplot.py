@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from agglo_core.arrays import Float
-from agglo_core.draw.colours import PALETTE
+from agglo_core.draw.colours import FINE, GRID, INK, PALETTE
 from agglo_core.draw.plot import save_figure
 from agglo_core.errors import OptionError
 
@@ -78,9 +78,9 @@ def _boxes(axis: Any, values: Mapping[str, Float]) -> None:
         widths=0.6,
         patch_artist=True,
         showmeans=True,
-        medianprops={"color": "#222222", "linewidth": 1.4},
-        meanprops={"marker": "D", "markersize": 4, "markerfacecolor": "white", "markeredgecolor": "#222222"},
-        flierprops={"marker": ".", "markersize": 3, "markeredgecolor": "#777777"},
+        medianprops={"color": INK, "linewidth": 1.4},
+        meanprops={"marker": "D", "markersize": 4, "markerfacecolor": "white", "markeredgecolor": INK},
+        flierprops={"marker": ".", "markersize": 3, "markeredgecolor": FINE},
     )
     for place, box in enumerate(drawn["boxes"]):
         box.set_facecolor(PALETTE[place % len(PALETTE)])
@@ -93,5 +93,5 @@ def _boxes(axis: Any, values: Mapping[str, Float]) -> None:
         fontsize=9,
     )
     axis.set_ylim(-0.02, 1.02)
-    axis.grid(axis="y", color="#dddddd", linewidth=0.6)
+    axis.grid(axis="y", color=GRID, linewidth=0.6)
     axis.set_axisbelow(True)

@@ -11,20 +11,18 @@ from typing import Any
 import numpy as np
 
 from agglo_core.arrays import Float, frozen_float
+from agglo_core.draw.colours import GRID, INK, LINES
 from agglo_core.draw.plot import save_figure
 from agglo_core.errors import OptionError
 from agglo_core.problems import Solution
 
-LINES = ("#1f5fa8", "#c4501b", "#1b7a4b", "#8a3a9c", "#8c6d00", "#0b8499", "#b0246b", "#555555")
-"""Colours of curves, dark enough for thin lines on white."""
-_MARKED = 40
+MARKED = 40
 """Iterations up to which each is marked."""
-_INK = "#222222"
 
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """What there is to draw of a solution.
+    """The curves of a solution.
 
     Attributes
     ----------
@@ -115,7 +113,7 @@ def draw_convergence(
     frame_curves(axis, list(curves.values()))
     figure.legend(fontsize=8, frameon=False, loc="outside lower center", ncols=2)
     if title:
-        axis.set_title(title, fontsize=10, color=_INK)
+        axis.set_title(title, fontsize=10, color=INK)
     save_figure(figure, Path(path))
 
 
@@ -125,7 +123,7 @@ def frame_curves(axis: Any, curves: Sequence[Curves]) -> None:
 
     axis.set_yscale("log")
     for tolerance in sorted({each.tolerance for each in curves if each.tolerance}):
-        axis.axhline(tolerance, color=_INK, linewidth=1.0, linestyle=":")
+        axis.axhline(tolerance, color=INK, linewidth=1.0, linestyle=":")
         axis.annotate(
             f"tolerance {tolerance:g}",
             (0.0, tolerance),
@@ -133,14 +131,14 @@ def frame_curves(axis: Any, curves: Sequence[Curves]) -> None:
             xytext=(4, 3),
             textcoords="offset points",
             fontsize=8,
-            color=_INK,
+            color=INK,
             bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.5},
         )
     axis.set_xlim(left=0)  # points on the frame are drawn whole all the same
     axis.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     axis.set_xlabel("iteration")
     axis.set_ylabel("relative size")
-    axis.grid(color="#dddddd", linewidth=0.6)
+    axis.grid(color=GRID, linewidth=0.6)
     axis.set_axisbelow(True)
     axis.spines[["top", "right"]].set_visible(False)
 
@@ -149,7 +147,7 @@ def one_curve(axis: Any, name: str, curves: Curves, colour: str = LINES[0]) -> N
     """Draw residuals and energy errors of one solver; ``name`` is that of the legend."""
     name = f"{name}: " if name else ""
     steps = np.arange(len(curves.residuals))
-    size = 3.5 if len(steps) <= _MARKED + 1 else 0.0
+    size = 3.5 if len(steps) <= MARKED + 1 else 0.0
     fall = "" if curves.contraction is None else f", contraction {curves.contraction:.3g}"
     axis.plot(
         steps,

@@ -1,4 +1,4 @@
-"""Where the labels of dots go, so that none lies on another or on a dot."""
+"""Place the labels of dots so that none lies on another or on a dot."""
 
 from __future__ import annotations
 

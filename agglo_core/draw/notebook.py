@@ -1,16 +1,18 @@
-"""What notebooks show of meshes, levels, quality and solutions: a small picture and a table, as HTML."""
+"""HTML for notebooks: a small picture and a table of a mesh, hierarchy, quality or solution."""
 
 from __future__ import annotations
 
+from base64 import b64encode
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from html import escape
+from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from agglo_core.arrays import Float
+from agglo_core.draw.colours import PALETTE
 from agglo_core.draw.convergence import Curves, frame_curves, one_curve
-from agglo_core.draw.inline_picture import inline_picture
 from agglo_core.draw.plot import panels_of
 from agglo_core.errors import AggloError
 from agglo_core.mesh import Mesh
@@ -18,6 +20,67 @@ from agglo_core.problems import Solution
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
+
+_DPI = 125  # on screen an inch has 100
+_SHARES = (1.0, 0.8, 0.64, 0.5)
+"""By which a picture is made smaller until it has few enough bytes."""
+_BYTES = 40_000
+_COLOURS = 64
+
+
+def inline_picture(
+    draw: Sequence[Callable[[Any], None]], about: str, *, width: float, ratio: float
+) -> tuple[str, str]:
+    """An ``img`` element with panels side by side, and what to say if there is none.
+
+    Parameters
+    ----------
+    draw : sequence of callables
+        Each draws a panel on the axes it is given; without any there is no picture.
+    about : str
+        What readers are told who do not see it.
+    width, ratio : float
+        Width of a panel in inches, and its height over that.
+
+    Returns
+    -------
+    str, str
+        The element, of less than 60 kB, and ``""``; or ``""`` and a reason: matplotlib is missing.
+    """
+    if not draw:
+        return "", ""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        return "", 'pictures need matplotlib: pip install "agglo[plot]"'
+    figure = Figure(figsize=(width * len(draw), width * ratio + 0.2), dpi=_DPI, layout="constrained")
+    for place, each in enumerate(draw):
+        each(figure.add_subplot(1, len(draw), 1 + place))
+    picture = _png(figure)
+    source = b64encode(picture).decode()
+    shown = round(100 * width * len(draw))
+    element = f'<img alt="{escape(about)}" width="{shown}" src="data:image/png;base64,{source}">'
+    return element, ""
+
+
+def _png(figure: Any) -> bytes:
+    """A figure on white as PNG of few colours, a third of the size, and of as many pixels as fit."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
+
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.draw()
+    drawn = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+    for share in _SHARES:
+        pixels = (
+            drawn if share == 1.0 else drawn.resize((int(share * drawn.width), int(share * drawn.height)))
+        )
+        file = BytesIO()
+        pixels.quantize(_COLOURS).save(file, "png", optimize=True)
+        if file.tell() <= _BYTES:
+            break
+    return file.getvalue()
+
 
 _MOST = 50_000
 """Cells up to which there is a picture: a notebook is not kept waiting."""
@@ -85,7 +148,7 @@ def quality_html(values: Mapping[str, Float]) -> str:
 
 
 def solution_html(solution: Solution) -> str:
-    """How a solution was reached as HTML, with its residuals."""
+    """HTML of a solution: outcome and residuals."""
     first, last = solution.residuals[[0, -1]] if len(solution.residuals) else (np.nan, np.nan)
     told: Mapping[str, Any] = {
         "unknowns": f"{solution.x.shape[0]:,}",
@@ -144,7 +207,7 @@ def _panel(hierarchy: Hierarchy, level: int) -> Callable[[Any, Any], None]:
 
 def _histogram(name: str, values: Float) -> Callable[[Any], None]:
     def on(axis: Any) -> None:
-        axis.hist(values, bins=20, color="#77AADD")
+        axis.hist(values, bins=20, color=PALETTE[0])
         axis.set_title(name, fontsize=8, parse_math=False)
         axis.set_yticks([])
         axis.tick_params(labelsize=6)

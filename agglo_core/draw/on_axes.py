@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from agglo_core.arrays import exact_cast, is_masked_array, plain_array
+from agglo_core.draw.colours import Paint, by_number, by_tag, explain
 from agglo_core.draw.convergence import Curves, frame_curves, one_curve
-from agglo_core.draw.painting import Paint, by_number, by_tag, explain
 from agglo_core.draw.plane_panels import fine_edges
 from agglo_core.draw.plot import panels_of
-from agglo_core.draw.slices import Slice, middle_slice
+from agglo_core.draw.solution import Slice, middle_slice
 from agglo_core.errors import MeshError, OptionError
 from agglo_core.measure import quality
 from agglo_core.mesh import Mesh

@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from agglo_core.arrays import Float, frozen_float
+from agglo_core.draw.colours import FINE, INK
 from agglo_core.draw.label_places import label_places, stair_boxes, ties
 from agglo_core.draw.plot import save_figure, short_name
 from agglo_core.errors import OptionError
@@ -18,7 +19,6 @@ from agglo_core.measure.trade_offs import Axis, TradeOffs, trade_offs
 
 FRONT: Final = "none is both rounder and more even"
 BEST: Final = "thick ring: none is rounder, more even and faster at once"
-_INK: Final = "#222222"
 _GAP: Final = 5.0  # points
 _MARGIN: Final = 0.16
 
@@ -62,7 +62,7 @@ def draw_pareto(runs: Sequence[RunResult], path: str | os.PathLike[str], title: 
     below = f"; not shown: {', '.join(map(short_name, found.missing))}" if found.missing else ""
     figure.supxlabel(f"grey line, the front: {FRONT}; {BEST}{below}", fontsize=7, color="#555555", wrap=True)
     if title:
-        axis.set_title(title, fontsize=10, color=_INK)
+        axis.set_title(title, fontsize=10, color=INK)
     _labels(figure, axis, found)
     save_figure(figure, Path(path))
 
@@ -101,7 +101,7 @@ def _dots(figure: Any, axis: Any, found: TradeOffs) -> None:
         cmap="viridis_r",
         norm=LogNorm(low, high),
         s=52,
-        edgecolor=_INK,
+        edgecolor=INK,
         linewidth=np.where(found.best, 2.0, 0.5),
         zorder=3,
     )
@@ -126,7 +126,7 @@ def _axes(axis: Any, found: TradeOffs) -> None:
 
 def _labels(figure: Any, axis: Any, found: TradeOffs) -> None:
     """Texts where they are free, with a thin line to their dots where these are some way off."""
-    style = {"fontsize": 8, "color": _INK, "zorder": 4}
+    style = {"fontsize": 8, "color": INK, "zorder": 4}
     texts = [
         axis.text(0.5, 0.5, short_name(each), transform=axis.transAxes, **style) for each in found.labels
     ]
@@ -146,4 +146,4 @@ def _labels(figure: Any, axis: Any, found: TradeOffs) -> None:
         text.set(position=place / frame, verticalalignment="bottom", in_layout=False)
     for own, end in ties(dots, sizes, places, gap).items():
         (x, y), thin = np.stack([dots[own], end], axis=1) / frame[:, None], {"linewidth": 0.7, "zorder": 2}
-        axis.plot(x, y, transform=axis.transAxes, color="#777777", **thin)
+        axis.plot(x, y, transform=axis.transAxes, color=FINE, **thin)

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from agglo_core.arrays import Int
-from agglo_core.draw.colours import FINE, INK
-from agglo_core.draw.painting import Paint, blank, by_neighbours
+from agglo_core.draw.colours import FINE, INK, Paint, blank, by_neighbours
 from agglo_core.mesh import Mesh
 
 _SEEN = 3.0
@@ -17,7 +16,7 @@ _AT_ONCE = 1000
 
 
 class PlanePanels:
-    """What the panels of a 2-D mesh show.
+    """Panels of a 2-D mesh.
 
     Parameters
     ----------

@@ -11,7 +11,7 @@ import numpy as np
 
 from agglo_core.draw.colours import INK, PALETTE, colouring
 from agglo_core.draw.plane_panels import PlanePanels
-from agglo_core.draw.solid_panels import SolidPanels
+from agglo_core.draw.solids.panels import SolidPanels
 from agglo_core.errors import FileError, OptionError
 from agglo_core.measure.agglomerates import Level, measure_levels
 from agglo_core.mesh import Mesh
@@ -158,7 +158,7 @@ def _panels(
 def panels_of(
     mesh: Mesh, explode: float | None = None, section: Sequence[float] | None = None
 ) -> PlanePanels | SolidPanels:
-    """What draws the panels of a mesh; OptionError for what a plane mesh cannot have.
+    """Panels of a mesh, with OptionError for options that a 2-D mesh cannot have.
 
     Examples
     --------

@@ -152,8 +152,8 @@ class Hierarchy(FieldState):
         section: Sequence[float] | None = None,
         path: str | PathLike[str] | None = None,
     ) -> None:
-        """Show a level of a solid in a window or a picture: :func:`agglo_core.draw.solid_scene.view`."""
-        made_by("agglo_core.draw.solid_scene:view")(self, level, explode=explode, section=section, path=path)
+        """Show a level of a solid in a window or a picture: :func:`agglo_core.draw.solids.scene.view`."""
+        made_by("agglo_core.draw.solids.scene:view")(self, level, explode=explode, section=section, path=path)
 
     def plot(
         self,

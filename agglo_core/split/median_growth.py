@@ -49,7 +49,7 @@ class MedianGrowth:
         self._slices = np.stack((np.concatenate(([0], stops[:-1])), stops), axis=1)
 
     def split(self, quotas: Int, seeds: UInt64, tell: Tell) -> tuple[Int, Int]:
-        """Split piece i into ``quotas[i]`` pieces; see :class:`~agglo_core.agglomeration.growth.Growth`."""
+        """Split piece i into ``quotas[i]`` pieces: see the protocol ``Growth`` of agglomeration."""
         from agglo_core.split.median_splits import split_at_medians
 
         total, first = int(quotas.sum()), len(quotas)

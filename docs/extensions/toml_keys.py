@@ -1,18 +1,22 @@
-"""The directive ``toml-keys``: keys of a run's file, their defaults and meaning, as ``Pipeline`` has them."""
+"""The directive ``toml-keys``: keys of a run's file, their defaults and meaning."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import fields
 from typing import Any
 
 from docutils import nodes
 from docutils.statemachine import StringList
-from numpydoc.docscrape import ClassDoc
+from numpydoc.docscrape import FunctionDoc
 from sphinx.util.docutils import SphinxDirective
 
-from agglo_core import Pipeline
-from agglo_core.agglomeration.rules import Rules
+from agglo_core import agglomerate
+from agglo_core.agglomeration.keywords import Keywords
+
+DEFAULT = re.compile(r"\s*Default \S+\.$")
+"""Last sentence of a description: the table has a column for it."""
 
 
 class TomlKeys(SphinxDirective):
@@ -21,26 +25,26 @@ class TomlKeys(SphinxDirective):
     def run(self) -> list[nodes.Node]:
         """Parse the table."""
         box = nodes.container()
-        self.state.nested_parse(StringList(list(table()), source="Pipeline"), self.content_offset, box)
+        self.state.nested_parse(StringList(list(table()), source="agglomerate"), self.content_offset, box)
         return box.children
 
 
 def table() -> Iterator[str]:
     """Lines of Markdown, one for each key."""
     yield from ("| key | value | default | meaning |", "|---|---|---|---|")
-    known = described(Pipeline) | described(Rules)
-    for field in sorted(fields(Pipeline), key=lambda each: bool(each.kw_only)):
+    known = described()
+    for field in fields(Keywords):
         value, meaning = known[field.name]
-        value = value.removesuffix(", optional").replace("|", "\\|")
         yield f"| `{field.name}` | {value} | {written(field.default)} | {meaning} |"
 
 
-def described(owner: type) -> dict[str, tuple[str, str]]:
-    """Type and meaning of each attribute that a class describes; several may share a line."""
+def described() -> dict[str, tuple[str, str]]:
+    """Type and meaning of each argument that ``agglomerate`` describes; several may share a line."""
     found: dict[str, tuple[str, str]] = {}
-    for each in ClassDoc(owner)["Attributes"]:
+    for each in FunctionDoc(agglomerate)["Parameters"]:
+        meaning = DEFAULT.sub("", " ".join(each.desc)).replace("``", "`")
         for name in each.name.split(", "):
-            found[name] = (each.type, " ".join(each.desc).replace("``", "`"))
+            found[name] = (each.type.removesuffix(", optional").replace("|", "\\|"), meaning)
     return found
 
 

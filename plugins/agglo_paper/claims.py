@@ -8,12 +8,12 @@ from typing import Final
 
 import numpy as np
 
-from agglo_paper.plan import Plan
-from agglo_paper.record import Row, Table
-from agglo_paper.runtime import curves
 from agglo_paper.statistics import paired, same_sizes, sampled
-from agglo_paper.store import Results
-from agglo_paper.strategies import Strategy
+from agglo_paper.tables.record import Row, Table
+from agglo_paper.tables.runtime import curves
+from agglo_paper.work.plan import Plan
+from agglo_paper.work.store import Results
+from agglo_paper.work.strategies import Strategy
 
 _LEAST = 8  # meshes of which all must agree before a sign test reaches 0.01
 _MEASURES: Final = (

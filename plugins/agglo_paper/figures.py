@@ -21,14 +21,14 @@ from agglo_core.authoring import (
     colouring,
     staging,
 )
-from agglo_paper.grids import load, targets
-from agglo_paper.plan import Plan
-from agglo_paper.record import Cell
-from agglo_paper.runtime import KINDS, curves
-from agglo_paper.shape_tables import repeats, unit
 from agglo_paper.small_svg import smaller
-from agglo_paper.store import Results
-from agglo_paper.strategies import Strategy
+from agglo_paper.tables.record import Cell
+from agglo_paper.tables.runtime import KINDS, curves
+from agglo_paper.tables.shapes import repeats, unit
+from agglo_paper.work.grids import load, targets
+from agglo_paper.work.plan import Plan
+from agglo_paper.work.store import Results
+from agglo_paper.work.strategies import Strategy
 
 _INK, _FINE, _PAPER = "#222222", "#8a8a8a", "#F4F1EA"
 _DENSE = 2000

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from agglo_paper.claims import claims
-from agglo_paper.plan import Plan
-from agglo_paper.published import EXACT, NEAR, NOT
-from agglo_paper.record import Page
-from agglo_paper.store import Results, versions
+from agglo_paper.tables.published import EXACT, NEAR, NOT
+from agglo_paper.tables.record import Page
+from agglo_paper.work.plan import Plan
+from agglo_paper.work.store import Results, versions
 
 _INTRO = """# The paper, table by table
 
@@ -41,7 +41,7 @@ def _made(quick: bool, mesh: Path | None) -> str:
 
 
 def command(word: str, quick: bool, mesh: Path | None) -> str:
-    """What to type for the pages of a word."""
+    """Command that makes the pages of a word."""
     words = ["agglo", "paper", word, *(["--quick"] if quick else [])]
     return shlex.join([*words, *(["--mesh", mesh.name] if mesh is not None else [])])
 
@@ -57,7 +57,7 @@ def _claims(plan: Plan, results: Results) -> str:
 
 
 def _summary(pages: Sequence[Page]) -> str:
-    """How many rows of each page's printed tables are reproduced, within band, or neither."""
+    """Count the rows of each page that are reproduced, within band, or neither."""
     lines = [f"| page | rows | {EXACT} | {NEAR} | {NOT} |", "|---|---|---|---|---|"]
     for page in pages:
         verdicts = [row.verdict for table in page.tables for row in table.rows if row.verdict]

@@ -1,4 +1,4 @@
-"""What surrounds a long computation of a command: one thread, no repeated notices, a bar."""
+"""Contexts for long computations of a command: one thread, no repeated notices, a bar."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 if TYPE_CHECKING:
-    from agglo_paper.store import Unit
+    from agglo_paper.work.store import Unit
 
 _THREADS: Final = ("OMP", "OPENBLAS", "MKL", "NUMBA", "BLIS")
 

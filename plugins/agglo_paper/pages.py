@@ -10,18 +10,19 @@ from pathlib import Path
 from typing import Any, Final
 
 from agglo_core.authoring import FileError, OptionError, staging
-from agglo_paper import brain, figures, multigrid_tables, runtime, shape_tables, statistics
+from agglo_paper import figures, statistics
 from agglo_paper.front_page import command, front
-from agglo_paper.grids import GRIDS
-from agglo_paper.plan import Plan, full, quick
-from agglo_paper.record import Page
-from agglo_paper.store import Data, Results, Store, Unit
-from agglo_paper.strategies import columns
+from agglo_paper.tables import brain, multigrid, runtime, shapes
+from agglo_paper.tables.record import Page
+from agglo_paper.work.grids import GRIDS
+from agglo_paper.work.plan import Plan, full, quick
+from agglo_paper.work.store import Data, Results, Store, Unit
+from agglo_paper.work.strategies import columns
 
 Begin = Callable[[Sequence[Unit], str], Callable[[Unit, bool], None]]
 """Called with the units of a page and its name; returns a function to call after each unit."""
 
-_TABLES: Final = ("uf", "cr", "brain", *multigrid_tables.TABLES, "statistics", "runtime")
+_TABLES: Final = ("uf", "cr", "brain", *multigrid.TABLES, "statistics", "runtime")
 _DRAWN: Final = ("uf", "brain", "runtime")
 
 
@@ -111,7 +112,7 @@ def _write(file: Path, text: str) -> None:
 def _units(plan: Plan, word: str, sources: Sequence[str]) -> Iterable[Unit]:
     match word:
         case "uf" | "cr":
-            return shape_tables.units(plan)
+            return shapes.units(plan)
         case "brain":
             return (unit for source in sources for unit in brain.units(plan, source))
         case "runtime":
@@ -119,13 +120,13 @@ def _units(plan: Plan, word: str, sources: Sequence[str]) -> Iterable[Unit]:
         case "statistics":
             return statistics.units(plan)
         case _:
-            return multigrid_tables.units(plan)
+            return multigrid.units(plan)
 
 
 def _pages(plan: Plan, results: Results, word: str, sources: Sequence[str]) -> list[Page]:
     match word:
         case "uf" | "cr":
-            return [shape_tables.page(plan, results, word)]
+            return [shapes.page(plan, results, word)]
         case "brain":
             return [brain.page(plan, results, source) for source in sources]
         case "runtime":
@@ -133,7 +134,7 @@ def _pages(plan: Plan, results: Results, word: str, sources: Sequence[str]) -> l
         case "statistics":
             return [statistics.page(plan, results)]
         case _:
-            return [multigrid_tables.page(plan, results, word)]
+            return [multigrid.page(plan, results, word)]
 
 
 def _draw(plan: Plan, results: Results, words: Sequence[str], sources: Sequence[str], folder: Path) -> None:

@@ -23,7 +23,7 @@ _OFTEN = 20
 
 
 def smaller(svg: str) -> str:
-    """The same drawing to within .06 points, pictures in it in up to 20 colours.
+    """Compress a drawing to within 0.06 points, with pictures in up to 20 colours.
 
     A drawing that went through it already stays as it is.
     """

@@ -8,11 +8,11 @@ from typing import Any, Final
 import numpy as np
 
 from agglo_core.authoring import Float
-from agglo_paper.plan import Plan
-from agglo_paper.record import Page, Row, Table
-from agglo_paper.store import Data, Results, Unit
-from agglo_paper.strategies import Strategy
-from agglo_paper.work import FRESH, fresh, plain
+from agglo_paper.tables.record import Page, Row, Table
+from agglo_paper.work.measures import FRESH, fresh, plain
+from agglo_paper.work.plan import Plan
+from agglo_paper.work.store import Data, Results, Unit
+from agglo_paper.work.strategies import Strategy
 
 MEASURES: Final[Mapping[str, tuple[str, int]]] = {
     "K": ("agglomerates", 1),

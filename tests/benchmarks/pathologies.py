@@ -27,7 +27,7 @@ import pymetis
 
 import agglo_core as agglo
 from agglo_core import Mesh, samples
-from agglo_core.agglomeration.polishing import merge_parts
+from agglo_core.agglomeration.levels.polishing import merge_parts
 from agglo_core.arrays import Float
 
 CELLS_PER_PART = 16

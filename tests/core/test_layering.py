@@ -45,7 +45,17 @@ MAY_IMPORT = {
     "shapes": EVERYBODY | {"compiled", "graph", "mesh", "protocols", "registry"},
     "constraints": EVERYBODY | {"compiled", "graph", "mesh", "protocols", "refine", "registry"},
     "agglomeration": EVERYBODY
-    | {"compiled", "constraints", "graph", "hierarchy", "mesh", "protocols", "registry", "split"},
+    | {
+        "compiled",
+        "constraints",
+        "graph",
+        "hierarchy",
+        "lazy_names",
+        "mesh",
+        "protocols",
+        "registry",
+        "split",
+    },
     "samples": EVERYBODY | {"mesh", "registry"},
     "io": EVERYBODY | {"hierarchy", "mesh", "problems", "registry"},
     "interchange": EVERYBODY | {"compiled", "graph", "hierarchy", "io", "mesh"},

@@ -63,6 +63,16 @@ except SystemExit as done:
     assert loaded_by(source) == []
 
 
+@pytest.mark.parametrize("arguments", [["--help"], ["run", "--help"], ["--version"]])
+def test_help_does_not_load_rich(arguments: list[str]) -> None:
+    source = f"from agglo_core.cli.app import app; app.main({arguments}, standalone_mode=False)"
+    answer = subprocess.run(
+        [sys.executable, "-c", f"{source}; import sys; print('rich' in sys.modules)"],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert answer.stdout.splitlines()[-1] == "False"
+
+
 @pytest.mark.parametrize(
     "source",
     [

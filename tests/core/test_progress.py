@@ -313,7 +313,7 @@ main(["run", "squares:n=24", "--bisector", "kmeans", "--h-factor", "4", "-o", "a
 
 NOTE_BESIDE_A_BAR = """
 import logging
-from agglo_core.cli.console import notices
+from agglo_core.cli.output.console import notices
 from agglo_core.progress import Progress, shown
 with notices(), shown() as listen:
     listen(Progress("reading", 0.5, "x.vtu"))

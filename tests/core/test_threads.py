@@ -18,7 +18,7 @@ from click.testing import CliRunner
 import agglo_core as agglo
 from agglo_core import Mesh, samples
 from agglo_core.arrays import frozen_int
-from agglo_core.cli.shared_options import threads_option
+from agglo_core.cli.options.shared import threads_option
 from agglo_core.graph.connection import parts_connected
 from agglo_core.measure import measure_levels
 from agglo_core.mesh.counting_sort import counting_sort

@@ -13,7 +13,7 @@ from command_line import Agglo
 from on_ranks import Ended, by_open_mpi, ended, launch, started
 
 from agglo_core import quality, read, read_hierarchy
-from agglo_core.cli.under_mpi import Launched, launched
+from agglo_core.cli.ranks.launch import Launched, launched
 
 RUN = ("run", "voronoi:n=200,seed=2", "--bisector", "coordinate", "--no-polish")
 
@@ -22,7 +22,7 @@ import os, signal, sys, time
 from pathlib import Path
 import agglo_core.distributed.files.writing as writing
 from agglo_core.cli import main
-from agglo_core.cli.under_mpi import launched
+from agglo_core.cli.ranks.launch import launched
 
 rank, how, kept = launched(os.environ).rank, sys.argv.pop(), writing.write_pieces
 
@@ -144,7 +144,7 @@ import os, sys
 from types import SimpleNamespace
 import numpy as np
 from agglo_core.cli import main
-from agglo_core.cli.under_mpi import launched
+from agglo_core.cli.ranks.launch import launched
 from agglo_core.registry import Component, default, hookimpl
 
 class Toy:

@@ -224,7 +224,7 @@ def test_a_failed_picture_costs_no_result(agglo: Agglo, monkeypatch: pytest.Monk
     def fail(*_: object) -> None:
         raise FileError("u.png: no space left")
 
-    monkeypatch.setattr("agglo_core.draw.solution_picture.draw_solution", fail)
+    monkeypatch.setattr("agglo_core.draw.solution.draw_solution", fail)
     done = agglo("solve", "squares:n=4", "-o", "u.vtu", "--plot", "u.png")
     assert (done.code, list(Path().iterdir())) == (3, [Path("u.vtu")])
     assert "converged after" in done.out

@@ -14,8 +14,8 @@ import pytest
 from agglo_core import Component, hookimpl
 from agglo_core.cli import main
 from agglo_core.registry import Registry, default
-from agglo_paper.published import printed
-from agglo_paper.strategies import columns
+from agglo_paper.tables.published import printed
+from agglo_paper.work.strategies import columns
 
 RESULTS = Path(__file__).parents[2] / "docs" / "results"
 PAGES = ("uf", "cr", "brain", "mg-levels", "mg-m1", "mg-smoothing", "mg-degree", "statistics", "runtime")

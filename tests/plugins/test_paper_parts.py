@@ -14,16 +14,17 @@ import pytest
 
 from agglo_core import OptionError, PluginError, samples
 from agglo_core.registry import Registry
-from agglo_paper import figures, plan
-from agglo_paper.grids import FAMILIES, GRIDS, load, targets
-from agglo_paper.multigrid_tables import TABLES
-from agglo_paper.published import Band, band, judge, judged, printed
-from agglo_paper.record import Cell, Page, Row, Table
-from agglo_paper.shape_tables import ratio
+from agglo_paper import figures
 from agglo_paper.statistics import Paired
-from agglo_paper.store import Store, Unit, versions
-from agglo_paper.strategies import columns
-from agglo_paper.work import SETTINGS, plain
+from agglo_paper.tables.multigrid import TABLES
+from agglo_paper.tables.published import Band, band, judge, judged, printed
+from agglo_paper.tables.record import Cell, Page, Row, Table
+from agglo_paper.tables.shapes import ratio
+from agglo_paper.work import plan
+from agglo_paper.work.grids import FAMILIES, GRIDS, load, targets
+from agglo_paper.work.measures import SETTINGS, plain
+from agglo_paper.work.store import Store, Unit, versions
+from agglo_paper.work.strategies import columns
 
 SHARE, PART = Band(0.03, False), Band(0.35, True)
 
@@ -167,7 +168,7 @@ def test_results_of_other_code_do_not_count(tmp_path: Path, monkeypatch: pytest.
     kept: list[bool] = []
     unit = Unit(doubled, {"number": 5}, ("agglo_kmeans",))
     Store(tmp_path).results([unit], lambda unit, known: kept.append(known))
-    monkeypatch.setattr("agglo_paper.store.versions", lambda: {**versions(), "numpy": "0"})
+    monkeypatch.setattr("agglo_paper.work.store.versions", lambda: {**versions(), "numpy": "0"})
     Store(tmp_path).results([unit], lambda unit, known: kept.append(known))
     other = Unit(doubled, {"number": 5}, ("agglo_metis",))
     Store(tmp_path).results([other], lambda unit, known: kept.append(known))

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from agglo_core.agglomeration import Pipeline
-from agglo_core.agglomeration.constraints import naming
-from agglo_core.agglomeration.enforcing import PartRules
 from agglo_core.agglomeration.goals import Goal
-from agglo_core.agglomeration.lines import line_levels
-from agglo_core.agglomeration.ordered_levels import ordered_levels
-from agglo_core.agglomeration.polishing import PostPass
+from agglo_core.agglomeration.levels.lines import line_levels
+from agglo_core.agglomeration.levels.ordered import ordered_levels
+from agglo_core.agglomeration.levels.polishing import PostPass
+from agglo_core.agglomeration.rules.edges import naming
+from agglo_core.agglomeration.rules.parts import PartRules
 from agglo_core.agglomeration.run import Run
 from agglo_core.arrays import Int, UInt64, frozen_int, splitmix
 from agglo_core.constraints.barriers import Barriers

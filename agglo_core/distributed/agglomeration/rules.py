@@ -7,15 +7,16 @@ and barriers, which can be asked of agglomerates as well; others are refused.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglo_core.agglomeration import Pipeline
-from agglo_core.agglomeration.constraints import forbidden_by
-from agglo_core.agglomeration.rules import BOUNDS, Rules
+from agglo_core.agglomeration.keywords import BOUNDS, RULES
+from agglo_core.agglomeration.rules.edges import forbidden_by
+from agglo_core.agglomeration.rules.members import Rules
 from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
 from agglo_core.constraints.barriers import Barriers
 from agglo_core.constraints.bounds import Bounds
@@ -121,9 +122,9 @@ def _asked(ranks: Ranks, rule: Rules, mesh: Mesh, graph: Graph, registry: Regist
 def with_ghosts(pipeline: Pipeline, exchange: Callable[[NDArray[Any]], NDArray[Any]], n_own: int) -> Pipeline:
     """The pipeline with arrays of own cells as arrays of all local ones."""
     changed: dict[str, Any] = {}
-    for each in fields(Rules):
-        value = getattr(pipeline, each.name)
-        of_cells = isinstance(value, np.ndarray) and value.shape[:1] == (n_own,) and each.name != "barriers"
-        if of_cells and not (each.name == "metric" and value.ndim == 2):
-            changed[each.name] = exchange(value)
+    for name in RULES:
+        value = getattr(pipeline, name)
+        of_cells = isinstance(value, np.ndarray) and value.shape[:1] == (n_own,) and name != "barriers"
+        if of_cells and not (name == "metric" and value.ndim == 2):
+            changed[name] = exchange(value)
     return replace(pipeline, **changed)

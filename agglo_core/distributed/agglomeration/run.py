@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, fields, replace
 
 from agglo_core.agglomeration import Pipeline
-from agglo_core.agglomeration.choices import short_name
-from agglo_core.agglomeration.recursion import warn_of_large_cells
+from agglo_core.agglomeration.choices import new_run, short_name
+from agglo_core.agglomeration.levels.recursion import warn_of_large_cells
 from agglo_core.agglomeration.run import Run, Statistics
 from agglo_core.distributed.agglomeration.domain_run import DomainRun
 from agglo_core.distributed.agglomeration.hierarchy import DistributedHierarchy
@@ -79,7 +79,7 @@ def agglomerate(
         start = started(mesh, given, known)
         begun = start.begun(independent_of_ranks, block_cells)
         with ranks.together():
-            run = given.new_run(known)
+            run = new_run(given, known)
         with phase(listen, "agglomerating") as tell:
             ranks.since_last()
             levels = made_levels(begun.stage, start.goals, DomainRun(given, run, start.kept), told=tell)

@@ -1,4 +1,4 @@
-"""The HTML file: template, style and script of this folder with the data of a comparison inside."""
+"""The HTML file: template, style and scripts with the data of a comparison inside."""
 
 from __future__ import annotations
 
@@ -146,9 +146,10 @@ def _of_runs(mesh: Mesh, runs: Sequence[RunResult], note: str, registry: Registr
 
 
 def _hash(text: str) -> str:
-    """What a content security policy calls a script or a style of exactly this text."""
+    """Hash of a script or style for the content security policy."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode('ascii')}'"
 
 
 def _text(name: str) -> str:
-    return (files(__package__) / name).read_text(encoding="utf-8")
+    folder = "scripts" if name.endswith(".js") else "templates"
+    return (files(__package__) / folder / name).read_text(encoding="utf-8")

@@ -14,12 +14,12 @@ from agglo_core.registry import Registry, describe
 from agglo_core.registry.containment import PLUGIN_FAILURES, raised
 
 OWN: Final = ("map", "charts", "runs", "parts", "words")
-"""Names of the page's own sections, in their order: ``section_<name>.html`` in this folder."""
+"""Names of the page's own sections, in their order: ``templates/section_<name>.html``."""
 
 
 def own_sections() -> str:
     """The page's own sections, which its scripts fill."""
-    here = files(__package__)
+    here = files(__package__) / "templates"
     return "".join((here / f"section_{name}.html").read_text(encoding="utf-8") for name in OWN)
 
 

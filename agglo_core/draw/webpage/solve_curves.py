@@ -10,12 +10,12 @@ from typing import Any, Final
 import numpy as np
 
 from agglo_core.arrays import Float
-from agglo_core.draw.convergence import LINES, Curves
+from agglo_core.draw.colours import LINES
+from agglo_core.draw.convergence import MARKED, Curves
 
 _HEIGHT, _TOP, _BOTTOM = 300, 10, 40
 _LEFT, _RIGHT = 12.0, 98.0  # percent
 _MOST = 300  # points of a curve that are drawn
-_MARKED = 40
 _GRID, _AXIS = 'class="grid"', 'class="axis"'
 """Looks of lines; page.css has their colours."""
 _CAPTION: Final = (
@@ -113,7 +113,7 @@ class _Frame:
         for start, end in pairwise(places):
             yield _line(*start, *end, more)
         fill = "#fff" if dashed else colour
-        for x, y in places if self.last <= _MARKED else ():
+        for x, y in places if self.last <= MARKED else ():
             yield f'<circle cx="{x:.2f}%" cy="{y:.1f}" r="3" class="curve" fill="{fill}" stroke="{colour}"/>'
 
 

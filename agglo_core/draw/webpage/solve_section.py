@@ -69,7 +69,7 @@ def _details(name: str, data: Mapping[str, Any]) -> str:
 
 
 def _story(data: Mapping[str, Any]) -> str:
-    """How it ended, why so, and what it took."""
+    """Outcome of a solve, its reason and its cost."""
     parts = [f"<p>{escape(_state(data))}</p>"]
     parts += [
         f"<p><b>{title}</b> {escape(data[key])}</p>"

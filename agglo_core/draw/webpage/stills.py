@@ -1,4 +1,4 @@
-"""What the page shows of a solid: which cell is seen at each pixel from several sides, and how bright."""
+"""Stills of a solid for the page: cell and brightness at each pixel, from several sides."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Any, Final
 import numpy as np
 
 from agglo_core.arrays import Int
-from agglo_core.draw.shading import brightness
-from agglo_core.draw.surfaces import SIDE, Surface, beyond, outer_faces, seen
+from agglo_core.draw.solids.shading import brightness
+from agglo_core.draw.solids.surfaces import SIDE, Surface, beyond, outer_faces, seen
 from agglo_core.draw.webpage.packing import integers
 from agglo_core.mesh import Mesh
 

@@ -16,8 +16,8 @@ import agglo_core as agglo
 from agglo_core import Graph, Mesh, PluginError, samples
 from agglo_core.agglomeration.choices import new_run
 from agglo_core.agglomeration.goals import CountGoal
-from agglo_core.agglomeration.polishing import PostPass
-from agglo_core.agglomeration.recursion import recursive_levels
+from agglo_core.agglomeration.levels.polishing import PostPass
+from agglo_core.agglomeration.levels.recursion import recursive_levels
 from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.compiled.sums import slice_sums
 from agglo_core.progress import Progress
@@ -149,16 +149,9 @@ def test_whoever_watches_is_told_of_every_depth_and_of_progress() -> None:
     for bisector in ("coordinate", DepthByDepth()):
         depths: list[dict[str, Any]] = []
         seen.append(depths)
-        run = new_run(
-            agglo.plugins.default(),
-            kway=False,
-            bisector=bisector,
-            refiners=(),
-            post_refiners=(),
-            fixer="connectivity",
-            seed=0,
-            progress=told.append if bisector == "coordinate" else None,
-        )
+        chosen = agglo.Pipeline(bisector=bisector, refiners=(), polish=False)
+        progress = told.append if bisector == "coordinate" else None
+        run = new_run(chosen, agglo.plugins.default(), progress)
         recursive_levels(graph, goals, replace(run, listen=depths.append), PostPass(False, False))
     assert seen[0] == seen[1]
     assert len(seen[0]) > 6

@@ -8,7 +8,7 @@ from scipy.spatial.distance import pdist
 
 import agglo_core as agglo
 from agglo_core import Graph, Mesh, samples
-from agglo_core.agglomeration.polishing import merge_parts
+from agglo_core.agglomeration.levels.polishing import merge_parts
 
 
 def _silent(done: float, text: str) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings, strategies as st
 
 from agglo_core import agglomerate, samples
-from agglo_core.agglomeration.polishing import _without_bad_moves
+from agglo_core.agglomeration.levels.polishing import _without_bad_moves
 
 
 def test_a_part_emptied_by_undoing_another_move_gets_its_cells_back() -> None:

@@ -13,9 +13,9 @@ from rule_checks import broken_promises, random_rules
 
 import agglo_core as agglo
 from agglo_core import Graph, OptionError
-from agglo_core.agglomeration import kway, polishing
-from agglo_core.agglomeration.enforcing import PartRules
-from agglo_core.agglomeration.rules import Rules
+from agglo_core.agglomeration.levels import kway, polishing
+from agglo_core.agglomeration.rules.members import Rules
+from agglo_core.agglomeration.rules.parts import PartRules
 from agglo_core.graph.ordering import curve_order
 
 
@@ -129,10 +129,10 @@ def rules_of_parts_skipped(monkeypatch):
 
 
 def counts_lost(monkeypatch):
-    from agglo_core.agglomeration import enforcing
+    from agglo_core.agglomeration.rules import parts
 
-    monkeypatch.setattr(enforcing._Level, "to_count", lambda self, labels, count: labels)
-    monkeypatch.setattr(enforcing._Level, "evened", lambda self, labels: labels)
+    monkeypatch.setattr(parts._Level, "to_count", lambda self, labels, count: labels)
+    monkeypatch.setattr(parts._Level, "evened", lambda self, labels: labels)
 
 
 MUTANTS = [forgetful_merging, forgetful_polish, lost_tags, rules_of_parts_skipped, counts_lost]

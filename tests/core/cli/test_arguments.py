@@ -11,9 +11,9 @@ import click
 import pytest
 
 from agglo_core import FileError, OptionError, PluginError, agglomerate, samples, write
-from agglo_core.cli.arguments import agglomeration_options
-from agglo_core.cli.shared_options import metrics_option
-from agglo_core.cli.specs import all_bisectors, choice, load_mesh, refuse_duplicates
+from agglo_core.cli.options.agglomeration import agglomeration_options
+from agglo_core.cli.options.shared import metrics_option
+from agglo_core.cli.options.specs import all_bisectors, choice, load_mesh, refuse_duplicates
 from agglo_core.registry.option_types import parse_value
 
 
@@ -97,9 +97,8 @@ def test_a_mesh_is_a_file_or_a_sample(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_importing_it_loads_nothing_heavy() -> None:
-    source = (
-        "import sys, agglo_core.cli.arguments; print([m for m in ('numpy', 'numba') if m in sys.modules])"
-    )
+    loaded = "print([m for m in ('numpy', 'numba', 'rich') if m in sys.modules])"
+    source = f"import sys, agglo_core.cli.options.agglomeration; {loaded}"
     answer = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True, check=True)
     assert answer.stdout.strip() == "[]"
 

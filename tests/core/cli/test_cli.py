@@ -18,7 +18,7 @@ from command_line import Agglo
 from agglo_core import Hierarchy, Mesh, samples, write
 from agglo_core.agglomeration import one_call
 from agglo_core.cli import main
-from agglo_core.cli.specs import parse_spec
+from agglo_core.cli.options.specs import parse_spec
 from agglo_core.errors import MeshError, OptionError
 from agglo_core.registry import CORE_COMMANDS, Command, Component, default as default_registry, hookimpl
 

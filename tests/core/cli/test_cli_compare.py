@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from command_line import Agglo
 
-from agglo_core.cli.specs import split_specs
+from agglo_core.cli.options.specs import split_specs
 from agglo_core.errors import MeshError
 from agglo_core.graph import Graph
 from agglo_core.registry import Component, default, hookimpl

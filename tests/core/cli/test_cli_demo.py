@@ -28,7 +28,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def few(small: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two bisectors and a ring."""
-    demo = importlib.import_module("agglo_core.cli.cmd_demo")
+    demo = importlib.import_module("agglo_core.cli.commands.demo")
     monkeypatch.setattr(demo, "_bisectors", lambda quiet, solid: ["kmeans", "inertial"])
 
 
@@ -92,7 +92,7 @@ def test_sizes_are_shares_of_the_diameter(agglo: Agglo, few: None, tmp_path: Pat
 
 
 def test_without_matplotlib_it_says_so(agglo: Agglo, few: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    demo = importlib.import_module("agglo_core.cli.cmd_demo")
+    demo = importlib.import_module("agglo_core.cli.commands.demo")
     monkeypatch.setattr(demo, "find_spec", lambda name: None)
     code, _, err = agglo("demo")
     assert code == 0
@@ -136,7 +136,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
 def test_the_brain_of_the_demo(agglo: Agglo, monkeypatch: pytest.MonkeyPatch) -> None:
     names = [name for name in active() if name in ("kmeans", "metis")]
     monkeypatch.setattr(
-        importlib.import_module("agglo_core.cli.cmd_demo"), "_bisectors", lambda quiet, solid: names
+        importlib.import_module("agglo_core.cli.commands.demo"), "_bisectors", lambda quiet, solid: names
     )
     code, out, _ = agglo("demo", "--json", "--quiet")
     assert code == 0
@@ -181,7 +181,7 @@ def test_a_brain_in_voxels_with_tissues_apart(agglo: Agglo, monkeypatch: pytest.
 def test_bisectors_of_the_plane_are_left_out_of_a_solid(
     wrong: None, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    demo = importlib.import_module("agglo_core.cli.cmd_demo")
+    demo = importlib.import_module("agglo_core.cli.commands.demo")
     assert "kmeans" in demo._bisectors(False, True)
     said = capsys.readouterr().err
     assert "note: without wrong: it does not promise to work in 3-D" in said

@@ -16,7 +16,7 @@ import pytest
 from command_line import Agglo
 
 from agglo_core.cli import main
-from agglo_core.cli.readable import can_show, readable_output, shown
+from agglo_core.cli.output.encoding import can_show, readable_output, shown
 from agglo_core.registry.containment import printable
 
 ENCODINGS = ("ascii", "cp1252", "latin-1", "cp437", "koi8-r", "utf-8")

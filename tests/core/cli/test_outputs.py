@@ -192,7 +192,7 @@ def test_a_picture_of_a_solid_that_fails_costs_no_result(
     agglo: Agglo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("matplotlib")
-    for made in ("agglo_core.draw.solid_panels.seen", "agglo_core.draw.webpage.stills.seen"):
+    for made in ("agglo_core.draw.solids.panels.seen", "agglo_core.draw.webpage.stills.seen"):
         monkeypatch.setattr(made, raising(MemoryError("so many pixels")))
     wanted = ["-o", "a.npz", "--plot", "a.png", "--report", "a.html", "--parts", "3"]
     code, out, err = agglo("run", "boxes:n=3", "--bisector", "inertial", *wanted)
@@ -204,7 +204,7 @@ def test_a_picture_of_a_solid_that_fails_costs_no_result(
 
 
 def test_without_matplotlib_a_run_goes_on(agglo: Agglo, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("agglo_core.cli.outputs.find_spec", lambda name: None)
+    monkeypatch.setattr("agglo_core.cli.output.files.find_spec", lambda name: None)
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     code, out, err = agglo("run", "squares:n=8", "--parts", "4", "-o", "a.npz", "--plot", "a.png")
     assert (code, levels("a.npz")) == (3, 1)

@@ -20,7 +20,7 @@ from terminal import Screen, set_width, terminal
 
 from agglo_core import samples
 from agglo_core.cli import main
-from agglo_core.cli.tables import Table, folded, laid_out
+from agglo_core.cli.output.tables import Table, folded, laid_out
 from agglo_core.conformance import Result
 
 WIDTHS = (80, 60, 40)
@@ -95,7 +95,9 @@ def test_failed_runs_say_why_below_the_table(show: Show) -> None:
 
 def test_numbers_of_a_demo_are_whole(show: Show, agglo: Agglo, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(samples, "brain", lambda: samples.ring(24))
-    monkeypatch.setattr(importlib.import_module("agglo_core.cli.cmd_demo"), "find_spec", lambda name: None)
+    monkeypatch.setattr(
+        importlib.import_module("agglo_core.cli.commands.demo"), "find_spec", lambda name: None
+    )
     ask = ["demo", "--bisector", "kmeans:iterations=5,inertial"]
     text = show(*ask)
     for run in json.loads(agglo(*ask, "--json").out)["runs"]:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from agglo_core import agglomerate, samples
-from agglo_core.draw.painting import by_number, by_tag
+from agglo_core.draw.colours import by_number, by_tag
 from agglo_core.errors import MeshError, OptionError, PluginError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.measure import quality

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from agglo_core import samples
-from agglo_core.draw.slices import middle_slice
-from agglo_core.draw.solution_picture import draw_solution
+from agglo_core.draw.solution import draw_solution, middle_slice
 from agglo_core.problems.discretisation import Samples
 
 

@@ -10,10 +10,11 @@ from hypothesis import given, strategies as st
 
 from agglo_core import agglomerate, samples
 from agglo_core.arrays import frozen_float, frozen_int
-from agglo_core.draw.depth_buffer import nearest_faces
+from agglo_core.draw.colours import rgb
 from agglo_core.draw.plot import draw
-from agglo_core.draw.shading import brightness, rgb, shaded
-from agglo_core.draw.surfaces import SIDE, axes_of, beyond, outer_faces, seen
+from agglo_core.draw.solids.depth_buffer import nearest_faces
+from agglo_core.draw.solids.shading import brightness, shaded
+from agglo_core.draw.solids.surfaces import SIDE, axes_of, beyond, outer_faces, seen
 from agglo_core.errors import OptionError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh

@@ -12,7 +12,7 @@ from report_data import data_of, unpacked
 
 from agglo_core import agglomerate, samples
 from agglo_core.draw.colours import PALETTE, colouring
-from agglo_core.draw.surfaces import SIDE, beyond, outer_faces, seen
+from agglo_core.draw.solids.surfaces import SIDE, beyond, outer_faces, seen
 from agglo_core.draw.webpage import write_page
 from agglo_core.measure.agglomerates import measure_levels
 from agglo_core.measure.comparison import RunResult

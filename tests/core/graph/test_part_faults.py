@@ -11,7 +11,7 @@ from hypothesis import given, settings, strategies as st
 
 import agglo_core as agglo
 from agglo_core import samples
-from agglo_core.agglomeration import growing
+from agglo_core.agglomeration.levels import growth
 from agglo_core.arrays import frozen_index, frozen_int
 from agglo_core.compiled import part_faults
 from agglo_core.compiled.graphs import listed_blocks, numbered_as_met
@@ -101,7 +101,8 @@ def test_numbered_as_met(values: list[int]) -> None:
 def test_growth_that_goes_on_gives_what_growth_made_anew_gives(targets, monkeypatch) -> None:
     mesh = samples.random_triangles(600, seed=5)
     one = agglo.agglomerate(mesh, **targets)
-    monkeypatch.setattr(growing, "_restarted", lambda graph, pieces, growth, run: run.growth(graph, pieces))
+    anew = growth._offered
+    monkeypatch.setattr(growth, "_restarted", lambda graph, pieces, _, run: anew(graph, pieces, run))
     other = agglo.agglomerate(mesh, **targets)
     for a, b in zip(one.levels, other.levels, strict=True):
         np.testing.assert_array_equal(a, b)

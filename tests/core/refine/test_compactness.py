@@ -15,7 +15,7 @@ from hypothesis import given, settings, strategies as st
 
 from agglo_core import Graph, Mesh, OptionError, agglomerate, samples
 from agglo_core.arrays import frozen_float, frozen_int
-from agglo_core.cli.arguments import agglomeration_options
+from agglo_core.cli.options.agglomeration import agglomeration_options
 from agglo_core.graph.moves import SHORTNESS
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.protocols import Target

@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from agglo_core import Component, Registry, builtin, hookimpl, samples
-from agglo_core.cli.specs import load_mesh
+from agglo_core.cli.options.specs import load_mesh
 from agglo_core.errors import MeshError, OptionError, PluginError
 from agglo_core.mesh import Mesh
 from agglo_core.registry import default

@@ -1,0 +1,130 @@
+"""Keywords of a run: name, default, role and help text of each.
+
+This table is the only list of them besides the signature and docstring of
+:func:`~agglo_core.agglomeration.one_call.agglomerate`, which a test compares with it. Pipelines, TOML files
+and the command line take their names, defaults and help texts from here. It imports nothing numerical, as the
+help of the command line must start fast.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, field, fields
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+Choice: TypeAlias = str | tuple[str, Mapping[str, Any]] | Any
+"""A component: its name, its name with options, or an object that has a method of its kind."""
+Numbers: TypeAlias = float | Sequence[float]
+Method = Literal["recursive", "kway"]
+Balance = Literal["cells", "measure", "weights"]
+Names: TypeAlias = str | Sequence[str]
+Marks: TypeAlias = "Names | Mapping[str, Any] | ArrayLike"
+"""Tags, tags with the values that count, or an array."""
+
+METHODS = ("recursive", "kway")
+BALANCES = ("cells", "measure", "weights")
+POLISH = ("compactness",)
+"""Refiners of finished levels unless others are chosen: our own, should a registry know none of that name."""
+
+Role = Literal["step", "size", "count", "rule", "bound"]
+
+
+def _about(text: str, role: Role = "step", *, component: str = "") -> dict[str, str]:
+    """Metadata of a keyword: help text of its option, role, and kind of the components that it names."""
+    return {"help": text, "role": role, "component": component}
+
+
+@dataclass(frozen=True)
+class Keywords:
+    """The keywords of a run, each explained by :func:`~agglo_core.agglomerate`."""
+
+    bisector: Choice = field(
+        default="kmeans", metadata=_about("How a piece is split (default kmeans).", component="bisector")
+    )
+    refiners: Sequence[Choice] = field(
+        default=("interface",), metadata=_about("Repeatable; 'none' for none.", component="refiner")
+    )
+    fixer: Choice = field(default="connectivity", metadata=_about("Default connectivity.", component="fixer"))
+    method: Method = field(default="recursive", metadata=_about("Default recursive."))
+    nested: bool = field(default=True, metadata=_about("Whether levels coarsen each other (default)."))
+    merge: bool = field(default=False, metadata=_about("Sizes: merge neighbours while they meet the target."))
+    polish: bool = field(default=True, metadata=_about("Whether finished levels are polished (default)."))
+    post_refiners: Sequence[Choice] = field(
+        default=POLISH,
+        metadata=_about(
+            "For each finished level (default compactness). Repeatable; 'none' for none.", component="refiner"
+        ),
+    )
+    seed: int = field(default=0, metadata=_about("Default 0."))
+    h_star: Numbers | None = field(default=None, metadata=_about("Largest diameters, a level each.", "size"))
+    h_factor: Numbers | None = field(
+        default=None, metadata=_about("The same over h0 (default 2,4,8).", "size")
+    )
+    n_parts: Numbers | None = field(default=None, metadata=_about("Numbers of agglomerates.", "count"))
+    cells_per_part: Numbers | None = field(
+        default=None, metadata=_about("Mean sizes of agglomerates.", "count")
+    )
+    _: KW_ONLY
+    constraints: Sequence[Choice] = field(
+        default=(), metadata=_about("A rule for the parts. Repeatable.", component="constraint")
+    )
+    regions: Names | ArrayLike | None = field(
+        default=None, metadata=_about("No part holds cells of two regions (cell tags): materials.", "rule")
+    )
+    barriers: Marks | None = field(
+        default=None,
+        metadata=_about("No part lies on both sides of faces with a tag: fractures, walls.", "rule"),
+    )
+    where: Marks | None = field(
+        default=None, metadata=_about("Agglomerate only cells with a tag; all others stay single.", "rule")
+    )
+    boundary_rules: Literal["ridges"] | None = field(
+        default=None,
+        metadata=_about("Join cells only with those on the same boundary patches (face tags).", "rule"),
+    )
+    weights: str | ArrayLike | None = field(
+        default=None, metadata=_about("Cell data that counts are shared out by, or bounded.", "rule")
+    )
+    balance: Balance | None = field(
+        default=None, metadata=_about("What counts are shared out by (default cells).", "rule")
+    )
+    max_cells: int | None = field(default=None, metadata=_about("No part has more cells.", "bound"))
+    min_cells: int | None = field(default=None, metadata=_about("Smaller parts join a neighbour.", "bound"))
+    max_measure: float | None = field(
+        default=None, metadata=_about("No part is larger, but single cells.", "bound")
+    )
+    min_measure: float | None = field(
+        default=None, metadata=_about("Smaller parts join a neighbour.", "bound")
+    )
+    max_weight: float | None = field(
+        default=None, metadata=_about("No part is heavier, but single cells.", "bound")
+    )
+    min_weight: float | None = field(
+        default=None, metadata=_about("Lighter parts join a neighbour.", "bound")
+    )
+    metric: ArrayLike | None = field(
+        default=None, metadata=_about("Tensor that lengths are measured in, row by row: 1,0,0,100.", "rule")
+    )
+    lines: bool = field(default=False, metadata=_about("Keep lines of strongly coupled cells.", "rule"))
+
+
+def _names(*roles: Role) -> tuple[str, ...]:
+    return tuple(each.name for each in fields(Keywords) if each.metadata["role"] in roles)
+
+
+NAMES = tuple(each.name for each in fields(Keywords))
+HELP: Mapping[str, str] = {each.name: each.metadata["help"] for each in fields(Keywords)}
+COMPONENTS: Mapping[str, str] = {
+    each.name: each.metadata["component"] for each in fields(Keywords) if each.metadata["component"]
+}
+"""Kind of the components that a keyword names."""
+COMPONENT_LISTS = tuple(name for name in COMPONENTS if isinstance(getattr(Keywords, name), tuple))
+SIZES, COUNTS = _names("size"), _names("count")
+TARGETS = (*SIZES, *COUNTS)
+"""Kinds of target, of which one is given."""
+BOUNDS = _names("bound")
+RULES = _names("rule", "bound")
+"""Keywords for rules that parts have to obey."""

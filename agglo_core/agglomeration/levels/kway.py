@@ -1,0 +1,100 @@
+"""Direct k-way partitions: from one call per connected component to exact, connected levels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from agglo_core.agglomeration.goals import CountGoal, Goal, SizeGoal, apportion
+from agglo_core.agglomeration.levels.polishing import PostPass
+from agglo_core.agglomeration.levels.recursion import grow, note_oversized
+from agglo_core.agglomeration.run import Run
+from agglo_core.arrays import Int, UInt64, frozen_float, frozen_int
+from agglo_core.graph import Graph
+from agglo_core.hierarchy import by_first_cell
+from agglo_core.progress import Tell, phase
+from agglo_core.protocols import Target
+
+
+def kway_levels(graph: Graph, goals: Sequence[Goal], nested: bool, run: Run, post: PostPass) -> list[Int]:
+    """Labels of each coarse level, finest first.
+
+    Nested hierarchies are built bottom-up: each level partitions the dual graph of the one below.
+    Otherwise every level is a partition of the fine graph. A partition that says its parts are final is
+    neither refined nor polished.
+    """
+    post = replace(post, polish=post.polish and not run.final_parts)
+    result: list[Int] = []
+    own_post = post
+    current, fine_to_current = graph, frozen_int(np.arange(graph.n))
+    for stage, goal in enumerate(goals):
+        own = run.on_level(stage, len(goals))
+        labels = _one_level(current, goal.estimate(graph), goal, own, stage)
+        labels = own_post.apply(current, current.components(), labels, goal, own, stage)
+        result.append(by_first_cell(labels[fine_to_current]))
+        if nested:
+            fine_to_current = result[-1]
+            current = graph.coarsen(fine_to_current)
+            own_post = replace(post, rules=post.rules and post.rules.via(fine_to_current))
+    return result
+
+
+def _one_level(graph: Graph, parts: int, goal: Goal, run: Run, stage: int) -> Int:
+    """One level on ``graph``: partition each component, refine, repair, then split the parts too large."""
+    pieces, cells = graph.split(graph.components())
+    count = goal if isinstance(goal, CountGoal) else CountGoal(parts, exact=False)
+    quotas = count.shares(frozen_float(np.bincount(pieces.block_ids, pieces.mass)), pieces.sizes)
+    parts = int(quotas.sum())
+    seeds, statistics = run.seeds(stage, pieces.n_blocks), run.statistics
+    with statistics.timed("partition"), phase(run.progress, "partitioning") as tell:
+        local = _partition_components(pieces, quotas, goal, run, seeds, tell)
+    if not run.final_parts:
+        target = Target(parts=parts, h_star=goal.target.h_star)
+        with statistics.timed("refine"):
+            local = run.refine(pieces, local, seeds, target)
+    with statistics.timed("fix"):
+        local = run.fix(pieces, local)
+    found = frozen_int(np.maximum.reduceat(local, pieces.offsets[:-1]) + 1)
+    first = np.cumsum(found) - found
+    labels = np.empty(graph.n, np.int64)
+    labels[cells] = local + np.repeat(first, np.diff(pieces.offsets))
+    return _finish(graph, frozen_int(labels), quotas, found, goal, run, stage)
+
+
+def _partition_components(pieces: Graph, quotas: Int, goal: Goal, run: Run, seeds: UInt64, tell: Tell) -> Int:
+    """Labels local to each component, gaps closed."""
+    local = np.zeros(pieces.n, np.int64)
+    own_count = run.final_parts and isinstance(goal, SizeGoal)  # else a small component has one part
+    for b in np.flatnonzero((pieces.sizes if own_count else quotas) > 1):
+        nodes = slice(int(pieces.offsets[b]), int(pieces.offsets[b + 1]))
+        target = Target(parts=int(quotas[b]), h_star=goal.target.h_star)
+        local[nodes] = run.partition(pieces[int(b)], target, int(seeds[b]))
+        tell(nodes.stop / pieces.n, f"{b + 1:,} of {pieces.n_blocks:,} components")
+    return frozen_int(local)
+
+
+def _finish(graph: Graph, labels: Int, quotas: Int, found: Int, goal: Goal, run: Run, stage: int) -> Int:
+    """Bisect parts that are too large, or as many as the exact count still lacks."""
+    if not isinstance(goal, SizeGoal):
+        goal = replace(goal, quotas=_missing(graph, labels, quotas, found))
+    tree, leaves = grow(graph, labels, goal, run, stage)
+    note_oversized(tree, leaves, goal, run)
+    return tree.labels(leaves)
+
+
+def _missing(graph: Graph, labels: Int, quotas: Int, found: Int) -> Int:
+    """Parts that each part is to become, so that each component, with ``found`` parts, has its quota."""
+    measures = frozen_float(np.bincount(labels, graph.mass))
+    cells = frozen_int(np.bincount(labels))
+    stops = np.cumsum(found)
+    shares = [
+        apportion(int(quota), measures[stop - count : stop], cells[stop - count : stop])
+        for quota, count, stop in zip(quotas, found, stops, strict=True)
+        if count < quota
+    ]
+    result = np.ones(len(measures), np.int64)
+    if shares:
+        result[np.repeat(found < quotas, found)] = np.concatenate(shares)
+    return frozen_int(result)

@@ -1,0 +1,216 @@
+"""The recursion of the paper's Algorithm 1, depth by depth: how a piece is split.
+
+All pieces of one depth are the blocks of one block-diagonal graph (``level``, as in the method
+``bisect_level`` of bisectors): bisect, refine, fix, test, split. Asserted on the way: no side is empty, each
+phase keeps the label set, every piece is connected, the number of pieces strictly grows.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from agglo_core.agglomeration.goals import Goal, SizeGoal
+from agglo_core.agglomeration.levels.growth import grown_levels
+from agglo_core.agglomeration.levels.polishing import PostPass
+from agglo_core.agglomeration.run import Run
+from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int, splitmix
+from agglo_core.graph import Graph
+from agglo_core.hierarchy import Tree
+from agglo_core.progress import Tell, phase
+from agglo_core.split.side_shares import side_shares
+
+
+@dataclass
+class _TreeBuilder:
+    """A tree being built: nodes in order of depth, finished pieces written into tree order."""
+
+    n: int
+    goal: Goal
+    parent: list[Int] = field(default_factory=list)
+    start: list[Int] = field(default_factory=list)
+    stop: list[Int] = field(default_factory=list)
+    diameter: list[Float] = field(default_factory=list)
+    count: int = 0
+    placed: int = 0
+
+    def __post_init__(self) -> None:
+        self.cells = np.full(self.n, -1, np.int64)
+
+    def add(self, parent: Int, start: Int, sizes: Int, state: Float) -> Int:
+        """Append nodes; return their numbers."""
+        known = isinstance(self.goal, SizeGoal)
+        self.parent.append(parent)
+        self.start.append(start)
+        self.stop.append(start + sizes)
+        self.diameter.append(state if known else np.full(len(state), np.nan))
+        self.count += len(parent)
+        return np.arange(self.count - len(parent), self.count)
+
+    def write(self, start: Int, finished: Mask, cells: Int, order: Int, offsets: Int) -> None:
+        """Put the cells of finished pieces in their place."""
+        chosen = np.flatnonzero(finished)
+        if len(chosen) == 0:
+            return
+        take, counts = _rows(offsets, chosen)
+        place = np.repeat(start[chosen] - (np.cumsum(counts) - counts), counts)
+        self.cells[np.arange(len(take)) + place] = cells[order[take]]
+        self.placed += len(take)
+
+    def reached(self, expected: float) -> tuple[float, str]:
+        """Share of the splits that is done, and its details; a root is to become ``expected`` leaves.
+
+        Depths cost about the same until pieces are finished; the depth is the logarithm of the leaves.
+        """
+        roots = len(self.start[0])
+        leaves = (self.count + roots) // 2
+        depth = np.log(leaves / roots) / np.log(max(expected, 2.0))
+        share = max(self.placed / self.n, min(float(depth), 0.99))
+        return share, f"depth {len(self.start) - 1}, {leaves:,} pieces"
+
+    def tree(self) -> Tree:
+        """The tree, once every cell has its place."""
+        if (self.cells < 0).any():
+            raise AssertionError("cells were lost in the recursion")
+        join = np.concatenate
+        return Tree(
+            cells=frozen_int(self.cells),
+            parent=frozen_int(join(self.parent)),
+            start=frozen_int(join(self.start)),
+            stop=frozen_int(join(self.stop)),
+            diameter=frozen_float(join(self.diameter)),
+        )
+
+
+def grow(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int = 0) -> tuple[Tree, Int]:
+    """Split the connected pieces ``labels (n,)`` of ``graph`` until all meet the goal.
+
+    Seeds follow from that of the run, the number of the ``stage`` and the place in the tree.
+    Returns the tree, whose roots are the pieces, and the nodes of its leaves.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import ConnectivityFixer, InertialBisection, Member, Run, SizeGoal, grow
+    >>> run = Run(Member(InertialBisection(), "mine"), [], [], Member(ConnectivityFixer(), "fixer"))
+    >>> strip = agglo.samples.strip(8).graph
+    >>> tree, leaves = grow(strip, strip.components(), SizeGoal(0.4), run)
+    >>> tree.labels(leaves)
+    array([0, 0, 1, 1, 2, 2, 3, 3])
+    """
+    with phase(run.progress, "agglomerating") as tell:
+        return _grown(graph, labels, goal, run, stage, tell)
+
+
+def _grown(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int, tell: Tell) -> tuple[Tree, Int]:
+    tree = _TreeBuilder(graph.n, goal)
+    run, statistics = run.for_target(goal.target), run.statistics
+    with statistics.timed("split"):
+        source, cells = graph.split(labels)
+        order, offsets = frozen_int(np.arange(graph.n)), source.offsets
+        state, finished = goal.assess(source, order, offsets)
+    start = np.asarray(offsets[:-1])
+    nodes = tree.add(np.full(len(start), -1), start, np.diff(offsets), state)
+    seeds = run.seeds(stage, len(start))
+    leaves: list[Int] = []
+    table = None if isinstance(goal, SizeGoal) else side_shares(goal.parts)
+    expected = goal.estimate(graph) / len(start)
+    while True:
+        leaves.append(nodes[finished])
+        tree.write(start, finished, cells, order, offsets)
+        tell(*tree.reached(expected))
+        if finished.all():
+            return tree.tree(), frozen_int(np.concatenate(leaves))
+        going = np.flatnonzero(~finished)
+        if nodes[0] > 0 or len(going) < len(nodes):  # otherwise the blocks are the roots themselves
+            with statistics.timed("split"):
+                take, starts = _taken(order, offsets, going)
+                source, cells = source.subgraph(take, starts), cells[take]
+        seeds, state, nodes, start = seeds[going], state[going], nodes[going], start[going]
+        shares = table[np.minimum(state, len(table) - 1).astype(np.int64)] if table is not None else None
+        sides = run.halve(source, seeds, goal.target, shares)
+        with statistics.timed("test"):
+            order, offsets = _children(source, sides)
+            state, finished = goal.assess(source, order, offsets, frozen_float(state))
+        sizes = np.diff(offsets)
+        start = np.stack((start, start + sizes[::2]), axis=1).ravel()
+        nodes = tree.add(np.repeat(nodes, 2), start, sizes, state)
+        seeds = splitmix(np.repeat(seeds, 2) ^ np.tile(np.array([1, 2], np.uint64), len(seeds)))
+
+
+def _rows(offsets: Int, chosen: Int) -> tuple[Int, Int]:
+    """Positions of the chosen rows of a CSR, one after the other, and their lengths."""
+    sizes = np.diff(offsets)[chosen]
+    if len(chosen) == len(offsets) - 1:
+        return np.arange(offsets[-1]), sizes
+    first = np.cumsum(sizes) - sizes
+    return np.arange(sizes.sum()) + np.repeat(offsets[chosen] - first, sizes), sizes
+
+
+def _taken(order: Int, offsets: Int, chosen: Int) -> tuple[Int, Int]:
+    """Cells of the chosen pieces, and where each piece starts."""
+    if len(chosen) == len(offsets) - 1:
+        return order, offsets
+    rows, sizes = _rows(offsets, chosen)
+    return order[rows], frozen_int(np.concatenate(([0], np.cumsum(sizes))))
+
+
+def _children(level: Graph, sides: Int) -> tuple[Int, Int]:
+    from agglo_core.compiled.graphs import child_order
+
+    order, offsets = child_order(level.offsets, sides)
+    return frozen_int(order), frozen_int(offsets)
+
+
+def recursive_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass) -> list[Int]:
+    """Labels of each coarse level, finest first.
+
+    One tree serves all sizes: each level is a cut of it. Counts go coarsest first, the parts of one level
+    being the first pieces of the next; so do sizes if there are post-passes or the bisector wants the target.
+    """
+    grown = grown_levels(graph, goals, run, post)
+    if grown is not None:
+        return grown
+    if not post.active and _one_tree_serves(goals, run):
+        return _levels_of_one_tree(graph, goals, run)
+    labels = graph.components()
+    result: list[Int] = []
+    for stage, goal in enumerate(reversed(goals)):
+        own = run.on_level(stage, len(goals))
+        tree, leaves = grow(graph, labels, goal, own, stage)
+        if goal is goals[0]:
+            note_oversized(tree, leaves, goal, own)
+        labels = post.apply(graph, labels, tree.labels(leaves), goal, own, stage)
+        result.append(labels)
+    return result[::-1]
+
+
+def _one_tree_serves(goals: Sequence[Goal], run: Run) -> bool:
+    finest = goals[0]
+    return isinstance(finest, SizeGoal) and (len(goals) == 1 or run.for_target(finest.target) is run)
+
+
+def _levels_of_one_tree(graph: Graph, goals: Sequence[Goal], run: Run) -> list[Int]:
+    sizes = [goal for goal in goals if isinstance(goal, SizeGoal)]
+    finest = replace(sizes[0], coarser=tuple(goal.h_star for goal in sizes[1:]))
+    tree, leaves = grow(graph, graph.components(), finest, run)
+    note_oversized(tree, leaves, finest, run)
+    return [tree.labels(tree.cut(goal.limit)) for goal in sizes]
+
+
+def note_oversized(tree: Tree, leaves: Int, goal: Goal, run: Run) -> None:
+    """Record how many single cells are larger than a size; the smallest one has the most."""
+    if isinstance(goal, SizeGoal):
+        count = int((tree.diameter[leaves] > goal.limit).sum())
+        run.statistics.oversized_cells = max(count, run.statistics.oversized_cells)
+
+
+def warn_of_large_cells(goals: Sequence[Goal], run: Run) -> None:
+    """Say once in a run how many single cells are larger than the smallest size."""
+    count, finest = run.statistics.oversized_cells, goals[0]
+    if count and isinstance(finest, SizeGoal):
+        cells = "1 cell is" if count == 1 else f"{count} cells are"
+        message = "%s larger than h* = %g; such cells stay alone"
+        logging.getLogger("agglo").warning(message, cells, finest.h_star)

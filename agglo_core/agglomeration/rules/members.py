@@ -1,0 +1,165 @@
+"""Turn the keywords of rules into constraints, and share out counts by mass."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from agglo_core.agglomeration.choices import chosen
+from agglo_core.agglomeration.keywords import BALANCES, BOUNDS, Keywords, Names
+from agglo_core.arrays import Float, Int, frozen_float, plain_array
+from agglo_core.errors import OptionError, PluginError
+from agglo_core.graph import Graph
+from agglo_core.graph.loads import Kind, Loads
+from agglo_core.mesh import Mesh
+from agglo_core.mesh.elsewhere import made_by
+from agglo_core.mesh.marks import marked, weights_of
+from agglo_core.registry import Registry
+from agglo_core.registry.attribution import Member, attributed
+
+_TIE = 1e-4
+"""Share of the measure in masses: of sides of as many cells the larger one is the same on any axes."""
+
+
+@dataclass(frozen=True)
+class Rules(Keywords):
+    """Rules for the parts, by keyword or as components."""
+
+    @property
+    def bounds_weights(self) -> bool:
+        """True if there are bounds on weights."""
+        return self.max_weight is not None or self.min_weight is not None
+
+    def check_rules(self) -> None:
+        """Raise OptionError for values that mean nothing on any mesh."""
+        if isinstance(self.constraints, str) or not isinstance(self.constraints, Sequence):
+            raise OptionError(f"constraints must be a sequence of components, given {self.constraints!r}")
+        if self.boundary_rules not in (None, "ridges"):
+            raise OptionError(f"boundary_rules must be 'ridges', given {self.boundary_rules!r}")
+        if self.balance not in (None, *BALANCES):
+            raise OptionError(f"balance is one of {', '.join(BALANCES)}; given {self.balance!r}")
+        if self.weights is not None and self.balance not in (None, "weights") and not self.bounds_weights:
+            raise OptionError(f"weights are given, but balance is {self.balance!r}")
+        self._bounds(self.weights)
+        if not isinstance(self.lines, bool):
+            raise OptionError(f"lines must be true or false, given {self.lines!r}")
+        if self.lines and any(getattr(self, name) is not None for name in BOUNDS if name[:3] == "max"):
+            raise OptionError("lines and a largest part cannot be had together: a line may be larger")
+
+    def members(self, mesh: Mesh | Graph, graph: Graph, registry: Registry) -> list[Member]:
+        """The constraints of a run on this mesh, those of keywords first."""
+        found = [Member(tool, f"constraint {name!r}") for name, tool in self._by_keyword(mesh, graph)]
+        for each in self.constraints:
+            found.append(_on_mesh(chosen("constraint", each, registry)[0], mesh))
+        return found
+
+    def balanced(
+        self,
+        graph: Graph,
+        *,
+        counts: bool,
+        total: Callable[[Float], float] = lambda values: float(values.sum()),
+    ) -> Graph:
+        """The graph with the loads by which counts are shared out; sizes share out nothing.
+
+        ``total`` adds up values of all cells, also of those that lie elsewhere.
+
+        Raises
+        ------
+        OptionError
+            If a size is asked for, and weights or a balance were given.
+        """
+        if not counts:
+            if self.weights is not None and not self.bounds_weights:
+                raise OptionError("weights shares out a number of parts; with sizes it means nothing")
+            if self.balance is not None:
+                raise OptionError("balance shares out a number of parts; with sizes it means nothing")
+            return graph
+        if self.balance == "measure":
+            return graph.with_loads(Loads("measure"))
+        loads = mass = self.mass(graph)
+        whole, heavy = total(graph.measures), total(mass)
+        if whole > 0:
+            share = graph.measures * (_TIE * heavy / whole)
+            share += mass
+            mass = frozen_float(share)
+        kind: Kind = "cells" if self.weights is None and self.balance != "weights" else "weights"
+        return graph.with_loads(Loads(kind, mass, weights=loads if kind == "weights" else None))
+
+    def mass(self, graph: Graph) -> Float:
+        """Mass ``(n,)`` by which counts are shared out."""
+        weights = self.cell_weights(graph)
+        if self.balance == "weights" or (self.balance is None and weights is not None):
+            return graph.weights if weights is None else weights
+        return graph.measures if self.balance == "measure" else np.broadcast_to(1.0, graph.n)
+
+    def cell_weights(self, graph: Graph) -> Float | None:
+        """The ``weights (n,)`` of cells; None if there are none."""
+        return None if self.weights is None else weights_of(self.weights, graph.data, graph.n)
+
+    def _by_keyword(self, mesh: Mesh | Graph, graph: Graph) -> list[tuple[str, Any]]:
+        made: list[tuple[str, Any]] = []
+        if self.regions is not None:
+            made.append(("regions", _regions(self.regions)))
+        if self.barriers is not None:
+            tags = _component("barriers:BarrierTags")(self.barriers)
+            made.append(("barriers", tags.for_mesh(_faces(mesh, "barriers"))))
+        if self.where is not None:
+            alone = ~marked("where", self.where, graph.data, graph.n, "cell")
+            made.append(("where", _component("regions:SingleCells")(alone)))
+        if self.boundary_rules is not None:
+            made.append(
+                ("boundary_rules", _component("ridges:Ridges")().for_mesh(_faces(mesh, "boundary_rules")))
+            )
+        bounds = [name for name in BOUNDS if getattr(self, name) is not None]
+        if bounds:
+            made.append((" and ".join(bounds), self._bounds(self.cell_weights(graph))))
+        return made
+
+    def _bounds(self, weights: Any) -> Any:
+        limits = {name: getattr(self, name) for name in BOUNDS}
+        return _component("bounds:Bounds")(**limits, weights=weights)
+
+
+def imbalance(mass: Float | None, labels: Int) -> float:
+    """Mass, or number of cells, of the heaviest part over the mean; 1 if there is none."""
+    of_parts = np.bincount(labels, mass)
+    mean = float(of_parts.mean())
+    return float(of_parts.max()) / mean if mean > 0 else 1.0
+
+
+def _component(name: str) -> Callable[..., Any]:
+    return made_by(f"agglo_core.constraints.{name}")
+
+
+def _regions(given: Names | ArrayLike) -> Any:
+    make = _component("regions:Regions")
+    if isinstance(given, str) or (isinstance(given, Sequence) and all(isinstance(e, str) for e in given)):
+        return make(given if isinstance(given, str) else tuple(given))
+    values = plain_array(given, "regions", OptionError)
+    if values.dtype.kind not in "iubU":
+        raise OptionError(f"regions must be names of cell tags, integers or booleans, not {values.dtype}")
+    return make(values=values)
+
+
+def _faces(mesh: Mesh | Graph, word: str) -> Mesh:
+    if not isinstance(mesh, Mesh):
+        raise OptionError(f"{word} needs a mesh: a graph has no faces")
+    return mesh
+
+
+def _on_mesh(member: Member, mesh: Mesh | Graph) -> Member:
+    """Fit a constraint to the mesh if it has ``for_mesh``."""
+    if not callable(getattr(member.tool, "for_mesh", None)):
+        return member
+    if not isinstance(mesh, Mesh):
+        raise OptionError(f"{member.title} needs a mesh: a graph has no faces")
+    with attributed(member.title):
+        tool = member.tool.for_mesh(mesh)
+    if not any(callable(getattr(tool, name, None)) for name in ("forbidden", "admissible", "incomplete")):
+        raise PluginError(f"{member.title}: for_mesh returned {tool!r:.60}, which is not a constraint")
+    return Member(tool, member.title)

@@ -1,0 +1,336 @@
+"""Bounds on whole parts, kept on each finished level: parts are split, and joined with neighbours."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from agglo_core.agglomeration.goals import CountGoal, Goal
+from agglo_core.agglomeration.run import Run
+from agglo_core.arrays import Float, Int, Mask, frozen_int, label_order, plain_array
+from agglo_core.errors import OptionError, PluginError
+from agglo_core.graph import Graph
+from agglo_core.progress import phase
+from agglo_core.registry.attribution import Member, attributed
+
+Refused = Callable[[Int, Mask], Mask]
+"""``refused(labels, asked)``: which of the parts asked for ``(k,)`` may not be."""
+
+Pairs = set[tuple[int, int]]
+
+
+def merged_pairs(
+    graph: Graph,
+    blocks: Int,
+    labels: Int,
+    wanted: Callable[[Graph, Int], Mask],
+    refused: Refused,
+    *,
+    most: int | None = None,
+    by_interface: bool = False,
+) -> Int:
+    """Labels ``(n,)``, gaps closed, after wanted parts were merged with neighbours in their block.
+
+    Those of the least mass go first, each with the lightest neighbour, or with that of the longest interface.
+    In each round a part merges once; unions that are refused are undone, and not tried again.
+
+    Parameters
+    ----------
+    wanted : callable
+        ``wanted(parts, labels)``: which parts ``(k,)``, nodes of the quotient graph, look for a neighbour.
+    refused : callable
+    most : int, optional
+        Largest number of merges; all that can be made if not given.
+    """
+    tried: Pairs = set()
+    left = graph.n if most is None else most
+    while left > 0:
+        parts = graph.coarsen(labels)
+        block = np.empty(parts.n, np.int64)
+        block[labels] = blocks
+        pairs = _proposals(parts, block, wanted(parts, labels), tried, by_interface)
+        pairs = _apart(pairs, parts.n)[:left]
+        if len(pairs) == 0:
+            break
+        labels, done, tried = _joined(labels, parts.n, pairs, refused, tried)
+        left -= done
+    return frozen_int(labels)
+
+
+def _proposals(parts: Graph, block: Int, wanted: Mask, tried: Pairs, by_interface: bool) -> Int:
+    """Pairs ``(q, 2)`` of a part that looks for a neighbour and the best one, the most urgent first."""
+    rows = np.repeat(np.arange(parts.n), np.diff(parts.indptr))
+    columns = parts.indices.astype(np.int64)
+    usable = wanted[rows] & (block[rows] == block[columns])
+    if tried:
+        known = np.array(sorted(tried))
+        keys = np.concatenate((known @ (parts.n, 1), known @ (1, parts.n)))
+        usable &= ~np.isin(rows * parts.n + columns, keys)
+    rows, columns = rows[usable], columns[usable]
+    merit: Float = parts.interface[usable] if by_interface else -parts.mass[columns]
+    order = np.lexsort((columns, -merit, rows))
+    best = order[np.unique(rows[order], return_index=True)[1]]
+    urgent = np.argsort(parts.mass[rows[best]] + parts.mass[columns[best]], kind="stable")
+    chosen = best[urgent]
+    return frozen_int(np.stack((rows[chosen], columns[chosen]), axis=1).reshape(-1, 2))
+
+
+def _apart(pairs: Int, n: int) -> Int:
+    """Those pairs that come before all others with one of their parts."""
+    rank = np.arange(len(pairs))
+    first = np.full(n, len(pairs))
+    np.minimum.at(first, pairs.ravel(), np.repeat(rank, 2))
+    return frozen_int(pairs[(first[pairs] == rank[:, None]).all(axis=1)])
+
+
+def _joined(labels: Int, count: int, pairs: Int, refused: Refused, tried: Pairs) -> tuple[Int, int, Pairs]:
+    """Labels once the pairs are joined, how many were, and unions that need not be tried again.
+
+    What is refused stays so when more is added to it.
+    """
+    whole = _numbers(pairs, count)
+    asked = np.zeros(count - len(pairs), bool)
+    asked[whole[pairs[:, 1]]] = True
+    bad = refused(frozen_int(whole[labels]), asked)[whole[pairs[:, 1]]]
+    number = _numbers(pairs[~bad], count)
+    known = {(min(pair), max(pair)) for pair in (*tried, *map(tuple, pairs[bad].tolist()))}
+    tried = {(int(number[one]), int(number[other])) for one, other in known}
+    return frozen_int(number[labels]), int(np.count_nonzero(~bad)), tried
+
+
+def _numbers(pairs: Int, count: int) -> Int:
+    """New number of each part ``(count,)``, without gaps, once the pairs are joined."""
+    into = np.arange(count)
+    into[pairs[:, 0]] = pairs[:, 1]
+    return np.unique(into, return_inverse=True)[1]
+
+
+_ROUNDS = 8
+"""Times that splitting and joining are repeated to meet a count."""
+
+_STAGE = 1 << 20
+"""Added to the stage of a level: seeds of its own."""
+
+
+@dataclass(frozen=True)
+class PartRules:
+    """The rules of a run for whole parts.
+
+    Attributes
+    ----------
+    graph : Graph
+        All cells, as the constraints know them.
+    members : sequence of Member
+        Constraints with ``admissible`` or ``incomplete``.
+    through : (n,) int
+        Node of each cell in the graph of which labels are given.
+    """
+
+    graph: Graph
+    members: Sequence[Member]
+    through: Int
+
+    def via(self, nodes: Int) -> PartRules:
+        """The rules for labels of another graph: what was node i is its node ``nodes[i]``."""
+        return replace(self, through=frozen_int(nodes[self.through]))
+
+    def inadmissible(self, labels: Int) -> Mask:
+        """Parts ``(k,)`` that have to be split."""
+        return ~self._asked("admissible", labels, np.logical_and, fill=True)
+
+    def incomplete(self, labels: Int) -> Mask:
+        """Parts ``(k,)`` that should join a neighbour."""
+        return self._asked("incomplete", labels, np.logical_or, fill=False)
+
+    def kept(self, graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage: int) -> Int:
+        """Labels ``(n,)`` of a level that keeps the rules, each part inside ``blocks (n,)``.
+
+        Raises
+        ------
+        OptionError
+            If no such level with the count asked for was found.
+        """
+        with run.statistics.timed("rules"), phase(run.progress, "keeping the constraints"):
+            level = _Level(self, graph, blocks, goal, run, stage)
+            labels = level.evened(labels) if isinstance(goal, CountGoal) else labels
+            labels = level.join_split(labels, level.split(labels))
+            labels = level.join_small(labels)
+            if isinstance(goal, CountGoal):
+                labels = level.to_count(labels, goal)
+            self._refuse_inadmissible(labels)
+            run.statistics.small_parts += int(np.count_nonzero(self.incomplete(labels)))
+        return labels
+
+    def _refuse_inadmissible(self, labels: Int) -> None:
+        """Raise OptionError for parts that could not be split: lines, parts of a finer level, moody rules."""
+        bad = self.inadmissible(labels) & (np.bincount(labels[self.through]) > 1)
+        if bad.any():
+            titles = ", ".join(member.title for member in self.members)
+            raise OptionError(
+                f"{int(np.count_nonzero(bad))} parts break the constraints ({titles}) and cannot be split: "
+                "they are whole lines of cells, or parts of a finer level, "
+                "or a constraint does not always answer alike"
+            )
+
+    def _asked(self, method: str, labels: Int, join: Callable[..., Mask], *, fill: bool) -> Mask:
+        of_cells = frozen_int(labels[self.through])
+        answer = np.full(int(labels.max()) + 1, fill)
+        for member in self.members:
+            if callable(getattr(member.tool, method, None)):
+                answer = join(answer, _answer(member, method, self.graph, of_cells, len(answer)))
+        return answer
+
+
+def part_rules(graph: Graph, constraints: Sequence[Member]) -> PartRules | None:
+    """Rules of the constraints for whole parts, None if there are none."""
+    asking = [
+        member
+        for member in constraints
+        if any(callable(getattr(member.tool, name, None)) for name in ("admissible", "incomplete"))
+    ]
+    return PartRules(graph, asking, frozen_int(np.arange(graph.n))) if asking else None
+
+
+@dataclass(frozen=True)
+class _Level:
+    """One level of a run under rules."""
+
+    rules: PartRules
+    graph: Graph
+    blocks: Int
+    goal: Goal
+    run: Run
+    stage: int
+
+    def evened(self, labels: Int) -> Int:
+        """Labels of as many parts after cells were handed on, where a rule knows how."""
+        if not (self.rules.inadmissible(labels) | self.rules.incomplete(labels)).any():
+            return labels
+        block = np.empty(int(labels.max()) + 1, np.int64)
+        block[labels] = self.blocks
+        for member in self.rules.members:
+            if callable(getattr(member.tool, "evened", None)):
+                with attributed(member.title):
+                    where = self.rules.through, self.rules.graph
+                    labels = member.tool.evened(self.graph, labels, frozen_int(block), *where)
+        return labels
+
+    def split(self, labels: Int) -> Int:
+        """Labels once no part is left that has to be split; single nodes cannot be."""
+        for turn in range(self.graph.n):
+            bad = self.rules.inadmissible(labels) & (np.bincount(labels) > 1)
+            if not bad.any():
+                break
+            self.run.statistics.split_parts += int(np.count_nonzero(bad))
+            labels = self._halved(labels, bad, turn)
+        return labels
+
+    def join_split(self, before: Int, labels: Int) -> Int:
+        """Labels once pieces of parts that were split have joined neighbours that may take them."""
+        if isinstance(self.goal, CountGoal) or labels.max() == before.max():
+            return labels
+        pieces = np.unique(np.stack((before, labels)), axis=1)[0]
+        cells = np.flatnonzero((np.bincount(pieces) > 1)[before])
+
+        def split(parts: Graph, labels: Int) -> Mask:
+            found = np.zeros(parts.n, bool)
+            found[labels[cells]] = True
+            return found
+
+        return merged_pairs(self.graph, self.blocks, labels, split, self._refused, by_interface=True)
+
+    def join_small(self, labels: Int) -> Int:
+        """Labels once small parts have joined the neighbour of the longest interface that may take them."""
+        if not self.rules.incomplete(labels).any():
+            return labels
+
+        def small(_: Graph, labels: Int) -> Mask:
+            return self.rules.incomplete(labels)
+
+        return merged_pairs(self.graph, self.blocks, labels, small, self._refused, by_interface=True)
+
+    def to_count(self, labels: Int, goal: CountGoal) -> Int:
+        """Labels of as many parts as the goal says; if it is not exact, of as many as the rules allow."""
+        start, count = labels, goal.parts
+        for turn in range(_ROUNDS):
+            k = int(labels.max()) + 1
+            if k == count:
+                break
+            if k > count:
+                labels = self._fewer(labels, k - count)
+                if int(labels.max()) + 1 > count:
+                    break
+            else:
+                labels = self.split(self._more(labels, count - k, turn))
+                labels = self.join_small(labels) if turn < _ROUNDS - 2 or not goal.exact else labels
+        k = int(labels.max()) + 1
+        if not goal.exact:
+            return start if k < count else labels  # splitting only made parts that had to be joined again
+        if k == count:
+            return labels
+        titles = ", ".join(member.title for member in self.rules.members)
+        raise OptionError(
+            f"found no {count} parts that keep the constraints ({titles}): the search ended at {k}"
+        )
+
+    def _fewer(self, labels: Int, surplus: int) -> Int:
+        def everybody(parts: Graph, _: Int) -> Mask:
+            return np.ones(parts.n, bool)
+
+        return merged_pairs(self.graph, self.blocks, labels, everybody, self._refused, most=surplus)
+
+    def _more(self, labels: Int, missing: int, turn: int) -> Int:
+        """Labels with the heaviest parts halved."""
+        mass = np.bincount(labels, self.graph.mass) * (np.bincount(labels) > 1)
+        heaviest = np.argsort(-mass, kind="stable")[:missing]
+        chosen = np.zeros(len(mass), bool)
+        chosen[heaviest[mass[heaviest] > 0]] = True
+        return self._halved(labels, chosen, _ROUNDS + turn, by_rule=False) if chosen.any() else labels
+
+    def _refused(self, labels: Int, asked: Mask) -> Mask:
+        bad = self.rules.inadmissible(labels)
+        if np.isfinite(self.goal.limit):
+            bad |= self.graph.wide_parts(labels, self.goal.limit, asked)
+        return bad
+
+    def _halved(self, labels: Int, chosen: Mask, turn: int, *, by_rule: bool = True) -> Int:
+        """Labels with the chosen parts in two, or in more where a rule says how."""
+        sides = np.zeros(len(labels), np.int64)
+        rest = chosen.copy()
+        for member in self.rules.members if by_rule else ():
+            if callable(getattr(member.tool, "halves", None)):
+                with attributed(member.title):
+                    halves = member.tool.halves(self.graph, labels, self.rules.through)
+                    own = plain_array(halves, "the result of halves", PluginError)
+                sides = np.where(rest[labels], own, sides)
+                rest &= ~_in_two(labels, sides, len(chosen))
+        sides = sides * chosen[labels]
+        if rest.any():
+            cells = np.flatnonzero(rest[labels])
+            own = np.unique(labels[cells], return_inverse=True)[1]
+            order = label_order(frozen_int(own))
+            offsets = np.concatenate(([0], np.cumsum(np.bincount(own))))
+            level = self.graph.subgraph(cells[order], offsets)
+            seeds = self.run.seeds(_STAGE + (self.stage << 8) + turn, level.n_blocks)
+            sides[cells[order]] = self.run.halve(level, seeds, self.goal.target)
+        return self.graph.components(frozen_int(2 * labels + sides))
+
+
+def _in_two(labels: Int, sides: Int, k: int) -> Mask:
+    """Which parts ``(k,)`` have nodes on both sides."""
+    ones = np.bincount(labels, sides, k)
+    return (ones > 0) & (ones < np.bincount(labels, minlength=k))
+
+
+def _answer(member: Member, method: str, graph: Graph, labels: Int, count: int) -> Mask:
+    with attributed(member.title):
+        answer = getattr(member.tool, method)(graph, labels)
+        given = plain_array(answer, f"the result of {method}", PluginError)
+    if given.shape != (count,) or given.dtype != bool:
+        raise PluginError(
+            f"{member.title}: {method} returned shape {given.shape} of {given.dtype}, "
+            f"expected ({count},) of bool, one for each part"
+        )
+    return given

@@ -1,0 +1,1 @@
+"""The commands of agglo, one module each."""

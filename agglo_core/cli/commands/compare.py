@@ -1,0 +1,191 @@
+"""``agglo compare``: bisectors and methods side by side on one mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from agglo_core.agglomeration.keywords import METHODS
+from agglo_core.cli.options.agglomeration import FILE, agglomeration_options
+from agglo_core.cli.options.completion import meshes, names
+from agglo_core.cli.options.shared import COMPONENT, metrics_option
+from agglo_core.cli.options.specs import all_bisectors, choice, load_mesh, refuse_duplicates
+from agglo_core.cli.output.console import explain_compilation, number, print_json, quieten
+from agglo_core.cli.output.files import (
+    Outputs,
+    check_outputs,
+    check_picture,
+    draw_runs,
+    weigh_runs,
+)
+from agglo_core.cli.output.stdout import OwnCommand
+from agglo_core.cli.runs import attempt, data, refuse_all_failed, refuse_metrics, run_data, show, watched
+from agglo_core.cli.solving.choice import DEFAULT_SOLVER, built_solver, posed_by
+from agglo_core.cli.solving.runs import Solved, reported, show_solved, solve_runs
+from agglo_core.progress import phase
+from agglo_core.registry import default
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from agglo_core.measure.comparison import RunResult
+    from agglo_core.mesh import Mesh
+    from agglo_core.progress import Listener
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """One bisector by one method; ``lacks`` says why the bisector cannot, if so."""
+
+    name: str
+    spec: str
+    method: str
+    lacks: str
+
+
+@click.command(cls=OwnCommand, short_help="Compare bisectors and methods on a mesh.")
+@click.argument("source", metavar="MESH|SAMPLE", shell_complete=meshes)
+@agglomeration_options(bisector="several", method="several")
+@metrics_option
+@click.option(
+    "--solve",
+    "solver",
+    is_flag=False,
+    flag_value=DEFAULT_SOLVER,
+    metavar=f"[{COMPONENT}]",
+    shell_complete=names("solver"),
+    help=f"Solve with each hierarchy too, and count (default {DEFAULT_SOLVER}).",
+)
+@click.option(
+    "--problem",
+    metavar="NAME[:opt=val,…]|FILE.toml",
+    shell_complete=names("problem"),
+    help="To be solved (default constant).",
+)
+@click.option(
+    "--pareto",
+    type=FILE,
+    help="Picture of roundness, evenness and seconds of the runs, with the Pareto front.",
+)
+@click.option("--report", type=FILE, help="One web page with all levels and runs (.html).")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
+@click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked for).")
+def compare(
+    source: str,
+    bisectors: Sequence[str],
+    methods: Sequence[str],
+    agglomeration: Mapping[str, Any],
+    metrics: list[Any] | None,
+    solver: str | None,
+    problem: str | None,
+    pareto: Path | None,
+    report: Path | None,
+    as_json: bool,
+    quiet: bool,
+) -> int:
+    """Compare bisectors, in the order given (default: all), on a mesh file or a sample.
+
+    One that fails is a line of its own and makes the exit code 3; one that does not implement a method
+    is shown as such. Targets are those of agglo run. With --solve a second table has iterations and CPU
+    seconds of a solver with each hierarchy; one that does not converge makes the exit code 3 too.
+    """
+    if quiet:
+        quieten()
+    refuse_duplicates("--bisector", bisectors)
+    refuse_duplicates("--method", methods)
+    plans = _plans(bisectors or all_bisectors(), methods or [_configured_method(agglomeration)])
+    if problem is not None and solver is None:
+        raise click.UsageError("--problem is for --solve, which is not given")
+    tool = None if solver is None else built_solver(solver, {}, "--solve")
+    check_outputs(None, None, report, ())
+    if pareto is not None:
+        check_picture(pareto, "--pareto")
+    with watched(quiet) as progress:
+        with phase(progress, "reading", source):
+            mesh = load_mesh(source)
+        refuse_metrics(mesh, metrics)
+        trusted = bool(agglomeration.get("allow_code"))
+        asked = problem or "constant"
+        posed = None if solver is None else posed_by(asked, mesh, tool, solver, allow_code=trusted)
+        if not quiet:
+            explain_compilation()
+        runs = [_carry_out(mesh, plan, agglomeration, metrics, progress) for plan in plans]
+        refuse_all_failed(runs)
+        detailed = report is not None
+        solved = (
+            [] if posed is None else solve_runs(posed, tool, str(solver), runs, progress, detailed=detailed)
+        )
+    if as_json:
+        done = [run_data(run, plan.spec, plan.method) for plan, run in zip(plans, runs, strict=True)]
+        asked_for = {"solver": solver, "problem": asked} if solver else {}
+        print_json(data(mesh, source, _with_solutions(done, solved)) | asked_for)
+    elif not quiet:
+        title = f"{mesh.name or source}: {mesh.n_cells:,} cells, h0 = {number(mesh.h)}"
+        show(title, runs)
+        if solver is not None:
+            show_solved(solver, asked, runs, solved)
+    outputs = Outputs()
+    if pareto is not None:
+        weigh_runs(outputs, mesh, runs, pareto)
+    with watched(quiet) as progress:
+        draw_runs(outputs, mesh, runs, None, report, metrics, progress, reported(runs, solved))
+    failed = any(run.error and not plan.lacks for plan, run in zip(plans, runs, strict=True))
+    unsolved = any(not each.converged and not plan.lacks for plan, each in zip(plans, solved, strict=False))
+    return outputs.finish(listed=not (as_json or quiet)) or (3 if failed or unsolved else 0)
+
+
+def _with_solutions(runs: list[dict[str, Any]], solved: Sequence[Solved]) -> list[dict[str, Any]]:
+    """Data of the runs, each with that of its solution, if they were solved."""
+    return [run | {"solve": each.data()} for run, each in zip(runs, solved, strict=True)] if solved else runs
+
+
+def _configured_method(given: Mapping[str, Any]) -> str:
+    """The method of the configuration, or the default one."""
+    if "config" not in given:
+        return METHODS[0]
+    from agglo_core.agglomeration import Pipeline
+
+    return Pipeline.from_toml(given["config"]).method
+
+
+def _plans(specs: Sequence[str], methods: Sequence[str]) -> list[_Plan]:
+    """All combinations, bisector by bisector; components are built once, so that options are checked."""
+    plans = []
+    for spec in specs:
+        lacking = _lacking(spec)
+        for method in methods:
+            name = spec if len(methods) == 1 else f"{spec} {method}"
+            plans.append(_Plan(name, spec, method, lacking.get(method, "")))
+    return plans
+
+
+def _lacking(spec: str) -> dict[str, str]:
+    """Why a bisector cannot be used by a method, for those that it does not implement."""
+    from agglo_core.protocols import Bisector, LevelBisector, Partitioner
+
+    name, options = choice("bisector", spec)
+    tool = default().build("bisector", name, **options)
+    lacking = {}
+    if not isinstance(tool, Bisector | LevelBisector):
+        lacking["recursive"] = "not implemented: it cannot bisect"
+    if not isinstance(tool, Partitioner):
+        lacking["kway"] = "not implemented: it has no k-way partition"
+    return lacking
+
+
+def _carry_out(
+    mesh: Mesh,
+    plan: _Plan,
+    given: Mapping[str, Any],
+    metrics: list[Any] | None,
+    progress: Listener | None,
+) -> RunResult:
+    from agglo_core.measure.comparison import RunResult
+
+    if plan.lacks:
+        return RunResult(plan.name, None, error=plan.lacks)
+    chosen = {"bisector": choice("bisector", plan.spec), "method": plan.method}
+    return attempt(mesh, plan.name, {**given, **chosen}, metrics, progress)

@@ -1,0 +1,190 @@
+"""``agglo demo``: a human brain agglomerated by every bisector; writes a report, pictures and meshes."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from agglo_core.cli.options.agglomeration import FILE
+from agglo_core.cli.options.numbers import Number
+from agglo_core.cli.options.shared import bisectors_option, threads_option
+from agglo_core.cli.options.specs import choice
+from agglo_core.cli.output.console import explain_compilation, number, print_json, quieten, say
+from agglo_core.cli.output.files import Outputs, as_file_name
+from agglo_core.cli.output.stdout import OwnCommand
+from agglo_core.cli.output.tables import print_lines
+from agglo_core.cli.runs import attempt, data, refuse_all_failed, run_data, show, watched
+from agglo_core.errors import FileError, PluginError
+from agglo_core.progress import phase
+from agglo_core.registry import Record, default
+
+if TYPE_CHECKING:
+    from agglo_core.measure.comparison import RunResult
+    from agglo_core.mesh import Mesh
+    from agglo_core.progress import Listener
+
+_FIRST = ("kmeans", "metis")
+_TISSUE = "tissue"
+_BOXES = 2
+"""Metrics whose distributions are drawn, the first that exist for the mesh."""
+
+
+@click.command(cls=OwnCommand, short_help="See a brain agglomerated by every bisector.")
+@click.option("-o", "--output", type=FILE, default="agglo-demo", show_default=True, help="Folder to fill.")
+@bisectors_option("How a piece is split (default: all).")
+@click.option("--3d", "solid", is_flag=True, help="The whole brain in voxels, tissues kept apart.")
+@click.option(
+    "--diameter-fraction",
+    "factor",
+    type=Number(float, above=0.0, most=1.0),
+    default=0.2,
+    show_default=True,
+    help="Largest agglomerate, over the diameter of the brain.",
+)
+@threads_option
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
+@click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked for).")
+def demo(
+    output: Path, bisectors: Sequence[str], solid: bool, factor: float, as_json: bool, quiet: bool
+) -> int:
+    """Agglomerate a coronal section of a human brain with every bisector, or those chosen.
+
+    With --3d it is the whole brain in cubes of 4 mm: fluid, grey and white matter share no agglomerate.
+
+    The table compares them at --diameter-fraction; levels of twice and four times that size stand above.
+    The folder gets report.html, pictures and meshes for ParaView; files of an earlier demo are replaced.
+    """
+    if quiet:
+        quieten()
+    chosen = {spec: choice("bisector", spec) for spec in bisectors or _bisectors(quiet, solid)}
+    _check_folder(output)
+    from agglo_core import samples
+
+    mesh = samples.brain3d() if solid else samples.brain()
+    rules = {"regions": _TISSUE} if solid else {}
+    diameter = float(mesh.graph.diameters()[0])
+    if not quiet:
+        explain_compilation()
+    factors = [factor * times for times in (1, 2, 4) if times == 1 or factor * times < 1.0]
+    sizes = tuple(diameter * each for each in factors)
+    with watched(quiet) as progress:
+        runs = [
+            attempt(mesh, spec, {"bisector": bisector, "h_star": sizes, **rules}, progress=progress)
+            for spec, bisector in chosen.items()
+        ]
+        refuse_all_failed(runs)
+        size = f"diameter D = {number(diameter)}"
+        note = f"{size}; levels at h* = {', '.join(f'{each:g}' for each in factors)} D"
+        note += f"; {_TISSUE}s kept apart" if solid else ""
+        title = f"{mesh.name}: {mesh.n_cells:,} cells, {size}, h* = {factor:g} D"
+        output.mkdir(exist_ok=True)
+        outputs = Outputs()
+        _meshes(outputs, output, mesh, runs, progress)
+        page = output / "report.html"
+        with phase(progress, "writing", page.name):
+            outputs.picture(page, lambda: _page(page, mesh, runs, note))
+        _pictures(outputs, output, mesh, runs, title, quiet, progress)
+    if as_json:
+        done = [run_data(run, run.name, "recursive") for run in runs]
+        files = sorted(outputs.written, key=lambda file: file != page)
+        print_json(
+            data(mesh, "brain3d" if solid else "brain", done) | {"files": [str(file) for file in files]}
+        )
+    elif not quiet:
+        show(title, runs, only_finest=True)
+        hint = f": open {page} in a browser" if page in outputs.written else ""
+        print_lines(f"wrote {len(outputs.written)} files to {output}{hint}")
+    return outputs.finish(listed=False)
+
+
+def _bisectors(quiet: bool, solid: bool = False) -> list[str]:
+    """Names of the bisectors that can be used here; those that lack a package, or a dimension, are noted."""
+    records = [record for record in default().list() if record.kind == "bisector"]
+    plane = [record for record in records if solid and record.state == "ok" and not _in_space(record)]
+    for record in records if not quiet else ():
+        if record.state == "needs":
+            say(f"note: without {record.name}: it {record.reason}")
+        elif record in plane:
+            say(f"note: without {record.name}: it does not promise to work in 3-D")
+    names = [record.name for record in records if record.state == "ok" and record not in plane]
+    if not names:
+        raise PluginError("there is no bisector that can be used: see agglo plugins")
+    return sorted(names, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))
+
+
+def _in_space(record: Record) -> bool:
+    return record.component is not None and bool(record.component.promises.get("3d"))
+
+
+def _check_folder(folder: Path) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise FileError(f"{folder} is a file; expected a folder to fill")
+    if not folder.exists() and not folder.parent.is_dir():
+        raise FileError(f"{folder}: there is no folder {folder.parent}")
+    if not os.access(folder if folder.exists() else folder.parent, os.W_OK):
+        raise FileError(f"{folder}: the folder is not writable")
+
+
+def _meshes(
+    outputs: Outputs, folder: Path, mesh: Mesh, runs: Sequence[RunResult], progress: Listener | None
+) -> None:
+    """Mesh and levels of each run for ParaView."""
+    from agglo_core.io import write
+
+    for run in runs:
+        if run.hierarchy is not None:
+            fine = folder / f"{as_file_name(run.name)}.vtu"
+            values = [level.values for level in run.levels]
+            make = partial(write, fine, mesh, run.hierarchy, level_values=values, progress=progress)
+            if outputs.result(fine, make):
+                levels = range(len(run.levels))
+                outputs.written += [fine.with_name(f"{fine.stem}_level{place}.vtu") for place in levels]
+
+
+def _page(page: Path, mesh: Mesh, runs: Sequence[RunResult], note: str) -> None:
+    from agglo_core.draw.webpage import write_page
+
+    write_page(page, mesh, runs, note)
+
+
+def _pictures(
+    outputs: Outputs,
+    folder: Path,
+    mesh: Mesh,
+    runs: Sequence[RunResult],
+    title: str,
+    quiet: bool,
+    progress: Listener | None,
+) -> None:
+    """The box plots, the mesh, and the levels of each run; none without matplotlib, which is said."""
+    if find_spec("matplotlib") is None:
+        if not quiet:
+            say(
+                "note: no pictures but those of report.html, for matplotlib is not installed: "
+                "pip install 'agglo[plot]'"
+            )
+        return
+    from agglo_core.draw.boxplot import draw_boxes
+    from agglo_core.draw.plot import draw, draw_mesh
+    from agglo_core.measure.selection import RATIOS
+
+    values = {run.name: run.levels[0].values for run in runs if run.levels}
+    boxes = folder / "boxplots.png"
+    with phase(progress, "drawing", boxes.name):
+        measured = [name for name in RATIOS if all(name in each for each in values.values())]
+        outputs.picture(boxes, lambda: draw_boxes(values, boxes, measured[:_BOXES], title=title))
+    whole = folder / "mesh.png"
+    with phase(progress, "drawing", whole.name):
+        outputs.picture(whole, lambda: draw_mesh(mesh, whole))
+    for run in runs:
+        if run.hierarchy is not None:
+            picture = folder / f"{as_file_name(run.name)}.png"
+            done, levels = {run.name: run.hierarchy}, {run.name: run.levels}
+            make = partial(draw, mesh, done, picture, progress=progress, fine=False, levels=levels)
+            outputs.picture(picture, make)

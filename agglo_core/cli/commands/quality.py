@@ -1,0 +1,76 @@
+"""``agglo quality``: shape metrics of the agglomerates in a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from agglo_core.cli.options.agglomeration import FILE
+from agglo_core.cli.options.shared import metrics_option, threads_option
+from agglo_core.cli.output.console import number, print_json, quieten
+from agglo_core.cli.output.stdout import OwnCommand
+from agglo_core.cli.output.tables import print_table
+from agglo_core.cli.runs import level_data, single_level, undefined, watched
+from agglo_core.progress import phase
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from agglo_core.hierarchy import Hierarchy
+    from agglo_core.measure import Level
+    from agglo_core.mesh import Mesh
+
+
+@click.command(cls=OwnCommand, short_help="Measure the agglomerates in a file.")
+@click.argument("file", type=FILE)
+@metrics_option
+@threads_option
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked for).")
+def quality(file: Path, metrics: list[Any] | None, as_json: bool, quiet: bool) -> None:
+    """Print the means of UF, CR, CRc, J and isoperimetric, or of other metrics, of every level in FILE.
+
+    Levels are those of a hierarchy (.npz) or the cell data level_0, level_1, …; a file without any has
+    its cells measured as they are.
+    """
+    if quiet:
+        quieten()
+    from agglo_core.io import read_hierarchy
+    from agglo_core.measure.agglomerates import measure_levels
+
+    with watched(quiet) as progress:
+        with phase(progress, "reading", file.name):
+            mesh, stored = read_hierarchy(file)
+        names, hierarchy = _levels(mesh, stored)
+        levels = measure_levels(mesh, hierarchy, metrics=metrics, progress=progress)
+    rows = [{"level": name} | level_data(level) for name, level in zip(names, levels, strict=True)]
+    for row in rows:
+        del row["target"]
+    if as_json:
+        print_json({"mesh": {"name": mesh.name, "cells": mesh.n_cells, "h0": mesh.h}, "levels": rows})
+    elif not quiet:
+        title = f"{mesh.name or file.name}: {mesh.n_cells:,} cells, h0 = {number(mesh.h)}"
+        columns = _columns(levels)
+        flat = [row | row.get("objectives", {}) for row in rows]
+        shown = [
+            [number(row[key]) + undefined(level, key) for key in columns]
+            for level, row in zip(levels, flat, strict=True)
+        ]
+        print_table(title, columns, shown, spare=["connected", "max_diameter", "isoperimetric"])
+
+
+def _columns(levels: Sequence[Level]) -> list[str]:
+    """Keys of what is shown, the mean diameter over h* beside the number of parts where a level has one."""
+    sized = any(level.line["diameter_ratio"] is not None for level in levels)
+    first = ["level", "parts", *(["diameter_ratio"] if sized else []), "max_diameter"]
+    metrics = [name for name in levels[0].metrics if name not in first]
+    return [*first, *metrics, "connected", *levels[0].objectives]
+
+
+def _levels(mesh: Mesh, stored: Hierarchy | None) -> tuple[list[str], Hierarchy]:
+    """Names and labels of the stored levels; of the cells as they are if there are none."""
+    if stored is not None:
+        return [f"level_{place}" for place in range(len(stored.levels))], stored
+    return ["cells"], single_level(mesh)

@@ -1,0 +1,142 @@
+"""``agglo run``: agglomerate a mesh with one bisector or several, measure, draw, write."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+from functools import partial
+from itertools import zip_longest
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from agglo_core.cli.options.agglomeration import FILE, agglomeration_options
+from agglo_core.cli.options.completion import meshes
+from agglo_core.cli.options.numbers import Number
+from agglo_core.cli.options.shared import metrics_option
+from agglo_core.cli.options.specs import choice, load_mesh
+from agglo_core.cli.output.console import explain_compilation, number, print_json, quieten
+from agglo_core.cli.output.files import Outputs, check_outputs, draw_runs
+from agglo_core.cli.output.stdout import OwnCommand
+from agglo_core.cli.ranks.launch import refuse_files
+from agglo_core.cli.ranks.run import is_of_ranks, run_on_ranks
+from agglo_core.cli.runs import data, execute, level_data, refuse_metrics, show, watched
+from agglo_core.progress import phase
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from agglo_core.hierarchy import Hierarchy
+    from agglo_core.measure import Level, RunResult
+    from agglo_core.mesh import Mesh
+    from agglo_core.progress import Listener
+
+_log = logging.getLogger("agglo")
+
+
+@click.command(cls=OwnCommand, short_help="Agglomerate a mesh: measure, draw, write.")
+@click.argument("source", metavar="MESH|SAMPLE", shell_complete=meshes)
+@agglomeration_options(bisector="several")
+@metrics_option
+@click.option("-o", "--output", type=FILE, help="Mesh and levels (.vtu, .npz, …); one file per bisector.")
+@click.option("--plot", type=FILE, help="Picture of mesh and levels (.png, .pdf, .svg).")
+@click.option(
+    "--explode",
+    type=Number(float, least=0.0, most=10.0),
+    help="In 3-D, how far --plot moves parts apart (default 0.35).",
+)
+@click.option("--report", type=FILE, help="One web page with all levels and runs (.html).")
+@click.option(
+    "--independent-of-ranks",
+    "independent",
+    is_flag=True,
+    help="With mpiexec: the same parts whatever the number of ranks.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
+@click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked for).")
+def run(
+    source: str,
+    bisectors: Sequence[str],
+    agglomeration: Mapping[str, Any],
+    metrics: list[Any] | None,
+    output: Path | None,
+    plot: Path | None,
+    explode: float | None,
+    report: Path | None,
+    independent: bool,
+    as_json: bool,
+    quiet: bool,
+) -> int:
+    """Agglomerate a mesh file, or a sample: squares:n=64, voronoi:n=5000,seed=3, paper:triangles, …
+
+    Targets are one of --h-star, --h-factor, --parts, --cells-per-part: a comma list, a level for each. After
+    mpiexec -n 4 the mesh lies on four processes, and is written as .pvtu.
+    """
+    if quiet:
+        quieten()
+    if explode is not None and plot is None:
+        raise click.UsageError("--explode is for --plot, which is not given")
+    if is_of_ranks(output, independent):
+        refuse_files({"--plot": plot, "--report": report})
+        if not quiet:
+            explain_compilation()
+        options = {"independent": independent, "as_json": as_json, "quiet": quiet}
+        return run_on_ranks(source, bisectors, agglomeration, metrics, output, **options)
+    files = check_outputs(output, plot, report, bisectors)
+    plans = {spec: {"bisector": choice("bisector", spec)} for spec in bisectors} or {"": {}}
+    outputs = Outputs()
+    with watched(quiet) as progress:
+        with phase(progress, "reading", source):
+            mesh = load_mesh(source)
+        if explode is not None and mesh.dim == 2:
+            raise click.UsageError(f"--explode is for solids; {mesh.name or source} is 2-D")
+        refuse_metrics(mesh, metrics)
+        if not quiet:
+            explain_compilation()
+        try:
+            runs = [
+                _carry_out(mesh, spec, {**agglomeration, **given}, metrics, outputs, file, progress)
+                for (spec, given), file in zip_longest(plans.items(), files)
+            ]
+        except BaseException:
+            outputs.finish(listed=False)  # what could not be written so far is told as well
+            raise
+    if as_json:
+        print_json(data(mesh, source, [_plain(each) for each in runs]))
+    elif not quiet:
+        show(f"{mesh.name or source}: {mesh.n_cells:,} cells, h0 = {number(mesh.h)}", runs)
+    with watched(quiet) as progress:
+        draw_runs(outputs, mesh, runs, plot, report, metrics, progress, explode=explode)
+    return outputs.finish(listed=not (as_json or quiet))
+
+
+def _carry_out(
+    mesh: Mesh,
+    spec: str,
+    given: Mapping[str, Any],
+    metrics: list[Any] | None,
+    outputs: Outputs,
+    file: Path | None,
+    progress: Listener | None,
+) -> RunResult:
+    """One run, written as soon as it is made; without ``spec`` that of the configuration, or the default."""
+
+    def save(hierarchy: Hierarchy, levels: Sequence[Level]) -> None:
+        from agglo_core.io import write
+
+        if file is None:
+            return
+        values = [level.values for level in levels] or None
+        make = partial(write, file, mesh, hierarchy, level_values=values, progress=progress)
+        if outputs.result(file, make) and not levels:
+            _log.warning("%s is written, but could not be measured", file)
+
+    made = execute(mesh, spec, given, metrics, progress, save)
+    return made if spec or not made.hierarchy else replace(made, name=made.hierarchy.statistics["bisector"])
+
+
+def _plain(run: RunResult) -> dict[str, Any]:
+    levels = [level_data(level) for level in run.levels]
+    statistics = run.hierarchy.statistics if run.hierarchy else {}
+    return {"bisector": run.name, "levels": levels, "seconds": run.seconds, "statistics": statistics}

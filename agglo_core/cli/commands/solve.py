@@ -1,0 +1,298 @@
+"""``agglo solve``: agglomerate, solve a problem with any solver, report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from agglo_core.cli.options.agglomeration import FILE, agglomeration_options
+from agglo_core.cli.options.completion import meshes, names
+from agglo_core.cli.options.numbers import Number
+from agglo_core.cli.options.shared import COMPONENT
+from agglo_core.cli.options.specs import load_mesh
+from agglo_core.cli.output.console import explain_compilation, print_json
+from agglo_core.cli.output.files import Outputs, check_picture
+from agglo_core.cli.output.stdout import OwnCommand, terminal_columns
+from agglo_core.cli.output.tables import print_lines
+from agglo_core.cli.ranks.launch import launched, refuse_files, refuse_on_ranks
+from agglo_core.cli.ranks.solve import NOT_CONVERGED, solve_on_ranks, solves_across
+from agglo_core.cli.runs import watched
+from agglo_core.cli.solving.choice import DEFAULT_SOLVER, Posed, built_solver, posed_by, solver_title
+from agglo_core.cli.solving.outputs import (
+    check_more,
+    draw_history,
+    levelless_run,
+    levels_run,
+    report_solution,
+    with_hierarchy,
+)
+from agglo_core.errors import AggloError, OptionError
+from agglo_core.progress import Listener, phase
+from agglo_core.registry.attribution import Member, attributed
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+    from agglo_core.measure.comparison import RunResult
+    from agglo_core.mesh import Mesh
+    from agglo_core.problems import Samples, Solution
+
+_COLUMNS = 80
+
+
+@click.command(cls=OwnCommand, short_help="Solve a problem with the help of a hierarchy.")
+@click.argument("source", metavar="MESH|SAMPLE", shell_complete=meshes)
+@click.option(
+    "--solver", default=DEFAULT_SOLVER, show_default=True, metavar=COMPONENT, shell_complete=names("solver")
+)
+@agglomeration_options(bisector="one")
+@click.option("--levels", type=Number(int), help="How many to use of mesh, level 0, 1, … (default all).")
+@click.option("--degree", type=Number(int), help="Of the polynomials (default: the solver's).")
+@click.option("--smoothing-steps", type=Number(int), help="Before and after each coarse correction.")
+@click.option("--tol", "tolerance", type=float, help="Relative residual and energy error to reach.")
+@click.option(
+    "--problem",
+    default="constant",
+    show_default=True,
+    metavar="NAME[:opt=val,…]|FILE.toml",
+    shell_complete=names("problem"),
+)
+@click.option(
+    "--cg/--no-cg", default=True, help="Count the iterations of plain CG too (default; slow if large)."
+)
+@click.option("-o", "--output", type=FILE, help="The solution, sampled in every cell (.vtu; on ranks .pvtu).")
+@click.option("--plot", type=FILE, help="Picture of the solution (.png, .pdf, .svg).")
+@click.option(
+    "--plot-convergence",
+    "history",
+    type=FILE,
+    help="Picture of residual and energy error by iteration (.png, .pdf, .svg).",
+)
+@click.option("--report", type=FILE, help="One web page with levels, costs, convergence (.html).")
+@click.option(
+    "--write-system",
+    "system_file",
+    type=FILE,
+    help="A, b, near-null vectors and levels, for other solvers (.npz or .mtx).",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
+def solve(
+    source: str,
+    solver: str,
+    agglomeration: Mapping[str, Any],
+    levels: int | None,
+    degree: int | None,
+    smoothing_steps: int | None,
+    tolerance: float | None,
+    problem: str,
+    cg: bool,
+    output: Path | None,
+    plot: Path | None,
+    history: Path | None,
+    report: Path | None,
+    system_file: Path | None,
+    as_json: bool,
+) -> int:
+    """Solve a problem on a mesh file or a sample: squares:n=64, voronoi:n=5000, paper:triangles, …
+
+    The problem is −∇·(κ∇u) = f with u = 0 on the boundary: constant is f = 8, sine f = 2π² sin πx sin πy; a
+    TOML file holds numbers by cell tag and boundary tag, or names the matrix of a linear system. Exit code
+    3: not converged, or no picture.
+    """
+    options = {"levels": levels, "degree": degree, "smoothing_steps": smoothing_steps, "tolerance": tolerance}
+    tool = built_solver(solver, _given(options))
+    files = {"--plot": plot, "--plot-convergence": history, "--report": report, "--write-system": system_file}
+    _refuse_one_process(tool, solver, files if solves_across(tool) else {"-o": output} | files)
+    if solves_across(tool):
+        return solve_on_ranks(source, solver, tool, problem, agglomeration, output, as_json=as_json)
+    _check_files(output, plot, system_file, tool, solver)
+    check_more(history, report)
+    explain_compilation()
+    outputs = Outputs()
+    with watched() as progress:
+        sampled_for = "-o and --plot are" if output or plot else ""
+        task = _task(source, problem, tool, solver, agglomeration, sampled_for, progress)
+        if system_file is not None:
+            _hand_over(outputs, system_file, task, progress)
+        solution = task.solution(progress)
+        sampled = _sampler(task, solution)
+        if output is not None:
+            _write(outputs, output, task.mesh, sampled, progress)
+        data = task.report(solution, cg, progress)
+    if as_json and cg and _is_plain_cg(tool) and solution.converged:
+        data["cg_iterations"] = solution.iterations
+    _show(task, data, as_json=as_json)
+    with watched() as progress:
+        if plot is not None:
+            _draw(outputs, plot, sampled, progress)
+        if history is not None:
+            draw_history(outputs, history, f"{task.name}, {problem}", {solver: solution}, progress)
+        if report is not None:
+            note = f"problem {problem}"
+            report_solution(outputs, report, task.mesh, task.made, note, {solver: data}, progress)
+    return outputs.finish(listed=not as_json) or (0 if solution.converged else NOT_CONVERGED)
+
+
+@dataclass(frozen=True)
+class _Task:
+    """A problem on a mesh, a solver, and the levels made for it.
+
+    Attributes
+    ----------
+    name : str
+        Of the mesh, or the source it was read from.
+    solver : str
+        As it was typed.
+    """
+
+    name: str
+    mesh: Mesh
+    posed: Posed
+    made: RunResult
+    tool: Any
+    solver: str
+
+    @property
+    def title(self) -> str:
+        """Title of the solver in messages."""
+        return solver_title(self.solver)
+
+    @property
+    def hierarchy(self) -> Hierarchy:
+        """The levels; the run that made them did not fail."""
+        assert self.made.hierarchy is not None
+        return self.made.hierarchy
+
+    def solution(self, progress: Listener | None) -> Solution:
+        """Solve the problem."""
+        from agglo_core.problems.solving import solved_by
+
+        solver = Member(self.tool, self.title)
+        return with_hierarchy(solved_by(solver, self.posed.problem, self.hierarchy, progress), self.made)
+
+    def report(self, solution: Solution, cg: bool, progress: Listener | None) -> dict[str, Any]:
+        """Plain data of a solution; with ``cg`` also the iterations of plain conjugate gradients."""
+        from agglo_core.solvers import solution_report
+
+        counted = getattr(self.tool, "tolerance", 1e-6) if cg and not _is_plain_cg(self.tool) else None
+        with attributed(self.title, spare=(AggloError,)):  # calls the discretisation
+            return solution_report.report(
+                self.mesh, self.posed.problem, solution, self.posed.how, counted, progress
+            )
+
+
+def _task(
+    source: str,
+    problem: str,
+    tool: Any,
+    solver: str,
+    agglomeration: Mapping[str, Any],
+    sampled_for: str,
+    progress: Listener | None,
+) -> _Task:
+    """Read the mesh, pose the problem, make the levels.
+
+    ``sampled_for`` names options that need the meaning of unknowns, as the beginning of a sentence.
+    """
+    with phase(progress, "reading", source):
+        mesh = load_mesh(source)
+    trusted = bool(agglomeration.get("allow_code"))
+    posed = posed_by(problem, mesh, tool, solver, allow_code=trusted)
+    if sampled_for:
+        posed.refuse_without_meaning(sampled_for)
+    # some solvers need no levels, but levels that are asked for are made
+    needs_levels = getattr(tool, "needs_levels", True) and not _is_plain_cg(tool)
+    levels = needs_levels or bool(agglomeration)
+    made = levels_run(mesh, agglomeration, progress) if levels else levelless_run(mesh)
+    return _Task(mesh.name or source, mesh, posed, made, tool, solver)
+
+
+def _is_plain_cg(tool: object) -> bool:
+    """Return True if a solver is conjugate gradients without levels."""
+    return bool(getattr(tool, "plain_cg", False))
+
+
+def _show(task: _Task, data: dict[str, Any], *, as_json: bool) -> None:
+    """Print the report of a solution."""
+    if as_json:
+        print_json(data)
+        return
+    from agglo_core.solvers import solution_report
+
+    columns = min(_COLUMNS, terminal_columns() or _COLUMNS)
+    print_lines(solution_report.text(f"{task.name}, {task.solver}", data, columns))
+
+
+def _refuse_one_process(tool: object, solver: str, files: Mapping[str, Path | None]) -> None:
+    """Several ranks solve one problem with a solver that shares it out, as it says itself."""
+    if launched() is None:
+        return
+    if getattr(tool, "ranks", "one") != "world" and not solves_across(tool):
+        refuse_on_ranks(f"the solver {solver}", "petsc_mg shares meshes out among processes")
+    refuse_files(files, "solve in one process for it")
+
+
+def _given(options: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in options.items() if value is not None}
+
+
+def _check_files(
+    output: Path | None, plot: Path | None, system_file: Path | None, tool: object, solver: str
+) -> None:
+    """Check before anything is computed that the files can be written."""
+    if (output or plot) and getattr(tool, "discretisation", None) is None:
+        raise OptionError(f"{solver} does not say what its unknowns mean: -o and --plot are not available")
+    if output is not None:
+        from agglo_core.io import check_writable
+
+        if output.suffix.lower() != ".vtu":
+            raise OptionError(f"{output}: a solution is written as .vtu")
+        check_writable(output)
+    if plot is not None:
+        check_picture(plot)
+    if system_file is not None:
+        from agglo_core.io.system_files import check_system_file
+
+        check_system_file(system_file)
+
+
+def _sampler(task: _Task, solution: Solution) -> Callable[[], Samples]:
+    """Function that samples the solution when first called, for file and picture."""
+
+    @cache
+    def sampled() -> Samples:
+        how = task.posed.how
+        assert how is not None  # checked before, where a file or a picture is asked for
+        with attributed(task.title, spare=(AggloError,)):
+            return how.sample(task.mesh, solution.x)
+
+    return sampled
+
+
+def _write(
+    outputs: Outputs, output: Path, mesh: Mesh, sampled: Callable[[], Samples], progress: Listener | None
+) -> None:
+    from agglo_core.io.vtk.solution import write_solution
+
+    with phase(progress, "writing", output.name):
+        outputs.result(output, lambda: write_solution(output, mesh, sampled()))
+
+
+def _hand_over(outputs: Outputs, path: Path, task: _Task, progress: Listener | None) -> None:
+    """Write the system before it is solved, so that it is there even if the solver fails."""
+    from agglo_core.io.system_files import write_system_and_levels
+
+    with phase(progress, "writing", path.name):
+        system = task.posed.system()
+        outputs.result(path, lambda: write_system_and_levels(path, system, task.hierarchy.levels))
+
+
+def _draw(outputs: Outputs, plot: Path, sampled: Callable[[], Samples], progress: Listener | None) -> None:
+    from agglo_core.draw.solution import draw_solution
+
+    with phase(progress, "drawing", plot.name):
+        outputs.picture(plot, lambda: draw_solution(plot, sampled()))

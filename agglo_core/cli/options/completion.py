@@ -1,0 +1,162 @@
+"""Completion in the shell: names, options and values of components, samples, files."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import click
+from click.shell_completion import (
+    BashComplete,
+    CompletionItem,
+    add_completion_class,
+    get_completion_class,
+    split_arg_string,
+)
+
+from agglo_core.cli.options.specs import split_specs
+from agglo_core.cli.output.stdout import OwnCommand
+from agglo_core.cli.output.tables import print_lines
+from agglo_core.errors import AggloError
+from agglo_core.registry import KINDS, Record, default
+from agglo_core.registry.construct import resolve
+from agglo_core.registry.option_types import words_of
+from agglo_core.registry.options import Option, options_of
+
+Offer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
+"""What click asks with the text so far: ``shell_complete=`` of an option or argument."""
+
+
+def names(*kinds: str, several: bool = False, also: tuple[str, ...] = ()) -> Offer:
+    """Offers the components of these kinds that can be used, their options, and values of those.
+
+    Parameters
+    ----------
+    several : bool
+        Whether a comma list of them is typed.
+    also : tuple of str
+        Words that stand in the place of a name.
+    """
+
+    def offer(_: click.Context, __: click.Parameter, typed: str) -> list[CompletionItem]:
+        return [CompletionItem(text, help=about) for text, about in _continued(kinds, typed, several, also)]
+
+    return offer
+
+
+def any_names(_: click.Context, __: click.Parameter, typed: str) -> list[CompletionItem]:
+    """Offers every component, as ``NAME`` or ``KIND:NAME``."""
+    kind, colon = typed.partition(":")[:2]
+    alone = bool(colon) and kind in KINDS
+    known = _usable((kind,) if alone else tuple(KINDS))
+    found = [CompletionItem(f"{kind}:{r.name}" if alone else r.name, help=_about(r)) for r in known]
+    return [item for item in found if item.value.startswith(typed)]
+
+
+samples: Offer = names("sample")
+"""Offers samples with their options."""
+
+
+def meshes(context: click.Context, parameter: click.Parameter, typed: str) -> list[CompletionItem]:
+    """Offers samples, or files where no sample begins so."""
+    return samples(context, parameter, typed) or [CompletionItem(typed, type="file")]
+
+
+def _continued(
+    kinds: tuple[str, ...], typed: str, several: bool, also: tuple[str, ...]
+) -> Iterator[tuple[str, str]]:
+    """Each text that may follow, with the whole of what was typed, and what it stands for.
+
+    After a comma in a list there may follow another component, or another option of the one before.
+    """
+    last = typed.rpartition(",")[2]
+    head = typed[: len(typed) - len(last)]
+    specs = split_specs(typed) if several else [typed]
+    if "=" not in last and ":" not in last and (several or not head):
+        for word, about in [(r.name, _about(r)) for r in _usable(kinds)] + [(word, "") for word in also]:
+            if word.startswith(last):
+                yield head + word, about
+        specs = [f"{specs[-2]},{last}"] if len(specs) > 1 else specs
+    name, colon, options = specs[-1].partition(":")
+    if colon:
+        before = typed[: len(typed) - len(options.rpartition(",")[2])]
+        for text, about in _options(kinds, name, options):
+            yield before + text, about
+
+
+def _options(kinds: tuple[str, ...], name: str, typed: str) -> Iterator[tuple[str, str]]:
+    """The options that may follow those ``typed``, or the values of the last one."""
+    *given, last = typed.split(",")
+    option, equals, value = last.partition("=")
+    taken = {each.partition("=")[0] for each in given}
+    known = [each for record in _usable(kinds) if record.name == name for each in _options_of(record)]
+    for each in known:
+        if equals and each.name == option:
+            words = [word for word in words_of(each.type) if word.startswith(value)]
+            yield from ((f"{option}={word}", "") for word in words)
+        elif not equals and each.name not in taken and each.name.startswith(option):
+            yield f"{each.name}=", each.about
+
+
+def _options_of(record: Record) -> tuple[Option, ...]:
+    try:
+        return options_of(resolve(record)) or ()
+    except AggloError:  # a shell shows nothing else while somebody types
+        return ()
+
+
+def _about(record: Record) -> str:
+    return record.component.summary if record.component else ""
+
+
+def _usable(kinds: tuple[str, ...]) -> list[Record]:
+    return [each for each in default().list() if each.kind in kinds and each.state == "ok"]
+
+
+_BASH = """\
+%(complete_func)s() {
+    local kind word
+    COMPREPLY=()
+    while IFS=, read -r kind word; do
+        if [[ $kind == plain ]]; then COMPREPLY+=("$word"); else compopt +o nospace -o default; fi
+    done < <(COMP_LINE="$COMP_LINE" COMP_POINT="$COMP_POINT" %(complete_var)s=bash_complete "$1")
+}
+complete -o nosort -o nospace -F %(complete_func)s %(prog_name)s
+"""
+
+
+class _Bash(BashComplete):
+    """Completion in bash, which ends words at ``:`` and ``=`` and gets what follows the last of them."""
+
+    source_template = _BASH
+
+    def get_completion_args(self) -> tuple[list[str], str]:
+        """The words before the cursor, and the one at it so far."""
+        line = os.environ["COMP_LINE"][: int(os.environ["COMP_POINT"])]
+        words = split_arg_string(line)
+        typed = words.pop() if words and not line[-1].isspace() else ""
+        self._known = max(typed.rfind(":"), typed.rfind("=")) + 1
+        return words[1:], typed
+
+    def format_completion(self, item: CompletionItem) -> str:
+        """The rest of a word, with a space after it unless a value follows."""
+        if item.type != "plain":
+            return f"{item.type},"
+        rest = str(item.value)[self._known :]
+        return f"plain,{rest}{'' if rest.endswith('=') else ' '}"
+
+
+add_completion_class(_Bash)
+
+
+@click.command(cls=OwnCommand, short_help="Let the shell complete what is typed.")
+@click.argument("shell", type=click.Choice(("bash", "zsh", "fish")))
+def completion(shell: str) -> None:
+    """Print the script for SHELL that completes commands, options, components, their options, samples.
+
+    bash: put eval "$(agglo completion bash)" into ~/.bashrc, and likewise in ~/.zshrc. fish: agglo
+    completion fish > ~/.config/fish/completions/agglo.fish
+    """
+    kind: Any = get_completion_class(shell)
+    print_lines(kind(click.Command("agglo"), {}, "agglo", "_AGGLO_COMPLETE").source())

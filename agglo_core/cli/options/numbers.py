@@ -1,0 +1,89 @@
+"""Options that are numbers or lists of them: what does not fit is refused with what was expected."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import inf
+from typing import Any
+
+import click
+
+
+@dataclass(frozen=True)
+class Number(click.ParamType[float]):
+    """A finite number within bounds.
+
+    Attributes
+    ----------
+    kind : type
+        ``int`` or ``float``.
+    least, above, most : number, optional
+        It is at least ``least``, larger than ``above``, at most ``most``.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import Number
+    >>> Number(int, least=1).convert("3", None, None)
+    3
+    >>> Number(int, least=1).convert("0", None, None)
+    Traceback (most recent call last):
+        ...
+    click.exceptions.BadParameter: 0 is not in the range; expected a whole number of at least 1
+    """
+
+    kind: type[int] | type[float]
+    least: float = -inf
+    above: float = -inf
+    most: float = inf
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """Name of the type in help texts."""
+        return "integer" if self.kind is int else "float"
+
+    def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> float:
+        """The number a text stands for."""
+        try:
+            number = self.kind(value)
+        except ValueError:
+            self.fail(self._refusal(value, f"a valid {self.name}"), parameter, context)
+        if not (self.least <= number <= self.most and self.above < number < inf):
+            self.fail(self._refusal(number, "in the range"), parameter, context)
+        return number
+
+    def _refusal(self, value: Any, lacks: str) -> str:
+        noun = "a whole number" if self.kind is int else "a finite number"
+        bounds = {"of at least": self.least, "above": self.above, "at most": self.most}
+        said = " and ".join(f"{words} {bound:.15g}" for words, bound in bounds.items() if abs(bound) < inf)
+        return f"{in_words(value)} is not {lacks}; expected {f'{noun} {said}'.rstrip()}"
+
+
+def in_words(value: Any) -> str:
+    """A value as error messages quote it: the beginning of a long one."""
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:56]}…{text[-1]}"
+
+
+def numbers(
+    number: type[int] | type[float], least: float | None = None
+) -> Callable[[click.Context, click.Parameter, Any], tuple[float, ...] | None]:
+    """A click callback that turns ``"2,4,8"`` into a tuple of positive numbers, ``least`` or more."""
+    noun = "whole numbers" if number is int else "numbers"
+    wanted = "positive and finite" if least is None else f"at least {least:g} and finite"
+
+    def read(_: click.Context, parameter: click.Parameter, text: str | None) -> tuple[float, ...] | None:
+        if text is None:
+            return None
+        try:
+            values = tuple(number(item) for item in text.split(","))
+        except ValueError:
+            message = f"{in_words(text)} is not a comma list of {noun}"
+            raise click.BadParameter(message, param=parameter) from None
+        for value in values:
+            if not (0 < value < inf and value >= (least or 0)):
+                message = f"each number must be {wanted}, given {in_words(value)}"
+                raise click.BadParameter(message, param=parameter)
+        return values
+
+    return read

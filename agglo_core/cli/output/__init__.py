@@ -1,0 +1,1 @@
+"""Output of commands: tables, notices, JSON, files."""

@@ -1,0 +1,110 @@
+"""Output that any encoding of a terminal or a pipe can show: ``<=`` where it has no ``≤``.
+
+Errors of encoding are turned into readable text by the streams themselves, so that this holds for tables,
+notes, help texts, and whatever plugins print. JSON is ASCII by itself.
+"""
+
+from __future__ import annotations
+
+import codecs
+import io
+import sys
+import unicodedata
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from typing import TextIO
+
+from agglo_core.cli.output.stdout import stdout
+from agglo_core.registry.containment import printable
+
+_ERRORS = "agglo_readable"
+_ASCII = "agglo_ascii"
+
+_INSTEAD = {
+    **{"≤": "<=", "≥": ">=", "≠": "!=", "≈": "~", "∞": "inf", "−": "-", "–": "-", "—": "-", "×": "x"},
+    **{"·": ".", "•": "*", "…": "...", "→": "->", "←": "<-", "↔": "<->", "√": "sqrt ", "∇": "grad "},
+    **{"ᵀ": "^T", "²": "^2", "³": "^3", "⁻": "^-", "°": " deg", "“": '"', "”": '"', "‘": "'", "’": "'"},
+    **{"§": "sec. ", "±": "+-", "½": "1/2", "∂": "d"},
+}
+_GREEK = {
+    letter: unicodedata.name(letter).rpartition(" ")[2].lower().replace("lamda", "lambda")
+    for letter in "αβγδεζηθικλμνξπρστυφχψωΓΔΘΛΞΠΣΦΨΩ"
+}
+
+
+def _instead(character: str) -> str:
+    """ASCII that reads like a character; its number where nothing does."""
+    known = _INSTEAD.get(character) or _GREEK.get(character)
+    if known:
+        return known
+    if "\udc80" <= character <= "\udcff":  # a byte of a file name that is not text
+        return f"\\x{ord(character) - 0xDC00:02x}"
+    if "─" <= character <= "╿":
+        return {"─": "-", "━": "-", "│": "|", "┃": "|"}.get(character, "+")
+    if "▀" <= character <= "▟" or "⠀" <= character <= "⣿":  # bars and spinners
+        return "#" if character < "⠀" else "*"
+    plain = unicodedata.normalize("NFKD", character).encode("ascii", "ignore").decode()
+    return plain or character.encode("ascii", "backslashreplace").decode()
+
+
+def _replace(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return "".join(map(_instead, error.object[error.start : error.end])), error.end
+
+
+codecs.register_error(_ERRORS, _replace)
+
+
+def _ascii_by_another_name(name: str) -> codecs.CodecInfo | None:
+    """ASCII for :mod:`click`, which takes a stream in ASCII for a mistake and would write UTF-8 to it."""
+    if name != _ASCII:
+        return None
+    real = codecs.lookup("ascii")
+    return codecs.CodecInfo(
+        real.encode,
+        real.decode,
+        real.streamreader,
+        real.streamwriter,
+        real.incrementalencoder,
+        real.incrementaldecoder,
+        name=_ASCII,
+    )
+
+
+@contextmanager
+def readable_output() -> Iterator[None]:
+    """Let stdout and stderr replace what their encoding lacks, for as long as the context lasts."""
+    codecs.register(_ascii_by_another_name)
+    try:
+        with ExitStack() as stack:
+            for stream in (sys.stdout, sys.stderr):
+                if isinstance(stream, io.TextIOWrapper):
+                    stack.enter_context(_replacing(stream))
+            yield
+    finally:
+        codecs.unregister(_ascii_by_another_name)
+
+
+@contextmanager
+def _replacing(stream: io.TextIOWrapper) -> Iterator[None]:
+    encoding, errors = stream.encoding, stream.errors
+    is_ascii = codecs.lookup(encoding).name == "ascii"
+    stream.reconfigure(encoding=_ASCII if is_ascii else encoding, errors=_ERRORS)
+    try:
+        yield
+    finally:
+        with suppress(OSError, ValueError):  # it is closed, or what it holds cannot be written
+            stream.reconfigure(encoding=encoding, errors=errors)
+
+
+def shown(text: str, stream: TextIO | None = None) -> str:
+    """The text as a stream (by default stdout) will show it: what takes its place takes its room too."""
+    stream = stdout() if stream is None else stream
+    encoding = getattr(stream, "encoding", None) or "utf-8"
+    return printable(text).encode(encoding, _ERRORS).decode(encoding)
+
+
+def can_show(text: str, stream: TextIO | None = None) -> bool:
+    """Return True if a stream (by default stdout) shows the text unchanged."""
+    return shown(text, stream) == text

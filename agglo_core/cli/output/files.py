@@ -1,0 +1,197 @@
+"""Output files of the commands: checked before anything is computed, and none of them costs another."""
+
+from __future__ import annotations
+
+import logging
+import re
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from agglo_core.cli.output.console import say
+from agglo_core.cli.output.tables import print_lines
+from agglo_core.cli.stopping import stopped_by
+from agglo_core.errors import AggloError, FileError
+from agglo_core.progress import Listener, phase
+from agglo_core.registry.containment import PLUGIN_FAILURES, printable, raised
+
+if TYPE_CHECKING:
+    from agglo_core.measure.comparison import RunResult
+    from agglo_core.mesh import Mesh
+
+_log = logging.getLogger("agglo")
+
+_PICTURES = (".png", ".pdf", ".svg")
+_NO_RESULT, _NO_PICTURE = 2, 3
+
+
+@dataclass
+class Outputs:
+    """The output files of a command: each is made on its own, so that one that fails costs no other.
+
+    Attributes
+    ----------
+    written : list of Path
+    failures : list of (path, error)
+        What could not be made, and why.
+    code : int
+        Exit code: 2 if a result is missing, else 3 if a picture or a report is, else 0.
+    """
+
+    written: list[Path] = field(default_factory=list)
+    failures: list[tuple[Path, BaseException]] = field(default_factory=list)
+    code: int = 0
+
+    def result(self, path: Path, make: Callable[[], object]) -> bool:
+        """Make a file of results; whether it was made. An interrupt passes through."""
+        return self._attempt(path, make, _NO_RESULT)
+
+    def picture(self, path: Path, make: Callable[[], object]) -> bool:
+        """Make a picture or a report; whether it was made. An interrupt passes through."""
+        return self._attempt(path, make, _NO_PICTURE)
+
+    def _attempt(self, path: Path, make: Callable[[], object], code: int) -> bool:
+        try:
+            make()
+        except PLUGIN_FAILURES as error:
+            if stopped_by(error) is not None:
+                raise
+            self.failures.append((path, error))
+            self.code = min(code, self.code or code)
+            return False
+        self.written.append(path)
+        return True
+
+    def finish(self, *, listed: bool) -> int:
+        """The exit code. Says on stderr what is missing, with a traceback where that is a bug.
+
+        ``listed``: name on stdout what is written.
+        """
+        for path in self.written if listed else ():
+            print_lines(f"wrote {path}{_coarse_meshes(path)}")
+        for path, error in self.failures:
+            if not isinstance(error, AggloError | OSError | ImportError | MemoryError):
+                click.echo("".join(traceback.format_exception(error)), err=True, nl=False)
+            why = str(error) if isinstance(error, AggloError) else raised(error)
+            text = why if str(path) in why else f"{path}: {why}"
+            say(f"error: {printable(' '.join(text.split()))}")
+        return self.code
+
+
+def _coarse_meshes(path: Path) -> str:
+    """Describe the files of coarse meshes that ``write`` has left beside a file."""
+    count = 0
+    while path.with_name(f"{path.stem}_level{count}{path.suffix}").is_file():
+        count += 1
+    name = f"{path.stem}_level0{path.suffix}"
+    return (
+        "" if not count else f", and {count} coarse mesh{'es' if count > 1 else ''} beside it from {name} on"
+    )
+
+
+def check_outputs(
+    output: Path | None, plot: Path | None, report: Path | None, bisectors: Sequence[str]
+) -> list[Path]:
+    """The mesh file of each run, all writable as far as can be told in advance.
+
+    Raises
+    ------
+    FileError
+        For an unknown suffix, a folder that does not exist, or a path that is a folder.
+    """
+    if plot is not None:
+        check_picture(plot)
+    if report is not None:
+        check_report(report)
+    if output is None:
+        return []
+    from agglo_core.io import check_writable
+
+    files = [output] if len(bisectors) < 2 else _one_each(output, bisectors)
+    for file in files:
+        check_writable(file)
+    return files
+
+
+def draw_runs(
+    outputs: Outputs,
+    mesh: Mesh,
+    runs: Sequence[RunResult],
+    plot: Path | None,
+    report: Path | None,
+    metrics: list[Any] | None,
+    progress: Listener | None,
+    solves: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
+    explode: float | None = None,
+) -> None:
+    """Make picture and report, where they are wanted; means of the ``metrics`` stand in the titles.
+
+    ``solves`` is what the report shows of solutions, by the name of the run.
+    """
+    if plot is not None:
+        from agglo_core.draw.plot import draw
+
+        done = {run.name: run.hierarchy for run in runs if run.hierarchy is not None}
+        make = partial(draw, mesh, done, plot, metrics, progress=progress, explode=explode)
+        outputs.picture(plot, partial(make, levels={run.name: run.levels for run in runs}))
+    if report is not None:
+        from agglo_core.draw.webpage import write_page
+
+        with phase(progress, "writing", report.name):
+            outputs.picture(report, lambda: write_page(report, mesh, runs, solves=solves))
+
+
+def weigh_runs(outputs: Outputs, mesh: Mesh, runs: Sequence[RunResult], picture: Path) -> None:
+    """Make the picture of roundness, evenness and seconds of runs, with the Pareto front."""
+    from agglo_core.draw.pareto import draw_pareto
+
+    name = mesh.name or "mesh"
+    outputs.picture(picture, lambda: draw_pareto(runs, picture, f"{name}, {mesh.n_cells:,} cells"))
+
+
+def check_report(report: Path) -> None:
+    """Raise FileError unless a report can be written there, as far as can be told in advance."""
+    from agglo_core.draw.webpage import check_page
+
+    check_page(report)
+
+
+def check_picture(plot: Path, flag: str = "--plot") -> None:
+    """Raise FileError unless a picture can be written there, as far as can be told in advance.
+
+    Without matplotlib, which the option ``flag`` needs, a warning says in time that there will be none.
+    """
+    if plot.is_dir():
+        raise FileError(f"{plot} is a folder; expected the name of a picture")
+    if plot.suffix.lower() not in _PICTURES:
+        raise FileError(f"{plot}: pictures end in {', '.join(_PICTURES)}, not {plot.suffix!r}")
+    if not plot.parent.is_dir():
+        raise FileError(f"{plot}: there is no folder {plot.parent}")
+    from agglo_core.io.atomic import check_replaceable
+
+    check_replaceable(plot)
+    if find_spec("matplotlib") is None:
+        text = (
+            "%s needs matplotlib, which is not installed: pip install 'agglo[plot]'; the rest is made without"
+        )
+        _log.warning(text, flag)
+
+
+def as_file_name(spec: str) -> str:
+    """A component as part of a file name: ``metis:ufactor=30`` becomes ``metis_ufactor_30``."""
+    return re.sub(r"\W+", "_", spec).strip("_")
+
+
+def _one_each(output: Path, bisectors: Sequence[str]) -> list[Path]:
+    """``out_kmeans.vtu``, ``out_metis.vtu``; options become part of the name as far as file names allow."""
+    names = [as_file_name(spec) for spec in bisectors]
+    if len(set(names)) < len(names):
+        raise click.UsageError(f"{' and '.join(bisectors)} would be written to files of the same name")
+    return [output.with_name(f"{output.stem}_{name}{output.suffix}") for name in names]

@@ -1,0 +1,237 @@
+"""Print tables on stdout: rich draws them, with column widths chosen here so that no number is cut.
+
+On a narrow terminal the frame goes first, then headings and words are folded, then the columns that a command
+can spare are left out, with a line below the table that names them; finally every row becomes a block of
+lines. In a pipe a table is as wide as it needs to be, and has the same frame.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from io import StringIO
+from types import MappingProxyType
+
+import click
+
+from agglo_core.cli.output.encoding import can_show, shown
+from agglo_core.cli.output.stdout import stdout, terminal_columns
+
+_PIPE = 200  # columns that words are folded to where the output is not a terminal
+_GAP = 2  # columns between columns
+_SPACES = re.compile(r"(?<= )(?=[^ ])")
+_BREAKS = re.compile(r"(?<= )(?=[^ ])|(?<=[,:=_-])(?=[A-Za-z])")
+_NUMBER = re.compile(r"[-+]?\d[\d,.]*(e[-+]?\d+)?( %| \(.*\))?|[–-]|")
+_FRAME = "┏━┳┓┃┡╇┩│└─┴┘"
+_NOTHING: Mapping[str, int] = MappingProxyType({})
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of texts.
+
+    Attributes
+    ----------
+    columns : sequence of str
+        Headings.
+    rows : sequence of sequence of str
+    spare : sequence of str
+        Columns that may be left out, the first to go first.
+    fold : mapping of str to int
+        Columns of words, which may be folded, each with the width it has at least, if it fills that.
+    """
+
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    spare: Sequence[str]
+    fold: Mapping[str, int]
+
+    def without(self, left: Sequence[str]) -> Table:
+        """The table without some of its columns."""
+        kept = [place for place, name in enumerate(self.columns) if name not in left]
+        rows = [[row[place] for place in kept] for row in self.rows]
+        return replace(self, columns=[self.columns[place] for place in kept], rows=rows)
+
+    def cells(self, place: int) -> list[str]:
+        """The cells of a column."""
+        return [row[place] for row in self.rows]
+
+    def least(self, *, whole_heads: bool) -> list[int]:
+        """Width that each column needs; headings are folded unless they are to stay whole."""
+        widths = []
+        for place, name in enumerate(self.columns):
+            cells = self.cells(place)
+            needs = _widest(cells)
+            if name in self.fold:
+                needs = max(min(needs, self.fold[name]), _longest_word(cells))
+            widths.append(max(needs, _width(name) if whole_heads else _longest_word([name])))
+        return widths
+
+    def widths(self, room: int, *, whole_heads: bool) -> list[int] | None:
+        """Widths of the columns that fill at most ``room`` together; None if that is too little."""
+        widths = self.least(whole_heads=whole_heads)
+        room -= sum(widths)
+        if room < 0:
+            return None
+        for place, name in enumerate(self.columns):
+            wanted = max(_width(name), _widest(self.cells(place)))
+            more = max(0, min(room, wanted - widths[place]))
+            widths[place] += more
+            room -= more
+        return widths
+
+
+def print_table(
+    title: str,
+    columns: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    *,
+    spare: Sequence[str] = (),
+    fold: Mapping[str, int] = _NOTHING,
+    boxed: bool = True,
+) -> None:
+    """Print a table on stdout, no wider than the terminal.
+
+    Parameters
+    ----------
+    title : str
+        What stands above it, or empty.
+    columns, rows, spare, fold
+        Of the :class:`Table`. A command with columns to spare has ``--json``, to which the reader is sent.
+    boxed : bool
+        Whether lines are drawn around the cells where there is room for them.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import print_table
+    >>> print_table("", ["bisector", "parts"], [["sweep", "8"], ["metis", "16"]], boxed=False)
+    bisector  parts
+    --------  -----
+    sweep         8
+    metis        16
+    """
+    table = Table(
+        list(map(shown, columns)),
+        [list(map(shown, row)) for row in rows],
+        list(map(shown, spare)),
+        {shown(name): least for name, least in fold.items()},
+    )
+    if title:
+        print_lines(title)
+    boxed = boxed and can_show(_FRAME)
+    click.echo("\n".join(laid_out(table, terminal_columns(), boxed=boxed)), file=stdout())
+
+
+def print_lines(text: str) -> None:
+    """Print the lines of a text on stdout, folded at spaces alone: paths stay whole.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import print_lines
+    >>> print_lines("8 parts\\n2 parts")
+    8 parts
+    2 parts
+    """
+    width = terminal_columns()
+    for line in shown(text).split("\n") if text else ():
+        click.echo(line_for(width, line), file=stdout())
+
+
+def line_for(width: int | None, line: str) -> str:
+    """A line, folded at spaces alone where a terminal of that many columns is too narrow."""
+    indent = " " * (len(line) - len(line.lstrip()) + 2)
+    return line if width is None else "\n".join(folded(line, width, indent, _SPACES))
+
+
+def laid_out(table: Table, width: int | None, *, boxed: bool) -> list[str]:
+    """The lines of a table in at most ``width`` columns; None for as many as it needs."""
+    count = len(table.columns)
+    frame, gaps = 3 * count + 1, _GAP * (count - 1)
+    if width is None:
+        width = max(_PIPE, sum(table.least(whole_heads=True)) + frame)
+    if boxed and (widths := table.widths(width - frame, whole_heads=True)) is not None:
+        return _drawn(table, widths, boxed=True)
+    for gone in range(len(table.spare) + 1):
+        left = [name for name in table.columns if name in table.spare[:gone]]
+        kept = table.without(left)
+        widths = kept.widths(width - gaps + _GAP * len(left), whole_heads=False)
+        if widths is not None:
+            needed = sum(table.least(whole_heads=False)) + gaps
+            return [*_drawn(kept, widths, boxed=False), *(_left_out(left, width, needed) if left else ())]
+    return list(_stacked(table, width))
+
+
+def _left_out(names: Sequence[str], width: int, needed: int) -> list[str]:
+    text = f"left out: {', '.join(names)}; a terminal of {needed} columns, or --json, shows all"
+    return list(folded(text, width, "  "))
+
+
+def _drawn(table: Table, widths: Sequence[int], *, boxed: bool) -> list[str]:
+    """Lines of the table as rich draws it, with columns of these widths."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table as Grid
+    from rich.text import Text
+
+    grid = Grid(
+        box=box.HEAVY_HEAD if boxed else None,
+        padding=(0, 1) if boxed else (0, _GAP, 0, 0),
+        pad_edge=boxed,
+        show_header=boxed,
+    )
+    for place, (name, width) in enumerate(zip(table.columns, widths, strict=True)):
+        numeric = name not in table.fold and all(map(_NUMBER.fullmatch, table.cells(place)))
+        grid.add_column(Text(name), width=width, justify="right" if numeric else "left")
+    heads = () if boxed else (table.columns, ["-" * width for width in widths])  # rich folds them at the top
+    for row in (*heads, *table.rows):
+        cells = (folded(cell, width) for cell, width in zip(row, widths, strict=True))
+        grid.add_row(*(Text("\n".join(lines)) for lines in cells))
+    room = sum(widths) + 4 * len(widths) + 1
+    page = StringIO()  # rich draws with ASCII on a stream that is not in UTF-8
+    Console(file=page, width=room, color_system=None, legacy_windows=False, _environ={}).print(grid)
+    return [line.rstrip() for line in page.getvalue().removesuffix("\n").split("\n")]
+
+
+def _stacked(table: Table, width: int) -> Iterator[str]:
+    """A block for each row; one whose first cell is empty goes on with the block before it."""
+    margin = max(map(_width, table.columns), default=0) + _GAP
+    for number, row in enumerate(table.rows):
+        if number and row[0]:
+            yield ""
+        for name, cell in zip(table.columns, row, strict=True):
+            if cell:
+                yield from folded(name + " " * (margin - _width(name)) + cell, width, " " * _GAP)
+
+
+def folded(text: str, width: int, indent: str = "", breaks: re.Pattern[str] = _BREAKS) -> Iterator[str]:
+    """Lines of a text, broken between words and after ``, : = _ -`` before a letter, never in a number.
+
+    Lines after the first begin with ``indent``. A word wider than ``width`` stays whole.
+    """
+    for part in text.split("\n"):
+        line = ""
+        for word in breaks.split(part):
+            if line.strip() and _width(line) + _width(word.rstrip()) > width:
+                yield line.rstrip()
+                line = indent
+            line += word
+        yield line.rstrip()
+
+
+def _width(text: str) -> int:
+    """Return how many columns a line takes on a terminal: two for East Asian letters, none for accents."""
+    if text.isascii():
+        return len(text)
+    from rich.cells import cell_len
+
+    return cell_len(text)
+
+
+def _widest(cells: Sequence[str]) -> int:
+    return max((_width(line) for cell in cells for line in cell.split("\n")), default=0)
+
+
+def _longest_word(cells: Sequence[str]) -> int:
+    words = (word.rstrip() for cell in cells for part in cell.split("\n") for word in _BREAKS.split(part))
+    return max(map(_width, words), default=0)

@@ -1,0 +1,136 @@
+"""The command line on several ranks of MPI: who prints, how all end together, what is refused there.
+
+Whether there are several is read from what launchers put into the environment, so that ordinary runs do not
+import mpi4py. Rank 0 prints, and what the others would is kept back. At its end each rank tells the others
+its exit code. If all get there, all exit alike; if some do not, they wait for a rank that has failed, which
+says why and aborts the whole run.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack, redirect_stderr, redirect_stdout
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import click
+
+from agglo_core.errors import OptionError
+
+_LAUNCHERS = (
+    ("PMI_RANK", "PMI_SIZE"),  # MPICH, Intel MPI, Cray
+    ("OMPI_COMM_WORLD_RANK", "OMPI_COMM_WORLD_SIZE"),
+    ("MV2_COMM_WORLD_RANK", "MV2_COMM_WORLD_SIZE"),
+    ("SLURM_PROCID", "SLURM_STEP_NUM_TASKS"),
+)
+_BUG = 1  # exit code of an error that nobody raised on purpose
+_PATIENCE = 1.0  # seconds in which other ranks may still come to their end when one has failed
+_APART = 0.2  # seconds between ranks that wait no longer, so that only the first of them says why
+_LONGEST = 3.0  # seconds at most in which others may be the first
+
+
+class Launched(NamedTuple):
+    """Rank and number of processes, as a launcher of MPI states them."""
+
+    rank: int
+    size: int
+
+
+def launched(environment: Mapping[str, str] | None = None) -> Launched | None:
+    """This process among those that were started with it; None if it is the only one."""
+    here = os.environ if environment is None else environment
+    for names in _LAUNCHERS:
+        rank, size = (here.get(name, "") for name in names)
+        if rank.isdecimal() and size.isdecimal():
+            return Launched(int(rank), int(size)) if int(size) > 1 else None
+    return None
+
+
+def refuse_on_ranks(what: str, instead: str) -> None:
+    """Raise OptionError if this process is one of several, each of which would do the same work."""
+    here = launched()
+    if here is not None:
+        raise OptionError(
+            f"{what} works in one process, but {here.size} were started, each of which would do all of it: "
+            f"{instead}"
+        )
+
+
+def refuse_files(
+    files: Mapping[str, Path | None],
+    instead: str = "write it with -o NAME.pvtu and look at it in one process",
+) -> None:
+    """Raise OptionError for files, by the option that asks for them, which no run on several ranks makes."""
+    asked = [option for option, file in files.items() if file is not None]
+    if asked:
+        raise OptionError(
+            f"{' and '.join(asked)} cannot be had of a mesh that lies on several processes; {instead}"
+        )
+
+
+def on_all_ranks(command: Callable[[], int], here: Launched) -> int:
+    """Carry out the command that all ranks carry out, and return the exit code of all.
+
+    Ranks of a run that cannot end by itself are aborted, this one included.
+    """
+    try:
+        from mpi4py import MPI
+    except ImportError as error:
+        if here.rank == 0:
+            click.echo(f"error: {here.size} processes need mpi4py to work together ({error})", err=True)
+        return 2
+    comm = MPI.COMM_WORLD.Dup()
+    held = io.StringIO()
+    with ExitStack() as stack:
+        if here.rank > 0:
+            stack.enter_context(redirect_stdout(stack.enter_context(open(os.devnull, "w"))))
+            stack.enter_context(redirect_stderr(held))
+        code = _carried_out(command)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # from here on it can only do harm
+    codes = _codes_of_all(comm, code)
+    failed = [rank for rank, each in enumerate(codes or ()) if each]
+    if codes is None:
+        _say(held, f"rank {here.rank}: ")
+        comm.Abort(code)
+    elif failed and here.rank == (failed[0] if _BUG not in codes else codes.index(_BUG)):
+        _say(held, f"rank {here.rank}: ")
+    return codes[failed[0]] if codes is not None and failed else code
+
+
+def _carried_out(command: Callable[[], int]) -> int:
+    try:
+        return command()
+    except SystemExit as stop:
+        return stop.code if isinstance(stop.code, int) else _BUG
+    except BaseException:
+        traceback.print_exc()
+        return _BUG
+
+
+def _codes_of_all(comm: Any, code: int) -> list[int] | None:
+    """Exit codes of all ranks; None if this one has failed and others do not come to their end."""
+    import numpy as np
+
+    sent, codes = np.array([code]), np.zeros(comm.Get_size(), np.int64)
+    request = comm.Iallgather(sent, codes)
+    rank = comm.Get_rank()
+    end = time.monotonic() + _PATIENCE + min(_APART * rank, _LONGEST) if code else np.inf
+    while not request.Test():
+        if time.monotonic() > end:
+            return None
+        time.sleep(0.01)
+    return [int(each) for each in codes]
+
+
+def _say(held: io.StringIO, rank: str) -> None:
+    """Print what a rank has to say of its failure; rank 0 has held nothing back."""
+    lines = [line for line in held.getvalue().splitlines() if not line.startswith(("note: ", "warning: "))]
+    for line in lines:
+        message = line.removeprefix("error: ")
+        click.echo(f"error: {rank}{message}" if message != line else line, file=sys.stderr)

@@ -1,0 +1,164 @@
+"""``agglo run`` on several ranks: each has its share of the mesh, and rank 0 prints the table."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from agglo_core.cli.options.specs import choice, load_mesh
+from agglo_core.cli.output.console import number, print_json
+from agglo_core.cli.output.tables import print_lines
+from agglo_core.cli.ranks.launch import launched
+from agglo_core.cli.runs import level_data, show, warm_up, watched
+from agglo_core.errors import OptionError
+from agglo_core.progress import phase
+
+if TYPE_CHECKING:
+    from agglo_core.distributed import DistributedHierarchy, DistributedMesh, Ranks
+
+
+def is_of_ranks(output: Path | None, independent: bool) -> bool:
+    """Return True if a run has several ranks, or one that does what otherwise several do."""
+    pieces = output is not None and output.suffix.lower() == ".pvtu"
+    return launched() is not None or pieces or independent
+
+
+@dataclass(frozen=True)
+class _Level:
+    """Data of a level: as :class:`agglo_core.measure.Level`, without values of single parts."""
+
+    target: Mapping[str, Any]
+    line: Mapping[str, Any]
+    metrics: Sequence[str]
+    objectives: Mapping[str, float] = field(default_factory=dict)
+    undefined: Mapping[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class _Run:
+    """Data of a run on several ranks, by the names of :class:`agglo_core.measure.RunResult`."""
+
+    name: str
+    hierarchy: DistributedHierarchy
+    levels: Sequence[_Level]
+    seconds: float
+    error: str = ""
+
+
+def run_on_ranks(
+    source: str,
+    bisectors: Sequence[str],
+    agglomeration: Mapping[str, Any],
+    metrics: Sequence[Any] | None,
+    output: Path | None,
+    *,
+    independent: bool,
+    as_json: bool,
+    quiet: bool,
+) -> int:
+    """Agglomerate a mesh across ranks, measure, write; options are those of ``agglo run``.
+
+    Raises
+    ------
+    AggloError
+        On all ranks.
+    """
+    if len(bisectors) > 1:
+        raise OptionError(f"{' and '.join(bisectors)}: on several ranks one bisector is tried at a time")
+    from agglo_core.distributed import Ranks, write
+    from agglo_core.distributed.files.writing import check_parallel_target
+    from agglo_core.measure.selection import RATIOS
+
+    ranks = Ranks()
+    given = {**agglomeration, "bisector": choice("bisector", bisectors[0])} if bisectors else agglomeration
+    with ranks.together():
+        if output is not None:
+            check_parallel_target(output)
+    first = ranks.rank == 0
+    with watched(quiet or not first) as progress:
+        with phase(progress, "reading", source):
+            mesh = shared_mesh(source, ranks)
+        with phase(progress, "loading"):
+            warm_up_in_turn(given, ranks)
+        hierarchy, seconds = agglomerated(mesh, given, independent, progress)
+        with phase(progress, "measuring"):
+            _ = mesh.h  # is asked of all ranks together, and told by one
+            levels = _levels(hierarchy, RATIOS if metrics is None else metrics)
+        if output is not None:
+            with phase(progress, "writing", output.name):
+                write(output, mesh, hierarchy)
+    if first:
+        name = bisectors[0] if bisectors else hierarchy.statistics["bisector"]
+        _tell(source, mesh, _Run(name, hierarchy, levels, seconds), as_json=as_json, quiet=quiet)
+        if output is not None and not (as_json or quiet):
+            print_lines(f"wrote {output}")
+    return 0
+
+
+def shared_mesh(source: str, ranks: Ranks) -> DistributedMesh:
+    """Pieces are read by the ranks that have them; any other file, or a sample, by rank 0."""
+    from agglo_core.distributed import DistributedMesh, read
+
+    if source.lower().endswith(".pvtu"):
+        return read(source, ranks)
+    with ranks.together():
+        whole = load_mesh(source) if ranks.rank == 0 else None
+    return DistributedMesh.scatter(whole, ranks)
+
+
+def warm_up_in_turn(given: Mapping[str, Any], ranks: Ranks) -> None:
+    """Let rank 0 compile what the others then find on disk."""
+    with ranks.together():
+        try:
+            if ranks.rank == 0:
+                warm_up(given)
+        finally:
+            ranks.meet()
+        if ranks.rank > 0:
+            warm_up(given)
+
+
+def agglomerated(
+    mesh: DistributedMesh, given: Mapping[str, Any], independent: bool, progress: Any
+) -> tuple[DistributedHierarchy, float]:
+    """The hierarchy, and seconds until the last rank had it."""
+    from agglo_core.agglomeration import Pipeline
+    from agglo_core.agglomeration.one_call import changed
+    from agglo_core.distributed import agglomerate
+
+    with mesh.ranks.together():
+        own = dict(given)
+        config, trusted = own.pop("config", None), bool(own.pop("allow_code", False))
+        base = Pipeline() if config is None else Pipeline.from_toml(config, allow_code=trusted)
+        pipeline = changed(base, own)
+    start = time.perf_counter()
+    hierarchy = agglomerate(mesh, pipeline, independent_of_ranks=independent or None, progress=progress)
+    return hierarchy, mesh.ranks.largest(time.perf_counter() - start)
+
+
+def _levels(hierarchy: DistributedHierarchy, metrics: Sequence[Any]) -> list[_Level]:
+    levels = []
+    for place, target in enumerate(hierarchy.targets):
+        found = hierarchy.quality(place, metrics)
+        means = {name: None if math.isnan(value) else value for name, value in found.items()}
+        names = [name for name in means if name not in ("connected", "max_diameter")]
+        line = {"target": dict(target), "parts": hierarchy.parts[place], "diameter_ratio": None, **means}
+        levels.append(_Level(target, line, names))
+    return levels
+
+
+def _tell(source: str, mesh: DistributedMesh, run: Any, *, as_json: bool, quiet: bool) -> None:
+    """Print the table or the JSON of ``agglo run``, with the number of ranks."""
+    name, size = mesh.local.name or source, mesh.ranks.size
+    if as_json:
+        levels = [level_data(level) for level in run.levels]
+        told = {"bisector": run.name, "levels": levels, "seconds": run.seconds}
+        whole = {"name": name, "cells": mesh.n_cells, "h0": mesh.h}
+        print_json({"mesh": whole, "ranks": size, "runs": [told | {"statistics": run.hierarchy.statistics}]})
+    elif not quiet:
+        on = "1 rank" if size == 1 else f"{size} ranks"
+        show(f"{name}: {mesh.n_cells:,} cells on {on}, h0 = {number(mesh.h)}", [run])

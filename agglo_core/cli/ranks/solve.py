@@ -1,0 +1,132 @@
+"""``agglo solve`` on several ranks: each assembles and solves for its own cells, and rank 0 reports.
+
+A solver that can do this has ``solve_across(problem, hierarchy, progress)`` for a distributed hierarchy. The
+``x`` of its answer are the unknowns of own cells, by rising global id.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from agglo_core.cli.output.console import print_json
+from agglo_core.cli.output.files import Outputs
+from agglo_core.cli.output.stdout import terminal_columns
+from agglo_core.cli.output.tables import print_lines
+from agglo_core.cli.ranks.launch import launched
+from agglo_core.cli.ranks.run import agglomerated, shared_mesh, warm_up_in_turn
+from agglo_core.cli.runs import watched
+from agglo_core.cli.solving.choice import posed_by, solver_title
+from agglo_core.errors import AggloError, OptionError
+from agglo_core.progress import phase
+from agglo_core.registry.attribution import attributed
+
+if TYPE_CHECKING:
+    from agglo_core.distributed import DistributedHierarchy
+
+NOT_CONVERGED = 3
+_COLUMNS = 80
+
+
+def solves_across(tool: object) -> bool:
+    """Return True if this process is one of several, and the solver takes a mesh that lies on them."""
+    shares = hasattr(tool, "solve_across") and getattr(tool, "ranks", "one") == "one"
+    return launched() is not None and shares
+
+
+def solve_on_ranks(
+    source: str,
+    solver: str,
+    tool: Any,
+    problem: str,
+    agglomeration: Mapping[str, Any],
+    output: Path | None = None,
+    *,
+    as_json: bool,
+) -> int:
+    """Share the mesh out, agglomerate it, solve, report; options are those of ``agglo solve``.
+
+    Raises
+    ------
+    AggloError
+        On all ranks.
+    """
+    from agglo_core.distributed import Ranks, error_norms, with_second_layer, write_solution
+    from agglo_core.distributed.files.writing import check_parallel_target
+
+    if not agglomeration:
+        raise OptionError("on several ranks say what the levels are: --parts, --cells-per-part, …")
+    ranks, title = Ranks(), solver_title(solver)
+    with ranks.together():
+        if output is not None:
+            check_parallel_target(output)
+    first, outputs = ranks.rank == 0, Outputs()
+    with watched(not first) as progress:
+        with phase(progress, "reading", source):
+            mesh = shared_mesh(source, ranks)
+        seen, _ = with_second_layer(mesh)  # what rows are assembled on: values of cells are of these
+        trusted = bool(agglomeration.get("allow_code"))
+        with ranks.together():
+            asked = posed_by(problem, seen, tool, solver, allow_code=trusted)
+            if output is not None:
+                asked.refuse_without_meaning("-o is")
+        warm_up_in_turn(agglomeration, ranks)
+        hierarchy, seconds = agglomerated(mesh, agglomeration, False, progress)
+        with attributed(title, spare=(AggloError,)):
+            found = tool.solve_across(asked.problem, hierarchy, progress if first else None)
+        if output is not None:
+            with phase(progress, "writing", output.name), attributed(title, spare=(AggloError,)):
+                how = asked.how
+                assert how is not None  # checked before
+                outputs.result(output, lambda: write_solution(output, mesh, how, found.x))
+        with phase(progress, "measuring", "errors"), attributed(title, spare=(AggloError,)):
+            norms = error_norms(mesh, asked.problem, asked.how, found.x) if asked.how is not None else {}
+    if first:
+        data = _report(found, norms, hierarchy, seconds)
+        if as_json:
+            print_json(data | {"ranks": ranks.size})
+        else:
+            from agglo_core.solvers import solution_report
+
+            columns = min(_COLUMNS, terminal_columns() or _COLUMNS)
+            name = mesh.local.name or source
+            print_lines(solution_report.text(f"{name} on {ranks.size} ranks, {solver}", data, columns))
+    return outputs.finish(listed=not as_json) or (0 if found.converged else NOT_CONVERGED)
+
+
+def _report(
+    found: Any, norms: Mapping[str, float], hierarchy: DistributedHierarchy, seconds: float
+) -> dict[str, Any]:
+    """Data of a solution, by the names of :func:`agglo_core.solvers.solution_report.report`."""
+    from agglo_core.solvers.solution_report import error_entries
+
+    cells = [hierarchy.mesh.n_cells, *hierarchy.parts]
+    residuals, (n, entries) = found.residuals, found.sizes[0]
+    fell = residuals[-1] / residuals[0] if found.iterations and residuals[0] > 0.0 else None
+    return {
+        "dofs": n,
+        "levels": [
+            {"cells": count, "dofs": dofs, "nonzeros": each}
+            for count, (dofs, each) in zip(cells, found.sizes, strict=False)
+        ],
+        "iterations": found.iterations,
+        "converged": found.converged,
+        "reason": found.reason,
+        "relative_residual": found.relative_residual,
+        "energy_error": found.energy_error,
+        "tests_met": list(found.tests),
+        "residuals": residuals.tolist(),
+        **error_entries(norms),
+        "energy": found.energy,
+        "operator_complexity": sum(each for _, each in found.sizes) / entries,
+        "grid_complexity": sum(each for each, _ in found.sizes) / n,
+        "cg_iterations": None,
+        "seconds": {"hierarchy": seconds, **found.seconds},
+        "cpu_seconds": {},
+        "contraction": None if fell is None else float(fell ** (1.0 / found.iterations)),
+        "memory": found.memory,
+        "choice": found.choice,
+        "advice": "",
+        "outcome": "converged" if found.converged else "not converged",
+    }

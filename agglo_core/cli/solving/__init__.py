@@ -1,0 +1,1 @@
+"""Solver, problem, runs and files of the commands that solve."""

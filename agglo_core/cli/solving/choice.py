@@ -1,0 +1,111 @@
+"""Choose the solver, the problem and its discretisation for commands that solve."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from agglo_core.cli.options.specs import as_typed
+from agglo_core.errors import AggloError, OptionError, PluginError
+from agglo_core.registry import default, describe
+from agglo_core.registry.attribution import attributed
+
+if TYPE_CHECKING:
+    from agglo_core.mesh import Mesh
+    from agglo_core.problems import Discretisation, Problem, System
+
+DEFAULT_SOLVER = "polydg_mg"
+
+
+@dataclass(frozen=True)
+class Posed:
+    """A problem on a mesh for a solver, with the discretisation ``how`` if one is known."""
+
+    problem: Problem
+    mesh: Mesh
+    how: Discretisation | None
+    solver: str
+
+    def refuse_without_meaning(self, options: str) -> None:
+        """Raise OptionError if there is no discretisation: these options need the meaning of the unknowns."""
+        if self.how is None:
+            raise OptionError(
+                f"{self.solver} does not say what the unknowns of a problem of kind {self.problem.kind} "
+                f"mean: {options} not available"
+            )
+
+    def system(self) -> System:
+        """Matrix and right-hand side, as the discretisation assembles them or as they are given.
+
+        Raises
+        ------
+        OptionError
+            If nobody knows them.
+        """
+        import numpy as np
+
+        from agglo_core.problems import Linear, System
+
+        if isinstance(self.problem, Linear):
+            return System(self.problem.A, self.problem.b, self.problem.block_offsets, self.mesh)
+        self.refuse_without_meaning("--write-system is")
+        assert self.how is not None
+        with attributed(f"the discretisation of {self.solver}", spare=(AggloError,)):
+            system = self.how.assemble(self.problem, self.mesh)
+            if system.near_null is None:
+                constant = self.how.project(self.mesh, lambda points: np.ones(len(points)))
+                system = replace(system, near_null=np.asarray(constant)[:, None])
+        return system
+
+
+def solver_title(spec: str) -> str:
+    """Name, in messages, of the solver that was typed."""
+    return describe(default().record("solver", as_typed(spec)[0]))
+
+
+def built_solver(spec: str, given: Mapping[str, Any], flag: str = "--solver") -> Any:
+    """The solver that the user wrote, with options of its own given too.
+
+    Raises
+    ------
+    OptionError
+        For an option that it does not have, or that is given twice.
+    PluginError
+        If there is none of that name, or it cannot be used.
+    """
+    name, options = as_typed(spec)
+    twice = sorted(set(options) & set(given))
+    if twice:
+        raise OptionError(f"{twice[0]} is given twice: in {flag} {spec} and by an option of its own")
+    try:
+        return default().build("solver", name, **options, **given)
+    except PluginError as error:
+        if name != DEFAULT_SOLVER:
+            raise
+        raise PluginError(f"{error}; choose another one by {flag}") from error
+
+
+def posed_by(text: str, mesh: Mesh, tool: object, solver: str, *, allow_code: bool) -> Posed:
+    """Make the problem that a name or file stands for, and check that the solver accepts it.
+
+    Raises
+    ------
+    OptionError
+        If the solver does not take it; as :func:`~agglo_core.problems.named_problem`, and what the
+        discretisation refuses.
+    """
+    from agglo_core.problems import discretisation_of, named_problem, require_accepted
+
+    if not text:
+        raise OptionError("--problem is empty; expected the name of a problem or of a TOML file")
+    is_file = Path(text).suffix.lower() == ".toml" or Path(text).exists()
+    name, options = (text, {}) if is_file else as_typed(text)
+    problem = named_problem(name, mesh, options, allow_code=allow_code)
+    require_accepted(tool, problem, solver)
+    how = discretisation_of(tool, problem)
+    if how is not None:
+        with attributed(f"the discretisation of {solver}", spare=(AggloError,)):
+            how.check(problem, mesh)
+    return Posed(problem, mesh, how, solver)

@@ -1,0 +1,199 @@
+"""Solve with the hierarchy of each run of ``agglo compare --solve``, and measure the cost."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from agglo_core.cli.output.console import number
+from agglo_core.cli.output.tables import print_lines, print_table
+from agglo_core.cli.runs import short
+from agglo_core.cli.solving.choice import Posed, solver_title
+from agglo_core.cli.solving.outputs import with_hierarchy
+from agglo_core.cli.stopping import stopped_by
+from agglo_core.errors import AggloError
+from agglo_core.progress import Listener, Progress, labelled
+from agglo_core.registry.attribution import Member, attributed
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+    from agglo_core.measure.comparison import RunResult
+    from agglo_core.problems import Solution
+
+_LAST_PHASE = "solving"
+_COLUMNS = ("iterations", "converged", "contraction", "hierarchy s", "set-up s", "solve s")
+
+
+@dataclass(frozen=True)
+class Solved:
+    """Result of a solver with a hierarchy, or the ``error`` that ended it.
+
+    ``contraction`` is the factor of the residual's 2-norm in an iteration, the geometric mean. ``seconds``
+    are CPU seconds: of the hierarchy, of all before the iteration (assembly too; None if the solver does not
+    tell), of the rest. ``details`` is what a report shows besides, if one is wanted.
+    """
+
+    iterations: int | None = None
+    converged: bool = False
+    contraction: float | None = None
+    reason: str = ""
+    seconds: Mapping[str, float | None] = field(default_factory=dict)
+    error: str = ""
+    details: Mapping[str, Any] = field(default_factory=dict)
+
+    def data(self) -> dict[str, Any]:
+        """Plain data, the form of ``--json``."""
+        return {
+            "iterations": self.iterations,
+            "converged": self.converged,
+            "contraction": self.contraction,
+            "reason": self.reason or None,
+            "seconds": dict(self.seconds),
+            "error": self.error or None,
+        }
+
+    def cells(self) -> list[str]:
+        """The cells of its row."""
+        if self.error:
+            return ["–"] * len(_COLUMNS)
+        state = [number(self.iterations), "yes" if self.converged else "no"]
+        seconds = ["–" if each is None else f"{each:.2f}" for each in self.seconds.values()]
+        return [*state, "–" if self.contraction is None else f"{self.contraction:.3g}", *seconds]
+
+    @property
+    def remark(self) -> str:
+        """Remark below the table, empty if the solver converged."""
+        return self.error or ("" if self.converged else f"not converged: {self.reason}")
+
+
+@dataclass
+class _Clock:
+    """A listener that passes on what it is told, and takes the CPU time of the last phase."""
+
+    listen: Listener | None
+    seconds: float = 0.0
+    seen: bool = False
+    _since: float | None = None
+
+    def __call__(self, now: Progress) -> None:
+        if now.phase.startswith(_LAST_PHASE):
+            if now.fraction >= 1.0 and self._since is not None:
+                self.seconds += time.process_time() - self._since
+                self._since = None
+            elif self._since is None and now.fraction == 0.0:
+                self._since, self.seen = time.process_time(), True
+        if self.listen is not None:
+            self.listen(now)
+
+
+def solve_runs(
+    posed: Posed,
+    tool: Any,
+    spec: str,
+    runs: Sequence[RunResult],
+    progress: Listener | None,
+    *,
+    detailed: bool = False,
+) -> list[Solved]:
+    """Solve with the hierarchy of each run, after a warm-up; what fails is a result that says why."""
+    solver = Member(tool, solver_title(spec))
+    _warm_up(solver, posed)
+    return [_attempt(solver, posed, run, labelled(progress, run.name), detailed) for run in runs]
+
+
+def reported(runs: Sequence[RunResult], solved: Sequence[Solved]) -> dict[str, Mapping[str, Any]]:
+    """Data of each solved run for the report, by its name."""
+    pairs = zip(runs, solved, strict=False)
+    return {run.name: each.details or {"error": each.error} for run, each in pairs if not run.error}
+
+
+def _attempt(
+    solver: Member, posed: Posed, run: RunResult, progress: Listener | None, detailed: bool
+) -> Solved:
+    from agglo_core.problems.solving import solved_by
+
+    if run.hierarchy is None:
+        return Solved(error=run.error)
+    clock, start = _Clock(progress), time.process_time()
+    try:
+        solution = solved_by(solver, posed.problem, run.hierarchy, clock)
+    except AggloError as error:
+        if stopped_by(error) is not None:
+            raise
+        return Solved(error=str(error))
+    total = time.process_time() - start
+    tells = clock.seen and bool(getattr(solver.tool, "tells_progress", False))
+    return Solved(
+        iterations=int(solution.iterations),
+        converged=bool(solution.converged),
+        contraction=_contraction(solution),
+        reason=solution.reason,
+        seconds={
+            "hierarchy": run.cpu_seconds,
+            "setup": total - clock.seconds if tells else None,
+            "solve": clock.seconds if tells else total,
+        },
+        details=_details(solver, posed, run, solution, progress) if detailed else {},
+    )
+
+
+def _details(
+    solver: Member, posed: Posed, run: RunResult, solution: Solution, progress: Listener | None
+) -> dict[str, Any]:
+    from agglo_core.solvers.solution_report import report
+
+    whole = with_hierarchy(solution, run)
+    try:
+        with attributed(solver.title, spare=(AggloError,)):  # asks the discretisation
+            return report(posed.mesh, posed.problem, whole, posed.how, progress=progress)
+    except AggloError as error:
+        if stopped_by(error) is not None:
+            raise
+        return {"error": str(error)}
+
+
+def _contraction(solution: Solution) -> float | None:
+    if not solution.iterations or not solution.residuals[0] > 0.0:
+        return None
+    return float((solution.residuals[-1] / solution.residuals[0]) ** (1.0 / solution.iterations))
+
+
+def _warm_up(solver: Member, posed: Posed) -> None:
+    """Solve an example on tiny meshes: the first solution's time must not include imports and compilation."""
+    from agglo_core import samples
+    from agglo_core.problems.solving import solved_by
+
+    for small in (samples.squares(8), samples.voronoi(64)):  # some recipes are for squares, some for polygons
+        try:
+            solved_by(solver, type(posed.problem).example(small), _halved(small))  # type: ignore[attr-defined]
+        except (AggloError, AttributeError) as error:
+            if isinstance(error, AggloError) and stopped_by(error) is not None:
+                raise
+            # else the solution itself will tell
+
+
+def _halved(mesh: Any) -> Hierarchy:
+    from agglo_core.agglomeration import agglomerate
+
+    return agglomerate(mesh, n_parts=(16, 4))
+
+
+def show_solved(spec: str, problem: str, runs: Sequence[RunResult], solved: Sequence[Solved]) -> None:
+    """Print one line per run, with the metrics of its finest level, and why some have none."""
+    measured = next(level for run in runs for level in run.levels)
+    metrics = list(measured.metrics)
+    rows = []
+    for run, each in zip(runs, solved, strict=True):
+        shapes = [short(run.levels[0].line[name]) if run.levels else "–" for name in metrics]
+        rows.append([run.name, *shapes, *each.cells()])
+    print_table(
+        f"{problem} solved by {spec}; CPU seconds, set-up with assembly; metrics of the finest level",
+        ["bisector", *metrics, *_COLUMNS],
+        rows,
+        spare=[*reversed(metrics), "contraction", "hierarchy s"],
+        fold={"bisector": 8},
+    )
+    failed = [(run, each) for run, each in zip(runs, solved, strict=True) if each.remark and not run.error]
+    print_lines("\n".join(f"{run.name}: {each.remark}" for run, each in failed))

@@ -1,0 +1,60 @@
+"""Panels of a solid: outer faces of its agglomerates, moved apart, with what they hide left out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int
+from agglo_core.draw.colours import Paint, blank, by_neighbours
+from agglo_core.draw.plane_panels import inches_across
+from agglo_core.draw.solids.shading import shaded
+from agglo_core.draw.solids.surfaces import Surface, beyond, check_explode, outer_faces, seen
+from agglo_core.mesh import Mesh
+
+_FINE = 2
+"""Pixels seen per pixel drawn, across, for smooth lines."""
+
+
+class SolidPanels:
+    """Panels of a 3-D mesh.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        3-D.
+    explode : float
+        Agglomerates are moved by so many times the way from the middle of the mesh to theirs.
+    section : (3,) float, optional
+        Cells beyond the plane with this normal through the middle are left out.
+
+    Raises
+    ------
+    OptionError
+        If ``explode`` is not a number from 0 to 10, or ``section`` no direction.
+    """
+
+    def __init__(self, mesh: Mesh, explode: float, section: Sequence[float] | None = None) -> None:
+        self.mesh, self.explode = mesh, check_explode(explode)
+        self.kept = None if section is None else ~beyond(mesh, section)
+        self.whole = outer_faces(mesh, np.zeros(mesh.n_cells, np.int64), kept=self.kept)
+        height, width = seen(self.whole, pixels=200).faces.shape
+        self.ratio = height / width
+        """Height over width."""
+
+    def fine(self, axis: Any, paint: Paint | None = None) -> None:
+        """Draw the mesh in one piece, its cells painted or not."""
+        rows = (blank(self.mesh.n_cells) if paint is None else paint).rows
+        self._show(axis, self.whole, rows[self.whole.cells])
+
+    def level(self, axis: Any, labels: Int, paint: Paint | None = None) -> None:
+        """Draw the agglomerates of a level, moved apart, painted, or with neighbours in different colours."""
+        surface = outer_faces(self.mesh, labels, self.explode, self.kept)
+        rows = (by_neighbours(self.mesh.coarsen(labels)) if paint is None else paint).rows
+        self._show(axis, surface, rows[surface.parts])
+
+    def _show(self, axis: Any, surface: Surface, colours: Float) -> None:
+        pixels = _FINE * inches_across(axis) * axis.figure.dpi * max(1.0, self.ratio)
+        axis.imshow(shaded(surface, seen(surface, pixels=int(pixels)), colours, _FINE))

@@ -1,0 +1,179 @@
+"""Agglomerates of a solid in a window of pyvista, or as a picture of it."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int
+from agglo_core.draw.colours import PALETTE, colouring, rgb
+from agglo_core.draw.solids.surfaces import SIDE, axes_of, beyond, check_explode, outer_faces
+from agglo_core.errors import FileError, MeshError, OptionError
+from agglo_core.interchange.pyvista_grids import to_pyvista
+from agglo_core.mesh import Mesh
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+
+_SIZE: Final = (1200, 900)
+_PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+_FURTHEST = 2.0
+"""Where the slider that moves agglomerates apart ends."""
+_COLOURS: Final = {"scalars": "colour", "rgb": True, "ambient": 0.4}
+_EDGES: Final = {"show_edges": True, "edge_color": "#444444", "edge_opacity": 0.4}
+_STYLE: Final = {**_COLOURS, **_EDGES}
+
+
+def view(
+    hierarchy: Hierarchy,
+    level: int = 0,
+    *,
+    explode: float = 0.0,
+    section: Sequence[float] | None = None,
+    path: str | os.PathLike[str] | None = None,
+) -> None:
+    """Show a level of a solid in a window that can be turned, or write a picture of that.
+
+    The window has sliders for the level and for how far agglomerates are apart; with a section, a plane to
+    be moved, on one side of which the mesh is cut away.
+
+    Parameters
+    ----------
+    hierarchy : Hierarchy
+        Of a 3-D mesh.
+    level : int
+        0 is the finest.
+    explode : float
+        Agglomerates are moved by so many times the way from the middle of the mesh to theirs, from 0 to 10.
+    section : (3,) float, optional
+        Normal of a plane through the middle: what lies beyond it is cut away, through cells.
+    path : path, optional
+        Where a picture is written in place of a window: .png, .jpg, .bmp or .tif.
+
+    Raises
+    ------
+    OptionError
+        Without pyvista, without a display for the window, if ``explode`` or ``section`` do not fit, or both
+        are given.
+    MeshError
+        If the hierarchy has no mesh, or one in 2-D.
+    FileError
+        If the picture cannot be written, or its suffix is unknown.
+    IndexError
+        If there is no such level.
+    """
+    mesh = _solid(hierarchy)
+    if not 0 <= level < len(hierarchy.levels):
+        raise IndexError(f"level {level} of a hierarchy with levels 0..{len(hierarchy.levels) - 1}")
+    labels = hierarchy.levels[level]
+    explode = check_explode(explode)
+    if section is not None:
+        beyond(mesh, section)
+        if explode:
+            raise OptionError("a section goes through the mesh in one piece: give explode or section")
+    plotter = _plotter(None if path is None else _checked(Path(path)))
+    if section is not None:
+        _cut(plotter, mesh, labels, np.array(section, dtype=float), moves=path is None)
+    else:
+        _parts(plotter, mesh, labels, explode)
+        if path is None:
+            _sliders(plotter, hierarchy, level, explode)
+    plotter.view_vector(axes_of(*SIDE)[2], viewup=(0, 0, 1))
+    plotter.camera.zoom(1.3)
+    if path is None:
+        plotter.show()
+    else:
+        _write(plotter, Path(path))
+
+
+def _solid(hierarchy: Hierarchy) -> Mesh:
+    if hierarchy.fine is None:
+        raise MeshError("this hierarchy belongs to a graph: there is nothing to view")
+    if hierarchy.fine.dim != 3:
+        raise MeshError("view shows solids; agglo_core.plot.draw draws plane meshes")
+    return hierarchy.fine
+
+
+def _checked(path: Path) -> Path:
+    if path.suffix.lower() not in _PICTURES:
+        raise FileError(f"{path}: pictures of a view end in {', '.join(_PICTURES)}, not {path.suffix!r}")
+    return path
+
+
+def _plotter(path: Path | None) -> Any:
+    """An empty scene of pyvista: a window, or off the screen if a picture is wanted."""
+    try:
+        import pyvista
+    except ImportError as error:
+        raise OptionError(f'view needs pyvista: pip install "agglo[view]" ({error})') from error
+    elsewhere = path is not None or pyvista.OFF_SCREEN or "ipykernel" in sys.modules
+    displays = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if not elsewhere and sys.platform.startswith("linux") and not displays:
+        raise OptionError("view: there is no display to open a window on; path= writes a picture instead")
+    return pyvista.Plotter(off_screen=True if path is not None else None, window_size=list(_SIZE))
+
+
+def _tones(mesh: Mesh, labels: Int) -> Any:
+    """Colour of each part ``(k, 3)``, as bytes."""
+    tones: Float = np.array([rgb(colour) for colour in PALETTE])
+    return np.rint(255.0 * tones[colouring(mesh.coarsen(labels), len(PALETTE))]).astype(np.uint8)
+
+
+def _parts(plotter: Any, mesh: Mesh, labels: Int, explode: float) -> None:
+    """Put the outer faces of parts into the scene, in place of those that are there."""
+    import pyvista
+
+    surface = outer_faces(mesh, labels, explode)
+    sizes = np.diff(surface.offsets)
+    loops = np.insert(np.arange(len(surface.corners)), surface.offsets[:-1], sizes)
+    shown = pyvista.PolyData(surface.corners + mesh.origin, faces=loops)
+    shown.cell_data["colour"] = _tones(mesh, labels)[surface.parts]
+    plotter.add_mesh(shown, name="parts", **_STYLE)
+
+
+def _cut(plotter: Any, mesh: Mesh, labels: Int, normal: Float, *, moves: bool) -> None:
+    """Put the mesh into the scene, cut by a plane; one that moves has a handle."""
+    grid = to_pyvista(mesh)
+    grid.cell_data["colour"] = _tones(mesh, labels)[labels]
+    place = {"normal": normal, "origin": mesh.origin}
+    if moves:
+        plotter.add_mesh_clip_plane(grid, **place, **_STYLE)
+    else:
+        plotter.add_mesh(grid.clip(**place), **_STYLE)
+
+
+def _sliders(plotter: Any, hierarchy: Hierarchy, level: int, explode: float) -> None:
+    """Sliders for level and explosion, at the lower edge of the window."""
+    mesh, chosen = _solid(hierarchy), {"level": float(level), "explode": explode}
+
+    def follow(key: str) -> Callable[[float], None]:
+        def change(value: float) -> None:
+            chosen[key] = value
+            _parts(plotter, mesh, hierarchy.levels[round(chosen["level"])], chosen["explode"])
+
+        return change
+
+    style = {"style": "modern", "interaction_event": "end"}
+    places = {"explode": ((0.55, 0.08), (0.95, 0.08)), "level": ((0.05, 0.08), (0.45, 0.08))}
+    last = len(hierarchy.levels) - 1
+    ranges = {"explode": (0.0, max(_FURTHEST, explode))} | ({"level": (0.0, float(last))} if last else {})
+    for key, bounds in ranges.items():
+        ends = dict(zip(("pointa", "pointb"), places[key], strict=True))
+        plotter.add_slider_widget(follow(key), bounds, value=chosen[key], title=key, **ends, **style)
+
+
+def _write(plotter: Any, path: Path) -> None:
+    from agglo_core.io.atomic import staging
+
+    try:
+        with staging(path) as folder:
+            plotter.screenshot(folder / path.name)
+    except OSError as error:
+        raise FileError(f"{path}: cannot be written: {error.strerror or error}") from error
+    finally:
+        plotter.close()

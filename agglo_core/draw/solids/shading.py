@@ -1,0 +1,76 @@
+"""From what is seen of a solid to a picture: light, lines around parts, lines around cells."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglo_core.arrays import Float, Int, Mask
+from agglo_core.draw.colours import INK, rgb
+from agglo_core.draw.solids.surfaces import Sight, Surface
+
+_DARKEST = 0.5
+"""Brightness of a face that the light passes by."""
+_CREASE = 0.8  # cosine of an angle between faces of one part that is drawn as a line
+_ROOM = 5.0  # pixels across a face, from which on lines around cells leave something of it
+
+
+def brightness(surface: Surface, sight: Sight) -> Float:
+    """Brightness of each face ``(f,)``, from 0.5 to 1: the light is above the eye, to its left."""
+    left = np.cross(sight.eye, np.array([0.0, 0.0, 1.0]))
+    light = 2.0 * sight.eye + 0.8 * left / max(float(np.linalg.norm(left)), 1e-9) + np.array([0.0, 0.0, 1.6])
+    facing: Float = surface.normals @ (light / np.linalg.norm(light))
+    bright: Float = _DARKEST + (1.0 - _DARKEST) * np.maximum(facing, 0.0)
+    return bright
+
+
+def shaded(surface: Surface, sight: Sight, colours: Float, fine: int = 1) -> NDArray[np.uint8]:
+    """Picture ``(height, width, 4)`` of faces in ``colours (f, 3)``: red, green, blue, opacity.
+
+    Parts have dark lines around them, edges and steps of a part lighter ones; cells have faint ones where
+    they are large enough. Lines are ``fine`` pixels wide.
+    """
+    faces, there = sight.faces, sight.faces >= 0
+    picture: Float = (colours * brightness(surface, sight)[:, None])[faces]
+    outlines = _wider(_changes(np.append(surface.parts, -1)[faces]), fine)
+    if np.sqrt(there.sum() / max(1, len(np.unique(faces)))) > _ROOM * fine:
+        picture[_changes(faces) & there] *= 0.8
+    picture[_steps(surface, sight) & there] *= 0.6
+    picture[outlines] = rgb(INK)
+    pixels: Float = np.concatenate((picture, (there | outlines)[..., None]), axis=2)
+    made: NDArray[np.uint8] = np.rint(255.0 * np.clip(pixels, 0.0, 1.0)).astype(np.uint8)
+    return made
+
+
+def _changes(numbers: Int) -> Mask:
+    """Pixels whose number differs from that of the next one to the right or below."""
+    found = np.zeros(numbers.shape, bool)
+    found[:, :-1] |= numbers[:, :-1] != numbers[:, 1:]
+    found[:-1] |= numbers[:-1] != numbers[1:]
+    return found
+
+
+def _steps(surface: Surface, sight: Sight) -> Mask:
+    """Pixels of another face than the next, one that is turned by much or lies far behind."""
+    normals = np.concatenate((surface.normals, np.zeros((1, 3))))
+    slope = np.append(1.0 / np.clip(surface.normals @ sight.eye, 0.1, None), 0.0)
+    found = np.zeros(sight.faces.shape, bool)
+    for one, other in (
+        ((slice(None), slice(None, -1)), (slice(None), slice(1, None))),
+        ((slice(None, -1), slice(None)), (slice(1, None), slice(None))),
+    ):
+        a, b = sight.faces[one], sight.faces[other]
+        with np.errstate(invalid="ignore"):  # both outside
+            behind = np.abs(sight.depth[one] - sight.depth[other]) > 2.0 * (slope[a] + slope[b])
+        turned = np.einsum("ijk,ijk->ij", normals[a], normals[b]) < _CREASE
+        found[one] |= (a != b) & (behind | turned)
+    return found
+
+
+def _wider(lines: Mask, width: int) -> Mask:
+    """Lines of one pixel as lines of ``width``."""
+    wide = lines.copy()
+    for k in range(1, width):
+        wide[k:] |= lines[:-k]
+        wide[:, k:] |= lines[:, :-k]
+    return wide

@@ -1,0 +1,163 @@
+"""The outer faces of parts of a solid, moved apart if wanted, and what is seen of them from a side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
+from agglo_core.draw.solids.depth_buffer import nearest_faces
+from agglo_core.errors import OptionError
+from agglo_core.mesh import Mesh
+
+SIDE: Final = (-60.0, 30.0)
+"""Azimuth and elevation in degrees of the eye where nothing else is asked for, as matplotlib has them."""
+_EDGE_ON = 1e-6  # cosine between normal and eye
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Faces of parts that are not inside them, corner by corner; each has an inside and an outside.
+
+    Attributes
+    ----------
+    corners : (c, 3) float
+        Those of face f are ``corners[offsets[f]:offsets[f + 1]]``, about the centre of the mesh.
+    offsets : (f + 1,) int
+    cells, parts : (f,) int
+        The cell on the inside of each face, and the part that it belongs to.
+    normals : (f, 3) float
+        Unit normals to the outside.
+    """
+
+    corners: Float
+    offsets: Int
+    cells: Int
+    parts: Int
+    normals: Float
+
+
+@dataclass(frozen=True)
+class Sight:
+    """The visible face and its depth at each pixel of a view.
+
+    Attributes
+    ----------
+    faces : (height, width) int
+        Face of the surface, −1 for none; row 0 is above.
+    depth : (height, width) float
+        Towards the eye, in pixels.
+    eye : (3,) float
+        Unit vector towards the eye.
+    """
+
+    faces: Int
+    depth: Float
+    eye: Float
+
+
+def check_explode(explode: object) -> float:
+    """The factor by which parts are moved apart; OptionError unless it is a number from 0 to 10."""
+    if (
+        isinstance(explode, bool)
+        or not isinstance(explode, int | float | np.number)
+        or not 0 <= explode <= 10
+    ):
+        raise OptionError(f"explode must be a number from 0 (parts stay in place) to 10, not {explode!r:.60}")
+    return float(explode)
+
+
+def outer_faces(mesh: Mesh, labels: Int, explode: float = 0.0, kept: Mask | None = None) -> Surface:
+    """Faces between different parts, once for each side, and those of the domain.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        3-D.
+    labels : (n_cells,) int
+        Part of each cell.
+    explode : float
+        Each part is moved by so many times the way from the centre of the mesh to its centroid.
+    kept : (n_cells,) bool, optional
+        Cells that are there; the faces towards others are outer ones. All by default.
+    """
+    present = labels if kept is None else np.where(kept, labels, -1)
+    sides = np.append(present, -1)[mesh.face_cells]
+    owned = np.flatnonzero((sides[:, 0] >= 0) & (sides[:, 0] != sides[:, 1]))
+    neighboured = np.flatnonzero((sides[:, 1] >= 0) & (sides[:, 0] != sides[:, 1]))
+    faces = np.concatenate((owned, neighboured))
+    inside = np.repeat([0, 1], [len(owned), len(neighboured)])
+    sizes = np.diff(mesh.face_offsets)[faces]
+    offsets = np.concatenate(([0], np.cumsum(sizes)))
+    picked = np.arange(offsets[-1]) + np.repeat(mesh.face_offsets[faces] - offsets[:-1], sizes)
+    parts = sides[faces, inside]
+    corners = mesh.local_points[mesh.face_vertices[picked]]
+    if explode:
+        corners = corners + explode * np.repeat(_part_centres(mesh, labels)[parts], sizes, axis=0)
+    outward = mesh.face_normals[faces] * (1.0 - 2.0 * inside)[:, None]
+    return Surface(corners, offsets, mesh.face_cells[faces, inside], parts, outward)
+
+
+def _part_centres(mesh: Mesh, labels: Int) -> Float:
+    """Centroids of the parts about that of the mesh ``(k, 3)``."""
+    volume = np.bincount(labels, mesh.cell_measures)
+    moments = [np.bincount(labels, mesh.cell_measures * x) for x in mesh.local_centroids.T]
+    centres: Float = np.stack(moments, axis=1) / volume[:, None]
+    return centres - np.average(centres, axis=0, weights=volume)
+
+
+def beyond(mesh: Mesh, normal: Sequence[float]) -> Mask:
+    """Cells whose centroid lies beyond the plane with this normal through the middle of the mesh's box.
+
+    Raises OptionError if the normal is no direction, or nothing would be left.
+    """
+    direction = np.array(normal, dtype=float)
+    if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
+        raise OptionError(f"section must be a direction, three numbers not all 0, not {normal!r:.60}")
+    far: Mask = mesh.local_centroids @ direction > 0.0
+    if far.all():
+        raise OptionError(f"section {normal!r:.60}: no cell lies on this side of the middle")
+    return far
+
+
+def axes_of(azimuth: float, elevation: float) -> Float:
+    """Unit vectors to the right, up and towards the eye ``(3, 3)``; angles in degrees."""
+    a, e = np.radians([azimuth, elevation])
+    eye = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    right = np.array([-np.sin(a), np.cos(a), 0.0])
+    return np.stack((right, np.cross(eye, right), eye))
+
+
+def seen(surface: Surface, side: tuple[float, float] = SIDE, pixels: int = 800) -> Sight:
+    """View of a surface without perspective, the longer side of the picture ``pixels`` long.
+
+    Faces that show their inside are hidden, and so are those seen from their edge.
+    """
+    axes = axes_of(*side)
+    placed = surface.corners @ axes.T
+    low, high = placed.min(axis=0), placed.max(axis=0)
+    scale = (pixels - 4) / max(*(high - low)[:2], np.finfo(float).tiny)
+    placed = (placed - [low[0], high[1], 0.0]) * [scale, -scale, scale] + [2.0, 2.0, 0.0]  # rows go down
+    width, height = (int(np.ceil(each)) + 4 for each in scale * (high - low)[:2])
+    normals = surface.normals @ axes.T * [1.0, -1.0, 1.0]
+    facing = np.flatnonzero(normals[:, 2] > _EDGE_ON)
+    faces, depth = nearest_faces(
+        frozen_float(placed),
+        frozen_int(surface.offsets),
+        frozen_int(facing),
+        frozen_float(_planes(placed, surface.offsets, normals)),
+        width,
+        height,
+    )
+    return Sight(faces, depth, axes[2])
+
+
+def _planes(corners: Float, offsets: Int, normals: Float) -> Float:
+    """Depth of each face as a linear function of x and y ``(f, 3)``: through the mean of its corners."""
+    middle = np.add.reduceat(corners, offsets[:-1]) / np.diff(offsets)[:, None]
+    slope = -normals[:, :2] / np.where(np.abs(normals[:, 2:]) > _EDGE_ON, normals[:, 2:], 1.0)
+    flat: Float = middle[:, 2] - np.einsum("ij,ij->i", slope, middle[:, :2])
+    return np.column_stack((flat, slope))

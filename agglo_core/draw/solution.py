@@ -1,0 +1,94 @@
+"""Draw a solution, in 3-D on planes through the middle."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int
+from agglo_core.draw.plot import save_figure
+from agglo_core.errors import OptionError
+from agglo_core.problems.discretisation import Samples
+
+_TRIANGLE = ((0, 1), (0, 2), (0, 3))
+_QUADRILATERAL = (((0, 2), (0, 3), (1, 3)), ((0, 2), (1, 3), (1, 2)))
+"""Edges that the plane cuts, of a tetrahedron whose corners are in order of their height over it."""
+
+
+class Slice(NamedTuple):
+    """A function on triangles of a plane, each with corners of its own."""
+
+    points: Float  # (3 t, 2)
+    triangles: Int  # (t, 3)
+    values: Float  # (3 t,)
+
+
+def middle_slice(samples: Samples, axis: int) -> Slice:
+    """The function where the plane across ``axis`` through the middle of its domain cuts its tetrahedra.
+
+    Parameters
+    ----------
+    samples : Samples
+        In 3-D.
+    axis : int
+        0, 1 or 2; the two others are the coordinates of the slice, in their order.
+    """
+    along = samples.points[:, axis]
+    height = along - (along.min() + along.max()) / 2
+    lower = (height < 0.0)[samples.simplices].sum(axis=1)
+    cut = (lower > 0) & (lower < 4)
+    corners, lower = samples.simplices[cut], lower[cut]
+    corners = np.take_along_axis(corners, np.argsort(height[corners], axis=1, kind="stable"), axis=1)
+    edges = [corners[lower == 1][:, _TRIANGLE], corners[lower == 3][:, ::-1][:, _TRIANGLE]]
+    edges += [corners[lower == 2][:, half] for half in _QUADRILATERAL]
+    one, other = np.concatenate(edges).reshape(-1, 2).T
+    share = height[one] / (height[one] - height[other])
+    points = samples.points[one] + share[:, None] * (samples.points[other] - samples.points[one])
+    values = samples.values[one] + share * (samples.values[other] - samples.values[one])
+    return Slice(np.delete(points, axis, axis=1), np.arange(len(values)).reshape(-1, 3), values)
+
+
+_AXES = "xyz"
+
+
+def draw_solution(path: Path, samples: Samples) -> None:
+    """Draw a function in colours, with its jumps; in 3-D on three planes through the middle.
+
+    Raises
+    ------
+    OptionError
+        Without matplotlib.
+    FileError
+        If the file cannot be written, or its suffix is unknown.
+    """
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+        from matplotlib.tri import Triangulation
+    except ImportError as error:
+        raise OptionError(f"drawing needs matplotlib: pip install 'agglo[plot]' ({error})") from error
+    slices = _slices(samples)
+    figure = Figure(figsize=(1.0 + 5.0 * len(slices), 5.0), dpi=160, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes: Any = figure.subplots(1, len(slices), squeeze=False, subplot_kw={"aspect": "equal"})[0]
+    low, high = (float(end(samples.values)) for end in (np.min, np.max))
+    for axis, (title, shown) in zip(axes, slices.items(), strict=True):
+        corners = Triangulation(shown.points[:, 0], shown.points[:, 1], shown.triangles)
+        colours = axis.tripcolor(
+            corners, shown.values, shading="gouraud", rasterized=True, vmin=low, vmax=high
+        )
+        axis.set_title(title, fontsize=9)
+        axis.set_axis_off()
+    figure.colorbar(colours, ax=axes, label="u")
+    save_figure(figure, path)
+
+
+def _slices(samples: Samples) -> dict[str, Slice]:
+    """Slices by title: the function itself, or in 3-D its values on three planes."""
+    if samples.points.shape[1] == 2:
+        return {"": Slice(samples.points, samples.simplices, samples.values)}
+    low, high = samples.points.min(axis=0), samples.points.max(axis=0)
+    middle = (low + high) / 2
+    return {f"{name} = {middle[k]:.4g}": middle_slice(samples, k) for k, name in enumerate(_AXES)}

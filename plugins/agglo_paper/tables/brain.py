@@ -1,0 +1,94 @@
+"""The brain: our section, and any mesh that is given, in the paper's terms (paper, section 4.1)."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from pathlib import Path
+
+from agglo_core.authoring import FileError, MeshError
+from agglo_paper.tables.authors import authors_table, authors_units
+from agglo_paper.tables.published import band, judged, number, printed
+from agglo_paper.tables.record import Page, Row, Table
+from agglo_paper.tables.shapes import cell, notes, ratio, units as shape_units
+from agglo_paper.work.grids import load
+from agglo_paper.work.measures import METRICS
+from agglo_paper.work.plan import Plan
+from agglo_paper.work.store import Results, Unit
+
+_INTRO = (
+    "Agglomerates of {what} to h* = 0.2 D, D the largest distance of two of its points; METIS is asked for "
+    "50 parts. The paper's mesh of 14,372 triangles cannot be shipped: our section is another brain "
+    "(13,978 triangles of the MNI152 template), so its numbers say how methods compare and can equal the "
+    "printed ones only by chance; `--mesh FILE` runs the same on any mesh."
+)
+
+
+def source_of(file: Path) -> str:
+    """The source text of a mesh file; it names the content too, so that a changed file is another one.
+
+    Raises
+    ------
+    FileError, MeshError
+        If there is no plane mesh in the file.
+    """
+    try:
+        digest = hashlib.sha256(file.read_bytes()).hexdigest()[:16]
+    except OSError as error:
+        raise FileError(f"{file}: {error.strerror or error}") from None
+    source = f"file:{digest}:{file}"
+    if load(source).dim != 2:
+        raise MeshError(f"{file}: the paper's metrics are for plane meshes; this one is 3-dimensional")
+    return source
+
+
+def page_name(source: str) -> str:
+    """Name of the page of a source."""
+    return "brain" if source == "brain" else Path(source.partition(":")[2].partition(":")[2]).stem
+
+
+def units(plan: Plan, source: str) -> Iterator[Unit]:
+    """All measurements of the page of a source."""
+    yield from shape_units(plan, [source], ["brain"])
+    yield from authors_units(plan, source)
+
+
+def page(plan: Plan, results: Results, source: str) -> Page:
+    """The page of a source: the printed table, every bisector, and `gnn` beside the authors' files."""
+    name = page_name(source)
+    tables = [
+        _as_printed(plan, results, source, name),
+        _beyond(plan, results, source, name),
+        authors_table(plan, results, source, name),
+    ]
+    what = "our section" if source == "brain" else f"the mesh `{name}`"
+    figures = {f"{name}.svg": f"Agglomerates of {name}", f"{name}-boxes.svg": "Box plots of UF and CRc"}
+    return Page(name, f"The brain: {name}", _INTRO.format(what=what), tables, figures)
+
+
+def _as_printed(plan: Plan, results: Results, source: str, name: str) -> Table:
+    metis, *learned = plan.compared
+    rows = []
+    for row, metric in (("UF", "UF"), ("CR", "CRc")):
+        numbers, ratios = printed()["brain"][row], printed()["brain"][f"{row} relative"]
+        direct = {
+            each.name: cell(plan, results, each, source, "brain", metric, number(numbers, each.name))
+            for each in plan.compared
+        }
+        relative = {
+            each.name: ratio(direct[each.name], direct[metis.name], number(ratios, each.name))
+            for each in learned
+        }
+        rows.append(judged("brain", row, direct, band(row.lower())))
+        rows.append(judged("brain", f"{row} relative", relative, band("ratios")))
+    return Table(name, "As printed (CR is CRc)", rows, 4, "metric", notes(plan))
+
+
+def _beyond(plan: Plan, results: Results, source: str, name: str) -> Table:
+    rows = []
+    for each in plan.columns:
+        values = {metric: cell(plan, results, each, source, "brain", metric) for metric in METRICS}
+        K = cell(plan, results, each, source, "brain", "K")
+        size = cell(plan, results, each, source, "brain", "diameter")
+        rows.append(Row(each.name, {"K": K.text(0), **values, "mean diameter / h*": size}))
+    return Table(f"{name}-ours", "Every installed bisector", rows, 3, "bisector")

@@ -1,0 +1,143 @@
+"""Tables as data: cells that hold the paper's number beside ours, rows with a verdict, pages of tables."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A number of ours, the paper's, and the spread of ours over repetitions.
+
+    Attributes
+    ----------
+    ours, paper : float, optional
+        None where there is none.
+    low, high : float, optional
+        Range of ours; ``ours`` is the median then.
+    flag : str
+        A mark after our number, explained in the notes of the table.
+    """
+
+    ours: float | None = None
+    paper: float | None = None
+    low: float | None = None
+    high: float | None = None
+    flag: str = ""
+
+    def text(self, digits: int) -> str:
+        """``paper / ours (low–high)``, or ``ours`` alone."""
+        ours = _number(self.ours, digits) + self.flag
+        if self.low is not None and self.high is not None and self.low < self.high:
+            ours += f" ({_number(self.low, digits)}–{_number(self.high, digits)})"
+        return ours if self.paper is None else f"{_number(self.paper, digits)} / {ours}"
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row: cells by column, or plain words where no number fits; verdict on them, and the reasons."""
+
+    name: str
+    cells: Mapping[str, Cell | str]
+    verdict: str = ""
+    why: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of a page.
+
+    Attributes
+    ----------
+    name : str
+        Unique, for programs.
+    title : str
+    rows : sequence of Row
+    digits : int
+        After the point, 0 for counts.
+    corner : str
+        Heading of the first column.
+    notes : sequence of str
+    """
+
+    name: str
+    title: str
+    rows: Sequence[Row]
+    digits: int = 3
+    corner: str = "grid"
+    notes: Sequence[str] = ()
+
+    @property
+    def columns(self) -> list[str]:
+        """Headings of the columns, in order of appearance."""
+        return list(dict.fromkeys(name for row in self.rows for name in row.cells))
+
+    def markdown(self) -> str:
+        """The table in Markdown, reasons and notes below it."""
+        judged = any(row.verdict for row in self.rows)
+        heads = [self.corner, *self.columns, *(["verdict"] if judged else [])]
+        reasons = list(dict.fromkeys(reason for row in self.rows for reason in row.why))
+        lines = [f"### {self.title}", "", _line(heads), _line(["---"] * len(heads))]
+        for row in self.rows:
+            cells = [_text(row.cells.get(name, "–"), self.digits) for name in self.columns]
+            marks = "".join(f" [{n}]" for n, reason in enumerate(reasons, 1) if reason in row.why)
+            lines.append(_line([row.name, *cells, *([(row.verdict or "–") + marks] if judged else [])]))
+        whys = [f"- [{place}] {reason}." for place, reason in enumerate(reasons, 1)]
+        notes = [f"*{note}.*" for note in self.notes]
+        blocks = ["\n".join(lines), "\n".join(whys), "\n\n".join(notes)]
+        return "\n\n".join(block for block in blocks if block) + "\n"
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page: tables, introduction, figures, failures."""
+
+    name: str
+    title: str
+    intro: str
+    tables: Sequence[Table]
+    figures: Mapping[str, str] = field(default_factory=dict)  # file name to caption
+    failures: Sequence[str] = ()
+
+    def markdown(self) -> str:
+        """The whole page in Markdown."""
+        pictures = "\n".join(f"![{caption}]({name})\n" for name, caption in self.figures.items())
+        failures = "\n".join(f"*{failure}.*\n" for failure in self.failures)
+        tables = (table.markdown() for table in self.tables)
+        parts = [f"# {self.title}\n", self.intro + "\n", failures, pictures, *tables]
+        return "\n".join(part for part in parts if part)
+
+    def data(self) -> dict[str, Any]:
+        """The page as plain data, the form of ``--json``."""
+        tables = [_plain(asdict(table)) for table in self.tables]
+        failures = {"failures": list(self.failures)} if self.failures else {}
+        return {"name": self.name, "title": self.title, "tables": tables, **failures}
+
+
+def _plain(value: Any) -> Any:
+    """``value`` with six digits after the point and without empty entries."""
+    if isinstance(value, Mapping):
+        plain = {key: _plain(each) for key, each in value.items()}
+        return {key: each for key, each in plain.items() if each not in (None, "", [])}
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    if isinstance(value, float):
+        return round(value, 6) if math.isfinite(value) else None
+    return value
+
+
+def _number(value: float | None, digits: int) -> str:
+    if value is None or not math.isfinite(value):
+        return "–"
+    return f"{value:.{digits or int(value % 1 > 0)}f}"  # a median of counts may be a half
+
+
+def _text(cell: Cell | str, digits: int) -> str:
+    return cell if isinstance(cell, str) else cell.text(digits)
+
+
+def _line(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"

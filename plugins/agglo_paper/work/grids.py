@@ -1,0 +1,106 @@
+"""Meshes and targets: the paper's four grids, fresh ones of four families, brains."""
+
+from __future__ import annotations
+
+from math import sqrt
+from pathlib import Path
+from typing import Final
+from zipfile import BadZipFile
+
+import numpy as np
+
+from agglo_core.authoring import Mesh, OptionError, read, samples
+from agglo_paper.work.strategies import Targets
+
+GRIDS: Final = ("triangles", "random", "voronoi", "squares")
+SIZES: Final = (sqrt(2) / 8, sqrt(2) / 4, sqrt(2) / 2)
+"""Largest diameters of the three levels on every grid, as the authors ran them."""
+
+FAMILIES: Final = ("perturbed triangles", "random triangles", "Voronoi", "perturbed squares")
+_FIRST_SEED = 90_000  # of the fresh meshes; nothing was trained or tuned on them
+_JITTER, _ROOM = 0.1, 1.2
+_ARRAYS: Final = {"points", "cell_offsets", "cell_vertices"}
+_BRAIN_SHARE, _BRAIN_PARTS = 0.2, 50
+
+
+def load(source: str, numbering: int = 0) -> Mesh:
+    """Mesh of a short text: ``paper:NAME``, ``fresh:FAMILY:NUMBER``, ``brain``, ``file:DIGEST:PATH``.
+
+    Parameters
+    ----------
+    source : str
+    numbering : int
+        If positive: cells are renumbered at random, from this seed.
+    """
+    kind, _, rest = source.partition(":")
+    if kind == "paper":
+        mesh = samples.paper(rest)
+    elif kind == "fresh":
+        family, _, number = rest.rpartition(":")
+        mesh = _fresh(family, int(number))
+    elif kind == "file":
+        mesh = _from_file(Path(rest.partition(":")[2]))
+    else:
+        mesh = samples.brain()
+    return _renumbered(mesh, numbering) if numbering else mesh
+
+
+def targets(mesh: Mesh, source: str, convention: str) -> Targets:
+    """Targets of a mesh.
+
+    ``levels``: the three levels of the multigrid tables; ``run``: the middle one, √2/4 or N0/16 parts;
+    ``text``: the same with 4 h0, as the text of the paper says; ``brain``: 0.2 D or 50 parts.
+    """
+    if convention == "brain":
+        return Targets((_BRAIN_SHARE * float(mesh.graph.diameters()[0]),), (_BRAIN_PARTS,))
+    counts = tuple(max(1, mesh.n_cells // share) for share in (4, 16, 64))
+    if convention == "text":
+        return Targets((4 * mesh.h,), counts[1:2])
+    room = _ROOM if "perturbed" in source else 1.0
+    sizes = tuple(room * size for size in SIZES)
+    return Targets(sizes, counts) if convention == "levels" else Targets(sizes[1:2], counts[1:2])
+
+
+def _fresh(family: str, number: int) -> Mesh:
+    seed = _FIRST_SEED + number
+    match family:
+        case "random triangles":
+            return samples.random_triangles(128, seed)
+        case "Voronoi":
+            return samples.voronoi(256, seed)
+        case "perturbed triangles":
+            return _perturbed(samples.triangles(8), 1 / 8, seed)
+        case "perturbed squares":
+            return _perturbed(samples.squares(16), 1 / 16, seed)
+    raise OptionError(f"no family {family!r}; there are {', '.join(FAMILIES)}")
+
+
+def _perturbed(mesh: Mesh, spacing: float, seed: int) -> Mesh:
+    """Inner points moved by up to a tenth of the spacing in x and y."""
+    inner = np.all((mesh.points > 0) & (mesh.points < 1), axis=1, keepdims=True)
+    moves = np.random.default_rng(seed).uniform(-1, 1, mesh.points.shape) * _JITTER * spacing
+    loops = mesh.boundary_loops
+    points = mesh.points + np.where(inner, moves, 0.0)
+    return Mesh.from_polygons(points, (loops.loop_offsets, loops.vertices), name=f"perturbed {mesh.name}")
+
+
+def _renumbered(mesh: Mesh, seed: int) -> Mesh:
+    """Renumber the cells of a mesh at random."""
+    loops = mesh.boundary_loops
+    cells = np.split(loops.vertices, loops.loop_offsets[1:-1])
+    order = np.random.default_rng(seed).permutation(mesh.n_cells)
+    return Mesh.from_polygons(mesh.points, [cells[cell] for cell in order], name=mesh.name)
+
+
+def _from_file(path: Path) -> Mesh:
+    """A mesh file, or an ``.npz`` of bare arrays points, cell_offsets, cell_vertices."""
+    if path.suffix == ".npz":
+        try:
+            with np.load(path) as data:
+                arrays = {name: data[name] for name in data} if set(data) == _ARRAYS else {}
+        except (OSError, ValueError, EOFError, BadZipFile):
+            arrays = {}  # whatever it is, the reader says what is wrong with it
+        if arrays:
+            cells = arrays["cell_offsets"], arrays["cell_vertices"]
+            return Mesh.from_polygons(arrays["points"], cells, name=path.stem)
+    return read(path)

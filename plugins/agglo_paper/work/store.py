@@ -1,0 +1,146 @@
+"""Units of work and where their results are kept, so that an interrupted run can be resumed."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache, cached_property
+from importlib import metadata
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Final
+
+from agglo_core.authoring import AggloError, staging
+
+Data = dict[str, Any]
+Results = Mapping[str, Data]
+"""Results by the key of their unit; one that failed is ``{"error": reason}``."""
+
+_PROJECTS: Final = (
+    *("agglo", "numpy", "scipy", "numba"),
+    *("scikit-learn", "pymetis", "torch", "networkx", "matplotlib"),
+)
+_SHARED: Final = ("grids.py", "strategies.py")  # beside a unit's own module, what it computes with
+_DECISIVE: Final = _PROJECTS[:-2]  # of these the results depend on
+
+
+@dataclass(frozen=True, eq=False)
+class Unit:
+    """A function of a module and its arguments, all plain data, as is its result.
+
+    Attributes
+    ----------
+    work : callable
+        Called with ``settings`` as keywords.
+    settings : mapping
+    packages : tuple of str
+        Whose code it runs besides agglo_core and this plugin's module.
+    """
+
+    work: Callable[..., Data]
+    settings: Mapping[str, Any]
+    packages: tuple[str, ...] = ()
+
+    @cached_property
+    def key(self) -> str:
+        """Key of the unit: function and settings in one line."""
+        return json.dumps([self.work.__module__, self.work.__name__, self.settings], sort_keys=True)
+
+    def run(self) -> Data:
+        """The result; a component's failure is one."""
+        try:
+            return self.work(**self.settings)
+        except AggloError as error:
+            cause: BaseException | None = error
+            while cause is not None:  # Ctrl-C inside a component is not its failure
+                if isinstance(cause, KeyboardInterrupt):
+                    raise
+                cause = cause.__cause__ or cause.__context__
+            return {"error": str(error)}
+
+
+@dataclass(frozen=True)
+class Store:
+    """A folder of results, one JSON file per unit; a file is valid for the same code and versions only."""
+
+    folder: Path
+
+    def results(self, units: Iterable[Unit], done: Callable[[Unit, bool], None]) -> Results:
+        """Results of all units, computed where they are not stored.
+
+        Parameters
+        ----------
+        units : iterable of Unit
+        done : callable
+            Called with each finished unit, and whether its result was stored.
+        """
+        self.folder.mkdir(parents=True, exist_ok=True)
+        (self.folder / ".gitignore").write_text("*\n", encoding="utf-8")
+        found: dict[str, Data] = {}
+        for unit in units:
+            if unit.key not in found:
+                found[unit.key], known = self._result(unit)
+                done(unit, known)
+        return found
+
+    def _result(self, unit: Unit) -> tuple[Data, bool]:
+        file = self.folder / f"{self._name(unit)}.json"
+        try:
+            kept: Data = json.loads(file.read_text(encoding="utf-8"))["result"]
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):  # none, or damaged
+            kept = {}
+        if kept:
+            return kept, True
+        result = unit.run()
+        if "error" not in result:
+            text = json.dumps({"unit": json.loads(unit.key), "result": result})
+            with staging(file) as stage:
+                (stage / file.name).write_text(text, encoding="utf-8")
+            result = json.loads(text)["result"]
+        return result, False
+
+    @staticmethod
+    def _name(unit: Unit) -> str:
+        packages = sorted({"agglo_core", *unit.packages} - {""})
+        code = [_package_digest(name) for name in packages]
+        here = Path(unit.work.__code__.co_filename)
+        own = [_file_digest(str(file)) for file in (here, *map(here.with_name, _SHARED))]
+        decisive = {name: version for name, version in versions().items() if name in _DECISIVE}
+        text = json.dumps([unit.key, code, own, decisive], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+@cache
+def versions() -> Mapping[str, str]:
+    """Versions of Python and of the packages that take part; those not installed are left out."""
+    found = {"python": platform.python_version()}
+    for project in _PROJECTS:
+        try:
+            found[project] = metadata.version(project)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+@cache
+def _package_digest(name: str) -> str:
+    """Digest of every source and weight file of a package, or of its module file."""
+    spec = find_spec(name)
+    if spec is None or spec.origin is None:
+        return ""
+    origin = Path(spec.origin)
+    if origin.name != "__init__.py":
+        return _file_digest(str(origin))
+    files = sorted(f for f in origin.parent.rglob("*") if f.suffix in (".py", ".safetensors", ".npz"))
+    return hashlib.sha256("".join(_file_digest(str(file)) for file in files).encode()).hexdigest()
+
+
+@cache
+def _file_digest(path: str) -> str:
+    try:
+        return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+    except OSError:  # code of no file, as in an interactive session
+        return ""

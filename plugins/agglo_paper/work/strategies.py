@@ -1,0 +1,150 @@
+"""The columns of the tables: what the paper prints, METIS at its best, and every installed bisector."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Literal
+
+from agglo_core.authoring import (
+    AggloError,
+    Hierarchy,
+    Mesh,
+    Partitioner,
+    PluginError,
+    Record,
+    Registry,
+    agglomerate,
+    default,
+)
+
+_PLAIN = {"vertex_weights": False, "edge_weights": False, "ufactor": 30, "contig": False}
+_BEST = {"vertex_weights": True, "edge_weights": True, "ufactor": 300, "contig": True}
+
+
+@dataclass(frozen=True)
+class Targets:
+    """Targets of the levels of a grid: largest diameters, or counts for METIS."""
+
+    sizes: tuple[float, ...]
+    counts: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Strategy:
+    """One way to agglomerate.
+
+    Attributes
+    ----------
+    name : str
+        Heading of its column.
+    bisector : str
+    options : mapping
+    method : "recursive" or "kway"
+    by_count : bool
+        Asked for counts, each level by a call of its own, as the paper asks METIS.
+    refined : bool
+        With the default refiner, the paper's "adjust partition"; else without any.
+    varies : "", "numbering" or "seed"
+        What the result depends on besides the grid: tables then give median and range.
+    package : str
+        Whose code it runs.
+    problem : str
+        Why it cannot be used here.
+    """
+
+    name: str
+    bisector: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+    method: Literal["recursive", "kway"] = "recursive"
+    by_count: bool = False
+    refined: bool = True
+    varies: Literal["", "numbering", "seed"] = ""
+    package: str = ""
+    problem: str = ""
+
+    def data(self) -> dict[str, Any]:
+        """Settings that tell the strategy from others, as plain data."""
+        return {key: value for key, value in asdict(self).items() if key not in ("package", "problem")}
+
+    def run(self, mesh: Mesh, targets: Targets, seed: int = 0) -> Hierarchy:
+        """Agglomerate a mesh to the targets, finest first."""
+        asked: dict[str, Any] = {"n_parts": targets.counts} if self.by_count else {"h_star": targets.sizes}
+        return agglomerate(
+            mesh,
+            bisector=(self.bisector, self.options),
+            method=self.method,
+            nested=not self.by_count,
+            refiners=None if self.refined else (),
+            polish=False,
+            seed=seed,
+            **asked,
+        )
+
+
+def paper_columns() -> list[Strategy]:
+    """METIS as the paper states it, its k-means, its network, and METIS with the options that suit it."""
+    return [
+        Strategy("METIS", "metis", _PLAIN, "kway", by_count=True, refined=False, varies="numbering"),
+        Strategy("k-means", "kmeans_sklearn", varies="seed"),
+        Strategy("GNN", "gnn_paper"),
+        Strategy("METIS, best options", "metis", _BEST, "kway", by_count=True, varies="numbering"),
+    ]
+
+
+def columns(
+    registry: Registry | None = None, chosen: Mapping[str, tuple[str, Mapping[str, Any]]] | None = None
+) -> list[Strategy]:
+    """All columns: the paper's, then every bisector of the registry in the default pipeline.
+
+    ``chosen`` bisectors, name and options by the heading of their column, stand in for every one.
+
+    A bisector that also partitions gets a second column, ``NAME k-way``. One that cannot be used stays,
+    with its ``problem``; a newly installed one appears by itself.
+    """
+    registry = default() if registry is None else registry
+    if chosen is None:
+        ours = [_offered(record, registry) for record in registry.list() if record.kind == "bisector"]
+    else:
+        ours = [
+            _offered(registry.record("bisector", name), registry, head, options)
+            for head, (name, options) in chosen.items()
+        ]
+    mine = {each.bisector for each in paper_columns()[1:3]}  # shown already, with the same pipeline
+    rest = [each for group in ours for each in group if each.name not in mine]
+    return [_checked(each, registry) for each in paper_columns()] + rest
+
+
+def _checked(strategy: Strategy, registry: Registry) -> Strategy:
+    try:
+        record = registry.record("bisector", strategy.bisector)
+    except PluginError as error:
+        return replace(strategy, problem=str(error))
+    return replace(strategy, package=_package(record), problem=_problem(record))
+
+
+def _offered(
+    record: Record, registry: Registry, head: str = "", given: Mapping[str, Any] | None = None
+) -> list[Strategy]:
+    name = f"{record.plugin}/{record.name}" if record.state == "conflict" else record.name
+    head, options = head or name, dict(given or {})
+    problem = "" if record.state == "conflict" else _problem(record)
+    one = Strategy(head, name, options, package=_package(record), problem=problem)
+    if one.problem:
+        return [one]
+    try:
+        tool = registry.build("bisector", name, **options)
+    except AggloError as error:
+        return [Strategy(head, name, options, package=_package(record), problem=str(error))]
+    bisects = [one] if hasattr(tool, "bisect") or hasattr(tool, "bisect_level") else []
+    if isinstance(tool, Partitioner):
+        bisects.append(Strategy(f"{head} k-way", name, options, method="kway", package=_package(record)))
+    return bisects
+
+
+def _package(record: Record) -> str:
+    return record.component.target.split(":")[0].split(".")[0] if record.component else ""
+
+
+def _problem(record: Record) -> str:
+    return "" if record.state == "ok" else f"{record.state}: {record.reason}"
