@@ -85,16 +85,30 @@ def tag_sides(graph, cells, lo, hi, heights, bar, unit, extent, tag, near, sums)
 
 
 @helper(allocates=True)
-def _sides(cut, own, graph, cells, lo, hi, extent, share, tag, marks, sums, floor, room, stamp):
-    """Cut a piece, move the cut if it is off a ``share`` below 1/2, and refine the sides.
+def _to_share(graph, cells, lo, hi, extent, share, edge, own, tag, near, sums):
+    """Move the cut of a piece, of which ``edge`` cells are ``near``, if it is off a share below 1/2."""
+    if holds_share(sums[0], share):
+        return edge
+    return shift_cut(graph, cells, lo, hi, tag, share, near, sums)
+
+
+@helper
+def _left_quota(quota, size, measures, cells, lo, middle, hi):
+    """Parts that the left side of a piece becomes."""
+    return quota_of_left(quota, size, middle - lo, hi - middle)
+
+
+@helper(allocates=True)
+def _sides(cut, shift, own, graph, cells, lo, hi, extent, share, tag, marks, sums, floor, room, stamp):
+    """Cut a piece, move the cut to a ``share`` below 1/2, and refine the sides.
 
     Returns the cells along the cut, and the next stamp.
     """
     indptr, indices, interface, centroids, measures, _, _, _ = graph
     size, count, axis = sums
     edge = cut(graph, cells, lo, hi, extent, own, tag, marks, room[0], sums)
-    if share < 0.5 and not holds_share(size, share):
-        edge = shift_cut(graph, cells, lo, hi, tag, share, room[0], sums)
+    if share < 0.5:
+        edge = shift(graph, cells, lo, hi, extent, share, edge, own, tag, room[0], sums)
     left, right = side_tags(lo, hi)
     edge = cells_beside(indptr, indices, tag, left, right, room[0], edge)
     if floor < 0.0:
@@ -112,6 +126,51 @@ def _sides(cut, own, graph, cells, lo, hi, extent, share, tag, marks, sums, floo
 def split_pieces(
     load, cut, own, graph, shape, cells, tag, marks, todo, ready, leaf, counts, tally, goal, work
 ):
+    """Split pieces as :func:`split_pieces_by` does, with cuts that aim at halves.
+
+    Where the lighter side is to hold less, the cut is moved, straight across the line between the centroids.
+    """
+    split_pieces_by(
+        load,
+        cut,
+        _to_share,
+        _left_quota,
+        own,
+        graph,
+        shape,
+        cells,
+        tag,
+        marks,
+        todo,
+        ready,
+        leaf,
+        counts,
+        tally,
+        goal,
+        work,
+    )
+
+
+@helper(allocates=True)
+def split_pieces_by(
+    load,
+    cut,
+    shift,
+    divide,
+    own,
+    graph,
+    shape,
+    cells,
+    tag,
+    marks,
+    todo,
+    ready,
+    leaf,
+    counts,
+    tally,
+    goal,
+    work,
+):
     """Split pieces, the last in ``todo`` first, until ``work`` cells were handled or no room is left.
 
     Parameters
@@ -122,8 +181,13 @@ def split_pieces(
         Tags the cells of the piece that was loaded, writes measures and cells of both sides and the normal of
         the cut (3 numbers) to ``sums``, and to ``near`` the cells that may be beside the cut: returns how
         many. :func:`tag_sides` does all but the normal. The second column of the marks may be written to.
+    shift : helper ``(graph, cells, lo, hi, extent, share, edge, own, tag, near, sums) -> int``
+        Moves the cut until the lighter side holds a ``share`` of the mass below 1/2, if it does not; ``edge``
+        cells are ``near``. Writes and returns what ``cut`` does.
+    divide : helper ``(quota, size, measures, cells, lo, middle, hi) -> int``
+        Parts that the left side ``cells[lo:middle]`` becomes, if the ``size`` of both sides are measures.
     own : tuple
-        What these two work with.
+        What these helpers work with.
     cells, tag, marks
         The list of cells, of which each piece is a slice: see ``piece_splits``.
     todo, ready : (K, 5) int
@@ -161,7 +225,7 @@ def split_pieces(
             if not finished:
                 share = shares[min(quota, len(shares) - 1)]
                 edge, stamp = _sides(
-                    cut, own, graph, cells, lo, hi, extent, share, tag, marks, sums, floor, room, stamp
+                    cut, shift, own, graph, cells, lo, hi, extent, share, tag, marks, sums, floor, room, stamp
                 )
                 stamp += 2
                 torn = hi - lo > tiny and not sides_connected(
@@ -185,7 +249,7 @@ def split_pieces(
         row = min(depth, len(tally) - 1)
         tally[row, 2] += state == MENDED
         middle = part_list(tag, cells, lo, hi, room[0])
-        first = quota_of_left(quota, size, middle - lo, hi - middle)
+        first = divide(quota, size, measures, cells, lo, middle, hi)
         tally[row, 0] += one
         tally[row, 1] += one * (hi - lo)
         work -= hi - lo

@@ -8,9 +8,9 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.compiled.sorting import sort_by_keys, stable_sort
-from agglo_core.split.median_splits import SHARE, untied
 from agglo_core.split.piece_splits import side_tags
 
+_SHARE = 2.0**40  # shares of weight are integers: their sums do not depend on the order
 _TIE = 1e-7  # of the extent: what counts as equal, as in ``graph.blocks``
 _BINS = 256
 _FEW = 64  # values that are sorted
@@ -49,7 +49,7 @@ def _median(n, score, shares, whole, some, keys, tally):
         for b in range(_BINS):
             tally[b] = 0
         for k in range(m):
-            tally[min(np.int64((keys[k] - low) * rate), _BINS - 1)] += shares[some[k]]
+            tally[min(np.int64((keys[k] - low) * rate), _BINS - 1)] += shares[np.uint32(some[k])]
         chosen = 0
         while chosen < _BINS - 1 and 2 * (below + tally[chosen]) <= whole:
             below += tally[chosen]
@@ -103,29 +103,52 @@ def _equals(n, score, bar, tie, some):
 
 
 @helper(allocates=True)
-def _in_turn(n, d, along, group):
-    """Order of points that count as equal along the first axis: by the next, then by the last."""
-    other = 0.0
-    if len(group) == 1:
-        return np.zeros(1, np.int64)
-    for c in range(1, d):
-        low, high = _extremes(n, along[c])
-        other = max(other, high - low)
-    return untied(along[:d, :n], 0, group, _TIE * other)
+def _untied(columns, axis, group, gap):
+    """Order of cells that count as equal along an axis: by ranks along the other axes, the next one first.
+
+    Values no further apart than ``gap`` have the same rank; what is left keeps its order.
+    """
+    d, m = len(columns), len(group)
+    key, values = np.zeros(m), np.empty(m)
+    order, spare = np.empty(m, np.int64), np.empty(m, np.int64)
+    for step in range(1, d):
+        for i in range(m):
+            order[i], values[i] = i, columns[(axis + step) % d, group[i]]
+        stable_sort(order, values, spare)
+        rank = 0
+        for i in range(m):
+            rank += i > 0 and values[order[i]] - values[order[i - 1]] > gap
+            key[order[i]] = key[order[i]] * m + rank
+    for i in range(m):
+        order[i] = i
+    stable_sort(order, key, spare)
+    return order
 
 
 @helper(allocates=True)
-def split_in_order(n, d, along, weight, share, room):
-    """Mark the points above a share of the weight, by their first coordinates ``along (3, m)``.
+def _order_of_equals(n, d, along, axis, group):
+    """Order of points that count as equal along an axis: by the next axis, then by the one after."""
+    other = 0.0
+    if len(group) == 1:
+        return np.zeros(1, np.int64)
+    for step in range(1, d):
+        low, high = _extremes(n, along[(axis + step) % d])
+        other = max(other, high - low)
+    return _untied(along[:d, :n], axis, group, _TIE * other)
+
+
+@helper(allocates=True)
+def split_in_order(n, d, along, axis, weight, share, room):
+    """Mark the points above a share of the weight, by coordinate ``axis`` of ``along (3, m)``.
 
     The marks are the second array of the ``order_room``. Points count as equal within 1e-7 of the extent;
     the other coordinates decide among them. The ``weight`` adds up to 1. Returns the coordinate of the cut,
     and how far from it may be what counts as equal.
     """
     shares, upper, some, keys, tally = room
-    score, whole = along[0], np.int64(0)
+    score, whole = along[axis], np.int64(0)
     for k in range(n):
-        shares[k] = np.int64(np.rint(weight[k] * SHARE))
+        shares[k] = np.int64(np.rint(weight[k] * _SHARE))
         whole += shares[k]
     whole = np.int64(2.0 * share * whole)  # what is cut in the middle
     low, high = _extremes(n, score)
@@ -138,7 +161,7 @@ def split_in_order(n, d, along, weight, share, room):
         upper[k] = above
         below += (1 - above) * shares[k]
         under += 1 - above
-    order, cut = _in_turn(n, d, along, group), np.int64(0)
+    order, cut = _order_of_equals(n, d, along, axis, group), np.int64(0)
     while cut < len(group) and 2 * below + shares[group[order[cut]]] <= whole:
         below += shares[group[order[cut]]]
         cut += 1
@@ -165,8 +188,9 @@ def tag_upper(graph, cells, lo, hi, upper, score, bar, slack, tag, near, sums):
     left, right = side_tags(lo, hi)
     m, ones, last = np.int64(0), np.int64(0), centroids.shape[1] - 1
     one, two, x, y, z, p, q, r = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(hi - lo):
-        i, side = cells[lo + k], np.int64(upper[k])
+    start = np.uint64(lo)
+    for k in range(np.uint64(hi - lo)):
+        i, side = np.uint32(cells[start + k]), np.int64(upper[k])
         tag[i] = right if side else left
         there = side * measures[i]
         here = (1 - side) * measures[i]
@@ -257,7 +281,7 @@ def shift_cut(graph, cells, lo, hi, tag, share, near, sums):
                 along[a, k] += frame[a, c] * (centroids[cells[lo + k], c] - centroids[first, c])
     # The quantile that leaves the share to the lighter side
     room, left = order_room(n), share if below <= 0.5 + 1e-9 else 1.0 - share
-    bar, slack = split_in_order(n, d, along, weight, left, room)
+    bar, slack = split_in_order(n, d, along, 0, weight, left, room)
     low, high = _extremes(n, along[0])
     slack += 1e-12 * (high - low)
     return tag_upper(graph, cells, lo, hi, room[1], along[0], bar, slack, tag, near, sums)

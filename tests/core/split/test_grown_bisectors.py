@@ -140,7 +140,7 @@ def upper_half(along, weight):
         for k in range(n):
             all_three[c, k] = along[c, k]
     room = np.empty(n, np.int64), upper, np.empty(n, np.int32), np.empty(n), np.empty(256, np.int64)
-    split_in_order(n, d, all_three, weight, 0.5, room)
+    split_in_order(n, d, all_three, 0, weight, 0.5, room)
     return upper
 
 
