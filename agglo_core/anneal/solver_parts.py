@@ -15,7 +15,7 @@ from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.progress import TimeLimit
 from agglo_core.protocols import Target
 from agglo_core.refine.balance import BalanceRefiner
-from agglo_core.refine.compactness import CompactnessRefiner
+from agglo_core.refine.compactness.refiner import CompactnessRefiner
 from agglo_core.refine.part_sizes import FREE, Balance
 
 _ROUNDING = 1e-9
