@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agglo_core.compiled.cell_heap import put_in, take_out
 from agglo_core.compiled.compiling import ONE, helper, kernel
 from agglo_core.compiled.ring_search import CROWD, connected
+from agglo_core.compiled.sorting import put_in, take_out
 from agglo_core.refine.compactness.reach import part_lists
 
 _TRIES = 6  # ways looked for between parts that have a cell to spare and those that want one

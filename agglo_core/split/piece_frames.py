@@ -8,9 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agglo_core.compiled.axes import planar_frame
-from agglo_core.compiled.centring import centre_points
 from agglo_core.compiled.compiling import helper
+from agglo_core.compiled.frames import centre_points, planar_frame
 
 _ISOTROPIC = 0.9  # ratio of second moments above which their axes say little about the shape
 _TURNS = 6

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agglo_core.compiled.axes import half_circle, halvings
 from agglo_core.compiled.compiling import ONE, helper, kernel
+from agglo_core.compiled.frames import half_circle, halvings
 from agglo_core.compiled.thresholds import NO_CUT, axes_block, bar_of, sweep_block, thresholds_between
 from agglo_core.split.piece_driver import START, STOP, largest_piece, split_pieces, tag_sides
 from agglo_core.split.piece_frames import load_piece, new_points, principal_frame
