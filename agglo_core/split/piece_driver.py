@@ -202,41 +202,44 @@ def split_pieces_by(load, cut, shift, divide, work, graph, shape, pieces, lists,
     limits : Limits
     budget : int
     """
+    # Fields that are read for each piece: taken once, or their references would be counted each time.
     todo, ready, leaf, counts, tally = lists
-    tiny = limits.tiny
+    diameter, floor, later, tiny, step, shares = limits
+    cells, measures = pieces.cells, graph.measures
+    vertex_offsets, vertices, points = shape
     waiting, listed, stamp = counts[0], counts[1], counts[2]
     workspace, sides = new_workspace(largest_piece(lists)), new_sides()
+    boundary, queue, side_sums = workspace.boundary, workspace.queue, sides.measures
     ends = np.empty((3, graph.centroids.shape[1]))
     while waiting > 0 and budget > 0 and waiting + 2 <= len(todo) and listed + 2 <= len(ready):
         waiting -= 1
         lo, hi, quota = todo[waiting, START], todo[waiting, STOP], todo[waiting, QUOTA]
         depth, state = todo[waiting, DEPTH], todo[waiting, STATE]
-        put_off, torn = hi - lo <= limits.later, False
+        put_off, torn = hi - lo <= later, False
         # 1. Finished? A single cell, one part wanted, or diam ≤ h*. Extents bound the diameter from below:
         #    only pieces that pass them, then bounds from both sides, are measured exactly.
         finished = quota == 1 or hi - lo == 1
         if state == UNCUT and not (finished or put_off):
             extent = load(graph, pieces, lo, hi, work)
-            if limits.diameter > 0.0 and extent <= limits.diameter:
-                piece = pieces.cells[lo:hi]
-                narrow = narrowness(piece, shape, limits.diameter, ends)
+            if diameter > 0.0 and extent <= diameter:
+                piece = cells[lo:hi]
+                narrow = narrowness(piece, shape, diameter, ends)
                 if narrow < 0:
-                    narrow = not is_wider(
-                        piece, shape.offsets, shape.vertices, shape.points, ends[0], limits.diameter
-                    )
+                    narrow = not is_wider(piece, vertex_offsets, vertices, points, ends[0], diameter)
                 finished = narrow != 0
             # 2. Y ← M(G, X), and the partition is adjusted. Both sides connected? Tiny pieces are not tested.
             if not finished:
-                share = limits.shares[min(quota, len(limits.shares) - 1)]
-                given = work, graph, pieces, lo, hi, extent, share, sides
-                edge, stamp = _cut_and_refine(cut, shift, *given, limits.floor, workspace, stamp)
+                share = shares[min(quota, len(shares) - 1)]
+                edge, stamp = _cut_and_refine(
+                    cut, shift, work, graph, pieces, lo, hi, extent, share, sides, floor, workspace, stamp
+                )
                 stamp += 2
                 torn = hi - lo > tiny and not sides_connected(
                     graph, pieces, lo, hi, edge, workspace, stamp - 2
                 )
         if finished:
             stamp += 1
-            apart = hi - lo <= tiny and not is_connected(graph, pieces, lo, hi, workspace.queue, stamp)
+            apart = hi - lo <= tiny and not is_connected(graph, pieces, lo, hi, queue, stamp)
             leaf[lo] = APART if apart else WHOLE
             continue
         # 3. Torn pieces wait: all of them are mended in one call.
@@ -247,13 +250,13 @@ def split_pieces_by(load, cut, shift, divide, work, graph, shape, pieces, lists,
             listed += 1
             continue
         if state == MENDED:
-            side_measures(pieces, graph.measures, lo, hi, sides.measures)
+            side_measures(pieces, measures, lo, hi, side_sums)
         # 4. Each side becomes a slice of the cells and gets its share of the quota.
-        middle = part_list(pieces, lo, hi, workspace.boundary)
+        middle = part_list(pieces, lo, hi, boundary)
         first = divide(quota, sides, graph, pieces, lo, middle, hi)
         row = min(depth, len(tally) - 1)
-        tally[row, 0] += limits.step
-        tally[row, 1] += limits.step * (hi - lo)
+        tally[row, 0] += step
+        tally[row, 1] += step * (hi - lo)
         tally[row, 2] += state == MENDED
         budget -= hi - lo
         # 5. Both sides are pieces to be split, the left one next.
