@@ -54,7 +54,7 @@ def _move(weights, parts, i, target):
 @helper
 def _centre(graph, weights, parts, p, out):
     """Centre of part p, or the sum of its centroids if it weighs nothing."""
-    centroids, total = graph[2], 0.0
+    (_, _, centroids), total = graph, 0.0
     for a in range(len(out)):
         out[a] = 0.0
     i = parts.first[p]
@@ -69,10 +69,10 @@ def _centre(graph, weights, parts, p, out):
 
 @helper
 def _beside(graph, parts, i, target):
-    """Whether cell i has a neighbour in part ``target``."""
-    found = False
-    for h in range(np.uint64(graph[0][i]), np.uint64(graph[0][i + ONE])):
-        found |= parts.labels[np.uint32(graph[1][h])] == target
+    """Return whether cell i has a neighbour in part ``target``."""
+    (indptr, indices, _), found = graph, False
+    for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):
+        found |= parts.labels[np.uint32(indices[h])] == target
     return found
 
 
