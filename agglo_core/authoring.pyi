@@ -43,13 +43,13 @@ from agglo_core.compiled import (
     helper as helper,
     kernel as kernel,
 )
-from agglo_core.compiled.axes import (
+from agglo_core.compiled.frames import (
+    centre_block as centre_block,
     half_circle as half_circle,
     halvings as halvings,
     planar_frame as planar_frame,
     turned as turned,
 )
-from agglo_core.compiled.centring import centre_block as centre_block
 from agglo_core.compiled.thresholds import (
     NO_CUT as NO_CUT,
     axes_block as axes_block,

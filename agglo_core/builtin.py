@@ -191,7 +191,7 @@ def _refiners() -> list[Component]:
         Component(
             kind="refiner",
             name="compactness",
-            target="agglo_core.refine.compactness:CompactnessRefiner",
+            target="agglo_core.refine.compactness.refiner:CompactnessRefiner",
             promises=alike | {"invariant": True},
             summary="Moves boundary cells for compact parts with short interfaces, many parts at once.",
         ),

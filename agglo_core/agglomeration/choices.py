@@ -43,7 +43,7 @@ def new_run(keywords: Keywords, registry: Registry, progress: Listener | None = 
 
 def _polishers(choices: Sequence[Choice], registry: Registry) -> list[Member]:
     if choices is POLISH and not registry.declares("refiner", POLISH[0]):
-        ours = made_by("agglo_core.refine.compactness:CompactnessRefiner")()
+        ours = made_by("agglo_core.refine.compactness.refiner:CompactnessRefiner")()
         return [Member(ours, f"refiner {POLISH[0]!r}")]
     return [chosen("refiner", each, registry)[0] for each in choices]
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from agglo_core.anneal.annealed_parts import Annealing, Weights
 from agglo_core.anneal.rounds import Ramps
-from agglo_core.anneal.solver_annealing import SolverAnnealing
+from agglo_core.anneal.solver_parts import SolverAnnealing
 from agglo_core.arrays import Int, UInt64, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph

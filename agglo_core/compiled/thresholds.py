@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.compiled.axes import half_circle, halvings, planar_frame, turned
-from agglo_core.compiled.centring import centre_block
 from agglo_core.compiled.compiling import helper, kernel
+from agglo_core.compiled.frames import centre_block, half_circle, halvings, planar_frame, turned
 
 NO_CUT = 1e300  # cost where no threshold leaves weight on both sides; finite, for differences are taken
 _BINS = 32  # an even number: the middle of a symmetric score is a threshold

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.compiled.cell_heap import put_in, take_out
 from agglo_core.compiled.compiling import helper, kernel
+from agglo_core.compiled.sorting import put_in, take_out
 
 
 @helper

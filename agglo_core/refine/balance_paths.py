@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agglo_core.compiled.cell_heap import put_in, take_out
 from agglo_core.compiled.compiling import ONE, helper, kernel
 from agglo_core.compiled.ring_search import CROWD, connected
-from agglo_core.refine.reach import part_lists
+from agglo_core.compiled.sorting import put_in, take_out
+from agglo_core.refine.compactness.reach import part_lists
 
 _TRIES = 6  # ways looked for between parts that have a cell to spare and those that want one
 
@@ -54,7 +54,7 @@ def _move(weights, parts, i, target):
 @helper
 def _centre(graph, weights, parts, p, out):
     """Centre of part p, or the sum of its centroids if it weighs nothing."""
-    centroids, total = graph[2], 0.0
+    (_, _, centroids), total = graph, 0.0
     for a in range(len(out)):
         out[a] = 0.0
     i = parts.first[p]
@@ -69,10 +69,10 @@ def _centre(graph, weights, parts, p, out):
 
 @helper
 def _beside(graph, parts, i, target):
-    """Whether cell i has a neighbour in part ``target``."""
-    found = False
-    for h in range(np.uint64(graph[0][i]), np.uint64(graph[0][i + ONE])):
-        found |= parts.labels[np.uint32(graph[1][h])] == target
+    """Return whether cell i has a neighbour in part ``target``."""
+    (indptr, indices, _), found = graph, False
+    for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):
+        found |= parts.labels[np.uint32(indices[h])] == target
     return found
 
 

@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.compiled.cell_heap import put_in, take_out
 from agglo_core.compiled.compiling import ONE, helper, kernel
 from agglo_core.compiled.ring_search import keeps_whole
+from agglo_core.compiled.sorting import put_in, take_out
 
 _TIE = 1e-9  # of the lengths of the first cell
 _NONE = np.int64(-1)

@@ -10,8 +10,6 @@ import numpy as np
 from agglo_core.arrays import Float, Int, UInt64
 from agglo_core.graph import Graph
 from agglo_core.graph.blocks import TIE, block_extents, split_at_median
-from agglo_core.refine.connectivity import ConnectivityFixer
-from agglo_core.split.median_growth import MedianGrowth
 from agglo_core.split.piece_growth import PieceGrowth
 
 
@@ -33,9 +31,13 @@ class CoordinateBisection:
         coordinates = np.take_along_axis(level.centroids, axes[level.block_ids], axis=1)
         return split_at_median(level, coordinates[:, 0], coordinates[:, 1:], shares)
 
-    def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> MedianGrowth | None:
-        """The same splits, many in a call, without refiners and with our own fixer."""
-        return MedianGrowth(graph, pieces) if not refiners and type(fixer) is ConnectivityFixer else None
+    def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> PieceGrowth | None:
+        """Make the splits of ``bisect_shares`` in one call, without refiners and with the built-in fixer."""
+        from agglo_core.split.piece_medians import split_across_boxes
+
+        if refiners:  # cells of equal gain would move in another order than depth by depth
+            return None
+        return PieceGrowth.for_components(graph, pieces, split_across_boxes, refiners, fixer, tiny=0)
 
 
 class InertialBisection:

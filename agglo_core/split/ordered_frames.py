@@ -8,6 +8,8 @@ want the same parts from a block of a graph and from a slice of a list have to c
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
@@ -19,14 +21,26 @@ _TURNED = 1e-9  # angle after which the next turn is lost in rounding
 _EPS = 2.0**-53
 
 
-@helper(allocates=True)
-def frame_room(m):
-    """Work arrays for up to m points.
+class FramedPoints(NamedTuple):
+    """Positions ``(3, m)``, shares ``(m,)``, coordinates ``(3, m)`` in the ``frame (3, 3)``.
 
-    Positions (3, m), shares (m,), coordinates (3, m), the frame, moments (3, 3), those along its axes (3,).
+    The ``moments (3, 3)`` are workspace, ``values (3,)`` the second moments along the axes.
     """
-    moments = np.zeros((3, 3)), np.zeros(3)
-    return np.zeros((3, m)), np.empty(m), np.zeros((3, m)), np.zeros((3, 3)), *moments
+
+    local: Any
+    shares: Any
+    along: Any
+    frame: Any
+    moments: Any
+    values: Any
+
+
+@helper(allocates=True)
+def new_framed_points(m):
+    """Framed points for up to m of them."""
+    return FramedPoints(
+        np.zeros((3, m)), np.empty(m), np.zeros((3, m)), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
+    )
 
 
 @helper
@@ -176,13 +190,15 @@ def _order_axes(n, d, local, shares, frame, along, values):
 
 
 @helper
-def frame_in_order(n, d, room):
-    """Principal axes of n centred points, the longest first, and the coordinates along them, in the room.
+def frame_in_order(n, d, points):
+    """Find the principal axes of n centred points, the longest first, and the coordinates along them.
 
     Axes of nearly equal second moments are turned within their plane to where fourth moments are least.
     """
-    local, shares, along, frame, moments, values = room
+    local, shares, along, frame, moments, values = points
+    # 1. Eigenvectors of the second moments.
     _axes(n, d, local, shares, moments, frame, values)
+    # 2. Planes in which second moments say little: turns by turns, as one changes the others in 3-D.
     loose = 0
     for i in range(d - 1):
         for j in range(i + 1, d):
@@ -195,6 +211,7 @@ def frame_in_order(n, d, room):
                     largest = max(largest, _turn_plane(n, d, shares, frame, i, j, local))
         if largest < _TURNED:
             break
+    # 3. The longest axis first, each towards its heavier tail.
     _order_axes(n, d, local, shares, frame, along, values)
 
 
@@ -204,8 +221,8 @@ def frames_of_blocks(offsets, centroids, weights):
     n_blocks, d, largest = len(offsets) - 1, centroids.shape[1], np.int64(0)
     for b in range(n_blocks):
         largest = max(largest, offsets[b + 1] - offsets[b])
-    room = frame_room(largest)
-    local, shares, along, frame, _, _ = room
+    points = new_framed_points(largest)
+    local, shares, along, frame, _, _ = points
     frames, coordinates = np.empty((n_blocks, d, d)), np.empty((len(weights), d))
     for b in range(n_blocks):
         start, n = offsets[b], offsets[b + 1] - offsets[b]
@@ -214,7 +231,7 @@ def frames_of_blocks(offsets, centroids, weights):
             for c in range(d):
                 local[c, k] = centroids[start + k, c]
         centre_in_order(n, d, local, shares)
-        frame_in_order(n, d, room)
+        frame_in_order(n, d, points)
         for c in range(d):
             for e in range(d):
                 frames[b, c, e] = frame[c, e]

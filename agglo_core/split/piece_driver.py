@@ -1,8 +1,13 @@
-"""All splits of pieces, in place: what every bisector needs but the cut itself."""
+"""The recursion of all bisectors: pieces are cut, refined, tested and parted in place.
+
+A bisector gives two helpers, one that loads a piece and one that cuts it; all else happens here.
+"""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
 from __future__ import annotations
+
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,187 +19,253 @@ from agglo_core.split.piece_splits import (
     cells_beside,
     is_connected,
     narrowness,
+    new_sides,
+    new_workspace,
     part_list,
-    piece_room,
     quota_of_left,
-    side_sizes,
+    side_measures,
     side_tags,
     sides_connected,
 )
 
-WHOLE, APART = 1, 2
-"""How a finished piece is marked where it starts: APART if it is not connected, of which only tiny ones are
-asked."""
+START, STOP, QUOTA, DEPTH, STATE, COLUMNS = 0, 1, 2, 3, 4, 5
+"""Columns of lists of pieces: the slice of cells, the parts wanted (0 for a size), the depth, and what was
+done to the piece; and how many columns there are."""
 
 UNCUT, TORN, MENDED = 0, 1, 2
-"""What was done to a piece that is to be split: nothing; its sides are tagged, and one is not connected; both
-were connected since."""
+"""States of a piece that is to be split: nothing was done; its sides are tagged, and one is not connected;
+both were connected since."""
 
-_ROUNDING = 1e-12  # of the extent: what heights in double precision may be off, with room
+WHOLE, APART = 1, 2
+"""How a finished piece is marked where it starts: APART if it is not connected, which is tested for tiny
+pieces alone."""
+
+_ROUNDING = 1e-12  # of the extent: bound of the error of heights in double precision, with a margin
+
+
+class Lists(NamedTuple):
+    """What changes as pieces are split.
+
+    Rows of ``todo`` and ``ready`` are pieces still to be split and pieces put off, ``leaf (n,)`` marks where
+    finished pieces start, ``counts (3,)`` are the rows in use and the next stamp, and ``tally (depths, 3)``
+    counts pieces, cells and mended pieces by depth.
+    """
+
+    todo: Any
+    ready: Any
+    leaf: Any
+    counts: Any
+    tally: Any
+
+
+class Limits(NamedTuple):
+    """When pieces are finished, and how they are split.
+
+    ``diameter`` is h* or 0; ``floor`` that of the refinement, negative for none. Pieces of at most ``later``
+    cells are put off; connections are tested in those of more than ``tiny``. ``step`` is 1 to count, −1 to
+    count backwards. ``shares`` are those of the lighter side, by quota (``split.side_shares``).
+    """
+
+    diameter: Any
+    floor: Any
+    later: Any
+    tiny: Any
+    step: Any
+    shares: Any
 
 
 @helper
-def largest_piece(todo, counts):
-    """Cells of the largest piece to be split."""
+def largest_piece(lists):
+    """Return the number of cells of the largest piece to be split."""
     largest = np.int64(0)
-    for k in range(counts[0]):
-        largest = max(largest, todo[k, 1] - todo[k, 0])
+    for k in range(lists.counts[0]):
+        largest = max(largest, lists.todo[k, STOP] - lists.todo[k, START])
     return largest
 
 
 @helper
-def tag_halves(cells, lo, hi, tag, measures, near, size, count):
-    """Tag both halves of the list of a piece that no plane cuts; returns how many cells are ``near``."""
+def tag_halves(graph, pieces, lo, hi, candidates, sides):
+    """Tag both halves of the list of a piece that no plane cuts; all its cells are candidates."""
+    cells, tag, measures = pieces.cells, pieces.tag, sides.measures
     left, right = side_tags(lo, hi)
     m, ones = hi - lo, (hi - lo) // 2
-    size[0], size[1], count[0], count[1] = 0.0, 0.0, m - ones, ones
+    measures[0], measures[1], sides.counts[0], sides.counts[1] = 0.0, 0.0, m - ones, ones
     for k in range(m):
         i = cells[lo + k]
         side = np.int64(k >= m - ones)
-        tag[i], near[k] = right if side else left, i
-        size[side] += measures[i]
+        tag[i], candidates[k] = right if side else left, i
+        measures[side] += graph.measures[i]
     return m
 
 
 @helper
-def tag_sides(graph, cells, lo, hi, heights, bar, unit, extent, tag, near, sums):
+def tag_sides(graph, pieces, lo, hi, heights, bar, unit, extent, candidates, sides):
     """Tag the cells of a piece: right where ``heights`` exceed ``bar``, left elsewhere; both sides get some.
 
-    Writes measures and cells of both sides to ``sums``, and the cells that may be beside the cut to ``near``:
-    those no further from it than their neighbours are from them, if ``unit`` times heights are lengths.
-    Returns how many.
+    Writes measures and numbers of cells of both ``sides``, and as ``candidates`` the cells that may be
+    adjacent to the cut: those no further from it than their neighbours are from them, if ``unit`` times
+    heights are lengths. Returns how many.
     """
-    measures, reach, length = graph[4], graph[6], graph[7][0]
-    size, count, _ = sums
-    unit, extent = unit * length, _ROUNDING * extent * length
+    cells, tag, reach, length = pieces.cells, pieces.tag, graph.reach, graph.units.length
+    unit, slack = unit * length, _ROUNDING * extent * length
     left, right = side_tags(lo, hi)
     ones, below, above, m, start = np.int64(0), 0.0, 0.0, np.uint64(0), np.uint64(lo)
     for k in range(np.uint64(hi - lo)):
         i = np.uint32(cells[start + k])
-        side, measure = heights[k] > bar, measures[i]
+        side, measure = heights[k] > bar, graph.measures[i]
         tag[i] = right if side else left
         above += measure if side else 0.0
         below += 0.0 if side else measure
         ones += side
-        near[m] = i
-        m += np.uint64(abs(heights[k] - bar) * unit <= reach[i] + extent)
-    size[0], size[1], count[0], count[1] = below, above, hi - lo - ones, ones
+        candidates[m] = i
+        m += np.uint64(abs(heights[k] - bar) * unit <= reach[i] + slack)
+    sides.measures[0], sides.measures[1] = below, above
+    sides.counts[0], sides.counts[1] = hi - lo - ones, ones
     if 0 < ones < hi - lo:
         return np.int64(m)
-    return tag_halves(cells, lo, hi, tag, measures, near, size, count)
+    return tag_halves(graph, pieces, lo, hi, candidates, sides)
 
 
 @helper(allocates=True)
-def _sides(cut, own, graph, cells, lo, hi, extent, share, tag, marks, sums, floor, room, stamp):
-    """Cut a piece, move the cut if it is off a ``share`` below 1/2, and refine the sides.
+def _shift_off_share(graph, pieces, lo, hi, extent, share, edge, work, candidates, sides):
+    """Move the cut of a piece unless the lighter side holds the share already."""
+    if holds_share(sides, share):
+        return edge
+    return shift_cut(graph, pieces, lo, hi, share, candidates, sides)
 
-    Returns the cells along the cut, and the next stamp.
+
+@helper
+def _quota_by_measure(quota, sides, graph, pieces, lo, middle, hi):
+    return quota_of_left(quota, sides.measures, middle - lo, hi - middle)
+
+
+@helper(allocates=True)
+def _cut_and_refine(cut, shift, work, graph, pieces, lo, hi, extent, share, sides, floor, workspace, stamp):
+    """Tag the sides of a piece that is loaded; the boundary of the workspace lists cells along the cut.
+
+    Returns how many, and the next stamp.
     """
-    indptr, indices, interface, centroids, measures, _, _, _ = graph
-    size, count, axis = sums
-    edge = cut(graph, cells, lo, hi, extent, own, tag, marks, room[0], sums)
-    if share < 0.5 and not holds_share(size, share):
-        edge = shift_cut(graph, cells, lo, hi, tag, share, room[0], sums)
+    # 1. The cut of the bisector, which aims at halves or, near the leaves, at another share of the mass.
+    edge = cut(graph, pieces, lo, hi, extent, work, workspace.boundary, sides)
+    if share < 0.5:
+        edge = shift(graph, pieces, lo, hi, extent, share, edge, work, workspace.boundary, sides)
+    # 2. Of the candidates, the cells adjacent to the other side.
     left, right = side_tags(lo, hi)
-    edge = cells_beside(indptr, indices, tag, left, right, room[0], edge)
+    edge = cells_beside(graph.indptr, graph.indices, pieces.tag, left, right, workspace.boundary, edge)
     if floor < 0.0:
         return edge, stamp
-    sign = 1.0 if size[1] < size[0] else -1.0
+    # 3. The refinement goes through cells along the normal, from the larger to the smaller side.
+    sign = 1.0 if sides.measures[1] < sides.measures[0] else -1.0
     for k in range(3):
-        axis[k] *= sign
-    structure, sides = (indptr, indices, interface), (size, count)
-    return refine_sides(
-        structure, centroids, measures, tag, left, right, axis, sides, floor, edge, room, stamp
+        sides.normal[k] *= sign
+    return refine_sides(graph, pieces, left, right, sides, floor, edge, workspace, stamp)
+
+
+@helper(allocates=True)
+def split_pieces(load, cut, work, graph, shape, pieces, lists, limits, budget):
+    """Split pieces as :func:`split_pieces_by` does, by cuts that aim at halves.
+
+    Where the lighter side is to hold less, the cut is moved, straight across the line between the centroids.
+    """
+    split_pieces_by(
+        load, cut, _shift_off_share, _quota_by_measure, work, graph, shape, pieces, lists, limits, budget
     )
 
 
 @helper(allocates=True)
-def split_pieces(
-    load, cut, own, graph, shape, cells, tag, marks, todo, ready, leaf, counts, tally, goal, work
-):
-    """Split pieces, the last in ``todo`` first, until ``work`` cells were handled or no room is left.
+def split_pieces_by(load, cut, shift, divide, work, graph, shape, pieces, lists, limits, budget):
+    """Split pieces until all are finished or put off, depth first (paper, Algorithm 1).
+
+    Ends early once ``budget`` cells were handled, each once for every split, or the lists are full.
 
     Parameters
     ----------
-    load : helper ``(graph, cells, lo, hi, own) -> extent``
-        Looks at the piece ``cells[lo:hi]`` and returns its extent along some axis, or any less.
-    cut : helper ``(graph, cells, lo, hi, extent, own, tag, marks, near, sums) -> int``
-        Tags the cells of the piece that was loaded, writes measures and cells of both sides and the normal of
-        the cut (3 numbers) to ``sums``, and to ``near`` the cells that may be beside the cut: returns how
-        many. :func:`tag_sides` does all but the normal. The second column of the marks may be written to.
-    own : tuple
-        What these two work with.
-    cells, tag, marks
-        The list of cells, of which each piece is a slice: see ``piece_splits``.
-    todo, ready : (K, 5) int
-        Rows of pieces: first place, last place plus 1, quota (0 for a size), depth, what was done to it.
-        Those of at most ``later`` cells, and those of more than ``tiny`` of which a side is not connected, go
-        to ``ready`` instead; tiny pieces of larger ones are listed there, too.
-    leaf : (n,) uint8
-        Marks where finished pieces start: 1, or 2 if one is not connected.
-    counts : (3,) int
-        Rows of ``todo`` and ``ready`` in use, and the next stamp.
-    tally : (depths, 3) int
-        Counts pieces, cells and mended pieces by depth.
-    goal : tuple
-        Largest diameter or 0; floor of the refinement or −1; later; tiny; 1 to count, −1 to count backwards;
-        share of the mass for the lighter side of a piece, by quota (see ``graph.side_shares``).
+    load : helper ``(graph, pieces, lo, hi, work) -> extent``
+        Looks at the piece ``cells[lo:hi]``; returns its extent along some axis (a lower bound serves).
+    cut : helper ``(graph, pieces, lo, hi, extent, work, candidates, sides) -> int``
+        The bisection model M: tags the cells of the piece that was loaded, writes the ``sides``, and as
+        ``candidates`` the cells that may be adjacent to the cut; returns how many. :func:`tag_sides` does all
+        but the normal. The second column of the marks may be written to.
+    shift : helper ``(graph, pieces, lo, hi, extent, share, edge, work, candidates, sides) -> int``
+        Moves the cut until the lighter side holds a ``share`` of the mass below 1/2, if it does not. ``edge``
+        and the result are numbers of candidates.
+    divide : helper ``(quota, sides, graph, pieces, lo, middle, hi) -> int``
+        Quota of the left side, ``cells[lo:middle]``.
+    work
+        Anything that these helpers share.
+    graph : PieceGraph
+    shape : CellVertices
+    pieces : Pieces, changed
+    lists : Lists, changed
+        The last piece of ``todo`` goes first. Pieces put off, those of more than ``tiny`` cells of which a
+        side is not connected, and tiny pieces of larger ones go to ``ready``.
+    limits : Limits
+    budget : int
     """
-    indptr, indices, _, _, measures, _, _, _ = graph
-    limit, floor, later, tiny, one, shares = goal
+    # Fields that are read for each piece: taken once, or their references would be counted each time.
+    todo, ready, leaf, counts, tally = lists
+    diameter, floor, later, tiny, step, shares = limits
+    cells, measures = pieces.cells, graph.measures
+    vertex_offsets, vertices, points = shape
     waiting, listed, stamp = counts[0], counts[1], counts[2]
-    room, size = piece_room(largest_piece(todo, counts), marks), np.empty(2)
-    ends = np.empty((3, graph[3].shape[1]))
-    sums = (size, np.empty(2, np.int64), np.empty(3))
-    while waiting > 0 and work > 0 and waiting + 2 <= len(todo) and listed + 2 <= len(ready):
+    workspace, sides = new_workspace(largest_piece(lists)), new_sides()
+    boundary, queue, side_sums = workspace.boundary, workspace.queue, sides.measures
+    ends = np.empty((3, graph.centroids.shape[1]))
+    while waiting > 0 and budget > 0 and waiting + 2 <= len(todo) and listed + 2 <= len(ready):
         waiting -= 1
-        lo, hi, quota, depth = todo[waiting, 0], todo[waiting, 1], todo[waiting, 2], todo[waiting, 3]
-        state, put_off, torn = todo[waiting, 4], hi - lo <= later, False
+        lo, hi, quota = todo[waiting, START], todo[waiting, STOP], todo[waiting, QUOTA]
+        depth, state = todo[waiting, DEPTH], todo[waiting, STATE]
+        put_off, torn = hi - lo <= later, False
+        # 1. Finished? A single cell, one part wanted, or diam ≤ h*. Extents bound the diameter from below:
+        #    only pieces that pass them, then bounds from both sides, are measured exactly.
         finished = quota == 1 or hi - lo == 1
         if state == UNCUT and not (finished or put_off):
-            extent = load(graph, cells, lo, hi, own)
-            if limit > 0.0 and extent <= limit:
-                narrow = narrowness(cells, lo, hi, shape, limit, ends)
+            extent = load(graph, pieces, lo, hi, work)
+            if diameter > 0.0 and extent <= diameter:
+                piece = cells[lo:hi]
+                narrow = narrowness(piece, shape, diameter, ends)
                 if narrow < 0:
-                    narrow = not is_wider(cells[lo:hi], shape[0], shape[1], shape[2], ends[0], limit)
+                    narrow = not is_wider(piece, vertex_offsets, vertices, points, ends[0], diameter)
                 finished = narrow != 0
+            # 2. Y ← M(G, X), and the partition is adjusted. Both sides connected? Tiny pieces are not tested.
             if not finished:
                 share = shares[min(quota, len(shares) - 1)]
-                edge, stamp = _sides(
-                    cut, own, graph, cells, lo, hi, extent, share, tag, marks, sums, floor, room, stamp
+                edge, stamp = _cut_and_refine(
+                    cut, shift, work, graph, pieces, lo, hi, extent, share, sides, floor, workspace, stamp
                 )
                 stamp += 2
                 torn = hi - lo > tiny and not sides_connected(
-                    indptr, indices, tag, lo, hi, edge, room, stamp - 2
+                    graph, pieces, lo, hi, edge, workspace, stamp - 2
                 )
         if finished:
             stamp += 1
-            apart = hi - lo <= tiny and not is_connected(
-                indptr, indices, cells, lo, hi, tag, room[3], marks, stamp
-            )
+            apart = hi - lo <= tiny and not is_connected(graph, pieces, lo, hi, queue, stamp)
             leaf[lo] = APART if apart else WHOLE
             continue
+        # 3. Torn pieces wait: all of them are mended in one call.
         if put_off or torn:
-            for k in range(4):
-                ready[listed, k] = todo[waiting, k]
-            ready[listed, 4] = TORN if torn else UNCUT
+            for c in range(STATE):
+                ready[listed, c] = todo[waiting, c]
+            ready[listed, STATE] = TORN if torn else UNCUT
             listed += 1
             continue
         if state == MENDED:
-            side_sizes(tag, measures, cells, lo, hi, size)
+            side_measures(pieces, measures, lo, hi, side_sums)
+        # 4. Each side becomes a slice of the cells and gets its share of the quota.
+        middle = part_list(pieces, lo, hi, boundary)
+        first = divide(quota, sides, graph, pieces, lo, middle, hi)
         row = min(depth, len(tally) - 1)
+        tally[row, 0] += step
+        tally[row, 1] += step * (hi - lo)
         tally[row, 2] += state == MENDED
-        middle = part_list(tag, cells, lo, hi, room[0])
-        first = quota_of_left(quota, size, middle - lo, hi - middle)
-        tally[row, 0] += one
-        tally[row, 1] += one * (hi - lo)
-        work -= hi - lo
-        todo[waiting, 0], todo[waiting, 1], todo[waiting, 2] = middle, hi, quota - first
-        todo[waiting + 1, 0], todo[waiting + 1, 1], todo[waiting + 1, 2] = lo, middle, first
+        budget -= hi - lo
+        # 5. Both sides are pieces to be split, the left one next.
+        todo[waiting, START], todo[waiting, STOP], todo[waiting, QUOTA] = middle, hi, quota - first
+        todo[waiting + 1, START], todo[waiting + 1, STOP], todo[waiting + 1, QUOTA] = lo, middle, first
         for k in range(waiting, waiting + 2):
-            todo[k, 3], todo[k, 4] = depth + 1, UNCUT
-            if todo[k, 1] - todo[k, 0] <= tiny < hi - lo:
-                for c in range(5):
+            todo[k, DEPTH], todo[k, STATE] = depth + 1, UNCUT
+            if todo[k, STOP] - todo[k, START] <= tiny < hi - lo:
+                for c in range(COLUMNS):
                     ready[listed, c] = todo[k, c]
                 listed += 1
         waiting += 2

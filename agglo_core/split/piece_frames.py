@@ -4,32 +4,41 @@
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
-from agglo_core.compiled.axes import planar_frame
-from agglo_core.compiled.centring import centre_points
 from agglo_core.compiled.compiling import helper
+from agglo_core.compiled.frames import centre_points, planar_frame
 
 _ISOTROPIC = 0.9  # ratio of second moments above which their axes say little about the shape
 _TURNS = 6
 _TIE = 1e-9
 
 
-@helper(allocates=True)
-def point_room(m):
-    """Work arrays for the points of a piece of at most m cells.
+class Points(NamedTuple):
+    """Centroids of a piece ``(3, m)`` about the centre of mass, shares of the weight ``(m,)``, and scales.
 
-    Positions (3, m) about the centre of mass, shares of the weight, and one over the measure of a typical
-    section, inertia and its weight beside the cut (see ``centring.centre_points``).
+    The scales ``(3,)`` are one over the measure of a typical section, the inertia, and its weight beside the
+    cut (see ``centring.centre_points``).
     """
-    return np.zeros((3, m)), np.empty(m), np.empty(3)
+
+    local: Any
+    shares: Any
+    scales: Any
+
+
+@helper(allocates=True)
+def new_points(m):
+    """Points of pieces of at most m cells."""
+    return Points(np.zeros((3, m)), np.empty(m), np.empty(3))
 
 
 @helper
-def load_piece(graph, cells, lo, hi, own):
-    """Fill the point room, ``own[0]``; returns the largest extent of the centroids along an axis."""
-    centroids, weights = graph[3], graph[5]
-    local, shares, scales = own[0]
+def load_piece(graph, pieces, lo, hi, work):
+    """Fill ``work.points``; returns the largest extent of the centroids along an axis."""
+    cells, centroids, weights = pieces.cells, graph.centroids, graph.weights
+    local, shares, scales = work.points
     n, first, start, total = hi - lo, cells[lo], np.uint64(lo), 0.0
     x, y, z, last = centroids[first, 0], centroids[first, 1], 0.0, centroids.shape[1] - 1
     x0, x1, y0, y1, z0, z1 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agglo_core.arrays import Bytes, Float, Index, Int, UInt64, frozen_index, frozen_int
+from agglo_core.arrays import Bytes, Index, Int, UInt64, frozen_index, frozen_int
 from agglo_core.graph import Graph
 from agglo_core.progress import Tell
 from agglo_core.refine.connectivity import ConnectivityFixer
 from agglo_core.refine.interface import InterfaceRefiner
 from agglo_core.split.side_shares import side_shares
 from agglo_core.threads import mapped, thread_count
+
+if TYPE_CHECKING:
+    from agglo_core.split.piece_splits import CellVertices
 
 _WORK = 4_000_000
 """Cells handled, each once for every split, between two reports: about 0.1 s."""
@@ -36,7 +39,7 @@ _LAST_STAMP = 2**30
 _AT_ONCE = 2**24
 """More cells are split a share at a time, or their marks would run out within one call."""
 _COLUMNS = 5
-"""Of lists of pieces: the first place, the last plus 1, quota, depth, and what was done to it."""
+"""Columns of lists of pieces, ``START`` to ``STATE`` in ``piece_driver``, the numba part of this room."""
 
 _DEPTHS = 256
 """Depths that are counted; in a long chain there may be more."""
@@ -54,7 +57,8 @@ class PieceGrowth:
     pieces : (n,) int
         Connected pieces 0..k−1 to start from.
     kernel : callable
-        ``piece_driver.split_pieces``, which says what it is given, with helpers that load and cut a piece.
+        ``piece_driver.split_pieces`` with helpers that load and cut a piece: ``(graph, shape, pieces, lists,
+        limits, budget)``.
     floor : float
         Of the refinement; negative for none.
     tiny : int
@@ -72,26 +76,18 @@ class PieceGrowth:
     def __init__(
         self, graph: Graph, pieces: Int, kernel: Callable[..., None], floor: float, tiny: int = _TINY
     ) -> None:
-        from agglo_core.split.piece_splits import reach_of_cells, units_of
+        from agglo_core.split.piece_splits import PieceGraph, Pieces, reach_of_cells, units_of
 
-        # in one array, which is filled: large ones get large pages of memory, but not those of np.zeros
-        self._tag, self._cells, self._local, room = np.full((4, graph.n), 0, np.int32)
-        reach = room.view(np.float32)
+        # one array, which is filled: large ones get large pages of memory, but not those of np.zeros
+        tag, cells, self._local, words = np.full((4, graph.n), 0, np.int32)
+        reach = words.view(np.float32)
         units = units_of(graph.centroids, graph.weights)
-        reach_of_cells(graph.indptr, graph.indices, graph.centroids, units[0], reach)
-        self._graph = (
-            graph.indptr,
-            graph.indices,
-            graph.interface,
-            graph.centroids,
-            graph.mass,
-            graph.weights,
-            reach,
-            units,
-        )
+        reach_of_cells(graph.indptr, graph.indices, graph.centroids, units.length, reach)
+        csr = graph.indptr, graph.indices, graph.interface
+        self._graph = PieceGraph(*csr, graph.centroids, graph.mass, graph.weights, reach, units)
+        self._pieces = Pieces(cells, tag, np.full((graph.n, 4), 0, np.int32))
         self._source = graph
         self._kernel, self._floor, self._tiny = kernel, floor, tiny
-        self._marks = np.full((graph.n, 4), 0, np.int32)
         self._stamp = 1
         self.restart(pieces)
 
@@ -99,14 +95,14 @@ class PieceGrowth:
         """Let these connected pieces ``(n,)`` be those that the next call splits."""
         from agglo_core.compiled.graphs import listed_blocks
 
-        count = int(pieces.max(initial=0)) + 1
+        cells, tag, count = self._pieces.cells, self._pieces.tag, int(pieces.max(initial=0)) + 1
         if count == 1:
-            self._cells[:] = np.arange(len(pieces), dtype=np.int32)
+            cells[:] = np.arange(len(pieces), dtype=np.int32)
             offsets = frozen_int([0, len(pieces)])
-            self._tag.fill(0)
+            tag.fill(0)
         else:
-            self._cells[:], offsets = listed_blocks(frozen_int(pieces), frozen_int(np.arange(count)), count)
-            self._tag[:] = (2 * offsets[:-1]).astype(np.int32)[pieces]
+            cells[:], offsets = listed_blocks(frozen_int(pieces), frozen_int(np.arange(count)), count)
+            tag[:] = (2 * offsets[:-1]).astype(np.int32)[pieces]
         self._slices: Callable[[], Int] = lambda: np.stack((offsets[:-1], offsets[1:]), axis=1)
 
     @classmethod
@@ -135,9 +131,9 @@ class PieceGrowth:
 
     def _split(self, quotas: Int, limit: float, tell: Tell) -> tuple[Int, Int]:
         if self._stamp > _LAST_STAMP:
-            self._marks[:], self._stamp = 0, 1
+            self._pieces.marks[:], self._stamp = 0, 1
         self._shape, self._shares = _shape(self._source, limit), side_shares(int(quotas.sum()))
-        leaf, tally = np.zeros(len(self._cells), np.uint8), np.zeros((_DEPTHS, 3), np.int64)
+        leaf, tally = np.zeros(len(self._pieces.cells), np.uint8), np.zeros((_DEPTHS, 3), np.int64)
         todo = np.zeros((len(quotas), _COLUMNS), np.int64)
         todo[:, :2], todo[:, 2] = self._slices(), quotas
         sizes = todo[:, 1] - todo[:, 0]
@@ -150,7 +146,7 @@ class PieceGrowth:
         if thread_count() > 1 or len(leaf) > _AT_ONCE:
             tiny = self._shared_out(todo, leaf, tally, limit, handled)
         else:
-            made, self._stamp = self._advance(todo, leaf, tally, (limit, 0, self._tiny), handled)
+            made, self._stamp = self._advance(todo, leaf, tally, limit, 0, self._tiny, handled)
             tiny = np.concatenate((todo[sizes <= self._tiny], made))
         self._mend_tiny(tiny, leaf, tally, limit)
         handled()
@@ -166,7 +162,7 @@ class PieceGrowth:
 
         def finish(batch: Int) -> tuple[Int, Int, int]:
             own = np.zeros_like(tally)
-            return own, *self._advance(batch, leaf, own, (limit, 0, self._tiny))
+            return own, *self._advance(batch, leaf, own, limit, 0, self._tiny)
 
         for own, made, last in mapped(finish, _batches(put_off)):
             tiny.append(made)
@@ -186,35 +182,37 @@ class PieceGrowth:
             return
         tiny = tiny[tiny[:, 0].argsort()]
         again = tiny[np.unique(np.searchsorted(tiny[:, 0], broken, "right") - 1)]
-        for goal, count in (((limit, 0, self._tiny), -1), ((limit, 0, 0), 1)):
+        for tested, step in ((self._tiny, -1), (0, 1)):
             for lo, hi in again[:, :2].tolist():
-                self._cells[lo:hi].sort()
+                self._pieces.cells[lo:hi].sort()
                 leaf[lo:hi] = False
-            self._stamp = self._advance(again, leaf, tally, goal, count=count)[1]
+            self._stamp = self._advance(again, leaf, tally, limit, 0, tested, step=step)[1]
 
     def _advance(
         self,
         todo: Int,
         leaf: Bytes,
         tally: Int,
-        goal: tuple[float, int, int],
+        limit: float,
+        later: int,
+        tiny: int,
         handled: Callable[[], None] | None = None,
         stamp: int = 0,
-        count: int = 1,
+        step: int = 1,
     ) -> tuple[Int, int]:
         """Split the pieces until all are finished or put off.
 
         Returns those put off, the tiny pieces that were made of larger ones, and the next stamp.
         """
-        from agglo_core.split.piece_driver import TORN
+        from agglo_core.split.piece_driver import STATE, TORN, Limits, Lists
 
         counts = np.array([len(todo), 0, max(stamp, self._stamp)])
         todo, ready = _enlarged(todo), np.zeros((_ROOM, _COLUMNS), np.int64)
-        lists, (limit, later, tiny) = (self._cells, self._tag, self._marks), goal
-        aim = (limit, self._floor, later, tiny, count, self._shares)
+        limits = Limits(limit, self._floor, later, tiny, step, self._shares)
         while counts[0]:
-            self._kernel(self._graph, self._shape, *lists, todo, ready, leaf, counts, tally, aim, _WORK)
-            if counts[0] == 0 and (torn := ready[: counts[1], 4] == TORN).any():  # none is left but these
+            lists = Lists(todo, ready, leaf, counts, tally)
+            self._kernel(self._graph, self._shape, self._pieces, lists, limits, _WORK)
+            if counts[0] == 0 and (torn := ready[: counts[1], STATE] == TORN).any():  # only these are left
                 made = ready[: counts[1]]
                 todo, whole = _enlarged(self._mended(made[torn])), made[~torn]
                 ready[: len(whole)] = whole
@@ -235,7 +233,7 @@ class PieceGrowth:
 
         def halve(piece: Int) -> tuple[Int, Int, int]:
             own = np.zeros_like(tally)
-            return own, *self._advance(piece[None], leaf, own, (limit, enough, 0), stamp=stamp)
+            return own, *self._advance(piece[None], leaf, own, limit, enough, 0, stamp=stamp)
 
         sizes = todo[:, 1] - todo[:, 0]
         while (sizes > small).any():
@@ -253,15 +251,17 @@ class PieceGrowth:
     def _mended(self, torn: Int) -> Int:
         """These pieces, both sides of each connected as the built-in fixer does."""
         from agglo_core.refine.repair import mend_sides
-        from agglo_core.split.piece_driver import MENDED
+        from agglo_core.split.piece_driver import MENDED, QUOTA, STATE
 
-        mend_sides(torn[:, :2].copy(), self._cells, self._tag, *self._graph[:5], self._local)
-        torn[:, 4] = MENDED
+        graph, (cells, tag, _) = self._graph, self._pieces
+        csr = graph.indptr, graph.indices, graph.interface
+        mend_sides(torn[:, :QUOTA].copy(), cells, tag, *csr, graph.centroids, graph.measures, self._local)
+        torn[:, STATE] = MENDED
         return torn
 
     def _places(self) -> Index:
         """A place in the piece of each cell, the same for all of its cells."""
-        return frozen_index(self._tag >> 1)
+        return frozen_index(self._pieces.tag >> 1)
 
     def _numbered(self, leaf: Bytes) -> Int:
         """Labels of the finished pieces, by their first cells; they become the pieces."""
@@ -281,11 +281,13 @@ def _slices_at(leaf: Bytes, places: Int) -> Int:
     return np.stack((starts, stops), axis=1).take(piece[places], axis=0)
 
 
-def _shape(graph: Graph, limit: float) -> tuple[Int, Index, Float]:
-    """Vertices of the cells; of none where nothing is measured, as a subgraph fetches its own when asked."""
+def _shape(graph: Graph, limit: float) -> CellVertices:
+    """Vertices of the cells, or none without a limit: a subgraph fetches its own on first use."""
+    from agglo_core.split.piece_splits import CellVertices
+
     if limit > 0.0:
-        return graph.vertex_offsets, graph.vertices, graph.points
-    return frozen_int([0]), frozen_index([]), graph.points
+        return CellVertices(graph.vertex_offsets, graph.vertices, graph.points)
+    return CellVertices(frozen_int([0]), frozen_index([]), graph.points)
 
 
 def _enlarged(rows: Int) -> Int:

@@ -1,51 +1,138 @@
-"""Pieces halved by weight across their principal axis, again and again, as blocks are depth by depth."""
+"""Pieces halved by weight across their principal axis or their longest side, as blocks are depth by depth."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
-from agglo_core.split.ordered_frames import centre_in_order, frame_in_order, frame_room
-from agglo_core.split.piece_driver import largest_piece, split_pieces
-from agglo_core.split.piece_shares import order_room, split_in_order, tag_upper
+from agglo_core.compiled.sums import chosen_sum
+from agglo_core.split.ordered_frames import centre_in_order, frame_in_order, new_framed_points
+from agglo_core.split.piece_driver import largest_piece, split_pieces, split_pieces_by
+from agglo_core.split.piece_shares import new_order, split_in_order, tag_upper
+
+_TIE = 1e-7  # of the longest side: sides no shorter than it by more count as equal, as in ``graph.blocks``
+_ROUNDING = 1e-12  # of the extent: bound of the error of heights in double precision, with a margin
+
+
+class AxisWork(NamedTuple):
+    """Points in their principal frame, and their order along its first axis."""
+
+    points: Any
+    order: Any
+
+
+class BoxWork(NamedTuple):
+    """Positions ``(3, m)``, weights ``(m,)``, extents ``(3,)``, and the order along the longest side."""
+
+    local: Any
+    weight: Any
+    extents: Any
+    order: Any
 
 
 @helper
-def _load(graph, cells, lo, hi, own):
-    """Fill positions and weights; returns the largest extent of the centroids along an axis."""
-    local, weight, _, _, _, _ = own[0]
-    centroids, weights = graph[3], graph[5]
-    extent = 0.0
-    for k in range(hi - lo):
-        weight[k] = weights[cells[lo + k]]
+def _load_positions(graph, pieces, lo, hi, local, weight, extents):
+    """Copy positions, weights and the extents of the centroids; returns the largest extent."""
+    cells, centroids, weights = pieces.cells, graph.centroids, graph.weights
+    largest, start, n = 0.0, np.uint64(lo), np.uint64(hi - lo)
+    for k in range(n):
+        weight[k] = weights[np.uint32(cells[start + k])]
     for c in range(centroids.shape[1]):
         low, high = np.inf, -np.inf
-        for k in range(hi - lo):
-            x = centroids[cells[lo + k], c]
+        for k in range(n):
+            x = centroids[np.uint32(cells[start + k]), c]
             local[c, k] = x
             low, high = min(low, x), max(high, x)
-        extent = max(extent, high - low)
-    return extent
+        extents[c] = high - low
+        largest = max(largest, extents[c])
+    return largest
+
+
+# --- across the principal axis ----------------------------------------------------------------------------
+
+
+@helper
+def _load_frame(graph, pieces, lo, hi, work):
+    points = work.points
+    return _load_positions(graph, pieces, lo, hi, points.local, points.shares, points.values)
 
 
 @helper(allocates=True)
-def _cut(graph, cells, lo, hi, extent, own, tag, marks, near, sums):
-    frame, room = own
-    local, weight, along, _, _, _ = frame
-    n, d = hi - lo, graph[3].shape[1]
-    centre_in_order(n, d, local, weight)
-    frame_in_order(n, d, frame)
-    bar, slack = split_in_order(n, d, along, weight, 0.5, room)
-    return tag_upper(graph, cells, lo, hi, room[1], along[0], bar, slack + 1e-12 * extent, tag, near, sums)
+def _cut_across_axis(graph, pieces, lo, hi, extent, work, candidates, sides):
+    points, upper, n, d = work.points, work.order.upper, hi - lo, graph.centroids.shape[1]
+    centre_in_order(n, d, points.local, points.shares)
+    frame_in_order(n, d, points)
+    bar, slack = split_in_order(n, d, points.along, 0, points.shares, 0.5, work.order)
+    slack += _ROUNDING * extent
+    return tag_upper(graph, pieces, lo, hi, upper, points.along[0], bar, slack, candidates, sides)
 
 
 @kernel
-def split_across_axes(graph, shape, cells, tag, marks, todo, ready, leaf, counts, tally, goal, work):
-    """Split pieces, the last in ``todo`` first; the arguments are those of ``PieceGrowth``."""
-    m = largest_piece(todo, counts)
-    own = frame_room(m), order_room(m)
-    split_pieces(
-        _load, _cut, own, graph, shape, cells, tag, marks, todo, ready, leaf, counts, tally, goal, work
-    )
+def split_across_axes(graph, shape, pieces, lists, limits, budget):
+    """Halve pieces across their principal axes: see ``piece_driver.split_pieces_by``."""
+    m = largest_piece(lists)
+    work = AxisWork(new_framed_points(m), new_order(m))
+    split_pieces(_load_frame, _cut_across_axis, work, graph, shape, pieces, lists, limits, budget)
+
+
+# --- across the longest side of the box -------------------------------------------------------------------
+
+
+@helper
+def _load_box(graph, pieces, lo, hi, work):
+    return _load_positions(graph, pieces, lo, hi, work.local, work.weight, work.extents)
+
+
+@helper(allocates=True)
+def _cut_box_at(graph, pieces, lo, hi, extent, share, work, candidates, sides):
+    """Cut at a share of what ``work.weight`` holds, across the first of the longest sides."""
+    local, weight, upper = work.local, work.weight, work.order.upper
+    n, d, axis, total = hi - lo, graph.centroids.shape[1], 0, 0.0
+    while work.extents[axis] < (1.0 - _TIE) * extent:
+        axis += 1
+    for k in range(n):
+        total += weight[k]
+    for k in range(n):
+        weight[k] = weight[k] / total if total > 0.0 else 1.0 / n
+    bar, slack = split_in_order(n, d, local, axis, weight, share, work.order)
+    slack += _ROUNDING * extent
+    return tag_upper(graph, pieces, lo, hi, upper, local[axis], bar, slack, candidates, sides)
+
+
+@helper(allocates=True)
+def _cut_box(graph, pieces, lo, hi, extent, work, candidates, sides):
+    return _cut_box_at(graph, pieces, lo, hi, extent, 0.5, work, candidates, sides)
+
+
+@helper(allocates=True)
+def _cut_box_by_mass(graph, pieces, lo, hi, extent, share, edge, work, candidates, sides):
+    """Cut at a share of the mass instead of half the weight."""
+    for k in range(hi - lo):
+        work.weight[k] = graph.measures[pieces.cells[lo + k]]
+    return _cut_box_at(graph, pieces, lo, hi, extent, share, work, candidates, sides)
+
+
+@helper
+def _quota_by_slices(quota, sides, graph, pieces, lo, middle, hi):
+    """Quota of the left side as ``goals.split_quotas`` finds it, from sums in the same order."""
+    if quota == 0:
+        return 0
+    left = chosen_sum(graph.measures, pieces.cells, lo, middle)
+    right = chosen_sum(graph.measures, pieces.cells, middle, hi)
+    if not left + right > 0.0:
+        left, right = float(middle - lo), float(hi - middle)
+    least, most = max(1.0, quota - (hi - middle)), min(quota - 1.0, float(middle - lo))
+    return np.int64(min(max(np.rint(quota * (left / (left + right))), least), most))
+
+
+@kernel
+def split_across_boxes(graph, shape, pieces, lists, limits, budget):
+    """Halve pieces across the longest sides of their boxes: see ``piece_driver.split_pieces_by``."""
+    m = largest_piece(lists)
+    work = BoxWork(np.empty((3, m)), np.empty(m), np.empty(3), new_order(m))
+    helpers = _load_box, _cut_box, _cut_box_by_mass, _quota_by_slices
+    split_pieces_by(*helpers, work, graph, shape, pieces, lists, limits, budget)

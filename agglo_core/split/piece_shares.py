@@ -4,24 +4,36 @@
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.compiled.sorting import sort_by_keys, stable_sort
-from agglo_core.split.median_splits import SHARE, untied
-from agglo_core.split.piece_splits import side_tags
+from agglo_core.split.piece_splits import PieceGraph, Pieces, Units, new_sides, side_tags
 
+_SHARE = 2.0**40  # shares of weight are integers: their sums do not depend on the order
 _TIE = 1e-7  # of the extent: what counts as equal, as in ``graph.blocks``
 _BINS = 256
 _FEW = 64  # values that are sorted
 _NEAR = 0.051  # of a share: cuts so near to it stay where they are
 
 
+class OrderWorkspace(NamedTuple):
+    """Shares of the weight in integers, whether points lie above the cut, a list of points, keys, bins."""
+
+    shares: Any
+    upper: Any
+    chosen: Any
+    keys: Any
+    bins: Any
+
+
 @helper(allocates=True)
-def order_room(m):
-    """Work arrays for ``split_in_order``: shares, marks, places, keys, bins."""
-    places = np.empty(m, np.int64), np.empty(m, np.bool_), np.empty(m, np.int32)
-    return (*places, np.empty(m), np.empty(_BINS, np.int64))
+def new_order(m):
+    """Workspace of ``split_in_order`` for up to m points."""
+    shares, upper, chosen = np.empty(m, np.int64), np.empty(m, np.bool_), np.empty(m, np.int32)
+    return OrderWorkspace(shares, upper, chosen, np.empty(m), np.empty(_BINS, np.int64))
 
 
 @helper
@@ -33,14 +45,14 @@ def _extremes(n, values):
 
 
 @helper
-def _median(n, score, shares, whole, some, keys, tally):
+def _median(n, score, shares, whole, chosen, keys, tally):
     """The score of the cell that holds the middle of the weight, ``whole`` being the sum of the shares.
 
     Bins are counted, then bins of the bin that has the middle, until few scores are left to be sorted.
     """
     m, below = n, np.int64(0)
     for k in range(n):
-        some[k], keys[k] = k, score[k]
+        chosen[k], keys[k] = k, score[k]
     while m > _FEW:
         low, high = _extremes(m, keys)
         rate = _BINS / (high - low) if high > low else 0.0
@@ -49,44 +61,44 @@ def _median(n, score, shares, whole, some, keys, tally):
         for b in range(_BINS):
             tally[b] = 0
         for k in range(m):
-            tally[min(np.int64((keys[k] - low) * rate), _BINS - 1)] += shares[some[k]]
-        chosen = 0
-        while chosen < _BINS - 1 and 2 * (below + tally[chosen]) <= whole:
-            below += tally[chosen]
-            chosen += 1
+            tally[min(np.int64((keys[k] - low) * rate), _BINS - 1)] += shares[np.uint32(chosen[k])]
+        middle = 0
+        while middle < _BINS - 1 and 2 * (below + tally[middle]) <= whole:
+            below += tally[middle]
+            middle += 1
         kept = 0
         for k in range(m):
             value = keys[k]
-            some[kept], keys[kept] = some[k], value
-            kept += min(np.int64((value - low) * rate), _BINS - 1) == chosen
+            chosen[kept], keys[kept] = chosen[k], value
+            kept += min(np.int64((value - low) * rate), _BINS - 1) == middle
         m = kept
-    sort_by_keys(some, keys, m)
+    sort_by_keys(chosen, keys, m)
     for k in range(m - 1):
-        below += shares[some[k]]
+        below += shares[chosen[k]]
         if 2 * below > whole:
             return keys[k]
     return keys[m - 1]
 
 
 @helper
-def _near_bar(n, score, bar, window, some):
-    """Write to ``some`` the points within a window about the bar; returns how many."""
+def _near_bar(n, score, bar, window, chosen):
+    """Write to ``chosen`` the points within a window about the bar; returns how many."""
     m = np.int64(0)
     for k in range(n):
-        some[m] = k
+        chosen[m] = k
         m += abs(score[k] - bar) <= window
     return m
 
 
 @helper(allocates=True)
-def _equals(n, score, bar, tie, some):
+def _equals(n, score, bar, tie, chosen):
     """Points that count as equal to the bar: reached from it by steps of at most ``tie``; by their scores."""
     window = 4.0 * tie
     while True:
-        m = _near_bar(n, score, bar, window, some)
+        m = _near_bar(n, score, bar, window, chosen)
         group, spare = np.empty(m, np.int64), np.empty(m, np.int64)
         for k in range(m):
-            group[k] = some[k]
+            group[k] = chosen[k]
         stable_sort(group, score, spare)
         middle = 0
         while score[group[middle]] < bar:
@@ -103,48 +115,73 @@ def _equals(n, score, bar, tie, some):
 
 
 @helper(allocates=True)
-def _in_turn(n, d, along, group):
-    """Order of points that count as equal along the first axis: by the next, then by the last."""
-    other = 0.0
-    if len(group) == 1:
-        return np.zeros(1, np.int64)
-    for c in range(1, d):
-        low, high = _extremes(n, along[c])
-        other = max(other, high - low)
-    return untied(along[:d, :n], 0, group, _TIE * other)
+def _untied(columns, axis, group, gap):
+    """Order of cells that count as equal along an axis: by ranks along the other axes, the next one first.
+
+    Values no further apart than ``gap`` have the same rank; what is left keeps its order.
+    """
+    d, m = len(columns), len(group)
+    key, values = np.zeros(m), np.empty(m)
+    order, spare = np.empty(m, np.int64), np.empty(m, np.int64)
+    for step in range(1, d):
+        for i in range(m):
+            order[i], values[i] = i, columns[(axis + step) % d, group[i]]
+        stable_sort(order, values, spare)
+        rank = 0
+        for i in range(m):
+            rank += i > 0 and values[order[i]] - values[order[i - 1]] > gap
+            key[order[i]] = key[order[i]] * m + rank
+    for i in range(m):
+        order[i] = i
+    stable_sort(order, key, spare)
+    return order
 
 
 @helper(allocates=True)
-def split_in_order(n, d, along, weight, share, room):
-    """Mark the points above a share of the weight, by their first coordinates ``along (3, m)``.
+def _order_of_equals(n, d, along, axis, group):
+    """Order of points that count as equal along an axis: by the next axis, then by the one after."""
+    other = 0.0
+    if len(group) == 1:
+        return np.zeros(1, np.int64)
+    for step in range(1, d):
+        low, high = _extremes(n, along[(axis + step) % d])
+        other = max(other, high - low)
+    return _untied(along[:d, :n], axis, group, _TIE * other)
 
-    The marks are the second array of the ``order_room``. Points count as equal within 1e-7 of the extent;
-    the other coordinates decide among them. The ``weight`` adds up to 1. Returns the coordinate of the cut,
-    and how far from it may be what counts as equal.
+
+@helper(allocates=True)
+def split_in_order(n, d, along, axis, weight, share, order):
+    """Find the ``upper`` points, above a share of the weight, by coordinate ``axis`` of ``along (3, m)``.
+
+    Points count as equal within 1e-7 of the extent; the other coordinates decide among them. The ``weight``
+    adds up to 1. Returns the coordinate of the cut, and how far from it may be what counts as equal.
     """
-    shares, upper, some, keys, tally = room
-    score, whole = along[0], np.int64(0)
+    shares, upper = order.shares, order.upper
+    score, whole = along[axis], np.int64(0)
+    # 1. Shares in integers, whose sums do not depend on the order of the points.
     for k in range(n):
-        shares[k] = np.int64(np.rint(weight[k] * SHARE))
+        shares[k] = np.int64(np.rint(weight[k] * _SHARE))
         whole += shares[k]
     whole = np.int64(2.0 * share * whole)  # what is cut in the middle
+    # 2. The quantile, and the points that count as equal to it.
     low, high = _extremes(n, score)
-    bar = _median(n, score, shares, whole, some, keys, tally)
-    group = _equals(n, score, bar, _TIE * (high - low), some)
+    bar = _median(n, score, shares, whole, order.chosen, order.keys, order.bins)
+    group = _equals(n, score, bar, _TIE * (high - low), order.chosen)
     least, most = score[group[0]], score[group[len(group) - 1]]
+    # 3. Points beyond all of these are on one side; these themselves fill the lower side up to the share.
     below, under = np.int64(0), np.int64(0)
     for k in range(n):
         above = np.int64(score[k] >= least)
         upper[k] = above
         below += (1 - above) * shares[k]
         under += 1 - above
-    order, cut = _in_turn(n, d, along, group), np.int64(0)
-    while cut < len(group) and 2 * below + shares[group[order[cut]]] <= whole:
-        below += shares[group[order[cut]]]
+    place, cut = _order_of_equals(n, d, along, axis, group), np.int64(0)
+    while cut < len(group) and 2 * below + shares[group[place[cut]]] <= whole:
+        below += shares[group[place[cut]]]
         cut += 1
     cut = min(max(cut, 1 - under), n - 1 - under)  # neither side is empty
     for k in range(len(group)):
-        upper[group[order[k]]] = k >= cut
+        upper[group[place[k]]] = k >= cut
     return bar, most - least
 
 
@@ -155,18 +192,19 @@ def _offset(moment, measure, moments, measures):
 
 
 @helper
-def tag_upper(graph, cells, lo, hi, upper, score, bar, slack, tag, near, sums):
-    """Tag the cells, and write measures and cells of the sides, and what may be beside the cut.
+def tag_upper(graph, pieces, lo, hi, upper, score, bar, slack, candidates, sides):
+    """Tag the cells, and write the sides and the candidates; returns how many.
 
-    The axis of the refinement is that of ``relax_interface``, the line to the centroid of the smaller side.
+    The normal is the axis of ``relax_interface``, the line to the centroid of the smaller side.
     """
-    _, _, _, centroids, measures, _, reach, (length, _, _) = graph
-    size, count, axis = sums
+    cells, tag, centroids, measures = pieces.cells, pieces.tag, graph.centroids, graph.measures
+    reach, length, normal = graph.reach, graph.units.length, sides.normal
     left, right = side_tags(lo, hi)
     m, ones, last = np.int64(0), np.int64(0), centroids.shape[1] - 1
     one, two, x, y, z, p, q, r = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(hi - lo):
-        i, side = cells[lo + k], np.int64(upper[k])
+    start = np.uint64(lo)
+    for k in range(np.uint64(hi - lo)):
+        i, side = np.uint32(cells[start + k]), np.int64(upper[k])
         tag[i] = right if side else left
         there = side * measures[i]
         here = (1 - side) * measures[i]
@@ -174,30 +212,33 @@ def tag_upper(graph, cells, lo, hi, upper, score, bar, slack, tag, near, sums):
         x, p = x + here * centroids[i, 0], p + there * centroids[i, 0]
         y, q = y + here * centroids[i, 1], q + there * centroids[i, 1]
         z, r = z + here * centroids[i, last], r + there * centroids[i, last]
-        near[m] = i
+        candidates[m] = i
         m += abs(score[k] - bar) * length <= reach[i] + slack * length
-    size[0], size[1], count[0], count[1] = one, two, hi - lo - ones, ones
-    own, sign = (two, 1.0) if two < one else (one, -1.0)  # the driver turns normals to the smaller side
-    axis[0] = sign * _offset(p if two < one else x, own, x + p, one + two)
-    axis[1] = sign * _offset(q if two < one else y, own, y + q, one + two)
-    axis[2] = sign * _offset(r if two < one else z, own, z + r, one + two)
+    sides.measures[0], sides.measures[1] = one, two
+    sides.counts[0], sides.counts[1] = hi - lo - ones, ones
+    smaller, sign = (two, 1.0) if two < one else (one, -1.0)  # the driver turns normals to the smaller side
+    normal[0] = sign * _offset(p if two < one else x, smaller, x + p, one + two)
+    normal[1] = sign * _offset(q if two < one else y, smaller, y + q, one + two)
+    normal[2] = sign * _offset(r if two < one else z, smaller, z + r, one + two)
     return m
 
 
 @helper
-def holds_share(size, share):
+def holds_share(sides, share):
     """Return whether the lighter of two sides holds a share of the mass, or nearly so."""
-    whole, lighter = size[0] + size[1], min(size[0], size[1])
+    left, right = sides.measures[0], sides.measures[1]
+    whole, lighter = left + right, min(left, right)
     return whole > 0.0 and abs(lighter / whole - share) <= _NEAR * share
 
 
 @helper(allocates=True)
-def _line_between(centroids, weight, cells, lo, hi, tag, line):
+def _line_between(centroids, weight, pieces, lo, hi, line):
     """Write the line from the centroid of the left side of a piece to that of the right side.
 
     The ``weight`` of the cells adds up to 1. Returns that of the left side.
     """
-    first, moments, below = cells[lo], np.zeros((2, 3)), 0.0
+    cells, tag, moments, below = pieces.cells, pieces.tag, np.zeros((2, 3)), 0.0
+    first = cells[lo]
     for k in range(lo, hi):
         i, side, w = cells[k], np.int64(tag[cells[k]] & 1), weight[k - lo]
         below += (1 - side) * w
@@ -232,35 +273,41 @@ def _across(line, d, frame):
 
 
 @helper(allocates=True)
-def shift_cut(graph, cells, lo, hi, tag, share, near, sums):
+def shift_cut(graph, pieces, lo, hi, share, candidates, sides):
     """Move the cut of a piece until the lighter side holds a ``share`` of the mass.
 
     The new cut is straight, across the line between the centroids of the sides that are tagged. Arguments and
     result are as in ``piece_driver.tag_sides``.
     """
-    centroids, measures, n, d = graph[3], graph[4], hi - lo, graph[3].shape[1]
+    cells, centroids, measures, n, d = (
+        pieces.cells,
+        graph.centroids,
+        graph.measures,
+        hi - lo,
+        graph.centroids.shape[1],
+    )
     along, weight, line, frame = np.zeros((3, n)), np.empty(n), np.empty(3), np.zeros((3, 3))
-    # Masses, as shares of the piece; numbers of cells if there are none
+    # 1. Masses, as shares of the piece; numbers of cells if there are none
     total = 0.0
     for k in range(n):
         weight[k] = measures[cells[lo + k]]
         total += weight[k]
     for k in range(n):
         weight[k] = weight[k] / total if total > 0.0 else 1.0 / n
-    # Coordinates along the line between the centroids, and across it
-    below = _line_between(centroids, weight, cells, lo, hi, tag, line)
+    # 2. Coordinates along the line between the centroids, and across it
+    below = _line_between(centroids, weight, pieces, lo, hi, line)
     _across(line, d, frame)
     first = cells[lo]
     for k in range(n):
         for a in range(d):
             for c in range(d):
                 along[a, k] += frame[a, c] * (centroids[cells[lo + k], c] - centroids[first, c])
-    # The quantile that leaves the share to the lighter side
-    room, left = order_room(n), share if below <= 0.5 + 1e-9 else 1.0 - share
-    bar, slack = split_in_order(n, d, along, weight, left, room)
+    # 3. The quantile that leaves the share to the lighter side
+    order, left = new_order(n), share if below <= 0.5 + 1e-9 else 1.0 - share
+    bar, slack = split_in_order(n, d, along, 0, weight, left, order)
     low, high = _extremes(n, along[0])
     slack += 1e-12 * (high - low)
-    return tag_upper(graph, cells, lo, hi, room[1], along[0], bar, slack, tag, near, sums)
+    return tag_upper(graph, pieces, lo, hi, order.upper, along[0], bar, slack, candidates, sides)
 
 
 @kernel
@@ -270,19 +317,18 @@ def shifted_sides(offsets, centroids, mass, sides, shares):
     for b in range(len(shares)):
         largest = max(largest, offsets[b + 1] - offsets[b])
     cells, tag = np.empty(n, np.int32), np.empty(n, np.int32)
-    near, reach = np.empty(largest + 1, np.int32), np.zeros(n, np.float32)
-    size = np.empty(2)
-    sums = size, np.empty(2, np.int64), np.empty(3)
-    graph = (offsets, cells, mass, centroids, mass, mass, reach, (1.0, 1.0, 1.0))
+    candidates, reach = np.empty(largest + 1, np.int32), np.zeros(n, np.float32)
+    pieces, found = Pieces(cells, tag, np.empty((0, 4), np.int32)), new_sides()
+    graph = PieceGraph(offsets, cells, mass, centroids, mass, mass, reach, Units(1.0, 1.0, 1.0))
     for b in range(len(shares)):
         lo, hi = offsets[b], offsets[b + 1]
         left, right = side_tags(lo, hi)
-        size[0], size[1] = 0.0, 0.0
+        found.measures[0], found.measures[1] = 0.0, 0.0
         for i in range(lo, hi):
             cells[i], tag[i] = i, right if sides[i] else left
-            size[sides[i]] += mass[i]
-        if not holds_share(size, shares[b]):
-            shift_cut(graph, cells, lo, hi, tag, shares[b], near, sums)
+            found.measures[sides[i]] += mass[i]
+        if not holds_share(found, shares[b]):
+            shift_cut(graph, pieces, lo, hi, shares[b], candidates, found)
     moved = np.empty(n, np.int64)
     for i in range(n):
         moved[i] = tag[i] & 1

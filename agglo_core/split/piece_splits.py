@@ -10,12 +10,12 @@ pieces share a tag, and no graph is made for a piece. What costs time is the cut
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from agglo_core.compiled.compiling import ONE, helper, kernel
 from agglo_core.compiled.geometry import box, octagon
-from agglo_core.compiled.graphs import join_before
 from agglo_core.compiled.ring_search import connected
 
 HEAVY = 4.0  # means: cells of more weight are in every sample
@@ -25,6 +25,81 @@ _RUN = 64  # successive cells to look at
 _BANDS = 87.7  # in the mean weight, which is inside one
 
 
+class Units(NamedTuple):
+    """Powers of two that make lengths and weights of order 1, and which cells are a sample ``(n,)``."""
+
+    length: Any
+    weight: Any
+    sample: Any
+
+
+class PieceGraph(NamedTuple):
+    """Dual graph of all cells, which no split changes.
+
+    ``indptr, indices, interface`` are its CSR; ``centroids (n, d)``, ``measures`` and ``weights`` belong to
+    the cells; ``reach (n,)`` is how far the furthest neighbour is, times ``units.length``.
+    """
+
+    indptr: Any
+    indices: Any
+    interface: Any
+    centroids: Any
+    measures: Any
+    weights: Any
+    reach: Any
+    units: Any
+
+
+class CellVertices(NamedTuple):
+    """Vertices of the cells as a CSR, and their points, for exact diameters."""
+
+    offsets: Any
+    vertices: Any
+    points: Any
+
+
+class Pieces(NamedTuple):
+    """Cells in the order of the pieces ``(n,)``; of each cell the tag of its side and the marks ``(n, 4)``.
+
+    The marks say when a cell was last reached, from where, when it was seen, and when and in which place it
+    was listed.
+    """
+
+    cells: Any
+    tag: Any
+    marks: Any
+
+
+class Sides(NamedTuple):
+    """Measures and numbers of cells of the left and the right side, and the normal of the cut."""
+
+    measures: Any
+    counts: Any
+    normal: Any
+
+
+class Workspace(NamedTuple):
+    """Arrays for the refinement and the searches of a piece.
+
+    ``boundary, now, later`` are lists of cells, ``queue, root`` those of a search, ``keys`` places along the
+    cut; ``shared`` is what listed cells share with the other side and with their own ``(m, 2)``.
+    """
+
+    boundary: Any
+    now: Any
+    later: Any
+    queue: Any
+    root: Any
+    keys: Any
+    shared: Any
+
+
+@helper(allocates=True)
+def new_sides():
+    """Sides that nothing is known of."""
+    return Sides(np.empty(2), np.empty(2, np.int64), np.empty(3))
+
+
 @helper
 def side_tags(lo, hi):
     """Tags of the left and the right side of the piece ``lo:hi``."""
@@ -32,14 +107,10 @@ def side_tags(lo, hi):
 
 
 @helper(allocates=True)
-def piece_room(m, marks):
-    """Work arrays of pieces of at most m cells, and with them the ``marks (n, 4)`` of cells, zeros at first.
-
-    ``boundary, now, later, queue, root, keys, sums, marks``; the marks say when a cell was last reached, from
-    where, when it was seen, and when and in which place it was listed.
-    """
+def new_workspace(m):
+    """Workspace of pieces of at most m cells."""
     size = m + 1
-    return (
+    return Workspace(
         np.empty(size, np.int32),
         np.empty(size, np.int32),
         np.empty(size, np.int32),
@@ -47,15 +118,14 @@ def piece_room(m, marks):
         np.empty(size, np.int32),
         np.empty(size),
         np.empty((size, 2)),
-        marks,
     )
 
 
 @kernel
 def units_of(centroids, weights):
-    """Factors that make lengths and weights of order 1; and which cells ``(n,)`` are a sample of all.
+    """Units of lengths and weights, and a sample of the cells.
 
-    Factors are powers of two: digits of what is scaled do not depend on what else there is. The sample is
+    Units are powers of two: digits of what is scaled do not depend on what else there is. The sample is
     the chosen cells (1) and the heavy ones (2); there is none ``(0,)`` if the weights are not spread enough.
     """
     total, last = 0.0, centroids.shape[1] - 1
@@ -77,7 +147,7 @@ def units_of(centroids, weights):
             sample[i] = 2 if weights[i] > HEAVY * mean else chosen
         uneven += not 0 < count < 3 * _RUN // SAMPLED
     spread = 1000 * uneven <= len(weights) // _RUN + 2000  # by chance one in some thousands is uneven
-    return length, weight, sample if spread else sample[:0]
+    return Units(length, weight, sample if spread else sample[:0])
 
 
 @helper
@@ -114,7 +184,7 @@ def reach_of_cells(indptr, indices, centroids, length, reach):
 
 @helper
 def cells_beside(indptr, indices, tag, left, right, cells, m):
-    """Keep those of ``cells[:m]`` that are beside the other side of their piece; returns how many."""
+    """Keep those of ``cells[:m]`` that are adjacent to the other side of their piece; returns how many."""
     found = 0
     for k in range(m):
         i = np.uint32(cells[k])
@@ -128,30 +198,32 @@ def cells_beside(indptr, indices, tag, left, right, cells, m):
 
 
 @helper
-def sides_connected(indptr, indices, tag, lo, hi, edge, room, stamp):
-    """Whether both sides of a connected piece are, ``edge`` cells along the cut standing in ``room``.
+def sides_connected(graph, pieces, lo, hi, edge, workspace, stamp):
+    """Return whether both sides of a connected piece are, the boundary listing ``edge`` cells along the cut.
 
     Every component of a side touches the other side: if the cells along the cut are connected within
     their side, the side is. So mostly nothing far from the cut is looked at.
     """
-    boundary, _, _, queue, root, _, _, marks = room
+    indptr, indices, tag = graph.indptr, graph.indices, pieces.tag
+    queue, boundary = workspace.queue, workspace.boundary
     left, right = side_tags(lo, hi)
     whole, everything = True, np.int64(len(tag))
     for side in range(2):
-        own = np.int32(right if side else left)  # one version of the search, as refinement calls it
+        label = np.int32(right if side else left)  # one version of the search, as refinement calls it
         filled = np.int64(0)
         for c in range(edge):
             queue[filled] = boundary[c]
-            filled += tag[boundary[c]] == own
-        search = (queue, root, marks)
-        whole &= connected(indptr, indices, tag, own, search, filled, stamp + side, everything, everything)
+            filled += tag[boundary[c]] == label
+        search = (queue, workspace.root, pieces.marks)
+        whole &= connected(indptr, indices, tag, label, search, filled, stamp + side, everything, everything)
     return whole
 
 
 @helper
-def is_connected(indptr, indices, cells, lo, hi, tag, queue, marks, stamp):
-    """Whether a small piece is connected; the ``stamp`` is not yet in the first column of the marks."""
-    first, done, filled = np.uint32(cells[lo]), np.uint64(0), ONE
+def is_connected(graph, pieces, lo, hi, queue, stamp):
+    """Return whether a small piece is connected; the first column of the marks has no such ``stamp`` yet."""
+    indptr, indices, tag, marks = graph.indptr, graph.indices, pieces.tag, pieces.marks
+    first, done, filled = np.uint32(pieces.cells[lo]), np.uint64(0), ONE
     own, queue[0], marks[first, 0] = tag[first], first, stamp
     while done < filled:
         i = np.uint64(np.uint32(queue[done]))
@@ -167,26 +239,18 @@ def is_connected(indptr, indices, cells, lo, hi, tag, queue, marks, stamp):
 
 
 @helper
-def tagged_components(cells, indptr, indices, tag, parent):
-    """Number of connected components of equal tags among the ``cells``, by union-find."""
-    count = len(cells)
-    for c in range(len(cells)):
-        count -= join_before(cells[c], 0, indptr, indices, tag, parent)[0]
-    return count
-
-
-@helper
-def side_sizes(tag, measures, cells, lo, hi, size):
-    """Write the measures of both sides of a piece to ``size``."""
-    size[0], size[1] = 0.0, 0.0
+def side_measures(pieces, measures, lo, hi, out):
+    """Write the measures of both sides of a piece to ``out``."""
+    cells, tag = pieces.cells, pieces.tag
+    out[0], out[1] = 0.0, 0.0
     for k in range(lo, hi):
-        size[tag[cells[k]] & 1] += measures[cells[k]]
+        out[tag[cells[k]] & 1] += measures[cells[k]]
 
 
 @helper
-def part_list(tag, cells, lo, hi, spare):
+def part_list(pieces, lo, hi, spare):
     """Put the cells of the left side before the others, the order kept; returns where the others start."""
-    middle, right = np.uint64(lo), np.uint64(0)
+    cells, tag, middle, right = pieces.cells, pieces.tag, np.uint64(lo), np.uint64(0)
     for k in range(np.uint64(lo), np.uint64(hi)):
         i = np.uint32(cells[k])
         on_right = np.uint64(tag[i] & 1)
@@ -200,14 +264,14 @@ def part_list(tag, cells, lo, hi, spare):
 
 
 @helper
-def quota_of_left(quota, size, cells_left, cells_right):
+def quota_of_left(quota, measures, cells_left, cells_right):
     """Parts that the left side becomes: its share by measure, rounded, at least 1 and at most its cells.
 
     A quota of 0, for pieces that are to meet a size, stays 0.
     """
     if quota == 0:
         return 0
-    left, right = size[0], size[1]
+    left, right = measures[0], measures[1]
     if not left + right > 0.0:
         left, right = float(cells_left), float(cells_right)
     least, most = max(1.0, quota - cells_right), min(quota - 1.0, float(cells_left))
@@ -216,18 +280,18 @@ def quota_of_left(quota, size, cells_left, cells_right):
 
 
 @helper
-def narrowness(cells, lo, hi, shape, limit, ends):
-    """1 if no two vertices of a piece are further apart than ``limit``, 0 if two are, −1 if it is not known.
+def narrowness(piece, shape, limit, ends):
+    """Return 1 if no two vertices of a piece are further apart than ``limit``, 0 if two are, −1 if unknown.
 
-    The ``ends (3, d)`` are room: for the centre of the piece, and the ends of its box.
+    Bounds alone are compared: those of an octagon about the piece in 2-D, of a box in 3-D. The ``ends
+    (3, d)`` are workspace for the centre of the piece, and the ends of its box.
     """
-    vertex_offsets, vertices, points = shape
-    own, centre = cells[lo:hi], ends[0]
+    centre = ends[0]
     if len(centre) == 2:
-        lower, upper = octagon(own, vertex_offsets, vertices, points, limit, centre)
+        lower, upper = octagon(piece, shape.offsets, shape.vertices, shape.points, limit, centre)
     else:
         low, high = ends[1], ends[2]
-        lower, upper = box(own, vertex_offsets, vertices, points, low, high)
+        lower, upper = box(piece, shape.offsets, shape.vertices, shape.points, low, high)
         for k in range(3):
             centre[k] = 0.5 * (low[k] + high[k])
     if lower > limit * (1.0 + 1e-12):

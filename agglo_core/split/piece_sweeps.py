@@ -4,53 +4,78 @@
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
-from agglo_core.compiled.axes import half_circle, halvings
 from agglo_core.compiled.compiling import ONE, helper, kernel
+from agglo_core.compiled.frames import half_circle, halvings
 from agglo_core.compiled.thresholds import NO_CUT, axes_block, bar_of, sweep_block, thresholds_between
-from agglo_core.split.piece_driver import largest_piece, split_pieces, tag_sides
-from agglo_core.split.piece_frames import load_piece, point_room, principal_frame
+from agglo_core.split.piece_driver import START, STOP, largest_piece, split_pieces, tag_sides
+from agglo_core.split.piece_frames import load_piece, new_points, principal_frame
 from agglo_core.split.piece_splits import side_tags
 
 
+class Scores(NamedTuple):
+    """Heights of the cells of a piece ``(m,)``, their bins, and sums of each bin ``(32, 5)``.
+
+    ``edges`` are the tails, heads and lengths of the edges inside the piece.
+    """
+
+    heights: Any
+    bins: Any
+    tally: Any
+    edges: Any
+
+
+class SweepWork(NamedTuple):
+    """Workspace of a sweep; ``turns`` and ``finer`` are cosines and sines, ``frame (3, 3)`` serves in 3-D."""
+
+    points: Any
+    scores: Any
+    turns: Any
+    finer: Any
+    frame: Any
+
+
 @helper
-def most_edges(todo, counts, cells, indptr):
+def most_edges(lists, cells, indptr):
     """An upper bound of the edges inside any of the pieces."""
-    most = np.int64(0)
-    for k in range(counts[0]):
+    todo, most = lists.todo, np.int64(0)
+    for k in range(lists.counts[0]):
         ends = np.int64(0)
-        for c in range(todo[k, 0], todo[k, 1]):
+        for c in range(todo[k, START], todo[k, STOP]):
             ends += indptr[cells[c] + 1] - indptr[cells[c]]
         most = max(most, ends)
     return most // 2 + 1
 
 
 @helper(allocates=True)
-def score_room(m, edges):
-    """Work arrays of the sweeps: scores, bins, their tally; ends and lengths of edges."""
+def new_scores(m, edges):
+    """Scores of pieces of at most m cells with at most so many edges."""
     ends = np.empty(edges, np.int32), np.empty(edges, np.int32), np.empty(edges)
-    return np.empty(m), np.empty(m, np.int32), np.zeros((32, 5)), ends
+    return Scores(np.empty(m), np.empty(m, np.int32), np.zeros((32, 5)), ends)
 
 
 @helper
-def edges_of_piece(graph, cells, lo, hi, tag, marks, room):
+def edges_of_piece(graph, pieces, lo, hi, edges):
     """Write each edge inside a piece once, its ends numbered within the piece; returns how many.
 
     The cells are tagged as on the left, and their numbers in the second column of the marks.
     """
-    indptr, indices, interface, _, _, _, _, _ = graph
-    tails, heads, lengths = room
-    own, _ = side_tags(lo, hi)
+    indptr, indices, interface = graph.indptr, graph.indices, graph.interface
+    cells, tag, marks = pieces
+    tails, heads, lengths = edges
+    left, _ = side_tags(lo, hi)
     start, n, count = np.uint64(lo), np.uint64(hi - lo), np.uint64(0)
     for k in range(n):
-        tag[np.uint32(cells[start + k])], marks[np.uint32(cells[start + k]), 1] = own, k
+        tag[np.uint32(cells[start + k])], marks[np.uint32(cells[start + k]), 1] = left, k
     for k in range(n):
         i = np.uint64(np.uint32(cells[start + k]))
         for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):
             j = np.uint32(indices[h])
             tails[count], heads[count], lengths[count] = k, marks[j, 1], interface[h]
-            count += np.uint64((tag[j] == own) & (j > i))  # no branch: it would be mispredicted
+            count += np.uint64((tag[j] == left) & (j > i))  # no branch: it would be mispredicted
     return np.int64(count)
 
 
@@ -94,27 +119,23 @@ def _frame_block(n, edges, local, shares, scales, frame, axis, score, bins, tall
 
 
 @helper(allocates=True)
-def _cut(graph, cells, lo, hi, extent, own, tag, marks, near, sums):
-    (local, shares, section), (score, bins, tally, ends), (turns, finer, frame) = own
-    n, axis, scales = hi - lo, sums[2], (section[0], section[1], section[2])
-    edges = ends, edges_of_piece(graph, cells, lo, hi, tag, marks, ends)
-    if graph[3].shape[1] == 2:
-        best, p, q = axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally)
-        axis[0], axis[1], axis[2] = p, q, 0.0
+def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
+    (local, shares, section), (heights, bins, tally, ends), turns, finer, frame = work
+    n, normal, scales = hi - lo, sides.normal, (section[0], section[1], section[2])
+    edges = ends, edges_of_piece(graph, pieces, lo, hi, ends)
+    if graph.centroids.shape[1] == 2:
+        best, p, q = axes_block(n, edges, local, shares, scales, turns, finer, heights, bins, tally)
+        normal[0], normal[1], normal[2] = p, q, 0.0
     else:
         principal_frame(n, False, local, shares, frame)
-        best = _frame_block(n, edges, local, shares, scales, frame, axis, score, bins, tally)
-    return tag_sides(graph, cells, lo, hi, score, bar_of(best), 1.0, extent, tag, near, sums)
+        best = _frame_block(n, edges, local, shares, scales, frame, normal, heights, bins, tally)
+    return tag_sides(graph, pieces, lo, hi, heights, bar_of(best), 1.0, extent, candidates, sides)
 
 
 @kernel
-def split_along_axes(axes, graph, shape, cells, tag, marks, todo, ready, leaf, counts, tally, goal, work):
-    """Split pieces, the last in ``todo`` first; the arguments but the first are those of ``PieceGrowth``.
-
-    In the plane so many axes are tried.
-    """
-    m, directions = largest_piece(todo, counts), (half_circle(axes), halvings(axes, 0), np.empty((3, 3)))
-    own = point_room(m), score_room(m, most_edges(todo, counts, cells, graph[0])), directions
-    split_pieces(
-        load_piece, _cut, own, graph, shape, cells, tag, marks, todo, ready, leaf, counts, tally, goal, work
-    )
+def split_along_axes(axes, graph, shape, pieces, lists, limits, budget):
+    """Split pieces by sweeps, in 2-D along so many axes: see ``piece_driver.split_pieces_by``."""
+    m = largest_piece(lists)
+    scores = new_scores(m, most_edges(lists, pieces.cells, graph.indptr))
+    work = SweepWork(new_points(m), scores, half_circle(axes), halvings(axes, 0), np.empty((3, 3)))
+    split_pieces(load_piece, _cut, work, graph, shape, pieces, lists, limits, budget)

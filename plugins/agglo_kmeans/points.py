@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from agglo_core.authoring import helper, kernel, piece_frames, piece_splits
@@ -16,15 +18,29 @@ LANES = 32
 """Points that loops over them take at a time: those of weight 0 fill the last round, or it would be slow."""
 
 
-@helper(allocates=True)
-def means_room(m):
-    """Work arrays for sets of at most m points.
+class Means(NamedTuple):
+    """A set of points that is split by 2-means, and workspace.
 
-    Coordinates and weights; bins; axes, frame, moments; the cells that are points, and with ``load_points``:
-    what the origin of the points is, their unit, their number.
+    ``points (4, m)`` are coordinates and weights, ``means (4, bins)`` those of a grid, with their ``sums``;
+    ``axes (8, 3)`` are directions to try, ``frame`` and ``matrix (3, 3)`` workspace for them; ``chosen`` are
+    the cells of a sample, and ``placing (5,)`` the origin of the points, their unit and their number.
     """
+
+    points: Any
+    sums: Any
+    means: Any
+    axes: Any
+    frame: Any
+    matrix: Any
+    chosen: Any
+    placing: Any
+
+
+@helper(allocates=True)
+def new_means(m):
+    """Workspace for sets of at most m points."""
     bins = max(_BINS_2D**2, _BINS_3D**3)
-    return (
+    return Means(
         np.empty((4, m + LANES), np.float32),
         np.empty((bins, 4)),
         np.zeros((4, bins), np.float32),
@@ -49,9 +65,10 @@ def _sampled(cells, lo, hi, sample, chosen):
 
 @helper
 def _gather(cells, lo, n, centroids, weights, units, points):
-    """Write centroids, as seen from the first one, and weights to ``points``; returns their extent."""
+    """Write centroids relative to the first one, and weights, to ``points``; returns their extent."""
     x, y, z, w = points[0], points[1], points[2], points[3]
-    solid, first, start, length, weight = centroids.shape[1] > 2, cells[lo], np.uint64(lo), units[0], units[1]
+    solid, first, start = centroids.shape[1] > 2, cells[lo], np.uint64(lo)
+    length, weight = units.length, units.weight
     x0, y0, z0 = centroids[first, 0], centroids[first, 1], centroids[first, centroids.shape[1] - 1]
     x1, y1, z1, x2, y2, z2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(n):
@@ -85,24 +102,27 @@ def rounded(n):
 
 
 @helper
-def load_points(cells, lo, hi, centroids, weights, units, room):
+def load_points(cells, lo, hi, centroids, weights, units, work):
     """Write the centroids of ``cells[lo:hi]``, centred and of order 1, and their weights of mean 1.
 
     ``units``: see ``piece_splits.units_of``. Of many cells only some are taken, if they can stand for all.
     Returns the largest extent of their centroids along an axis, in its own unit.
     """
-    points, chosen, placing, one = room[0], room[6], room[7], np.float32(1.0)
+    points, chosen, placing, one = work.points, work.chosen, work.placing, np.float32(1.0)
+    # 1. A sample of a large piece, weighted to stand for all, unless it has too few cells.
     boost = one
-    if hi - lo > _MANY and len(units[2]) > 0:
-        m = _sampled(cells, lo, hi, units[2], chosen)
+    if hi - lo > _MANY and len(units.sample) > 0:
+        m = _sampled(cells, lo, hi, units.sample, chosen)
         if 4 * piece_splits.SAMPLED * m > hi - lo:
             cells, lo, hi, boost = chosen, 0, m, np.float32(piece_splits.SAMPLED)
     n, d, first = hi - lo, centroids.shape[1], cells[lo]
     x, y, z, w = points[0], points[1], points[2], points[3]
+    # 2. Single precision relative to the first cell, heavy cells of the sample standing for themselves.
     extent = _gather(cells, lo, n, centroids, weights, units, points)
     if boost > one:
         for k in range(n):
-            w[k] *= boost if units[2][np.uint32(cells[k])] < 2 else one
+            w[k] *= boost if units.sample[np.uint32(cells[k])] < 2 else one
+    # 3. Centre of mass at the origin, extent 1, mean weight 1.
     total, cx, cy, cz = _first_moments(x, y, z, w, n)
     if not total > 1e-30:  # no weight in single precision: all alike
         total, cx, cy, cz = float(n), 0.0, 0.0, 0.0
@@ -119,12 +139,14 @@ def load_points(cells, lo, hi, centroids, weights, units, room):
         w[k] *= share
     for k in range(n):
         z[k] = (z[k] - cz) * scale if d == 3 else np.float32(0.0)
+    # 4. Points without weight up to a full round of vector registers; and where the origin is.
     for k in range(n, rounded(n)):
         x[k], y[k], z[k], w[k] = 0.0, 0.0, 0.0, 0.0
-    placing[0], placing[1] = centroids[first, 0] + cx / units[0], centroids[first, 1] + cy / units[0]
-    placing[2] = centroids[first, d - 1] + cz / units[0]
-    placing[3], placing[4] = scale * units[0], n
-    return extent / units[0]
+    length = units.length
+    placing[0], placing[1] = centroids[first, 0] + cx / length, centroids[first, 1] + cy / length
+    placing[2] = centroids[first, d - 1] + cz / length
+    placing[3], placing[4] = scale * length, n
+    return extent / length
 
 
 @kernel(reorder_sums=True)

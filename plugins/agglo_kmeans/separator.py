@@ -63,21 +63,24 @@ def _lloyd(x, y, z, w, n, planar, total, tie, plane, steps):
 
 
 @helper
-def separator(room, planar):
+def separator(work, planar):
     """The plane ``normal · point > t`` of the 2-means split of least energy of the loaded points.
 
     Returns its inertia, not positive if there is none, the normal (3 numbers) and t.
     """
-    points, sums, few, axes, frame, second_moments, _, placing = room
+    points, sums, means, axes, frame, matrix, _, placing = work
     x, y, z, w = points[0], points[1], points[2], points[3]
     n = rounded(np.int64(placing[4]))
+    # 1. Starting planes: across the principal axis, or across several if no axis stands out.
     second = moments(x, y, z, w, n)
-    total = second[0]
-    tie = _TIE * np.sqrt((second[1] + second[4] + second[6]) / total)
-    count = axes_to_try(x, y, w, n, second, planar, second_moments, frame, axes)
+    total, xx, _, _, yy, _, zz = second
+    tie = _TIE * np.sqrt((xx + yy + zz) / total)
+    count = axes_to_try(x, y, w, n, second, planar, matrix, frame, axes)
+    # 2. Very many points are replaced by the means of those in each cell of a grid.
     if n > _MANY:
-        n = binned(x, y, z, w, n, frame, planar, sums, few)
-        x, y, z, w = few[0], few[1], few[2], few[3]
+        n = binned(x, y, z, w, n, frame, planar, sums, means)
+        x, y, z, w = means[0], means[1], means[2], means[3]
+    # 3. A few of Lloyd's steps from each plane; the one of most inertia between the sides goes on to the end.
     best = (-1.0, 1.0, 0.0, 0.0, tie)
     for c in range(count):
         start = (0.0, axes[c, 0], axes[c, 1], axes[c, 2], tie)

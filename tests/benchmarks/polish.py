@@ -28,7 +28,7 @@ from agglo_core import Graph, Mesh, samples
 from agglo_core.arrays import frozen_int
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.protocols import Target
-from agglo_core.refine import compactness
+from agglo_core.refine.compactness import refiner as compactness
 
 Labels = NDArray[np.int64]
 WEIGHTS = (0.05, 0.1, 0.2, 0.3, 0.5, 1.0)

@@ -41,7 +41,7 @@ from agglo_core import Mesh, samples
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.problems import Diffusion
-from agglo_core.refine import compactness
+from agglo_core.refine.compactness import refiner as compactness
 from agglo_core.registry import default
 from agglo_polydg_mg.forms.assembly import discretise
 from agglo_polydg_mg.forms.norms import errors

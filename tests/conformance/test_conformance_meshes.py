@@ -12,7 +12,7 @@ from agglo_core.conformance.engine.reference import TwoPointFlux
 from agglo_core.conformance.inputs import small_meshes
 from agglo_core.conformance.inputs.cases import cases, cases_in_3d, level_case, part_of_level, tiny
 from agglo_core.conformance.inputs.questions import fingerprints, global_random
-from agglo_core.conformance.laws.refiner import loose_parts
+from agglo_core.conformance.laws.parts import loose_parts
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.problems import Diffusion

@@ -12,11 +12,9 @@ from scipy import sparse
 from agglo_core.arrays import Float, Int, UInt64, frozen, frozen_int
 from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.inputs import small_meshes
-from agglo_core.conformance.inputs.coarsening_cases import PARTS, coarsenings, one_part
-from agglo_core.conformance.inputs.level_cases import levels, single_unknown
 from agglo_core.conformance.inputs.mesh_cases import in_space, of_one_cell, on_meshes
-from agglo_core.conformance.inputs.ragged_levels import ragged_in_space
-from agglo_core.conformance.inputs.unusual_graphs import fresh, level_in_space, tower
+from agglo_core.conformance.inputs.multigrid_cases import PARTS, coarsenings, levels, one_part, single_unknown
+from agglo_core.conformance.inputs.unusual_graphs import fresh, level_in_space, ragged_in_space, tower
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh

@@ -10,7 +10,7 @@ from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.inputs import small_meshes
 from agglo_core.conformance.inputs.cases import cases, cases_in_3d, laplacian, tiny
-from agglo_core.conformance.inputs.system_cases import unlike_diffusion
+from agglo_core.conformance.inputs.solver_cases import unlike_diffusion
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.problems import Diffusion, Linear
 

@@ -11,9 +11,8 @@ from agglo_core.arrays import Int, frozen_float, frozen_int
 from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.inputs import small_meshes, unusual_graphs
 from agglo_core.conformance.inputs.cases import asked, laplacian, seeds_for, stripes
-from agglo_core.conformance.inputs.level_cases import multigrid_level, question
-from agglo_core.conformance.inputs.ragged_levels import ragged
-from agglo_core.conformance.inputs.unusual_graphs import clumps, fresh
+from agglo_core.conformance.inputs.multigrid_cases import multigrid_level, question
+from agglo_core.conformance.inputs.unusual_graphs import clumps, fresh, ragged
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh

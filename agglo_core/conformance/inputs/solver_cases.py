@@ -1,4 +1,4 @@
-"""Questions to solvers beyond the ordinary ones: a plate with tagged sides, awkward systems and levels."""
+"""Questions to solvers: a plate with tagged sides, awkward levels, and systems unlike those of diffusion."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from scipy import sparse
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.inputs import small_meshes
+from agglo_core.conformance.inputs.cases import laplacian
 from agglo_core.conformance.inputs.mesh_changes import Change, moved, renumbered
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Hierarchy
@@ -102,3 +103,100 @@ def awkward() -> list[Case]:
         Case("a linear system without a mesh", (uneven(graph, 1, seed=1), bare)),
         Case("an uneven linear system of three per cell", (uneven(graph, 3), on_levels(mesh, fours))),
     ]
+
+
+def unlike_diffusion() -> list[Case]:
+    """Systems that are not symmetric, not definite, or have other couplings, unknowns or storage."""
+    hierarchy = _squares()
+    plain = uneven(hierarchy.graph, 1, seed=2)
+    below = sparse.tril(plain.A, -1)
+    far = sparse.csr_array((np.full(6, 8.0), (np.arange(0, 36, 7), np.zeros(6, int))), shape=(36, 1))
+    shift = float(np.median(plain.A.diagonal())) / 2
+    systems = {
+        "a matrix that is not symmetric": replace(plain, A=sparse.csr_array(plain.A - 0.7 * below)),
+        "a matrix with zeros above the diagonal": replace(plain, A=sparse.csr_array(sparse.tril(plain.A))),
+        "a symmetric matrix that is not definite": replace(
+            plain, A=sparse.csr_array(plain.A - shift * sparse.eye_array(36))
+        ),
+        "positive couplings of cells that are not neighbours": replace(
+            plain, A=sparse.csr_array(plain.A + far @ far.T)
+        ),
+        "cells with one, two and three unknowns": _of_unequal_cells(plain),
+        "a matrix that is 1 or -1 times every unknown": _without_curvature(hierarchy.levels[0]),
+        "a matrix of whole numbers, by columns": replace(
+            plain, A=sparse.csc_array(np.rint(plain.A.toarray()).astype(np.int64))
+        ),
+        "a matrix with entries stored twice, in any order": replace(plain, A=_stored_twice(plain.A)),
+    }
+    return [*definite(), *(Case(name, (system, hierarchy)) for name, system in systems.items())]
+
+
+def definite() -> list[Case]:
+    """Symmetric positive definite systems that are hard to precondition."""
+    hierarchy = _squares()
+    plain = uneven(hierarchy.graph, 1, seed=2)
+    groups = sparse.csr_array((np.ones(36), (np.arange(36), np.arange(36) % 4)), shape=(36, 4))
+    wide = np.random.default_rng(6).uniform(-4, 4, 36)
+    links = sparse.csr_array(hierarchy.graph.to_scipy())
+    spread = sparse.csr_array(10.0 ** (wide[:, None] + wide)) * links
+    contrast = sparse.diags_array(spread.sum(axis=1) + 10.0 ** (wide - 2)) - spread
+    systems = {
+        "strong positive couplings": replace(plain, A=sparse.csr_array(plain.A + 1e3 * (groups @ groups.T))),
+        "couplings from 1e-8 to 1e8": replace(plain, A=sparse.csr_array(contrast)),
+        "unknowns in different units": rising(hierarchy),
+        "an ill-conditioned matrix": ill_conditioned(hierarchy),
+    }
+    return [Case(name, (system, hierarchy)) for name, system in systems.items()]
+
+
+def ill_conditioned(hierarchy: Hierarchy) -> Linear:
+    """One of condition 1e11, whose solution is as large: b − A x itself is not small to many digits."""
+    return laplacian(hierarchy.graph, 1, shift=1e-10)
+
+
+def rising(hierarchy: Hierarchy) -> Linear:
+    """One in whose iterations the 2-norm of the residual goes up before it goes down."""
+    plain = uneven(hierarchy.graph, 1, seed=2)
+    n = len(plain.b)
+    units = sparse.diags_array(10.0 ** np.random.default_rng(7).uniform(-1.5, 1.5, n))
+    return replace(
+        plain, A=sparse.csr_array(units @ plain.A @ units), b=frozen_float(plain.b * units.diagonal())
+    )
+
+
+def _squares() -> Hierarchy:
+    row, column = np.divmod(np.arange(36), 6)
+    return on_levels(small_meshes.grid(6, 6), frozen_int(row // 2 * 3 + column // 2))
+
+
+def _without_curvature(labels: Int) -> Linear:
+    """Of four cells of a part three have 1 and one -1; x·A x of the first directions there are is exactly 0.
+
+    That is so because b is 0 in the sum over a part, and as large where A is 1 as where it is -1.
+    """
+    order = np.argsort(labels, kind="stable")
+    sign, b = np.empty(len(labels)), np.empty(len(labels))
+    sign[order] = np.resize([1.0, 1.0, 1.0, -1.0], len(labels))
+    b[order] = np.resize([2.0, 2.0, -1.0, -3.0], len(labels))
+    return Linear(sparse.csr_array(sparse.diags_array(sign)), frozen_float(b), np.arange(len(labels) + 1))
+
+
+def _of_unequal_cells(scalar: Linear) -> Linear:
+    """One, two or three unknowns in a cell, of different weights in the couplings."""
+    widths = 1 + np.arange(scalar.A.shape[0]) % 3
+    cells = np.repeat(np.arange(len(widths)), widths)
+    n = len(cells)
+    weights = np.random.default_rng(4).uniform(0.3, 1.0, n)
+    spread = sparse.csr_array((weights, (np.arange(n), cells)), shape=(n, len(widths)))
+    A = sparse.csr_array(spread @ scalar.A @ spread.T + 20.0 * sparse.eye_array(n))
+    b = frozen_float(np.random.default_rng(5).standard_normal(n))
+    return Linear(A, b, frozen_int(np.concatenate([[0], np.cumsum(widths)])))
+
+
+def _stored_twice(A: sparse.csr_array) -> sparse.csr_array:
+    """The same matrix, each entry as the sum of two that are not beside each other."""
+    n = A.shape[0]
+    parts = [np.split(each, A.indptr[1:-1]) for each in (A.indices, A.data)]
+    indices = np.concatenate([np.concatenate([one, one[::-1]]) for one in parts[0]])
+    data = np.concatenate([np.concatenate([0.25 * one, 0.75 * one[::-1]]) for one in parts[1]])
+    return sparse.csr_array((data, indices, 2 * A.indptr), shape=(n, n))

@@ -1,13 +1,15 @@
-"""Laws that only a promise switches on."""
+"""Laws that only a promise switches on, also for what for_target returns."""
 
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from agglo_core.arrays import Int, frozen_int
+from agglo_core.conformance.base.asking import for_target
 from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.base.law import ASKED, law
 from agglo_core.conformance.base.subject import Subject
@@ -28,9 +30,10 @@ from agglo_core.conformance.inputs.questions import (
     taken,
 )
 from agglo_core.conformance.inputs.speed import too_slow
-from agglo_core.conformance.laws.bisector import one_sided
-from agglo_core.conformance.laws.parts import same_parts
-from agglo_core.conformance.laws.refiner import in_more_pieces, loose_parts
+from agglo_core.conformance.laws import laws_of
+from agglo_core.conformance.laws.bisector import one_sided, told
+from agglo_core.conformance.laws.parts import in_more_pieces, loose_parts, same_parts
+from agglo_core.errors import AggloError
 from agglo_core.mesh import Mesh
 from agglo_core.protocols import Target
 from agglo_core.registry import KINDS
@@ -211,3 +214,40 @@ def _on(kind: str, mesh: Mesh, other: Mesh, order: Int | None) -> list[Case]:
         Case(other.name, (other.graph, each, seeds_for(1), t))
         for each, t in zip(carried, target, strict=True)
     ]
+
+
+_TARGETS = (Target(parts=2), Target(parts=3), Target(parts=5), Target(h_star=0.3), Target(h_star=30.0))
+_JUDGED = (
+    "side_array",
+    "side_values",
+    "two_sides",
+    "input_untouched",
+    "same_seed_same_result",
+    "global_random_state",
+    "survives",
+    "a_level_is_its_blocks",
+    "deterministic",
+    "connected",
+    "balanced",
+    "invariant",
+    "space",
+    "pickles",
+)
+
+
+@law("bisector", when=told)
+def told_keeps_promises(subject: Subject) -> None:
+    """What for_target returns obeys the laws of bisectors too, and keeps the promises of the original."""
+    judged = [each for each in laws_of("bisector") if each.name in _JUDGED and each.applies(subject)]
+    for target in _TARGETS:
+        tool = subject.build()
+        try:
+            if for_target(tool, target) is tool:
+                continue
+        except AggloError:  # refused
+            continue
+        for each in judged:
+            try:
+                each.judge(replace(subject, told=target))
+            except Broken as error:
+                raise Broken(f"for {target}, {each.name}: {error}") from error

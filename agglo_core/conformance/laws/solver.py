@@ -1,11 +1,15 @@
-"""Laws of solutions: facts about the solver's own system, so that they hold for any discretisation."""
+"""Laws of solvers by facts about their own systems, for any discretisation: solutions, histories, levels."""
 
 from __future__ import annotations
 
 import numbers
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.linalg import LinearOperator
 
 from agglo_core.arrays import Float
 from agglo_core.conformance.base.case import Case
@@ -14,10 +18,31 @@ from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import Broken, require
 from agglo_core.conformance.inputs import small_meshes
 from agglo_core.conformance.inputs.cases import cases, laplacian, with_problem
-from agglo_core.conformance.inputs.questions import taken
-from agglo_core.conformance.inputs.solver_answers import direct, everywhere, first_case, gap, solve as _solve
+from agglo_core.conformance.inputs.questions import plain, taken
+from agglo_core.conformance.inputs.solver_answers import (
+    direct,
+    everywhere,
+    first_case,
+    gap,
+    matrix_of,
+    option_named,
+    solve,
+    solve_unless_refused,
+)
+from agglo_core.conformance.inputs.solver_cases import (
+    awkward,
+    definite,
+    halves,
+    ill_conditioned,
+    plate,
+    rising,
+    uneven,
+    unlike_diffusion,
+)
 from agglo_core.errors import AggloError
-from agglo_core.problems import Diffusion, Linear
+from agglo_core.problems import Diffusion, Linear, Solution
+from agglo_core.problems.residuals.backward_error import LIMIT, backward_error
+from agglo_core.problems.iteration_history import TESTS
 
 _CLOSE = 1e-4  # solvers stop at a tolerance of their own; this tells wrong from unfinished
 
@@ -26,7 +51,7 @@ _CLOSE = 1e-4  # solvers stop at a tolerance of their own; this tells wrong from
 def solution_record(subject: Subject) -> None:
     """It returns a Solution: x and b of one length, A square, a residual before and after each iteration."""
     for case in everywhere(subject):
-        it = _solve(subject, case)
+        it = solve(subject, case)
         n = len(it.x)
         require(
             np.shape(it.A) == (n, n) and np.shape(it.b) == (n,),
@@ -55,7 +80,7 @@ def solution_record(subject: Subject) -> None:
 def solves(subject: Subject) -> None:
     """On small problems it converges to the direct solution of the same system."""
     for case in everywhere(subject):
-        it = _solve(subject, case)
+        it = solve(subject, case)
         require(it.converged, f"on {case.name}: not converged ({it.reason}) on a tiny problem")
         error = gap(it.x, direct(it))
         require(
@@ -71,7 +96,7 @@ def own_system_kept(subject: Subject) -> None:
     for case in everywhere(subject):
         problem = case.given[0]
         if isinstance(problem, Linear):
-            it = _solve(subject, case)
+            it = solve(subject, case)
             x = it.x
             require(np.shape(x) == np.shape(problem.b), f"on {case.name}: x has shape {np.shape(x)}")
             off = gap(problem.A @ x, problem.b)
@@ -91,7 +116,7 @@ def own_system_kept(subject: Subject) -> None:
 def true_residual(subject: Subject) -> None:
     """The last residual reported is the 2-norm of b − A x."""
     for case in everywhere(subject):
-        it = _solve(subject, case)
+        it = solve(subject, case)
         size = float(np.linalg.norm(it.b))
         true = float(np.linalg.norm(it.b - it.A @ it.x))
         require(
@@ -115,7 +140,7 @@ def failure_flagged(subject: Subject) -> None:
     }
     for name, problem in hopeless.items():
         try:
-            it = _solve(subject, Case(name, (problem, hierarchy)))
+            it = solve(subject, Case(name, (problem, hierarchy)))
         except Broken as error:
             if isinstance(error.__cause__, AggloError):
                 continue
@@ -131,7 +156,7 @@ def failure_flagged(subject: Subject) -> None:
 def operators_chain(subject: Subject) -> None:
     """Operators, if there are any, are (A, P) finest first: P leads from the next level, the last is None."""
     for case in everywhere(subject):
-        it = _solve(subject, case)
+        it = solve(subject, case)
         for level, (A, P) in enumerate(it.operators):
             rows = np.shape(A)[0]
             require(np.shape(A) == (rows, rows), f"on {case.name}: A of level {level} is {np.shape(A)}")
@@ -149,12 +174,12 @@ def field_forms_agree(subject: Subject) -> None:
     """A coefficient or source given as a number, one value per cell or a callable means the same."""
     for case in first_case(subject, Diffusion):
         n = case.given[1].graph.n
-        wanted = _solve(subject, with_problem(case, kappa=2.0, source=3.0)).x
+        wanted = solve(subject, with_problem(case, kappa=2.0, source=3.0)).x
         for form, kappa, source in (
             ("arrays", np.full(n, 2.0), np.full(n, 3.0)),
             ("callables", lambda x: np.full(len(x), 2.0), lambda x: np.full(len(x), 3.0)),
         ):
-            x = _solve(subject, with_problem(case, kappa=kappa, source=source)).x
+            x = solve(subject, with_problem(case, kappa=kappa, source=source)).x
             _require_close(
                 x, wanted, f"kappa and source given as {form} give another solution than as numbers"
             )
@@ -164,13 +189,13 @@ def field_forms_agree(subject: Subject) -> None:
 def linear_in_the_data(subject: Subject) -> None:
     """Twice the source or right-hand side gives twice the solution, twice the coefficient or matrix half."""
     for case in first_case(subject, Diffusion):
-        once = _solve(subject, case).x
-        _require_close(_solve(subject, with_problem(case, source=2.0)).x, 2 * once, "twice the source")
-        _require_close(_solve(subject, with_problem(case, kappa=2.0)).x, once / 2, "twice the coefficient")
+        once = solve(subject, case).x
+        _require_close(solve(subject, with_problem(case, source=2.0)).x, 2 * once, "twice the source")
+        _require_close(solve(subject, with_problem(case, kappa=2.0)).x, once / 2, "twice the coefficient")
     for case in first_case(subject, Linear):
-        once, (A, b) = _solve(subject, case).x, (case.given[0].A, case.given[0].b)
-        _require_close(_solve(subject, with_problem(case, b=2 * b)).x, 2 * once, "twice the right-hand side")
-        _require_close(_solve(subject, with_problem(case, A=2 * A)).x, once / 2, "twice the matrix")
+        once, (A, b) = solve(subject, case).x, (case.given[0].A, case.given[0].b)
+        _require_close(solve(subject, with_problem(case, b=2 * b)).x, 2 * once, "twice the right-hand side")
+        _require_close(solve(subject, with_problem(case, A=2 * A)).x, once / 2, "twice the matrix")
 
 
 @law("solver")
@@ -183,10 +208,364 @@ def disconnected_solved(subject: Subject) -> None:
     hierarchy = Hierarchy(mesh, mesh.graph, [labels], [{"n_parts": 2}], nested=True)
     asked = [Case("two components", (each, hierarchy)) for each in (Diffusion(), laplacian(mesh.graph, 1))]
     for case in taken(subject, asked):
-        it = _solve(subject, case)
+        it = solve(subject, case)
         require(it.converged, f"on two components: not converged ({it.reason})")
 
 
 def _require_close(x: NDArray[np.float64], wanted: Float, where: str) -> None:
     error = gap(x, wanted)
     require(error <= _CLOSE, f"{where}: x is off by {error:.1e}: check where kappa and source enter")
+
+
+_SAME = 1e-9
+
+
+@law("solver", when=lambda subject: bool(first_case(subject, Linear)))
+def given_matrix_used(subject: Subject) -> None:
+    """A system that is not symmetric, not definite or of unequal cells is solved as given, or it says no."""
+    for case in unlike_diffusion():
+        problem = case.given[0]
+        it = solve_unless_refused(subject, case.name, *case.given)
+        if it is None:
+            continue
+        probe = np.cos(np.arange(len(problem.b)))
+        require(
+            np.shape(it.x) == np.shape(problem.b)
+            and gap(it.A @ probe, problem.A @ probe) <= _SAME
+            and gap(it.b, problem.b) <= _SAME,
+            f"on {case.name}: A and b of the Solution are not those given: use the whole matrix, or refuse "
+            "what the method cannot solve by an AggloError",
+        )
+        _require_own_residual(case.name, it)
+        if it.converged:
+            left = gap(problem.A @ it.x, problem.b)
+            require(
+                left <= _CLOSE,
+                f"on {case.name}: it says converged, and x leaves a residual of {left:.1e} in the system "
+                "given: compare b − A x of that very matrix with the tolerance, or refuse the system",
+            )
+
+
+def _require_own_residual(name: str, it: Solution) -> None:
+    """The last residual is that of x, unless the method broke down."""
+    if np.isfinite(it.x).all() and len(it.residuals):
+        size, true = (float(np.linalg.norm(each)) for each in (it.b, it.b - it.A @ it.x))
+        require(
+            abs(it.residuals[-1] - true) <= 1e-8 * size + 0.01 * true,
+            f"on {name}: the last residual is {it.residuals[-1]:.3e}, b − A x has {true:.3e}: take it from x "
+            "and the matrix given",
+        )
+
+
+_TOLERANCE = ("tolerance", "tol", "rtol", "relative_tolerance")
+_MOST = ("max_iterations", "maxiter", "max_iter", "iterations", "most", "max_cycles", "cycles")
+_FEW = (1, 2, 3, 5)
+_WRONG = 1e-2  # nobody's tolerance: what is called converged is nearer than that
+_NOISE = 1e-9  # of the first residual; below, rounding decides
+
+
+def _asked(subject: Subject) -> list[Case]:
+    """A diffusion problem and an uneven linear system, of those that it takes."""
+    asked = first_case(subject, Diffusion)
+    for case in first_case(subject, Linear):
+        hierarchy = case.given[1]
+        width = len(case.given[0].b) // hierarchy.graph.n
+        asked.append(Case("an uneven linear system", (uneven(hierarchy.graph, width), hierarchy)))
+    return asked
+
+
+def _hard(subject: Subject) -> list[Case]:
+    """Systems whose residual goes up before it goes down, and cannot become small."""
+    hard = {"unknowns in different units": rising, "an ill-conditioned matrix": ill_conditioned}
+    return [
+        Case(name, (make(case.given[1]), case.given[1]))
+        for case in first_case(subject, Linear)
+        for name, make in hard.items()
+        if case.sort == "linear"
+    ]
+
+
+def _multiplied(case: Case, matrix: float, data: float) -> Case:
+    """The question with matrix and right-hand side multiplied."""
+    problem = case.given[0]
+    if isinstance(problem, Linear):
+        return with_problem(case, A=matrix * problem.A, b=data * problem.b)
+    return with_problem(case, kappa=matrix, source=data)
+
+
+@law("solver")
+def scales_with_the_system(subject: Subject) -> None:
+    """Data multiplied by any power of two multiply the solution and every residual of the history."""
+    for case in _asked(subject):
+        once = solve(subject, case)
+        for matrix, data in ((1.0, 2.0**20), (1.0, 2.0**-20), (2.0**8, 2.0**8)):
+            it = solve(subject, _multiplied(case, matrix, data))
+            how = f"on {case.name} with the matrix times {matrix:g}, the right-hand side times {data:g}"
+            off = gap(it.x * matrix / data, once.x)
+            require(
+                it.converged == once.converged and off <= _CLOSE,
+                f"{how}: converged is {it.converged}, x is off by {off:.1e}: compare the residual with the "
+                "tolerance times that of the right-hand side, not with a fixed number",
+            )
+            _require_same_history(it.residuals / data, once.residuals, how)
+
+
+def _require_same_history(one: Any, other: Any, how: str) -> None:
+    both = min(len(one), len(other))
+    one, other = np.asarray(one)[:both], np.asarray(other)[:both]
+    clear = other > _NOISE * other[0]
+    clear[0] = True
+    require(
+        np.allclose(one[clear], other[clear], rtol=1e-2),
+        f"{how}: the residuals {one[:3]} (divided by that) were {other[:3]}: each is the 2-norm of b − A x, "
+        "neither relative nor preconditioned nor made up",
+    )
+
+
+@law("solver")
+def zero_from_zero(subject: Subject) -> None:
+    """Without data the solution is 0, and that is called converged."""
+    for case in _asked(subject):
+        problem = case.given[0]
+        none = {"b": 0 * problem.b} if isinstance(problem, Linear) else {"source": 0.0}
+        it = solve(subject, with_problem(case, **none))
+        require(
+            np.all(it.x == 0.0) and it.converged,
+            f"on {case.name} with a right-hand side of zeros: converged is {it.converged} ({it.reason}), x "
+            f"{it.x[:3]}: divide by the norm of b only where there is one",
+        )
+
+
+@law("solver", when=lambda subject: option_named(subject, *_TOLERANCE) is not None)
+def tolerance_met(subject: Subject) -> None:
+    """A tolerance of 1e-4 or 1e-10 is met wherever it says converged, on one and the same way."""
+    name = str(option_named(subject, *_TOLERANCE))
+    for case in [*_asked(subject), *_hard(subject)]:
+        runs = {tolerance: _with_option(subject, case, name, tolerance) for tolerance in (1e-4, 1e-10)}
+        for tolerance, it in runs.items():
+            if it is not None and it.converged:
+                left = gap(it.A @ it.x, it.b)
+                require(
+                    left <= 100.0 * tolerance,
+                    f"on {case.name} with {name}={tolerance:g}: it says converged, and ‖b − A x‖ / ‖b‖ is "
+                    f"{left:.1e}: does the option reach the iteration? Compare b − A x itself",
+                )
+        loose, tight = runs.values()
+        if loose is not None and tight is not None:
+            same = min(len(loose.residuals) - 1, len(tight.residuals) - 1, 2)  # the last one ends the run
+            require(
+                np.allclose(loose.residuals[:same], tight.residuals[:same], rtol=0.5),
+                f"on {case.name}: the history begins with {loose.residuals[:2]} for {name}=1e-4 and with "
+                f"{tight.residuals[:2]} for 1e-10: residuals are measured, not made up afterwards",
+            )
+
+
+@law("solver", when=lambda subject: option_named(subject, *_MOST) is not None)
+def too_few_iterations_said(subject: Subject) -> None:
+    """Stopped after 1 to 5 iterations it does not claim to have converged, and tells the residual of x."""
+    name = str(option_named(subject, *_MOST))
+    for most in _FEW:
+        for case in [*_asked(subject), *_hard(subject)]:
+            it = _with_option(subject, case, name, most)
+            if it is not None:
+                _require_honest(f"{case.name} with {name}={most}", it, most)
+
+
+def _require_honest(name: str, it: Solution, most: int) -> None:
+    _require_true_claim(name, it)
+    require(
+        most > 1 or it.converged or it.iterations == 1 or not np.any(it.x),
+        f"on {name}: it reports {it.iterations} iterations: the first residual is that before any",
+    )
+    size, true = (float(np.linalg.norm(each)) for each in (it.b, it.b - it.A @ it.x))
+    require(
+        abs(it.residuals[-1] - true) <= 1e-8 * size + 0.01 * true,
+        f"on {name}: the last residual is {it.residuals[-1]:.3e}, that of x is {true:.3e}: they belong to "
+        "the same iterate, neither the least so far nor one to be made smooth",
+    )
+
+
+@law("solver")
+def claims_hold(subject: Subject) -> None:
+    """Where coefficients jump, on one part, three levels or loose parts, what it calls converged is right."""
+    for case in awkward():
+        plain_sort = not isinstance(case.given[0], Linear) or case.sort == "linear"
+        if plain_sort or first_case(subject, Linear):
+            it = solve_unless_refused(subject, case.name, *case.given)
+            if it is not None:
+                _require_true_claim(case.name, it)
+
+
+@law("solver")
+def each_solve_alone(subject: Subject) -> None:
+    """What it solved before, on the same hierarchy too, changes nothing."""
+    asked = [*_asked(subject)]
+    for case in first_case(subject, Diffusion):
+        hierarchy = plate()
+        for kappa in (halves(hierarchy, 1.0, 9.0), halves(hierarchy, 9.0, 1.0)):
+            asked.append(replace(case, name="a plate", given=(Diffusion(kappa), hierarchy)))
+    asked += [_multiplied(case, 3.0, 2.0) for case in asked[:2]] + asked[:1]
+    tool = subject.build()
+    for case in asked:
+        fresh = solve_unless_refused(subject, case.name, *case.given)
+        off = 0.0 if fresh is None else gap(solve(subject, case, tool).x, fresh.x)
+        require(
+            off <= 1e-6,
+            f"on {case.name}, after other problems: x differs by {off:.1e} from that of a fresh solver: keep "
+            "no matrix, factorisation or first guess from the solve before",
+        )
+
+
+def _with_option(subject: Subject, case: Case, name: str, value: float) -> Solution | None:
+    """The solution with an option set; None if the solver does not take that value, or refuses."""
+    try:
+        tool = subject.make(**{name: value})
+    except (AggloError, TypeError, ValueError):
+        return None
+    problem, hierarchy = case.given
+    return solve_unless_refused(subject, case.name, problem, hierarchy, tool)
+
+
+def _require_true_claim(name: str, it: Solution) -> None:
+    if it.converged:
+        off = gap(it.x, direct(it))
+        require(
+            off <= _WRONG,
+            f"on {name}: it says converged, and x differs from the direct solution of A x = b by {off:.1e}: "
+            "compare b − A x with the tolerance after the last iteration",
+        )
+    else:
+        require(isinstance(it.reason, str) and it.reason, f"on {name}: not converged, and no reason is given")
+
+
+_FACTOR = 10.0  # by which an estimate of the error may be too small
+_ROUNDING = 1e-10  # of the solution: below, its factorisation is no better
+
+
+@law("solver")
+def told_error_holds(subject: Subject) -> None:
+    """The energy error, the tests and the outcome that it tells of x are those of x, where it tells any."""
+    for case in everywhere(subject):
+        it = solve(subject, case)
+        require(
+            set(it.tests) <= set(TESTS),
+            f"on {case.name}: tests are {it.tests!r:.80}, expected some of {TESTS}",
+        )
+        if it.energy_error is not None and it.lifting is None:
+            error = _energy_error(it)
+            require(
+                error <= _FACTOR * it.energy_error + _ROUNDING,
+                f"on {case.name}: it tells an energy error of {it.energy_error:.1e}, x has {error:.1e}: "
+                "estimate it from the residual of x, or leave it None",
+            )
+        if it.rounding_limited:
+            _require_limit(case.name, it)
+
+
+def _require_limit(name: str, it: Solution) -> None:
+    rest, load = (it.x, it.b) if it.lifting is None else (it.lifting.rest, it.lifting.load)
+    true = backward_error(matrix_of(it.A), rest, load)
+    require(
+        not it.converged and true is not None and true <= LIMIT,
+        f"on {name}: it says that rounding allows no better, converged is {it.converged} and the backward "
+        f"error {true}: that is for an x which misses the tolerance, with a backward error below {LIMIT:.0e}",
+    )
+
+
+def _energy_error(it: Solution) -> float:
+    exact = direct(it)
+    e = it.x - exact
+    square, size = float(e @ (it.A @ e)), float(exact @ (it.A @ exact))
+    return float(np.sqrt(max(square, 0.0) / size)) if size > 0.0 else 0.0
+
+
+@law("solver", promise="symmetric", when=lambda subject: hasattr(subject.build(), "aspreconditioner"))
+def preconditioner_linear(subject: Subject) -> None:
+    """Its preconditioner is linear: M (2 u − 3 v) is 2 M u − 3 M v, whatever the sizes of u and v."""
+    tool, rng = subject.build(), np.random.default_rng(5)
+    for case in everywhere(subject):
+        M = tool.aspreconditioner(*case.given)
+        u, v = rng.standard_normal((2, M.shape[0]))
+        v *= 1e3
+        Mu, Mv, both = M @ u, M @ v, M @ (2.0 * u - 3.0 * v)
+        bent = float(np.linalg.norm(both - 2.0 * Mu + 3.0 * Mv) / (np.linalg.norm(both) + np.linalg.norm(Mv)))
+        require(
+            bent <= 1e-8,
+            f"on {case.name}: M (2 u − 3 v) is not 2 M u − 3 M v, by {bent:.1e}: no step length may depend "
+            "on the residual, nor an inner iteration stop by a tolerance; or drop the promise symmetric",
+        )
+
+
+_LEVEL_ROUNDING = 1e-8
+
+
+@law("solver", when=lambda subject: getattr(subject.build(), "galerkin", True))
+def coarse_operators_inherited(subject: Subject) -> None:
+    """The matrix of each coarser level is Pᵀ A P, small entries too, unless it says galerkin = False."""
+    for case in [*everywhere(subject), *awkward(), *unlike_diffusion()]:
+        it = solve_unless_refused(subject, case.name, *case.given)
+        for level, ((A, P), (coarse, _)) in enumerate(pairwise([] if it is None else it.operators)):
+            off = _off(matrix_of(A), matrix_of(P), matrix_of(coarse))
+            require(
+                off <= _LEVEL_ROUNDING,
+                f"on {case.name}: the matrix of level {level + 1} is not Pᵀ A P, off by {off:.1e}: "
+                "is P the one that was used, and is no small entry left out? Where levels are discretised "
+                "anew, say galerkin = False",
+            )
+
+
+def _off(A: Any, P: Any, coarse: Any) -> float:
+    """Largest difference of an entry from Pᵀ A P, relative to the diagonals in its row and column."""
+    wanted, sizes = P.T @ A @ P, abs(P).T @ abs(A) @ abs(P)
+    unit = np.sqrt(np.maximum(sizes.diagonal(), 1e-300))
+    apart = np.abs((wanted - coarse).toarray())
+    return float((apart / unit / unit[:, None]).max(initial=0.0))
+
+
+@law("solver", promise="symmetric")
+def symmetric(subject: Subject) -> None:
+    """Its preconditioner M, aspreconditioner(problem, hierarchy), is symmetric and positive definite."""
+    tool = subject.build()
+    require(
+        callable(getattr(tool, "aspreconditioner", None)),
+        "it promises symmetric but has no method aspreconditioner(problem, hierarchy) that returns a "
+        "scipy.sparse.linalg.LinearOperator",
+    )
+    rng = np.random.default_rng(0)
+    for case in everywhere(subject):
+        n = len(plain(subject, tool, case))
+        operator = tool.aspreconditioner(*case.given)
+        u, v = rng.standard_normal((2, n))
+        Mu, Mv = operator @ u, operator @ v
+        gap = abs(v @ Mu - u @ Mv) / (np.linalg.norm(u) * np.linalg.norm(Mv))
+        require(
+            gap < 1e-8, f"on {case.name}: u·Mv and v·Mu differ by {gap:.1e}: mirror pre- and post-smoothing"
+        )
+        require(u @ Mu > 0, f"on {case.name}: u·Mu is {u @ Mu:.2e}, not positive")
+    for case in definite():
+        _require_definite(case, _preconditioner(tool, case))
+
+
+def _preconditioner(tool: Any, case: Case) -> LinearOperator | None:
+    """That of a system; None if it is refused."""
+    try:
+        return tool.aspreconditioner(*case.given)
+    except AggloError:
+        return None
+
+
+def _require_definite(case: Case, operator: LinearOperator | None) -> None:
+    """Broken unless M, in units in which A has ones on its diagonal, has positive eigenvalues only."""
+    if operator is None:
+        return
+    unit = np.sqrt(case.given[0].A.diagonal())
+    M = unit[:, None] * np.stack([np.ravel(operator @ column) for column in np.diag(unit)], axis=1)
+    size = np.abs(M).max()
+    skew = np.abs(M - M.T).max() / size
+    require(skew < 1e-6, f"on {case.name}: M and its transpose differ by {skew:.1e}: mirror the smoothing")
+    least = float(np.linalg.eigvalsh((M + M.T) / 2)[0] / size)
+    require(
+        least > -1e-9,
+        f"on {case.name}, which is positive definite: M has the eigenvalue {least:.1e} of its largest entry: "
+        "a step of Jacobi is safe only below 2 / λ_max(D⁻¹A), which may be more than 2; damp it by that",
+    )

@@ -14,8 +14,8 @@ from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.surroundings import stdout_of_process
 from agglo_core.conformance.base.verdict import Broken, require
 from agglo_core.conformance.inputs.cases import cases_in_3d, tiny
-from agglo_core.conformance.inputs.coarsening_cases import PARTS
 from agglo_core.conformance.inputs.hard_cases import partitions_in_3d
+from agglo_core.conformance.inputs.multigrid_cases import PARTS
 from agglo_core.conformance.inputs.questions import (
     answer,
     global_random,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from agglo_core.authoring import (
@@ -12,12 +14,13 @@ from agglo_core.authoring import (
     helper,
     kernel,
     piece_driver,
+    piece_frames,
     piece_splits,
     piece_sweeps,
     scan_thresholds,
     turned,
 )
-from agglo_gnn.plane.raster_kernels import fill_raster, raster_room, to_frame
+from agglo_gnn.plane.raster_kernels import fill_raster, new_raster, to_frame
 
 _ONE = np.uint64(1)  # to be added to unsigned indices
 _TIE = 1e-6  # of a bin: values that close to its end lie inside
@@ -108,24 +111,44 @@ def _band_bins(n, x, y, p, q, low, rate, shares, bins):
     return area, sx, sy
 
 
+class PlaneWork(NamedTuple):
+    """Workspace for a piece in 2-D, and the parameters of the network.
+
+    ``turns`` and ``finer`` are cosines and sines, ``uv (2, m)`` positions in the frame, ``listed`` the cells
+    with a bin.
+    """
+
+    points: Any
+    scores: Any
+    raster: Any
+    turns: Any
+    finer: Any
+    uv: Any
+    listed: Any
+    net: Any
+
+
 @helper
-def number_cells(cells, lo, hi, tag, marks):
+def number_cells(pieces, lo, hi):
     """Tag the cells of a piece as on the left, and write their numbers to the second column of the marks."""
-    own, _ = piece_splits.side_tags(lo, hi)
+    cells, tag, marks = pieces
+    left, _ = piece_splits.side_tags(lo, hi)
     start = np.uint64(lo)
     for k in range(np.uint64(hi - lo)):
         i = np.uint32(cells[start + k])
-        tag[i], marks[i, 1] = own, k
+        tag[i], marks[i, 1] = left, k
 
 
 @helper
-def _band_sweep(graph, cells, lo, hi, tag, marks, local, shares, scales, p, q, spread, bins, listed, tally):
+def _band_sweep(graph, pieces, lo, hi, work, scales, p, q, spread):
     """Cheapest threshold of p x + q y near its mean, as ``sweep_block`` does; only edges there count.
 
     Returns its cost, the last bin below, the lowest threshold and thresholds per unit.
     """
-    indptr, indices, interface = graph[0], graph[1], graph[2]
-    n, piece = hi - lo, tag[cells[lo]]
+    indptr, indices, interface = graph.indptr, graph.indices, graph.interface
+    cells, tag, marks = pieces
+    local, shares, bins, tally = work.points.local, work.points.shares, work.scores.bins, work.scores.tally
+    listed, n, piece = work.listed, hi - lo, tag[cells[lo]]
     low = -_BAND * spread
     rate = -0.5 * _BINS / low if low < 0.0 else 0.0
     area, sx, sy = _band_bins(n, local[0], local[1], p, q, low, rate, shares, bins)
@@ -135,13 +158,13 @@ def _band_sweep(graph, cells, lo, hi, tag, marks, local, shares, scales, p, q, s
         inside += np.uint64((bins[i] >= 0) & (bins[i] < _BINS))
     for k in range(inside):
         i = np.uint64(np.uint32(listed[k]))
-        own, rise, cell = bins[i], 0.0, np.uint64(np.uint32(cells[start + i]))
-        b = np.uint32(own)
+        home, rise, cell = bins[i], 0.0, np.uint64(np.uint32(cells[start + i]))
+        b = np.uint32(home)
         for h in range(np.uint64(indptr[cell]), np.uint64(indptr[cell + _ONE])):
             j = np.uint32(indices[h])
-            other = bins[np.uint32(marks[j, 1])] if tag[j] == piece else own
+            other = bins[np.uint32(marks[j, 1])] if tag[j] == piece else home
             length = interface[h]
-            rise += (length if other > own else 0.0) - (length if other < own else 0.0)
+            rise += (length if other > home else 0.0) - (length if other < home else 0.0)
             cut += length if other < 0 else 0.0
         tally[b, 0] += shares[i] * local[0, i]
         tally[b, 1] += shares[i] * local[1, i]
@@ -163,25 +186,27 @@ def _equal(n, shares):
 
 
 @helper
-def _pointed_cut(graph, cells, lo, hi, own, tag, marks, axis):
+def _pointed_cut(graph, pieces, lo, hi, work, axis):
     """Cheapest cut near the mean of the network's score.
 
     With few cells the axes are tried instead, with cells that are all alike as well, and the best turned a
-    little. Returns what ``_band_sweep`` does, leaves the score in the score room, its gradient in ``axis``.
+    little. Returns what ``_band_sweep`` does, leaves the score in the heights, its gradient in ``axis``.
     """
-    (local, shares, scales), (score, bins, tally, _), raster, (turns, finer, uv, listed), net = own
-    grid, place, nodes, near, areas, features = raster
-    n = hi - lo
+    (local, shares, scales), heights = work.points, work.scores.heights
+    grid, place, nodes, near, areas, features = work.raster
+    turns, finer, uv, n = work.turns, work.finer, work.uv, hi - lo
+    # 1. The piece in its principal frame; the network sees its raster if it has enough cells.
     ux, uy, vx, vy = to_frame(n, local, shares, scales[1], uv, features)
     asked, pointed = n >= _FEW, (1.0, 0.0)
     if asked:
         count = fill_raster(n, uv, shares, grid, place, nodes, near, areas)
-        pointed = direction(count, nodes[:count], near[:count], areas[:count], features, net)
+        pointed = direction(count, nodes[:count], near[:count], areas[:count], features, work.net)
+    # 2. Directions: axes of the frame (c < 0), that of the network (0), and the best one turned both ways.
     axes, long = not asked or _equal(n, shares), features[2] < _LONG * features[0]
     best, p, q, cos, sin = (NO_CUT, 0, 0.0, 0.0), 1.0, 0.0, 1.0, 0.0
     first, last = (-len(turns), 2 * len(finer)) if axes else (0, 0)
     section = scales[0], scales[1], scales[2]
-    number_cells(cells, lo, hi, tag, marks)
+    number_cells(pieces, lo, hi)
     for c in range(first, last + 1):
         f = (c - 1) // 2
         if c < 0:
@@ -199,41 +224,43 @@ def _pointed_cut(graph, cells, lo, hi, own, tag, marks, axis):
             a, b = turned(cos, sin, finer[f, 0], -finer[f, 1])
         spread = np.sqrt(features[0] * a * a + 2.0 * features[1] * a * b + features[2] * b * b)
         x, y = a * ux + b * vx, a * uy + b * vy
-        trial = _band_sweep(
-            graph, cells, lo, hi, tag, marks, local, shares, section, x, y, spread, bins, listed, tally
-        )
+        trial = _band_sweep(graph, pieces, lo, hi, work, section, x, y, spread)
         if trial[0] < best[0] - 1e-9 * abs(best[0]):
             best, p, q = trial, a, b
     axis[0], axis[1] = p * ux + q * vx, p * uy + q * vy
     for i in range(n):
-        score[i] = axis[0] * local[0, i] + axis[1] * local[1, i]
+        heights[i] = axis[0] * local[0, i] + axis[1] * local[1, i]
     return best
 
 
 @helper
-def _cut(graph, cells, lo, hi, extent, own, tag, marks, near, sums):
+def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
     """Tag both sides of a piece that is loaded, as ``piece_driver.split_pieces`` wants it."""
-    (local, shares, scales), (score, bins, tally, ends), _, (turns, finer, _, _), _ = own
-    n, axis, best = hi - lo, sums[2], (NO_CUT, 0, 0.0, 0.0)
+    (local, shares, scales), (heights, bins, tally, ends) = work.points, work.scores
+    n, axis, best = hi - lo, sides.normal, (NO_CUT, 0, 0.0, 0.0)
     axis[2] = 0.0
     if n >= _SMALL and scales[1] > 1e-299:
-        best = _pointed_cut(graph, cells, lo, hi, own, tag, marks, axis)
+        best = _pointed_cut(graph, pieces, lo, hi, work, axis)
     if best[0] == NO_CUT:
-        some = finer[: n >= 24]  # few cells have few cuts
-        edges = ends, piece_sweeps.edges_of_piece(graph, cells, lo, hi, tag, marks, ends)
+        few = work.finer[: n >= 24]  # few cells have few cuts
+        edges = ends, piece_sweeps.edges_of_piece(graph, pieces, lo, hi, ends)
         section = scales[0], scales[1], scales[2]
-        best, axis[0], axis[1] = axes_block(n, edges, local, shares, section, turns, some, score, bins, tally)
+        best, axis[0], axis[1] = axes_block(
+            n, edges, local, shares, section, work.turns, few, heights, bins, tally
+        )
     unit = 1.0 / np.hypot(axis[0], axis[1])
     return piece_driver.tag_sides(
-        graph, cells, lo, hi, score, piece_sweeps.bar_of(best), unit, extent, tag, near, sums
+        graph, pieces, lo, hi, heights, piece_sweeps.bar_of(best), unit, extent, candidates, sides
     )
 
 
 @helper(allocates=True)
-def _room(m, edges, net):
-    """Work arrays for pieces of at most m cells, and the network."""
-    directions = half_circle(_AXES), halvings(_AXES, _FINER), np.empty((2, m)), np.empty(m + 1, np.int32)
-    return piece_sweeps.point_room(m), piece_sweeps.score_room(m, edges), raster_room(m), directions, net
+def _new_work(m, edges, net):
+    """Workspace for pieces of at most m cells, with at most so many edges, and the network."""
+    points, scores = piece_frames.new_points(m), piece_sweeps.new_scores(m, edges)
+    turns, finer = half_circle(_AXES), halvings(_AXES, _FINER)
+    uv, listed = np.empty((2, m)), np.empty(m + 1, np.int32)
+    return PlaneWork(points, scores, new_raster(m), turns, finer, uv, listed, net)
 
 
 @kernel
@@ -243,44 +270,26 @@ def bisect_fast(offsets, indptr, indices, interface, centroids, weights, measure
     for b in range(len(offsets) - 1):
         largest = max(largest, offsets[b + 1] - offsets[b])
         most = max(most, indptr[offsets[b + 1]] - indptr[offsets[b]])
-    own, sums = _room(largest, most // 2 + 1, net), (np.empty(2), np.empty(2, np.int64), np.empty(3))
+    work, sides = _new_work(largest, most // 2 + 1, net), piece_splits.new_sides()
     cells, tag, marks = np.empty(n, np.int32), np.empty(n, np.int32), np.empty((n, 2), np.int32)
-    near, reach = np.empty(largest + 1, np.int32), np.zeros(n, np.float32)
-    graph = (indptr, indices, interface, centroids, measures, weights, reach, (1.0, 1.0))
+    candidates, reach = np.empty(largest + 1, np.int32), np.zeros(n, np.float32)
+    units, pieces = piece_splits.Units(1.0, 1.0, 1.0), piece_splits.Pieces(cells, tag, marks)
+    graph = piece_splits.PieceGraph(indptr, indices, interface, centroids, measures, weights, reach, units)
     for i in range(n):
         cells[i] = i
     for b in range(len(offsets) - 1):
         lo, hi = offsets[b], offsets[b + 1]
-        extent = piece_sweeps.load_piece(graph, cells, lo, hi, own)
-        _cut(graph, cells, lo, hi, extent, own, tag, marks, near, sums)
-    sides = np.empty(n, np.int64)
+        extent = piece_frames.load_piece(graph, pieces, lo, hi, work)
+        _cut(graph, pieces, lo, hi, extent, work, candidates, sides)
+    result = np.empty(n, np.int64)
     for i in range(n):
-        sides[i] = tag[i] & 1
-    return sides
+        result[i] = tag[i] & 1
+    return result
 
 
 @kernel
-def split_fast(net, graph, shape, cells, tag, marks, todo, ready, leaf, counts, tally, goal, work):
-    """Split pieces, the last in ``todo`` first; the arguments but the first are those of ``PieceGrowth``."""
-    m, edges = (
-        piece_driver.largest_piece(todo, counts),
-        piece_sweeps.most_edges(todo, counts, cells, graph[0]),
-    )
-    own = _room(m, edges, net)
-    piece_driver.split_pieces(
-        piece_sweeps.load_piece,
-        _cut,
-        own,
-        graph,
-        shape,
-        cells,
-        tag,
-        marks,
-        todo,
-        ready,
-        leaf,
-        counts,
-        tally,
-        goal,
-        work,
-    )
+def split_fast(net, graph, shape, pieces, lists, limits, budget):
+    """Split pieces by the network: see ``piece_driver.split_pieces_by``."""
+    m, edges = piece_driver.largest_piece(lists), piece_sweeps.most_edges(lists, pieces.cells, graph.indptr)
+    work, load = _new_work(m, edges, net), piece_frames.load_piece
+    piece_driver.split_pieces(load, _cut, work, graph, shape, pieces, lists, limits, budget)

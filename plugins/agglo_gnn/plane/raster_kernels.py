@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from agglo_core.authoring import centre_block, helper, kernel, planar_frame
 
 _CELLS_PER_BIN = 20
 _FEWEST, _MOST = 9, 160  # occupied bins wanted
-_ROOM = 1024  # bins at most, empty ones included
+_MOST_BINS = 1024  # empty ones included
 _TIE = 1e-6  # of a bin: values that close to its end lie inside
 
 
@@ -83,7 +85,7 @@ def fill_raster(n, uv, shares, grid, place, nodes, near, areas):
     for i in range(n):
         reach_u, reach_v = max(reach_u, abs(uv[0, i])), max(reach_v, abs(uv[1, i]))
     rate = 0.5 * np.sqrt(min(max(n / _CELLS_PER_BIN, _FEWEST), _MOST))
-    while (2.0 * reach_u * rate + 2.0) * (2.0 * reach_v * rate + 2.0) > _ROOM:
+    while (2.0 * reach_u * rate + 2.0) * (2.0 * reach_v * rate + 2.0) > _MOST_BINS:
         rate *= 0.9
     half_u, half_v = int(reach_u * rate + 0.5), int(reach_v * rate + 0.5)
     wide, high = 2 * half_u + 1, 2 * half_v + 1
@@ -121,13 +123,28 @@ def fill_raster(n, uv, shares, grid, place, nodes, near, areas):
     return count
 
 
+class Raster(NamedTuple):
+    """Occupied bins of a piece, and the features of the piece itself ``(13,)``.
+
+    Of each bin ``nodes`` are the features, ``near`` the neighbours and ``areas`` the shares. ``grid`` and
+    ``place`` are workspace for all bins.
+    """
+
+    grid: Any
+    place: Any
+    nodes: Any
+    near: Any
+    areas: Any
+    features: Any
+
+
 @helper(allocates=True)
-def raster_room(largest):
-    """Work arrays for one piece at a time."""
-    bins = min(_ROOM, largest)
-    return (
-        np.empty((_ROOM, 3)),
-        np.empty(_ROOM, np.int32),
+def new_raster(largest):
+    """Raster for one piece at a time."""
+    bins = min(_MOST_BINS, largest)
+    return Raster(
+        np.empty((_MOST_BINS, 3)),
+        np.empty(_MOST_BINS, np.int32),
         np.empty((bins, 4)),
         np.empty((bins, 4), np.int32),
         np.empty(bins),
@@ -145,7 +162,7 @@ def describe(offsets, centroids, weights, measures):
     """
     largest, total = np.diff(offsets).max(), len(weights)
     local, uv, shares = np.empty((3, largest)), np.empty((2, largest)), np.empty(largest)
-    grid, place, nodes, near, areas, features = raster_room(largest)
+    grid, place, nodes, near, areas, features = new_raster(largest)
     node_offsets = np.zeros(len(offsets), np.int64)
     all_nodes, all_near, all_areas = np.empty((total, 4)), np.empty((total, 4), np.int32), np.empty(total)
     all_features = np.empty((len(offsets) - 1, 13))

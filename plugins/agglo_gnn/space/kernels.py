@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from agglo_core.authoring import (
@@ -9,6 +11,8 @@ from agglo_core.authoring import (
     helper,
     kernel,
     piece_driver,
+    piece_frames,
+    piece_splits,
     piece_sweeps,
     scan_thresholds,
 )
@@ -22,6 +26,27 @@ _BAND, _LAYER = 0.45, 3.0  # standard deviations either side of the mean where a
 _BINS = 32
 _MARGIN = 0.5  # of scores: axes that are behind the best by less are tried as well
 _FEW = 40  # cells below which all axes are
+
+
+class Answers(NamedTuple):
+    """Layers of the network, and its results: scores ``(3,)`` and directions ``(3, 3)`` of the axes."""
+
+    hidden: Any
+    out: Any
+    scores: Any
+    directions: Any
+
+
+class SpaceWork(NamedTuple):
+    """Workspace for a piece in 3-D, and the parameters of the network."""
+
+    points: Any
+    heights: Any
+    bins: Any
+    tally: Any
+    moments: Any
+    answers: Any
+    net: Any
 
 
 @helper
@@ -81,27 +106,28 @@ def _band_bins(n, score, low, rate, local, shares, bins):
 
 
 @helper
-def _band_sweep(graph, cells, lo, hi, tag, marks, point, spread, score, bins, tally):
+def _band_sweep(graph, pieces, lo, hi, work, spread):
     """Cheapest threshold of the heights near their mean; only edges there count.
 
     Returns its cost, the last bin below, the lowest threshold and thresholds per unit.
     """
-    indptr, indices, interface = graph[0], graph[1], graph[2]
-    local, shares, scales = point
+    indptr, indices, interface = graph.indptr, graph.indices, graph.interface
+    cells, tag, marks = pieces
+    (local, shares, scales), score, bins, tally = work.points, work.heights, work.bins, work.tally
     n, piece = hi - lo, tag[cells[lo]]
     low = -max(_BAND, _LAYER / np.cbrt(n)) * spread
     rate = -0.5 * _BINS / low if low < 0.0 else 0.0
     area, sx, sy, sz = _band_bins(n, score, low, rate, local, shares, bins)
     cut, start = 0.0, np.uint64(lo)
     for i in range(np.uint64(n)):
-        own = bins[i]
-        if own < 0 or own >= _BINS:
+        home = bins[i]
+        if home < 0 or home >= _BINS:
             continue
-        rise, cell, b = 0.0, np.uint64(np.uint32(cells[start + i])), np.uint32(own)
+        rise, cell, b = 0.0, np.uint64(np.uint32(cells[start + i])), np.uint32(home)
         for h in range(np.uint64(indptr[cell]), np.uint64(indptr[cell + _ONE])):
             j = np.uint32(indices[h])
-            other = bins[np.uint32(marks[j, 1])] if tag[j] == piece else own
-            rise += interface[h] * (np.int64(other > own) - np.int64(other < own))
+            other = bins[np.uint32(marks[j, 1])] if tag[j] == piece else home
+            rise += interface[h] * (np.int64(other > home) - np.int64(other < home))
             cut += interface[h] * np.int64(other < 0)
         tally[b, 0] += shares[i] * local[0, i]
         tally[b, 1] += shares[i] * local[1, i]
@@ -113,15 +139,17 @@ def _band_sweep(graph, cells, lo, hi, tag, marks, point, spread, score, bins, ta
 
 
 @helper
-def _cut(graph, cells, lo, hi, extent, own, tag, marks, near, sums):
+def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
     """Tag both sides of a piece that is loaded, as ``piece_driver.split_pieces`` wants it."""
-    point, (score, bins, tally), room, (hidden, out, scores, found), net = own
-    (local, shares, scales), n, axis, best = point, hi - lo, sums[2], (NO_CUT, 0, 0.0, 0.0)
-    number_cells(cells, lo, hi, tag, marks)
+    (local, shares, scales), (hidden, out, scores, found), score = work.points, work.answers, work.heights
+    n, axis, best = hi - lo, sides.normal, (NO_CUT, 0, 0.0, 0.0)
+    number_cells(pieces, lo, hi)
     axis[0], axis[1], axis[2] = 1.0, 0.0, 0.0
     if scales[1] > 1e-299:
-        frame_by_moments(n, local, shares, scales[1], room)
-        _point(n, net, room, hidden, out, scores, found)
+        # 1. The network scores the principal axes and tilts each.
+        frame_by_moments(n, local, shares, scales[1], work.moments)
+        _point(n, work.net, work.moments, hidden, out, scores, found)
+        # 2. Sweeps along those whose score comes near the best one.
         margin, chosen, last = np.inf if n < _FEW else _MARGIN, 0, 0
         bar = max(scores[0], scores[1], scores[2]) - margin
         for i in range(3):
@@ -132,23 +160,24 @@ def _cut(graph, cells, lo, hi, extent, own, tag, marks, near, sums):
             for m in range(3):
                 row[m] /= size
             spread = _project(n, row, local[0], local[1], local[2], shares, score)
-            trial = _band_sweep(graph, cells, lo, hi, tag, marks, point, spread, score, bins, tally)
+            trial = _band_sweep(graph, pieces, lo, hi, work, spread)
             if trial[0] < best[0] - 1e-9 * abs(best[0]):
                 best, chosen = trial, i
         axis[0], axis[1], axis[2] = found[chosen, 0], found[chosen, 1], found[chosen, 2]
         if chosen != last:
             _project(n, axis, local[0], local[1], local[2], shares, score)
     return piece_driver.tag_sides(
-        graph, cells, lo, hi, score, piece_sweeps.bar_of(best), 1.0, extent, tag, near, sums
+        graph, pieces, lo, hi, score, piece_sweeps.bar_of(best), 1.0, extent, candidates, sides
     )
 
 
 @helper(allocates=True)
-def _room(m, net):
-    """Work arrays for pieces of at most m cells, and the network."""
-    sweeps = np.zeros(m), np.empty(m, np.int32), np.zeros((_BINS, 5))
-    outputs = np.empty(len(net[1])), np.empty(len(net[3])), np.empty(3), np.empty((3, 3))
-    return piece_sweeps.point_room(m), sweeps, moment_room(), outputs, net
+def _new_work(m, net):
+    """Workspace for pieces of at most m cells, and the network."""
+    _, bias1, _, bias2 = net
+    answers = Answers(np.empty(len(bias1)), np.empty(len(bias2)), np.empty(3), np.empty((3, 3)))
+    points, heights, bins = piece_frames.new_points(m), np.zeros(m), np.empty(m, np.int32)
+    return SpaceWork(points, heights, bins, np.zeros((_BINS, 5)), moment_room(), answers, net)
 
 
 @kernel
@@ -157,27 +186,25 @@ def bisect_solids(offsets, indptr, indices, interface, centroids, weights, measu
     n, largest = len(weights), np.int64(0)
     for b in range(len(offsets) - 1):
         largest = max(largest, offsets[b + 1] - offsets[b])
-    own, sums = _room(largest, net), (np.empty(2), np.empty(2, np.int64), np.empty(3))
+    work, sides = _new_work(largest, net), piece_splits.new_sides()
     cells, tag, marks = np.empty(n, np.int32), np.empty(n, np.int32), np.empty((n, 2), np.int32)
-    near, reach = np.empty(largest + 1, np.int32), np.zeros(n, np.float32)
-    graph = (indptr, indices, interface, centroids, measures, weights, reach, (1.0, 1.0))
+    candidates, reach = np.empty(largest + 1, np.int32), np.zeros(n, np.float32)
+    units, pieces = piece_splits.Units(1.0, 1.0, 1.0), piece_splits.Pieces(cells, tag, marks)
+    graph = piece_splits.PieceGraph(indptr, indices, interface, centroids, measures, weights, reach, units)
     for i in range(n):
         cells[i] = i
     for b in range(len(offsets) - 1):
         lo, hi = offsets[b], offsets[b + 1]
-        extent = piece_sweeps.load_piece(graph, cells, lo, hi, own)
-        _cut(graph, cells, lo, hi, extent, own, tag, marks, near, sums)
-    sides = np.empty(n, np.int64)
+        extent = piece_frames.load_piece(graph, pieces, lo, hi, work)
+        _cut(graph, pieces, lo, hi, extent, work, candidates, sides)
+    result = np.empty(n, np.int64)
     for i in range(n):
-        sides[i] = tag[i] & 1
-    return sides
+        result[i] = tag[i] & 1
+    return result
 
 
 @kernel
-def split_solids(net, graph, shape, cells, tag, marks, todo, ready, leaf, counts, tally, goal, work):
-    """Split pieces, the last in ``todo`` first; the arguments but the first are those of ``PieceGrowth``."""
-    own = _room(piece_driver.largest_piece(todo, counts), net)
-    load = piece_sweeps.load_piece
-    piece_driver.split_pieces(
-        load, _cut, own, graph, shape, cells, tag, marks, todo, ready, leaf, counts, tally, goal, work
-    )
+def split_solids(net, graph, shape, pieces, lists, limits, budget):
+    """Split pieces by the network: see ``piece_driver.split_pieces_by``."""
+    work, load = _new_work(piece_driver.largest_piece(lists), net), piece_frames.load_piece
+    piece_driver.split_pieces(load, _cut, work, graph, shape, pieces, lists, limits, budget)

@@ -7,7 +7,7 @@ import time
 import numpy as np
 from conformance.mutants.mutant import Mutant
 
-from agglo_core.conformance.laws.refiner import loose_parts
+from agglo_core.conformance.laws.parts import loose_parts
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.refine.connectivity import ConnectivityFixer
 

@@ -76,6 +76,7 @@ def test_both_ways_agree_on_meshes(kind: str, n: int, seed: int, data: st.DataOb
     least = int(mesh.graph.components().max()) + 1
     parts = data.draw(st.lists(st.integers(least, mesh.n_cells), min_size=1, max_size=3))
     assert_alike(mesh, n_parts=parts, nested=data.draw(st.booleans()))
+    assert_alike(mesh, h_factor=data.draw(st.floats(0.5, 6.0)))
 
 
 def random_graph(n: int, dim: int, seed: int) -> Graph:
@@ -136,7 +137,7 @@ def test_who_it_is_not_made_for_goes_depth_by_depth() -> None:
     assert run(refiners=(), cells_per_part=6)
     assert not run(cells_per_part=6)
     assert not run(refiners=(), fixer=Fixer(), cells_per_part=6)
-    assert not run(refiners=(), h_factor=3)
+    assert run(refiners=(), h_factor=3)
     assert run(refiners=(), polish=False, cells_per_part=6)
     assert run(refiners=(), post_refiners=("interface",), cells_per_part=6)
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 from agglo_core import Graph, agglomerate, samples
 from agglo_core.anneal.inertia_annealing import CENTRE, SIZE, Pursuit, anneal_inertia, solver_state
 from agglo_core.anneal.rounds import Ramps
-from agglo_core.anneal.solver_annealing import SolverAnnealing
+from agglo_core.anneal.solver_parts import SolverAnnealing
 from agglo_core.anneal.state import COUNT, DIAMETER, MEASURE, Shares
 from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.graph.objectives import OBJECTIVES

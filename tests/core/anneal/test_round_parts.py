@@ -12,7 +12,7 @@ from agglo_core.anneal.refiner import AnnealRefiner
 from agglo_core.arrays import frozen_int
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.protocols import Target
-from agglo_core.refine.compactness import CompactnessRefiner
+from agglo_core.refine.compactness.refiner import CompactnessRefiner
 from agglo_kmeans.kmeans import KMeans
 
 SEEDS = st.integers(0, 10**6)

@@ -17,7 +17,7 @@ from agglo_core.compiled import part_faults
 from agglo_core.compiled.graphs import listed_blocks, numbered_as_met
 from agglo_core.errors import MeshError
 from agglo_core.graph.connection import broken_parts
-from agglo_core.refine.reach import cell_radii
+from agglo_core.refine.compactness.reach import cell_radii
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -19,10 +19,10 @@ from agglo_core.cli.options.agglomeration import agglomeration_options
 from agglo_core.graph.moves import SHORTNESS
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.protocols import Target
-from agglo_core.refine import part_strips
-from agglo_core.refine.compactness import CompactnessRefiner
-from agglo_core.refine.part_strips import slices
-from agglo_core.refine.shape_polish import directions
+from agglo_core.refine.compactness import strips as part_strips
+from agglo_core.refine.compactness.polish import directions
+from agglo_core.refine.compactness.refiner import CompactnessRefiner
+from agglo_core.refine.compactness.strips import slices
 from agglo_core.threads import using_threads
 
 SEEDS = st.integers(0, 10**6)

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from agglo_core.arrays import frozen_int
-from agglo_core.refine import part_strips
-from agglo_core.refine.part_order import places_across
-from agglo_core.refine.part_strips import slices, strip_order
-from agglo_core.refine.shape_state import CENTRE, MASS
+from agglo_core.refine.compactness import strips as part_strips
+from agglo_core.refine.compactness.part_order import places_across
+from agglo_core.refine.compactness.state import CENTRE, MASS
+from agglo_core.refine.compactness.strips import slices, strip_order
 
 SEEDS = st.integers(0, 10**6)
 

@@ -16,7 +16,7 @@ from agglo_core.compiled import kernel
 from agglo_core.graph.blocks import block_shares, principal_frames, split_at_median
 from agglo_core.registry import default
 from agglo_core.split.ordered_frames import frames_of_blocks
-from agglo_core.split.piece_shares import split_in_order
+from agglo_core.split.piece_shares import new_order, split_in_order
 from agglo_core.threads import using_threads
 
 SEEDS = st.integers(0, 10**6)
@@ -135,13 +135,13 @@ def test_a_bisector_that_looks_ahead_is_asked_depth_by_depth() -> None:
 def upper_half(along, weight):
     """Which points lie above the weighted median."""
     n, d = len(weight), len(along)
-    all_three, upper = np.zeros((3, n)), np.empty(n, np.bool_)
+    all_three = np.zeros((3, n))
     for c in range(d):
         for k in range(n):
             all_three[c, k] = along[c, k]
-    room = np.empty(n, np.int64), upper, np.empty(n, np.int32), np.empty(n), np.empty(256, np.int64)
-    split_in_order(n, d, all_three, weight, 0.5, room)
-    return upper
+    order = new_order(n)
+    split_in_order(n, d, all_three, 0, weight, 0.5, order)
+    return order.upper
 
 
 def block_of_points(n: int, dim: int, seed: int, lattice: bool) -> agglo.Graph:

@@ -20,9 +20,12 @@ from agglo_core.split.piece_refinement import refine_sides
 from agglo_core.split.piece_splits import (
     HEAVY,
     SAMPLED,
+    PieceGraph,
+    Pieces,
+    Sides,
     cells_beside,
     is_connected,
-    piece_room,
+    new_workspace,
     reach_of_cells,
     sides_connected,
     units_of,
@@ -162,6 +165,11 @@ def test_who_it_is_not_made_for_goes_depth_by_depth() -> None:
 # --- the kernels, against obvious references --------------------------------------------------------------
 
 
+def piece_graph(graph: Graph) -> PieceGraph:
+    csr = graph.indptr, graph.indices, graph.interface
+    return PieceGraph(*csr, graph.centroids, graph.measures, graph.weights, None, None)
+
+
 def tagged(graph: Graph, sides: np.ndarray) -> np.ndarray:
     return np.where(sides, 2 * graph.n - 1, 0).astype(np.int32)
 
@@ -173,37 +181,34 @@ def test_refinement_shortens_the_interface_and_breaks_nothing(n: int, seed: int)
     graph, rng = mesh.graph, np.random.default_rng(seed)
     height = graph.centroids @ rng.standard_normal(2)
     sides = height + 0.1 * rng.standard_normal(n) > np.median(height)
-    tag, room = tagged(graph, sides), piece_room(n, np.zeros((n, 4), np.int32))
+    tag, workspace = tagged(graph, sides), new_workspace(n)
+    boundary = workspace.boundary
     cells, left, right = np.arange(n, dtype=np.int32), 0, 2 * n - 1
-    room[0][:n] = cells
-    edge = cells_beside(graph.indptr, graph.indices, tag, left, right, room[0], n)
+    boundary[:n] = cells
+    edge = cells_beside(graph.indptr, graph.indices, tag, left, right, boundary, n)
     dense = graph.to_scipy().toarray()
     beside = ((dense > 0) & (sides[:, None] != sides)).any(axis=1)
-    assert np.array_equal(room[0][:edge], np.flatnonzero(beside))
+    assert np.array_equal(boundary[:edge], np.flatnonzero(beside))
     size = np.bincount(sides, graph.measures, minlength=2)
     floor = 0.85 * size.min()
-    sums = (size, np.bincount(sides, minlength=2).astype(np.int64))
-    structure = (graph.indptr, graph.indices, graph.interface)
-    edge, stamp = refine_sides(
-        structure, graph.centroids, graph.measures, tag, left, right, np.ones(3), sums, 0.85, edge, room, 1
-    )  # fmt: skip
+    both = Sides(size, np.bincount(sides, minlength=2).astype(np.int64), np.ones(3))
+    pieces, whole = Pieces(cells, tag, np.zeros((n, 4), np.int32)), piece_graph(graph)
+    edge, stamp = refine_sides(whole, pieces, left, right, both, 0.85, edge, workspace, 1)
     after = tag == right
     network = nx.from_scipy_sparse_array(graph.to_scipy())
 
-    def pieces(mask: np.ndarray) -> list[int]:
+    def counts(mask: np.ndarray) -> list[int]:
         parts = (network.subgraph(np.flatnonzero(mask == side).tolist()) for side in (False, True))
         return [nx.number_connected_components(part) for part in parts]
 
     assert length(graph, after) <= length(graph, sides) * (1 + 1e-12)
-    assert all(now <= before for now, before in zip(pieces(after), pieces(sides), strict=True))
+    assert all(now <= before for now, before in zip(counts(after), counts(sides), strict=True))
     found = np.bincount(after, graph.measures, minlength=2)
     assert found.min() >= floor * (1 - 1e-12)
     np.testing.assert_allclose(size, found, rtol=1e-9)
     beside = ((dense > 0) & (after[:, None] != after)).any(axis=1)
-    assert set(np.flatnonzero(beside)) <= set(room[0][:edge].tolist())
-    assert sides_connected(graph.indptr, graph.indices, tag, 0, n, edge, room, stamp) == (
-        pieces(after) == [1, 1]
-    )
+    assert set(np.flatnonzero(beside)) <= set(boundary[:edge].tolist())
+    assert sides_connected(whole, pieces, 0, n, edge, workspace, stamp) == (counts(after) == [1, 1])
 
 
 @pytest.mark.parametrize("unit", [1.0, 2.0**-160, 2.0**160])
@@ -252,8 +257,8 @@ def test_a_piece_is_connected_as_networkx_finds(n: int, seed: int) -> None:
     cells = np.sort(rng.permutation(n)[:count]).astype(np.int32)
     tag = np.ones(n, np.int32)
     tag[cells] = 0
-    room = np.empty(count + 1, np.int32), np.zeros((n, 4), np.int32)
-    found = is_connected(graph.indptr, graph.indices, cells, 0, count, tag, *room, 1)
+    pieces, queue = Pieces(cells, tag, np.zeros((n, 4), np.int32)), np.empty(count + 1, np.int32)
+    found = is_connected(piece_graph(graph), pieces, 0, count, queue, 1)
     assert found == nx.is_connected(nx.from_scipy_sparse_array(graph.to_scipy()).subgraph(cells.tolist()))
 
 

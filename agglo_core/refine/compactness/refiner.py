@@ -8,9 +8,9 @@ from agglo_core.arrays import Int, UInt64
 from agglo_core.graph import Graph
 from agglo_core.graph.moves import SHORTNESS
 from agglo_core.protocols import Target
+from agglo_core.refine.compactness.polish import swept
 from agglo_core.refine.interface import checked_floor
 from agglo_core.refine.part_sizes import refined_blocks
-from agglo_core.refine.shape_polish import swept
 
 
 class CompactnessRefiner:
@@ -36,7 +36,7 @@ class CompactnessRefiner:
     --------
     >>> import numpy as np
     >>> from agglo_core import samples
-    >>> from agglo_core.refine.compactness import CompactnessRefiner
+    >>> from agglo_core.refine.compactness.refiner import CompactnessRefiner
     >>> from agglo_core.protocols import Target
     >>> graph = samples.squares(4).graph  # 4 x 4 cells in columns, from below
     >>> dented = np.array([0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 1])

@@ -15,8 +15,8 @@ import numpy as np
 
 from agglo_core.compiled.compiling import ONE, helper, kernel
 from agglo_core.compiled.ring_search import CROWD, REACH, connected
-from agglo_core.refine.reach import fits, take_in
-from agglo_core.refine.shape_state import CELLS, CENTRE, FLOOR, MASS, ROOM, listed_cells
+from agglo_core.refine.compactness.reach import fits, take_in
+from agglo_core.refine.compactness.state import CELLS, CENTRE, FLOOR, MASS, ROOM, listed_cells
 
 _TIE = 1e-9
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
-from agglo_core.refine.shape_state import CENTRE, MASS
+from agglo_core.refine.compactness.state import CENTRE, MASS
 
 _FLAT = 1e-6
 """A third moment below this share of its bound is rounding, and a second one across an axis below this share

@@ -26,7 +26,7 @@ def strip_order(tally: Float, block: Int, axes: Float, places: Float, dim: int) 
     count = _slices_of(size, dim)
     if (count == 1).all():
         return frozen_int(order)
-    from agglo_core.refine.part_order import places_across
+    from agglo_core.refine.compactness.part_order import places_across
 
     own = block[order]
     rank = np.arange(len(block)) - (np.cumsum(size) - size)[own]

@@ -10,7 +10,7 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_index, frozen_int
 from agglo_core.graph import Graph
-from agglo_core.refine.part_strips import slices, strip_order
+from agglo_core.refine.compactness.strips import slices, strip_order
 from agglo_core.threads import mapped, thread_count
 
 _SWEEPS = 12
@@ -25,9 +25,9 @@ def swept(graph: Graph, labels: Int, block: Int, alpha: float, floor: float, lim
     No part is emptied or disconnected, none falls below ``floor`` times its measure, none gets wider than
     ``limit``.
     """
-    from agglo_core.refine.part_order import part_places
-    from agglo_core.refine.shape_state import Cells, State, interface_cells, part_tally
-    from agglo_core.refine.shape_sweeps import sweep_all
+    from agglo_core.refine.compactness.part_order import part_places
+    from agglo_core.refine.compactness.state import Cells, State, interface_cells, part_tally
+    from agglo_core.refine.compactness.sweeps import sweep_all
 
     n, k, count = graph.n, len(block), int(block.max()) + 1
     geometry = graph.centroids, graph.weights, graph.mass
@@ -53,8 +53,8 @@ def swept(graph: Graph, labels: Int, block: Int, alpha: float, floor: float, lim
 
 def _swept_together(cells: Any, state: Any, by_turns: Any, how: tuple[Any, ...]) -> None:
     """The sweeps of ``sweep_all``, several slices at a time."""
-    from agglo_core.refine.shape_state import listed_cells
-    from agglo_core.refine.shape_sweeps import sweep_slices
+    from agglo_core.refine.compactness.state import listed_cells
+    from agglo_core.refine.compactness.sweeps import sweep_slices
 
     threads = thread_count()
     work = [_work(len(state.parts), len(state.tally)) for _ in range(threads)]
@@ -72,13 +72,13 @@ def _swept_together(cells: Any, state: Any, by_turns: Any, how: tuple[Any, ...])
 
 
 def _work(n: int, k: int) -> Any:
-    from agglo_core.refine.shape_state import Work
+    from agglo_core.refine.compactness.state import Work
 
     return Work(np.empty(n + 1, np.int32), np.empty(n + 1, np.int32), np.empty(n + 1), np.zeros(k))
 
 
 def _slices(starts: Int, shift: int, dim: int) -> Any:
-    from agglo_core.refine.shape_state import Slices
+    from agglo_core.refine.compactness.state import Slices
 
     rows = slices(starts, shift, dim)
     return Slices(rows, np.zeros((len(rows), 2)))
@@ -86,7 +86,7 @@ def _slices(starts: Int, shift: int, dim: int) -> Any:
 
 def _reach(graph: Graph, parts: Any, k: int, limit: float) -> tuple[Any, Any]:
     """What the kernels need to know of the widths of parts; nothing if these have no limit."""
-    from agglo_core.refine.reach import Corners, Reach, cell_radii, part_lists
+    from agglo_core.refine.compactness.reach import Corners, Reach, cell_radii, part_lists
 
     centroids = graph.centroids
     if limit == np.inf:

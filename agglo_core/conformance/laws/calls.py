@@ -1,15 +1,18 @@
-"""Laws of what was asked before, and meanwhile: none of it may show in an answer, or stay in memory."""
+"""Laws of several calls: blocks, earlier and concurrent calls, the caller's arrays, calls that end early."""
 
 from __future__ import annotations
 
+import contextlib
 import gc
+import io
 import os
 import sys
 import threading
 import tracemalloc
 import weakref
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import is_dataclass
+from dataclasses import is_dataclass, replace
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -17,18 +20,33 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglo_core.arrays import Float
+from agglo_core.arrays import Float, frozen_float
 from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.own_arrays import arrays_in, home, in_own_arrays, written_meanwhile
 from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.surroundings import Snapshot, elsewhere, stdout_of_process
 from agglo_core.conformance.base.verdict import Broken, require
-from agglo_core.conformance.inputs.hard_cases import SIBLINGS, siblings, unusual_cases
-from agglo_core.conformance.inputs.questions import answer, global_random, plain, questions, same, taken
-from agglo_core.conformance.inputs.speed import bearable
+from agglo_core.conformance.inputs.cases import cases, level_case, part_of_level
+from agglo_core.conformance.inputs.early_ends import early_ends
+from agglo_core.conformance.inputs.hard_cases import SIBLINGS, crowded, many_parts, siblings, unusual_cases
+from agglo_core.conformance.inputs.multigrid_cases import PARTS
+from agglo_core.conformance.inputs.questions import (
+    answer,
+    chunks,
+    fingerprints,
+    global_random,
+    in_space,
+    plain,
+    questions,
+    same,
+    taken,
+)
+from agglo_core.conformance.inputs.speed import bearable, too_slow
 from agglo_core.conformance.process.fresh_import import imported_again
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
-from agglo_core.problems import Solution
+from agglo_core.problems import Linear, Solution
 
 _ROUNDS = 3
 _CALLS = 4  # in each of some rounds: what is kept in all of them is kept for ever
@@ -233,3 +251,142 @@ def _open_files() -> int:
     """Open files of this process; 0 where the system does not tell."""
     folder = Path("/proc/self/fd")
     return len(os.listdir(folder)) if folder.is_dir() else 0
+
+
+@law("bisector", "refiner", "fixer")
+def a_level_is_its_blocks(subject: Subject) -> None:
+    """The result of a block is the same alone, beside blocks of any size, and in any order of blocks."""
+    levels = [
+        (level_case(subject.kind), (0, 1, 2, 30, 60)),
+        (crowded(subject.kind, 40), (0, 3, 9, 20, 21, 39)),
+    ]
+    if subject.kind == "bisector" and subject.has("bisect_level"):
+        levels.append((many_parts(subject.kind), (3, 0, 255, 4095, 4097, 4999)))
+    levels += [(case, (0, 1, 2)) for case in in_space(subject) if case.given[0].n_blocks == 3]
+    for case, chosen in levels if too_slow(subject) is None else [_few_blocks(levels[0][0])]:
+        _same_in_any_company(subject, case, chosen)
+
+
+def _without_others(case: Case) -> Case:
+    """The question with points of other blocks, which the graph still holds, moved onto one of its own."""
+    graph, *rest = case.given
+    own = np.unique(graph.vertices)
+    points = np.repeat(graph.points[own[:1]], len(graph.points), axis=0)
+    points[own] = graph.points[own]
+    return Case(case.name, (replace(graph, points=frozen_float(points)), *rest))
+
+
+def _few_blocks(level: Case) -> tuple[Case, Sequence[int]]:
+    """Some of the small blocks of a level, for what is too slow for more."""
+    return part_of_level(level, np.arange(1, 13)), (0, 3, 11)
+
+
+def _same_in_any_company(subject: Subject, case: Case, chosen: Sequence[int]) -> None:
+    """The chosen blocks of a level alone, and up to 21 blocks in another order."""
+    graph = case.given[0]
+    remedy = (
+        "take sums, extremes and scales within each block (graph.block_ids, graph.offsets), never over the "
+        "whole level, and keep nothing from the block before"
+    )
+    tool = subject.build()
+    together = chunks(graph, plain(subject, tool, case))
+    for block in chosen:
+        alone = plain(subject, subject.build(), _without_others(part_of_level(case, [block])))
+        require(
+            same(alone, together[block]),
+            f"a block of {len(alone)} cells has another result alone than in a level: {remedy}",
+        )
+    others = np.random.default_rng(3).permutation(np.delete(np.arange(graph.n_blocks), chosen[0]))
+    order = np.insert(others[:20], min(7, len(others)), chosen[0])
+    shuffled = part_of_level(case, order)
+    for block, part in zip(order, chunks(shuffled.given[0], plain(subject, tool, shuffled)), strict=True):
+        require(
+            same(part, together[block]),
+            f"a block of {len(part)} cells has another result in another order of blocks: {remedy}",
+        )
+
+
+_OWNED = ("refiner", "fixer", "metric", "solver", "smoother")
+"""Kinds that are given arrays beside meshes and graphs, which nobody can write to."""
+
+_FEW = 200  # values of a question: more are no other question
+
+
+def _asked(subject: Subject) -> list[Case]:
+    ordinary = {case.name for case in cases(subject.kind)}
+    asked = [case for case in questions(subject) if case.name in ordinary and (case.size or 0) <= _FEW]
+    return [own for case in asked[::-1] if arrays_in(own := in_own_arrays(case))][:4]
+
+
+@law(*_OWNED)
+def never_written(subject: Subject) -> None:
+    """Arrays that it is given are not even changed for a while: others may read them meanwhile."""
+    for case in _asked(subject):
+        tool = subject.build()
+        folder = home(subject.kind, tool)
+        if folder is None:
+            return
+        line = written_meanwhile(partial(answer, subject, tool, case), folder, arrays_in(case))
+        require(
+            line is None,
+            f"on {case.name}: the arrays given, or the matrix, are changed for a while (line {line}): "
+            "whoever uses them at the same time gets wrong results; work on a copy",
+        )
+
+
+@law(*_OWNED)
+def read_anew(subject: Subject) -> None:
+    """Arrays in which the caller has put other numbers since the last call are read anew."""
+    for case in _asked(subject):
+        tool = subject.build()
+        for _ in range(3):
+            with global_random(1):
+                given = plain(subject, tool, case)
+            with global_random(1):
+                wanted = plain(subject, subject.build(), in_own_arrays(case))
+            require(
+                same(given, wanted),
+                f"on {case.name}, other numbers in the same arrays: it answers unlike a fresh object: "
+                "an array is not known by being the same object; keep nothing by id()",
+            )
+            _change(case)
+
+
+def _change(case: Case) -> None:
+    """Other numbers in the same arrays: all the other way round, a cell in another part, a matrix doubled."""
+    problem = case.given[0]
+    if isinstance(problem, Linear):
+        problem.b[:] = problem.b[::-1].copy()
+        problem.A.data *= 2.0
+        return
+    for each in arrays_in(case):
+        each[:] = each[::-1].copy()
+        if each.dtype.kind == "i":
+            movable = np.flatnonzero((np.bincount(each)[each] > 1) & (each != each[0]))
+            each[movable[:1]] = each[0]
+
+
+_KINDS = ("bisector", "refiner", "fixer", "metric", "solver", "smoother", "constraint", *PARTS)
+
+
+@law(*_KINDS)
+def ends_early_without_trace(subject: Subject) -> None:
+    """Where it refuses, fails or has nothing to do, it changes no setting, prints and writes nothing."""
+    remedy = "a with block (np.errstate) or finally puts things back on every way out"
+    for case in early_ends(subject.kind):
+        given, before, printed = dict(fingerprints(case.given)), Snapshot(), io.StringIO()
+        with elsewhere() as folder, stdout_of_process() as written, contextlib.redirect_stdout(printed):
+            with global_random(1) as unmoved:
+                with contextlib.suppress(Broken):
+                    answer(subject, subject.build(), case)
+                still = unmoved()
+            text = printed.getvalue() or written().decode(errors="replace")
+            left = sorted(path.name for path in folder.iterdir())
+        changed = before.changed()
+        before.restore()
+        require(not changed, f"on {case.name}: it changed {', '.join(changed)}: {remedy}")
+        require(not text, f"on {case.name}: it printed {text!r:.60}: say it in the error or in the reason")
+        require(still, f"on {case.name}: it drew from, or seeded, the global random state")
+        require(not left, f"on {case.name}: it left {', '.join(left)} in the current folder: write no files")
+        after = dict(fingerprints(case.given))
+        require(given == after, f"on {case.name}: it changed what it was given: work on a copy")

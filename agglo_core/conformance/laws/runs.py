@@ -1,0 +1,147 @@
+"""Laws of whole runs, other processes and large meshes, judged last: earlier failures are easier to read."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from agglo_core.agglomeration.border import broken_blocks
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.own_components import own_components
+from agglo_core.conformance.base.running import runs_both_ways, runs_with
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import Broken, require
+from agglo_core.conformance.inputs import small_meshes
+from agglo_core.conformance.inputs.cases import asked, seeds_for, stripes
+from agglo_core.conformance.inputs.hard_cases import SIBLINGS
+from agglo_core.conformance.inputs.questions import answer, global_random, plain, same
+from agglo_core.conformance.inputs.unusual_graphs import clumps
+from agglo_core.conformance.laws.bisector import one_sided
+from agglo_core.conformance.laws.parts import in_more_pieces, same_parts
+from agglo_core.conformance.process.new_process import answers_elsewhere, asked_elsewhere, can_be_sent
+from agglo_core.errors import AggloError
+from agglo_core.graph import Graph, functionals
+from agglo_core.measure.agglomerates import quality
+
+_LONGER = 1.25
+"""Interface of parts that are grown over that of the usual ones: on meshes this small it varies a little."""
+
+
+@law("bisector", "refiner", "fixer", "metric")
+def works_in_a_run(subject: Subject) -> None:
+    """Runs with it, by count and by size, give connected parts as asked for; a metric measures those."""
+    try:
+        if subject.kind == "metric":
+            mesh = small_meshes.grid(9, 7, jitter=0.2)
+            quality(mesh, stripes(mesh.graph, 3), metrics=[subject.build()], registry=own_components())
+            return
+        for asked, hierarchy in runs_with(subject):
+            for target, parts in zip(hierarchy.targets, hierarchy.parts, strict=True):
+                require(target.get("n_parts", parts) == parts, f"a run {asked} gave {parts} parts")
+            for labels in hierarchy.levels:
+                loose = broken_blocks(hierarchy.graph, labels)
+                require(not len(loose), f"a run {asked} gave parts in pieces")
+    except AggloError as error:
+        raise Broken(f"a run with it failed: {error}") from error
+
+
+def _grows(subject: Subject) -> bool:
+    return subject.has("grow") and (subject.has("bisect") or subject.has("bisect_level"))
+
+
+@law("bisector", when=_grows)
+def grows_alike(subject: Subject) -> None:
+    """The parts that a bisector grows are as good as those that its own splits make depth by depth."""
+    try:
+        for asked, one, other in runs_both_ways(subject):
+            for labels, usual in zip(one.levels, other.levels, strict=True):
+                cut, wanted = (
+                    functionals.cut(one.graph, each, edge_weights=one.graph.interface)
+                    for each in (labels, usual)
+                )
+                require(
+                    cut <= _LONGER * wanted,
+                    f"{asked}: the interface of the parts that grow made is {cut:.4g} long, of those "
+                    f"made depth by depth {wanted:.4g}: cut alike, and decline components that are not known",
+                )
+    except AggloError as error:
+        raise Broken(f"a run with it failed: {error}") from error
+
+
+@law(*SIBLINGS, when=can_be_sent)
+def same_in_another_process(subject: Subject) -> None:
+    """Another process, with other hash values and another current folder, gives the same answers."""
+    asked, tool = asked_elsewhere(subject), subject.build()
+    with global_random(1):
+        here = [plain(subject, tool, case) for case in asked]
+    remedy = {
+        "built": "hash() of a text, id(), the order of a set, and files in the current folder differ there",
+        "pickled": "what it needs must be in its attributes, not in the module",
+    }
+    for how, there in answers_elsewhere(subject).items():
+        for case, one, two in zip(asked, here, there, strict=True):
+            require(
+                same(one, two),
+                f"on {case.name}: {how} for another process, it answers otherwise there: {remedy[how]}",
+            )
+
+
+_SMALL, _LARGE = (50, 40), (100, 80)  # cells across and up
+_HUGE = (250, 200)  # their square is more than 32 bits hold
+_STEEP = 1.7  # power of the number of cells; n log n is some 1.1, 2 is quadratic
+_NOTICEABLE = 0.5  # CPU seconds for the larger mesh below which nothing is held against a component
+
+
+def _wanted(subject: Subject) -> bool:
+    return subject.thorough
+
+
+@law("bisector", "refiner", "fixer", when=_wanted)
+def large_meshes(subject: Subject) -> None:
+    """On 50,000 cells it answers as on few: both sides, all parts, none in more pieces than before."""
+    case = _case(subject.kind, _HUGE)
+    graph = case.given[0]
+    values = plain(subject, subject.build(), case)
+    if subject.kind == "bisector":
+        apart = not len(one_sided(graph, values))
+        require(apart or subject.fallback, f"on {case.name}: all cells came out on one side")
+        return
+    labels = case.given[1]
+    require(same_parts(graph, labels, values), f"on {case.name}: the parts are no longer those they were")
+    worse = in_more_pieces(subject.kind, graph, labels, values)
+    require(not worse, f"on {case.name}: {len(worse)} parts are in more pieces than they may be")
+
+
+@law("refiner", "fixer", when=_wanted)
+def time_grows_with_the_mesh(subject: Subject) -> None:
+    """Four times as many cells take far less than sixteen times as long."""
+    answer(subject, subject.build(), _case(subject.kind, (12, 10)))  # kernels compile here, off the clock
+    small, large = (_seconds(subject, _case(subject.kind, size)) for size in (_SMALL, _LARGE))
+    power = np.log(large / max(small, 1e-4)) / np.log(4.0)
+    require(
+        large < _NOTICEABLE or power < _STEEP,
+        f"2,000 cells took {small:.2f} s and 8,000 took {large:.2f} s, as the number of cells to the power "
+        f"of {power:.1f}: look at cells on the border of parts alone, and update instead of computing anew",
+    )
+
+
+def _case(kind: str, size: tuple[int, int]) -> Case:
+    graph: Graph = small_meshes.grid(*size, jitter=0.2).graph
+    name = f"{graph.n} cells"
+    if kind == "bisector":
+        return Case(name, (graph, seeds_for(1)))
+    return asked(kind, graph, name, clumps(graph, min(graph.n // 100, 80), strays=0.02), "both")
+
+
+def _seconds(subject: Subject, case: Case) -> float:
+    """CPU time of an answer: the least of three, as a busy machine only ever adds to it."""
+    taken = []
+    for _ in range(3):
+        tool, start = subject.build(), time.process_time()
+        answer(subject, tool, case)
+        taken.append(time.process_time() - start)
+        if taken[-1] > 5.0:  # no noise is that large
+            break
+    return min(taken)

@@ -1,0 +1,304 @@
+"""Laws of smoothers: what they do to the error, before and after a correction, and on several levels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.linalg import eigh
+
+from agglo_core.arrays import Float, frozen_float
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import Broken, require
+from agglo_core.conformance.inputs import small_meshes
+from agglo_core.conformance.inputs.cases import cases
+from agglo_core.conformance.inputs.questions import answer, in_words, plain, questions
+from agglo_core.conformance.inputs.solver_cases import uneven
+from agglo_core.registry.containment import PLUGIN_FAILURES
+
+_EXACT = 1e-10
+_SHARE = 0.9  # of what is left of a smooth error, at most so much may be left of a rough one
+
+
+@law("smoother")
+def smoothed_array(subject: Subject) -> None:
+    """``setup(level)`` gives a function of (b, x) that returns real numbers of shape (n,)."""
+    for case in questions(subject):
+        given = answer(subject, subject.build(), case)
+        require(
+            isinstance(given, np.ndarray) and given.shape == (case.size,) and given.dtype.kind == "f",
+            f"on {case.name}: smooth(b, x) returned {in_words(given)}, expected floats of shape "
+            f"({case.size},): the whole new x, not its change as a matrix or a list",
+        )
+
+
+@law("smoother")
+def nothing_from_nothing(subject: Subject) -> None:
+    """From b = 0 and x = 0 it returns 0."""
+    for case in questions(subject):
+        zero = np.zeros(case.size or 0)
+        made = smoothed(subject, case, zero, zero)
+        require(
+            not np.any(made != 0), f"on {case.name}: it made {made[:3]} from zeros: only b − A x may enter"
+        )
+
+
+@law("smoother")
+def solution_kept(subject: Subject) -> None:
+    """The exact solution stays where it is."""
+    for case in questions(subject):
+        level, _, x = case.given
+        moved = np.abs(smoothed(subject, case, level.A @ x, x) - x).max()
+        require(
+            moved <= _EXACT * np.abs(x).max(),
+            f"on {case.name}: it moved the exact solution by {moved:.1e}: add a correction that is made of "
+            "the residual b − A x alone",
+        )
+
+
+@law("smoother")
+def error_reduced(subject: Subject) -> None:
+    """From any x the error becomes smaller in the energy norm, of uneven matrices too."""
+    for case in [*questions(subject), _uneven()]:
+        A, x = case.given[0].A, case.given[2]
+        left = _energy(A, _error_left(subject, case, x)) / _energy(A, x)
+        require(
+            left < 1 - 1e-6,
+            f"on {case.name}: the energy norm of the error grew or stayed, by a factor {left:.4g}: damp it, "
+            "for instance by 4 / (3 λ), λ being the largest eigenvalue of the preconditioned matrix",
+        )
+
+
+@law("smoother")
+def rough_error_damped(subject: Subject) -> None:
+    """Less is left of a rough error than of a smooth one, by a tenth at least (without coarse correction)."""
+    for case in questions(subject):
+        level = case.given[0]
+        if level.coarse is None and len(case.given[1]) > 1:
+            A = level.A.toarray()
+            _, modes = eigh(A, np.diag(A.diagonal()))
+            half = len(A) // 2
+            smooth, rough = (
+                _energy(A, _error_left(subject, case, error)) / _energy(A, error)
+                for error in (_mixed(modes[:, :half]), _mixed(modes[:, half:]))
+            )
+            require(
+                rough <= max(_SHARE * smooth, 1e-8),
+                f"on {case.name}: {rough:.3f} is left of a rough error, {smooth:.3f} of a smooth one: the "
+                "coarse levels reduce the smooth half, the smoother has to reduce the rough one",
+            )
+
+
+@law("smoother", promise="symmetric")
+def smoother_symmetric(subject: Subject) -> None:
+    """The error it leaves is a linear function of the error, self-adjoint in the energy inner product."""
+    for case in questions(subject):
+        A = case.given[0].A
+        n = A.shape[0]
+        u, v = np.random.default_rng(3).standard_normal((2, n))
+        Su, Sv, both = (_error_left(subject, case, each) for each in (u, v, 2 * u - 3 * v))
+        size = np.abs(both).max() + np.abs(Su).max()
+        require(
+            np.abs(both - 2 * Su + 3 * Sv).max() <= 1e-8 * size,
+            f"on {case.name}: twice the error does not leave twice as much: conjugate gradients, or a step "
+            "length that depends on x, are nonlinear",
+        )
+        gap = abs(u @ (A @ Sv) - v @ (A @ Su)) / (_energy(A, u) * _energy(A, v))
+        require(
+            gap <= 1e-8,
+            f"on {case.name}: ⟨u, S v⟩ and ⟨S u, v⟩ differ by {gap:.1e}: sweep forwards and then backwards",
+        )
+
+
+def _uneven() -> Case:
+    """A level whose couplings differ by 1 to 100."""
+    case = cases("smoother")[0]
+    level = case.given[0]
+    A = uneven(small_meshes.grid(8, 8).graph, 1).A
+    return replace(case, name="an uneven matrix", given=(replace(level, A=A, inherited=A), *case.given[1:]))
+
+
+def _mixed(modes: Float) -> Float:
+    """Equal amounts of some modes ``(n, k)`` with random signs."""
+    signs = np.random.default_rng(1).choice([-1.0, 1.0], modes.shape[1])
+    return np.asarray(modes @ signs)
+
+
+def smoothed(subject: Subject, case: Case, b: Float, x: Float) -> Float:
+    """What a smoother makes of a right-hand side and an x ``(n,)``."""
+    asked = Case(case.name, (case.given[0], frozen_float(b), frozen_float(x)))
+    return plain(subject, subject.build(), asked)
+
+
+def _error_left(subject: Subject, case: Case, error: Float) -> Float:
+    """What is left of an error: the solution is 0."""
+    return smoothed(subject, case, np.zeros(len(error)), error)
+
+
+def _energy(A: Any, x: Float) -> float:
+    return float(np.sqrt(x @ (A @ x)))
+
+
+_CLOSE = 1e-8
+
+
+def _two_sided(subject: Subject) -> bool:
+    """Whether what its ``setup`` returns has one of the methods before and after."""
+    smooth = subject.build().setup(cases("smoother")[0].given[0])
+    return hasattr(smooth, "before") or hasattr(smooth, "after")
+
+
+@law("smoother", when=_two_sided)
+def both_sides(subject: Subject) -> None:
+    """Where setup's answer has ``before`` or ``after`` it has both; they return (x, residual) and x."""
+    for case in questions(subject):
+        n = case.size
+        x, r = _before(subject, case, case.given[1])
+        for name, given in (("x", x), ("residual", r), ("x", _after(subject, case, *case.given[1:]))):
+            require(
+                isinstance(given, np.ndarray) and given.shape == (n,) and given.dtype.kind == "f",
+                f"on {case.name}: {name} is {in_words(given)}, expected floats of shape ({n},): before(b) "
+                "returns the pair (x, b − A x), after(b, x) the new x",
+            )
+
+
+@law("smoother", when=_two_sided)
+def residual_of_before(subject: Subject) -> None:
+    """The residual that ``before`` returns is b − A x, and x from 0 is linear in b."""
+    for case in questions(subject):
+        A, (u, v) = case.given[0].A, _pair(case)
+        (x, r), (y, _), (both, _) = (_before(subject, case, b) for b in (u, v, 2 * u - 3 * v))
+        gap = np.abs(r - (u - A @ x)).max() / np.abs(u).max()
+        require(gap <= _CLOSE, f"on {case.name}: the residual is off by {gap:.1e}: it is b − A x of that x")
+        bent = np.abs(both - 2 * x + 3 * y).max() / (np.abs(x).max() + np.abs(y).max() + 1e-300)
+        require(
+            bent <= _CLOSE,
+            f"on {case.name}: before(2 u − 3 v) is not 2 before(u) − 3 before(v), by {bent:.1e}: nothing "
+            "but b may enter, and no step length may depend on it",
+        )
+
+
+@law("smoother", when=_two_sided)
+def after_mirrors_before(subject: Subject) -> None:
+    """Where ``before`` takes x = B b, ``after`` takes x + Bᵀ (b − A x), so that cycles are symmetric."""
+    for case in questions(subject):
+        A, (u, v) = case.given[0].A, _pair(case)
+        moved = _after(subject, case, u, v) - v
+        alone = _after(subject, case, u - A @ v, np.zeros(len(u)))
+        gap = np.abs(moved - alone).max() / np.abs(moved).max()
+        require(
+            gap <= _CLOSE,
+            f"on {case.name}: what after(b, x) adds to x and after(b − A x, 0) differ by {gap:.1e}: only the "
+            "residual may enter",
+        )
+        one, other = float(v @ _before(subject, case, u)[0]), float(u @ _after(subject, case, v, 0 * v))
+        apart = abs(one - other) / (np.linalg.norm(u) * np.linalg.norm(alone))
+        require(
+            apart <= _CLOSE,
+            f"on {case.name}: v·B u and u·Bᵀ v differ by {apart:.1e}: what is done first before the "
+            "correction is done last after it",
+        )
+
+
+@law("smoother", when=_two_sided)
+def sides_leave_b(subject: Subject) -> None:
+    """Neither side changes the right-hand side, and ``before`` gives arrays of its own."""
+    for case in questions(subject):
+        b = np.array(case.given[1])
+        kept = b.copy()
+        x, r = _before(subject, case, b)
+        require(
+            not (np.shares_memory(x, b) or np.shares_memory(r, b)),
+            f"on {case.name}: before(b) returned b itself, which the cycle still needs: return a copy",
+        )
+        _after(subject, case, b, np.zeros(len(b)))
+        require(
+            np.array_equal(b, kept), f"on {case.name}: b was changed, which the cycle still needs: use a copy"
+        )
+
+
+def _pair(case: Case) -> tuple[Float, Float]:
+    u, v = np.random.default_rng(7).standard_normal((2, len(case.given[1])))
+    return frozen_float(u), frozen_float(v)
+
+
+def _before(subject: Subject, case: Case, b: Float) -> tuple[Any, Any]:
+    made = _asked(subject, case, "before", b)
+    if not isinstance(made, tuple) or len(made) != 2:
+        raise Broken(f"on {case.name}: before(b) returned {in_words(made)}, expected the pair (x, b − A x)")
+    return made
+
+
+def _after(subject: Subject, case: Case, b: Float, x: Float) -> Any:
+    return _asked(subject, case, "after", b, np.array(x))  # x may be changed
+
+
+def _asked(subject: Subject, case: Case, method: str, *given: Float) -> Any:
+    """The answer of a smoother set up afresh."""
+    try:
+        side = getattr(subject.build().setup(case.given[0]), method, None)
+        if not callable(side):
+            raise Broken(f"on {case.name}: there is no {method}: the two go together, or smooth(b, x) is all")
+        return side(*given)
+    except Broken:
+        raise
+    except PLUGIN_FAILURES as error:
+        raise Broken(f"on {case.name}: {method} raised {error!r:.200}") from error
+
+
+_FACTORS = (2.0**20, 2.0**-20)
+
+
+@law("smoother")
+def unit_of_the_matrix(subject: Subject) -> None:
+    """A matrix and a right-hand side multiplied by the same number give the same x."""
+    for case in questions(subject):
+        level, b, x = case.given
+        if level.coarse is None:
+            before = smoothed(subject, case, b, x)
+            for factor in _FACTORS:
+                A = factor * level.A
+                scaled = replace(case, given=(replace(level, A=A, inherited=A), b, x))
+                off = np.abs(smoothed(subject, scaled, factor * b, x) - before).max() / np.abs(before).max()
+                require(
+                    off <= 1e-6,
+                    f"on {case.name}, A and b times {factor:g}: x changed by {off:.1e}: a step length has "
+                    "the unit of 1 / A; divide by the diagonal, or by a bound of λ_max",
+                )
+
+
+@law("smoother")
+def levels_apart(subject: Subject) -> None:
+    """What ``setup`` returns for a level stays the same when other levels are set up and smoothed."""
+    tool, asked = subject.build(), questions(subject)
+    ready = [(case, _set_up(tool, case)) for case in asked]
+    for case, smooth in [*ready, *ready[::-1]]:
+        shared = _applied(smooth, case)
+        alone = plain(subject, subject.build(), case)
+        require(
+            shared.shape == alone.shape and np.allclose(shared, alone, rtol=1e-9, atol=1e-12),
+            f"on {case.name}, after setting up other levels: x is another one than alone: what a level needs "
+            "belongs to the function that setup returns, not to self",
+        )
+
+
+def _set_up(tool: Any, case: Case) -> Callable[[Float, Float], Any]:
+    try:
+        smooth: Callable[[Float, Float], Any] = tool.setup(case.given[0])
+    except PLUGIN_FAILURES as error:
+        raise Broken(f"on {case.name}, after other levels: setup raised {error!r:.200}") from error
+    return smooth
+
+
+def _applied(smooth: Callable[[Float, Float], Any], case: Case) -> Float:
+    try:
+        return np.asarray(smooth(*case.given[1:]))
+    except PLUGIN_FAILURES as error:
+        raise Broken(
+            f"on {case.name}, after setting up other levels: it raised {error!r:.200}: what a level needs "
+            "belongs to the function that setup returns, not to self"
+        ) from error

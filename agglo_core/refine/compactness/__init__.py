@@ -1,0 +1,1 @@
+"""The refiner compactness: parts of small moments of inertia with short interfaces."""
