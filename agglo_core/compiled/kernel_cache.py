@@ -146,11 +146,15 @@ class KernelCache(FunctionCache):
         return self._impl.rebuild(target_context, data)
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep what was compiled, if there is where."""
+        """Keep what was compiled; where that is not possible, warn once and go on."""
         if self.cache_path is None:
-            _warn_unwritable()
-        else:
+            _warn_unkept("no folder for compiled kernels is writable")
+            return
+        try:
             super().save_overload(sig, data)  # type: ignore[no-untyped-call]
+        except OSError as error:  # a full disk, a quota, a folder that was removed or closed meanwhile
+            reason = error.strerror or str(error)
+            _warn_unkept(f"compiled kernels cannot be written to {self.cache_path}: {reason}")
 
     def write_to(self, folder: Path) -> None:
         """Keep what is compiled from now on in a folder that is to become :data:`INSTALLED`."""
@@ -162,12 +166,17 @@ class KernelCache(FunctionCache):
         return _CacheFile(str(folder), name, self._stamp)  # type: ignore[no-untyped-call]
 
 
-@cache  # once per process
-def _warn_unwritable() -> None:
-    _log.warning(
-        "no folder for compiled kernels is writable: they are compiled again in each run; "
-        "set NUMBA_CACHE_DIR to a folder that is"
-    )
+_warned: set[str] = set()
+
+
+def _warn_unkept(reason: str) -> None:
+    """Log once per process that kernels are not kept."""
+    if not _warned:
+        _warned.add(reason)
+        _log.warning(
+            "%s; they are compiled again in each run; set NUMBA_CACHE_DIR to a folder that can be written to",
+            reason,
+        )
 
 
 @cache  # sources do not change while a process runs

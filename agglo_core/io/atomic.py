@@ -60,7 +60,7 @@ def staging(path: Path) -> Iterator[Path]:
         files = sorted(file for file in stage.rglob("*") if file.is_file())
         inner = [file for file in files if file.parent != stage]
         lists = [file for file in files if file.parent == stage]
-        with _folders(path.parent / file.parent.relative_to(stage) for file in inner):
+        with new_folders(path.parent / file.parent.relative_to(stage) for file in inner):
             moves = [
                 (file, check_replaceable(path.parent / file.relative_to(stage))) for file in inner + lists
             ]
@@ -75,9 +75,9 @@ def staging(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def _folders(folders: Iterable[Path]) -> Iterator[None]:
-    """These folders, made if they are not there; those that were made go if the block fails before."""
-    made = []
+def new_folders(folders: Iterable[Path]) -> Iterator[None]:
+    """Make the folders that do not exist; if the block fails, remove those that are still empty."""
+    made: list[Path] = []
     try:
         for folder in dict.fromkeys(folders):
             if not folder.exists():
@@ -87,7 +87,7 @@ def _folders(folders: Iterable[Path]) -> Iterator[None]:
                 raise FileError(f"{folder}: exists and is not a folder")
         yield
     except BaseException:
-        for folder in made:
+        for folder in reversed(made):
             with suppress(OSError):  # not empty: files have moved there
                 folder.rmdir()
         raise

@@ -17,6 +17,7 @@ import numpy as np
 from core.io.test_gmsh_read import data, partitioned, version_2
 from core.io.test_io_vtu import ELEMENTS, SQUARE, Writer, polyhedra
 from fuzz.field_corpus import field_files
+from fuzz.foreign_corpus import foreign_files
 from fuzz.graph_corpus import graph_files
 from fuzz.matrix_corpus import matrix_files
 
@@ -30,14 +31,17 @@ __all__ = ["valid_files"]
 @cache
 def valid_files() -> dict[str, list[bytes]]:
     """Small valid files of each suffix, every coding and layout among them."""
+    foreign, field = foreign_files(), field_files()
     return {
+        **foreign,
+        **field,
         ".vtu": [*_vtu_by_hand(), *_written(".vtu"), _vtu_with_names()],
         ".npz": _npz(),
-        ".msh": _msh(),
+        ".msh": [*_msh(), *foreign[".msh"]],
+        ".vtk": [*field[".vtk"], *foreign[".vtk"]],
         ".toml": [text.encode() for text in _RUNS.split("---")],
         ".problem.toml": [text.encode() for text in _PROBLEMS.split("---")],
         ".safetensors": [_WEIGHTS.read_bytes()],
-        **field_files(),
         **graph_files(),
         **matrix_files(),
         ".geojson": [json.dumps(to_geojson(*each)).encode() for each in _hierarchies() if each[0].dim == 2],

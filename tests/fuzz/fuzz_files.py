@@ -1,13 +1,14 @@
 """Damages valid files at random and reads them: what they hold or an AggloError, soon, in little memory.
 
-``PYTHONPATH=tests python tests/fuzz/fuzz_files.py --vtu 1000 --npz 500 --msh 500 --seed 0``
+``PYTHONPATH=tests python tests/fuzz/fuzz_files.py --vtu 1000 --npz 500 --msh 500 --seed 0``, or
+``--all 2000`` for so many of each suffix.
 
-Mesh files, graphs, linear systems, the TOML files of runs and problems, model files, GeoJSON. Each must
-be read, or refused by an AggloError that names it and is no PluginError, within 10 s and 200 MB beyond
-what valid files take. A mesh that is read goes through ``agglo run FILE -o out.vtu`` as well, and so
-does every 20th of the others (``--every``), in a process of its own: exit code 0 with the files, or 2
-with none of them and no traceback. What fails is kept in the folder ``--keep``; ``--replay FILE`` judges
-one file again.
+Mesh files, those read through meshlane among them, graphs, linear systems, the TOML files of runs and
+problems, model files, GeoJSON. Each must be read, or refused by an AggloError that names it and is no
+PluginError, within 10 s and 200 MB beyond what valid files take. A mesh that is read goes through
+``agglo run FILE -o out.vtu`` as well, and so does every 20th of the others (``--every``), in a process of
+its own: exit code 0 with the files, or 2 with none of them and no traceback. What fails is kept in the
+folder ``--keep``; ``--replay FILE`` judges one file again.
 """
 
 # ruff: noqa: T201
@@ -36,6 +37,7 @@ import numpy as np
 from fuzz.bombs import bombs
 from fuzz.corpus import valid_files
 from fuzz.damage import damaged
+from fuzz.foreign_corpus import FOREIGN, without_new_processes
 from fuzz.graph_corpus import PLACES, graph_files
 from fuzz.memory import ALLOWED, Memory, restrict
 from fuzz.several import lay_out
@@ -72,7 +74,7 @@ FIELD = (
     ".vtp",
 )
 FIELD = (*FIELD, ".vtkhdf") if importlib.util.find_spec("h5py") else FIELD
-MESHES = (".vtu", ".npz", ".msh", *FIELD)
+MESHES = (".vtu", ".npz", ".msh", *FIELD, *FOREIGN)
 GRAPHS = (".graph", ".xyz", ".part.4", ".grf", ".map")
 SYSTEMS = (".mtx", ".system.npz", ".linear.toml")
 SUFFIXES = (*MESHES, *GRAPHS, *SYSTEMS, ".toml", ".problem.toml", ".safetensors", ".geojson")
@@ -235,26 +237,35 @@ def fuzz(
 ) -> Iterator[tuple[str, Verdict]]:
     """Suffix and verdict of each damaged file, the same for the same seed; of several parts one."""
     valid = valid_files()
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, without_new_processes():
         for suffix in counts:
             _warm_up(suffix)
-        memory = Memory()
+        memory, largest = Memory(), 0
         for suffix, count in counts.items():
             for i in range(part[0], count, part[1]):
                 rng = np.random.default_rng([seed, *suffix.encode(), i])
                 content = damaged(rng, suffix, valid[suffix][i % len(valid[suffix])])
                 file = Path(folder) / f"m{suffix}"
                 lay_out(file, content)
-                memory.watch()
-                verdict = judge(file, command=i % every == every - 1)
-                grown = memory.growth()
+                command = i % every == every - 1
+                verdict, grown = _measured(file, command, memory)
+                if verdict.fault or grown > ALLOWED + len(content):  # kernels may have been compiled: again
+                    memory = Memory()
+                    verdict, grown = _measured(file, command, memory)
+                largest = max(largest, grown)
                 if grown > ALLOWED + len(content) and not verdict.fault:
                     verdict = Verdict("memory", f"{grown >> 20} MiB for {len(content)} bytes")
                 if verdict.fault and keep is not None:
                     keep.mkdir(exist_ok=True)
                     (keep / f"seed{seed}_{i}{suffix}").write_bytes(content)
                 yield suffix, verdict
-        print(f"memory at most {memory.largest >> 20} MiB beyond that of valid files")
+        print(f"memory at most {largest >> 20} MiB beyond that of valid files")
+
+
+def _measured(file: Path, command: bool, memory: Memory) -> tuple[Verdict, int]:
+    """Verdict of a file, and the memory it took (bytes)."""
+    memory.watch()
+    return judge(file, command), memory.growth()
 
 
 @cache
@@ -279,7 +290,8 @@ def _largest_child() -> None:
 def _main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     for suffix in SUFFIXES:
-        parser.add_argument(f"--{suffix[1:]}", type=int, default=0, help="number of damaged files")
+        parser.add_argument(f"--{suffix[1:]}", type=int, help="number of damaged files")
+    parser.add_argument("--all", type=int, default=0, help="number of damaged files of every other suffix")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--every", type=int, default=20, help="how often the command runs in a process")
     parser.add_argument("--part", default="0/1", help="which of how many parts, as 0/2")
@@ -290,22 +302,29 @@ def _main() -> int:
         print(judge(given.replay, command=True))
         return 0
     restrict()
-    counts = {suffix: vars(given)[suffix[1:]] for suffix in SUFFIXES if vars(given)[suffix[1:]]}
+    counts = {suffix: vars(given)[suffix[1:]] for suffix in SUFFIXES}
+    counts = {suffix: given.all if count is None else count for suffix, count in counts.items()}
     place, parts = map(int, given.part.split("/"))
-    total: Counter[tuple[str, str]] = Counter()
-    slowest, start = 0.0, time.perf_counter()
-    for suffix, verdict in fuzz(counts, given.seed, given.keep, given.every, (place, parts)):
+    kinds: dict[str, Counter[str]] = {suffix: Counter() for suffix, count in counts.items() if count}
+    slowest = dict.fromkeys(kinds, 0.0)
+    start = time.perf_counter()
+    for suffix, verdict in fuzz(
+        {each: counts[each] for each in kinds}, given.seed, given.keep, given.every, (place, parts)
+    ):
         faulthandler.dump_traceback_later(4 * _WAIT * SECONDS, exit=True)  # a compiled loop ignores the alarm
-        slowest, start = max(slowest, time.perf_counter() - start), time.perf_counter()
-        total[suffix, verdict.kind] += 1
+        slowest[suffix] = max(slowest[suffix], time.perf_counter() - start)
         if verdict.fault:
-            print(
-                suffix, place + parts * (sum(n for (s, _), n in total.items() if s == suffix) - 1), *verdict
-            )
-    for (suffix, kind), n in sorted(total.items()):
-        print(f"{suffix} {kind}: {n}")
-    print(f"slowest file {slowest:.1f} s (its command included)")
-    return int(any(Verdict(kind).fault for _, kind in total))
+            print(suffix, place + parts * kinds[suffix].total(), *verdict)
+        kinds[suffix]["faults" if verdict.fault else verdict.kind] += 1
+        start = time.perf_counter()
+    for suffix, found in kinds.items():
+        print(f"{suffix:>14} {_row(found)}, slowest {slowest[suffix]:.1f} s (its command included)")
+    print(f"{'all':>14} {_row(total := sum(kinds.values(), Counter()))}")
+    return int(total["faults"] > 0)
+
+
+def _row(found: Counter[str]) -> str:
+    return f"{found['read']:>7,} read, {found['refused']:>7,} refused, {found['faults']} faults"
 
 
 if __name__ == "__main__":

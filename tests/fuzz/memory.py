@@ -20,17 +20,22 @@ class Memory:
     def __init__(self) -> None:
         self.watch()
         self._own, self._others = _resident("VmRSS"), _of_children()
-        self.largest = 0
 
     def watch(self) -> None:
         """Begin a new peak, where the system can; elsewhere it is that of the whole process."""
         with suppress(OSError):
             _CLEAR.write_text("5")
+        self._before = _resident("VmRSS"), _of_children()
 
     def growth(self) -> int:
-        """The peak of this process, or of its largest child so far, beyond what it was at the start."""
-        grown = max(_resident("VmHWM") - self._own, _of_children() - self._others, 0)
-        self.largest = max(self.largest, grown)
+        """The peak of this process beyond what it was at the start, or of a child that is the largest so far.
+
+        A copy of this process begins with what this process has.
+        """
+        grown = max(_resident("VmHWM") - self._own, 0)
+        own, others = self._before
+        if (child := _of_children()) > others:
+            grown = max(grown, child - max(own, self._others))
         return grown
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 __all__ = ["SEVERAL", "lay_out", "packed"]
 
-SEVERAL = (".foam", ".ele", ".pvtu", ".mtx", ".linear.toml")
+SEVERAL = (".foam", ".ele", ".pvtu", ".xdmf", ".mtx", ".linear.toml")
 
 
 def packed(files: Mapping[str, bytes]) -> bytes:

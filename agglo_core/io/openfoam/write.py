@@ -16,7 +16,7 @@ import numpy as np
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import FileError
 from agglo_core.files.text_numbers import integer_lines, real_lines
-from agglo_core.io.atomic import staging
+from agglo_core.io.atomic import new_folders, staging
 from agglo_core.io.openfoam.read import OWN
 from agglo_core.io.tags import cell_data, check_names, is_level
 from agglo_core.io.to_mesh.plain_cells import used_points
@@ -75,7 +75,7 @@ def write_foam(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compress:
     with ExitStack() as stages:
         for folder, files in groups:
             if files:
-                folder.mkdir(parents=True, exist_ok=True)
+                stages.enter_context(new_folders((case / "constant", folder)))
                 stage = stages.enter_context(staging(folder / next(iter(files))))
                 for name, text in files.items():
                     _put(stage / name, text, compress and folder.name != "0")

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import click
+
+from agglo_core.authoring import FileError
 
 Report = Callable[[str, float], None]
 """Takes a line about the state of a training, and the share of it that is done."""
@@ -26,15 +28,18 @@ def reporter(title: Sequence[str], log: Path | None, quiet: bool, append: bool =
         Show nothing.
     append : bool
         Append to an existing log.
+
+    Raises
+    ------
+    FileError
+        If the log cannot be written.
     """
     with ExitStack() as stack:
         outputs: list[Report] = []
         if log is not None:
             fresh = not (append and log.exists())
-            file = stack.enter_context(log.open("w" if fresh else "a", encoding="utf-8", buffering=1))
-            outputs.append(lambda line, _: click.echo(line, file=file))
-            for line in title if fresh else ():
-                outputs[0](line, 0.0)
+            _write(log, "w" if fresh else "a", title if fresh else ())
+            outputs.append(lambda line, _: _write(log, "a", [line]))
         if not quiet:
             outputs.append(stack.enter_context(_bar(title[-1])) if sys.stderr.isatty() else _lines(title[-1]))
 
@@ -43,6 +48,15 @@ def reporter(title: Sequence[str], log: Path | None, quiet: bool, append: bool =
                 output(line, share)
 
         yield report
+
+
+def _write(log: Path, mode: str, lines: Iterable[str]) -> None:
+    """Write lines to the log, which is whole after each call."""
+    try:
+        with log.open(mode, encoding="utf-8") as file:
+            file.writelines(f"{line}\n" for line in lines)
+    except OSError as error:
+        raise FileError(f"{log}: {error.strerror}") from error
 
 
 def _lines(heads: str) -> Report:

@@ -251,6 +251,79 @@ print(agglo.agglomerate(agglo.samples.squares(8), bisector="coordinate", n_parts
 """
 
 
+AT_ONCE = """
+import os, sys
+import numba, numpy as np
+from agglo_core.authoring import kernel
+
+numba.njit(lambda x: 2 * x)(1.5)  # the compiler is there; what it does first is done once
+for trial in range(30):
+    numba.config.CACHE_DIR = f"cold{trial}"
+    start = os.pipe()
+    children = []
+    for number in range(21):  # the last one after the others, to look at what they have kept
+        if number == 20:
+            os.close(start[1])
+            codes = {os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) for child in children}
+        child = os.fork()
+        if child == 0:
+            if number < 20:
+                os.close(start[1])
+                os.read(start[0], 1)  # until all are there
+            from loops import multiplied
+            x = (np.int64, np.float64, np.float32, np.int32)[number % 4](3)
+            whole = multiplied(x) == 15 and type(multiplied(x)) is (int if number % 4 in (0, 3) else float)
+            kept = number < 20 or sum(multiplied.stats.cache_hits.values()) == 1
+            os._exit(0 if whole and kept else 1)
+        children.append(child)
+    codes.add(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+    print(*codes)
+"""
+
+
+@pytest.mark.slow
+def test_twenty_processes_share_an_empty_cache(tmp_path: Path) -> None:
+    """They compile four signatures of one kernel at once, thirty times; one more finds its own on disk."""
+    (tmp_path / "helpers.py").write_text(HELPERS.format(factor=5))
+    (tmp_path / "loops.py").write_text(LOOPS)
+    run = subprocess.run(
+        [sys.executable, "-c", AT_ONCE], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert run.stdout.split() == ["0"] * 30
+    assert run.stderr == ""
+
+
+FULL = """
+import logging, resource
+logging.basicConfig(format="%(levelname)s %(message)s")
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+from loops import multiplied
+print(multiplied(7), multiplied(7.0))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of Linux")
+def test_a_full_disk_costs_the_kernels_and_not_the_run(tmp_path: Path) -> None:
+    (tmp_path / "helpers.py").write_text(HELPERS.format(factor=2))
+    (tmp_path / "loops.py").write_text(LOOPS)
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "own")}
+    run = subprocess.run(
+        [sys.executable, "-c", FULL],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert run.stdout == "14 14.0\n"
+    assert re.fullmatch(
+        r"WARNING compiled kernels cannot be written to .*own.*: File too large; "
+        r"they are compiled again in each run; set NUMBA_CACHE_DIR to a folder that can be written to\n",
+        run.stderr,
+    )
+    assert [file for file in (tmp_path / "own").rglob("*") if file.is_file()] == []
+
+
 def test_machine_code_of_other_sources_is_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     KernelCache(double)._index_in(tmp_path).save("signature", "old")
     monkeypatch.setattr(kernel_cache, "source_stamp", lambda file: "other")

@@ -213,6 +213,17 @@ def test_a_full_disk_leaves_the_old_files(tmp_path: Path, suffix: str) -> None:
     assert os.listdir(tmp_path) == [target.name]
 
 
+def test_a_full_disk_leaves_no_folders(tmp_path: Path) -> None:
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (300, limits[1]))
+    try:
+        with pytest.raises(FileError, match=r"out\.foam: File too large"):
+            agglo.write(tmp_path / "out.foam", samples.boxes(3))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert os.listdir(tmp_path) == []
+
+
 @contextmanager
 def unprivileged() -> Iterator[None]:
     """As a user who may not write everywhere."""
