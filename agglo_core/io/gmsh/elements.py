@@ -105,6 +105,10 @@ def read_nodes(numbers: Numbers) -> tuple[Int, Float]:
     tags, points = [np.empty(0, np.int64)], [np.empty((0, 3))]
     for _ in range(blocks):
         first, second, parametric = numbers.ints(3).tolist()
+        if parametric not in (0, 1):
+            raise FileError(
+                f"$Nodes: a block says {parametric} for whether it has parameters, expected 0 or 1"
+            )
         count = int(numbers.sizes(1)[0])
         width = 3 + parametric * min(max(first if version == "4.1" else second, 0), 3)
         if version == "4.1":

@@ -236,6 +236,7 @@ def test_two_cells_of_other_numbers_on_a_face(tmp_path: Path, caplog: pytest.Log
         (b"5 10 20 50 40", b"5 10 20 50", r"\$Elements ends before|\$Elements: "),
         (b"2 11 3\n", b"2 11 140\n", "elements of Gmsh's type 140 are not supported"),
         (b"2 11 3\n1\n", b"2 11 3\n900000000000\n", r"truncated: \$Elements ends before the last"),
+        (b"2 11 0\n6\n", b"2 11 -1\n6\n", r"\$Nodes: a block says -1 for whether it has parameters"),
         (b"$Nodes\n", b"nodes\n", r"line \d+: expected a section such as \$Nodes"),
     ],
 )
