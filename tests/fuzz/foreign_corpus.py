@@ -22,7 +22,7 @@ import numpy as np
 from fuzz.several import SEVERAL, packed
 
 from agglo_core import read, samples
-from agglo_core.io.foreign import meshlane_read, meshlane_soup
+from agglo_core.io.foreign import meshlane as meshlane_files, meshlane_soup
 
 __all__ = ["FOREIGN", "foreign_files", "without_new_processes"]
 
@@ -101,7 +101,7 @@ def without_new_processes() -> Iterator[None]:
     A process of its own takes half a second to import what it needs.
     """
     several = {name: getattr(subprocess, name) for name in ("DEVNULL", "PIPE", "TimeoutExpired")}
-    with mock.patch.object(meshlane_read, "subprocess", SimpleNamespace(run=_run_copy, **several)):
+    with mock.patch.object(meshlane_files, "subprocess", SimpleNamespace(run=_run_copy, **several)):
         yield
 
 
