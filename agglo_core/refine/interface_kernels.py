@@ -276,7 +276,7 @@ def _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, f
 
 @kernel
 def relax_interface(offsets, indptr, indices, interface, centroids, measures, labels, floor):
-    """Labels ``(n,)`` after sweeps of moves that shorten the interface (paper: adjust partition).
+    """Labels ``(n,)`` after sweeps of moves that shorten the interface L (paper: adjust partition).
 
     Block b has the cells from ``offsets[b]`` to ``offsets[b + 1]``, and no edges to others. No part is
     disconnected or emptied, none falls below ``floor`` times its measure at entry (of two: the smaller

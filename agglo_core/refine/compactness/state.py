@@ -96,8 +96,8 @@ def part_tally(labels, count, centroids, weights, measures, floor):
 def interface_cells(given, parts, tally, block, count):
     """Inertia and interface of each block ``(count, 2)``, and the cells that the first sweep looks at.
 
-    These have 0 in ``due (n,)``, others −1. The block of each part is ``block (k,)``. The inertia is
-    Σ w |x − c|² over the cells, c the centre of their part; the interface S is the length between parts of
+    These have 0 in ``due (n,)``, others −1. The block of each part is ``block (k,)``. The inertia J is
+    Σ w |x − c|² over the cells, c the centre of their part; the interface L is the length between parts of
     one block.
     """
     n, solid, several = len(parts), given.centroids.shape[1] > 2, count > 1
@@ -137,7 +137,7 @@ def listed_cells(state, work, sweep, before, alpha):
             state.gains[before.rows[s, 4], a] += before.gains[s, a]
             before.gains[s, a] = 0.0
     for b in range(len(state.blocks)):
-        # 2. Relative change of the objective I · S^α to first order, dI / I + α dS / S: a block goes on
+        # 2. Relative change of the objective J · L^α to first order, dJ / J + α dL / L: a block goes on
         #    while that falls enough.
         inertia, interface = state.blocks[b, 0], state.blocks[b, 1]
         # a block without inertia or interface is done: there nothing is a number

@@ -197,7 +197,7 @@ def _read_ahead(given, state, work, first, last):
 def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, reach, corners):
     """Look once at each cell that is due in the slices from ``start`` to ``stop``; return how many moved.
 
-    Moves lower I · S^α, inertia times interface to the power ``alpha``, linearised about the ``blocks`` at
+    Moves lower J · L^α, inertia times interface to the power ``alpha``, linearised about the ``blocks`` at
     the start of the sweep. The gains of a slice become what its moves added to inertia and interface. In a
     part, cells are taken by their places, so that their numbering does not matter.
     """
@@ -209,7 +209,7 @@ def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, r
         begin, end = slices.rows[s, 2], slices.rows[s, 3]
         if not state.going[b]:
             continue
-        # 1. d(I · S^α) is proportional to dI + price dS, with the price α I / S of the block.
+        # 1. d(J · L^α) is proportional to dJ + price dL, with the price α J / L of the block.
         price = alpha * (state.blocks[b, 0] / state.blocks[b, 1])
         for r in range(lo, hi):
             # 2. The cells of a part that are due. Of many cells, what is read for the next ones of the list
