@@ -43,9 +43,10 @@ _WIDEST = 0.47
 
 @helper
 def _score(width, radius, centred, how, penalty):
-    """Score of a part; ``how`` is (size h, evenness, weights of the ratios of both circles).
+    """Score of a part with its circles.
 
-    The circles are the largest one inside and the largest one about the centroid.
+    ``how`` is (size h, evenness, weights of the ratios of both circles). The circles are the largest one
+    inside and the largest one about the centroid.
     """
     size, even, round_, central = how
     excess = width / size - 1.0
@@ -155,7 +156,7 @@ def _tried(i, p, q, least, how, penalty, cells, parts, edges, circles, work, sta
 
 @kernel(allocates=False)
 def anneal_circles(cells, edges, parts, circles, work, shares, start, stop, how, rounds, seed, stamp):
-    """Draw and move cells as ``anneal`` does, with the scores of circles; return how many moved."""
+    """Draw and move cells as ``anneal`` does, with the scores of circles, and return how many moved."""
     moved, most = 0, most_draws(rounds)
     for s in range(start, stop):
         state, count = share_seed(seed, s), shares.starts[s + 1] - shares.starts[s]

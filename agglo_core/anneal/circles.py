@@ -26,7 +26,7 @@ _APART = 0.02
 
 
 class Circles(NamedTuple):
-    """Circles of the parts ``(k, 6)``; a work array ``(5, e + 1)`` for the edges around one."""
+    """Circles of the parts ``(k, 6)``, and a work array ``(5, e + 1)`` for the edges around one."""
 
     rings: Any
     room: Any
@@ -34,7 +34,7 @@ class Circles(NamedTuple):
 
 @helper
 def outline(p, parts, edges, circles):
-    """Write the edges around part p to the columns of the work array; return how many there are."""
+    """Write the edges around part p to the columns of the work array and return how many there are."""
     m, i, room = np.int64(0), parts.first[p], circles.room
     while i >= 0:
         c = np.uint64(i)

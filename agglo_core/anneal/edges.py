@@ -12,7 +12,11 @@ from agglo_core.compiled.compiling import helper, kernel
 
 
 class Edges(NamedTuple):
-    """Edges of each cell (CSR): the cell beyond or −1; a corner, a vector and 1/length², ``(e, 5)``."""
+    """Edges of each cell as a CSR.
+
+    ``beside (e,)`` is the cell beyond or −1; ``lines (e, 5)`` are a corner (two columns), the vector from
+    there to the other one (two), and 1/length², or 0.
+    """
 
     offsets: Any
     beside: Any
@@ -21,7 +25,7 @@ class Edges(NamedTuple):
 
 @helper
 def _shared_ends(i, j, cells):
-    """Find the two vertices shared by cells i and j that are farthest apart; −1 if they share fewer."""
+    """Find the two vertices shared by cells i and j that are farthest apart, or −1 twice."""
     one, other, most = np.int32(-1), np.int32(-1), 0.0
     begin, end = cells.offsets[j], cells.offsets[j + 1]
     # Every pair u, v of vertices of cell i, v listed before u, of which both are vertices of cell j.
@@ -43,7 +47,7 @@ def _shared_ends(i, j, cells):
 
 @helper
 def _write_line(row, u, v, points, lines):
-    """Write the edge between two vertices; returns its length."""
+    """Write the edge between two vertices and return its length."""
     x, y = points[v, 0] - points[u, 0], points[v, 1] - points[u, 1]
     square = x * x + y * y
     lines[row, 0], lines[row, 1], lines[row, 2], lines[row, 3] = points[u, 0], points[u, 1], x, y

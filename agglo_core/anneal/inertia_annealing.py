@@ -28,7 +28,7 @@ from agglo_core.anneal.widths import joined_width, left_width, widest
 from agglo_core.compiled.compiling import ONE, helper, kernel
 
 SIZE, CENTRE, _COLUMNS = 1, 4, 7
-"""Columns of size and centre of a part; the weight is in that of the measure."""
+"""Columns of size and centre of a part, and their number; the weight is in that of the measure."""
 
 
 class Pursuit(NamedTuple):
@@ -107,7 +107,10 @@ def _take(i, p, sign, cells, parts, weights, sizes):
 
 @helper
 def _moved(i, p, q, cells, parts, work, pursuit, stamp):
-    """Move cell i from part p to q if p stays connected and q no wider than the limit; return if it moved."""
+    """Move cell i from part p to q if p stays connected and q no wider than the limit.
+
+    Returns whether it moved.
+    """
     limited = pursuit.limit < np.inf
     joined = (0.0, np.int32(-1), np.int32(-1))
     # 1. A part that was too wide before may stay so, but not grow.
@@ -131,9 +134,9 @@ def _moved(i, p, q, cells, parts, work, pursuit, stamp):
 
 @kernel(allocates=False)
 def anneal_inertia(cells, parts, work, shares, start, stop, pursuit, rounds, seed, stamp):
-    """Draw cells of the shares ``start`` to ``stop`` − 1; each goes to a random neighbour's part, if it may.
+    """Draw cells of the shares ``start`` to ``stop`` − 1 and move them to neighbours' parts, if they may.
 
-    It may if what is pursued does not grow by more than Metropolis' rule allows. No part is emptied or
+    A cell may move if the objective does not grow by more than Metropolis' rule allows. No part is emptied or
     disconnected; none becomes wider than the limit, or than it was. Penalties are for sizes beyond their
     bounds. The rest is as in ``anneal``.
     """
@@ -156,7 +159,7 @@ def anneal_inertia(cells, parts, work, shares, start, stop, pursuit, rounds, see
 
 @kernel
 def solver_state(cells, weights, sizes, labels, count, limited):
-    """State of the parts ``0..count−1``: sums and, if ``limited``, widths and lists; and work arrays."""
+    """State of the parts ``0..count−1``, with widths and lists if ``limited``, and work arrays."""
     n, m = len(labels), (len(labels) if limited else 0)
     own, tally, ends = np.empty(n, np.int32), np.zeros((count, _COLUMNS)), np.full((count, 2), -1, np.int32)
     first, after, before = np.full(count, -1, np.int32), np.empty(m, np.int32), np.full(m, -1, np.int32)

@@ -30,7 +30,10 @@ from agglo_core.compiled.compiling import ONE, helper, kernel
 
 @helper
 def _score(width, measure, surface, how, penalty):
-    """Score of a part; ``how`` is (size h, evenness, roundness, ratio of a part of unit sums)."""
+    """Score of a part.
+
+    ``how`` is (size h, evenness, roundness, ratio of a part of unit sums).
+    """
     size, even, round_, unit = how
     room, excess = surface * width, width / size - 1.0
     ratio = min(unit * measure / room, 1.0) if room > 0.0 else 0.0
@@ -96,7 +99,7 @@ def _tried(i, p, q, least, how, penalty, cells, parts, work, stamp):
 
 @kernel(allocates=False)
 def anneal(cells, parts, work, shares, start, stop, how, rounds, seed, stamp):
-    """Draw cells of the shares ``start`` to ``stop`` − 1; each goes to a random neighbour's part, if it may.
+    """Draw cells of the shares ``start`` to ``stop`` − 1 and move them to neighbours' parts, if they may.
 
     ``rounds (3, R)`` are temperatures, penalties, and draws for each cell. No part is emptied or
     disconnected. Returns how many cells moved. Numbers from ``stamp`` on mark searches, for each cell one for

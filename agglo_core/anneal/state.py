@@ -17,7 +17,12 @@ MEASURE, SURFACE, DIAMETER, COUNT = 0, 1, 2, 3
 
 
 class Cells(NamedTuple):
-    """Graph of the cells, their geometry, the vertices of each, and the cells that meet at each vertex."""
+    """Graph of the cells, their geometry, the vertices of each, and the cells that meet at each vertex.
+
+    ``surfaces (n,)`` are the measures of all faces of a cell, ``radii (n,)`` the largest distances of
+    vertices from its centroid, ``spans (n,)`` its diameter. Vertices of cells and cells at vertices are CSRs:
+    ``offsets``, ``vertices`` and ``meeting_offsets``, ``meeting``.
+    """
 
     indptr: Any
     indices: Any
@@ -35,7 +40,11 @@ class Cells(NamedTuple):
 
 
 class Parts(NamedTuple):
-    """Part of each cell; sums and the two vertices farthest apart of each part; its cells as a list."""
+    """Part of each cell, and sums, ends and lists of the parts.
+
+    ``tally (k, 4)`` has the columns named above, ``ends (k, 2)`` the two vertices farthest apart. The cells
+    of a part are a list: the ``first (k,)``, and the ones ``after`` and ``before`` each ``(n,)``; −1 ends it.
+    """
 
     labels: Any
     tally: Any
@@ -57,9 +66,9 @@ class Work(NamedTuple):
 
 @helper
 def may_leave(i, p, q, cells, parts, work, stamp):
-    """Give cell i the label q if part p stays connected near it without it; return whether that is so.
+    """Give cell i the label q if part p stays connected near it without it.
 
-    Sums and lists stay as they are.
+    Returns whether that is so. Sums and lists stay as they are.
     """
     filled, i = np.uint64(0), np.uint64(i)
     # 1. Neighbours in part p. None: p consists of this cell, or is not connected anyhow.
@@ -140,9 +149,10 @@ def share_seed(seed, s):
 
 @helper
 def drawn_move(state, s, shares, cells, parts):
-    """Draw a cell of share s and one of its neighbours; return the cell and the parts of both.
+    """Draw a cell of share s and one of its neighbours.
 
-    The part of the cell is returned twice if it cannot move.
+    Returns the next state of the generator, the cell, and the parts of both. The part of the cell is returned
+    twice if it cannot move.
     """
     state, bits = _random(state)
     # 1. The upper 32 bits, times the number of cells over 2³², choose the cell.

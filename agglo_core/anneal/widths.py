@@ -28,7 +28,10 @@ def _apart(i, j, centroids):
 
 @helper
 def _listed_vertices(p, cells, parts, work, stamp):
-    """List the vertices of part p, each once; return how many, the middle of their box, its widest side."""
+    """List the vertices of part p, each once.
+
+    Returns how many, the middle of their bounding box, and its widest side.
+    """
     m, last = np.int64(0), cells.points.shape[1] - 1
     x0, x1, y0, y1, z0, z1 = np.inf, -np.inf, np.inf, -np.inf, np.inf, -np.inf
     i = parts.first[p]
@@ -135,9 +138,9 @@ def left_width(p, cells, parts, work, stamp):
 
 @kernel
 def cell_surroundings(indptr, interface, boundary, centroids, offsets, vertices, points):
-    """Measure of the faces of each cell, radius about its centroid, diameter; cells at each vertex (CSR).
+    """Measure of the faces, radius and diameter of each cell, and the cells at each vertex (CSR).
 
-    The radius is the largest distance of a vertex from the centroid.
+    The radius is the largest distance of a vertex from the centroid. The CSR is its offsets, then the cells.
     """
     n, solid = len(boundary), points.shape[1] > 2
     surfaces, radii, spans = np.empty(n), np.zeros(n), np.zeros(n)

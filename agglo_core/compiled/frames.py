@@ -101,10 +101,11 @@ def compactness(n):
 
 @helper
 def centre_block(start, n, centroids, weights, measures, local, shares):
-    """Fill positions about the centre of mass, and shares; return 1 / section, inertia and its weight.
+    """Fill positions about the centre of mass, and shares.
 
-    ``local (3, n)`` and ``shares (n,)`` are those of the cells ``start`` to ``start + n − 1``; the shares of
-    weights add up to 1. The section is that of a square or cube of the measure of the block.
+    Returns 1 / section, inertia, and its weight. ``local (3, n)`` and ``shares (n,)`` are those of the cells
+    ``start`` to ``start + n − 1``; the shares of weights add up to 1. The section is that of a square or cube
+    of the measure of the block.
 
     Examples
     --------
@@ -133,7 +134,7 @@ def centre_block(start, n, centroids, weights, measures, local, shares):
 
 @helper(reorder_sums=True)
 def _centre(n, column, shares):
-    """Make the mean of a column 0; return its variance."""
+    """Make the mean of a column 0 and return its variance."""
     mean, variance = 0.0, 0.0
     for i in range(n):
         mean += shares[i] * column[i]
@@ -145,9 +146,10 @@ def _centre(n, column, shares):
 
 @helper
 def centre_points(n, d, local, shares, total, measure):
-    """Centre the positions ``local (3, n)``, of d rows, and make shares of the weights; see ``centre_block``.
+    """Centre the positions ``local (3, n)``, of d rows, and make shares of the weights.
 
-    ``total`` is the sum of the weights, ``measure`` that of the measures.
+    Results are those of ``centre_block``. ``total`` is the sum of the weights, ``measure`` that of the
+    measures.
     """
     for i in range(n):
         shares[i] = shares[i] / total if total > 0.0 else 1.0 / n

@@ -13,7 +13,7 @@ MANY = 64
 
 @helper
 def distinct_vertices(b, cells, vertex_offsets, vertices, points, stamp, unique, centre):
-    """Write the vertices of ``cells``, each once, to ``unique``; return how many.
+    """Write the vertices of ``cells``, each once, to ``unique`` and return how many.
 
     ``stamp`` marks the vertices met, with b, which it must not hold before. The ``centre`` of their box is
     written, too, unless they are few.
@@ -151,7 +151,7 @@ def _cell_diameter(i, vertex_offsets, vertices, points):
 
 @kernel
 def block_diameters(block_offsets, cells, vertex_offsets, vertices, points):
-    """Exact largest vertex distance of each block; block b owns ``cells[offsets[b]:offsets[b + 1]]``."""
+    """Exact largest vertex distance of each block b, with ``cells[offsets[b]:offsets[b + 1]]``."""
     result = np.zeros(len(block_offsets) - 1)
     stamp = np.full(len(points), -1, np.int64)
     unique, centre = np.empty(len(points), np.int64), np.empty(points.shape[1])

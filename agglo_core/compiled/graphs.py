@@ -43,10 +43,11 @@ def dual_graph(offsets, faces, face_cells, face_measures):
 
 @kernel
 def permute_graph(indptr, indices, interface, order, offsets, new_indptr, new_indices, new_interface):
-    """Write the CSR of the nodes ``order``, in that order; block b of it is ``offsets[b]:offsets[b + 1]``.
+    """Write the CSR of the nodes ``order``, in that order.
 
-    Edges between blocks, and to nodes left out, are dropped. Returns how many stay, −1 if as many nodes are
-    given as there are, and one twice; else there must be room for all edges of these nodes.
+    Block b of it is ``offsets[b]:offsets[b + 1]``. Edges between blocks, and to nodes left out, are dropped.
+    Returns how many stay, −1 if as many nodes are given as there are, and one twice; else there must be room
+    for all edges of these nodes.
     """
     n, missing, m = len(indptr) - 1, 0, np.uint64(0)
     position = np.full(n, -1, np.int32)
@@ -128,7 +129,7 @@ def listed_blocks(labels, chosen, count):
 
 @kernel
 def numbered_as_met(values, count):
-    """Values below ``count`` renumbered as they first occur; and the old ones in that order."""
+    """Values below ``count`` renumbered as they first occur, and the old ones in that order."""
     number, order = np.full(count, -1, np.int32), np.empty(count + 1, np.int64)
     renumbered, met = np.empty(len(values), np.int32), np.uint64(0)
     for h in range(len(values)):
@@ -143,7 +144,7 @@ def numbered_as_met(values, count):
 
 @kernel
 def child_order(offsets, sides):
-    """Nodes with side 0 before side 1 in each block, order kept; and the offsets of the children."""
+    """Nodes with side 0 before side 1 in each block, order kept, and the offsets of the children."""
     order = np.empty(len(sides), np.int64)
     children = np.empty(2 * len(offsets) - 1, np.int64)
     for b in range(len(offsets) - 1):
@@ -164,9 +165,10 @@ def child_order(offsets, sides):
 
 @helper
 def flood(seed, indptr, indices, waiting, nodes, filled):
-    """List the nodes that ``seed`` reaches through nodes of its label; return how many are listed then.
+    """List the nodes that ``seed`` reaches through nodes of its label.
 
-    ``waiting`` holds labels, −1 once a node is listed. The first ``filled`` of ``nodes (n + 1,)`` are in use.
+    Returns how many are listed then. ``waiting`` holds labels, −1 once a node is listed. The first ``filled``
+    of ``nodes (n + 1,)`` are in use.
     """
     own, done, last = waiting[seed], np.uint64(filled), np.uint64(filled)
     waiting[seed], nodes[last] = -1, seed
@@ -205,7 +207,10 @@ def components(indptr, indices, labels):
 
 @kernel
 def broken_blocks(offsets, indptr, indices, labels):
-    """Mark the blocks ``(B,)`` with a part that is not connected; there are no edges between blocks."""
+    """Mark the blocks ``(B,)`` with a part that is not connected.
+
+    There are no edges between blocks.
+    """
     n, highest = len(labels), -1
     waiting, nodes = np.empty(n, np.int32), np.empty(n + 1, np.int32)
     for i in range(n):  # labels.max() compiles for half a second

@@ -62,11 +62,11 @@ def _meets_earlier(x, indptr, indices, labels, marks, queue, left):
 
 @kernel
 def lone_cells(start, stop, indptr, indices, labels, count, lone, marks, queue):
-    """List the cells start..stop − 1 not connected with one of their label before them; return how many.
+    """List the cells start..stop − 1 that are not connected with one of their label before them.
 
-    Listed are also those that are the first there of one of the ``count`` labels, and those of which it is
-    not known, as the searches had read as many edges as there are. ``marks (n,)`` are zeros at first, and
-    ``queue`` has room for n + 1.
+    Returns how many. Listed are also those that are the first there of one of the ``count`` labels, and those
+    of which it is not known, as the searches had read as many edges as there are. ``marks (n,)`` are zeros at
+    first, and ``queue`` has room for n + 1.
     """
     left, kept, seen = len(indices), np.uint64(0), np.zeros(count, np.bool_)
     for first in range(start, stop, _TOGETHER):
@@ -95,10 +95,10 @@ def lone_cells(start, stop, indptr, indices, labels, count, lone, marks, queue):
 
 @helper
 def _found_apart(lone, indptr, indices, labels, asked, seen, broken, marks, queue):
-    """Mark the parts ``asked`` with a second cell that may not be connected; return whether any is.
+    """Mark the parts ``asked`` with a second cell that may not be connected.
 
-    A cell may be listed only because it was the first of its part in a range of cells: those before it were
-    in another call of :func:`lone_cells`.
+    Returns whether there are any. A cell may be listed only because it was the first of its part in a range
+    of cells: those before it were in another call of :func:`lone_cells`.
     """
     left, doubtful = len(indices), False
     seen[:] = False
@@ -119,9 +119,10 @@ def _found_apart(lone, indptr, indices, labels, asked, seen, broken, marks, queu
 
 @kernel
 def broken_parts(lone, indptr, indices, labels, asked):
-    """Mark the parts ``asked (k,)`` that are not connected; ``lone`` are all cells listed by ``lone_cells``.
+    """Mark the parts ``asked (k,)`` that are not connected.
 
-    Searches decide for most parts. Only those left in doubt are flooded: nearly always none.
+    ``lone`` are all cells listed by ``lone_cells``. Searches decide for most parts. Only those left in doubt
+    are flooded: nearly always none.
     """
     n, doubtful = len(labels), False
     seen, broken = np.zeros(len(asked), np.bool_), np.zeros(len(asked), np.bool_)

@@ -76,7 +76,7 @@ def _sift_down(heap, keys, place, at, size):
 
 @helper
 def put_in(heap, keys, place, size, cell, key):
-    """Put a cell in the heap, or give it another key; return the size."""
+    """Put a cell in the heap, or give it another key, and return the size."""
     at = np.int64(place[cell])
     if at < 0:
         at, size = size, size + 1
@@ -91,7 +91,7 @@ def put_in(heap, keys, place, size, cell, key):
 
 @helper
 def take_out(heap, keys, place, size):
-    """Take the cell of the largest key out of the heap; return it and the size."""
+    """Pop the cell of the largest key and return it and the size."""
     cell, size = heap[0], size - 1
     place[cell] = -1
     if size > 0:

@@ -26,7 +26,7 @@ def edge_room(offsets, indptr):
 
 @helper
 def edges_of_block(start, n, indptr, indices, interface, room):
-    """Write each edge of a block once, its ends numbered within the block; return how many."""
+    """Write each edge of a block once, its ends numbered within the block, and return how many."""
     tails, heads, lengths = room
     count = 0
     for i in range(n):
@@ -39,9 +39,9 @@ def edges_of_block(start, n, indptr, indices, interface, room):
 
 @helper
 def thresholds_between(low, high, spread):
-    """Lowest threshold and thresholds per unit of scores of mean 0; 0 per unit if they are all alike.
+    """Lowest threshold and thresholds per unit of scores of mean 0.
 
-    ``spread`` is their standard deviation.
+    ``spread`` is their standard deviation. There are 0 per unit if they are all alike.
     """
     size, reach = max(abs(low), abs(high)), _CLIP * spread
     low, high = max(low, -reach), min(high, reach)
@@ -134,7 +134,7 @@ def write_sides(start, n, found, score, bins, sides):
 
 @helper(reorder_sums=True)
 def _project(n, a, b, x, y, score):
-    """Fill ``score = a x + b y``; return its extremes."""
+    """Fill ``score = a x + b y`` and return its extremes."""
     low, high = a * x[0] + b * y[0], a * x[0] + b * y[0]
     for i in range(n):
         score[i] = a * x[i] + b * y[i]
@@ -193,14 +193,14 @@ def axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally
 
 @helper
 def bar_of(found):
-    """Score above which cells lie on the right of the best threshold; infinite if there is none."""
+    """Score above which cells lie on the right of the best threshold, infinite if there is none."""
     best, last, low, rate = found
     return low + (last + 1.0 + _TIE) / rate if best < NO_CUT else np.inf
 
 
 @helper
 def _centred(start, n, column, shares, score):
-    """Fill ``score`` with the column less its mean; return its extremes and standard deviation."""
+    """Fill ``score`` with the column less its mean and return its extremes and standard deviation."""
     low, high, mean, square = column[start], column[start], 0.0, 0.0
     for i in range(n):
         low, high = min(low, column[start + i]), max(high, column[start + i])

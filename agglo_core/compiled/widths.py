@@ -12,7 +12,7 @@ _ROUNDING = 1e-12  # of a squared distance, with room
 
 @helper
 def _square(v, x, y, z, points):
-    """Square of the distance of vertex v from a point; in the plane z is not looked at."""
+    """Square of the distance of vertex v from a point, in the plane without z."""
     last = points.shape[1] - 1
     a, b, c = points[v, 0] - x, points[v, 1] - y, (last - 1.0) * (points[v, last] - z)
     return a * a + b * b + c * c  # a loop over two or three takes twice the time
@@ -20,7 +20,7 @@ def _square(v, x, y, z, points):
 
 @helper
 def _outside(cells, vertex_offsets, vertices, points, centre, inner, found):
-    """Write the vertices whose squared distance to the centre is at least ``inner``; return how many."""
+    """Write the vertices whose squared distance to the centre is at least ``inner``, and return how many."""
     x, y, z, m = centre[0], centre[1], centre[len(centre) - 1], np.uint64(0)
     for k in range(len(cells)):
         i = np.uint64(cells[k])

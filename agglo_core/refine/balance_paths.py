@@ -147,7 +147,7 @@ def _shift(graph, weights, parts, home, target, amount, moved, done, work, stamp
 
 @helper
 def _way(graph, parts, bounds, start, sign, barred, work):
-    """Find the part nearest to ``start`` whose size is on the other side of the mean; −1 if there is none.
+    """Find the part nearest to ``start`` whose size is on the other side of the mean, or −1.
 
     A search in breadth over the parts of the block. ``came`` has the part before each part of the way. It
     does not go from one part to the next where the pair is ``barred``: a count in row 0, pairs after it.
@@ -193,7 +193,7 @@ def _unevenness(parts, way, length, mean):
 
 @helper
 def _hand_on(graph, weights, parts, mean, length, sign, barred, work, stamp):
-    """Hand cells on along the way in the queue; all stays as it was unless sizes come nearer to the mean.
+    """Hand cells on along the way in the queue, unless that brings sizes no nearer to the mean.
 
     The way has ``length`` parts, from that looked at (``sign`` 1: too large, −1: too small). Returns whether
     cells were handed on, and the last stamp.
@@ -228,9 +228,9 @@ def _hand_on(graph, weights, parts, mean, length, sign, barred, work, stamp):
 
 @helper
 def _traded(graph, weights, parts, bounds, p, sign, work, stamp):
-    """Hand cells on from part p (sign 1), or to it (−1), by one of several ways; return whether one served.
+    """Hand cells on from part p (sign 1), or to it (−1), by one of several ways.
 
-    Returns the last stamp, too.
+    Returns whether one served, and the last stamp.
     """
     queue, came, barred = work[0], work[1], work[5]
     barred[0, 0] = 0

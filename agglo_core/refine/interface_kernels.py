@@ -101,7 +101,7 @@ def sort_by_key(items, keys, m):
 
 @helper
 def _part_sums(start, stop, centroids, measures, tally, moments):
-    """Sum measure, cell count and first moment of each part of a block; return its highest label + 1."""
+    """Sum measure, cell count and first moment by part of a block, and return its highest label + 1."""
     parts, part_measures, part_cells = tally
     present = 0
     for i in range(start, stop):
@@ -169,7 +169,7 @@ def _leave(graph, measures, tally, floors, i, target, search, stamp):
 
 @helper
 def _paying(graph, parts, cells, m, pairs, lengths, axis, centroids, keys, chosen):
-    """Write to ``chosen`` the cells of ``cells[:m]`` worth moving, along ``axis``; return how many."""
+    """Write to ``chosen`` the cells of ``cells[:m]`` worth moving, along ``axis``, and return how many."""
     found = 0
     for c in range(m):
         i = cells[c]
@@ -185,7 +185,7 @@ def _paying(graph, parts, cells, m, pairs, lengths, axis, centroids, keys, chose
 
 @helper
 def _add_new(graph, i, cells, m, seen, stamp):
-    """Append the neighbours of cell i not seen under ``stamp`` to ``cells[:m]``; return the new length."""
+    """Append the neighbours of cell i not seen under ``stamp`` to ``cells[:m]`` and return the new length."""
     indptr, indices, _ = graph
     for h in range(indptr[i], indptr[i + 1]):
         j = indices[h]

@@ -21,10 +21,10 @@ _NONE = np.int64(-1)
 
 @helper
 def _best_move(graph, parts, sizes, bounds, share, i):
-    """Find the target part of cell i that gains most with sizes in their bounds, or −1; and the gain.
+    """Find the target part of cell i that gains most with sizes in their bounds, or −1.
 
-    The gain is the length of the interface with the target less that with its own part; it may be negative.
-    ``share (k,)`` is a work array of zeros.
+    Returns the gain, too: it is the length of the interface with the target less that with its own part; it
+    may be negative. ``share (k,)`` is a work array of zeros.
     """
     indptr, indices, lengths, weights = graph
     block, least, most = bounds
@@ -58,9 +58,10 @@ def _move(weights, parts, sizes, cells, i, target):
 
 @helper
 def _search(graph, parts, sizes, cells, bounds, seed, patience, work, stamp):
-    """Search from one cell; return how many moves were kept, and the last stamp used.
+    """Search from one cell, keeping the best beginning of its moves.
 
-    The cells moved are in ``done``, in turn. The search ends ``patience`` moves after the best beginning.
+    Returns how many moves were kept, and the last stamp used. The cells moved are in ``done``, in turn. The
+    search ends ``patience`` moves after the best beginning.
     """
     indptr, indices, lengths, weights = graph
     heap, keys, place, moved, came_from, done, share, rings = work

@@ -29,7 +29,7 @@ def _before(one, other, value, beside, places):
 
 @helper(allocates=True)
 def keepers(part_of, sizes, places, n_parts):
-    """Component that each part keeps ``(n_parts,)``: its largest, of equal ones the foremost; −1 if none.
+    """Component that each part keeps ``(n_parts,)``: its largest, of equal ones the foremost, or −1.
 
     ``part_of``, ``sizes`` and ``places`` (lengths of order 1) are those of the components.
     """
@@ -140,7 +140,10 @@ def _places(cells, centroids, nodes, offsets):
 
 @helper(allocates=True)
 def _piece(cells, indptr, indices, interface, local):
-    """CSR of the piece ``cells``, ascending and numbered in that order; ``local (n,)`` is a work array."""
+    """CSR of the piece ``cells``, which are ascending and numbered in that order.
+
+    ``local (n,)`` is a work array.
+    """
     m, count = len(cells), 0
     for i in range(m):
         local[cells[i]] = i
@@ -206,7 +209,10 @@ def mend_sides(pieces, cells, tag, indptr, indices, interface, centroids, measur
 
 @kernel
 def mend_blocks(offsets, indptr, indices, interface, centroids, measures, labels, parts):
-    """Labels ``(n,)``, in 0..parts−1, with every part of every block connected; −1 where none is reached."""
+    """Labels ``(n,)`` with every part of every block connected.
+
+    They are 0..parts−1, and −1 where no part is reached.
+    """
     mended, local = np.empty(len(labels), np.int64), np.zeros(len(labels), np.int32)
     for b in range(len(offsets) - 1):
         start, stop = offsets[b], offsets[b + 1]

@@ -85,7 +85,7 @@ def _union_fits(a, b, following, shapes, space, stamp, limit):
 
 @helper
 def _partner(c, lists, outline, owner, following, shapes, space, stamps, limit):
-    """Find the neighbour in its block with which part c makes the roundest union that fits; −1 if none does.
+    """Find the neighbour in its block with which part c makes the roundest union that fits, or −1.
 
     Of equally round ones that of the larger numbers counts: of the smaller part, then of the larger one.
     This order is total, and both parts of a union see it alike.

@@ -32,7 +32,7 @@ def _block_centres(block, count, tally):
 
 @kernel
 def part_places(block, count, tally):
-    """Axes of the blocks ``(count, 3)``; place ``(k,)`` of each part's centre along that of its block.
+    """Axes of the blocks ``(count, 3)``, and places ``(k,)`` of the parts' centres along them.
 
     An axis is the third moment Σ m |r|² r of the centres of the parts about that of the block. It turns with
     the block, and does not vanish unless there is symmetry: then it is a fixed direction.

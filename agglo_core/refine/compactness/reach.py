@@ -16,9 +16,11 @@ _WALKS = 16  # walks over the cells of a part before its extents are found: few 
 
 
 class Corners(NamedTuple):
-    """Vertices per cell (CSR), points; centroids, and how far vertices are from these; directions.
+    """Vertices of the cells, and directions of extents.
 
-    At last, the cosine of the largest angle that any direction makes with the next.
+    ``offsets (n + 1,)`` and ``vertices`` are a CSR of cells, ``points (V, d)`` the vertices; ``radii (n,)``
+    are the largest distances of vertices from the ``centroids (n, d)``. ``directions (D, d)`` are unit
+    vectors, and ``cosine`` is that of the largest angle that any direction makes with the nearest of them.
     """
 
     offsets: Any
@@ -31,9 +33,12 @@ class Corners(NamedTuple):
 
 
 class Reach(NamedTuple):
-    """Of each part: its cells as a list, the cell that was too far last, cells looked at, extents if known.
+    """Lists and extents of the parts.
 
-    ``extents (k, D, 2)`` are the least and the largest place along each direction, ``ends`` the cells where.
+    The cells of a part are a list: the ``first (k,)``, and the ones ``after`` and ``before`` each ``(n,)``.
+    ``far (k,)`` is the cell that was too far last, ``looks (k,)`` counts cells looked at, negative once the
+    extents are known: ``extents (k, D, 2)`` are the least and the largest place along each direction,
+    ``ends (k, D, 2)`` the cells that reach them.
     """
 
     first: Any
@@ -47,7 +52,7 @@ class Reach(NamedTuple):
 
 @kernel
 def part_lists(parts, k):
-    """Cells of each part as a list: the first of each part, the next and the previous one of each cell."""
+    """Lists of the cells of each part: the first ``(k,)``, and the next and previous one of each ``(n,)``."""
     n = len(parts)
     first, after, before = np.full(k, -1, np.int32), np.empty(n, np.int32), np.empty(n, np.int32)
     for i in range(n - 1, -1, -1):
@@ -123,7 +128,10 @@ def _include(i, p, reach, corners):
 
 @helper
 def _find_extents(p, reach, corners):
-    """Find the extents of part p once its cells were walked several times; ``looks`` is then negative."""
+    """Find the extents of part p once its cells were walked several times.
+
+    ``looks`` is negative from then on.
+    """
     if reach.looks[p] < 0:
         return
     # Worth it? ``looks`` counts the cells looked at so far, compared here with those of the part.

@@ -22,7 +22,11 @@ MASS, CENTRE, CELLS, ROOM, FLOOR = 0, 1, 4, 5, 6
 
 
 class Cells(NamedTuple):
-    """Graph of the cells; centroid, weight and measure of each; an axis of each block."""
+    """Graph of the cells with their geometry, and axes of the blocks.
+
+    The graph is a CSR with the ``interface`` of each edge; ``centroids (n, d)``, ``weights (n,)`` and
+    ``measures (n,)`` belong to cells, ``axes (B, 3)`` to blocks.
+    """
 
     indptr: Any
     indices: Any
@@ -34,7 +38,13 @@ class Cells(NamedTuple):
 
 
 class State(NamedTuple):
-    """What changes in a sweep: of cells, parts, and blocks."""
+    """Arrays that change in sweeps, of cells, parts and blocks.
+
+    Of cells: their ``parts (n,)``, the sweep in which each is ``due (n,)`` or −1, ``marks (n, 2)`` of
+    searches, and those ``listed (n,)`` for a sweep. Of parts: the sums ``tally (k, 8)``, and where the cells
+    of each begin in the list, ``first (k + 1,)``. Of blocks: inertia and interface, ``blocks (B, 2)``, what
+    the last sweep added to them, ``gains (B, 2)``, and whether there is anything left to do, ``going (B,)``.
+    """
 
     parts: Any
     tally: Any
@@ -48,7 +58,11 @@ class State(NamedTuple):
 
 
 class Slices(NamedTuple):
-    """Parts and block of each ``(S, 5)``: see ``slices``; what moves in each gained ``(S, 2)``."""
+    """Slices of a sweep.
+
+    ``rows (S, 5)`` are the first part and the last plus 1, those of the block, and the block: see ``slices``.
+    ``gains (S, 2)`` are what moves in each added to inertia and interface.
+    """
 
     rows: Any
     gains: Any
@@ -126,10 +140,11 @@ def interface_cells(given, parts, tally, block, count):
 
 @kernel(allocates=False)
 def listed_cells(state, work, sweep, before, alpha):
-    """List the cells due in this sweep, part by part; return how many.
+    """List the cells due in this sweep, part by part.
 
-    Those of part p begin at ``first[p]``, so that the cells of a slice are a range of the list. Gains of the
-    last sweep, over the slices ``before``, go into ``blocks``; blocks that gained little are done.
+    Returns how many. Those of part p begin at ``first[p]``, so that the cells of a slice are a range of the
+    list. Gains of the last sweep, over the slices ``before``, go into ``blocks``; blocks that gained little
+    are done.
     """
     # 1. Gains of the slices are summed by block, and cleared.
     for s in range(len(before.rows)):

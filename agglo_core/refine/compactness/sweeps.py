@@ -97,7 +97,7 @@ def _best_move(given, state, bounds, price, i, work):
 
 @helper
 def _leaves_whole(given, state, i, target, work, stamp):
-    """Move cell i to ``target`` if its part stays connected near it without it; return whether it moved.
+    """Move cell i to ``target`` if its part stays connected near it, and return whether it moved.
 
     What other threads read of the cell meanwhile is one part of the slice or another.
     """
@@ -195,11 +195,12 @@ def _read_ahead(given, state, work, first, last):
 
 @kernel(allocates=False)
 def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, reach, corners):
-    """Look once at each cell that is due in the slices from ``start`` to ``stop``; return how many moved.
+    """Look once at each cell that is due in the slices from ``start`` to ``stop``.
 
-    Moves lower J · L^α, inertia times interface to the power ``alpha``, linearised about the ``blocks`` at
-    the start of the sweep. The gains of a slice become what its moves added to inertia and interface. In a
-    part, cells are taken by their places, so that their numbering does not matter.
+    Returns how many moved. Moves lower J · L^α, inertia times interface to the power ``alpha``, linearised
+    about the ``blocks`` at the start of the sweep. The gains of a slice become what its moves added to
+    inertia and interface. In a part, cells are taken by their places, so that their numbering does not
+    matter.
     """
     n = np.int64(len(state.parts))
     stamp, moved, ahead = sweep * (n + 1), np.int64(0), np.int64(0)
