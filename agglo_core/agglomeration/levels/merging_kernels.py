@@ -199,8 +199,7 @@ def merged_parts(indptr, indices, interface, boundary, owner, vertex_offsets, ve
                 grown[a] = grown[b] = now + 1
                 pairs[merging] = a
                 merging += 1
-        # 6. Pairs merge: lists, chains of members, boxes. Space left by old lists is won back where there is
-        #    none.
+        # 6. Pairs merge: lists, chains of members, boxes. Space of old lists is won back once all is used.
         now += 1
         for q in range(merging):
             a = pairs[q]
