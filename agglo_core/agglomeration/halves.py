@@ -10,12 +10,12 @@ from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.compiled.graphs import flood
 from agglo_core.compiled.ring_search import connected
 
-_THIN = 4  # times the nodes along the cut: blocks of fewer are looked at as a whole
+_THIN = 4  # times the nodes along the cut: blocks of fewer nodes are flooded as a whole
 
 
 @helper
 def _beside(start, stop, indptr, indices, sides, edge):
-    """List the nodes of a block that are beside the other side; returns how many."""
+    """List the nodes of a block that are adjacent to the other side; return how many."""
     m = np.int64(0)
     for i in range(start, stop):
         own, beside = sides[i], False
@@ -28,7 +28,7 @@ def _beside(start, stop, indptr, indices, sides, edge):
 
 @kernel
 def broken_halves(offsets, indptr, indices, sides):
-    """Which of the connected blocks have a side that is not connected.
+    """Mark the connected blocks ``(B,)`` of which a side is not connected.
 
     Every component of a side touches the other side: if the nodes along the cut are connected within
     their side, the side is. So mostly nothing far from the cut is looked at.
@@ -38,7 +38,9 @@ def broken_halves(offsets, indptr, indices, sides):
     edge, broken, stamp = np.empty(n + 1, np.int32), np.empty(len(offsets) - 1, np.bool_), np.int64(0)
     for b in range(len(offsets) - 1):
         start, stop = offsets[b], offsets[b + 1]
+        # 1. The nodes along the cut, of both sides.
         m, whole = _beside(start, stop, indptr, indices, sides, edge), True
+        # 2. A small block, or one that is nearly all cut, is flooded: more components than sides?
         if _THIN * m > stop - start:
             for i in range(start, stop):
                 root[i] = sides[i]
@@ -49,6 +51,8 @@ def broken_halves(offsets, indptr, indices, sides):
                     components += 1
             broken[b] = components > 2
             continue
+        # 3. Otherwise rings grow from the nodes of each side along the cut until all have met; there is no
+        #    limit to them, so the answer is exact.
         for side in range(2):
             filled, stamp = np.int64(0), stamp + 1
             for c in range(m):

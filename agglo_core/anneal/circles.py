@@ -14,17 +14,19 @@ from agglo_core.compiled.compiling import ONE, helper, kernel
 RADIUS, ACROSS, CENTRED, MOMENT = 0, 1, 3, 4
 """Columns of a part: radius of its circle, its centre, that of the circle about the centroid, moments."""
 
-_STEPS = 10
+_STEPS = 10  # of an ascent, the last one 0.075 times the first
 _SHRINK, _START, _BACK = 0.75, 0.35, 0.9
+"""Of an ascent: factor between steps, the first step over the first radius, and the share of the best radius
+below which it goes back to the best point; no step exceeds this share of the radius either."""
 _DEEP = 0.5
-"""From centroids at least so deep, by the largest radius found, a circle is sought."""
+"""Depth of a centroid, over the largest radius found, above which a circle is sought from it."""
 
 _APART = 0.02
-"""A centroid further away, by the squares of distance and radius, is another place to seek from."""
+"""Squared distance of the centroid over squared radius above which a circle is sought from it, too."""
 
 
 class Circles(NamedTuple):
-    """Circles of the parts ``(k, 6)``; room for the edges around one."""
+    """Circles of the parts ``(k, 6)``, and a work array ``(5, e + 1)`` for the edges around one."""
 
     rings: Any
     room: Any
@@ -32,7 +34,7 @@ class Circles(NamedTuple):
 
 @helper
 def outline(p, parts, edges, circles):
-    """Write the edges around part p to the room; how many there are."""
+    """Write the edges around part p to the columns of the work array and return how many there are."""
     m, i, room = np.int64(0), parts.first[p], circles.room
     while i >= 0:
         c = np.uint64(i)
@@ -48,7 +50,7 @@ def outline(p, parts, edges, circles):
 
 @helper
 def _nearest(x, y, m, room):
-    """Square of the distance to the nearest edge, and the vector from there."""
+    """Square of the distance from a point to the nearest edge, and the vector from there to the point."""
     best, bx, by = np.inf, 0.0, 0.0
     for k in range(m):
         ex, ey, dx, dy = x - room[0, k], y - room[1, k], room[2, k], room[3, k]
@@ -63,7 +65,7 @@ def _nearest(x, y, m, room):
 
 @helper
 def _within(x, y, m, room):
-    """Whether a point lies inside the edges: whether a ray crosses an odd number of them."""
+    """Return whether a point lies inside the edges: a ray from it crosses an odd number of them."""
     odd = False
     for k in range(m):
         low = room[1, k]
@@ -75,18 +77,23 @@ def _within(x, y, m, room):
 
 @helper
 def _ascended(x, y, m, room):
-    """A circle inside the edges, locally the largest: ever shorter steps away from the nearest edge."""
+    """Circle inside the edges, locally nearly the largest, by steps away from the nearest edge.
+
+    At a ridge, where several edges are equally near, steps that do not shrink would go to and fro.
+    """
     square, bx, by = _nearest(x, y, m, room)
     radius = np.sqrt(square)
     best, at_x, at_y, step = radius, x, y, _START * radius
     for _ in range(_STEPS):
         if not radius > 1e-14 * best:
             break
+        # 1. A step straight away from the nearest edge; less than the radius, so that no edge is crossed.
         length = min(step, _BACK * radius)
         x += length * bx / radius
         y += length * by / radius
         square, bx, by = _nearest(x, y, m, room)
         radius = np.sqrt(square)
+        # 2. Note the best point; go back to it if the step led too far beyond the ridge.
         if radius > best:
             best, at_x, at_y = radius, x, y
         elif radius < _BACK * best:
@@ -115,21 +122,24 @@ def centred_radius(m, centre, room):
 
 @helper
 def circle_inside(p, m, guess, centre, cells, parts, room):
-    """Circle inside the ``m`` edges of part p: radius, centre, and the radius of that about its centroid.
+    """Circle inside the ``m`` edges of part p: radius, centre, and radius of the one about its centroid.
 
     It is sought from the guess, the centroid, and if neither lies inside the deepest centroid of a cell.
     """
     best, x, y = -1.0, guess[0], guess[1]
     if m == 0:
         return 0.0, x, y, 0.0
+    # 1. From the guess, mostly the circle that the part had.
     if _within(x, y, m, room):
         best, x, y = _ascended(x, y, m, room)
+    # 2. From the centroid, unless the circle found is about it already.
     centred = centred_radius(m, centre, room)
     elsewhere = best < 0.0 or (x - centre[0]) ** 2 + (y - centre[1]) ** 2 > _APART * best * best
     if centred > 0.0 and elsewhere:
         radius, at_x, at_y = _ascended(centre[0], centre[1], m, room)
         if radius > best:
             best, x, y = radius, at_x, at_y
+    # 3. Both lie outside: from the centroid of a cell farthest from the edges.
     if best < 0.0:
         deepest, i = -1.0, parts.first[p]
         while i >= 0:
@@ -143,7 +153,7 @@ def circle_inside(p, m, guess, centre, cells, parts, room):
 
 @helper
 def touches(i, p, x, y, radius, parts, edges):
-    """Whether an edge of cell i with part p comes within the radius of a point."""
+    """Return whether an edge of cell i with part p comes within the radius of a point."""
     for h in range(edges.offsets[i], edges.offsets[i + 1]):
         j = edges.beside[h]
         if j < 0 or parts.labels[j] != p:
@@ -159,7 +169,7 @@ def touches(i, p, x, y, radius, parts, edges):
 
 @helper
 def _largest(p, m, centre, cells, parts, room):
-    """The circle inside part p, sought from its centroid and from all deep centroids of its cells."""
+    """Circle inside part p, sought from its centroid and from all deep centroids of its cells."""
     best = circle_inside(p, m, centre, centre, cells, parts, room)
     deepest, i = best[0], parts.first[p]
     while i >= 0:

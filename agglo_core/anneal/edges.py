@@ -12,7 +12,11 @@ from agglo_core.compiled.compiling import helper, kernel
 
 
 class Edges(NamedTuple):
-    """Edges of each cell (CSR): the cell beyond or −1; a corner, a vector and 1/length², ``(e, 5)``."""
+    """Edges of each cell as a CSR.
+
+    ``beside (e,)`` is the cell beyond or −1; ``lines (e, 5)`` are a corner (two columns), the vector from
+    there to the other one (two), and 1/length², or 0.
+    """
 
     offsets: Any
     beside: Any
@@ -21,9 +25,10 @@ class Edges(NamedTuple):
 
 @helper
 def _shared_ends(i, j, cells):
-    """The two vertices that cells i and j share which are farthest apart; −1 if there are no two."""
+    """Find the two vertices shared by cells i and j that are farthest apart, or −1 twice."""
     one, other, most = np.int32(-1), np.int32(-1), 0.0
     begin, end = cells.offsets[j], cells.offsets[j + 1]
+    # Every pair u, v of vertices of cell i, v listed before u, of which both are vertices of cell j.
     for g in range(cells.offsets[i], cells.offsets[i + 1]):
         u = cells.vertices[g]
         for a in range(begin, end):
@@ -42,7 +47,7 @@ def _shared_ends(i, j, cells):
 
 @helper
 def _write_line(row, u, v, points, lines):
-    """Write the edge between two vertices; returns its length."""
+    """Write the edge between two vertices and return its length."""
     x, y = points[v, 0] - points[u, 0], points[v, 1] - points[u, 1]
     square = x * x + y * y
     lines[row, 0], lines[row, 1], lines[row, 2], lines[row, 3] = points[u, 0], points[u, 1], x, y
@@ -52,9 +57,14 @@ def _write_line(row, u, v, points, lines):
 
 @helper
 def _outer_edges(i, m, ring, cells, pairs, lines, beside, kept):
-    """Write those edges from corner to corner of a cell, as seen around it, that no other cell shares."""
+    """Write those edges from corner to corner around a cell that no other cell shares.
+
+    ``pairs[:kept]`` hold the ends of its shared edges in the first two columns; the third one and ``ring``
+    are work arrays. Returns the number of edges written so far, and the length of these.
+    """
     start, count = cells.offsets[i], cells.offsets[i + 1] - cells.offsets[i]
-    for a in range(count):  # by angle about the centroid
+    # 1. Corners by their angle about the centroid: insertion sort, as they are few.
+    for a in range(count):
         v = cells.vertices[start + a]
         angle = np.arctan2(
             cells.points[v, 1] - cells.centroids[i, 1], cells.points[v, 0] - cells.centroids[i, 0]
@@ -64,6 +74,7 @@ def _outer_edges(i, m, ring, cells, pairs, lines, beside, kept):
             ring[b], pairs[b, 2] = ring[b - 1], pairs[b - 1, 2]
             b -= 1
         ring[b], pairs[b, 2] = angle, v
+    # 2. From each corner to the next one, unless these are the ends of a shared edge.
     length = 0.0
     for a in range(count):
         u, v = np.int32(pairs[a, 2]), np.int32(pairs[(a + 1) % count, 2])
@@ -80,12 +91,13 @@ def _outer_edges(i, m, ring, cells, pairs, lines, beside, kept):
 
 @kernel
 def cell_edges(cells, boundary):
-    """Edges of the cells, in the plane, and by which share of its length the outline of the worst differs.
+    """Edges of the cells in the plane, and by which share their lengths differ from the outlines in all.
 
     Neighbours share the edge between the two vertices farthest apart that both have: exact unless their
     interface is bent. The boundary of a cell is made of its corners in their order about its centroid.
     """
     n, most = len(boundary), 1
+    # 1. Room: the largest numbers of neighbours and corners of a cell, and of all edges.
     for i in range(n):
         most = max(most, cells.indptr[i + 1] - cells.indptr[i], cells.offsets[i + 1] - cells.offsets[i])
     room = len(cells.indices) + len(cells.vertices)
@@ -93,6 +105,7 @@ def cell_edges(cells, boundary):
     pairs, ring = np.empty((most, 3), np.int64), np.empty(most)
     m, off, whole = 0, 0.0, 0.0
     for i in range(n):
+        # 2. One edge for each neighbour with which two vertices are shared.
         length, kept = 0.0, 0
         for h in range(cells.indptr[i], cells.indptr[i + 1]):
             j = cells.indices[h]
@@ -102,9 +115,12 @@ def cell_edges(cells, boundary):
                 pairs[kept, 0], pairs[kept, 1], beside[m] = u, v, j
                 kept += 1
                 m += 1
+        # 3. Cells at the boundary of the domain have others.
         if boundary[i] > 0.0:
             m, outer = _outer_edges(i, m, ring, cells, pairs, lines, beside, kept)
             length += outer
+        # 4. Were these all edges, and straight? Then their lengths add up to the measure of the cell's
+        #    faces.
         off += abs(length - cells.surfaces[i])
         whole += cells.surfaces[i]
         offsets[i + 1] = m

@@ -28,14 +28,14 @@ from agglo_core.anneal.widths import joined_width, left_width, widest
 from agglo_core.compiled.compiling import ONE, helper, kernel
 
 SIZE, CENTRE, _COLUMNS = 1, 4, 7
-"""Columns of size and centre of a part; the weight is in that of the measure."""
+"""Columns of size and centre of a part, and their number; the weight is in that of the measure."""
 
 
 class Pursuit(NamedTuple):
-    """What counts.
+    """Objective and bounds: inertia · J + interface · L, plus penalties of sizes.
 
-    Weights and sizes of the cells ``(n,)``; what inertia and interface are multiplied by; the largest width
-    of a part; its smallest and largest size, and the unit of what is too much or too little.
+    Weights and sizes of the cells ``(n,)``; factors of the inertia J and the interface L; the largest width
+    of a part; its least and largest size, and the unit of deviations from these.
     """
 
     weights: Any
@@ -59,23 +59,27 @@ def _square(i, p, cells, parts):
 
 @helper
 def _off(size, pursuit):
-    """Square of what a size is beyond its bounds."""
+    """Square of the deviation of a size from its bounds, in units of the pursuit."""
     off = max(max(size - pursuit.most, pursuit.least - size), 0.0) / pursuit.unit
     return off * off
 
 
 @helper
 def _change(i, p, q, cells, parts, pursuit, penalty):
-    """What is pursued grows by so much when cell i goes from part p to part q."""
+    """Change of the objective when cell i goes from part p to part q."""
     w, cut, i = pursuit.weights[i], 0.0, np.uint64(i)
     left, joined = parts.tally[p, MEASURE] - w, parts.tally[q, MEASURE] + w
+    # 1. Inertia (Steiner): p loses w m / (m − w) |x − c|², q gains w m / (m + w) |x − c|², with mass m and
+    #    centre c of each before the move.
     lost = _square(i, p, cells, parts) * parts.tally[p, MEASURE] / left if left > 0.0 else 0.0
     won = _square(i, q, cells, parts) * parts.tally[q, MEASURE] / joined if joined > 0.0 else 0.0
+    # 2. Faces with p become interface, those with q cease to be.
     for h in range(np.uint64(cells.indptr[i]), np.uint64(cells.indptr[i + ONE])):
         label, length = parts.labels[np.uint32(cells.indices[h])], cells.interface[h]
         cut += length if label == p else 0.0
         cut -= length if label == q else 0.0
     change = pursuit.inertia * w * (won - lost) + pursuit.interface * cut
+    # 3. Squared deviations of both sizes, after less before.
     if penalty > 0.0:
         one, other, size = parts.tally[p, SIZE], parts.tally[q, SIZE], pursuit.sizes[i]
         off = (
@@ -90,7 +94,7 @@ def _change(i, p, q, cells, parts, pursuit, penalty):
 
 @helper
 def _take(i, p, sign, cells, parts, weights, sizes):
-    """Sums of part p once it has won (sign 1) or lost (−1) cell i."""
+    """Update the sums of part p, which wins (sign 1) or loses (−1) cell i."""
     w = sign * weights[i]
     mass = parts.tally[p, MEASURE] + w
     step = w / mass if mass > 0.0 else 0.0
@@ -103,15 +107,21 @@ def _take(i, p, sign, cells, parts, weights, sizes):
 
 @helper
 def _moved(i, p, q, cells, parts, work, pursuit, stamp):
-    """Move cell i from part p to q if p stays connected and q no wider than the limit; whether it did."""
+    """Move cell i from part p to q if p stays connected and q no wider than the limit.
+
+    Returns whether it moved.
+    """
     limited = pursuit.limit < np.inf
     joined = (0.0, np.int32(-1), np.int32(-1))
+    # 1. A part that was too wide before may stay so, but not grow.
     if limited:
         joined = joined_width(i, q, cells, parts)
         if joined[0] > pursuit.limit and joined[0] > parts.tally[q, DIAMETER]:
             return False
+    # 2. Part p must stay connected; if it does, the cell has the label q from here on.
     if not may_leave(i, p, q, cells, parts, work, stamp):
         return False
+    # 3. Widths, and the lists that they need, are kept up only if they have a limit.
     if limited:
         left = left_width(p, cells, parts, work, stamp)
         exchange(i, p, q, parts)
@@ -124,9 +134,9 @@ def _moved(i, p, q, cells, parts, work, pursuit, stamp):
 
 @kernel(allocates=False)
 def anneal_inertia(cells, parts, work, shares, start, stop, pursuit, rounds, seed, stamp):
-    """Draw cells of the shares ``start`` to ``stop`` − 1; each goes to a random neighbour's part, if it may.
+    """Draw cells of the shares ``start`` to ``stop`` − 1 and move them to neighbours' parts, if they may.
 
-    It may if what is pursued does not grow by more than Metropolis' rule allows. No part is emptied or
+    A cell may move if the objective does not grow by more than Metropolis' rule allows. No part is emptied or
     disconnected; none becomes wider than the limit, or than it was. Penalties are for sizes beyond their
     bounds. The rest is as in ``anneal``.
     """
@@ -140,6 +150,7 @@ def anneal_inertia(cells, parts, work, shares, start, stop, pursuit, rounds, see
                 state, i, p, q = drawn_move(state, s, shares, cells, parts)
                 if p == q:
                     continue
+                # Metropolis' rule comes before the admissibility of the move, as it takes less time here.
                 state, loss = drawn_loss(state, rounds[0, r])
                 if _change(i, p, q, cells, parts, pursuit, rounds[1, r]) <= -loss:
                     moved += _moved(i, p, q, cells, parts, work, pursuit, mark)
@@ -148,11 +159,12 @@ def anneal_inertia(cells, parts, work, shares, start, stop, pursuit, rounds, see
 
 @kernel
 def solver_state(cells, weights, sizes, labels, count, limited):
-    """Parts ``0..count−1`` of the cells: sums and, if widths are ``limited``, widths and lists."""
+    """State of the parts ``0..count−1``, with widths and lists if ``limited``, and work arrays."""
     n, m = len(labels), (len(labels) if limited else 0)
     own, tally, ends = np.empty(n, np.int32), np.zeros((count, _COLUMNS)), np.full((count, 2), -1, np.int32)
     first, after, before = np.full(count, -1, np.int32), np.empty(m, np.int32), np.full(m, -1, np.int32)
     parts = Parts(own, tally, ends, first, after, before)
+    # Sums, cell by cell; lists from behind, so that cells ascend in them.
     for i in range(n - 1, -1, -1):
         p = labels[i]
         own[i] = p

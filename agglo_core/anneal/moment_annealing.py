@@ -1,8 +1,9 @@
 """Annealing: cells move at random between neighbouring parts, ever more rarely where that makes parts worse.
 
-The score of a part is evenness · min(d/h, 1) + roundness · ratio − penalty · max(d/h − 1, 0): d is its
-diameter, exact, h the size, and the ratio takes the place of that of an inscribed circle or ball,
-2r/d, with r proportional to measure over surface.
+The sum of the scores of all parts is to rise. The score of a part is
+evenness · min(d/h, 1) + roundness · ratio − penalty · max(d/h − 1, 0): d is its diameter, exact, h the size,
+and the ratio stands for that of an inscribed circle or ball, 2r/d, with r proportional to measure over
+surface.
 """
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
@@ -29,7 +30,10 @@ from agglo_core.compiled.compiling import ONE, helper, kernel
 
 @helper
 def _score(width, measure, surface, how, penalty):
-    """Score of a part; ``how``: size, evenness, roundness, ratio of a part of unit sums."""
+    """Score of a part.
+
+    ``how`` is (size h, evenness, roundness, ratio of a part of unit sums).
+    """
     size, even, round_, unit = how
     room, excess = surface * width, width / size - 1.0
     ratio = min(unit * measure / room, 1.0) if room > 0.0 else 0.0
@@ -54,7 +58,7 @@ def _shared(i, p, q, cells, parts):
 
 @helper
 def _put(i, p, q, widths, surfaces, cells, parts):
-    """Cell i goes from part p to part q, which have these widths and surfaces then."""
+    """Move cell i from part p to part q, which have these widths (diameter, two ends) and surfaces then."""
     exchange(i, p, q, parts)
     for part, sign, width, surface in ((p, -1.0, widths[0], surfaces[0]), (q, 1.0, widths[1], surfaces[1])):
         parts.tally[part, MEASURE] += sign * cells.measures[i]
@@ -65,17 +69,25 @@ def _put(i, p, q, widths, surfaces, cells, parts):
 
 @helper
 def _tried(i, p, q, least, how, penalty, cells, parts, work, stamp):
-    """Move cell i from part p to part q unless their scores fall below ``least`` in sum; whether it moved."""
+    """Move cell i from part p to part q unless their scores fall below ``least`` in sum.
+
+    Returns whether it moved.
+    """
+    # 1. The diameter of q with the cell. No score exceeds evenness + roundness: if the penalty of q alone
+    #    takes both below ``least``, nothing else need be known.
     joined = joined_width(i, q, cells, parts)
     excess = joined[0] / how[0] - 1.0
     if excess > 0.0 and 2.0 * (how[1] + how[2]) - penalty * excess < least:
         return False
+    # 2. Part p must stay connected; if it does, the cell has the label q from here on.
     if not may_leave(i, p, q, cells, parts, work, stamp):
         return False
+    # 3. Faces of the cell with p become outer ones of p, those with q inner ones of q.
     own, there = _shared(i, p, q, cells, parts)
     left = left_width(p, cells, parts, work, stamp)
     measure, surface = cells.measures[i], cells.surfaces[i]
     surfaces = parts.tally[p, SURFACE] - surface + 2.0 * own, parts.tally[q, SURFACE] + surface - 2.0 * there
+    # 4. Metropolis' rule: accepted if the scores after the move reach ``least``. Not a number is refused.
     after = _score(left[0], parts.tally[p, MEASURE] - measure, surfaces[0], how, penalty)
     after += _score(joined[0], parts.tally[q, MEASURE] + measure, surfaces[1], how, penalty)
     if not after >= least:
@@ -87,23 +99,28 @@ def _tried(i, p, q, least, how, penalty, cells, parts, work, stamp):
 
 @kernel(allocates=False)
 def anneal(cells, parts, work, shares, start, stop, how, rounds, seed, stamp):
-    """Draw cells of the shares ``start`` to ``stop`` − 1; each goes to a random neighbour's part, if it may.
+    """Draw cells of the shares ``start`` to ``stop`` − 1 and move them to neighbours' parts, if they may.
 
-    ``rounds`` are temperatures, penalties, and draws for each cell ``(3, R)``. No part is emptied or
-    disconnected. Returns how many cells moved. ``stamp`` and what follows mark searches, so that the room of
-    ``part_state`` serves once: for each cell as many as draws in all rounds, and one more a round.
+    ``rounds (3, R)`` are temperatures, penalties, and draws for each cell. No part is emptied or
+    disconnected. Returns how many cells moved. Numbers from ``stamp`` on mark searches, for each cell one for
+    each of its draws in all rounds, and one more a round: none of them may have been used in the work arrays.
     """
     moved, most = 0, most_draws(rounds)
     for s in range(start, stop):
+        # 1. Each share has random numbers and marks of its own, whichever thread works at it: results do not
+        #    depend on the number of threads.
         state, count = share_seed(seed, s), shares.starts[s + 1] - shares.starts[s]
         mark = stamp + most * shares.starts[s]
         for r in range(rounds.shape[1]):
             heat, penalty = rounds[0, r], rounds[1, r]
             for _ in range(np.int64(rounds[2, r] * count)):
+                # 2. Draw a cell, and a neighbour whose part q it may join; p = q if nothing can move.
                 mark += 1
                 state, i, p, q = drawn_move(state, s, shares, cells, parts)
                 if p == q:
                     continue
+                # 3. Draw by how much the score may fall at this temperature before the move is known, so
+                #    that bounds may refuse it early.
                 state, loss = drawn_loss(state, heat)
                 least = _of_part(p, parts, how, penalty) + _of_part(q, parts, how, penalty) + loss
                 moved += _tried(i, p, q, least, how, penalty, cells, parts, work, mark)

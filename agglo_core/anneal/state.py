@@ -17,7 +17,12 @@ MEASURE, SURFACE, DIAMETER, COUNT = 0, 1, 2, 3
 
 
 class Cells(NamedTuple):
-    """Graph of the cells, their geometry, the vertices of each, and the cells that meet at each vertex."""
+    """Graph of the cells, their geometry, the vertices of each, and the cells that meet at each vertex.
+
+    ``surfaces (n,)`` are the measures of all faces of a cell, ``radii (n,)`` the largest distances of
+    vertices from its centroid, ``spans (n,)`` its diameter. Vertices of cells and cells at vertices are CSRs:
+    ``offsets``, ``vertices`` and ``meeting_offsets``, ``meeting``.
+    """
 
     indptr: Any
     indices: Any
@@ -35,7 +40,11 @@ class Cells(NamedTuple):
 
 
 class Parts(NamedTuple):
-    """Part of each cell; sums and the two vertices farthest apart of each part; its cells as a list."""
+    """Part of each cell, and sums, ends and lists of the parts.
+
+    ``tally (k, 4)`` has the columns named above, ``ends (k, 2)`` the two vertices farthest apart. The cells
+    of a part are a list: the ``first (k,)``, and the ones ``after`` and ``before`` each ``(n,)``; −1 ends it.
+    """
 
     labels: Any
     tally: Any
@@ -46,7 +55,7 @@ class Parts(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Room for searches: cells and their roots, marks of cells, marks of vertices, vertices of a part."""
+    """Work arrays of searches: cells, their roots, marks of cells, marks of vertices, vertices of a part."""
 
     queue: Any
     root: Any
@@ -57,14 +66,20 @@ class Work(NamedTuple):
 
 @helper
 def may_leave(i, p, q, cells, parts, work, stamp):
-    """Whether part p stays connected near cell i without it; then the label of the cell is q."""
+    """Give cell i the label q if part p stays connected near it without it.
+
+    Returns whether that is so. Sums and lists stay as they are.
+    """
     filled, i = np.uint64(0), np.uint64(i)
+    # 1. Neighbours in part p. None: p consists of this cell, or is not connected anyhow.
     for h in range(np.uint64(cells.indptr[i]), np.uint64(cells.indptr[i + ONE])):
         j = np.uint32(cells.indices[h])
         work.queue[filled] = j  # no branch: it would be mispredicted half the time
         filled += np.uint64(parts.labels[j] == p)
     if filled == 0:
         return False
+    # 2. With one neighbour nothing can break. With several, rings around the cell decide, which is out of
+    #    their way.
     parts.labels[i] = q
     search = (work.queue, work.root, work.marks)
     if filled > ONE and not connected(
@@ -110,7 +125,7 @@ _UNIT = 2.0**-53
 
 @helper
 def _random(state):
-    """The next state of the generator splitmix64, and 64 random bits."""
+    """Return the next state of the generator splitmix64, and 64 random bits."""
     state = state + _STEP
     z = (state ^ (state >> _HALF)) * _MIX
     z = (z ^ (z >> _MIDDLE)) * _LAST
@@ -119,7 +134,7 @@ def _random(state):
 
 @helper
 def most_draws(rounds):
-    """Draws for each cell in all rounds, or more; a round is a temperature, a penalty and draws."""
+    """Bound of the draws for each cell in all rounds ``(3, R)``: temperatures, penalties, draws."""
     most = np.int64(0)
     for r in range(rounds.shape[1]):
         most += np.int64(rounds[2, r]) + 1
@@ -128,16 +143,23 @@ def most_draws(rounds):
 
 @helper
 def share_seed(seed, s):
-    """Where the random numbers of a share begin."""
+    """Seed of the random numbers of share s."""
     return np.uint64(seed) ^ np.uint64(s + 1) * _STEP
 
 
 @helper
 def drawn_move(state, s, shares, cells, parts):
-    """A cell of share s, its part, and that of one of its neighbours: the same if nothing can move."""
+    """Draw a cell of share s and one of its neighbours.
+
+    Returns the next state of the generator, the cell, and the parts of both. The part of the cell is returned
+    twice if it cannot move.
+    """
     state, bits = _random(state)
+    # 1. The upper 32 bits, times the number of cells over 2³², choose the cell.
     begin, count = np.uint64(shares.starts[s]), np.uint64(shares.starts[s + 1] - shares.starts[s])
     i = np.uint64(np.uint32(shares.cells[begin + ((bits >> _WORD) * count >> _WORD)]))
+    # 2. The lower 32 bits choose the neighbour alike. A part keeps its last cell, and trades within its
+    #    share alone, as threads work at others.
     first, p = np.uint64(cells.indptr[i]), parts.labels[i]
     beside = np.uint64(cells.indptr[i + ONE]) - first
     if beside == 0 or parts.tally[p, COUNT] < 2.0:
@@ -148,6 +170,6 @@ def drawn_move(state, s, shares, cells, parts):
 
 @helper
 def drawn_loss(state, heat):
-    """By how much the score may fall, a negative number: Metropolis' rule, drawn before the move."""
+    """Draw by how much the score may fall, heat · log(u) < 0 with u uniform in (0, 1): Metropolis' rule."""
     state, bits = _random(state)
     return state, heat * np.log((np.float64(bits >> _ROUGH) + 0.5) * _UNIT)

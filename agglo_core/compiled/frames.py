@@ -6,7 +6,7 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper
 
-_ROUND = 0.8  # ratio of principal moments above which no axis stands out
+_ROUND = 0.8  # ratio of the lesser principal moment to the larger one, above which no axis stands out
 
 
 @helper(reorder_sums=True)
@@ -25,6 +25,7 @@ def planar_frame(n, x, y, shares):
     1.0 0.0 2.0 0.0 0.0
     """
     xx, xy, yy, real, imaginary = 0.0, 0.0, 0.0, 0.0, 0.0
+    # 1. Second moments, and the fourth moment Σ s (x + iy)⁴: (x + iy)² = p + iq, squared.
     for i in range(n):
         p, q = x[i] * x[i] - y[i] * y[i], 2.0 * x[i] * y[i]
         xx += shares[i] * x[i] * x[i]
@@ -32,8 +33,11 @@ def planar_frame(n, x, y, shares):
         yy += shares[i] * y[i] * y[i]
         real += shares[i] * (p * p - q * q)
         imaginary += shares[i] * 2.0 * p * q
+    # 2. Principal moments are mean ± radius; the principal axis has half the angle of (xx − yy, 2 xy).
     mean, radius = 0.5 * (xx + yy), np.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
     angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
+    # 3. Nearly equal, as those of a square: with the argument φ of the fourth moment, that along the axis at
+    #    angle t is least where cos(4t − φ) = −1.
     if mean - radius > _ROUND * (mean + radius) or mean == 0.0:
         angle = 0.25 * np.arctan2(-imaginary, -real)
     return np.cos(angle), np.sin(angle), xx, xy, yy
@@ -81,13 +85,13 @@ def turned(a, b, p, q):
     return a * p - b * q, b * p + a * q
 
 
-_COMPACT = 15.0  # least weight of the inertia beside the cut
-_GROWTH = 4.0  # times √n: its weight in a block of many cells
+_COMPACT = 15.0  # least weight of the inertia: more would favour compact halves, less short cuts
+_GROWTH = 4.0  # times √n: its weight in a block of many cells, more than 15 from n = 15 on
 
 
 @helper
 def compactness(n):
-    """Weight of the inertia beside the cut of a block of n cells.
+    """Weight of the inertia relative to the cut of a block of n cells.
 
     A longer cut harms two parts, unequal sides harm all the parts that they will be split into: the
     more cells, the more that counts, but only like √n, so that necks are still found.
@@ -97,7 +101,11 @@ def compactness(n):
 
 @helper
 def centre_block(start, n, centroids, weights, measures, local, shares):
-    """Fill positions about the centre of mass, and shares; return 1 / section, inertia and its weight.
+    """Fill positions about the centre of mass, and shares.
+
+    Returns 1 / section, inertia, and its weight. ``local (3, n)`` and ``shares (n,)`` are those of the cells
+    ``start`` to ``start + n − 1``; the shares of weights add up to 1. The section is that of a square or cube
+    of the measure of the block.
 
     Examples
     --------
@@ -115,6 +123,7 @@ def centre_block(start, n, centroids, weights, measures, local, shares):
         shares[i] = weights[start + i]
         total += weights[start + i]
         measure += measures[start + i]
+    # Positions about the first cell: far from the origin, means of these lose no digits.
     for k in range(d):
         for i in range(n):
             local[k, i] = centroids[start + i, k] - centroids[start, k]
@@ -125,7 +134,7 @@ def centre_block(start, n, centroids, weights, measures, local, shares):
 
 @helper(reorder_sums=True)
 def _centre(n, column, shares):
-    """Make the mean of a column 0; returns its variance."""
+    """Make the mean of a column 0 and return its variance."""
     mean, variance = 0.0, 0.0
     for i in range(n):
         mean += shares[i] * column[i]
@@ -137,9 +146,10 @@ def _centre(n, column, shares):
 
 @helper
 def centre_points(n, d, local, shares, total, measure):
-    """Centre the positions ``local (3, n)``, of d rows, and make shares of the weights; see ``centre_block``.
+    """Centre the positions ``local (3, n)``, of d rows, and make shares of the weights.
 
-    ``total`` is the sum of the weights, ``measure`` that of the measures.
+    Results are those of ``centre_block``. ``total`` is the sum of the weights, ``measure`` that of the
+    measures.
     """
     for i in range(n):
         shares[i] = shares[i] / total if total > 0.0 else 1.0 / n

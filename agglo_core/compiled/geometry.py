@@ -1,4 +1,4 @@
-"""Diameters."""
+"""Diameters of blocks: largest distances between vertices of their cells, exact or bounded."""
 
 from __future__ import annotations
 
@@ -6,16 +6,17 @@ import numpy as np
 
 from agglo_core.compiled.compiling import ONE, helper, kernel
 
-_FEW = 12  # vertices up to which every pair of them is compared
+_FEW = 12  # vertices up to which every pair of them is compared at once
 MANY = 64
-"""Vertices from which on pairs are searched for."""
+"""Vertices above which they are sorted to find the farthest pair; of fewer all pairs are compared."""
 
 
 @helper
 def distinct_vertices(b, cells, vertex_offsets, vertices, points, stamp, unique, centre):
-    """Write the vertices of ``cells``, each once, to ``unique``; returns how many.
+    """Write the vertices of ``cells``, each once, to ``unique`` and return how many.
 
-    The ``centre`` of their box is written, too, unless they are few.
+    ``stamp`` marks the vertices met, with b, which it must not hold before. The ``centre`` of their box is
+    written, too, unless they are few.
     """
     m = 0
     for i in range(len(cells)):
@@ -35,7 +36,7 @@ def distinct_vertices(b, cells, vertex_offsets, vertices, points, stamp, unique,
 
 @helper
 def _farthest(m, unique, x, points):
-    """The farthest of the vertices ``unique[:m]`` from ``x``, and the square of its distance."""
+    """Square of the largest distance of the vertices ``unique[:m]`` from ``x``, and the vertex there."""
     best, q = -1.0, unique[0]
     for i in range(m):
         s = 0.0
@@ -49,6 +50,7 @@ def _farthest(m, unique, x, points):
 @helper
 def sort_along_x(m, unique, points):
     """Sort the vertices ``unique[:m]`` by their first coordinate, equal ones by number (Shell's sort)."""
+    # Insertion sort over falling gaps, about 5/11 of the one before; the last gap is 1.
     gap = m // 2
     while gap > 0:
         for i in range(gap, m):
@@ -76,10 +78,14 @@ def widest_of_many(m, unique, centre, points, reach, widest):
     sort_along_x(m, unique, points)
     last = m - 1
     for i in range(m):
+        # 1. Places along x of the image and of the ball around it, which shrinks as the bound rises.
         image = 2.0 * centre[0] - points[unique[i], 0]
         around = np.sqrt(max(4.0 * reach - widest, 0.0) + 1e-12 * reach)
+        # 2. As images move left, so does the right end of what is in the ball: vertices beyond it are never
+        #    needed again.
         while last >= 0 and points[unique[last], 0] > image + around:
             last -= 1
+        # 3. Vertices before i in the order whose x lies in the ball: each pair is met once.
         j = min(last, i - 1)
         while j >= 0 and points[unique[j], 0] >= image - around:
             s = 0.0
@@ -99,12 +105,16 @@ def largest_distance(m, unique, centre, points):
     """
     far, widest = m, 0.0
     if m > _FEW:
+        # 1. Lower bound w: the vertex farthest from the centre, at distance r, then the one farthest from
+        #    it, and so on while that gains anything.
         reach, p = _farthest(m, unique, centre, points)
         for _ in range(3):
             best, q = _farthest(m, unique, points[p], points)
             if best <= widest:
                 break
             widest, p = best, q
+        # 2. A vertex nearer to the centre than w − r is farther than w from none; the others move to the
+        #    front.
         inner = np.sqrt(widest) - np.sqrt(reach)
         inner = inner * inner * (1.0 - 1e-12) if inner > 0.0 else 0.0
         far = 0
@@ -115,6 +125,7 @@ def largest_distance(m, unique, centre, points):
             if s >= inner:
                 unique[far], unique[i] = unique[i], unique[far]
                 far += 1
+        # 3. Many are left: sorted search. Few: all pairs.
         if far > MANY:
             return np.sqrt(widest_of_many(far, unique, centre, points, reach, widest))
     for i in range(1, far):
@@ -140,12 +151,13 @@ def _cell_diameter(i, vertex_offsets, vertices, points):
 
 @kernel
 def block_diameters(block_offsets, cells, vertex_offsets, vertices, points):
-    """Exact largest vertex distance of each block; block b owns ``cells[offsets[b]:offsets[b + 1]]``."""
+    """Exact largest vertex distance of each block b, with ``cells[offsets[b]:offsets[b + 1]]``."""
     result = np.zeros(len(block_offsets) - 1)
     stamp = np.full(len(points), -1, np.int64)
     unique, centre = np.empty(len(points), np.int64), np.empty(points.shape[1])
     for b in range(len(result)):
         own = cells[block_offsets[b] : block_offsets[b + 1]]
+        # A single cell of few vertices: its own pairs, no list.
         if len(own) == 1 and vertex_offsets[own[0] + 1] - vertex_offsets[own[0]] <= _FEW:
             result[b] = _cell_diameter(np.uint64(own[0]), vertex_offsets, vertices, points)
             continue
@@ -156,7 +168,7 @@ def block_diameters(block_offsets, cells, vertex_offsets, vertices, points):
 
 @helper
 def octagon(cells, vertex_offsets, vertices, points, enough, centre):
-    """Two bounds of the largest vertex distance in the plane, from extents along axes and diagonals.
+    """Lower and upper bound of the largest vertex distance in the plane, by extents along axes and diagonals.
 
     Some of the four directions is within 22.5 degrees of that of the farthest pair. Both are infinite
     as soon as the lower one is known to exceed ``enough``. Otherwise the ``centre`` of the box is written.
@@ -170,16 +182,18 @@ def octagon(cells, vertex_offsets, vertices, points, enough, centre):
             x, y = points[v, 0], points[v, 1]
             x0, x1, y0, y1 = min(x0, x), max(x1, x), min(y0, y), max(y1, y)
             u0, u1, v0, v1 = min(u0, x + y), max(u1, x + y), min(v0, x - y), max(v1, x - y)
+        # Known to be too wide: the rest need not be read.
         if max(x1 - x0, y1 - y0) > enough:
             return np.inf, np.inf
     centre[0], centre[1] = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
+    # The coordinates x ± y are √2 times lengths along the diagonals.
     lower = max(max(x1 - x0, y1 - y0), np.sqrt(0.5) * max(u1 - u0, v1 - v0))
     return lower, lower / np.cos(np.pi / 8.0)
 
 
 @helper
 def box(cells, vertex_offsets, vertices, points, low, high):
-    """Two bounds of the largest vertex distance: the longest side and the diagonal of the bounding box."""
+    """Lower and upper bound of the largest vertex distance: longest side and diagonal of the bounding box."""
     lower, upper = 0.0, 0.0
     for k in range(len(low)):
         low[k], high[k] = np.inf, -np.inf
@@ -193,7 +207,7 @@ def box(cells, vertex_offsets, vertices, points, low, high):
 
 @kernel
 def compare_diameters(block_offsets, cells, vertex_offsets, vertices, points, limits):
-    """Like ``block_diameters``, but only on the right side of each of ``limits`` (ascending).
+    """Diameters as of ``block_diameters``, but only on the right side of each of ``limits`` (ascending).
 
     Exact where a limit is near, a lower bound elsewhere, or infinite beyond the last one: many times
     faster, as most blocks of a recursion are far larger than its targets.
@@ -205,11 +219,13 @@ def compare_diameters(block_offsets, cells, vertex_offsets, vertices, points, li
     enough = limits[-1] * (1.0 + 1e-12)
     for b in range(len(result)):
         own = cells[block_offsets[b] : block_offsets[b + 1]]
+        # 1. Bounds from both sides.
         if points.shape[1] == 2:
             lower, upper = octagon(own, vertex_offsets, vertices, points, enough, centre)
         else:
             lower, upper = box(own, vertex_offsets, vertices, points, low, high)
         result[b] = lower
+        # 2. Measured only if a limit lies between them, give or take rounding.
         for k in range(len(limits)):
             if lower <= limits[k] * (1.0 + 1e-12) and upper >= limits[k] * (1.0 - 1e-12):
                 m = distinct_vertices(b, own, vertex_offsets, vertices, points, stamp, unique, centre)

@@ -9,7 +9,11 @@ from agglo_core.compiled.compiling import ONE, helper, kernel
 
 @kernel
 def dual_graph(offsets, faces, face_cells, face_measures):
-    """CSR of the cells that share faces, parallel faces summed, and each cell's exposed measure."""
+    """CSR of the cells that share faces, parallel faces summed, and the exposed measure of each cell.
+
+    ``offsets`` and ``faces`` list the faces of each cell, ``face_cells (f, 2)`` the two cells of a face, −1
+    where there is none.
+    """
     n = len(offsets) - 1
     indptr = np.zeros(n + 1, np.int64)
     indices = np.empty(len(faces), np.int32)
@@ -21,6 +25,8 @@ def dual_graph(offsets, faces, face_cells, face_measures):
         row = m
         for h in range(offsets[c], offsets[c + 1]):
             f = faces[h]
+            # The cell beyond. None: a face at the boundary. In the row already: another face with it. Slots
+            # of earlier rows lie before this one, so that nothing need be cleared.
             j = face_cells[f, 0] if face_cells[f, 1] == c else face_cells[f, 1]
             if j < 0:
                 boundary[c] += face_measures[f]
@@ -37,13 +43,15 @@ def dual_graph(offsets, faces, face_cells, face_measures):
 
 @kernel
 def permute_graph(indptr, indices, interface, order, offsets, new_indptr, new_indices, new_interface):
-    """Write the CSR of the nodes ``order``, in that order; block b of it is ``offsets[b]:offsets[b + 1]``.
+    """Write the CSR of the nodes ``order``, in that order.
 
-    Edges between blocks, and to nodes left out, are dropped. Returns how many stay, −1 if as many nodes are
-    given as there are, and one twice; else there must be room for all edges of these nodes.
+    Block b of it is ``offsets[b]:offsets[b + 1]``. Edges between blocks, and to nodes left out, are dropped.
+    Returns how many stay, −1 if as many nodes are given as there are, and one twice; else there must be room
+    for all edges of these nodes.
     """
     n, missing, m = len(indptr) - 1, 0, np.uint64(0)
     position = np.full(n, -1, np.int32)
+    # 1. New number of each node; −1 for those left out.
     for i in range(np.uint64(len(order))):
         node = np.uint64(np.uint32(order[i]))
         position[node] = i
@@ -51,9 +59,11 @@ def permute_graph(indptr, indices, interface, order, offsets, new_indptr, new_in
         missing += position[k] < 0
     if len(order) == n and missing > 0:
         return np.int64(-1)
+    # 2. All nodes in one block: no edge is dropped, so rows are copied, and their entries renumbered in a
+    #    second pass.
     whole = len(order) == n and len(offsets) == 2
     new_indptr[0] = 0
-    for i in range(np.uint64(len(order) if whole else 0)):  # no edge is dropped: rows, then their places
+    for i in range(np.uint64(len(order) if whole else 0)):
         node = np.uint64(np.uint32(order[i]))
         for h in range(np.uint64(indptr[node]), np.uint64(indptr[node + ONE])):
             new_indices[m], new_interface[m] = indices[h], interface[h]
@@ -61,6 +71,7 @@ def permute_graph(indptr, indices, interface, order, offsets, new_indptr, new_in
         new_indptr[i + ONE] = m
     for h in range(m):
         new_indices[h] = position[np.uint32(new_indices[h])]
+    # 3. Otherwise an edge is kept only if its other end is in the block.
     for b in range(0 if whole else len(offsets) - 1):
         start, stop = offsets[b], offsets[b + 1]
         for i in range(start, stop):
@@ -93,19 +104,22 @@ def take_rows(offsets, values, order):
 
 @kernel
 def listed_blocks(labels, chosen, count):
-    """Cells of the ``chosen`` ones of ``count`` labels, in turn; and where those of each begin."""
+    """Cells of the ``chosen`` ones of ``count`` labels, one label after the other, and where each begins."""
     place, offsets = np.full(count, len(chosen), np.int32), np.zeros(len(chosen) + 1, np.int64)
     following, total = np.zeros(len(chosen) + 1, np.int64), 0
+    # 1. Counting sort: number of cells of each chosen label; all others share a last place.
     for b in range(len(chosen)):
         place[chosen[b]] = b
     for i in range(len(labels)):
         following[np.uint32(place[np.uint64(labels[i])])] += 1
+    # 2. Numbers become places.
     for b in range(len(chosen)):
         own = following[b]
         offsets[b], following[b] = total, total
         total += own
     offsets[len(chosen)], following[len(chosen)] = total, total
-    cells = np.empty(total + 1, np.int32)  # cells of other labels go to the last place
+    # 3. Cells go to the next place of their label, those of other labels all to the one behind.
+    cells = np.empty(total + 1, np.int32)
     for i in range(len(labels)):
         block = np.uint32(place[np.uint64(labels[i])])
         cells[np.uint64(following[block])] = i
@@ -115,7 +129,7 @@ def listed_blocks(labels, chosen, count):
 
 @kernel
 def numbered_as_met(values, count):
-    """Values below ``count`` renumbered as they first occur; and the old ones in that order."""
+    """Values below ``count`` renumbered as they first occur, and the old ones in that order."""
     number, order = np.full(count, -1, np.int32), np.empty(count + 1, np.int64)
     renumbered, met = np.empty(len(values), np.int32), np.uint64(0)
     for h in range(len(values)):
@@ -130,7 +144,7 @@ def numbered_as_met(values, count):
 
 @kernel
 def child_order(offsets, sides):
-    """Nodes with side 0 before side 1 in each block, order kept; and the offsets of the children."""
+    """Nodes with side 0 before side 1 in each block, order kept, and the offsets of the children."""
     order = np.empty(len(sides), np.int64)
     children = np.empty(2 * len(offsets) - 1, np.int64)
     for b in range(len(offsets) - 1):
@@ -138,6 +152,7 @@ def child_order(offsets, sides):
         ones = np.int64(0)
         for i in range(start, stop):
             ones += sides[i]
+        # The right child begins as many places before the end as it has nodes.
         left, right = start, stop - ones
         children[2 * b], children[2 * b + 1] = left, right
         for i in range(start, stop):
@@ -150,9 +165,10 @@ def child_order(offsets, sides):
 
 @helper
 def flood(seed, indptr, indices, waiting, nodes, filled):
-    """List the nodes that ``seed`` reaches through nodes of its label; returns how many are listed then.
+    """List the nodes that ``seed`` reaches through nodes of its label.
 
-    ``waiting`` holds labels, −1 once a node is listed. The first ``filled`` of ``nodes (n + 1,)`` are in use.
+    Returns how many are listed then. ``waiting`` holds labels, −1 once a node is listed. The first ``filled``
+    of ``nodes (n + 1,)`` are in use.
     """
     own, done, last = waiting[seed], np.uint64(filled), np.uint64(filled)
     waiting[seed], nodes[last] = -1, seed
@@ -191,7 +207,10 @@ def components(indptr, indices, labels):
 
 @kernel
 def broken_blocks(offsets, indptr, indices, labels):
-    """Which blocks have a part that is not connected."""
+    """Mark the blocks ``(B,)`` with a part that is not connected.
+
+    There are no edges between blocks.
+    """
     n, highest = len(labels), -1
     waiting, nodes = np.empty(n, np.int32), np.empty(n + 1, np.int32)
     for i in range(n):  # labels.max() compiles for half a second
@@ -212,9 +231,9 @@ def broken_blocks(offsets, indptr, indices, labels):
 
 @helper
 def join_before(i, first, indptr, indices, labels, parent):
-    """Join node i with those of its label from ``first`` to i − 1 beside it, by union-find.
+    """Join node i with its neighbours of its label from ``first`` to i − 1, by union-find.
 
-    Returns how many components became one with it, and whether one beside it comes before the first.
+    Returns how many components became one with it, and whether such a neighbour comes before the first.
     """
     own, root, joined, beyond = labels[i], np.int32(i), 0, False
     parent[i] = root
@@ -225,6 +244,8 @@ def join_before(i, first, indptr, indices, labels, parent):
         other = parent[j] if before & (j >= first) else root  # a branch would be mispredicted half the time
         if other == root:
             continue
+        # Join the tree of the neighbour with that of the node. The least number becomes the root, so that
+        # results do not depend on the order of neighbours.
         while parent[other] != other:
             other = parent[other]
         if other != root:

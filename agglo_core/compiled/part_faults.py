@@ -1,4 +1,8 @@
-"""Parts that are not connected or too wide, told in one pass over the cells, in any order."""
+"""Parts that are not connected or too wide, found in one pass over the cells, in any order.
+
+A part is connected if each of its cells except the first is connected, within the part, with one of a smaller
+number. For most cells a neighbour is such a cell: only the others are searched from.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +15,15 @@ _TOGETHER = np.int64(1024)
 """Cells that are listed at a time: what was read of them is in the cache when it is read again."""
 
 _CROWD = np.uint64(16)
-"""Cells with so many neighbours would be read again and again."""
+"""Neighbours from which on those of a cell are not read: each of its neighbours would read all of them."""
 
 
 @helper
 def _near_earlier(x, indptr, indices, labels):
-    """Whether a neighbour of cell x with its label has one before x; neighbours with a crowd do not count."""
+    """Return whether a neighbour of cell x with its label has one before x.
+
+    Neighbours with a crowd of their own are passed over.
+    """
     own, met = labels[x], False
     for h in range(np.uint64(indptr[x]), np.uint64(indptr[x + ONE])):
         j = np.uint64(np.uint32(indices[h]))
@@ -29,12 +36,13 @@ def _near_earlier(x, indptr, indices, labels):
 
 @helper
 def _meets_earlier(x, indptr, indices, labels, marks, queue, left):
-    """Whether cell x is connected in its part with one before it; and ``left`` less the edges read.
+    """Return whether cell x is connected in its part with one before it, and ``left`` less the edges read.
 
     The search gives up once that is negative. Marks of other searches differ from x.
     """
     own, done, filled, met, mark = labels[x], np.uint64(0), ONE, False, np.int32(x)
     queue[0], marks[x] = mark, mark
+    # A search in breadth within the part, which ends at the first cell before x.
     while done < filled and not met:
         i = np.uint64(np.uint32(queue[done]))
         done += ONE
@@ -54,14 +62,15 @@ def _meets_earlier(x, indptr, indices, labels, marks, queue, left):
 
 @kernel
 def lone_cells(start, stop, indptr, indices, labels, count, lone, marks, queue):
-    """List the cells start..stop − 1 that are not connected with one of their label before them; how many.
+    """List the cells start..stop − 1 that are not connected with one of their label before them.
 
-    Listed are also those that are the first there of one of the ``count`` labels, and those of which it is
-    not known, as the searches had read as many edges as there are. ``marks (n,)`` are zeros at first, and
-    ``queue`` has room for n + 1.
+    Returns how many. Listed are also those that are the first there of one of the ``count`` labels, and those
+    of which it is not known, as the searches had read as many edges as there are. ``marks (n,)`` are zeros at
+    first, and ``queue`` has room for n + 1.
     """
     left, kept, seen = len(indices), np.uint64(0), np.zeros(count, np.bool_)
     for first in range(start, stop, _TOGETHER):
+        # 1. Cells without a neighbour of their label before them.
         listed = kept
         for i in range(np.uint64(first), np.uint64(min(first + _TOGETHER, stop))):
             own, joined = labels[i], False
@@ -70,6 +79,8 @@ def lone_cells(start, stop, indptr, indices, labels, count, lone, marks, queue):
                 joined |= (j < i) & (labels[j] == own)  # no branch: it would be mispredicted half the time
             lone[listed] = i
             listed += np.uint64(not joined)
+        # 2. Of these, those that reach no such cell over a neighbour, or further away. The first of a
+        #    label need not be searched from: it stays in any case.
         for k in range(kept, listed):
             x = np.uint64(np.uint32(lone[k]))
             own = np.uint32(labels[x])
@@ -84,15 +95,18 @@ def lone_cells(start, stop, indptr, indices, labels, count, lone, marks, queue):
 
 @helper
 def _found_apart(lone, indptr, indices, labels, asked, seen, broken, marks, queue):
-    """Mark the parts ``asked`` with a second cell that may not be connected with one before it; whether any.
+    """Mark the parts ``asked`` with a second cell that may not be connected.
 
-    A cell may be listed just because others looked at the cells before it, who know what its part is there.
+    Returns whether there are any. A cell may be listed only because it was the first of its part in a range
+    of cells: those before it were in another call of :func:`lone_cells`.
     """
     left, doubtful = len(indices), False
     seen[:] = False
     for k in range(len(lone)):
         x = np.uint64(np.uint32(lone[k]))
         own = np.uint32(labels[x])
+        # The first cell of a part proves nothing; each later one is searched from. Once too many edges were
+        # read, its part is in doubt without a search.
         if seen[own] and asked[own] and not broken[own]:
             met = False
             if left >= 0:
@@ -105,22 +119,26 @@ def _found_apart(lone, indptr, indices, labels, asked, seen, broken, marks, queu
 
 @kernel
 def broken_parts(lone, indptr, indices, labels, asked):
-    """Which of the parts ``asked (k,)`` are not connected; ``lone`` are all cells told by ``lone_cells``.
+    """Mark the parts ``asked (k,)`` that are not connected.
 
-    A part is connected if each of its cells but the first is with one before it. Those of which that is not
-    known are flooded: nearly always none.
+    ``lone`` are all cells listed by ``lone_cells``. Searches decide for most parts. Only those left in doubt
+    are flooded: nearly always none.
     """
     n, doubtful = len(labels), False
     seen, broken = np.zeros(len(asked), np.bool_), np.zeros(len(asked), np.bool_)
+    # 1. One lone cell, the first, is in every part: only parts with several may be broken.
     for k in range(len(lone)):
         own = np.uint32(labels[np.uint32(lone[k])])
         doubtful |= seen[own] & asked[own]
         seen[own] = True
     if not doubtful:
         return broken
+    # 2. Searches from the others, with all cells before them in sight.
     marks, nodes = np.zeros(n, np.int32), np.empty(n + 1, np.int32)
     if not _found_apart(lone, indptr, indices, labels, asked, seen, broken, marks, nodes):
         return broken
+    # 3. Parts in doubt are flooded from each cell that is not reached yet: a second flood is a second
+    #    component.
     for i in range(n):
         marks[i] = labels[i] if broken[labels[i]] else -1
     for p in range(len(asked)):
@@ -146,6 +164,7 @@ def extend_parts(start, stop, labels, asked, vertex_offsets, vertices, points, b
         own = np.uint64(labels[i])
         if not asked[own]:
             continue
+        # Extents are kept in variables over the vertices of a cell, then written back.
         known = bounds[own]
         x0, y0, u0, v0 = known[0], known[1], known[2], known[3]
         x1, y1, u1, v1 = known[4], known[5], known[6], known[7]

@@ -1,4 +1,4 @@
-"""Searches from several cells at once, ring by ring, until they have met: whether cells are connected."""
+"""Connection of cells: searches from several of them at once, ring by ring, until they have met."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ CROWD = np.int64(256)  # neighbours from which on rings do not grow from a cell:
 
 @helper
 def connected(indptr, indices, labels, own, search, filled, stamp, reach, crowd):
-    """Whether the first ``filled`` cells of the queue, labelled ``own``, are connected among such cells.
+    """Return whether the first ``filled`` cells of the queue, labelled ``own``, are connected in their part.
 
     Complete rings of cells are grown around all of them at once until they meet; the search ends between
     rings, so that its outcome does not depend on the order of the cells, once more than ``reach`` cells were
@@ -26,11 +26,14 @@ def connected(indptr, indices, labels, own, search, filled, stamp, reach, crowd)
         Not yet in the first column of the marks.
     """
     queue, root, marks = search
+    # 1. Each start is a tree of its own in a union-find structure; ``apart`` + 1 trees are left.
     for k in range(filled):
         start = np.uint32(queue[k])
         marks[start, 0], marks[start, 1], root[k] = stamp, k, k
     apart, done, filled = np.int64(filled) - 1, np.uint64(0), np.uint64(filled)
     while apart > 0 and done < filled <= np.uint64(reach):
+        # 2. Grow one ring: the neighbours of all cells up to ``ring`` that have the label. The search
+        #    ends as soon as all have met.
         ring = filled
         while apart > 0 and done < ring:
             node = np.uint64(np.uint32(queue[done]))
@@ -41,11 +44,13 @@ def connected(indptr, indices, labels, own, search, filled, stamp, reach, crowd)
                 j = np.uint32(indices[h])
                 if labels[j] != own:
                     continue
+                # 3. A cell not reached before joins the tree that reached it.
                 if marks[j, 0] != stamp:
                     marks[j, 0], marks[j, 1] = stamp, marks[node, 1]
                     queue[filled] = j
                     filled += ONE
                     continue
+                # 4. One reached before joins both trees, if they are two.
                 one, other = np.uint32(marks[node, 1]), np.uint32(marks[j, 1])
                 while root[one] != one:
                     one = np.uint32(root[one])
@@ -59,7 +64,7 @@ def connected(indptr, indices, labels, own, search, filled, stamp, reach, crowd)
 
 @helper
 def keeps_whole(indptr, indices, labels, i, search, stamp):
-    """Whether the neighbours of cell i with its label stay connected near it once it has left."""
+    """Return whether the neighbours of cell i with its label stay connected near it once it has left."""
     own, queue, filled = labels[i], search[0], np.int64(0)
     for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + 1])):
         j = np.uint32(indices[h])

@@ -28,6 +28,7 @@ def stable_sort(order, values, spare):
     """Sort ``order (m,)`` by ``values``, equal ones as they stand, by merging longer and longer runs."""
     m, width = len(order), 1
     while width < m:
+        # Merge runs of ``width`` two by two. Of equal values that of the first run goes first.
         for start in range(0, m, 2 * width):
             middle, stop = min(start + width, m), min(start + 2 * width, m)
             i, j = start, middle
@@ -75,7 +76,7 @@ def _sift_down(heap, keys, place, at, size):
 
 @helper
 def put_in(heap, keys, place, size, cell, key):
-    """Put a cell in the heap, or give it another key; returns the size."""
+    """Put a cell in the heap, or give it another key, and return the size."""
     at = np.int64(place[cell])
     if at < 0:
         at, size = size, size + 1
@@ -90,7 +91,7 @@ def put_in(heap, keys, place, size, cell, key):
 
 @helper
 def take_out(heap, keys, place, size):
-    """Take the cell of the largest key out of the heap; returns it and the size."""
+    """Pop the cell of the largest key and return it and the size."""
     cell, size = heap[0], size - 1
     place[cell] = -1
     if size > 0:

@@ -14,11 +14,13 @@ from agglo_core.compiled.compiling import helper, kernel
 @kernel
 def _by_pairs(values, chosen, start, count):
     """Sum of ``values[chosen[start:start + count]]``: halves of many, eight running sums of up to 128."""
+    # 1. Few summands: one after the other.
     if count < 8:
         total = 0.0
         for k in range(start, start + count):
             total += values[chosen[k]]
         return total
+    # 2. Up to 128: eight running sums, added by pairs, and the rest one after the other.
     if count <= 128:
         sums, whole = np.zeros(8), count - count % 8
         for k in range(whole):
@@ -27,6 +29,7 @@ def _by_pairs(values, chosen, start, count):
         for k in range(start + whole, start + count):
             total += values[chosen[k]]
         return total
+    # 3. More: two halves, the first one a multiple of eight.
     half = count // 2 - count // 2 % 8
     return _by_pairs(values, chosen, start, half) + _by_pairs(values, chosen, start + half, count - half)
 

@@ -8,7 +8,7 @@ from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.compiled.frames import centre_block, half_circle, halvings, planar_frame, turned
 
 NO_CUT = 1e300  # cost where no threshold leaves weight on both sides; finite, for differences are taken
-_BINS = 32  # an even number: the middle of a symmetric score is a threshold
+_BINS = 32  # more would cost time for finer thresholds; even: the middle of a symmetric score is one
 _TIE = 1e-6  # of a bin: values that close to a threshold lie below it
 _CLIP = 2.0  # standard deviations from the mean: no thresholds beyond
 _LONG = 0.5  # ratio of principal moments below which a block is long
@@ -26,7 +26,7 @@ def edge_room(offsets, indptr):
 
 @helper
 def edges_of_block(start, n, indptr, indices, interface, room):
-    """Write each edge of a block once, its ends numbered within the block; returns how many."""
+    """Write each edge of a block once, its ends numbered within the block, and return how many."""
     tails, heads, lengths = room
     count = 0
     for i in range(n):
@@ -39,9 +39,9 @@ def edges_of_block(start, n, indptr, indices, interface, room):
 
 @helper
 def thresholds_between(low, high, spread):
-    """Lowest threshold and thresholds per unit of scores of mean 0; 0 per unit if they are all alike.
+    """Lowest threshold and thresholds per unit of scores of mean 0.
 
-    ``spread`` is their standard deviation.
+    ``spread`` is their standard deviation. There are 0 per unit if they are all alike.
     """
     size, reach = max(abs(low), abs(high)), _CLIP * spread
     low, high = max(low, -reach), min(high, reach)
@@ -56,10 +56,10 @@ def _fill_bins(n, score, low, rate, bins):
 
 @helper
 def scan_thresholds(tally, x, y, z, share, cut, scale, inertia, weight):
-    """Cheapest threshold, and its cost: 1e300 if none leaves weight on both sides.
+    """Cost of the cheapest threshold, 1e300 if none leaves weight on both sides, and the last bin below it.
 
-    ``tally (32, 5)`` has for each bin its moments, its share and how much the cut grows beyond it, and is
-    cleared for the next time; the numbers are what lies below the first bin.
+    ``tally (32, 5)`` has for each bin its first moments x, y, z, its share and how much the cut grows beyond
+    it, and is cleared for the next time; the numbers are what lies below the first bin.
 
     Examples
     --------
@@ -72,14 +72,19 @@ def scan_thresholds(tally, x, y, z, share, cut, scale, inertia, weight):
     """
     best, bar, last, compact = NO_CUT, NO_CUT, 0, weight / inertia
     for b in range(_BINS):
+        # 1. Moment m = (x, y, z), share s and cut of all bins up to this one.
         x, y, z = x + tally[b, 0], y + tally[b, 1], z + tally[b, 2]
         share, cut = share + tally[b, 3], cut + tally[b, 4]
         for k in range(5):
             tally[b, k] = 0.0
         if b == _BINS - 1:
             break
-        both = share * (1.0 - share)  # 1 / share + 1 / (1 − share) is its inverse
+        # 2. Cost: scale · cut · (1 / s + 1 / (1 − s)), which is the cut over each side's share, plus weight
+        #    times the inertia of both sides over that of the block, 1 − |m|² (1 / s + 1 / (1 − s)) / inertia
+        #    (Steiner).
+        both = share * (1.0 - share)
         cost = weight + (cut * scale - (x * x + y * y + z * z) * compact) / max(both, 1e-12)
+        # 3. A later threshold must be cheaper by more than rounding.
         if both > 1e-12 and cost < bar:
             best, bar, last = cost, cost - 1e-9 * abs(cost), b
     return best, last
@@ -98,12 +103,14 @@ def sweep_block(n, low, rate, score, edges, local, shares, scales, bins, tally):
         return NO_CUT, 0
     (tails, heads, lengths), count = edges
     _fill_bins(n, score, low, rate, bins)
+    # 1. Moments and shares by bin.
     for i in range(n):
         own = np.uint32(bins[i])
         tally[own, 0] += shares[i] * local[0, i]
         tally[own, 1] += shares[i] * local[1, i]
         tally[own, 2] += shares[i] * local[2, i]
         tally[own, 3] += shares[i]
+    # 2. An edge is cut by all thresholds between the bins of its ends.
     for e in range(count):
         a, b = bins[np.uint32(tails[e])], bins[np.uint32(heads[e])]
         tally[np.uint32(min(a, b)), 4] += lengths[e]
@@ -127,7 +134,7 @@ def write_sides(start, n, found, score, bins, sides):
 
 @helper(reorder_sums=True)
 def _project(n, a, b, x, y, score):
-    """Fill ``score = a x + b y``; returns its extremes."""
+    """Fill ``score = a x + b y`` and return its extremes."""
     low, high = a * x[0] + b * y[0], a * x[0] + b * y[0]
     for i in range(n):
         score[i] = a * x[i] + b * y[i]
@@ -155,10 +162,13 @@ def axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally
     >>> print(*best, *axis)
     5.0 10 -1.5 10.666666666666666 1.0 0.0
     """
+    # 1. The principal axis, and whether the block is long.
     cos, sin, xx, xy, yy = planar_frame(n, local[0], local[1], shares)
     mean, radius = 0.5 * (xx + yy), np.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
     long = mean - radius < _LONG * (mean + radius)
     best, p, q = (NO_CUT, 0, 0.0, 0.0), cos, sin
+    # 2. All axes turned from it by ``turns``, then the best one so far by the angles of ``finer``, once to
+    #    the left, once to the right.
     for c in range(len(turns) + 2 * len(finer)):
         f = (c - len(turns)) // 2
         if f < 0 and long and abs(turns[c, 0]) < 0.9:
@@ -170,25 +180,27 @@ def axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally
             a, b = turned(cos, sin, finer[f, 0], finer[f, 1])
         else:
             a, b = turned(cos, sin, finer[f, 0], -finer[f, 1])
+        # 3. Cheapest threshold of the coordinates along the axis; their variance follows from the moments.
         low, high = _project(n, a, b, local[0], local[1], score)
         low, rate = thresholds_between(low, high, np.sqrt(a * a * xx + 2.0 * a * b * xy + b * b * yy))
         cost, last = sweep_block(n, low, rate, score, edges, local, shares, scales, bins, tally)
         if cost < best[0] - 1e-9 * abs(best[0]):
             best, p, q = (cost, last, low, rate), a, b
+    # 4. The scores of the best axis, for the caller.
     _project(n, p, q, local[0], local[1], score)
     return best, p, q
 
 
 @helper
 def bar_of(found):
-    """The score above which cells lie on the right of the best threshold; infinite if there is none."""
+    """Score above which cells lie on the right of the best threshold, infinite if there is none."""
     best, last, low, rate = found
     return low + (last + 1.0 + _TIE) / rate if best < NO_CUT else np.inf
 
 
 @helper
 def _centred(start, n, column, shares, score):
-    """Fill ``score`` with the column less its mean; returns its extremes and standard deviation."""
+    """Fill ``score`` with the column less its mean and return its extremes and standard deviation."""
     low, high, mean, square = column[start], column[start], 0.0, 0.0
     for i in range(n):
         low, high = min(low, column[start + i]), max(high, column[start + i])
@@ -208,9 +220,11 @@ def sweep_level(offsets, indptr, indices, interface, centroids, weights, measure
     sides = np.empty(len(weights), np.int64)
     for b in range(len(offsets) - 1):
         start, n = offsets[b], offsets[b + 1] - offsets[b]
+        # 1. Frame, inertia and edges of the block.
         scales = centre_block(start, n, centroids, weights, measures, local, shares)
         edges = room, edges_of_block(start, n, indptr, indices, interface, room)
         best, column = (NO_CUT, 0, 0.0, 0.0), 0
+        # 2. The cheapest threshold over all columns; of equally cheap ones the first.
         for c in range(scores.shape[1]):
             low, high, spread = _centred(start, n, scores[:, c], shares, score)
             low, rate = thresholds_between(low, high, spread)

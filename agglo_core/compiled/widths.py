@@ -1,4 +1,4 @@
-"""Whether cells are wider than a limit, which takes less than their diameter."""
+"""Tests whether cells are wider than a limit, which take less time than their diameter."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _ROUNDING = 1e-12  # of a squared distance, with room
 
 @helper
 def _square(v, x, y, z, points):
-    """Square of the distance of vertex v from a point; in the plane z is not looked at."""
+    """Square of the distance of vertex v from a point, in the plane without z."""
     last = points.shape[1] - 1
     a, b, c = points[v, 0] - x, points[v, 1] - y, (last - 1.0) * (points[v, last] - z)
     return a * a + b * b + c * c  # a loop over two or three takes twice the time
@@ -20,7 +20,7 @@ def _square(v, x, y, z, points):
 
 @helper
 def _outside(cells, vertex_offsets, vertices, points, centre, inner, found):
-    """Write the vertices of which the squared distance to the centre is at least ``inner``; how many."""
+    """Write the vertices whose squared distance to the centre is at least ``inner``, and return how many."""
     x, y, z, m = centre[0], centre[1], centre[len(centre) - 1], np.uint64(0)
     for k in range(len(cells)):
         i = np.uint64(cells[k])
@@ -32,7 +32,7 @@ def _outside(cells, vertex_offsets, vertices, points, centre, inner, found):
 
 @helper
 def _reach(cells, vertex_offsets, vertices, points, centre):
-    """Square of the largest distance of a vertex of the cells from the centre; how many there are at most."""
+    """Square of the largest distance of a vertex from the centre, and how many there are at most."""
     x, y, z, most, count = centre[0], centre[1], centre[len(centre) - 1], 0.0, 0
     for k in range(len(cells)):
         i = np.uint64(cells[k])
@@ -44,27 +44,31 @@ def _reach(cells, vertex_offsets, vertices, points, centre):
 
 @helper(allocates=True)
 def is_wider(cells, vertex_offsets, vertices, points, centre, limit):
-    """Whether two vertices of the cells are further apart than ``limit``.
+    """Return whether two vertices of the cells are further apart than ``limit``.
 
     Both must lie outside the ball where distance to the ``centre``, any point, is below ``limit`` − (largest
     distance to it): in the middle of the cells it leaves few. Those are sorted along x, so that the copies of
     a vertex, one for each of its cells, come one after the other.
     """
     last = points.shape[1] - 1
+    # 1. With all vertices within r of the centre, no two are further apart than 2 r.
     reach, count = _reach(cells, vertex_offsets, vertices, points, centre)
     least, inner = limit * limit * (1.0 - _ROUNDING), limit - np.sqrt(reach)
     if 4.0 * reach < least:
         return False
+    # 2. Vertices outside the ball of radius limit − r, one copy for each of their cells.
     inner = inner * inner * (1.0 - _ROUNDING) if inner > 0.0 else 0.0
     far = np.empty(count + 1, np.int64)
     m = _outside(cells, vertex_offsets, vertices, points, centre, inner, far)
     if last > 1:  # in space copies are many, and x the same for whole planes of a grid
         return largest_distance(m, far, centre, points) > limit
+    # 3. In the plane: sorted, copies are adjacent and dropped.
     sort_along_x(m, far, points)
     distinct, widest = min(m, 1), 0.0
     for k in range(1, m):
         far[distinct] = far[k]
         distinct += far[distinct] != far[distinct - 1]
+    # 4. Many: sorted search for a pair further apart than the limit. Few: all pairs.
     if distinct > MANY:
         return np.sqrt(widest_of_many(distinct, far, centre, points, reach, least)) > limit
     for i in range(1, distinct):
@@ -76,7 +80,10 @@ def is_wider(cells, vertex_offsets, vertices, points, centre, limit):
 
 @kernel
 def wide_blocks(block_offsets, cells, vertex_offsets, vertices, points, centres, limit):
-    """Which blocks have two vertices further apart than ``limit``; the ``centres`` are in their middle."""
+    """Mark the blocks ``(B,)`` with two vertices further apart than ``limit``.
+
+    The ``centres (B, 2)`` lie in their middle.
+    """
     wide, centre = np.empty(len(block_offsets) - 1, np.bool_), np.empty(2)
     for b in range(len(wide)):
         own = cells[block_offsets[b] : block_offsets[b + 1]]

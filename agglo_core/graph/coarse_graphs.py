@@ -15,22 +15,25 @@ from agglo_core.compiled.compiling import helper, kernel
 
 @helper(allocates=True)
 def _edges_by_part(labels, n_parts, indptr, indices, interface):
-    """Edges that leave a part, part by part: first and last place of each, cells beyond, interfaces.
+    """Edges that leave a part, part by part: ranges ``first``, ``last`` of parts, cells beyond, interfaces.
 
     Every part has one place to spare: an edge that stays inside is written, too, and then overwritten.
     """
     first = np.ones(n_parts + 1, np.int64)
+    # 1. Number of edges that leave each part, plus one.
     for c in range(len(labels)):
         own, outer = labels[c], 0
         for h in range(indptr[c], indptr[c + 1]):
             outer += labels[indices[h]] != own
         first[own] += outer
+    # 2. Numbers become places, and ``last`` moves along as edges are written.
     filled = 0
     for p in range(n_parts + 1):
         size = first[p]
         first[p] = filled
         filled += size
     last = first.copy()
+    # 3. Edges, cell by cell; one that stays inside is overwritten by the next.
     beyond, share = np.empty(filled, np.int32), np.empty(filled)
     for c in range(len(labels)):
         own = labels[c]
@@ -58,6 +61,8 @@ def quotient_edges(labels, n_parts, indptr, indices, interface):
     m = 0
     for p in range(n_parts):
         end = first[p]
+        # 1. Edges of the part to one cell beyond are added up, in place. Places of earlier parts lie before
+        #    its first one, so that nothing need be cleared.
         for s in range(first[p], last[p]):
             if place[beyond[s]] >= first[p]:
                 share[place[beyond[s]]] += share[s]
@@ -65,6 +70,7 @@ def quotient_edges(labels, n_parts, indptr, indices, interface):
                 place[beyond[s]] = end
                 beyond[end], share[end] = beyond[s], share[s]
                 end += 1
+        # 2. What is left, the last cell first, is added up by part beyond: an entry of the row each.
         for s in range(end - 1, first[p] - 1, -1):
             other = labels[beyond[s]]
             if slot[other] >= rows[p]:
@@ -81,6 +87,8 @@ def quotient_edges(labels, n_parts, indptr, indices, interface):
 def union_of_rows(labels, n_parts, offsets, values, n_values):
     """CSR of the values of the rows of each part, each once; values are below ``n_values``."""
     starts = np.zeros(n_parts + 2, np.int64)
+    # 1. Counting sort of all rows by part. Counts stand two places further: ``starts[p + 1]`` is where part
+    #    p begins, and moves to its end as rows are written.
     for c in range(len(labels)):
         starts[labels[c] + 2] += offsets[c + 1] - offsets[c]
     for p in range(n_parts):
@@ -92,6 +100,7 @@ def union_of_rows(labels, n_parts, offsets, values, n_values):
             found[at] = values[h]
             at += 1
         starts[labels[c] + 1] = at
+    # 2. Values met before in the part are dropped. The list is written over itself.
     rows = np.zeros(n_parts + 1, np.int64)
     latest = np.full(n_values, -1, np.int32)  # part that had a value
     m = 0

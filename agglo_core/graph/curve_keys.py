@@ -35,12 +35,14 @@ def curve_keys(points, keys):
     """
     n, d = points.shape
     low, extent, steps = np.empty(d), 0.0, 2.0**16 - 1.0 if d == 2 else 2.0**10 - 1.0
+    # 1. Bounding cube: one scale, that of the longest side, for all axes.
     for c in range(d):
         least, most = np.inf, -np.inf
         for i in range(n):
             least, most = min(least, points[i, c]), max(most, points[i, c])
         low[c], extent = least, max(extent, most - least)
     rate = steps / (extent if extent > 0.0 else 1.0)
+    # 2. Steps along each axis, their bits interleaved. The number of the point makes keys distinct.
     for i in range(n):
         key = np.uint64(0)
         for c in range(d):

@@ -9,27 +9,32 @@ import numpy as np
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.compiled.ring_search import keeps_whole
 
-_MANY = 16  # neighbours from which on the lengths shared with parts are summed all at once
-_SWEEPS = 10
-_TIE = 1e-9
+_MANY = 16  # neighbours above which the lengths shared with parts are summed all at once, not part by part
+_SWEEPS = 10  # at most, in each block; they end earlier where no move pays
+_TIE = 1e-9  # of the lengths around a cell: what a move saves must exceed this, or it is rounding
 
 
 @helper
 def _best_move(graph, parts, i, pairs, lengths):
-    """The part cell i should move to, with which neighbour (−1: alone), and the length saved.
+    """Find the best move of cell i: its target part, the neighbour that goes along, and the length saved.
 
-    Target −1 if nothing is saved. A pair pays where neither cell does alone. ``lengths`` has room for a
-    number for each part.
+    The target is −1 if nothing is saved, the neighbour −1 if the cell goes alone. With ``pairs``, a cell that
+    saves nothing alone may go with a neighbour. ``lengths (k,)`` is a work array. Below, L(i, p) is the
+    length of the interface between cell i and part p.
     """
     indptr, indices, interface = graph
     home, own, total = parts[i], 0.0, 0.0
     target, length = -1, 0.0
+    # 1. L(i, p) of all parts p beside the cell at once, if it has many neighbours. Only the entries that are
+    #    read are cleared.
     many = indptr[i + 1] - indptr[i] > _MANY
     if many:
         for h in range(indptr[i], indptr[i + 1]):
             lengths[parts[indices[h]]] = 0.0
         for h in range(indptr[i], indptr[i + 1]):
             lengths[parts[indices[h]]] += interface[h]
+    # 2. The target is the part p ≠ home of the largest L(i, p). Of few neighbours the sum is made anew for
+    #    each part: no array is touched.
     for h in range(indptr[i], indptr[i + 1]):
         p = parts[indices[h]]
         total += interface[h]
@@ -43,11 +48,14 @@ def _best_move(graph, parts, i, pairs, lengths):
                 shared += interface[g]
         if shared > length:
             target, length = p, shared
+    # 3. Alone, the cell saves L(i, target) − L(i, home).
     least = _TIE * total
     if target >= 0 and length - own > least:
         return target, -1, length - own
     if target < 0 or not pairs:
         return -1, -1, 0.0
+    # 4. A neighbour j of its part that goes along adds L(j, target) − L(j, home). Their common
+    #    interface is in both L(·, home) but stays inside: it is added back twice.
     partner, best = -1, least
     for h in range(indptr[i], indptr[i + 1]):
         j = indices[h]
@@ -66,6 +74,7 @@ def _best_move(graph, parts, i, pairs, lengths):
 @helper
 def sort_by_key(items, keys, m):
     """Heap sort of ``items[:m]`` by ascending ``keys[item]``."""
+    # 1. Heap of the largest key: each item is sifted up from the end.
     for heap in range(1, m):
         child = heap
         while child > 0:
@@ -74,6 +83,7 @@ def sort_by_key(items, keys, m):
                 break
             items[parent], items[child] = items[child], items[parent]
             child = parent
+    # 2. The largest item goes to the end, the one that stood there is sifted down from the root.
     for last in range(m - 1, 0, -1):
         items[0], items[last] = items[last], items[0]
         parent = 0
@@ -91,11 +101,12 @@ def sort_by_key(items, keys, m):
 
 @helper
 def _part_sums(start, stop, centroids, measures, tally, moments):
-    """Measure, cell count and first moment of each part of a block; returns its highest label + 1."""
+    """Sum measure, cell count and first moment by part of a block, and return its highest label + 1."""
     parts, part_measures, part_cells = tally
     present = 0
     for i in range(start, stop):
         present = max(present, parts[i] + 1)
+    # The arrays serve all blocks: only the labels of this one are cleared.
     for p in range(present):  # loops compile faster than slices
         part_measures[p] = 0.0
         part_cells[p] = 0
@@ -112,10 +123,14 @@ def _part_sums(start, stop, centroids, measures, tally, moments):
 
 @helper
 def _axis_and_floors(present, floor, part_measures, moments, axis, floors):
-    """Direction from the block's centroid to its smallest part's, and the least measure of each part."""
+    """Write the direction from the block's centroid to its smallest part's, and the least measure of parts.
+
+    ``floors`` are ``floor`` times the measure of each part; of two parts, times that of the smaller one.
+    """
     small, total = -1, 0.0
     for k in range(len(axis)):
         axis[k] = 0.0
+    # The smallest part that is not empty, and the first moment of the block.
     for p in range(present):
         if part_measures[p] > 0.0 and (small < 0 or part_measures[p] < part_measures[small]):
             small = p
@@ -154,7 +169,7 @@ def _leave(graph, measures, tally, floors, i, target, search, stamp):
 
 @helper
 def _paying(graph, parts, cells, m, pairs, lengths, axis, centroids, keys, chosen):
-    """Write to ``chosen`` the cells of ``cells[:m]`` worth moving, along ``axis``; return how many."""
+    """Write to ``chosen`` the cells of ``cells[:m]`` worth moving, along ``axis``, and return how many."""
     found = 0
     for c in range(m):
         i = cells[c]
@@ -170,7 +185,7 @@ def _paying(graph, parts, cells, m, pairs, lengths, axis, centroids, keys, chose
 
 @helper
 def _add_new(graph, i, cells, m, seen, stamp):
-    """Append the neighbours of cell i not seen under ``stamp`` to ``cells[:m]``; return the new length."""
+    """Append the neighbours of cell i not seen under ``stamp`` to ``cells[:m]`` and return the new length."""
     indptr, indices, _ = graph
     for h in range(indptr[i], indptr[i + 1]):
         j = indices[h]
@@ -183,6 +198,12 @@ def _add_new(graph, i, cells, m, seen, stamp):
 
 @helper(allocates=True)
 def _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, floor):
+    """Labels after :func:`relax_interface`.
+
+    ``later`` lists the candidates of the next sweep, ``now`` those among them that pay, and ``boundary`` all
+    cells that are or were adjacent to another part; ``seen`` and ``listed`` mark what is in the first and the
+    last list.
+    """
     n, d = len(measures), centroids.shape[1]
     parts = labels.copy()
     n_parts = 0
@@ -203,8 +224,10 @@ def _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, f
     stamp, sweep = 0, 0
     for b in range(len(offsets) - 1):
         start, stop = offsets[b], offsets[b + 1]
+        # 1. Sums of the parts, the axis along which cells are taken, and the least measures.
         present = _part_sums(start, stop, centroids, measures, tally, moments)
         _axis_and_floors(present, floor, tally[1], moments, axis, floors)
+        # 2. All cells adjacent to another part are candidates of the first sweep.
         edge = 0  # cells that are or were beside another part
         for i in range(start, stop):
             own, beside = parts[i], False
@@ -214,25 +237,32 @@ def _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, f
                 boundary[edge] = later[edge] = i
                 listed[i] = b + 1
                 edge += 1
+        # 3. Sweeps, until no cell is left whose neighbourhood has changed.
         candidates, pairs, paired = edge, False, False
         for _ in range(_SWEEPS):
             m = _paying(graph, parts, later, candidates, pairs, lengths, axis, centroids, keys, now)
             sweep += 1
             candidates = 0
             for c in range(m):
+                # 4. Earlier moves of the sweep may have changed what this one saves: it is searched again,
+                #    and made unless it breaks, empties or starves the part.
                 i, own = now[c], parts[now[c]]
                 target, partner, _gained = _best_move(graph, parts, i, pairs, lengths)
                 stamp += 2
                 if target < 0 or not _leave(graph, measures, tally, floors, i, target, search, stamp):
                     continue
                 if partner >= 0:
+                    # 5. Of a pair both move or none: the first cell is put back if the second must stay.
                     if not _leave(graph, measures, tally, floors, partner, target, search, stamp + 1):
                         _put(measures, tally, i, own)
                         continue
                     candidates = _add_new(graph, partner, later, candidates, seen, sweep)
                     edge = _add_new(graph, partner, boundary, edge, listed, b + 1)
+                # 6. Moves of the neighbours of a moved cell may pay from now on.
                 candidates = _add_new(graph, i, later, candidates, seen, sweep)
                 edge = _add_new(graph, i, boundary, edge, listed, b + 1)
+            # 7. Where no single cell pays any more, pairs are tried once, along the whole boundary; what
+            #    they change is relaxed by single cells again.
             if pairs:
                 pairs = False
             elif candidates == 0 and not paired:
@@ -246,10 +276,11 @@ def _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, f
 
 @kernel
 def relax_interface(offsets, indptr, indices, interface, centroids, measures, labels, floor):
-    """Sweeps of interface-shortening moves, block by block; no part is disconnected.
+    """Labels ``(n,)`` after sweeps of moves that shorten the interface L (paper: adjust partition).
 
-    No part falls below ``floor`` times its measure at entry (of two: the smaller one's). Sweeps run
-    along the line from the block's centroid to that of its smallest part: single cells until none
-    pays, pairs once, and single cells again.
+    Block b has the cells from ``offsets[b]`` to ``offsets[b + 1]``, and no edges to others. No part is
+    disconnected or emptied, none falls below ``floor`` times its measure at entry (of two: the smaller
+    one's). Sweeps run along the line from the block's centroid to that of its smallest part: single cells
+    until none pays, pairs once, and single cells again.
     """
     return _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, floor)

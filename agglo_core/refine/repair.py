@@ -14,9 +14,10 @@ _TIE = 1e-7  # relative: closer sizes, interfaces and places count as equal (rou
 
 @helper
 def _before(one, other, value, beside, places):
-    """Whether component ``one`` of some value comes before ``other``; of equal ones the one further along.
+    """Return whether component ``one`` comes before ``other``: by value, of equal ones by their places.
 
-    That is the one whose ``places (components, k)`` are larger where they first differ.
+    The values are ``value`` and ``beside``, the larger one first. Of equal ones that component is first whose
+    ``places (components, k)`` are larger where they first differ.
     """
     if abs(value - beside) > _TIE * max(value, beside):
         return value > beside
@@ -28,7 +29,7 @@ def _before(one, other, value, beside, places):
 
 @helper(allocates=True)
 def keepers(part_of, sizes, places, n_parts):
-    """The component that each part keeps ``(n_parts,)``: its largest, of equal ones the foremost; or −1.
+    """Component that each part keeps ``(n_parts,)``: its largest, of equal ones the foremost, or −1.
 
     ``part_of``, ``sizes`` and ``places`` (lengths of order 1) are those of the components.
     """
@@ -57,6 +58,8 @@ def absorb(indptr, indices, interface, kept, nodes, component_offsets, loose, ke
     choice = np.empty(len(loose), np.int64)
     m = len(waiting)
     while m > 0:
+        # 1. For each component that waits, the interface with each part that it touches. The tiny addend
+        #    tells parts touched through faces of measure 0 from those not touched.
         for w in range(m):
             c, count = waiting[w], 0
             for k in range(component_offsets[c], component_offsets[c + 1]):
@@ -67,6 +70,8 @@ def absorb(indptr, indices, interface, kept, nodes, component_offsets, loose, ke
                             touched[count] = p
                             count += 1
                         shared[p] += interface[h] + 1e-300
+            # 2. It chooses the part with the most interface, of equal ones that of the foremost keeper, and
+            #    clears the sums.
             choice[w] = -1
             for t in range(count):
                 p, best = touched[t], choice[w]
@@ -74,6 +79,8 @@ def absorb(indptr, indices, interface, kept, nodes, component_offsets, loose, ke
                     choice[w] = p
             for t in range(count):
                 shared[touched[t]] = 0.0
+        # 3. All that have chosen join, the others wait for the next ring. As all choose first, the result
+        #    does not depend on their order.
         left = 0
         for w in range(m):
             c = waiting[w]
@@ -83,6 +90,7 @@ def absorb(indptr, indices, interface, kept, nodes, component_offsets, loose, ke
                 continue
             for k in range(component_offsets[c], component_offsets[c + 1]):
                 parts[nodes[k]] = choice[w]
+        # 4. Nothing joined: what is left touches no part.
         if left == m:
             break
         m = left
@@ -91,17 +99,19 @@ def absorb(indptr, indices, interface, kept, nodes, component_offsets, loose, ke
 
 @helper(allocates=True)
 def _places(cells, centroids, nodes, offsets):
-    """Where each component lies in a piece, ``(components, 3 + d)`` numbers of order 1.
+    """Places of the components in a piece, ``(components, 3 + d)`` numbers of order 1.
 
     The first three do not change if the mesh is turned, mirrored, moved or scaled: how far along the mean
     of all components from the middle, and along their mean weighted by squared distance, and the squared
     distance itself. Coordinates are for labels that have a symmetry, where those are equal.
     """
     count, d, n = len(offsets) - 1, centroids.shape[1], len(nodes)
-    places, mean = np.zeros((count, 3 + d)), np.zeros(d)  # the columns from the third on: means
+    places, mean = np.zeros((count, 3 + d)), np.zeros(d)
+    # 1. The middle of the piece: the mean of its centroids.
     for k in range(n):
         for x in range(d):
             mean[x] += centroids[cells[nodes[k]], x] / n
+    # 2. Last columns: mean centroid of each component about the middle, in units of the largest distance.
     furthest = 0.0
     for c in range(count):
         square, m = 0.0, offsets[c + 1] - offsets[c]
@@ -111,6 +121,7 @@ def _places(cells, centroids, nodes, offsets):
             places[c, 3 + x] = places[c, 3 + x] / m - mean[x]
             square += places[c, 3 + x] ** 2
         furthest = max(furthest, np.sqrt(square))
+    # 3. Column 2: squared distance r². Means over the components of their positions x, and of r² x.
     along, heavy = np.zeros(d), np.zeros(d)
     for c in range(count):
         for x in range(d):
@@ -119,6 +130,7 @@ def _places(cells, centroids, nodes, offsets):
         for x in range(d):
             along[x] += places[c, 3 + x] / count
             heavy[x] += places[c, 2] * places[c, 3 + x] / count
+    # 4. Columns 0 and 1: projections onto these two means.
     for c in range(count):
         for x in range(d):
             places[c, 0] += places[c, 3 + x] * along[x]
@@ -128,11 +140,15 @@ def _places(cells, centroids, nodes, offsets):
 
 @helper(allocates=True)
 def _piece(cells, indptr, indices, interface, local):
-    """CSR of the piece ``cells``, which rise, numbered in that order; ``local (n,)`` is a work array."""
+    """CSR of the piece ``cells``, which are ascending and numbered in that order.
+
+    ``local (n,)`` is a work array.
+    """
     m, count = len(cells), 0
     for i in range(m):
         local[cells[i]] = i
         count += indptr[cells[i] + 1] - indptr[cells[i]]
+    # ``local`` is not cleared between pieces: a number counts only if it leads back to the cell.
     rows, columns, lengths = np.zeros(m + 1, np.int64), np.empty(count, np.int32), np.empty(count)
     filled = 0
     for i in range(m):
@@ -150,9 +166,10 @@ def mend_piece(cells, labels, parts, indptr, indices, interface, centroids, meas
     """Labels ``(m,)`` of the connected piece ``cells (m,)``, every one of the ``parts`` connected.
 
     Each keeps its largest component; the others are absorbed. Nodes that cannot be reached have −1.
-    ``cells`` rise; ``local (n,)`` is a work array of cell numbers, all in ``0..n-1``.
+    ``cells`` are ascending; ``local (n,)`` is a work array of cell numbers, all in ``0..n-1``.
     """
     rows, columns, lengths = _piece(cells, indptr, indices, interface, local)
+    # 1. Components of the parts, within the piece; the part and the measure of each.
     nodes, offsets = components(rows, columns, labels)
     count = len(offsets) - 1
     part_of, size, loose = np.empty(count, np.int64), np.zeros(count), np.empty(count, np.int64)
@@ -160,6 +177,7 @@ def mend_piece(cells, labels, parts, indptr, indices, interface, centroids, meas
         part_of[c] = labels[nodes[offsets[c]]]
         for k in range(offsets[c], offsets[c + 1]):
             size[c] += measures[cells[nodes[k]]]
+    # 2. Each part keeps its largest component; the nodes of the others lose their label.
     places = _places(cells, centroids, nodes, offsets)
     keeper = keepers(part_of, size, places, parts)
     kept, found = labels.copy(), 0
@@ -169,14 +187,15 @@ def mend_piece(cells, labels, parts, indptr, indices, interface, centroids, meas
             found += 1
             for k in range(offsets[c], offsets[c + 1]):
                 kept[nodes[k]] = -1
+    # 3. These components join the parts around them, ring by ring.
     return absorb(rows, columns, lengths, kept, nodes, offsets, loose[:found], keeper, places)
 
 
 @kernel
 def mend_sides(pieces, cells, tag, indptr, indices, interface, centroids, measures, local):
-    """Connect both sides of each of the connected ``pieces (P, 2)``, slices of ``cells``: they are tags.
+    """Connect both sides of each of the connected ``pieces (P, 2)``, slices of ``cells`` with tags.
 
-    See ``piece_splits`` for all these, and :func:`mend_piece` for ``local``.
+    See ``piece_splits`` for cells and tags, and :func:`mend_piece` for ``local``.
     """
     for p in range(len(pieces)):
         lo, hi = pieces[p, 0], pieces[p, 1]
@@ -190,7 +209,10 @@ def mend_sides(pieces, cells, tag, indptr, indices, interface, centroids, measur
 
 @kernel
 def mend_blocks(offsets, indptr, indices, interface, centroids, measures, labels, parts):
-    """Labels ``(n,)``, in 0..parts−1, with every part of every block connected; −1 what cannot be reached."""
+    """Labels ``(n,)`` with every part of every block connected.
+
+    They are 0..parts−1, and −1 where no part is reached.
+    """
     mended, local = np.empty(len(labels), np.int64), np.zeros(len(labels), np.int32)
     for b in range(len(offsets) - 1):
         start, stop = offsets[b], offsets[b + 1]

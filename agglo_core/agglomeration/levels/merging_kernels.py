@@ -16,7 +16,11 @@ _FINE = (
 
 @helper
 def _renewed(c, lists, root, grown, now, places, seen, stamp):
-    """Replace the neighbours of part c that have merged by what they merged into, each once."""
+    """Replace the neighbours of part c that have merged by what they merged into, each once.
+
+    ``lists`` have, for each part, a range (start, length) of neighbours, the interface shared with each, and
+    whether their union fits: 1, 0, or −1 where that is not known.
+    """
     near, shared, fits, start, length = lists
     kept = start[c]
     for h in range(start[c], start[c] + length[c]):
@@ -25,7 +29,11 @@ def _renewed(c, lists, root, grown, now, places, seen, stamp):
             r = root[r]
         if r == c:
             continue
-        fit = 0 if fits[h] == 0 else (-1 if grown[r] == now else fits[h])  # unions only become wider
+        # 1. A union that did not fit never will: unions only become wider. One that did is unknown again
+        #    once the neighbour has grown.
+        fit = 0 if fits[h] == 0 else (-1 if grown[r] == now else fits[h])
+        # 2. Several neighbours that are one part now: interfaces are added, and if one did not fit, neither
+        #    do all. The list is written over itself.
         if seen[r] == stamp:
             g = places[r]
             shared[g] += shared[h]
@@ -56,12 +64,14 @@ def _union_fits(a, b, following, shapes, space, stamp, limit):
     vertex_offsets, vertices, points, low, high = shapes
     members, marks, unique, centre = space
     longest, diagonal = 0.0, 0.0
+    # 1. The diameter lies between the longest side and the diagonal of the box around both.
     for k in range(len(centre)):
         side = max(high[a, k], high[b, k]) - min(low[a, k], low[b, k])
         longest = max(longest, side)
         diagonal += side * side
     if longest > limit * (1.0 + 1e-12) or np.sqrt(diagonal) < limit * (1.0 - 1e-12):
         return longest <= limit
+    # 2. If these do not decide, it is measured between the vertices of all members of both parts.
     count = 0
     for part in (a, b):
         member = part
@@ -75,9 +85,10 @@ def _union_fits(a, b, following, shapes, space, stamp, limit):
 
 @helper
 def _partner(c, lists, outline, owner, following, shapes, space, stamps, limit):
-    """The neighbour in its block with which part c makes the roundest union that fits; −1 if none does.
+    """Find the neighbour in its block with which part c makes the roundest union that fits, or −1.
 
     Of equally round ones that of the larger numbers counts: of the smaller part, then of the larger one.
+    This order is total, and both parts of a union see it alike.
     """
     near, shared, fits, start, length = lists
     best, partner, row, column = -1.0, -1, -1, -1
@@ -85,10 +96,12 @@ def _partner(c, lists, outline, owner, following, shapes, space, stamps, limit):
         r = near[h]
         if owner[r] != owner[c] or fits[h] == 0:
             continue
+        # 1. The share of both outlines that would become interior, rounded.
         score = np.rint(_FINE * shared[h] / (outline[c] + outline[r]))
         one, two = min(c, r), max(c, r)
         if score < best or (score == best and (one < row or (one == row and two < column))):
             continue
+        # 2. Only a union that is the best so far is tested, as diameters cost most.
         if fits[h] < 0:
             stamps[0] += 1
             fits[h] = 1 if _union_fits(c, r, following, shapes, space, stamps[0], limit) else 0
@@ -99,7 +112,7 @@ def _partner(c, lists, outline, owner, following, shapes, space, stamps, limit):
 
 @helper(allocates=True)
 def _compacted(lists, root):
-    """Move the lists of all parts that are left to the front; returns where they end."""
+    """Move the lists of all parts that are left to the front; return where they end."""
     near, shared, fits, start, length = lists
     old = near.copy(), shared.copy(), fits.copy()
     end = 0
@@ -115,7 +128,10 @@ def _compacted(lists, root):
 
 @helper
 def _append(lists, a, b, top):
-    """Write the neighbours of part b behind those of a, from ``top`` on; returns where they end."""
+    """Make one list of the neighbours of parts a and b, from ``top`` on; return where it ends.
+
+    It is the list of part a from then on. Whether unions with it fit is unknown, unless one did not.
+    """
     near, shared, fits, start, length = lists
     end = top
     for part in (a, b):
@@ -128,13 +144,16 @@ def _append(lists, a, b, top):
 
 @kernel
 def merged_parts(indptr, indices, interface, boundary, owner, vertex_offsets, vertices, points, limit):
-    """For each part the smallest number of those it has merged with, by rounds of mutual proposals.
+    """Least number ``(n,)`` of the parts that each part has merged with, by rounds of mutual proposals.
 
-    In each round every part proposes to the neighbour with which it makes the roundest union (the share of
-    both outlines that becomes interior) of diameter ``limit`` at most; mutual proposals merge. Only parts
-    that have merged and their neighbours can change their minds: a round looks at no others.
+    Parts of different ``owner (n,)`` do not merge. In each round every part proposes to the neighbour with
+    which it makes the roundest union (the share of both outlines that becomes interior) of diameter ``limit``
+    at most; mutual proposals merge. Only parts that have merged and their neighbours can change their minds:
+    a round looks at no others.
     """
     n = len(owner)
+    # 1. Lists of neighbours, which grow to the right; members of a part as a chain (``following``,
+    #    ``last``).
     room = 2 * len(indices)  # lists of merged parts go behind the others; all that are in use fill half of it
     near, shared, fits = np.empty(room, np.int64), np.empty(room), np.full(room, -1, np.int64)
     for h in range(len(indices)):
@@ -142,12 +161,14 @@ def merged_parts(indptr, indices, interface, boundary, owner, vertex_offsets, ve
     start, length = indptr[:-1].astype(np.int64), np.empty(n, np.int64)
     root, following, last = np.arange(n), np.full(n, -1, np.int64), np.arange(n)
     outline, sides = np.empty(n), boundary.copy()
+    # 2. Outlines: boundary of the domain plus interfaces. ``sides`` has the boundary alone.
     for c in range(n):
         length[c] = indptr[c + 1] - indptr[c]
         outline[c] = boundary[c]
         for h in range(indptr[c], indptr[c + 1]):
             outline[c] += interface[h]
     lists, top = (near, shared, fits, start, length), len(indices)
+    # 3. Boxes of the parts, and work arrays of the diameters.
     low, high = _boxes(vertex_offsets, vertices, points)
     shapes = (vertex_offsets, vertices, points, low, high)
     space = (
@@ -161,11 +182,14 @@ def merged_parts(indptr, indices, interface, boundary, owner, vertex_offsets, ve
     asked, pairs = np.arange(n), np.empty(n, np.int64)
     count, now = n, 0
     while count > 0:
+        # 4. Each part asked proposes to a neighbour. Proposals of the others stand: nothing about them
+        #    changed.
         for q in range(count):
             c = asked[q]
             stamps[1] += 1
             _renewed(c, lists, root, grown, now, places, seen, stamps[1])
             partner[c] = _partner(c, lists, outline, owner, following, shapes, space, stamps, limit)
+        # 5. Mutual proposals become pairs, listed by their smaller number, each once.
         merging = 0
         for q in range(count):
             c = asked[q]
@@ -175,6 +199,7 @@ def merged_parts(indptr, indices, interface, boundary, owner, vertex_offsets, ve
                 grown[a] = grown[b] = now + 1
                 pairs[merging] = a
                 merging += 1
+        # 6. Pairs merge: lists, chains of members, boxes. Space of old lists is won back once all is used.
         now += 1
         for q in range(merging):
             a = pairs[q]
@@ -186,6 +211,8 @@ def merged_parts(indptr, indices, interface, boundary, owner, vertex_offsets, ve
             sides[a] += sides[b]
             for k in range(points.shape[1]):
                 low[a, k], high[a, k] = min(low[a, k], low[b, k]), max(high[a, k], high[b, k])
+        # 7. The outline of a union is its boundary plus the interfaces that are left. The union and its
+        #    neighbours are asked in the next round.
         count = 0
         for q in range(merging):
             a = pairs[q]

@@ -1,4 +1,4 @@
-"""How wide parts are while cells move: distances to their cells, or bounds from a few directions."""
+"""Widths of parts while cells move: distances to their cells, or bounds from a few directions."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -12,13 +12,15 @@ from agglo_core.compiled.compiling import ONE, helper, kernel
 
 _ABOVE = 1.0 + 1e-12  # a rounded extent beyond this multiple of the limit is beyond the limit
 _BELOW = 1.0 - 1e-9  # rounded distances below this multiple of the limit are below the limit
-_WALKS = 16  # times the cells of a part are walked before its extents are found
+_WALKS = 16  # walks over the cells of a part before its extents are found: few tests do not pay for them
 
 
 class Corners(NamedTuple):
-    """Vertices per cell (CSR), points; centroids, and how far vertices are from these; directions.
+    """Vertices of the cells, and directions of extents.
 
-    At last, the cosine of the largest angle that any direction makes with the next.
+    ``offsets (n + 1,)`` and ``vertices`` are a CSR of cells, ``points (V, d)`` the vertices; ``radii (n,)``
+    are the largest distances of vertices from the ``centroids (n, d)``. ``directions (D, d)`` are unit
+    vectors, and ``cosine`` is that of the largest angle that any direction makes with the nearest of them.
     """
 
     offsets: Any
@@ -31,9 +33,12 @@ class Corners(NamedTuple):
 
 
 class Reach(NamedTuple):
-    """Of each part: its cells as a list, the cell that was too far last, cells looked at, extents if known.
+    """Lists and extents of the parts.
 
-    ``extents (k, D, 2)`` are the least and the largest place along each direction, ``ends`` the cells where.
+    The cells of a part are a list: the ``first (k,)``, and the ones ``after`` and ``before`` each ``(n,)``.
+    ``far (k,)`` is the cell that was too far last, ``looks (k,)`` counts cells looked at, negative once the
+    extents are known: ``extents (k, D, 2)`` are the least and the largest place along each direction,
+    ``ends (k, D, 2)`` the cells that reach them.
     """
 
     first: Any
@@ -47,7 +52,7 @@ class Reach(NamedTuple):
 
 @kernel
 def part_lists(parts, k):
-    """The cells of each part as a list: the first of each part, the next and the last one of each cell."""
+    """Lists of the cells of each part: the first ``(k,)``, and the next and previous one of each ``(n,)``."""
     n = len(parts)
     first, after, before = np.full(k, -1, np.int32), np.empty(n, np.int32), np.empty(n, np.int32)
     for i in range(n - 1, -1, -1):
@@ -76,18 +81,17 @@ def cell_radii(offsets, vertices, points, centroids):
 
 @helper
 def _within(i, j, limit, corners):
-    """Whether no vertex of cell i is farther than ``limit`` from one of cell j.
-
-    Mostly the distance of the centroids tells: vertices are looked at where it does not.
-    """
+    """Return whether no vertex of cell i is farther than ``limit`` from one of cell j."""
     solid, most = corners.points.shape[1] > 2, 0.0
     i, j = np.uint64(i), np.uint64(j)
+    # 1. No two vertices are farther apart than the centroids plus both radii: mostly that is enough.
     left = limit * _BELOW - corners.radii[i] - corners.radii[j]
     x = corners.centroids[i, 0] - corners.centroids[j, 0]
     y = corners.centroids[i, 1] - corners.centroids[j, 1]
     z = corners.centroids[i, 2] - corners.centroids[j, 2] if solid else 0.0
     if left >= 0.0 and x * x + y * y + z * z <= left * left:
         return True
+    # 2. Otherwise all pairs of vertices.
     for g in range(np.uint64(corners.offsets[i]), np.uint64(corners.offsets[i + ONE])):
         for h in range(np.uint64(corners.offsets[j]), np.uint64(corners.offsets[j + ONE])):
             one, other = np.uint32(corners.vertices[g]), np.uint32(corners.vertices[h])
@@ -113,7 +117,7 @@ def _extent(i, a, corners):
 
 @helper
 def _include(i, p, reach, corners):
-    """Let the extents of part p include cell i."""
+    """Extend the extents of part p by cell i."""
     for a in range(len(corners.directions)):
         least, most = _extent(i, a, corners)
         if least < reach.extents[p, a, 0]:
@@ -124,9 +128,13 @@ def _include(i, p, reach, corners):
 
 @helper
 def _find_extents(p, reach, corners):
-    """Find the extents of part p once its cells were walked several times."""
+    """Find the extents of part p once its cells were walked several times.
+
+    ``looks`` is negative from then on.
+    """
     if reach.looks[p] < 0:
         return
+    # Worth it? ``looks`` counts the cells looked at so far, compared here with those of the part.
     i, cells = reach.first[p], 0
     while i >= 0:
         cells += 1
@@ -144,9 +152,10 @@ def _find_extents(p, reach, corners):
 
 @helper
 def _by_extents(i, p, parts, reach, limit, corners):
-    """1 if cell i fits into part p, 0 if it does not, −1 if its extents do not tell.
+    """Return 1 if cell i fits into part p, 0 if it does not, −1 if its extents do not tell.
 
-    They never shrink: that it is too wide they tell only while the cell at the end is one of the part.
+    Extents never shrink as cells leave: they prove that a part is too wide only while the cell at their end
+    is one of it, and always bound its width from above.
     """
     widest = 0.0
     for a in range(len(corners.directions)):
@@ -157,21 +166,26 @@ def _by_extents(i, p, parts, reach, limit, corners):
         if high - least > limit * _ABOVE and parts[reach.ends[p, a, 1]] == p:
             return 0
         widest = max(widest, max(high, most) - min(low, least))
+    # Some direction is so near that of the diameter that its extent is at least diameter times cosine.
     return 1 if widest <= limit * corners.cosine else -1
 
 
 @helper
 def fits(i, p, parts, reach, limit, corners):
-    """Whether part p may have cell i: no vertex of the cell is farther than ``limit`` from one of either."""
+    """Return whether part p may get cell i: no two vertices of both are farther apart than ``limit``."""
     if limit == np.inf:
         return True
+    # 1. The cell that was too far last is often too far again.
     far = reach.far[p]
     if far >= 0 and parts[far] == p and not _within(i, far, limit, corners):
         return False
+    # 2. Extents, where they are known, may decide.
     if reach.looks[p] < 0:
         found = _by_extents(i, p, parts, reach, limit, corners)
         if found >= 0:
             return found == 1
+    # 3. Every cell of the part. Cells that are wider than the limit stay alone: the cell, and one that is
+    #    all the part, are compared with themselves.
     j = reach.first[p]
     whole = _within(i, i, limit, corners) and (reach.after[j] >= 0 or _within(j, j, limit, corners))
     looks = 0
@@ -180,6 +194,7 @@ def fits(i, p, parts, reach, limit, corners):
         if not _within(i, j, limit, corners):
             reach.far[p], whole = j, False
         j = reach.after[j]
+    # 4. The cells looked at are counted, until it pays to find the extents.
     if reach.looks[p] >= 0:
         reach.looks[p] += looks
         _find_extents(p, reach, corners)
@@ -191,6 +206,7 @@ def take_in(i, home, p, reach, limit, corners):
     """Move cell i from part ``home`` to part p."""
     if limit == np.inf:
         return
+    # Unlink the cell from one list, put it first in the other. Extents of its old part stay as bounds.
     if reach.before[i] >= 0:
         reach.after[reach.before[i]] = reach.after[i]
     else:

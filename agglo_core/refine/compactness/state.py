@@ -1,4 +1,4 @@
-"""What the sweeps of the k-way polish start from, and the cells that each of them is to look at."""
+"""State of the k-way polish: its first sums, and the list of cells that each sweep looks at."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -11,7 +11,10 @@ import numpy as np
 from agglo_core.compiled.compiling import ONE, kernel
 
 _LITTLE = 5e-4
-"""A sweep that lowers the objective of a block by less than this share is the last one there."""
+"""A sweep that lowers the objective of a block by less than this share is the last one there.
+
+A smaller value costs sweeps that hardly change anything, a larger one leaves parts less compact.
+"""
 
 _COLUMNS = 8  # of the sums of a part: they fill a line of the cache
 MASS, CENTRE, CELLS, ROOM, FLOOR = 0, 1, 4, 5, 6
@@ -19,7 +22,11 @@ MASS, CENTRE, CELLS, ROOM, FLOOR = 0, 1, 4, 5, 6
 
 
 class Cells(NamedTuple):
-    """Graph of the cells; centroid, weight and measure of each; an axis of each block."""
+    """Graph of the cells with their geometry, and axes of the blocks.
+
+    The graph is a CSR with the ``interface`` of each edge; ``centroids (n, d)``, ``weights (n,)`` and
+    ``measures (n,)`` belong to cells, ``axes (B, 3)`` to blocks.
+    """
 
     indptr: Any
     indices: Any
@@ -31,7 +38,13 @@ class Cells(NamedTuple):
 
 
 class State(NamedTuple):
-    """What changes in a sweep: of cells, parts, and blocks."""
+    """Arrays that change in sweeps, of cells, parts and blocks.
+
+    Of cells: their ``parts (n,)``, the sweep in which each is ``due (n,)`` or −1, ``marks (n, 2)`` of
+    searches, and those ``listed (n,)`` for a sweep. Of parts: the sums ``tally (k, 8)``, and where the cells
+    of each begin in the list, ``first (k + 1,)``. Of blocks: inertia and interface, ``blocks (B, 2)``, what
+    the last sweep added to them, ``gains (B, 2)``, and whether there is anything left to do, ``going (B,)``.
+    """
 
     parts: Any
     tally: Any
@@ -45,14 +58,18 @@ class State(NamedTuple):
 
 
 class Slices(NamedTuple):
-    """Parts and block of each ``(S, 5)``: see ``slices``; what moves in each gained ``(S, 2)``."""
+    """Slices of a sweep.
+
+    ``rows (S, 5)`` are the first part and the last plus 1, those of the block, and the block: see ``slices``.
+    ``gains (S, 2)`` are what moves in each added to inertia and interface.
+    """
 
     rows: Any
     gains: Any
 
 
 class Work(NamedTuple):
-    """Room for a thread: cells and their roots in a search; keys of the cells of a part; shares of parts."""
+    """Work arrays of a thread: cells and their roots in a search, keys of cells, interfaces by part."""
 
     queue: Any
     root: Any
@@ -62,12 +79,14 @@ class Work(NamedTuple):
 
 @kernel
 def part_tally(labels, count, centroids, weights, measures, floor):
-    """Number of the part of each cell ``(n,)``, narrow, and the sums of each of ``count`` parts ``(k, 8)``.
+    """Part of each cell ``(n,)`` as int32, and the sums of each of ``count`` parts ``(k, 8)``.
 
-    In the plane the third coordinate is 0.
+    Columns are named by the constants of this module. In the plane the third coordinate of a centre is 0.
+    The least measure of a part is ``floor`` times its measure at entry.
     """
     n, solid = len(labels), centroids.shape[1] > 2
     parts, tally = np.empty(n, np.int32), np.zeros((count, _COLUMNS))
+    # 1. Sums over the cells of each part; the columns of the centre hold the first moments as yet.
     for i in range(n):
         home, w = np.uint32(labels[i]), weights[i]
         parts[i] = home
@@ -77,6 +96,8 @@ def part_tally(labels, count, centroids, weights, measures, floor):
         tally[home, CENTRE] += w * centroids[i, 0]
         tally[home, CENTRE + 1] += w * centroids[i, 1]
         tally[home, CENTRE + 2] += w * centroids[i, 2] if solid else 0.0
+    # 2. First moments over weights are centres. A part without weight has its centre at the origin: its
+    #    cells add nothing to the inertia.
     for p in range(count):
         mass = tally[p, MASS]
         tally[p, FLOOR] = floor * tally[p, ROOM]
@@ -87,15 +108,19 @@ def part_tally(labels, count, centroids, weights, measures, floor):
 
 @kernel
 def interface_cells(given, parts, tally, block, count):
-    """Inertia and interface of each block ``(count, 2)``, and which cells the first sweep looks at.
+    """Inertia and interface of each block ``(count, 2)``, and the cells that the first sweep looks at.
 
-    These have 0 in ``due (n,)``, others −1. The block of each part is ``block (k,)``.
+    These have 0 in ``due (n,)``, others −1. The block of each part is ``block (k,)``. The inertia J is
+    Σ w |x − c|² over the cells, c the centre of their part; the interface L is the length between parts of
+    one block.
     """
     n, solid, several = len(parts), given.centroids.shape[1] > 2, count > 1
     blocks, due = np.zeros((count, 2)), np.empty(n, np.int8)
     for i in range(np.uint64(n)):
         home, length, others = np.uint32(parts[i]), 0.0, np.int64(0)
         own = np.uint32(block[home])
+        # 1. Length of the cell's faces with other parts of its block. Every face is met from both sides:
+        #    each counts one half.
         for h in range(np.uint64(given.indptr[i]), np.uint64(given.indptr[i + ONE])):
             q = np.uint32(parts[np.uint32(given.indices[h])])
             other = np.int64(q != home)
@@ -103,6 +128,7 @@ def interface_cells(given, parts, tally, block, count):
                 other &= block[q] == own
             others += other
             length += given.interface[h] * other  # no branch: it would be mispredicted
+        # 2. The cell's share of the inertia; it is due if it is adjacent to another part.
         square = (given.centroids[i, 0] - tally[home, CENTRE]) ** 2
         square += (given.centroids[i, 1] - tally[home, CENTRE + 1]) ** 2
         square += (given.centroids[i, 2] - tally[home, CENTRE + 2]) ** 2 if solid else 0.0
@@ -114,15 +140,20 @@ def interface_cells(given, parts, tally, block, count):
 
 @kernel(allocates=False)
 def listed_cells(state, work, sweep, before, alpha):
-    """List the cells due in this sweep slice by slice, those of slice s from ``first[s]`` on; their number.
+    """List the cells due in this sweep, part by part.
 
-    What moves in the slices ``before`` gained goes into ``blocks``; those that gained little are done.
+    Returns how many. Those of part p begin at ``first[p]``, so that the cells of a slice are a range of the
+    list. Gains of the last sweep, over the slices ``before``, go into ``blocks``; blocks that gained little
+    are done.
     """
+    # 1. Gains of the slices are summed by block, and cleared.
     for s in range(len(before.rows)):
         for a in range(2):
             state.gains[before.rows[s, 4], a] += before.gains[s, a]
             before.gains[s, a] = 0.0
     for b in range(len(state.blocks)):
+        # 2. Relative change of the objective J · L^α to first order, dJ / J + α dL / L: a block goes on
+        #    while that falls enough.
         inertia, interface = state.blocks[b, 0], state.blocks[b, 1]
         # a block without inertia or interface is done: there nothing is a number
         gain = state.gains[b, 0] / inertia + alpha * (state.gains[b, 1] / interface)
@@ -130,10 +161,13 @@ def listed_cells(state, work, sweep, before, alpha):
         for a in range(2):
             state.blocks[b, a] += state.gains[b, a]
             state.gains[b, a] = 0.0
+    # 3. The cells that are due, by number.
     count = np.uint64(0)
     for i in range(len(state.parts)):
         work.queue[count] = i  # no branch: it would be mispredicted half the time
         count += np.uint64(state.due[i] == sweep)
+    # 4. Counting sort by part, with the numbers of cells, then where each part ends. Filled from behind,
+    #    cells of a part keep their order, and ``first`` has moved to where each part starts.
     for r in range(len(state.first)):
         state.first[r] = 0
     for c in range(count):

@@ -18,13 +18,13 @@ from agglo_core.compiled.ring_search import CROWD, REACH, connected
 from agglo_core.refine.compactness.reach import fits, take_in
 from agglo_core.refine.compactness.state import CELLS, CENTRE, FLOOR, MASS, ROOM, listed_cells
 
-_TIE = 1e-9
+_TIE = 1e-9  # of the terms of a change: smaller ones are rounding; ties go to the part of the least number
 
 _CACHED = 40_000
-"""So few cells stay in the cache with all that is read for them."""
+"""Cells, up to which all that is read for them stays in the cache: reading ahead would cost time only."""
 
 _AHEAD = np.int64(64)
-"""Cells that are read ahead at a time: so many waits for memory go on at once."""
+"""Cells that are read ahead at a time: their waits for memory overlap."""
 
 
 @helper
@@ -38,7 +38,9 @@ def _square(given, state, i, p):
 
 @helper
 def _beside(given, state, i, work):
-    """List the other parts beside cell i, and sum what it shares with each; how many, and with its own.
+    """List the other parts adjacent to cell i in ``queue``, and sum the interface with each in ``share``.
+
+    Returns how many, and the interface with its own part. Whoever reads ``share`` clears it.
 
     No branch: it would be mispredicted half the time. A part may be listed again if it shares nothing.
     """
@@ -55,19 +57,24 @@ def _beside(given, state, i, work):
 
 @helper
 def _best_move(given, state, bounds, price, i, work):
-    """The part of a slice that cell i should move to, or −1, and what that adds to inertia and interface.
+    """Find the part of the slice that cell i should move to, or −1, and the changes of inertia and interface.
 
-    The ``price`` is the inertia that an interface of 1 is worth. The last of the results: whether parts of
-    its block beyond the slice are beside the cell.
+    The ``price`` is the inertia that an interface of 1 is worth. ``bounds`` are the parts of the slice, from
+    the first to the last plus 1, and those of its block. The last of the results tells whether the cell is
+    adjacent to parts of its block beyond the slice.
     """
     found, own = _beside(given, state, i, work)
     target, best, inertia, cut, beyond = np.int64(-1), 0.0, 0.0, 0.0, False
     if found == 0:
         return target, inertia, cut, beyond
+    # 1. A part of mass m and centre c loses w m / (m − w) |x − c|² of inertia with a cell of weight w at x
+    #    (Steiner), nothing if the cell is all its mass.
     home, w = np.uint32(state.parts[i]), given.weights[i]
     mass, lost = state.tally[home, MASS], 0.0
     if mass - w > 1e-12 * mass:
         lost = _square(given, state, i, home) * (w * (mass / (mass - w)))  # else lengths of 1e-50 vanish
+    # 2. A part of mass m that gets the cell gains w m / (m + w) |x − c|². Parts beyond the slice may change
+    #    at the same time in another thread: they are only reported.
     lo, hi, start, stop = bounds
     for m in range(found):
         p = np.uint32(work.queue[m])
@@ -78,6 +85,8 @@ def _best_move(given, state, bounds, price, i, work):
         mass, won = state.tally[p, MASS], 0.0
         if mass > 0.0:
             won = _square(given, state, i, p) * (w * (mass / (mass + w)))
+        # 3. Change of inertia plus price times interface. Of changes that differ by rounding only, the part
+        #    of the least number has it, so that the order of neighbours does not matter.
         change = won - lost + price * (own - shared)
         tie = _TIE * (won + lost + price * (own + shared))
         first = target < 0
@@ -88,7 +97,7 @@ def _best_move(given, state, bounds, price, i, work):
 
 @helper
 def _leaves_whole(given, state, i, target, work, stamp):
-    """Whether the part of cell i stays connected near it without it; then the cell is in ``target``.
+    """Move cell i to ``target`` if its part stays connected near it, and return whether it moved.
 
     What other threads read of the cell meanwhile is one part of the slice or another.
     """
@@ -97,6 +106,7 @@ def _leaves_whole(given, state, i, target, work, stamp):
         j = np.uint32(given.indices[h])
         work.queue[filled] = j  # no branch: it would be mispredicted half the time
         filled += np.uint64(state.parts[j] == home)
+    # The cell is out of the way of the search as soon as it has the other label.
     state.parts[i] = target
     search = (work.queue, work.root, state.marks)
     if filled > ONE and not connected(
@@ -109,11 +119,12 @@ def _leaves_whole(given, state, i, target, work, stamp):
 
 @helper
 def _put(given, state, i, home, target):
-    """Sums of the parts after cell i went from ``home`` to ``target``."""
+    """Update the sums of both parts after cell i went from ``home`` to ``target``."""
     w, measure = given.weights[i], given.measures[i]
     left, joined = state.tally[home, MASS] - w, state.tally[target, MASS] + w
     less = w / left if left > 0.0 else 0.0
     more = w / joined if joined > 0.0 else 0.0
+    # Centres move as running means do: c ± (x − c) w / m, with the new mass m.
     for a in range(given.centroids.shape[1]):
         x = given.centroids[i, a]
         state.tally[home, CENTRE + a] -= (x - state.tally[home, CENTRE + a]) * less
@@ -128,12 +139,14 @@ def _put(given, state, i, home, target):
 @helper
 def _sort_listed(given, state, work, b, start, stop):
     """Put the cells listed from ``start`` to ``stop`` in the order of their places (Shell's sort)."""
+    # 1. Keys: places along the axis of the block.
     for c in range(start, stop):
         i = np.uint32(state.listed[c])
         key = given.axes[b, 0] * given.centroids[i, 0] + given.axes[b, 1] * given.centroids[i, 1]
         if given.centroids.shape[1] > 2:
             key += given.axes[b, 2] * given.centroids[i, 2]
         work.keys[c - start] = key
+    # 2. Sort by falling gaps. Few cells are sorted by insertion, at once with gap 1.
     gap = (stop - start) // 2 if stop - start > 16 else 1
     while gap > 0:
         for c in range(gap, stop - start):
@@ -148,7 +161,10 @@ def _sort_listed(given, state, work, b, start, stop):
 
 @helper
 def _may_leave(given, state, i, target, work, stamp, reach, limit, corners):
-    """Whether cell i may go to part ``target``; then it is there."""
+    """Move cell i to ``target`` if its part is not emptied, torn or too small, the other not too wide.
+
+    Returns whether it moved. Only its label is changed.
+    """
     home = np.uint32(state.parts[i])
     if state.tally[home, CELLS] < 2.0:
         return False
@@ -179,11 +195,12 @@ def _read_ahead(given, state, work, first, last):
 
 @kernel(allocates=False)
 def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, reach, corners):
-    """Look once at each cell that is due in the slices from ``start`` to ``stop``; returns how many moved.
+    """Look once at each cell that is due in the slices from ``start`` to ``stop``.
 
-    Moves lower inertia times interface to the power ``alpha``, of which the slopes stay for the sweep those
-    of ``blocks``. The gains of a slice become what its moves added to inertia and interface. In a part, cells
-    are taken by their places, so that their numbering does not matter.
+    Returns how many moved. Moves lower J · L^α, inertia times interface to the power ``alpha``, linearised
+    about the ``blocks`` at the start of the sweep. The gains of a slice become what its moves added to
+    inertia and interface. In a part, cells are taken by their places, so that their numbering does not
+    matter.
     """
     n = np.int64(len(state.parts))
     stamp, moved, ahead = sweep * (n + 1), np.int64(0), np.int64(0)
@@ -193,8 +210,11 @@ def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, r
         begin, end = slices.rows[s, 2], slices.rows[s, 3]
         if not state.going[b]:
             continue
+        # 1. d(J · L^α) is proportional to dJ + price dL, with the price α J / L of the block.
         price = alpha * (state.blocks[b, 0] / state.blocks[b, 1])
         for r in range(lo, hi):
+            # 2. The cells of a part that are due. Of many cells, what is read for the next ones of the list
+            #    is fetched first, whatever their part.
             first, last = state.first[r], state.first[r + 1]
             if n > _CACHED and last + _AHEAD > ahead:
                 ahead = max(ahead, last)
@@ -206,10 +226,13 @@ def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, r
             for c in range(first, last):
                 i = np.uint64(np.uint32(state.listed[c]))
                 home = np.uint32(state.parts[i])
+                # 3. The best move. A cell adjacent to parts beyond the slice is looked at again in the next
+                #    sweep, in whose slices they may be together; others wait until a neighbour moves.
                 target, inertia, cut, beyond = _best_move(given, state, (lo, hi, begin, end), price, i, work)
                 state.due[i] = sweep + 1 if beyond else -1
                 if target < 0:
                     continue
+                # 4. It is made if both parts stay admissible; sums, widths and gains follow.
                 stamp += 1
                 to = np.uint32(target)
                 if not _may_leave(given, state, i, to, work, stamp, reach, limit, corners):
@@ -219,6 +242,8 @@ def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, r
                 slices.gains[s, 0] += inertia
                 slices.gains[s, 1] += cut
                 moved += 1
+                # 5. Neighbours in the block are due in the next sweep, unless this one has yet to come to
+                #    them.
                 for h in range(np.uint64(given.indptr[i]), np.uint64(given.indptr[i + ONE])):
                     j = np.uint32(given.indices[h])
                     p = state.parts[j]
@@ -229,7 +254,7 @@ def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, r
 
 @kernel(allocates=False)
 def sweep_all(given, state, work, even, odd, sweeps, alpha, limit, reach, corners):
-    """Up to so many sweeps, over the even and the odd slices by turns, as one thread makes them."""
+    """Make at most ``sweeps`` sweeps, over the even and the odd slices by turns, in one thread."""
     by_turns = (even, odd)
     for sweep in range(sweeps):
         slices, before = by_turns[sweep % 2], by_turns[1 - sweep % 2]
