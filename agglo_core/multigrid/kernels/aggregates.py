@@ -1,4 +1,4 @@
-"""Aggregates of the parts of a matrix: strength of couplings, greedy choice, splitting, local bases.
+"""Aggregation of the parts of a matrix: strength, greedy aggregates, split labels, local bases.
 
 A part is a set of consecutive unknowns. Couplings are a CSR over parts whose diagonal is kept apart.
 """
@@ -12,7 +12,7 @@ from agglo_core.compiled.compiling import kernel
 
 @kernel
 def couplings(indptr, indices, data, offsets, part_of):
-    """Return the CSR of the couplings between parts, and the size of the diagonal block of each part.
+    """Return the couplings between parts as CSR, and the sizes of diagonal blocks.
 
     Part p has the rows ``offsets[p]:offsets[p + 1]``; ``part_of`` is the part of each row. Between single
     unknowns a coupling is −a_ij and the size a_ii: a positive entry couples negatively. Between larger parts
@@ -53,12 +53,13 @@ def couplings(indptr, indices, data, offsets, part_of):
 
 @kernel
 def greedy_aggregates(graph, to, weight, size, theta, needless):
-    """Return the aggregate of each part, −1 for those that need none, and the number of aggregates.
+    """Aggregate the parts greedily by the strength of their couplings.
 
-    A coupling w between i and j is strong if w > θ max(s_i, s_j), and i leans on j if w > θ s_i, with the
-    sizes s. A part that leans on none is an aggregate of its own: it may have many neighbours that lean on
-    it. Then each part whose strong neighbours are all free gathers them; what is left leans where it leans
-    most. Parts whose couplings together are at most ``needless`` times their size need no coarse unknown.
+    Returns the aggregate of each part, −1 for those that need none, and the number of aggregates. A coupling
+    w between i and j is strong if w > θ max(s_i, s_j), and i leans on j if w > θ s_i, with the sizes s. A
+    part that leans on none is an aggregate of its own: it may have many neighbours that lean on it. Then each
+    part whose strong neighbours are all free gathers them; what is left leans where it leans most. Parts
+    whose couplings together are at most ``needless`` times their size need no coarse unknown.
     """
     # ``first`` is −1 for free parts and −2 for those without a coarse unknown.
     n = len(graph) - 1
@@ -119,10 +120,11 @@ def greedy_aggregates(graph, to, weight, size, theta, needless):
 
 @kernel
 def split_labels(graph, to, weight, size, theta, given):
-    """Split the given labels into pieces that strong couplings connect; see :func:`greedy_aggregates`.
+    """Split the given labels into pieces that strong couplings connect.
 
-    A part without a strong coupling inside its label joins the piece there that it leans on most. Returns the
-    piece of each part, numbered by first part, and the number of pieces.
+    Couplings and their strength are those of :func:`greedy_aggregates`. A part without a strong coupling
+    inside its label joins the piece there that it leans on most. Returns the piece of each part, numbered by
+    first part, and the number of pieces.
     """
     # 1. Connected pieces, by depth-first search over strong couplings inside each label. ``alone`` are parts
     #    that have none.
@@ -171,10 +173,11 @@ def split_labels(graph, to, weight, size, theta, given):
 
 @kernel
 def split_weak(indptr, indices, data, offsets, part_of, graph, to, weight, size, least, vectors):
-    """Return the CSR F of A without its weak blocks, and (A − F) B for the vectors B ``(n, k)``.
+    """Return F, the matrix A without its weak blocks, and (A − F) B.
 
-    A block is weak if its coupling is at most ``least`` times the size of the part of its rows. ``graph, to,
-    weight, size`` are the :func:`couplings` of A.
+    A is ``indptr, indices, data``, as F is returned; B are the ``vectors (n, k)``. A block is weak if its
+    coupling is at most ``least`` times the size of the part of its rows. ``graph, to, weight, size`` are the
+    :func:`couplings` of A.
     """
     n = len(part_of)
     kept = np.zeros(n + 1, indptr.dtype)
@@ -188,6 +191,7 @@ def split_weak(indptr, indices, data, offsets, part_of, graph, to, weight, size,
         for k in range(graph[p], graph[p + 1]):
             if abs(weight[k]) <= least * size[p]:
                 weak_for[to[k]] = p
+        # Each entry of these rows goes to (A − F) B if it is in a weak block, to F otherwise.
         for i in range(offsets[p], offsets[p + 1]):
             for k in range(indptr[i], indptr[i + 1]):
                 j = indices[k]

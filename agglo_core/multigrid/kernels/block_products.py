@@ -1,4 +1,4 @@
-"""Products of sparse matrices in small square blocks, rows of blocks being vectors of the processor."""
+"""Products of sparse matrices in small square blocks, by vector instructions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from agglo_core.multigrid.kernels.block_vectors import add_product
 
 @cache
 def block_products(width: int) -> Any:
-    """Kernel of the product of two matrices in blocks of 2 to 16 unknowns, all blocks in flat arrays.
+    """Kernel of the product of two matrices in blocks of 2 to 16 unknowns, stored in flat arrays.
 
     ``product(indptr, indices, places, left, transposed, graph, to, right, columns)``
         Row i of the first matrix has the blocks ``left[places[k]]`` in columns ``indices[k]``, k from
@@ -62,9 +62,9 @@ def block_products(width: int) -> Any:
 
 @kernel
 def block_columns(indptr, indices, columns):
-    """Transpose a pattern: offsets by column, rows, and the place of each block among those by rows.
+    """Transpose a pattern of blocks by a counting sort; rows ascend within columns.
 
-    Counting sort: rows ascend within columns.
+    Returns offsets by column, rows, and the place of each block among those by rows.
     """
     starts = np.zeros(columns + 1, np.int32)
     for j in indices:

@@ -103,6 +103,7 @@ def _sweep(indptr, indices, data, inverses, b, x, order):
     rows = len(indptr) - 1
     n = len(x) // rows
     left = np.empty(n, x.dtype)
+    # As above, for any size of blocks: x_i += D_i⁻¹ (b_i − Σ_j A_ij x_j).
     for turn in range(rows):
         i = turn if order > 0 else rows - 1 - turn
         own = i * n
@@ -123,7 +124,7 @@ def _sweep(indptr, indices, data, inverses, b, x, order):
 
 @cache
 def block_product(width: int) -> Any:
-    """Kernel ``(indptr, indices, data, x)`` of A x for blocks of 2 to 16 unknowns; ``data`` is flat."""
+    """Kernel ``(indptr, indices, data, x)`` of A x for blocks of 2 to 16 unknowns in a flat array."""
 
     @kernel(reorder_sums=True)
     def product(indptr, indices, data, x):
@@ -138,7 +139,7 @@ def block_product(width: int) -> Any:
 
 @kernel(reorder_sums=True)
 def sweep_parts(indptr, indices, data, offsets, places, inverses, b, x, order):
-    """Sweep through parts of unequal sizes once, in their order (1) or the opposite (−1); x is changed.
+    """Sweep once through parts of unequal sizes and update x, in the order 1 or −1 (reversed).
 
     Part p has the rows ``offsets[p]:offsets[p + 1]`` of a CSR matrix, and the inverse of its diagonal block
     is stored by rows from ``inverses[places[p]]``.
@@ -154,6 +155,7 @@ def sweep_parts(indptr, indices, data, offsets, places, inverses, b, x, order):
             for k in range(indptr[first + q], indptr[first + q + 1]):
                 t -= data[k] * x[indices[k]]
             left[q] = t
+        # Then x_p += D_p⁻¹ times it.
         for q in range(n):
             t = x[first + q]
             for c in range(n):

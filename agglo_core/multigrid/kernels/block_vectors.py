@@ -1,4 +1,4 @@
-"""Products of small blocks with vectors, in registers: rows of a block are vectors of the processor.
+"""Products of small blocks with vectors, by vector instructions on the rows of a block.
 
 The compiler unrolls loops over the 10 rows and columns of a block, and then finds nothing to vectorise. So
 the instructions are written here. All arrays are flat and of one dtype.
@@ -45,7 +45,10 @@ def _add_product(typing, n, factors, start, stride, block, at, into, to):
 
 
 def _add_dots(typing, n, block, at, vector, start, into, to):
-    """``into[to + c]`` += Σ_q block[at + c · n + q] · vector[start + q], c and q < n; n as above."""
+    """``into[to + c]`` += Σ_q block[at + c · n + q] · vector[start + q], c and q < n.
+
+    n must be a literal, or a variable of the function around a kernel.
+    """
     width = _literal(n)
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -106,7 +109,7 @@ class _Lanes:
         return builder.call(load, [target, align, mask, ir.Constant(self.full, None)])
 
     def spread(self, value: Any) -> Any:
-        """A vector of equal entries."""
+        """Vector of equal entries."""
         nothing, first = ir.Constant(self.full, ir.Undefined), ir.Constant(ir.IntType(32), 0)
         one = self.builder.insert_element(nothing, value, first)
         return self._shuffled(one, nothing, [0] * self.count)
@@ -117,7 +120,7 @@ class _Lanes:
         self.builder.store(short, at, align=self.bits // 8)
 
     def sums(self, vectors: list[Any]) -> Any:
-        """The vector whose entry c is the sum of the entries of vector c.
+        """Vector whose entry c is the sum of the entries of vector c.
 
         In each round two vectors (u, v) become one: the lower halves of both plus the upper halves of both.
         The segments that belong to one vector are halved from ``count`` lanes to 1, in log₂ ``count`` rounds.

@@ -14,7 +14,7 @@ from agglo_core.compiled.compiling import helper, kernel
 
 @kernel
 def strong_entries(indptr, indices, data, theta, least):
-    """Mark the strong entries of a matrix, and the unknowns that need the coarse level.
+    """Mark the strong entries of a matrix and the unknowns that need the coarse level.
 
     An unknown does not need it if Σ_j |a_ij| over j ≠ i is at most ``least`` times a_ii: it has no strong
     entries either.
@@ -32,6 +32,7 @@ def strong_entries(indptr, indices, data, theta, least):
             else:
                 total += abs(data[k])
                 most = max(most, -data[k])
+        # Only negative entries can be strong: a row without any has most = 0 and depends on none.
         needy[i] = total > least * own
         if needy[i] and most > 0.0:
             for k in range(indptr[i], indptr[i + 1]):
@@ -58,7 +59,8 @@ def coarse_points(indptr, indices, strong, needy):
 
 @helper(allocates=True)
 def _dependents(indptr, indices, strong):
-    """Return the CSR of the unknowns that depend on each (``strong`` transposed), and how many they are."""
+    """Return the unknowns that depend on each, as CSR, and their numbers."""
+    # The strong entries transposed, by a counting sort.
     n = len(indptr) - 1
     start = np.zeros(n + 1, np.int64)
     for k in range(len(indices)):
@@ -187,12 +189,13 @@ def _second_pass(indptr, indices, strong, stays):
 
 @kernel
 def classical_weights(indptr, indices, data, strong, stays, number):
-    """Return the interpolation as CSR: 1 for C-points; F-points take from all C-points they depend on.
+    """Return the classical interpolation as CSR ``graph, to, weight``.
 
-    ``number`` is the coarse number of each C-point. For an F-point i with the set C_i of these C-points the
-    weights are w_ij = −(a_ij + Σ_m a_im ā_mj / Σ_l∈C_i ā_ml) / d_i, j ∈ C_i, the first sum over the other
-    strong entries, with ā the negative part of a. The diagonal d_i is a_ii plus all entries that are not
-    strong, and plus a_im where the row of m is not coupled to C_i.
+    A C-point has the weight 1; an F-point takes from all C-points that it depends on. ``number`` is the
+    coarse number of each C-point. For an F-point i with the set C_i of these C-points the weights are w_ij =
+    −(a_ij + Σ_m a_im ā_mj / Σ_l∈C_i ā_ml) / d_i, j ∈ C_i, the first sum over the other strong entries, with ā
+    the negative part of a. The diagonal d_i is a_ii plus all entries that are not strong, and plus a_im where
+    the row of m is not coupled to C_i.
     """
     n = len(stays)
     graph = np.zeros(n + 1, np.int32)
@@ -248,9 +251,9 @@ def classical_weights(indptr, indices, data, strong, stays, number):
 
 @kernel
 def coarse_first(indptr, indices, data, stays, place):
-    """Permute a CSR symmetrically so that C-points come first; ``place[i]`` is the new number of i.
+    """Permute a CSR symmetrically so that C-points come first.
 
-    The order within C-points and within F-points must be kept.
+    ``place[i]`` is the new number of i; the order within C-points and within F-points must be kept.
     """
     n = len(stays)
     graph = np.zeros(n + 1, indptr.dtype)

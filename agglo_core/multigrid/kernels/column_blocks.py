@@ -1,7 +1,8 @@
-"""Products with prolongations of columns in blocks: each part has a few coarse unknowns, of n entries each.
+"""Products with prolongations in blocks of one column.
 
-Such a matrix is a ``scipy.sparse.bsr_array`` of blocks ``(n, 1)``, which scipy multiplies as if blocks were
-large. One array serves both directions: no transpose is kept.
+Each part of n unknowns depends on a few coarse unknowns, and has n entries for each of them. Such a matrix is
+a ``scipy.sparse.bsr_array`` of blocks ``(n, 1)``, which scipy multiplies as if blocks were large. One array
+serves both directions: no transpose is kept.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ Product = Callable[..., Any]
 
 @cache
 def column_products(width: int) -> tuple[Product, Product]:
-    """Kernels ``(restricted, prolonged)`` for blocks of a size; 0 stands for any size.
+    """Kernels ``(restricted, prolonged)`` for blocks of a size, 0 for any size.
 
     ``restricted(indptr, indices, blocks, r, columns)``
         Pᵀ r ``(columns,)``; block k, ``blocks[k] (n,)``, stands in column ``indices[k]``.

@@ -1,4 +1,4 @@
-"""The coarse matrix PᵀAP of sparse matrices by rows."""
+"""Galerkin product PᵀAP of CSR matrices."""
 
 from __future__ import annotations
 
@@ -45,9 +45,10 @@ def _transposed(indptr, indices, data, columns):
 
 @helper(allocates=True)
 def _product(indptr, indices, data, graph, to, weight, columns):
-    """Multiply two CSR matrices; columns of a row come in any order, the arrays are longer than needed.
+    """Multiply two CSR matrices row by row (Gustavson).
 
-    Row by row (Gustavson): ``slot[j]`` is the place of column j; those before ``first`` are of earlier rows.
+    Columns of a row come in any order, and the arrays are longer than needed. ``slot[j]`` is the place of
+    column j; those before ``first`` are of earlier rows.
     """
     n = len(indptr) - 1
     out = np.zeros(n + 1, np.int32)

@@ -21,7 +21,7 @@ Sweep = Callable[..., Any]
 
 @cache
 def group_sweeps(width: int) -> tuple[Sweep, Sweep]:
-    """Kernels ``(residual_sweep, sweep)`` for blocks of a size; 0 stands for any size.
+    """Kernels ``(residual_sweep, sweep)`` for blocks of a size, 0 for any size.
 
     Group g holds ``parts[offsets[g]:offsets[g + 1]]``, each part of the matrix being in one group, and the
     inverse of the matrix on it is stored by rows from ``starts[g]``. The rows of the matrix come in the order

@@ -1,4 +1,4 @@
-"""Block factors L D Lᵀ of the matrix on each patch of parts, in an order that keeps them sparse.
+"""Sparse block factors L D Lᵀ of the matrix on each patch of parts.
 
 The cells around a vertex form a ring, each coupled to two others. The inverse of their matrix is full, but
 its factors hold at most three blocks for each cell: they are found in time proportional to the number of
@@ -44,7 +44,7 @@ def patch_orders(offsets, parts, indptr, indices):
                 b = place[indices[h]]
                 if b >= 0:
                     coupled[a, b] = coupled[b, a] = True
-        # L has less than size² blocks: room for all of them is made before.
+        # Room for the blocks of this patch: fewer than size².
         if count + size * size > len(below):
             longer = np.empty(2 * len(below) + size * size, np.int32)
             longer[:count] = below[:count]
@@ -159,7 +159,7 @@ def patch_factors(width: int) -> Any:
 
 @helper(reorder_sums=True)
 def _inverted(D, n):
-    """Invert a symmetric matrix in its place; False if it is not positive definite.
+    """Invert a symmetric matrix in place, and return whether it is positive definite.
 
     Gauss–Jordan without pivoting: the pivots are those of Cholesky, squared, and must be positive.
     """

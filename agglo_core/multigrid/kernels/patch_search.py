@@ -1,4 +1,4 @@
-"""Patches of a mesh: the parts that meet at its vertices, each set once and none inside another."""
+"""Patches of a mesh: distinct sets of parts that meet at its vertices, none inside another."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def parts_at_vertices(cell_offsets, cell_vertices, vertex_groups, labels, n_grou
 
 @helper
 def _before(parts, offsets, one, other):
-    """Compare two sets in lexicographic order; True if the first comes before the second."""
+    """Return whether a set comes before another in lexicographic order."""
     sizes = offsets[one + 1] - offsets[one], offsets[other + 1] - offsets[other]
     for k in range(min(sizes[0], sizes[1])):
         a, b = parts[offsets[one] + k], parts[offsets[other] + k]
@@ -86,7 +86,7 @@ def _before(parts, offsets, one, other):
 
 @kernel
 def without_contained(offsets, parts, n_parts):
-    """Drop the sets that a larger one contains, and add a set for each part in none; sets ascend.
+    """Drop the sets that a larger one contains, and add a set for each part in none.
 
     Sets are CSR, distinct, their parts ascending; so is the result. The order of sets is lexicographic.
     """
@@ -169,9 +169,9 @@ def without_contained(offsets, parts, n_parts):
 
 @kernel
 def united(pairs, n_parts, most):
-    """Unite ``pairs (m, 2)`` in turn into sets of at most ``most`` parts, as CSR by their smallest parts.
+    """Unite ``pairs (m, 2)`` in turn into sets of at most ``most`` parts.
 
-    A pair is passed over if its union would be larger.
+    A pair is passed over if its union would be larger. Returns the sets as CSR, by their smallest parts.
     """
     # 1. Sets are trees whose root is the smallest part; paths are halved on the way to it.
     above = np.arange(n_parts)  # towards the smallest part of a set

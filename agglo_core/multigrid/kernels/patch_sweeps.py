@@ -1,4 +1,4 @@
-"""Schwarz smoothing on patches of a block matrix: inverses of the patches, and sweeps through them."""
+"""Schwarz smoothing on patches of a block matrix: inverses on patches, and sweeps through them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _TINY = 1e-22  # of the largest entry: less is 0, lest products in single precis
 
 @kernel(reorder_sums=True)
 def patch_inverses(offsets, parts, indptr, indices, data, starts, half, out):
-    """Fill ``out`` with the inverses of the patches' matrices by rows, patch i from ``starts[i]`` on.
+    """Fill ``out`` with the inverses of the matrix on each patch i, by rows from ``starts[i]`` on.
 
     If ``half``, only the rows of their lower halves are stored, one after the other. The blocks ``data`` of
     the matrix must be symmetric; only those in the lower half of a patch are read. Symmetric sweeps
@@ -47,12 +47,13 @@ def patch_inverses(offsets, parts, indptr, indices, data, starts, half, out):
         for a in range(size):
             place[parts[first + a]] = -1
 
-        for j in range(m):  # sweep on each pivot: what is left is −W⁻¹
+        # 2. Sweep on each pivot j: with s = 1 / w_jj, w_rc −= w_rj s w_jc for r, c ≠ j, then w_rj *= s and
+        #    w_jj = −s. What is left is −W⁻¹.
+        for j in range(m):
             if not W[j, j] > 0.0:
                 return i
-            # With s = 1 / w_jj: w_rc −= w_rj s w_jc for r, c ≠ j, then w_rj *= s and w_jj = −s. As only
-            # the lower half is kept, ``pivots`` collects column j from both halves; its entry j is 0, so
-            # that column j passes unchanged through the update of rows below.
+            # ``pivots`` is column j, above the diagonal by symmetry. Its entry j is 0, so that column j
+            # passes unchanged through the update of the rows below.
             scale = 1.0 / W[j, j]
             for c in range(j):
                 pivots[c] = W[j, c]
@@ -88,12 +89,13 @@ def patch_inverses(offsets, parts, indptr, indices, data, starts, half, out):
 
 @cache
 def patch_sweep(width: int) -> Any:
-    """Kernel ``(offsets, parts, starts, below, pivots, factors, indptr, indices, data, b, x, order)``.
+    """Kernel of a multiplicative Schwarz sweep through overlapping patches.
 
-    It solves for the unknowns of each overlapping patch in turn with the factors of :mod:`.patch_factors`,
-    the others staying as they are; x is changed. Patches are taken in their order (``order`` 1 or 0) or the
-    opposite (−1). For the order 0 b must be the residual b − A x, and is updated. Blocks have the size
-    ``width``, and are in flat arrays.
+    Its arguments are ``(offsets, parts, starts, below, pivots, factors, indptr, indices, data, b, x,
+    order)``. It solves for the unknowns of each overlapping patch in turn with the factors of
+    :mod:`.patch_factors`, the others staying as they are; x is changed. Patches are taken in their order
+    (``order`` 1 or 0) or the opposite (−1). For the order 0 b must be the residual b − A x, and is updated.
+    Blocks have the size ``width``, and are in flat arrays.
     """
 
     @kernel(reorder_sums=True)
@@ -154,7 +156,10 @@ def patch_sweep(width: int) -> Any:
 
 @helper(reorder_sums=True)
 def _multiply(inverses, start, rest, m, better):
-    """Multiply ``rest[:m]`` by a symmetric matrix whose lower half is stored by rows from ``start``."""
+    """Write the product of a symmetric matrix with ``rest[:m]`` to ``better[:m]``.
+
+    The lower half of the matrix is stored by rows from ``inverses[start]`` on.
+    """
     at = start
     for r in range(m):
         inverse, value = inverses[at : at + r + 1], rest[r]
@@ -168,7 +173,7 @@ def _multiply(inverses, start, rest, m, better):
 
 @kernel(reorder_sums=True)
 def patch_sum(offsets, parts, inverse_starts, inverses, weights, n, r):
-    """Return Σ_i W R_iᵀ A_i⁻¹ R_i W r, the weighted sum of the solutions on all patches i.
+    """Return Σ_i W R_iᵀ A_i⁻¹ R_i W r, the weighted sum of patch solutions.
 
     R_i restricts to the patch, W multiplies each part by its weight; the lower halves of the inverses A_i⁻¹
     are stored by rows from ``inverse_starts[i]``. Blocks have n unknowns.
@@ -179,6 +184,7 @@ def patch_sum(offsets, parts, inverse_starts, inverses, weights, n, r):
     there, better = np.empty(most, r.dtype), np.empty(most, r.dtype)
     x = np.zeros_like(r)
     for i in range(len(offsets) - 1):
+        # R_i W r, then A_i⁻¹ times it, then added with the weights.
         first, last = offsets[i], offsets[i + 1]
         for a in range(first, last):
             for c in range(n):

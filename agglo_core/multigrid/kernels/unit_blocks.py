@@ -56,7 +56,10 @@ def scale_blocks(width: int) -> Any:
 
 @helper(allocates=True)
 def _factors(indptr, indices, data):
-    """Factorise the diagonal blocks; return the first part that fails, −1 for none, T = L⁻¹ and Lᵀ."""
+    """Factorise the diagonal blocks as L Lᵀ.
+
+    Returns the first part whose block is not positive definite, −1 for none, T = L⁻¹ and Lᵀ.
+    """
     n, count = data.shape[1], len(indptr) - 1
     T, LT = np.zeros((count, n, n)), np.zeros((count, n, n))
     for i in range(count):
@@ -106,6 +109,7 @@ def _scale_blocks(indptr, indices, data):
                 for c in range(r + 1):
                     for q in range(n):
                         row[q] += left[r, c] * block[c, q]
+            # Row q of T_j is column q of T_jᵀ.
             for r in range(n):
                 for q in range(n):
                     value = 0.0

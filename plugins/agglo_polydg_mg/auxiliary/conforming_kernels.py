@@ -53,9 +53,10 @@ def cluster_vertices(points, edges, limits):
 
 @kernel
 def corners_of_cells(offsets, faces, face_vertices, face_cells, clusters):
-    """Number the corners cell by cell; return their offsets ``(n_cells + 1,)`` and ``ends (F, 2, 2)``.
+    """Number the corners, cell by cell.
 
-    Cell c has the faces ``faces[offsets[c]:offsets[c + 1]]``. ``ends`` is −1 outside the domain.
+    Returns their offsets ``(n_cells + 1,)`` and ``ends (F, 2, 2)``, −1 outside the domain. Cell c has the
+    faces ``faces[offsets[c]:offsets[c + 1]]``.
     """
     ends = np.full((len(face_cells), 2, 2), -1)
     starts = np.zeros(len(offsets), np.int64)
@@ -79,8 +80,9 @@ def corners_of_cells(offsets, faces, face_vertices, face_cells, clusters):
 
 @kernel
 def corner_unknowns(offsets, faces, face_cells, ends, starts, coupling, stiffness, order, weak, comparable):
-    """Return the unknown ``(m,)`` of each corner, numbered by first cell, and the number of unknowns.
+    """Unite corners into unknowns where cells are tied together.
 
+    Returns the unknown ``(m,)`` of each corner, numbered by first cell, and the number of unknowns.
     ``coupling (F,)`` is the energy of a jump of 1 across a face, ``stiffness (n_cells,)`` the largest that it
     could be in a cell; cells come in ``order (n_cells,)`` of falling stiffness. At each of its corners a cell
     meets the unknowns of the cells across its faces that came before, except across faces whose coupling
@@ -167,9 +169,10 @@ def _add_point(weight, values, normal, n):
 
 @helper
 def solve_rows(normal, right, n, count):
-    """Replace the rows of ``right (count, n)`` by solutions; ``normal`` becomes its Cholesky factor.
+    """Replace the rows of ``right (count, n)`` by the solutions x of ``normal`` x = row.
 
-    Only the lower half of ``normal (n, n)``, symmetric and positive definite, is read and written.
+    Only the lower half of ``normal (n, n)``, symmetric and positive definite, is read. It becomes the
+    Cholesky factor.
     """
     # 1. normal = L Lᵀ.
     for i in range(n):

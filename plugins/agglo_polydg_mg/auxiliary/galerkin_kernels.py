@@ -1,4 +1,4 @@
-"""Kernels of C = Pᵀ A P, A in blocks, each cell having a few unknowns of C.
+"""Kernels of C = Pᵀ A P for A in blocks and cells with a few unknowns of C each.
 
 ``offsets, indices`` are the unknowns of the cells, ``fitted (·, n)`` the columns of P on the cell. C is
 symmetric: the upper half of it is computed, its rows beginning with the diagonal entry.
@@ -42,11 +42,12 @@ def _holders(offsets, indices, size):
 
 @cache
 def half_product(width: int) -> Callable[..., Any]:
-    """Kernel ``(indptr, columns, blocks, offsets, indices, fitted, size)`` for blocks of a size; 0: of any.
+    """Kernel of the upper half of C for blocks of a size, 0 for any size.
 
-    It returns rows, columns and values of the upper half of C ``(size, size)``; the diagonal entry comes
-    first in its row, the others are not sorted. Row v is Pᵀ (A p), p being column v of P: A p lives on the
-    cells of v and their neighbours. ``indptr, columns, blocks`` are A, symmetric, in blocks.
+    Its arguments are ``(indptr, columns, blocks, offsets, indices, fitted, size)``. It returns rows, columns
+    and values of the upper half of C ``(size, size)``; the diagonal entry comes first in its row, the others
+    are not sorted. Row v is Pᵀ (A p), p being column v of P: A p lives on the cells of v and their
+    neighbours. ``indptr, columns, blocks`` are A, symmetric, in blocks.
     """
 
     @kernel(reorder_sums=True)
@@ -107,7 +108,7 @@ def half_product(width: int) -> Callable[..., Any]:
 
 @helper(allocates=True)
 def _longer(array):
-    """Return a copy of twice the length; the second half is not initialised."""
+    """Return a copy of twice the length, its second half not initialised."""
     longer = np.empty(2 * len(array), array.dtype)
     for k in range(len(array)):
         longer[k] = array[k]

@@ -1,4 +1,4 @@
-"""Kernel of the continuous space of polyhedra: the polynomials of cells next to traces on their surface."""
+"""Kernels of the continuous space of polyhedra: polynomials of cells fitted to traces on their surface."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from agglo_polydg_mg.space.solid_kernels import in_box
 
 @helper
 def _place(unknown, indices, position, count):
-    """Return the place of an unknown among the ``count`` that a cell has so far, or ``count``."""
+    """Return the place of an unknown among the first ``count`` of a cell, or ``count``."""
     for i in range(count):
         if indices[position + i] == unknown:
             return i
@@ -21,7 +21,7 @@ def _place(unknown, indices, position, count):
 
 @helper
 def _polynomials(x, y, z, orders, table, lines, out):
-    """Write the polynomials of a cell, not scaled, at a point of its box, [−1, 1]³, to ``out``."""
+    """Write the polynomials of a cell, not scaled, at a point of [−1, 1]³ to ``out``."""
     degree = table.shape[1]
     legendre_at(x, degree, table, lines[0])
     legendre_at(y, degree, table, lines[1])
@@ -32,7 +32,7 @@ def _polynomials(x, y, z, orders, table, lines, out):
 
 @helper
 def _corners(points, face_vertices, first, last, box, ring):
-    """Write the corners of a face, in the coordinates of a box, and in a last row their mean to ``ring``."""
+    """Write the corners of a face in box coordinates to ``ring``, and their mean to the row after."""
     count = last - first
     ring[count] = 0.0
     for k in range(count):
@@ -142,7 +142,7 @@ def fit_solid_traces(
 
 @kernel
 def fit_corners(points, offsets, vertices, boxes, scale):
-    """Fit linear polynomials of each cell to values at its corners, in the mean square over the corners.
+    """Fit linear polynomials of each cell to values at its corners by least squares.
 
     Returns the unknowns ``(v,)`` of ``vertices``, numbered by first cell, the coefficients ``(v, 4)`` and the
     number of unknowns. Where a trace is linear, or a cell a box, :func:`fit_solid_traces` yields the same.

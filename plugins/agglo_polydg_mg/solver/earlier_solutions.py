@@ -16,10 +16,10 @@ _ROWS = 256  # differenced at a time: with 8 vectors 16 KiB, which stay in the n
 
 @kernel
 def differences_of(vectors, table):
-    """Write vectors ``(k, n)``, the latest last, as backward differences to columns ``table (n, WIDE)``.
+    """Write the backward differences of vectors to the columns of ``table (n, WIDE)``.
 
-    Order 0 is the latest itself. Each column is divided by its largest magnitude; columns from k on, and
-    differences that vanish, are 0.
+    The ``vectors (k, n)`` come with the latest last. Order 0 is the latest itself. Each column is divided by
+    its largest magnitude; columns from k on, and differences that vanish, are 0.
     """
     count, n = vectors.shape
     rows, largest = np.zeros((WIDE, _ROWS)), np.zeros(WIDE)
@@ -48,10 +48,10 @@ def differences_of(vectors, table):
 
 @kernel
 def half_products(indptr, indices, blocks, table, products):
-    """Write H V to ``products (n, WIDE)``, A = H + Hᵀ being a symmetric matrix in blocks, V ``table``.
+    """Write H V to ``products (n, WIDE)`` for a symmetric matrix A = H + Hᵀ in blocks.
 
-    H are its blocks of the lower half and half of those of the diagonal: Vᵀ A V = Vᵀ H V + (Vᵀ H V)ᵀ takes
-    half of the work of A V.
+    V is ``table (n, WIDE)``. H are the blocks of the lower half and half of those of the diagonal: Vᵀ A V =
+    Vᵀ H V + (Vᵀ H V)ᵀ takes half of the work of A V.
     """
     m = blocks.shape[1]
     for i in range(len(indptr) - 1):
@@ -85,7 +85,7 @@ A smaller value amplifies rounding in nearly parallel solutions, a larger one dr
 
 
 def best_combination(A: Any, b: Float, earlier: Sequence[Float]) -> Float:
-    """Combine vectors so that the energy error ‖x − A⁻¹b‖_A is smallest; return x ``(n,)``.
+    """Return the combination x of vectors with the smallest energy error ‖x − A⁻¹b‖_A.
 
     Of earlier solutions it is an extrapolation as good as any formula's, whatever the steps between them, and
     never worse than 0 (P. Fischer, Comput. Methods Appl. Mech. Engrg. 163, 1998). Of a matrix in blocks it
