@@ -1,4 +1,4 @@
-"""Aggregates of the parts of a matrix: strength of couplings, greedy choice, splitting, local bases.
+"""Aggregation of the parts of a matrix: strength, greedy aggregates, split labels, local bases.
 
 A part is a set of consecutive unknowns. Couplings are a CSR over parts whose diagonal is kept apart.
 """
@@ -12,10 +12,11 @@ from agglo_core.compiled.compiling import kernel
 
 @kernel
 def couplings(indptr, indices, data, offsets, part_of):
-    """CSR of the couplings between parts, and the size of each part's diagonal block.
+    """Return the couplings between parts as CSR, and the sizes of diagonal blocks.
 
-    Between single unknowns a coupling is −a_ij and the size a_ii: a positive entry couples negatively.
-    Between larger parts both are Frobenius norms of blocks.
+    Part p has the rows ``offsets[p]:offsets[p + 1]``; ``part_of`` is the part of each row. Between single
+    unknowns a coupling is −a_ij and the size a_ii: a positive entry couples negatively. Between larger parts
+    both are Frobenius norms of blocks.
     """
     n = len(offsets) - 1
     scalar = np.all(offsets[1:] - offsets[:-1] == 1)
@@ -25,6 +26,7 @@ def couplings(indptr, indices, data, offsets, part_of):
     size = np.zeros(n)
     slot = np.full(n, -1, np.int64)
     m = 0
+    # Entries of a block are added up in the slot of its part; a slot before ``start`` is of an earlier row.
     for p in range(n):
         start = m
         for i in range(offsets[p], offsets[p + 1]):
@@ -40,6 +42,7 @@ def couplings(indptr, indices, data, offsets, part_of):
                     to[m] = q
                     weight[m] = w
                     m += 1
+        # The sums of squares become norms.
         if not scalar:
             size[p] = np.sqrt(size[p])
             for k in range(start, m):
@@ -50,16 +53,19 @@ def couplings(indptr, indices, data, offsets, part_of):
 
 @kernel
 def greedy_aggregates(graph, to, weight, size, theta, needless):
-    """Aggregate of each part, −1 for those that need none, and the number of aggregates.
+    """Aggregate the parts greedily by the strength of their couplings.
 
-    A coupling w between i and j is strong if w > θ max(s_i, s_j), and i leans on j if w > θ s_i. A part
-    that leans on none is an aggregate of its own: it may have many neighbours that lean on it. Then each
+    Returns the aggregate of each part, −1 for those that need none, and the number of aggregates. A coupling
+    w between i and j is strong if w > θ max(s_i, s_j), and i leans on j if w > θ s_i, with the sizes s. A
+    part that leans on none is an aggregate of its own: it may have many neighbours that lean on it. Then each
     part whose strong neighbours are all free gathers them; what is left leans where it leans most. Parts
-    whose couplings together are at most ``needless`` times their size need no coarse unknown at all.
+    whose couplings together are at most ``needless`` times their size need no coarse unknown.
     """
+    # ``first`` is −1 for free parts and −2 for those without a coarse unknown.
     n = len(graph) - 1
     first = np.full(n, -1, np.int64)
     count = 0
+    # 1. Parts without a coarse unknown, and parts that lean on none, which found an aggregate each.
     for i in range(n):
         total = 0.0
         most = 0.0
@@ -71,6 +77,8 @@ def greedy_aggregates(graph, to, weight, size, theta, needless):
         elif most <= theta * size[i]:
             first[i] = count
             count += 1
+    # 2. A free part, at least one strong neighbour and no strong neighbour in an aggregate: it founds an
+    #    aggregate with all of them. Neighbours that need no coarse unknown do not count.
     for i in range(n):
         if first[i] != -1:
             continue
@@ -88,6 +96,8 @@ def greedy_aggregates(graph, to, weight, size, theta, needless):
                 if weight[k] > theta * max(size[i], size[j]) and first[j] == -1:
                     first[j] = count
             count += 1
+    # 3. Other free parts join the aggregate that they lean on most. Only those of 1 and 2 can be joined, so
+    #    that no aggregate grows by more than one layer.
     labels = first.copy()
     for i in range(n):
         if first[i] == -1:
@@ -96,6 +106,7 @@ def greedy_aggregates(graph, to, weight, size, theta, needless):
                 if weight[k] > most and first[to[k]] >= 0:
                     most = weight[k]
                     labels[i] = first[to[k]]
+    # 4. The rest found aggregates with their strong neighbours that are still free.
     for i in range(n):
         if labels[i] == -1:
             labels[i] = count
@@ -109,10 +120,14 @@ def greedy_aggregates(graph, to, weight, size, theta, needless):
 
 @kernel
 def split_labels(graph, to, weight, size, theta, given):
-    """The given labels, split into what strong couplings connect; see :func:`greedy_aggregates`.
+    """Split the given labels into pieces that strong couplings connect.
 
-    A part without a strong coupling inside its label joins the one there that it leans on most.
+    Couplings and their strength are those of :func:`greedy_aggregates`. A part without a strong coupling
+    inside its label joins the piece there that it leans on most. Returns the piece of each part, numbered by
+    first part, and the number of pieces.
     """
+    # 1. Connected pieces, by depth-first search over strong couplings inside each label. ``alone`` are parts
+    #    that have none.
     n = len(graph) - 1
     piece = np.full(n, -1, np.int64)
     alone = np.ones(n, np.bool_)
@@ -136,6 +151,7 @@ def split_labels(graph, to, weight, size, theta, given):
                         stack[top] = q
                         top += 1
         count += 1
+    # 2. Lone parts join a piece of more than one part in their label, if they lean on any.
     joined = piece.copy()
     for i in range(n):
         most = theta * size[i]
@@ -144,6 +160,7 @@ def split_labels(graph, to, weight, size, theta, given):
             if alone[i] and not alone[j] and given[j] == given[i] and weight[k] > most:
                 most = weight[k]
                 joined[i] = piece[j]
+    # 3. Number the pieces that remain.
     number = np.full(count, -1, np.int64)
     count = 0
     for i in range(n):
@@ -156,9 +173,11 @@ def split_labels(graph, to, weight, size, theta, given):
 
 @kernel
 def split_weak(indptr, indices, data, offsets, part_of, graph, to, weight, size, least, vectors):
-    """Rows of A without its weak blocks, and what those take the vectors ``(n, k)`` to.
+    """Return F, the matrix A without its weak blocks, and (A − F) B.
 
-    A block is weak if its coupling is at most ``least`` of the size of the part of its rows.
+    A is ``indptr, indices, data``, as F is returned; B are the ``vectors (n, k)``. A block is weak if its
+    coupling is at most ``least`` times the size of the part of its rows. ``graph, to, weight, size`` are the
+    :func:`couplings` of A.
     """
     n = len(part_of)
     kept = np.zeros(n + 1, indptr.dtype)
@@ -168,9 +187,11 @@ def split_weak(indptr, indices, data, offsets, part_of, graph, to, weight, size,
     weak_for = np.full(len(offsets) - 1, -1, np.int64)
     m = 0
     for p in range(len(offsets) - 1):
+        # Mark the parts whose blocks in these rows are weak; the diagonal block is no coupling and stays.
         for k in range(graph[p], graph[p + 1]):
             if abs(weight[k]) <= least * size[p]:
                 weak_for[to[k]] = p
+        # Each entry of these rows goes to (A − F) B if it is in a weak block, to F otherwise.
         for i in range(offsets[p], offsets[p + 1]):
             for k in range(indptr[i], indptr[i + 1]):
                 j = indices[k]
@@ -187,11 +208,11 @@ def split_weak(indptr, indices, data, offsets, part_of, graph, to, weight, size,
 
 @kernel
 def local_bases(starts, rows, vectors):
-    """Orthonormal bases Q of the vectors on each aggregate, and R with Q R = B there.
+    """Orthonormalise the vectors B ``(n, k)`` on each aggregate: Q R = B there.
 
-    The unknowns of aggregate a are ``rows[starts[a]:starts[a + 1]]``. Modified Gram–Schmidt, twice; a
-    vector that adds nothing on an aggregate gives no column there: the columns come first in Q, their
-    number is the rank.
+    The unknowns of aggregate a are ``rows[starts[a]:starts[a + 1]]``. Modified Gram–Schmidt, twice. A vector
+    that depends on those before it on an aggregate adds no column there. Returns Q ``(n, k)``, R
+    ``(aggregates, k, k)`` and the ranks: the columns of Q and rows of R on an aggregate that are not 0.
     """
     k = vectors.shape[1]
     Q = np.zeros(vectors.shape)
@@ -200,11 +221,13 @@ def local_bases(starts, rows, vectors):
     for a in range(len(starts) - 1):
         mine = rows[starts[a] : starts[a + 1]]
         for c in range(k):
+            # 1. Vector c goes to the next free column of Q; ``length`` is its squared norm.
             q = ranks[a]
             length = 0.0
             for i in mine:
                 Q[i, q] = vectors[i, c]
                 length += vectors[i, c] ** 2
+            # 2. Subtract its projections on the columns before; the second round removes what rounding left.
             for _ in range(2):
                 for o in range(q):
                     along = 0.0
@@ -213,6 +236,7 @@ def local_bases(starts, rows, vectors):
                     R[a, o, c] += along
                     for i in mine:
                         Q[i, q] -= along * Q[i, o]
+            # 3. A remainder below 1e-8 of the vector (squared: 1e-16) is rounding: no column.
             rest = 0.0
             for i in mine:
                 rest += Q[i, q] ** 2

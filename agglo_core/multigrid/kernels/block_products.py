@@ -1,4 +1,4 @@
-"""Products of sparse matrices in small square blocks, rows of blocks being vectors of the processor."""
+"""Products of sparse matrices in small square blocks, by vector instructions."""
 
 from __future__ import annotations
 
@@ -13,18 +13,21 @@ from agglo_core.multigrid.kernels.block_vectors import add_product
 
 @cache
 def block_products(width: int) -> Any:
-    """Kernel of the product of two matrices in blocks of 2 to 16 unknowns, all blocks in flat arrays.
+    """Kernel of the product of two matrices in blocks of 2 to 16 unknowns, stored in flat arrays.
 
     ``product(indptr, indices, places, left, transposed, graph, to, right, columns)``
-        Row i of the first matrix has the blocks ``left[places[k]]`` in columns ``indices[k]``, each
-        ``transposed`` if that is 1 and not 0; row j of the second has the blocks ``right[q]`` in columns
-        ``to[q]`` of so many. Returned are offsets, columns, in any order, and blocks.
+        Row i of the first matrix has the blocks ``left[places[k]]`` in columns ``indices[k]``, k from
+        ``indptr[i]`` on, each ``transposed`` if that is 1 and not 0; row j of the second has the blocks
+        ``right[q]`` in columns ``to[q]``, q from ``graph[j]`` on. ``columns`` is the number of block columns
+        of the product. Returned are its offsets, columns, in any order, and blocks.
     """
 
     @kernel(reorder_sums=True)
     def product(indptr, indices, places, left, transposed, graph, to, right, columns):
         n, square = len(indptr) - 1, width * width
         step, stride = (1, width) if transposed else (width, 1)
+        # 1. Count the blocks of each row, so that arrays have their final length. ``last[j]`` is the last row
+        #    with a block in column j.
         out, last = np.zeros(n + 1, np.int32), np.full(columns, -1, np.int64)
         for i in range(n):
             count = 0
@@ -34,6 +37,8 @@ def block_products(width: int) -> Any:
                         last[to[q]] = i
                         count += 1
             out[i + 1] = out[i] + count
+        # 2. Add up the products of blocks. Now ``last[j]`` is the place of the last block in column j. Row a
+        #    of a product is the combination of the rows of the right block by row a of the left one.
         found, values = np.empty(out[n], np.int32), np.zeros(out[n] * square)
         for c in range(columns):
             last[c] = -1
@@ -57,7 +62,10 @@ def block_products(width: int) -> Any:
 
 @kernel
 def block_columns(indptr, indices, columns):
-    """The pattern by columns: offsets, rows, and the place of each block among those by rows."""
+    """Transpose a pattern of blocks by a counting sort; rows ascend within columns.
+
+    Returns offsets by column, rows, and the place of each block among those by rows.
+    """
     starts = np.zeros(columns + 1, np.int32)
     for j in indices:
         starts[j + 1] += 1

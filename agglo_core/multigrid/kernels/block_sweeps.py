@@ -16,7 +16,7 @@ from agglo_core.compiled.compiling import kernel
 from agglo_core.multigrid.kernels.block_vectors import add_dots, add_product
 
 UNROLLED = 16
-"""Blocks of 2 to so many unknowns have kernels of their own, 1.5 to 3 times as fast; others share one."""
+"""Blocks of 2 to 16 unknowns have kernels of their own, 1.5 to 3 times as fast; others share one."""
 
 Sweep = Callable[..., Any]
 
@@ -26,10 +26,10 @@ def block_sweeps(width: int) -> tuple[Sweep, Sweep]:
     """Kernels ``(residual_sweep, sweep)`` for blocks of a size.
 
     ``residual_sweep(indptr, indices, data, inverses, r, x)``
-        One sweep through the block rows in their order: x becomes better, its residual r is kept up. Block
-        (i, j) is used as the transpose of (j, i), so that one pass through the matrix does both.
+        One sweep through the block rows in their order, which updates x and its residual r. Block (i, j) is
+        used as the transpose of (j, i), so that one pass through the matrix does both.
     ``sweep(indptr, indices, data, inverses, b, x, order)``
-        The same without a residual, in the order of the rows (1) or the opposite (−1).
+        One sweep without a residual, in the order of the rows (1) or the opposite (−1).
 
     Blocks, and the inverses of those of the diagonal, are stored one after the other in flat arrays.
     """
@@ -40,6 +40,7 @@ def block_sweeps(width: int) -> tuple[Sweep, Sweep]:
     def residual_sweep(indptr, indices, data, inverses, r, x):
         step = np.empty(width, x.dtype)
         for i in range(len(indptr) - 1):
+            # x_i += D_i⁻¹ r_i, then r_j −= A_ijᵀ (change of x_i) for all j, i itself among them.
             own = i * width
             for q in range(width):
                 step[q] = 0
@@ -56,6 +57,7 @@ def block_sweeps(width: int) -> tuple[Sweep, Sweep]:
     def sweep(indptr, indices, data, inverses, b, x, order):
         rows, left = len(indptr) - 1, np.empty(width, x.dtype)
         for turn in range(rows):
+            # x_i += D_i⁻¹ (b_i − Σ_j A_ij x_j), j running over the whole row.
             i = turn if order > 0 else rows - 1 - turn
             own = i * width
             for q in range(width):
@@ -73,6 +75,7 @@ def block_sweeps(width: int) -> tuple[Sweep, Sweep]:
 
 @kernel(reorder_sums=True)
 def _residual_sweep(indptr, indices, data, inverses, r, x):
+    # As above, for any size of blocks: loops over the rows of a block, which lie one after the other.
     n = len(x) // (len(indptr) - 1)
     step = np.empty(n, x.dtype)
     for i in range(len(indptr) - 1):
@@ -100,6 +103,7 @@ def _sweep(indptr, indices, data, inverses, b, x, order):
     rows = len(indptr) - 1
     n = len(x) // rows
     left = np.empty(n, x.dtype)
+    # As above, for any size of blocks: x_i += D_i⁻¹ (b_i − Σ_j A_ij x_j).
     for turn in range(rows):
         i = turn if order > 0 else rows - 1 - turn
         own = i * n
@@ -120,7 +124,7 @@ def _sweep(indptr, indices, data, inverses, b, x, order):
 
 @cache
 def block_product(width: int) -> Any:
-    """Kernel ``(indptr, indices, data, x)`` of A x for blocks of 2 to 16 unknowns; ``data`` is flat."""
+    """Kernel ``(indptr, indices, data, x)`` of A x for blocks of 2 to 16 unknowns in a flat array."""
 
     @kernel(reorder_sums=True)
     def product(indptr, indices, data, x):
@@ -135,7 +139,7 @@ def block_product(width: int) -> Any:
 
 @kernel(reorder_sums=True)
 def sweep_parts(indptr, indices, data, offsets, places, inverses, b, x, order):
-    """One sweep through parts of unequal sizes, in their order (1) or the opposite (−1).
+    """Sweep once through parts of unequal sizes and update x, in the order 1 or −1 (reversed).
 
     Part p has the rows ``offsets[p]:offsets[p + 1]`` of a CSR matrix, and the inverse of its diagonal block
     is stored by rows from ``inverses[places[p]]``.
@@ -144,12 +148,14 @@ def sweep_parts(indptr, indices, data, offsets, places, inverses, b, x, order):
     left = np.empty(len(b), x.dtype)
     for turn in range(parts):
         p = turn if order > 0 else parts - 1 - turn
+        # The residual of all rows of the part first: x_p must not change before.
         first, n = offsets[p], offsets[p + 1] - offsets[p]
         for q in range(n):
             t = b[first + q]
             for k in range(indptr[first + q], indptr[first + q + 1]):
                 t -= data[k] * x[indices[k]]
             left[q] = t
+        # Then x_p += D_p⁻¹ times it.
         for q in range(n):
             t = x[first + q]
             for c in range(n):
@@ -169,6 +175,7 @@ def invert_blocks(offsets, blocks):
         n = offsets[p + 1] - offsets[p]
         a = blocks[at : at + n * n].reshape(n, n)
         at += n * n
+        # 1. a = L Lᵀ, L in the lower triangle. A pivot that cancels to 1e-15 of the entry is rounding.
         for j in range(n):
             pivot = a[j, j]
             least = 1e-15 * abs(pivot)
@@ -183,14 +190,16 @@ def invert_blocks(offsets, blocks):
                 for k in range(j):
                     t -= a[i, k] * a[j, k]
                 a[i, j] = t / pivot
-        for j in range(n):  # the inverse of the triangle, in its place
+        # 2. L⁻¹ in the place of L, column by column. Diagonal entries below column j are still those of L.
+        for j in range(n):
             a[j, j] = 1.0 / a[j, j]
             for i in range(j + 1, n):
                 t = 0.0
                 for k in range(j, i):
                     t -= a[i, k] * a[k, j]
                 a[i, j] = t / a[i, i]
-        for i in range(n):  # L⁻ᵀ L⁻¹: row i of the upper triangle needs rows from i on
+        # 3. L⁻ᵀ L⁻¹ in the upper triangle: entry (i, j) needs rows from j on of L⁻¹ only. Then mirror it.
+        for i in range(n):
             for j in range(i, n):
                 t = 0.0
                 for k in range(j, n):
@@ -204,7 +213,7 @@ def invert_blocks(offsets, blocks):
 
 @kernel(reorder_sums=True)
 def both_products(indptr, indices, data, v):
-    """A v and Aᵀ v, A being in blocks."""
+    """Return A v and Aᵀ v for blocks ``data (·, n, n)``, in one pass through them."""
     n = data.shape[1]
     straight, transposed = np.zeros(len(v)), np.zeros(len(v))
     for i in range(len(indptr) - 1):

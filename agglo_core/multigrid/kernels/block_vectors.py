@@ -1,4 +1,4 @@
-"""Products of small blocks with vectors, in registers: rows of a block are vectors of the processor.
+"""Products of small blocks with vectors, by vector instructions on the rows of a block.
 
 The compiler unrolls loops over the 10 rows and columns of a block, and then finds nothing to vectorise. So
 the instructions are written here. All arrays are flat and of one dtype.
@@ -27,6 +27,7 @@ def _add_product(typing, n, factors, start, stride, block, at, into, to):
     width = _literal(n)
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        # Σ_c (factor c in all lanes) · (row c of the block), added to the vector that was there.
         lanes = _Lanes(context, builder, signature, args, width)
         totals = [lanes.vector(6, args[7]), None]
         for c in range(width):
@@ -44,10 +45,14 @@ def _add_product(typing, n, factors, start, stride, block, at, into, to):
 
 
 def _add_dots(typing, n, block, at, vector, start, into, to):
-    """``into[to + c]`` += Σ_q block[at + c · n + q] · vector[start + q], c and q < n; n as above."""
+    """``into[to + c]`` += Σ_q block[at + c · n + q] · vector[start + q], c and q < n.
+
+    n must be a literal, or a variable of the function around a kernel.
+    """
     width = _literal(n)
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        # Row c times the vector, entry by entry; the sum over its lanes is entry c of the product.
         lanes = _Lanes(context, builder, signature, args, width)
         other = lanes.vector(3, args[4])
         rows = [builder.fmul(lanes.row(1, args[2], c), other, flags=_FLAGS) for c in range(width)]
@@ -66,7 +71,10 @@ def _literal(n: Any) -> int:
 
 
 class _Lanes:
-    """Writes the instructions for vectors of ``width`` entries, which zeros make up to a power of two."""
+    """Instructions for vectors of ``width`` entries, which zeros make up to a power of two.
+
+    ``argument`` is the number of an array among the arguments of the intrinsic, ``place`` an index into it.
+    """
 
     def __init__(self, context: Any, builder: Any, signature: Any, args: Any, width: int) -> None:
         self.context, self.builder, self.signature, self.args = context, builder, signature, args
@@ -101,7 +109,7 @@ class _Lanes:
         return builder.call(load, [target, align, mask, ir.Constant(self.full, None)])
 
     def spread(self, value: Any) -> Any:
-        """A vector of equal entries."""
+        """Vector of equal entries."""
         nothing, first = ir.Constant(self.full, ir.Undefined), ir.Constant(ir.IntType(32), 0)
         one = self.builder.insert_element(nothing, value, first)
         return self._shuffled(one, nothing, [0] * self.count)
@@ -112,7 +120,11 @@ class _Lanes:
         self.builder.store(short, at, align=self.bits // 8)
 
     def sums(self, vectors: list[Any]) -> Any:
-        """The vector of the sums of the entries of vectors, by halves, two vectors becoming one."""
+        """Vector whose entry c is the sum of the entries of vector c.
+
+        In each round two vectors (u, v) become one: the lower halves of both plus the upper halves of both.
+        The segments that belong to one vector are halved from ``count`` lanes to 1, in log₂ ``count`` rounds.
+        """
         count, part = self.count, self.count
         vectors = [*vectors, *[None] * (count - len(vectors))]
         while part > 1:
@@ -124,6 +136,7 @@ class _Lanes:
         return vectors[0]
 
     def _halved(self, one: Any, other: Any, low: list[int], high: list[int]) -> Any:
+        # Vectors beyond ``width`` are None; they always come last.
         if one is None:
             return None
         other = ir.Constant(self.full, None) if other is None else other

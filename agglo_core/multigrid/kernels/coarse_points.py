@@ -1,7 +1,8 @@
-"""Classical coarsening: which unknowns stay on the coarse level, and how the others interpolate from them.
+"""Classical coarsening: choice of the coarse unknowns, and interpolation of the others from them.
 
-Matrices are CSR with sorted columns and a symmetric pattern. Unknown i depends on j if −a_ij is at least
-θ times the largest −a_ik of its row: that entry is strong.
+Unknowns that stay on the coarse level are the C-points of the literature, those that go its F-points.
+Matrices are CSR with sorted columns and a symmetric pattern. Unknown i depends on j if −a_ij is at least θ
+times the largest −a_ik of its row: that entry is strong.
 """
 
 from __future__ import annotations
@@ -13,9 +14,10 @@ from agglo_core.compiled.compiling import helper, kernel
 
 @kernel
 def strong_entries(indptr, indices, data, theta, least):
-    """Whether each entry is strong, and whether each unknown needs the coarse level at all.
+    """Mark the strong entries of a matrix and the unknowns that need the coarse level.
 
-    It does not if its couplings together are at most ``least`` of its diagonal entry.
+    An unknown does not need it if Σ_j |a_ij| over j ≠ i is at most ``least`` times a_ii: it has no strong
+    entries either.
     """
     n = len(indptr) - 1
     strong = np.zeros(len(indices), np.bool_)
@@ -30,6 +32,7 @@ def strong_entries(indptr, indices, data, theta, least):
             else:
                 total += abs(data[k])
                 most = max(most, -data[k])
+        # Only negative entries can be strong: a row without any has most = 0 and depends on none.
         needy[i] = total > least * own
         if needy[i] and most > 0.0:
             for k in range(indptr[i], indptr[i + 1]):
@@ -39,7 +42,7 @@ def strong_entries(indptr, indices, data, theta, least):
 
 @kernel
 def coarse_points(indptr, indices, strong, needy):
-    """Whether each unknown stays on the coarse level (Ruge, Stüben 1987, both passes).
+    """Choose the unknowns that stay on the coarse level (Ruge, Stüben 1987, both passes).
 
     First the free unknown on which most others depend stays, and those others go; what these depend on is
     then worth more. Second, of two unknowns that go, one of which depends on the other, the first must
@@ -56,7 +59,8 @@ def coarse_points(indptr, indices, strong, needy):
 
 @helper(allocates=True)
 def _dependents(indptr, indices, strong):
-    """CSR of the unknowns that depend on each, and their number."""
+    """Return the unknowns that depend on each, as CSR, and their numbers."""
+    # The strong entries transposed, by a counting sort.
     n = len(indptr) - 1
     start = np.zeros(n + 1, np.int64)
     for k in range(len(indices)):
@@ -75,7 +79,12 @@ def _dependents(indptr, indices, strong):
 
 @helper(allocates=True)
 def _independent(indptr, indices, strong, start, dependent, worth):
-    """The first pass. Free unknowns of one worth are a doubly linked list, the last changed at its head."""
+    """Choose C-points by the first pass of Ruge and Stüben.
+
+    ``worth (n,)`` is the number of free unknowns that depend on each, plus twice those that have gone; it is
+    changed. Free unknowns of one worth are a doubly linked list, the last changed at its head.
+    """
+    # Each dependent raises a worth once at most, when it goes: 2 · top bounds all worths.
     n = len(worth)
     top = worth.max()
     head = np.full(2 * top + 2, -1, np.int32)
@@ -85,6 +94,7 @@ def _independent(indptr, indices, strong, start, dependent, worth):
     stays = np.zeros(n, np.bool_)
     for i in range(n - 1, -1, -1):
         _link(i, worth, head, before, after)
+    # 1. A free unknown of the largest worth stays. Those of worth 0 are left: no F-point depends on them.
     while top > 0:
         i = head[top]
         if i < 0:
@@ -93,6 +103,8 @@ def _independent(indptr, indices, strong, start, dependent, worth):
         _unlink(i, worth, head, before, after)
         free[i] = False
         stays[i] = True
+        # 2. The free unknowns j that depend on it go; what j depends on is worth one more, since j can still
+        #    interpolate from it.
         for m in range(start[i], start[i + 1]):
             j = dependent[m]
             if not free[j]:
@@ -106,6 +118,7 @@ def _independent(indptr, indices, strong, start, dependent, worth):
                     worth[q] += 1
                     _link(q, worth, head, before, after)
                     top = max(top, worth[q])
+        # 3. What i depends on is worth one less: i itself needs no interpolation.
         for k in range(indptr[i], indptr[i + 1]):
             q = indices[k]
             if strong[k] and free[q]:
@@ -139,7 +152,10 @@ def _unlink(i, worth, head, before, after):
 
 @helper(allocates=True)
 def _second_pass(indptr, indices, strong, stays):
-    """The second pass; ``stays`` is changed."""
+    """Add C-points to ``stays`` until strongly coupled F-points share one (Ruge, Stüben, second pass).
+
+    Each F-point i is looked at once, in order: ``mark[j] == i`` says that i can interpolate from j.
+    """
     n = len(stays)
     mark = np.full(n, -1, np.int32)
     for i in range(n):
@@ -148,6 +164,8 @@ def _second_pass(indptr, indices, strong, stays):
         for k in range(indptr[i], indptr[i + 1]):
             if strong[k] and stays[indices[k]]:
                 mark[indices[k]] = i
+        # Each F-point j that i depends on must depend on a C-point of i. The first j that does not becomes a
+        # candidate, counted as a C-point of i from here on, and stays unless there is a second one.
         candidate = -1
         for k in range(indptr[i], indptr[i + 1]):
             j = indices[k]
@@ -171,10 +189,13 @@ def _second_pass(indptr, indices, strong, stays):
 
 @kernel
 def classical_weights(indptr, indices, data, strong, stays, number):
-    """Interpolation as CSR: 1 for unknowns that stay; those that go take from all they depend on that stay.
+    """Return the classical interpolation as CSR ``graph, to, weight``.
 
-    Entries that are not strong are added to the diagonal. A strong one to an unknown m that goes as well is
-    shared among those that stay as the row of m is coupled to them.
+    A C-point has the weight 1; an F-point takes from all C-points that it depends on. ``number`` is the
+    coarse number of each C-point. For an F-point i with the set C_i of these C-points the weights are w_ij =
+    −(a_ij + Σ_m a_im ā_mj / Σ_l∈C_i ā_ml) / d_i, j ∈ C_i, the first sum over the other strong entries, with ā
+    the negative part of a. The diagonal d_i is a_ii plus all entries that are not strong, and plus a_im where
+    the row of m is not coupled to C_i.
     """
     n = len(stays)
     graph = np.zeros(n + 1, np.int32)
@@ -187,6 +208,7 @@ def classical_weights(indptr, indices, data, strong, stays, number):
     weight = np.empty(graph[n])
     slot = np.full(n, -1, np.int32)
     for i in range(n):
+        # 1. The entries of C_i. ``slot`` is the place of a C-point; those before ``first`` are of other rows.
         first = graph[i]
         if stays[i]:
             to[first] = number[i]
@@ -200,6 +222,7 @@ def classical_weights(indptr, indices, data, strong, stays, number):
                 to[end] = number[j]
                 weight[end] = data[k]
                 end += 1
+        # 2. All other entries, the diagonal one among them: distributed over C_i, or added to d_i.
         own = 0.0
         for k in range(indptr[i], indptr[i + 1]):
             j = indices[k]
@@ -216,6 +239,7 @@ def classical_weights(indptr, indices, data, strong, stays, number):
                         weight[slot[indices[p]]] += data[k] * min(data[p], 0.0) / common
             else:
                 own += data[k]
+        # 3. Divide by −d_i.
         total = 0.0
         for q in range(first, end):
             total -= weight[q]
@@ -227,7 +251,10 @@ def classical_weights(indptr, indices, data, strong, stays, number):
 
 @kernel
 def coarse_first(indptr, indices, data, stays, place):
-    """The CSR with the unknowns that stay first; ``place`` is the new number of each."""
+    """Permute a CSR symmetrically so that C-points come first.
+
+    ``place[i]`` is the new number of i; the order within C-points and within F-points must be kept.
+    """
     n = len(stays)
     graph = np.zeros(n + 1, indptr.dtype)
     for i in range(n):

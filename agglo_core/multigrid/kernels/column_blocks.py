@@ -1,7 +1,8 @@
-"""Products with prolongations of columns in blocks: each part has a few coarse unknowns, of n entries each.
+"""Products with prolongations in blocks of one column.
 
-Such a matrix is a ``scipy.sparse.bsr_array`` of blocks ``(n, 1)``, which scipy multiplies as if blocks were
-large. One array serves both directions: no transpose is kept.
+Each part of n unknowns depends on a few coarse unknowns, and has n entries for each of them. Such a matrix is
+a ``scipy.sparse.bsr_array`` of blocks ``(n, 1)``, which scipy multiplies as if blocks were large. One array
+serves both directions: no transpose is kept.
 """
 
 from __future__ import annotations
@@ -19,12 +20,12 @@ Product = Callable[..., Any]
 
 @cache
 def column_products(width: int) -> tuple[Product, Product]:
-    """Kernels ``(restricted, prolonged)`` for blocks of a size; 0 stands for any size.
+    """Kernels ``(restricted, prolonged)`` for blocks of a size, 0 for any size.
 
     ``restricted(indptr, indices, blocks, r, columns)``
-        Pᵀ r ``(columns,)``; block k, ``blocks[k]``, stands in column ``indices[k]``.
+        Pᵀ r ``(columns,)``; block k, ``blocks[k] (n,)``, stands in column ``indices[k]``.
     ``prolonged(indptr, indices, blocks, x, y)``
-        x + P y.
+        x + P y, as a new array.
     """
 
     @kernel(reorder_sums=True)
@@ -45,6 +46,7 @@ def column_products(width: int) -> tuple[Product, Product]:
         n = width if width > 0 else blocks.shape[1]
         found, row = np.empty_like(x), np.empty(n, x.dtype)
         for i in range(len(indptr) - 1):
+            # The rows of a part are added up in ``row`` before they are written.
             own = i * n
             for q in range(n):
                 row[q] = x[own + q]

@@ -1,4 +1,4 @@
-"""The coarse matrix PᵀAP of sparse matrices by rows."""
+"""Galerkin product PᵀAP of CSR matrices."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from agglo_core.compiled.compiling import helper, kernel
 
 @kernel
 def galerkin_product(indptr, indices, data, graph, to, weight, columns):
-    """CSR of PᵀAP with sorted columns, for a symmetric A and a P of so many columns."""
+    """Return the CSR of PᵀAP with sorted columns.
+
+    A ``(n, n)`` is symmetric, the CSR ``indptr, indices, data``; P ``(n, columns)`` is ``graph, to, weight``.
+    """
     start, rows, weights = _transposed(graph, to, weight, columns)
     half, half_to, half_values = _product(indptr, indices, data, graph, to, weight, columns)
     out, out_to, values = _product(start, rows, weights, half, half_to, half_values, columns)
@@ -18,7 +21,10 @@ def galerkin_product(indptr, indices, data, graph, to, weight, columns):
 
 @helper(allocates=True)
 def _transposed(indptr, indices, data, columns):
-    """The transpose as CSR, its columns sorted."""
+    """Return the transpose as CSR, its columns sorted.
+
+    Counting sort by column: as rows are taken in their order, they ascend. Arrays may be longer than used.
+    """
     n = len(indptr) - 1
     start = np.zeros(columns + 1, np.int32)
     for k in range(indptr[n]):
@@ -39,7 +45,11 @@ def _transposed(indptr, indices, data, columns):
 
 @helper(allocates=True)
 def _product(indptr, indices, data, graph, to, weight, columns):
-    """The product of two CSR matrices; the columns of a row in any order, the arrays longer than needed."""
+    """Multiply two CSR matrices row by row (Gustavson).
+
+    Columns of a row come in any order, and the arrays are longer than needed. ``slot[j]`` is the place of
+    column j; those before ``first`` are of earlier rows.
+    """
     n = len(indptr) - 1
     out = np.zeros(n + 1, np.int32)
     size = 2 * len(indices) + columns
@@ -49,7 +59,9 @@ def _product(indptr, indices, data, graph, to, weight, columns):
     m = 0
     for i in range(n):
         first = m
-        if m + columns > size:  # a row may need more room than there is
+        # 1. Room for the row. The number of columns is a bound that costs nothing; only if that does not fit
+        #    the entries of the rows that are combined are counted. Doubling keeps copies rare.
+        if m + columns > size:
             most = 0
             for k in range(indptr[i], indptr[i + 1]):
                 most += graph[indices[k] + 1] - graph[indices[k]]
@@ -61,6 +73,7 @@ def _product(indptr, indices, data, graph, to, weight, columns):
                 more = np.empty(size)
                 more[:m] = values[:m]
                 values = more
+        # 2. The combination of the rows of the second matrix by the entries of the row of the first.
         for k in range(indptr[i], indptr[i + 1]):
             a = data[k]
             for q in range(graph[indices[k]], graph[indices[k] + 1]):

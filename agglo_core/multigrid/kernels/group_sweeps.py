@@ -11,14 +11,17 @@ import numpy as np
 from agglo_core.compiled.compiling import helper, kernel
 
 UNROLLED = 6
-"""Blocks up to this size have kernels of their own, larger ones share one."""
+"""Blocks of up to 6 unknowns have kernels of their own, larger ones share one.
+
+A larger value means more kernels to compile.
+"""
 
 Sweep = Callable[..., Any]
 
 
 @cache
 def group_sweeps(width: int) -> tuple[Sweep, Sweep]:
-    """Kernels ``(residual_sweep, sweep)`` for blocks of a size; 0 stands for any size.
+    """Kernels ``(residual_sweep, sweep)`` for blocks of a size, 0 for any size.
 
     Group g holds ``parts[offsets[g]:offsets[g + 1]]``, each part of the matrix being in one group, and the
     inverse of the matrix on it is stored by rows from ``starts[g]``. The rows of the matrix come in the order
@@ -26,10 +29,10 @@ def group_sweeps(width: int) -> tuple[Sweep, Sweep]:
     its end, which takes a third to a half of the time of any other order where it exceeds the cache.
 
     ``residual_sweep(offsets, parts, starts, inverses, indptr, indices, data, r, x)``
-        One sweep through the groups in their order: x becomes better, its residual r is kept up. Block
-        (i, j) is used as the transpose of (j, i), so that one pass through the matrix does both.
+        One sweep through the groups in their order, which updates x and its residual r. Block (i, j) is used
+        as the transpose of (j, i), so that one pass through the matrix does both.
     ``sweep(offsets, parts, starts, inverses, indptr, indices, data, b, x)``
-        The same without a residual.
+        One sweep without a residual.
     """
 
     @kernel(reorder_sums=True)
@@ -37,6 +40,8 @@ def group_sweeps(width: int) -> tuple[Sweep, Sweep]:
         n = width if width > 0 else data.shape[1]
         step, (rest, solved) = np.empty(n, x.dtype), _room(offsets, n, x)
         for g in range(len(offsets) - 1):
+            # 1. The residual of the group, taken before any of its parts changes it, times the inverse on the
+            #    group; for a single part that is left to the next step.
             first, size = offsets[g], offsets[g + 1] - offsets[g]
             for a in range(size):
                 own, into = np.uint32(parts[first + a]) * n, rest[a * n : (a + 1) * n]
@@ -44,6 +49,7 @@ def group_sweeps(width: int) -> tuple[Sweep, Sweep]:
                     into[q] = r[own + q]
             if size > 1:
                 _solve(inverses[starts[g] :], rest, size * n, solved)
+            # 2. Part by part: x_i takes its step, and r_j −= A_ijᵀ step for all j.
             for a in range(size):
                 i = np.uint32(parts[first + a])
                 if size > 1:
@@ -77,6 +83,7 @@ def group_sweeps(width: int) -> tuple[Sweep, Sweep]:
         left, (rest, solved) = np.empty(n, x.dtype), _room(offsets, n, x)
         for g in range(len(offsets) - 1):
             first, size = offsets[g], offsets[g + 1] - offsets[g]
+            # 1. The residual b_i − Σ_j A_ij x_j of each part of the group.
             for a in range(size):
                 i, into = np.uint32(parts[first + a]), rest[a * n : (a + 1) * n]
                 for q in range(n):
@@ -89,6 +96,7 @@ def group_sweeps(width: int) -> tuple[Sweep, Sweep]:
                             left[q] -= data[k, q, c] * t
                 for q in range(n):
                     into[q] = left[q]
+            # 2. x += A_g⁻¹ times it; for a single part ``left`` still holds it.
             if size > 1:
                 _solve(inverses[starts[g] :], rest, size * n, solved)
                 for a in range(size):

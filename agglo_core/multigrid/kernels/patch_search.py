@@ -1,4 +1,4 @@
-"""Patches of a mesh: the parts that meet at its vertices, each set once and none inside another."""
+"""Patches of a mesh: distinct sets of parts that meet at its vertices, none inside another."""
 
 from __future__ import annotations
 
@@ -9,7 +9,12 @@ from agglo_core.compiled.compiling import helper, kernel
 
 @kernel
 def parts_at_vertices(cell_offsets, cell_vertices, vertex_groups, labels, n_groups, n_parts, most):
-    """Distinct sets of 2..``most`` parts that meet at a group of vertices, as CSR; parts ascending."""
+    """Collect the distinct sets of 2 to ``most`` parts that meet at a group of vertices, as CSR.
+
+    Cell c has the vertices ``cell_vertices[cell_offsets[c]:cell_offsets[c + 1]]`` and the part ``labels[c]``;
+    ``vertex_groups`` is the group of each vertex. Parts ascend within sets; sets come by their first group.
+    """
+    # 1. Parts of the cells around each group, with repetitions: counting sort.
     starts = np.zeros(n_groups + 1, np.int64)
     for h in range(len(cell_vertices)):
         starts[vertex_groups[cell_vertices[h]] + 1] += 1
@@ -29,7 +34,8 @@ def parts_at_vertices(cell_offsets, cell_vertices, vertex_groups, labels, n_grou
     previous = np.empty(n_groups, np.int64)  # and the one before it
     count, filled = 0, 0
     for g in range(n_groups):
-        size = 0  # the parts around, sorted by insertion into the free end of ``parts``
+        # 2. The parts around, each once, sorted by insertion into the free end of ``parts``.
+        size = 0
         for h in range(starts[g], starts[g + 1]):
             part = around[h]
             at = filled + size
@@ -41,8 +47,11 @@ def parts_at_vertices(cell_offsets, cell_vertices, vertex_groups, labels, n_grou
                 parts[k] = parts[k - 1]
             parts[at] = part
             size += 1
+        # 3. One part alone is no patch, and more than ``most`` would make a large dense matrix.
         if size < 2 or size > most:
             continue
+        # 4. Compare with the sets before that begin with the same part; a repeated one is overwritten by the
+        #    next, as ``filled`` stays.
         first = parts[filled]
         other = latest[first]
         while other >= 0:
@@ -66,7 +75,7 @@ def parts_at_vertices(cell_offsets, cell_vertices, vertex_groups, labels, n_grou
 
 @helper
 def _before(parts, offsets, one, other):
-    """Whether a set comes before another, member by member."""
+    """Return whether a set comes before another in lexicographic order."""
     sizes = offsets[one + 1] - offsets[one], offsets[other + 1] - offsets[other]
     for k in range(min(sizes[0], sizes[1])):
         a, b = parts[offsets[one] + k], parts[offsets[other] + k]
@@ -77,7 +86,11 @@ def _before(parts, offsets, one, other):
 
 @kernel
 def without_contained(offsets, parts, n_parts):
-    """The sets that no larger one contains, and a set for each part in none; in ascending order."""
+    """Drop the sets that a larger one contains, and add a set for each part in none.
+
+    Sets are CSR, distinct, their parts ascending; so is the result. The order of sets is lexicographic.
+    """
+    # 1. The sets that hold each part.
     count = len(offsets) - 1
     starts = np.zeros(n_parts + 1, np.int64)
     for h in range(len(parts)):
@@ -95,6 +108,7 @@ def without_contained(offsets, parts, n_parts):
     following = np.empty(count, np.int64)
     kept, room = 0, 0
     for s in range(count):
+        # 2. A larger set that contains s holds its rarest part: only the sets of that part are compared.
         rare = parts[offsets[s]]
         for h in range(offsets[s] + 1, offsets[s + 1]):
             if starts[parts[h] + 1] - starts[parts[h]] < starts[rare + 1] - starts[rare]:
@@ -105,6 +119,7 @@ def without_contained(offsets, parts, n_parts):
             t = holders[i]
             if offsets[t + 1] - offsets[t] <= size:
                 continue
+            # Both ascend: one pass, given up when fewer members of t are left than s still needs.
             h, k = offsets[s], offsets[t]
             while h < offsets[s + 1] and offsets[t + 1] - k >= offsets[s + 1] - h:
                 if parts[h] == parts[k]:
@@ -115,6 +130,7 @@ def without_contained(offsets, parts, n_parts):
                 break
         if contained:
             continue
+        # 3. Insert s into the ascending list of its smallest part.
         first = parts[offsets[s]]
         before, after = -1, first_of[first]
         while after >= 0 and _before(parts, offsets, after, s):
@@ -127,6 +143,7 @@ def without_contained(offsets, parts, n_parts):
         kept += 1
         room += size
 
+    # 4. By smallest part, write the list of each part, or the part itself if no set holds it.
     alone = 0
     for p in range(n_parts):
         alone += starts[p] == starts[p + 1]
@@ -152,7 +169,11 @@ def without_contained(offsets, parts, n_parts):
 
 @kernel
 def united(pairs, n_parts, most):
-    """Sets of at most ``most`` parts as CSR, made by uniting pairs in turn; by their smallest parts."""
+    """Unite ``pairs (m, 2)`` in turn into sets of at most ``most`` parts.
+
+    A pair is passed over if its union would be larger. Returns the sets as CSR, by their smallest parts.
+    """
+    # 1. Sets are trees whose root is the smallest part; paths are halved on the way to it.
     above = np.arange(n_parts)  # towards the smallest part of a set
     size = np.ones(n_parts, np.int64)
     for h in range(len(pairs)):
@@ -167,6 +188,7 @@ def united(pairs, n_parts, most):
             a, b = min(a, b), max(a, b)
             above[b] = a
             size[a] += size[b]
+    # 2. Number the sets by their roots, which come before all their other parts; parents are numbered before.
     number = np.empty(n_parts, np.int64)
     offsets = np.zeros(n_parts + 1, np.int64)
     count = 0
@@ -177,6 +199,7 @@ def united(pairs, n_parts, most):
             offsets[count] = offsets[count - 1] + size[p]
         else:
             number[p] = number[above[p]]
+    # 3. Parts by set, ascending.
     cursor = offsets[:count].copy()
     parts = np.empty(n_parts, np.int32)
     for p in range(n_parts):

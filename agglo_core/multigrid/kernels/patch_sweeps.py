@@ -1,4 +1,4 @@
-"""Schwarz smoothing on patches of a block matrix: inverses of the patches, and sweeps through them."""
+"""Schwarz smoothing on patches of a block matrix: inverses on patches, and sweeps through them."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.multigrid.kernels.block_vectors import add_dots, add_product
 
-_TINY = 1e-22  # of the largest entry: less is 0, lest single precision computes with denormal numbers
+_TINY = 1e-22  # of the largest entry: less is 0, lest products in single precision are denormal, and slow
 
 
 @kernel(reorder_sums=True)
 def patch_inverses(offsets, parts, indptr, indices, data, starts, half, out):
-    """Fill ``out`` with the inverses of the patches' matrices by rows, patch i from ``starts[i]`` on.
+    """Fill ``out`` with the inverses of the matrix on each patch i, by rows from ``starts[i]`` on.
 
     If ``half``, only the rows of their lower halves are stored, one after the other. The blocks ``data`` of
     the matrix must be symmetric; only those in the lower half of a patch are read. Symmetric sweeps
@@ -29,6 +29,7 @@ def patch_inverses(offsets, parts, indptr, indices, data, starts, half, out):
     room, pivots = np.empty(most * most), np.empty(most)
     place = np.full(len(indptr) - 1, -1, np.int64)
     for i in range(len(offsets) - 1):
+        # 1. W: the lower half of the matrix on the patch.
         first, size = offsets[i], offsets[i + 1] - offsets[i]
         m = size * n
         W = room[: m * m].reshape(m, m)
@@ -46,9 +47,13 @@ def patch_inverses(offsets, parts, indptr, indices, data, starts, half, out):
         for a in range(size):
             place[parts[first + a]] = -1
 
-        for j in range(m):  # sweep on each pivot: what is left is −W⁻¹
+        # 2. Sweep on each pivot j: with s = 1 / w_jj, w_rc −= w_rj s w_jc for r, c ≠ j, then w_rj *= s and
+        #    w_jj = −s. What is left is −W⁻¹.
+        for j in range(m):
             if not W[j, j] > 0.0:
                 return i
+            # ``pivots`` is column j, above the diagonal by symmetry. Its entry j is 0, so that column j
+            # passes unchanged through the update of the rows below.
             scale = 1.0 / W[j, j]
             for c in range(j):
                 pivots[c] = W[j, c]
@@ -68,6 +73,7 @@ def patch_inverses(offsets, parts, indptr, indices, data, starts, half, out):
                 row[j] = factor
             W[j, j] = -scale
 
+        # 3. Store without tiny entries; the largest entry of a definite matrix is on the diagonal.
         least = 0.0
         for r in range(m):
             least = max(least, -W[r, r] * _TINY)
@@ -83,12 +89,13 @@ def patch_inverses(offsets, parts, indptr, indices, data, starts, half, out):
 
 @cache
 def patch_sweep(width: int) -> Any:
-    """Kernel ``(offsets, parts, starts, below, pivots, factors, indptr, indices, data, b, x, order)``.
+    """Kernel of a multiplicative Schwarz sweep through overlapping patches.
 
-    It solves for the unknowns of each overlapping patch in turn, those with the factors of
-    :mod:`.patch_factors`; x becomes better. Patches are taken in their order (1, 0) or the
-    opposite (−1). For the order 0 b must be the residual b − A x, and is kept up. Blocks have the size
-    ``width``, and are in flat arrays.
+    Its arguments are ``(offsets, parts, starts, below, pivots, factors, indptr, indices, data, b, x,
+    order)``. It solves for the unknowns of each overlapping patch in turn with the factors of
+    :mod:`.patch_factors`, the others staying as they are; x is changed. Patches are taken in their order
+    (``order`` 1 or 0) or the opposite (−1). For the order 0 b must be the residual b − A x, and is updated.
+    Blocks have the size ``width``, and are in flat arrays.
     """
 
     @kernel(reorder_sums=True)
@@ -104,6 +111,8 @@ def patch_sweep(width: int) -> Any:
             first, size = offsets[i], offsets[i + 1] - offsets[i]
             for a in range(size):
                 holder[np.uint32(parts[first + a])] = i  # unsigned: no test whether it counts from the end
+            # 1. The right-hand side times −1: the residual for the order 0, which yields the change of x;
+            #    otherwise b − Σ_j A_ij x_j over j outside the patch, which yields x itself.
             for a in range(size):
                 part = np.uint32(parts[first + a])
                 for q in range(n):
@@ -115,6 +124,8 @@ def patch_sweep(width: int) -> Any:
                         if holder[column] != i:
                             add_dots(width, data, h * block, x, column * n, rest, a * n)
 
+            # 2. L y = rest, forwards by columns of L: with b = ``below[h]``, block h of ``factors`` is
+            #    −(Lᵀ)_ab and is used as its transpose. D⁻¹ y at once; then Lᵀ better = D⁻¹ y, backwards.
             for a in range(size):
                 for h in range(starts[first + a], starts[first + a + 1]):
                     add_product(width, rest, a * n, 1, factors, h * block, rest, below[h] * n)
@@ -124,7 +135,8 @@ def patch_sweep(width: int) -> Any:
                 for h in range(starts[first + a], starts[first + a + 1]):
                     add_dots(width, factors, h * block, better, below[h] * n, better, a * n)
 
-            for a in range(size):  # better is the change of x, or x itself, times −1
+            # 3. ``better`` is the change of x, or x itself, times −1.
+            for a in range(size):
                 part = np.uint32(parts[first + a])
                 if order != 0:
                     for q in range(n):
@@ -133,6 +145,7 @@ def patch_sweep(width: int) -> Any:
                 for q in range(n):
                     x[part * n + q] -= better[a * n + q]
                     b[part * n + q] = 0  # but for rounding it is
+                # The residual outside the patch: r_j −= A_ijᵀ (change of x_i).
                 for h in range(indptr[part], indptr[part + 1]):
                     column = np.uint32(indices[h])
                     if holder[column] != i:
@@ -143,7 +156,10 @@ def patch_sweep(width: int) -> Any:
 
 @helper(reorder_sums=True)
 def _multiply(inverses, start, rest, m, better):
-    """``better[:m]`` becomes the product of ``rest`` with the symmetric matrix stored by half."""
+    """Write the product of a symmetric matrix with ``rest[:m]`` to ``better[:m]``.
+
+    The lower half of the matrix is stored by rows from ``inverses[start]`` on.
+    """
     at = start
     for r in range(m):
         inverse, value = inverses[at : at + r + 1], rest[r]
@@ -157,13 +173,18 @@ def _multiply(inverses, start, rest, m, better):
 
 @kernel(reorder_sums=True)
 def patch_sum(offsets, parts, inverse_starts, inverses, weights, n, r):
-    """The sum of the solutions of all patches, inverses by half; each part is weighted before and after."""
+    """Return Σ_i W R_iᵀ A_i⁻¹ R_i W r, the weighted sum of patch solutions.
+
+    R_i restricts to the patch, W multiplies each part by its weight; the lower halves of the inverses A_i⁻¹
+    are stored by rows from ``inverse_starts[i]``. Blocks have n unknowns.
+    """
     most = 0
     for i in range(len(offsets) - 1):
         most = max(most, (offsets[i + 1] - offsets[i]) * n)
     there, better = np.empty(most, r.dtype), np.empty(most, r.dtype)
     x = np.zeros_like(r)
     for i in range(len(offsets) - 1):
+        # R_i W r, then A_i⁻¹ times it, then added with the weights.
         first, last = offsets[i], offsets[i + 1]
         for a in range(first, last):
             for c in range(n):

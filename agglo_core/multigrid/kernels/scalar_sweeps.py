@@ -1,4 +1,4 @@
-"""Sweeps over the rows of a symmetric CSR matrix: Gauss–Seidel, forward from zero and backward.
+"""Gauss–Seidel sweeps over the rows of a symmetric CSR matrix, forward from zero and backward.
 
 Entries are numbered by unsigned integers: a signed index costs a test whether it counts from the end.
 """
@@ -12,9 +12,10 @@ from agglo_core.compiled.compiling import kernel
 
 @kernel
 def first_sweep(indptr, indices, data, inverse, b):
-    """x = (D + L)⁻¹ b, a forward sweep from zero, and b − A x; each entry of A is read once.
+    """Return x = (D + L)⁻¹ b, a forward sweep from zero, and b − A x.
 
-    Row i is used as column i: as soon as x_i is known, the residuals of the neighbours are.
+    ``inverse`` is the reciprocal diagonal. Row i is used as column i: as soon as x_i is known, the residuals
+    of the neighbours are updated, and each entry of A is read once.
     """
     n = len(indptr) - 1
     x = np.empty_like(b)
@@ -30,7 +31,10 @@ def first_sweep(indptr, indices, data, inverse, b):
 
 @kernel(reorder_sums=True)
 def backward_sweep(indptr, indices, data, inverse, b, x):
-    """A backward sweep of A x = b, in place."""
+    """Sweep backwards through A x = b once and update x.
+
+    ``inverse`` is the reciprocal diagonal.
+    """
     for i in range(len(indptr) - 2, -1, -1):
         s = b[i]
         for k in range(np.uint64(indptr[i]), np.uint64(indptr[i + 1])):

@@ -1,4 +1,4 @@
-"""Unknowns of a block matrix scaled so that its diagonal blocks become identities."""
+"""Scaling of the unknowns of a block matrix that makes its diagonal blocks identities."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.multigrid.kernels.block_vectors import add_product
 
 _UNROLLED = 16
-"""Blocks of 2 to so many unknowns have kernels of their own."""
+"""Blocks of 2 to 16 unknowns have kernels of their own, with vectors of the processor; others share one."""
 
 
 @cache
 def scale_blocks(width: int) -> Any:
     """Kernel ``(indptr, indices, data)`` for blocks of a size, ``data (·, n, n)``.
 
-    It returns the blocks of T A Tᵀ; T of each part, the inverse of the Cholesky factor L of its diagonal
-    block; and Lᵀ. First comes the first part whose diagonal block is missing or not positive definite, −1 if
-    there is none.
+    It returns the first part whose diagonal block is missing or not positive definite, −1 if there is none;
+    T ``(parts, n, n)``, the inverses of the Cholesky factors L of the diagonal blocks; Lᵀ, stored alike; and
+    the blocks of T A Tᵀ, in the places of those of A.
     """
     if not 1 < width <= _UNROLLED:
         return _scale_blocks
@@ -32,12 +32,14 @@ def scale_blocks(width: int) -> Any:
         scaled = np.zeros(data.shape)
         if failed >= 0:
             return failed, T, LT, scaled
+        # 1. ``right``: the transposes Tᵀ, as ``add_product`` combines rows.
         left, out, blocks = T.reshape(-1), scaled.reshape(-1), data.reshape(-1)
         right, half = np.empty(count * square), np.empty(square)
         for i in range(count):
             for r in range(width):
                 for q in range(width):
                     right[i * square + q * width + r] = T[i, r, q]
+        # 2. T_i A_ij T_jᵀ, row by row: row r of T_i A_ij, then that times T_jᵀ.
         for i in range(count):
             for h in range(indptr[i], indptr[i + 1]):
                 other = np.uint32(indices[h]) * square
@@ -54,7 +56,10 @@ def scale_blocks(width: int) -> Any:
 
 @helper(allocates=True)
 def _factors(indptr, indices, data):
-    """The first part that fails, T and Lᵀ."""
+    """Factorise the diagonal blocks as L Lᵀ.
+
+    Returns the first part whose block is not positive definite, −1 for none, T = L⁻¹ and Lᵀ.
+    """
     n, count = data.shape[1], len(indptr) - 1
     T, LT = np.zeros((count, n, n)), np.zeros((count, n, n))
     for i in range(count):
@@ -62,7 +67,8 @@ def _factors(indptr, indices, data):
         for h in range(indptr[i], indptr[i + 1]):
             if indices[h] == i:
                 upper[:] = data[h]
-        for j in range(n):  # Cholesky by rows: upper becomes Lᵀ
+        # 1. Cholesky by rows: upper becomes Lᵀ. A missing block is 0 and fails here.
+        for j in range(n):
             if not upper[j, j] > 0.0:
                 return i, T, LT
             scale = 1.0 / np.sqrt(upper[j, j])
@@ -73,7 +79,8 @@ def _factors(indptr, indices, data):
             for r in range(j + 1, n):
                 for c in range(r, n):
                     upper[r, c] -= upper[j, r] * upper[j, c]
-        for r in range(n):  # row r of L⁻¹ from those above
+        # 2. Row r of L⁻¹ from those above: L_rr (L⁻¹)_r = e_r − Σ_k<r L_rk (L⁻¹)_k.
+        for r in range(n):
             for k in range(r):
                 for c in range(k + 1):
                     inverse[r, c] -= upper[k, r] * inverse[k, c]
@@ -92,6 +99,7 @@ def _scale_blocks(indptr, indices, data):
         return failed, T, LT, scaled
     for i in range(count):
         left = T[i]
+        # ``half`` is T_i A_ij, multiplied by T_jᵀ; both T are lower triangles, whose zeros are left out.
         for h in range(indptr[i], indptr[i + 1]):
             right, block, out = T[indices[h]], data[h], scaled[h]
             for r in range(n):
@@ -101,6 +109,7 @@ def _scale_blocks(indptr, indices, data):
                 for c in range(r + 1):
                     for q in range(n):
                         row[q] += left[r, c] * block[c, q]
+            # Row q of T_j is column q of T_jᵀ.
             for r in range(n):
                 for q in range(n):
                     value = 0.0

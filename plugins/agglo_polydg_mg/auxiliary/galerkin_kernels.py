@@ -1,4 +1,4 @@
-"""Kernels of C = Pᵀ A P, A in blocks, each cell having a few unknowns of C.
+"""Kernels of C = Pᵀ A P for A in blocks and cells with a few unknowns of C each.
 
 ``offsets, indices`` are the unknowns of the cells, ``fitted (·, n)`` the columns of P on the cell. C is
 symmetric: the upper half of it is computed, its rows beginning with the diagonal entry.
@@ -15,12 +15,16 @@ import numpy as np
 from agglo_core.authoring import helper, kernel
 
 _MOST_ADDED = 0.25
-"""A row whose small entries add up to more than this part of its diagonal one keeps them."""
+"""A row whose small entries add up to more than this part of its diagonal one keeps them.
+
+A larger value drops more entries and moves more weight to the diagonal.
+"""
 
 
 @helper(allocates=True)
 def _holders(offsets, indices, size):
-    """Where each unknown stands in ``indices``, as a CSR, and the cell of each of these places."""
+    """Return the places of each unknown in ``indices``, as a CSR, and the cell of each place."""
+    # Counting sort of the places by unknown.
     starts = np.zeros(size + 1, np.int64)
     for k in indices:
         starts[k + 1] += 1
@@ -38,10 +42,12 @@ def _holders(offsets, indices, size):
 
 @cache
 def half_product(width: int) -> Callable[..., Any]:
-    """Kernel ``(indptr, columns, blocks, offsets, indices, fitted, size)`` for blocks of a size; 0: of any.
+    """Kernel of the upper half of C for blocks of a size, 0 for any size.
 
-    It returns rows, columns and values of the upper half of C; columns are not sorted but for the diagonal
-    entry. Row v is Pᵀ (A p), p being column v of P: A p lives on the cells of v and their neighbours.
+    Its arguments are ``(indptr, columns, blocks, offsets, indices, fitted, size)``. It returns rows, columns
+    and values of the upper half of C ``(size, size)``; the diagonal entry comes first in its row, the others
+    are not sorted. Row v is Pᵀ (A p), p being column v of P: A p lives on the cells of v and their
+    neighbours. ``indptr, columns, blocks`` are A, symmetric, in blocks.
     """
 
     @kernel(reorder_sums=True)
@@ -52,6 +58,8 @@ def half_product(width: int) -> Callable[..., Any]:
         found, values = np.empty(16 * size, np.int32), np.empty(16 * size)
         turn, near, product = np.full(len(offsets) - 1, -1), np.empty(64, np.int64), np.empty(64 * n)
         for v in range(size):
+            # 1. A p, cell by cell: as A is symmetric, it is Σ_i A_ijᵀ p_i in cell j, over the cells i of v.
+            #    ``turn[j]`` is the place of cell j in ``near``, −1 if j was not met in this row.
             count, first, room = 0, position, 1
             for h in range(starts[v], starts[v + 1]):
                 i, own = np.uint32(cell_of[h]), np.uint32(places[h])
@@ -70,10 +78,13 @@ def half_product(width: int) -> Callable[..., Any]:
                         t = fitted[own, a]
                         for b in range(n):
                             product[into + b] += t * blocks[k, a, b]
+            # 2. ``room`` bounds the entries of the row, since each unknown of each of these cells counts.
             while position + room > len(found):
                 found, values = _longer(found), _longer(values)
             slot[v], found[position], values[position] = position, v, 0.0
             position += 1
+            # 3. Row v of Pᵀ (A p), from v on: each unknown w of a cell adds up what its cells contribute.
+            #    Slots before ``first`` belong to earlier rows.
             for s in range(count):
                 j, along = np.uint32(near[s]), np.uint32(s) * n
                 turn[j] = -1
@@ -97,7 +108,7 @@ def half_product(width: int) -> Callable[..., Any]:
 
 @helper(allocates=True)
 def _longer(array):
-    """The array with as much room again."""
+    """Return a copy of twice the length, its second half not initialised."""
     longer = np.empty(2 * len(array), array.dtype)
     for k in range(len(array)):
         longer[k] = array[k]
@@ -106,19 +117,23 @@ def _longer(array):
 
 @kernel
 def thinned(rows, columns, values, vertices, small, small_bubbles, small_vertices):
-    """A symmetric matrix given by its upper half, without entries that are small beside their diagonal ones.
+    """Drop entries c_ij that are small next to their diagonal entries from a symmetric matrix C.
 
-    Unknowns from ``vertices`` on are bubbles. An entry is small if it is at most ``small`` times the root of
-    both diagonal ones, or ``small_bubbles`` times that between two bubbles. Such a one adds its magnitude
-    times the root of their ratio to the diagonal entries: what is done to the matrix is semidefinite. Between
-    two vertices positive entries up to ``small_vertices`` times the root are added to the diagonal ones: rows
-    keep their sums, and what is added is semidefinite, as it is not for negative ones; not if only such
-    entries join the groups that the vertices belong to. Columns of the result are sorted.
+    C is given by its upper half, the diagonal entry first in each row; the result is a CSR of both halves
+    with sorted columns. Unknowns from ``vertices`` on are bubbles. With d_ij = (c_ii c_jj)^½:
+
+    - entries |c_ij| ≤ ``small`` d_ij are dropped, and between two bubbles those up to ``small_bubbles`` d_ij;
+      the latter add |c_ij| (c_ii / c_jj)^½ to c_ii and |c_ij| (c_jj / c_ii)^½ to c_jj, which makes the
+      change semidefinite;
+    - between two vertices other entries 0 < c_ij ≤ ``small_vertices`` d_ij move to both diagonal entries:
+      rows keep their sums, and the change is semidefinite, which it would not be for negative entries. They
+      stay if nothing but such entries joins the groups of both vertices, and in rows with too much of them.
     """
     n = len(rows) - 1
     root, added, light = np.zeros(n), np.zeros(n), np.zeros(n)
     for i in range(n):
         root[i] = np.sqrt(max(values[rows[i]], 0.0))
+    # 1. Groups of unknowns that larger entries join; ``light`` sums the magnitudes of the others by vertex.
     group = np.arange(n)
     for i in range(vertices if small_vertices > 0.0 else 0):
         for k in range(rows[i] + 1, rows[i + 1]):
@@ -128,13 +143,14 @@ def thinned(rows, columns, values, vertices, small, small_bubbles, small_vertice
             elif j < vertices:
                 light[i] += size
                 light[j] += size
+    # 2. Choose the entries that stay, add the others to ``added``, and count entries of both halves by row.
     kept, starts = np.empty(len(columns), np.bool_), np.zeros(n + 1, np.int32)
     for i in range(n):
         firm = light[i] > _MOST_ADDED * root[i] ** 2
         for k in range(rows[i], rows[i + 1]):
             j, size = columns[k], abs(values[k])
             both = root[i] * root[j]
-            bubbles = i >= vertices
+            bubbles = i >= vertices  # then j, which is at least i, is a bubble too
             kept[k] = size > (small_bubbles if bubbles else small) * both or i == j
             if bubbles and not kept[k] and both > 0.0:
                 added[i] += size * root[i] / root[j]
@@ -147,6 +163,7 @@ def thinned(rows, columns, values, vertices, small, small_bubbles, small_vertice
                     added[j] += values[k]
             starts[i + 1] += kept[k]
             starts[j + 1] += kept[k] and i != j
+    # 3. Write both halves in sorted order, without a sort: two passes over the rows.
     for j in range(n):
         starts[j + 1] += starts[j]
     places, sorted_columns, found = starts[:-1].copy(), np.empty(starts[n], np.int32), np.empty(starts[n])
@@ -169,7 +186,7 @@ def thinned(rows, columns, values, vertices, small, small_bubbles, small_vertice
 
 @helper
 def _group_of(group, i):
-    """The member of its group that stands for it; ways there become shorter."""
+    """Return the root of the tree of i, halving the path to it."""
     while group[i] != i:
         group[i] = group[group[i]]
         i = group[i]
@@ -178,7 +195,7 @@ def _group_of(group, i):
 
 @kernel(reorder_sums=True)
 def scaled_rows(blocks, offsets, rows):
-    """Each of ``rows[offsets[c]:offsets[c + 1]]`` multiplied by block c, all blocks ``(n, n)``."""
+    """Multiply each of ``rows[offsets[c]:offsets[c + 1]]``, of n entries, by the ``(n, n)`` block c."""
     found = np.empty_like(rows)
     for c in range(len(blocks)):
         for k in range(offsets[c], offsets[c + 1]):

@@ -1,4 +1,4 @@
-"""Kernel of the continuous space of polyhedra: the polynomials of cells next to traces on their surface."""
+"""Kernels of the continuous space of polyhedra: polynomials of cells fitted to traces on their surface."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from agglo_polydg_mg.space.solid_kernels import in_box
 
 @helper
 def _place(unknown, indices, position, count):
-    """Where an unknown of a cell is among those found before, or ``count``."""
+    """Return the place of an unknown among the first ``count`` of a cell, or ``count``."""
     for i in range(count):
         if indices[position + i] == unknown:
             return i
@@ -21,7 +21,7 @@ def _place(unknown, indices, position, count):
 
 @helper
 def _polynomials(x, y, z, orders, table, lines, out):
-    """The polynomials of a cell, not scaled, at a point of its box."""
+    """Write the polynomials of a cell, not scaled, at a point of [−1, 1]³ to ``out``."""
     degree = table.shape[1]
     legendre_at(x, degree, table, lines[0])
     legendre_at(y, degree, table, lines[1])
@@ -32,7 +32,7 @@ def _polynomials(x, y, z, orders, table, lines, out):
 
 @helper
 def _corners(points, face_vertices, first, last, box, ring):
-    """Corners of a face in the coordinates of a box, into ``ring``; its last row is their mean."""
+    """Write the corners of a face in box coordinates to ``ring``, and their mean to the row after."""
     count = last - first
     ring[count] = 0.0
     for k in range(count):
@@ -55,14 +55,18 @@ def fit_solid_traces(
     points, offsets, faces, face_offsets, face_vertices, numbers, edges, boxes, scale, orders, rule, weights,
     regularisation, room, most,
 ):  # fmt: skip
-    """Unknowns of each cell, as offsets ``(n_cells + 1,)`` and indices, and coefficients ``(·, m)`` of each.
+    """Fit a polynomial q_u of each cell to the trace of each of its unknowns u.
 
-    They are those of the polynomial next to the trace on the cell's surface, in the mean square over the
-    bounding box turned to a cube. A face is cut into triangles around the mean of its corners, on which the
-    trace is linear, the value there being the mean; a triangle stays as it is. The unknown of vertex
-    ``face_vertices[k]`` is ``numbers[k]``, that of the edge from there to the next vertex of the face
-    ``edges[k]``, if that is not negative: the bubble 4 λ_a λ_b, in triangles. ``room`` is the most that may
-    be needed, ``most`` of a cell or face.
+    Returns the unknowns of each cell, as offsets ``(n_cells + 1,)`` and indices, and the coefficients
+    ``(·, n)`` of each q_u. It minimises ∫ (q − trace)² ds over the cell's surface, after a map that makes the
+    bounding box a cube, plus ``regularisation`` times the squares of total degree times coefficient, from
+    degree 2 on.
+
+    A face is cut into triangles around the mean of its corners, on which the trace is linear, the value there
+    being the mean; a triangle stays as it is. The unknown of vertex ``face_vertices[k]`` is ``numbers[k]``,
+    that of the edge from there to the next vertex of the face ``edges[k]``, if that is not negative: the
+    bubble 4 λ_a λ_b, in triangles. ``rule (q, 2)`` and ``weights (q,)`` are a rule on the triangle. ``room``
+    is an upper bound of the rows of the result, ``most`` of the unknowns of a cell or face.
     """
     n, table = len(orders), recurrences(orders[len(orders) - 1, 2])
     counts, indices = np.zeros(len(offsets), np.int64), np.empty(room, np.int32)
@@ -77,6 +81,8 @@ def fit_solid_traces(
             f = faces[h]
             first, last = face_offsets[f], face_offsets[f + 1]
             sides = last - first
+            # 1. Place in the cell of each unknown of the face, vertices before edges; −1 for an edge without
+            #    one. Faces share vertices and edges, so unknowns are looked up before they are added.
             _corners(points, face_vertices, first, last, boxes[c], ring)
             for k in range(2 * sides):
                 unknown = numbers[first + k] if k < sides else edges[first + k - sides]
@@ -87,6 +93,8 @@ def fit_solid_traces(
                         indices[position + count] = unknown
                         right[count, :] = 0.0
                         count += 1
+            # 2. Quadrature over the triangles (centre, corner k, next corner) in the coordinates of the cube.
+            #    The centre of a triangular face is its last corner.
             for k in range(1 if sides == 3 else sides):
                 after = (k + 1) % sides
                 centre = ring[2] if sides == 3 else ring[sides]
@@ -100,6 +108,8 @@ def fit_solid_traces(
                         rest * centre[2] + s * ring[k, 2] + t * ring[after, 2],
                         orders, table, lines, values,
                     )  # fmt: skip
+                    # ``share``: the value of each trace function of the face at the point. At the centre the
+                    # trace is the mean: 1 / sides of each vertex.
                     for i in range(2 * sides):
                         share[i] = rest / sides if i < sides and sides > 3 else 0.0
                     share[k] += s
@@ -107,6 +117,7 @@ def fit_solid_traces(
                     if sides == 3:
                         share[2] += rest
                         share[3], share[4], share[5] = 4.0 * s * t, 4.0 * t * rest, 4.0 * rest * s
+                    # N += w p pᵀ, lower half, and w p times each trace function to its right-hand side.
                     for i in range(n):
                         weighted = size * weights[q] * values[i]
                         for j in range(i + 1):
@@ -114,9 +125,12 @@ def fit_solid_traces(
                         for j in range(2 * sides):
                             if place[j] >= 0:
                                 right[place[j], i] += weighted * share[j]
+        # 3. The regularisation keeps polynomials small that vanish on the surface; those of degree 0 and 1
+        #    stay free.
         for k in range(n):
             total = orders[k, 0] + orders[k, 1] + orders[k, 2]
             normal[k, k] += regularisation * total * total if total > 1 else 0.0
+        # 4. Solve for all unknowns of the cell; coefficients are those of its scaled polynomials.
         solve_rows(normal, right, n, count)
         for i in range(count):
             for j in range(n):
@@ -128,16 +142,18 @@ def fit_solid_traces(
 
 @kernel
 def fit_corners(points, offsets, vertices, boxes, scale):
-    """The same for degree 1: unknowns ``(v,)`` of the vertices of the cells, coefficients ``(v, 4)``, and n.
+    """Fit linear polynomials of each cell to values at its corners by least squares.
 
-    The linear polynomial is that next to the values at the corners in their mean square: where a trace is
-    linear, or a cell a box, that is what comes of its whole surface. Unknowns are numbered by first cell.
+    Returns the unknowns ``(v,)`` of ``vertices``, numbered by first cell, the coefficients ``(v, 4)`` and the
+    number of unknowns. Where a trace is linear, or a cell a box, :func:`fit_solid_traces` yields the same.
     """
     numbers, count = np.full(len(points), -1), 0
     unknowns, fitted = np.empty(len(vertices), np.int32), np.empty((len(vertices), 4))
     normal, slope = np.empty((4, 4)), np.sqrt(3.0) * CONSTANT**3
     for c in range(len(offsets) - 1):
         first, last = offsets[c], offsets[c + 1]
+        # 1. p(x_k) at each corner k: the basis √½³ (1, √3 x̂, √3 ŷ, √3 ẑ), and N = Σ_k p(x_k) p(x_k)ᵀ. As the
+        #    function of corner k is 1 there and 0 at the others, p(x_k) is its right-hand side too.
         normal[:] = 0.0
         for k in range(first, last):
             v = vertices[k]
@@ -150,6 +166,7 @@ def fit_corners(points, offsets, vertices, boxes, scale):
             for i in range(4):
                 for j in range(i + 1):
                     normal[i, j] += fitted[k, i] * fitted[k, j]
+        # 2. N c_k = p(x_k) for all corners, in place.
         solve_rows(normal, fitted[first:last], 4, last - first)
         for k in range(first, last):
             for i in range(4):

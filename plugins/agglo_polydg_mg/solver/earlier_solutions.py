@@ -1,4 +1,4 @@
-"""The combination of earlier solutions of least error in the energy, which a solve starts from."""
+"""Initial guess of a solve: the combination of earlier solutions with the smallest energy error."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ import numpy as np
 from agglo_core.authoring import Float, frozen_float, frozen_index, kernel
 
 WIDE = 8
-"""Vectors at most."""
-_ROWS = 256  # that are differenced at a time: they stay in the nearest cache
+"""Columns of a table of vectors, the largest number of them: :func:`half_products` is written out for 8."""
+_ROWS = 256  # differenced at a time: with 8 vectors 16 KiB, which stay in the nearest cache
 
 
 @kernel
 def differences_of(vectors, table):
-    """Write vectors ``(k, n)``, the latest last, as backward differences to columns ``table (n, WIDE)``.
+    """Write the backward differences of vectors to the columns of ``table (n, WIDE)``.
 
-    Order 0 is the latest itself. Each column is divided by its largest entry, columns without one are 0.
+    The ``vectors (k, n)`` come with the latest last. Order 0 is the latest itself. Each column is divided by
+    its largest magnitude; columns from k on, and differences that vanish, are 0.
     """
     count, n = vectors.shape
     rows, largest = np.zeros((WIDE, _ROWS)), np.zeros(WIDE)
@@ -27,6 +28,8 @@ def differences_of(vectors, table):
         for k in range(count):
             for i in range(size):
                 rows[k, i] = vectors[count - 1 - k, first + i]
+        # Order m from order m − 1, in place: row k is the m-th difference k − m steps back. The last row goes
+        # first, as each needs the one above unchanged; in the end row k is the latest difference of order k.
         for order in range(1, count):
             for k in range(count - 1, order - 1, -1):
                 for i in range(size):
@@ -35,6 +38,7 @@ def differences_of(vectors, table):
             for k in range(WIDE):
                 table[first + i, k] = rows[k, i]
                 largest[k] = max(largest[k], abs(rows[k, i]))
+    # Scaling: differences of high order are smaller by orders of magnitude.
     for k in range(WIDE):
         largest[k] = 1.0 / largest[k] if largest[k] > 0.0 else 0.0
     for i in range(n):
@@ -44,9 +48,10 @@ def differences_of(vectors, table):
 
 @kernel
 def half_products(indptr, indices, blocks, table, products):
-    """Write H V to ``products (n, WIDE)``, A = H + Hᵀ being a symmetric matrix in blocks, V ``table``.
+    """Write H V to ``products (n, WIDE)`` for a symmetric matrix A = H + Hᵀ in blocks.
 
-    H are its blocks of the lower half and half of those of the diagonal.
+    V is ``table (n, WIDE)``. H are the blocks of the lower half and half of those of the diagonal: Vᵀ A V =
+    Vᵀ H V + (Vᵀ H V)ᵀ takes half of the work of A V.
     """
     m = blocks.shape[1]
     for i in range(len(indptr) - 1):
@@ -71,13 +76,16 @@ def half_products(indptr, indices, blocks, table, products):
 
 
 KEPT: Final = 8
-"""Solutions that are kept: what changes smoothly is extrapolated, what each lacks is averaged."""
+"""Solutions that are kept: what changes smoothly is extrapolated, the errors of each are averaged."""
 _PARALLEL: Final = 1e-12
-"""Directions whose energy is this part of the largest are rounding."""
+"""Directions are rounding if their eigenvalue of the scaled energies is at most this part of the largest.
+
+A smaller value amplifies rounding in nearly parallel solutions, a larger one drops high differences.
+"""
 
 
 def best_combination(A: Any, b: Float, earlier: Sequence[Float]) -> Float:
-    """The combination of vectors next to the solution of A x = b in the energy norm ``(n,)``.
+    """Return the combination x of vectors with the smallest energy error ‖x − A⁻¹b‖_A.
 
     Of earlier solutions it is an extrapolation as good as any formula's, whatever the steps between them, and
     never worse than 0 (P. Fischer, Comput. Methods Appl. Mech. Engrg. 163, 1998). Of a matrix in blocks it
@@ -103,12 +111,15 @@ def best_combination(A: Any, b: Float, earlier: Sequence[Float]) -> Float:
 
     V = np.empty((len(b), WIDE))  # differences: each has the digits that vectors alike would lose
     differences_of(np.array(earlier[-KEPT:], dtype=np.float64), V)
+    # 1. G = Vᵀ A V, scaled to a unit diagonal; columns without energy are scaled to 0.
     energies = _energies(A, V)
     squares = np.diag(energies)
     sizes = np.sqrt(np.where(squares > 0.0, squares, np.inf))
+    # 2. Eigenvectors of G without those of rounding: directions orthogonal in the energy.
     values, turn = np.linalg.eigh(energies / np.outer(sizes, sizes))
     chosen = values > max(_PARALLEL * values[-1], 0.0)
     turn = turn[:, chosen] / sizes[:, None]
+    # 3. x = V c with G c = Vᵀ b, restricted to these directions.
     return frozen_float(V @ (turn @ ((turn.T @ (b @ V)) / values[chosen])))
 
 
