@@ -62,7 +62,7 @@ def _point(n, net, room, hidden, out, scores, found):
     weight1, bias1, weight2, bias2 = net
     t, _, _, even, odd, _ = room
     for i in range(3):
-        # Without parameters the score is the second moment: the longest axis, not tilted.
+        # If the network answers 0, the score is the second moment: of the longest axis, not tilted.
         scores[i] = PRIOR * t[9 + 4 * i]
         for m in range(3):
             found[i, m] = t[3 * i + m]

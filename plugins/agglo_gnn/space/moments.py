@@ -135,8 +135,8 @@ def _turn_to_least_fourth(t, turn):
                 if min(one, other) < _ISOTROPIC * max(one, other):
                     continue
                 # 2. With p and q along the axes, ⟨p⁴ + q⁴⟩ is ¾ ⟨r⁴⟩ + ¼ Re ⟨(p + iq)⁴⟩; turning by θ
-                #    multiplies the latter by e^(−4iθ), and it is least where that is negative. odd is a
-                #    quarter of the imaginary part.
+                #    multiplies the latter by e^(−4iθ), and its real part is least where it is negative and
+                #    real. odd is a quarter of the imaginary part.
                 iiii, jjjj, iijj = t[_FOURTH + 40 * i], t[_FOURTH + 40 * j], t[_FOURTH + 36 * i + 4 * j]
                 odd = t[_FOURTH + 39 * i + j] - t[_FOURTH + 27 * i + 13 * j]
                 angle = 0.25 * np.arctan2(-4.0 * odd, 6.0 * iijj - iiii - jjjj)
@@ -185,8 +185,8 @@ def fill_features(n, t, i, j, k, even, odd):
     iii, jjj, kkk = t[third + 13 * i], t[third + 13 * j], t[third + 13 * k]
     iij, ijj, ikk = t[third + 12 * i + j], t[third + 9 * i + 4 * j], t[third + 9 * i + 4 * k]
     jkk, ijk, iik = t[third + 9 * j + 4 * k], t[third + 9 * i + 3 * j + k], t[third + 12 * i + k]
-    # Even: moments of order 2 and 4 (⟨p⁴⟩ is 3 for a normal distribution), squares and products of third
-    # ones.
+    # Even: moments of order 2 and 4 (⟨p⁴⟩ over its value for a normal distribution of variance 1), products
+    # of two third ones, the size.
     even[0], even[1], even[2] = t[second + 4 * i], t[second + 4 * j], t[second + 4 * k]
     even[3], even[4], even[5] = t[fourth + 40 * i] / 3, t[fourth + 40 * j] / 3, t[fourth + 40 * k] / 3
     even[6], even[7] = t[fourth + 36 * i + 4 * j], t[fourth + 36 * i + 4 * k]
