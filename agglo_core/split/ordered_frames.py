@@ -1,7 +1,8 @@
-"""Principal frames of point clouds, with sums in a fixed order: equal to the last bit for blocks and pieces.
+"""Principal frames of point clouds, equal to the last bit for blocks and pieces.
 
-Where a cloud is symmetric, rounding decides which of equal axes comes first and where it points. So those who
-want the same parts from a block of a graph and from a slice of a list have to call the same functions.
+Sums are taken in a fixed order. Where a cloud is symmetric, rounding decides which of equal axes comes first
+and where it points. So callers that need the same parts from a block of a graph and from a slice of a list
+have to call the same functions.
 """
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
@@ -155,7 +156,7 @@ def _axes(n, d, local, shares, moments, frame, values):
 
 @helper
 def _turn_plane(n, d, shares, frame, i, j, local):
-    """Turn rows i and j of the frame to where fourth moments along them are least; return the angle."""
+    """Turn rows i and j of the frame to the least fourth moments, and return the angle."""
     # ⟨(x + iy)⁴⟩ = one + i two. Turning by θ multiplies it by e^(−4iθ), and ⟨x⁴ + y⁴⟩ = ¾ ⟨r⁴⟩ + ¼ Re of it
     # is least where it is negative and real.
     one, two = 0.0, 0.0
@@ -175,7 +176,7 @@ def _turn_plane(n, d, shares, frame, i, j, local):
 
 @helper
 def _moments_along(n, local, shares, a, b, c, along):
-    """Write coordinates along the direction (a, b, c); return their second and third moment."""
+    """Write coordinates along the direction (a, b, c), and return their second and third moment."""
     second, third = 0.0, 0.0
     for k in range(n):
         x = a * local[0, k] + b * local[1, k] + c * local[2, k]
@@ -250,6 +251,7 @@ def frames_of_blocks(offsets, centroids, weights):
             shares[k] = weights[start + k]
             for c in range(d):
                 local[c, k] = centroids[start + k, c]
+        # The functions of the pieces, on a copy of the block.
         centre_in_order(n, d, local, shares)
         frame_in_order(n, d, points)
         for c in range(d):

@@ -36,7 +36,7 @@ def new_points(m):
 
 @helper
 def load_piece(graph, pieces, lo, hi, work):
-    """Fill ``work.points`` with the piece ``cells[lo:hi]``; return the largest extent along an axis.
+    """Load the piece ``cells[lo:hi]`` to ``work.points``, and return its largest extent along an axis.
 
     The ``load`` of ``piece_driver.split_pieces_by``; the extent is that of the centroids.
     """

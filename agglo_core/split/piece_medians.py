@@ -36,7 +36,7 @@ class BoxWork(NamedTuple):
 
 @helper
 def _load_positions(graph, pieces, lo, hi, local, weight, extents):
-    """Copy positions ``(3, m)``, weights and extents ``(3,)`` of a piece; return the largest extent."""
+    """Copy positions, weights and extents of a piece, and return the largest extent."""
     cells, centroids, weights = pieces.cells, graph.centroids, graph.weights
     largest, start, n = 0.0, np.uint64(lo), np.uint64(hi - lo)
     for k in range(n):

@@ -64,7 +64,7 @@ class CellVertices(NamedTuple):
 
 
 class Pieces(NamedTuple):
-    """Cells in the order of the pieces ``(n,)``; of each cell the tag of its side and the marks ``(n, 4)``.
+    """Cells in the order of the pieces ``(n,)``, the tags of their sides ``(n,)`` and marks ``(n, 4)``.
 
     The marks say when a cell was last reached, from where, when it was seen, and when and in which place it
     was listed.
@@ -155,6 +155,7 @@ def units_of(centroids, weights):
             sample[i] = 2 if weights[i] > HEAVY * mean else chosen
         uneven += not 0 < count < 3 * _RUN // SAMPLED
     spread = 1000 * uneven <= len(weights) // _RUN + 2000  # by chance one in some thousands is uneven
+    # 3. Uneven runs occur by chance too: one in a thousand, and two, are no reason against a sample.
     return Units(length, weight, sample if spread else sample[:0])
 
 
@@ -194,7 +195,7 @@ def reach_of_cells(indptr, indices, centroids, length, reach):
 
 @helper
 def cells_beside(indptr, indices, tag, left, right, cells, m):
-    """Keep those of ``cells[:m]`` that are adjacent to the other side of their piece; returns how many."""
+    """Keep those of ``cells[:m]`` that are adjacent to the other side of their piece, and return how many."""
     found = 0
     for k in range(m):
         i = np.uint32(cells[k])
@@ -233,7 +234,10 @@ def sides_connected(graph, pieces, lo, hi, edge, workspace, stamp):
 
 @helper
 def is_connected(graph, pieces, lo, hi, queue, stamp):
-    """Return whether a small piece is connected; the first column of the marks has no such ``stamp`` yet."""
+    """Return whether a small piece is connected.
+
+    The ``stamp`` is not yet in the first column of the marks.
+    """
     indptr, indices, tag, marks = graph.indptr, graph.indices, pieces.tag, pieces.marks
     # Breadth first from the first cell, over cells with its tag.
     first, done, filled = np.uint32(pieces.cells[lo]), np.uint64(0), ONE
@@ -262,7 +266,7 @@ def side_measures(pieces, measures, lo, hi, out):
 
 @helper
 def part_list(pieces, lo, hi, spare):
-    """Put the cells of the left side before the others, the order kept; returns where the others start."""
+    """Move the cells of the left side before the others, in order, and return where the others start."""
     cells, tag, middle, right = pieces.cells, pieces.tag, np.uint64(lo), np.uint64(0)
     # Each cell is written to both lists, and stays in the one whose end moves. That of the left side
     # overwrites only cells that were read.

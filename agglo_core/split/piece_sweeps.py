@@ -29,7 +29,10 @@ class Scores(NamedTuple):
 
 
 class SweepWork(NamedTuple):
-    """Workspace of a sweep; ``turns`` and ``finer`` are cosines and sines, ``frame (3, 3)`` serves in 3-D."""
+    """Workspace of a sweep.
+
+    ``turns`` and ``finer`` are cosines and sines of axes in 2-D, ``frame (3, 3)`` is that of a piece in 3-D.
+    """
 
     points: Any
     scores: Any
@@ -59,7 +62,7 @@ def new_scores(m, edges):
 
 @helper
 def edges_of_piece(graph, pieces, lo, hi, edges):
-    """Write each edge inside a piece once, its ends numbered within the piece; returns how many.
+    """Write each edge inside a piece once, its ends numbered within the piece, and return how many.
 
     The cells are tagged as on the left, and their numbers in the second column of the marks.
     """
@@ -84,7 +87,7 @@ def edges_of_piece(graph, pieces, lo, hi, edges):
 
 @helper(reorder_sums=True)
 def _project_in_space(n, a, b, c, x, y, z, shares, score):
-    """Write ``score = a x + b y + c z``; return its extremes and standard deviation."""
+    """Write ``score = a x + b y + c z``, and return its extremes and standard deviation."""
     low, high, square = np.inf, -np.inf, 0.0
     for i in range(n):
         score[i] = a * x[i] + b * y[i] + c * z[i]

@@ -13,7 +13,7 @@ _ROUNDING = 1e-6  # of the extent: bound of the error of points in single precis
 
 @helper
 def _tag_sides(graph, pieces, lo, hi, placing, extent, plane, candidates, sides):
-    """Tag the cells of a piece by the side of the plane they lie on; both sides get some.
+    """Tag the cells of a piece by the side of the plane they lie on, at least one on each side.
 
     ``placing`` says where the origin of the plane is, and in which unit (see ``load_points``). The candidates
     are the cells no further from the plane than their neighbours are from them; returns how many. ``plane``

@@ -1,4 +1,4 @@
-"""Sets of points that are to be split: loaded, the axes to try, and binned if they are many."""
+"""Point sets of 2-means: loading, axes to try, and binning of large sets."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def new_means(m):
 
 @helper
 def _sampled(cells, lo, hi, sample, chosen):
-    """Write the cells of a large piece that are in the sample to ``chosen``; return how many."""
+    """Write the cells of a large piece that are in the sample to ``chosen``, and return how many."""
     m = np.uint64(0)
     for k in range(np.uint64(lo), np.uint64(hi)):
         i = np.uint32(cells[k])
@@ -69,7 +69,7 @@ def _sampled(cells, lo, hi, sample, chosen):
 
 @helper
 def _gather(cells, lo, n, centroids, weights, units, points):
-    """Write centroids relative to the first one, and weights, to ``points``; returns their extent."""
+    """Write centroids relative to the first one, and weights, to ``points``, and return their extent."""
     x, y, z, w = points[0], points[1], points[2], points[3]
     solid, first, start = centroids.shape[1] > 2, cells[lo], np.uint64(lo)
     length, weight = units.length, units.weight
@@ -184,7 +184,10 @@ def _fourth(x, y, w, n):
 
 @helper
 def _half_angle(x, y):
-    """Cosine and sine of half the angle of the vector (x, y), in −π/2..π/2; calls would cost more."""
+    """Cosine and sine of half the angle of the vector (x, y), without calls of trigonometric functions.
+
+    The half angle is in −π/2..π/2.
+    """
     length = np.sqrt(x * x + y * y)
     if not length > 0.0:
         return 1.0, 0.0
@@ -197,7 +200,7 @@ def _half_angle(x, y):
 
 @helper
 def _planar_axes(x, y, w, n, second, frame, axes):
-    """Fill ``axes`` with the directions to try in 2-D, and ``frame``; return how many.
+    """Fill ``axes`` with the directions to try in 2-D, and ``frame``, and return how many.
 
     ``second (7,)`` are weight and second moments, as :func:`moments` returns them.
     """
@@ -228,7 +231,10 @@ def _planar_axes(x, y, w, n, second, frame, axes):
 
 @helper
 def _spatial_axes(second, a, frame, axes):
-    """Fill ``axes`` with three principal and four diagonal directions; ``a (3, 3)`` is a work array."""
+    """Fill ``axes`` with three principal and four diagonal directions, and return how many.
+
+    ``second (7,)`` are weight and second moments, ``a (3, 3)`` is workspace.
+    """
     # 1. Eigenvectors of the second moments; the values are left on the diagonal.
     a[0, 0], a[0, 1], a[0, 2] = second[1], second[2], second[3]
     a[1, 0], a[1, 1], a[1, 2] = second[2], second[4], second[5]
@@ -263,7 +269,7 @@ def _reach(x, y, z, n, axis):
 
 @helper
 def binned(x, y, z, w, n, frame, planar, sums, few):
-    """Write the means of the points in each cell of a grid along the frame to ``few``; return how many.
+    """Write the means of the points in each cell of a grid along the frame, and return how many.
 
     ``few (4, bins)`` are coordinates and weights, ``sums (bins, 4)`` is workspace. The rows of ``frame``, of
     length 1, are multiplied by bins per length.
@@ -304,5 +310,5 @@ def binned(x, y, z, w, n, frame, planar, sums, few):
 
 @helper
 def axes_to_try(x, y, w, n, second, planar, a, frame, axes):
-    """Fill ``axes`` with the directions to try and ``frame`` with an orthogonal frame; returns how many."""
+    """Fill ``axes`` with directions to try and ``frame`` with an orthogonal frame, and return how many."""
     return _planar_axes(x, y, w, n, second, frame, axes) if planar else _spatial_axes(second, a, frame, axes)

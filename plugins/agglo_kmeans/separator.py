@@ -18,6 +18,7 @@ _MANY = 16_384
 @helper(reorder_sums=True)
 def _side_sums(x, y, z, w, n, planar, nx, ny, nz, t):
     """Weight and first moments of the points with normal · point > t, in single precision."""
+    # Points on the other side are added with weight 0: without branches the loops vectorise.
     zero = np.float32(0.0)
     a, sx, sy, sz = zero, zero, zero, zero
     if planar:
@@ -93,6 +94,7 @@ def separator(work, planar):
     for c in range(count):
         start = (0.0, axes[c, 0], axes[c, 1], axes[c, 2], tie)
         trial = _lloyd(x, y, z, w, n, planar, total, tie, start, _TRIED if count > 1 else _ITERATIONS)
+        # By more than single precision loses: of equally good axes the first.
         if trial[0] > best[0] * (1.0 + 1e-5):
             best = trial
     if count > 1 and best[0] > 0.0:

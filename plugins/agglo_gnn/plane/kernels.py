@@ -115,7 +115,10 @@ def direction(count, nodes, near, areas, features, net):
 
 @helper(reorder_sums=True)
 def _band_bins(n, x, y, p, q, low, rate, shares, bins):
-    """Write the bins of p x + q y, −1 below the band and 32 above; return share and moments below it."""
+    """Write the bins of p x + q y, and return share and first moments of the cells below all bins.
+
+    Bins are −1 below the band and 32 above.
+    """
     area, sx, sy = 0.0, 0.0, 0.0
     for i in range(n):
         place = min(max((p * x[i] + q * y[i] - low) * rate - _TIE, -1.0), float(_BINS))
@@ -157,10 +160,10 @@ def number_cells(pieces, lo, hi):
 
 @helper
 def _band_sweep(graph, pieces, lo, hi, work, scales, p, q, spread):
-    """Cheapest threshold of p x + q y near its mean, as ``sweep_block`` does; only edges there count.
+    """Find the cheapest threshold of p x + q y near its mean, as ``sweep_block`` does over all thresholds.
 
-    ``spread`` is the standard deviation of the score. Returns the cost, the last bin below, the lowest
-    threshold and thresholds per unit.
+    Only edges there count. ``spread`` is the standard deviation of the score. Returns the cost, the last bin
+    below, the lowest threshold and thresholds per unit.
     """
     indptr, indices, interface = graph.indptr, graph.indices, graph.interface
     cells, tag, marks = pieces

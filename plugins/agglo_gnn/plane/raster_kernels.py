@@ -39,7 +39,7 @@ def _moments(n, u, v, shares, out):
 
 @helper
 def to_frame(n, local, shares, inertia, uv, features):
-    """Coordinates of a piece in its frame, and its features; returns the rows of the frame.
+    """Write coordinates and features of a piece in its frame, and return the rows of the frame.
 
     Principal axes, the longer first, each pointing to its heavier tail; scaled so that a square
     becomes [−1, 1]². ``uv (2, m)`` are the coordinates, ``features (13,)`` the moments of :func:`_moments`
@@ -75,14 +75,14 @@ def to_frame(n, local, shares, inertia, uv, features):
 
 @helper
 def _bin_of(value, rate, half):
-    """Number of a value's bin, ``half`` at 0; opposite values have opposite bins."""
+    """Number of the bin of a value, ``half`` at 0, symmetric about it."""
     steps = int(abs(value) * rate + 0.5 - _TIE)
     return half + (steps if value > 0.0 else -steps)
 
 
 @helper
 def fill_raster(n, uv, shares, grid, place, nodes, near, areas):
-    """Bin the cells of a piece, symmetrically about its centre; returns the number of occupied bins.
+    """Bin the cells of a piece, symmetrically about its centre, and return the number of occupied bins.
 
     Fills for each ``nodes (:, 4)``: position u, v, area over the mean − 1 (at most 3), share of its four
     sides without neighbour; ``near (:, 4)``: the neighbours, −1 for none; ``areas``: shares.

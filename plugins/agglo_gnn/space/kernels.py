@@ -93,7 +93,7 @@ def directions(n, local, shares, inertia, net):
 
 @helper(reorder_sums=True)
 def _project(n, axis, x, y, z, shares, score):
-    """Write the heights along an axis to ``score``; return their standard deviation."""
+    """Write the heights along an axis to ``score``, and return their standard deviation."""
     square, a, b, c = 0.0, axis[0], axis[1], axis[2]
     for i in range(n):
         score[i] = a * x[i] + b * y[i] + c * z[i]
@@ -103,7 +103,10 @@ def _project(n, axis, x, y, z, shares, score):
 
 @helper(reorder_sums=True)
 def _band_bins(n, score, low, rate, local, shares, bins):
-    """Write the bins of the heights, −1 below the band and 32 above; return share and moments below it."""
+    """Write the bins of the heights, and return share and first moments of the cells below all bins.
+
+    Bins are −1 below the band and 32 above.
+    """
     area, sx, sy, sz = 0.0, 0.0, 0.0, 0.0
     for i in range(n):
         place = min(max((score[i] - low) * rate - _TIE, -1.0), float(_BINS))
@@ -118,10 +121,10 @@ def _band_bins(n, score, low, rate, local, shares, bins):
 
 @helper
 def _band_sweep(graph, pieces, lo, hi, work, spread):
-    """Cheapest threshold of the heights near their mean; only edges there count.
+    """Find the cheapest threshold of the heights near their mean.
 
-    ``spread`` is their standard deviation. Returns the cost, the last bin below, the lowest threshold and
-    thresholds per unit.
+    Only edges there count. ``spread`` is their standard deviation. Returns the cost, the last bin below, the
+    lowest threshold and thresholds per unit.
     """
     indptr, indices, interface = graph.indptr, graph.indices, graph.interface
     cells, tag, marks = pieces

@@ -82,7 +82,7 @@ def _fourth_moments(n, x, y, z, w, out):
 
 @helper
 def _fill_tensors(sums, inertia, t):
-    """Write the moments as full tensors, of lengths in which the inertia is 3; the frame is the identity."""
+    """Write the moments as full tensors, of lengths in which the inertia is 3, in the identity frame."""
     one = 1.0 / np.sqrt(inertia / 3.0)
     two = one * one
     for i in range(3):
@@ -176,7 +176,7 @@ def frame_by_moments(n, local, shares, inertia, room):
 
 @helper
 def fill_features(n, t, i, j, k, even, odd):
-    """Write the features of axis i and of its tilt towards axis j; k is the third one.
+    """Write the features of axis i and of its tilt towards axis j, where k is the third one.
 
     Moments and products of moments: ``even`` ones do not change when an axis is turned round, ``odd`` ones
     change sign with i and with j. 3 / ∛n is the size in cells.

@@ -13,7 +13,7 @@ from agglo_polydg_mg.space.legendre_kernels import CONSTANT, LANES, along_box, r
 
 @kernel
 def block_pattern(offsets, faces, face_cells):
-    """Pattern of the blocks of cells that share a face, and of each cell with itself, as compressed rows.
+    """Sparsity pattern of the blocks of cells with themselves and with their neighbours.
 
     Cell c has the faces ``faces[offsets[c]:offsets[c + 1]]``; ``face_cells (F, 2)`` are owner and neighbour,
     −1 outside. Returns row offsets ``(n + 1,)``, sorted columns, the places ``(n,)`` of the diagonal and
@@ -128,7 +128,7 @@ def _scatter(sums, lane, m, f, face_cells, mine, slots, blocks):
 
 @helper
 def _choose(following, faces, sigma, chosen):
-    """Write the next faces of σ > 0 to ``chosen``, at most ``LANES``; return how many, and where to go on."""
+    """Write at most ``LANES`` faces of σ > 0 to ``chosen``, and return how many and where to go on."""
     count = 0
     while count < LANES and following < len(faces):
         if sigma[faces[following]] != 0.0:
@@ -228,6 +228,7 @@ def face_blocks(
                 inner = face_cells[chosen[lane], 1] >= 0
                 means[q, lane] = own * (other / (own + other)) if inner else own
                 stiffs[q, lane] = (1.0 if inner else 0.5) * sigma[chosen[lane]] * means[q, lane]
+        # j rᵀ + r jᵀ at all Gauss points, then each face to its four blocks.
         _add_up(
             points, face_vertices, face_cells, chosen, count, boxes, scale, means, stiffs, nodes, weights,
             table, rooms, sums,

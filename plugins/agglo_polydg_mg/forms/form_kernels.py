@@ -19,12 +19,15 @@ SQUARINGS = 5
 
 @helper
 def factorise(matrix, n, tolerance):
-    """Cholesky factor in place, in the lower half, its diagonal inverted; False where a pivot is rounding.
+    """Compute a Cholesky factor in place, and return False where a pivot is rounding.
 
-    Of ``matrix`` only the lower half of the first n rows is read. A pivot, what is left of a diagonal entry,
-    counts as rounding below ``tolerance`` times that entry.
+    The factor is in the lower half, its diagonal inverted. Of ``matrix`` only the lower half of the first n
+    rows is read. A pivot, what is left of a diagonal entry, counts as rounding below ``tolerance`` times that
+    entry.
     """
     for j in range(n):
+        # The pivot, an entry of Lᵀ squared: what the columns before leave of the diagonal. (not > catches
+        # NaN.)
         diagonal = matrix[j, j]
         pivot = diagonal
         for k in range(j):

@@ -94,10 +94,10 @@ def _sides_by_cells(cells, n):
 
 @helper
 def _frame(owner, neighbour, boxes, frame):
-    """Write centre and half sides of a box that holds the side of two cells; the owner's at the boundary.
+    """Write centre and half sides of a box that holds the side of two cells.
 
-    Its centre is that of the overlap of both boxes. Its half sides are those of the smaller box: the overlap
-    may be flat, and coordinates are divided by them.
+    At the boundary it is the owner's box. Inside its centre is that of the overlap of both boxes. Its half
+    sides are those of the smaller box: the overlap may be flat, and coordinates are divided by them.
     """
     for d in range(3):
         low, high = boxes[owner, d] - boxes[owner, 3 + d], boxes[owner, d] + boxes[owner, 3 + d]

@@ -134,6 +134,7 @@ def side_penalties(
     resolved, forms = np.ones(n_cells, np.bool_), np.zeros((most, (n * (n + 1)) // 2 + 1))
     lengths, shares = np.empty(most), np.ones(most)
     tracing, rooms = _tracing(len(nodes), degree, n), balancing(most, n)
+    # A round of cells at a time: their forms, then the penalties that they need.
     for begin in range(0, n_cells, LANES):
         end, start = min(begin + LANES, n_cells), offsets[begin]
         _trace(
@@ -181,6 +182,7 @@ def scaled_penalties(
     for begin in range(0, n_cells, LANES):
         end, start = min(begin + LANES, n_cells), offsets[begin]
         for c in range(begin, end):
+            # c / κ for each face; a length of 0 means that the face has no form.
             cell = first_cell + c
             for h in range(offsets[c], offsets[c + 1]):
                 f, k = faces[h], h - start

@@ -46,6 +46,7 @@ def _is_convex(start, end, m):
         for v in range(m):
             height = ex * (start[v, 1] - ay) - ey * (start[v, 0] - ax)
             lowest, highest = min(lowest, height), max(highest, height)
+        # Relative to the height of the cell over the edge, or rounding would make dents of straight angles.
         if lowest < -1e-10 * highest:
             return False
     return True
@@ -104,6 +105,7 @@ def largest_triangles(points, offsets, faces, face_vertices, face_cells, first_c
             for x in range(2):
                 start[k, x] = points[face_vertices[f, flip], x]
                 end[k, x] = points[face_vertices[f, 1 - flip], x]
+        # A search on each edge of some length; in a convex cell no edges are tested, only heights compared.
         convex = _is_convex(start, end, m)
         for k in range(m):
             f = faces[offsets[c] + k]

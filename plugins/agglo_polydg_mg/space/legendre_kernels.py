@@ -66,7 +66,7 @@ def along_box(x, y, box):
 
 @helper
 def _fit_box(points, first, last, faces, face_vertices, box):
-    """Write centre and half sides of the bounding box of a cell to ``box``, which has its direction (c, s).
+    """Write centre and half sides of the bounding box of a cell in the direction of ``box``.
 
     The cell has the faces ``faces[first:last]``.
     """
