@@ -155,7 +155,6 @@ def units_of(centroids, weights):
             sample[i] = 2 if weights[i] > HEAVY * mean else chosen
         uneven += not 0 < count < 3 * _RUN // SAMPLED
     spread = 1000 * uneven <= len(weights) // _RUN + 2000  # by chance one in some thousands is uneven
-    # 3. Uneven runs occur by chance too: one in a thousand, and two, are no reason against a sample.
     return Units(length, weight, sample if spread else sample[:0])
 
 
@@ -164,8 +163,8 @@ def is_chosen(weight, bands):
     """Return whether a cell is one of those, about an eighth, that may stand for all of a large piece.
 
     It is decided by a digit of its weight, which neither its number nor a motion of the mesh changes. The
-    weights must be spread, or cells of a region may be chosen all or none: where there is a run of cells with
-    none, or too many, ``units_of`` gives no bands.
+    weights must be spread, or cells of a region may be chosen all or none: where there are runs of cells with
+    none, or too many, ``units_of`` returns no sample.
     """
     return np.int64(weight * bands) & (SAMPLED - 1) == 0
 
@@ -210,10 +209,11 @@ def cells_beside(indptr, indices, tag, left, right, cells, m):
 
 @helper
 def sides_connected(graph, pieces, lo, hi, edge, workspace, stamp):
-    """Return whether both sides of a connected piece are, the boundary listing ``edge`` cells along the cut.
+    """Return whether both sides of a connected piece are connected.
 
-    Every component of a side touches the other side: if the cells along the cut are connected within
-    their side, the side is. So mostly nothing far from the cut is looked at.
+    The boundary of the workspace lists the ``edge`` cells along the cut; ``stamp`` and the next one are not
+    yet in the first column of the marks. Every component of a side touches the other side: if the cells along
+    the cut are connected within their side, the side is. So mostly nothing far from the cut is looked at.
     """
     indptr, indices, tag = graph.indptr, graph.indices, pieces.tag
     queue, boundary = workspace.queue, workspace.boundary

@@ -26,8 +26,8 @@ def factorise(matrix, n, tolerance):
     entry.
     """
     for j in range(n):
-        # The pivot, an entry of Lᵀ squared: what the columns before leave of the diagonal. (not > catches
-        # NaN.)
+        # The pivot, the square of L's diagonal entry, is what the columns before leave of the diagonal of the
+        # matrix. The test fails for NaN too.
         diagonal = matrix[j, j]
         pivot = diagonal
         for k in range(j):
