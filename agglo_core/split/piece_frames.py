@@ -12,8 +12,8 @@ from agglo_core.compiled.compiling import helper
 from agglo_core.compiled.frames import centre_points, planar_frame
 
 _ISOTROPIC = 0.9  # ratio of second moments above which their axes say little about the shape
-_TURNS = 6
-_TIE = 1e-9
+_TURNS = 6  # rounds over the three planes at most
+_TIE = 1e-9  # angle below which turning ends, and part of a second moment by which another counts as larger
 
 
 class Points(NamedTuple):
@@ -36,9 +36,14 @@ def new_points(m):
 
 @helper
 def load_piece(graph, pieces, lo, hi, work):
-    """Fill ``work.points``; returns the largest extent of the centroids along an axis."""
+    """Load the piece ``cells[lo:hi]`` to ``work.points``, and return its largest extent along an axis.
+
+    The ``load`` of ``piece_driver.split_pieces_by``; the extent is that of the centroids.
+    """
     cells, centroids, weights = pieces.cells, graph.centroids, graph.weights
     local, shares, scales = work.points
+    # 1. Weights, and centroids relative to the first one, which keeps the digits of small pieces far from the
+    #    origin.
     n, first, start, total = hi - lo, cells[lo], np.uint64(lo), 0.0
     x, y, z, last = centroids[first, 0], centroids[first, 1], 0.0, centroids.shape[1] - 1
     x0, x1, y0, y1, z0, z1 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -54,6 +59,7 @@ def load_piece(graph, pieces, lo, hi, work):
             c = centroids[np.uint32(cells[start + k]), last] - z
             local[2, k] = c
             z0, z1 = min(z0, c), max(z1, c)
+    # 2. About the centre of mass, weights as shares. In 2-D the third row is 0 from the start.
     extent = max(max(x1 - x0, y1 - y0), z1 - z0)
     scales[0], scales[1], scales[2] = centre_points(n, centroids.shape[1], local, shares, total, total)
     return extent
@@ -61,6 +67,7 @@ def load_piece(graph, pieces, lo, hi, work):
 
 @helper(reorder_sums=True)
 def _second_moments(n, x, y, z, shares):
+    """Second moments xx, xy, xz, yy, yz, zz of centred points."""
     xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(n):
         xx += shares[i] * x[i] * x[i]
@@ -107,15 +114,22 @@ def _turn(rows, i, j, angle):
 
 @helper
 def diagonalise(a, frame):
-    """Rows of ``frame``: eigenvectors of the symmetric matrix ``a (3, 3)``, by Jacobi's rotations."""
+    """Write eigenvectors of the symmetric matrix ``a (3, 3)`` to the rows of ``frame``, by Jacobi's method.
+
+    ``a`` is overwritten: its diagonal has the eigenvalues, in no order.
+    """
     for i in range(3):
         for j in range(3):
             frame[i, j] = 1.0 if i == j else 0.0
+    # Sweeps over the entries off the diagonal converge quadratically: eight suffice. Entries that are
+    # rounding are passed over.
     for _ in range(8):
         for p in range(2):
             for q in range(p + 1, 3):
                 if abs(a[p, q]) <= 1e-15 * (abs(a[p, p]) + abs(a[q, q])):
                     continue
+                # The rotation in the plane of axes p and q that makes a[p, q] 0, from both sides, and of the
+                # frame.
                 angle = 0.5 * np.arctan2(2.0 * a[p, q], a[p, p] - a[q, q])
                 _turn(a, p, q, angle)
                 _turn(a.T, p, q, angle)
@@ -131,6 +145,8 @@ def _turn_to_least_fourth(n, local, shares, values, frame):
             for j in range(i + 1, 3):
                 if min(values[i, i], values[j, j]) < _ISOTROPIC * max(values[i, i], values[j, j]):
                     continue
+                # With p and q along the axes, ⟨p⁴ + q⁴⟩ is ¾ ⟨r⁴⟩ + ¼ Re ⟨(p + iq)⁴⟩; turning by θ multiplies
+                # the latter by e^(−4iθ), and its real part is least where it is negative and real.
                 real, imaginary = _fourth_moment(n, local[0], local[1], local[2], shares, frame, i, j)
                 angle = 0.25 * np.arctan2(-imaginary, -real)
                 _turn(frame, i, j, angle)
@@ -145,6 +161,7 @@ def principal_frame(n, planar, local, shares, frame):
 
     Axes with nearly equal second moments are turned to where fourth moments are least.
     """
+    # 1. Principal axes: in 2-D planar_frame treats squares as well.
     x, y, z = local[0], local[1], local[2]
     if planar:
         cos, sin, _, _, _ = planar_frame(n, x, y, shares)
@@ -159,12 +176,14 @@ def principal_frame(n, planar, local, shares, frame):
         values[2, 0], values[2, 1], values[2, 2] = xz, yz, zz
         diagonalise(values, frame)
         _turn_to_least_fourth(n, local, shares, values, frame)
+    # 2. Each axis towards its heavier tail, where the third moment is positive.
     seconds = np.empty(3)
     for i in range(3):
         seconds[i], third = _moments_along(n, x, y, z, shares, frame[i, 0], frame[i, 1], frame[i, 2])
         if third < 0.0:
             for k in range(3):
                 frame[i, k] = -frame[i, k]
+    # 3. The longest axis first, by exchanging neighbours; equal ones keep their order.
     for i in range(2):
         for j in range(2 - i):
             if seconds[j + 1] > seconds[j] * (1.0 + _TIE):

@@ -1,4 +1,4 @@
-"""Pieces halved by weight across their principal axis or their longest side, as blocks are depth by depth."""
+"""Recursive bisection at weighted medians, across principal axes or the longest sides of boxes."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -36,7 +36,7 @@ class BoxWork(NamedTuple):
 
 @helper
 def _load_positions(graph, pieces, lo, hi, local, weight, extents):
-    """Copy positions, weights and the extents of the centroids; returns the largest extent."""
+    """Copy positions, weights and extents of a piece, and return the largest extent."""
     cells, centroids, weights = pieces.cells, graph.centroids, graph.weights
     largest, start, n = 0.0, np.uint64(lo), np.uint64(hi - lo)
     for k in range(n):
@@ -63,10 +63,12 @@ def _load_frame(graph, pieces, lo, hi, work):
 
 @helper(allocates=True)
 def _cut_across_axis(graph, pieces, lo, hi, extent, work, candidates, sides):
+    """Halve the weight of a piece that is loaded, across its principal axis."""
     points, upper, n, d = work.points, work.order.upper, hi - lo, graph.centroids.shape[1]
     centre_in_order(n, d, points.local, points.shares)
     frame_in_order(n, d, points)
     bar, slack = split_in_order(n, d, points.along, 0, points.shares, 0.5, work.order)
+    # Cells that count as equal to the cut may lie on either side of it: they are candidates too.
     slack += _ROUNDING * extent
     return tag_upper(graph, pieces, lo, hi, upper, points.along[0], bar, slack, candidates, sides)
 
@@ -89,15 +91,21 @@ def _load_box(graph, pieces, lo, hi, work):
 
 @helper(allocates=True)
 def _cut_box_at(graph, pieces, lo, hi, extent, share, work, candidates, sides):
-    """Cut at a share of what ``work.weight`` holds, across the first of the longest sides."""
+    """Cut a piece at a share of ``work.weight``, across the first of the longest sides of its box.
+
+    The weights become shares of their sum; arguments and result are those of ``cut`` in ``split_pieces_by``.
+    """
     local, weight, upper = work.local, work.weight, work.order.upper
     n, d, axis, total = hi - lo, graph.centroids.shape[1], 0, 0.0
+    # 1. The first side that counts as longest: rounding does not decide between equal ones.
     while work.extents[axis] < (1.0 - _TIE) * extent:
         axis += 1
+    # 2. Shares; numbers of cells if there is no weight.
     for k in range(n):
         total += weight[k]
     for k in range(n):
         weight[k] = weight[k] / total if total > 0.0 else 1.0 / n
+    # 3. The quantile. Cells that count as equal to it may lie on either side: they are candidates too.
     bar, slack = split_in_order(n, d, local, axis, weight, share, work.order)
     slack += _ROUNDING * extent
     return tag_upper(graph, pieces, lo, hi, upper, local[axis], bar, slack, candidates, sides)

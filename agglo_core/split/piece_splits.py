@@ -1,4 +1,4 @@
-"""Pieces of a graph in place: two sides cut, connected and parted.
+"""Pieces of a graph in place: records, and helpers that test their sides and part them.
 
 A piece is a slice of a list of cells, ``cells[lo:hi]``, which rise. Each cell carries the ``tag`` of its
 side: twice the first place of the piece on the left, twice the last place plus 1 on the right. So no two
@@ -18,11 +18,16 @@ from agglo_core.compiled.compiling import ONE, helper, kernel
 from agglo_core.compiled.geometry import box, octagon
 from agglo_core.compiled.ring_search import connected
 
-HEAVY = 4.0  # means: cells of more weight are in every sample
+HEAVY = 4.0  # mean weights: heavier cells are in every sample, and stand for themselves alone
+# One over the share of the cells that are chosen for a sample. A larger value saves time, and lets a cut
+# differ more from that of all cells.
 SAMPLED = np.int64(8)
-_ABOVE, _LEAST = np.float32(1.0001), np.float32(1e-18)  # what squares lose in single precision, with room
-_RUN = 64  # successive cells to look at
-_BANDS = 87.7  # in the mean weight, which is inside one
+_ABOVE, _LEAST = np.float32(1.0001), np.float32(1e-18)  # what squares lose in single precision, with a margin
+_RUN = 64  # successive cells, of which about an eighth should be chosen
+# Bands of weight up to the mean weight, every eighth of which is chosen: cells whose weights differ by more
+# than 1.2 % of the mean lie in different ones. Not a whole number, so that rounding does not decide on the
+# mean weight itself.
+_BANDS = 87.7
 
 
 class Units(NamedTuple):
@@ -59,7 +64,7 @@ class CellVertices(NamedTuple):
 
 
 class Pieces(NamedTuple):
-    """Cells in the order of the pieces ``(n,)``; of each cell the tag of its side and the marks ``(n, 4)``.
+    """Cells in the order of the pieces ``(n,)``, the tags of their sides ``(n,)`` and marks ``(n, 4)``.
 
     The marks say when a cell was last reached, from where, when it was seen, and when and in which place it
     was listed.
@@ -96,7 +101,7 @@ class Workspace(NamedTuple):
 
 @helper(allocates=True)
 def new_sides():
-    """Sides that nothing is known of."""
+    """Sides with uninitialised arrays."""
     return Sides(np.empty(2), np.empty(2, np.int64), np.empty(3))
 
 
@@ -128,6 +133,7 @@ def units_of(centroids, weights):
     Units are powers of two: digits of what is scaled do not depend on what else there is. The sample is
     the chosen cells (1) and the heavy ones (2); there is none ``(0,)`` if the weights are not spread enough.
     """
+    # 1. Extent of the centroids and mean weight, and the powers of two that bring them to between 1/2 and 1.
     total, last = 0.0, centroids.shape[1] - 1
     x0, y0, z0, x1, y1, z1 = np.inf, np.inf, np.inf, -np.inf, -np.inf, -np.inf
     for i in range(len(weights)):
@@ -137,6 +143,8 @@ def units_of(centroids, weights):
     extent = max(0.0, x1 - x0, y1 - y0, z1 - z0)
     mean = total / len(weights)
     length, weight = math.ldexp(1.0, -math.frexp(extent)[1]), math.ldexp(1.0, -math.frexp(mean)[1])
+    # 2. The sample. A run of successive cells, which mostly lie close together, is uneven if none of them is
+    #    chosen or three times too many: a region of the mesh would have no say in a cut, or too much.
     bands = _BANDS / mean if mean > 0.0 else 0.0
     uneven, sample = 0, np.empty(len(weights), np.uint8)
     for start in range(0, len(weights), _RUN):
@@ -152,11 +160,11 @@ def units_of(centroids, weights):
 
 @helper
 def is_chosen(weight, bands):
-    """Whether a cell is one of those, about an eighth, that may stand for all of a large piece.
+    """Return whether a cell is one of those, about an eighth, that may stand for all of a large piece.
 
-    What decides is a digit of its weight, which neither its number nor a motion of the mesh changes. The
-    weights must be spread, or cells of a region may be chosen all or none: where there is a run of cells with
-    none, or too many, ``units_of`` gives no bands.
+    It is decided by a digit of its weight, which neither its number nor a motion of the mesh changes. The
+    weights must be spread, or cells of a region may be chosen all or none: where there are runs of cells with
+    none, or too many, ``units_of`` returns no sample.
     """
     return np.int64(weight * bands) & (SAMPLED - 1) == 0
 
@@ -168,6 +176,7 @@ def reach_of_cells(indptr, indices, centroids, length, reach):
     It is multiplied by ``length``, which makes the extent of the graph of order 1: single precision serves.
     """
     last = centroids.shape[1] - 1
+    # 1. Squares, in single precision as soon as they are stored.
     for i in range(len(reach)):
         largest, x, y, z = 0.0, centroids[i, 0], centroids[i, 1], centroids[i, last]
         for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + 1])):
@@ -178,13 +187,14 @@ def reach_of_cells(indptr, indices, centroids, length, reach):
                 square += ((centroids[j, last] - z) * length) ** 2
             largest = max(largest, square)
         reach[i] = largest
+    # 2. Their roots, rounded up: if they were too small, cells along a cut would be missed.
     for i in range(len(reach)):
         reach[i] = _ABOVE * np.sqrt(reach[i]) + _LEAST
 
 
 @helper
 def cells_beside(indptr, indices, tag, left, right, cells, m):
-    """Keep those of ``cells[:m]`` that are adjacent to the other side of their piece; returns how many."""
+    """Keep those of ``cells[:m]`` that are adjacent to the other side of their piece, and return how many."""
     found = 0
     for k in range(m):
         i = np.uint32(cells[k])
@@ -199,15 +209,18 @@ def cells_beside(indptr, indices, tag, left, right, cells, m):
 
 @helper
 def sides_connected(graph, pieces, lo, hi, edge, workspace, stamp):
-    """Return whether both sides of a connected piece are, the boundary listing ``edge`` cells along the cut.
+    """Return whether both sides of a connected piece are connected.
 
-    Every component of a side touches the other side: if the cells along the cut are connected within
-    their side, the side is. So mostly nothing far from the cut is looked at.
+    The boundary of the workspace lists the ``edge`` cells along the cut; ``stamp`` and the next one are not
+    yet in the first column of the marks. Every component of a side touches the other side: if the cells along
+    the cut are connected within their side, the side is. So mostly nothing far from the cut is looked at.
     """
     indptr, indices, tag = graph.indptr, graph.indices, pieces.tag
     queue, boundary = workspace.queue, workspace.boundary
     left, right = side_tags(lo, hi)
     whole, everything = True, np.int64(len(tag))
+    # The search starts from all cells of the side along the cut at once, without bounds on how far it may go,
+    # and ends as soon as they have met.
     for side in range(2):
         label = np.int32(right if side else left)  # one version of the search, as refinement calls it
         filled = np.int64(0)
@@ -221,8 +234,12 @@ def sides_connected(graph, pieces, lo, hi, edge, workspace, stamp):
 
 @helper
 def is_connected(graph, pieces, lo, hi, queue, stamp):
-    """Return whether a small piece is connected; the first column of the marks has no such ``stamp`` yet."""
+    """Return whether a small piece is connected.
+
+    The ``stamp`` is not yet in the first column of the marks.
+    """
     indptr, indices, tag, marks = graph.indptr, graph.indices, pieces.tag, pieces.marks
+    # Breadth first from the first cell, over cells with its tag.
     first, done, filled = np.uint32(pieces.cells[lo]), np.uint64(0), ONE
     own, queue[0], marks[first, 0] = tag[first], first, stamp
     while done < filled:
@@ -249,8 +266,10 @@ def side_measures(pieces, measures, lo, hi, out):
 
 @helper
 def part_list(pieces, lo, hi, spare):
-    """Put the cells of the left side before the others, the order kept; returns where the others start."""
+    """Move the cells of the left side before the others, in order, and return where the others start."""
     cells, tag, middle, right = pieces.cells, pieces.tag, np.uint64(lo), np.uint64(0)
+    # Each cell is written to both lists, and stays in the one whose end moves. That of the left side
+    # overwrites only cells that were read.
     for k in range(np.uint64(lo), np.uint64(hi)):
         i = np.uint32(cells[k])
         on_right = np.uint64(tag[i] & 1)
@@ -265,7 +284,7 @@ def part_list(pieces, lo, hi, spare):
 
 @helper
 def quota_of_left(quota, measures, cells_left, cells_right):
-    """Parts that the left side becomes: its share by measure, rounded, at least 1 and at most its cells.
+    """Quota of the left side: its share by measure, rounded, at least 1 and at most its number of cells.
 
     A quota of 0, for pieces that are to meet a size, stays 0.
     """
@@ -274,6 +293,7 @@ def quota_of_left(quota, measures, cells_left, cells_right):
     left, right = measures[0], measures[1]
     if not left + right > 0.0:
         left, right = float(cells_left), float(cells_right)
+    # Both sides need a part, and a cell for each of their parts.
     least, most = max(1.0, quota - cells_right), min(quota - 1.0, float(cells_left))
     share = np.rint(quota * (left / (left + right)) - 1e-9)  # halves go down, whatever the rounding of sums
     return np.int64(min(max(share, least), most))
@@ -294,6 +314,7 @@ def narrowness(piece, shape, limit, ends):
         lower, upper = box(piece, shape.offsets, shape.vertices, shape.points, low, high)
         for k in range(3):
             centre[k] = 0.5 * (low[k] + high[k])
+    # Only bounds that are clear of rounding decide.
     if lower > limit * (1.0 + 1e-12):
         return 0
     return 1 if upper < limit * (1.0 - 1e-12) else -1

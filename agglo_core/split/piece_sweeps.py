@@ -1,4 +1,4 @@
-"""Pieces cut where it costs least, along several axes, again and again."""
+"""Recursive bisection by sweeps: each piece is cut where it costs least along several axes."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -29,7 +29,10 @@ class Scores(NamedTuple):
 
 
 class SweepWork(NamedTuple):
-    """Workspace of a sweep; ``turns`` and ``finer`` are cosines and sines, ``frame (3, 3)`` serves in 3-D."""
+    """Workspace of a sweep.
+
+    ``turns`` and ``finer`` are cosines and sines of axes in 2-D, ``frame (3, 3)`` is that of a piece in 3-D.
+    """
 
     points: Any
     scores: Any
@@ -40,7 +43,7 @@ class SweepWork(NamedTuple):
 
 @helper
 def most_edges(lists, cells, indptr):
-    """An upper bound of the edges inside any of the pieces."""
+    """Upper bound of the number of edges inside any of the pieces."""
     todo, most = lists.todo, np.int64(0)
     for k in range(lists.counts[0]):
         ends = np.int64(0)
@@ -59,7 +62,7 @@ def new_scores(m, edges):
 
 @helper
 def edges_of_piece(graph, pieces, lo, hi, edges):
-    """Write each edge inside a piece once, its ends numbered within the piece; returns how many.
+    """Write each edge inside a piece once, its ends numbered within the piece, and return how many.
 
     The cells are tagged as on the left, and their numbers in the second column of the marks.
     """
@@ -68,8 +71,11 @@ def edges_of_piece(graph, pieces, lo, hi, edges):
     tails, heads, lengths = edges
     left, _ = side_tags(lo, hi)
     start, n, count = np.uint64(lo), np.uint64(hi - lo), np.uint64(0)
+    # 1. Tags and numbers within the piece.
     for k in range(n):
         tag[np.uint32(cells[start + k])], marks[np.uint32(cells[start + k]), 1] = left, k
+    # 2. Edges whose other end is in the piece and has the larger number. All are written; the next one
+    #    overwrites what does not count.
     for k in range(n):
         i = np.uint64(np.uint32(cells[start + k]))
         for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):
@@ -81,7 +87,7 @@ def edges_of_piece(graph, pieces, lo, hi, edges):
 
 @helper(reorder_sums=True)
 def _project_in_space(n, a, b, c, x, y, z, shares, score):
-    """Fill ``score = a x + b y + c z``; returns its extremes and standard deviation."""
+    """Write ``score = a x + b y + c z``, and return its extremes and standard deviation."""
     low, high, square = np.inf, -np.inf, 0.0
     for i in range(n):
         score[i] = a * x[i] + b * y[i] + c * z[i]
@@ -92,14 +98,15 @@ def _project_in_space(n, a, b, c, x, y, z, shares, score):
 
 @helper
 def _frame_block(n, edges, local, shares, scales, frame, axis, score, bins, tally):
-    """As ``axes_block`` does, in space, along the axes of a frame and the four diagonals of its cube.
+    """Find the cheapest cut of a piece in 3-D, along the axes of a frame and the four diagonals of its cube.
 
-    Writes the best direction to ``axis``, and returns cost, last bin below, lowest threshold and thresholds
-    per unit.
+    Writes the best direction to ``axis`` and the heights along it to ``score``; returns cost, last bin below,
+    lowest threshold and thresholds per unit. The arguments are those of ``axes_block``.
     """
     best, chosen = (NO_CUT, 0, 0.0, 0.0), 0
     x, y, z, third = local[0], local[1], local[2], np.sqrt(1.0 / 3.0)
     for c in range(8):
+        # 1. Direction d in the frame: axis 0, 1 or 2, or a diagonal (1, ±1, ±1) / √3.
         d, a0, a1, a2 = c if c < 7 else chosen, third, third, third
         if d < 3:
             a0, a1, a2 = np.float64(d == 0), np.float64(d == 1), np.float64(d == 2)
@@ -111,6 +118,7 @@ def _frame_block(n, edges, local, shares, scales, frame, axis, score, bins, tall
         low, high, spread = _project_in_space(n, axis[0], axis[1], axis[2], x, y, z, shares, score)
         if c == 7:
             break  # the best one, once more
+        # 2. The cheapest of its thresholds; it has to be better by more than rounding.
         low, rate = thresholds_between(low, high, spread)
         cost, last = sweep_block(n, low, rate, score, edges, local, shares, scales, bins, tally)
         if cost < best[0] - 1e-9 * abs(best[0]):
@@ -120,6 +128,7 @@ def _frame_block(n, edges, local, shares, scales, frame, axis, score, bins, tall
 
 @helper(allocates=True)
 def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
+    """Tag both sides of a piece that is loaded: the ``cut`` of ``piece_driver.split_pieces_by``."""
     (local, shares, section), (heights, bins, tally, ends), turns, finer, frame = work
     n, normal, scales = hi - lo, sides.normal, (section[0], section[1], section[2])
     edges = ends, edges_of_piece(graph, pieces, lo, hi, ends)
@@ -134,7 +143,7 @@ def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
 
 @kernel
 def split_along_axes(axes, graph, shape, pieces, lists, limits, budget):
-    """Split pieces by sweeps, in 2-D along so many axes: see ``piece_driver.split_pieces_by``."""
+    """Split pieces by sweeps, in 2-D along ``axes`` axes: see ``piece_driver.split_pieces_by``."""
     m = largest_piece(lists)
     scores = new_scores(m, most_edges(lists, pieces.cells, graph.indptr))
     work = SweepWork(new_points(m), scores, half_circle(axes), halvings(axes, 0), np.empty((3, 3)))

@@ -1,4 +1,4 @@
-"""The kernels of 2-means: the blocks of a graph once, and pieces of a graph again and again."""
+"""Kernels of 2-means, for the blocks of a graph and for the recursion on its pieces."""
 
 from __future__ import annotations
 
@@ -13,18 +13,23 @@ _ROUNDING = 1e-6  # of the extent: bound of the error of points in single precis
 
 @helper
 def _tag_sides(graph, pieces, lo, hi, placing, extent, plane, candidates, sides):
-    """Tag the cells of a piece by the side of the plane they lie on; both sides get some.
+    """Tag the cells of a piece by the side of the plane they lie on, at least one on each side.
 
     ``placing`` says where the origin of the plane is, and in which unit (see ``load_points``). The candidates
-    are the cells no further from the plane than their neighbours are from them; returns how many.
+    are the cells no further from the plane than their neighbours are from them; returns how many. ``plane``
+    is that of ``separator``: inertia, unit normal and t.
     """
     cells, tag, centroids, reach = pieces.cells, pieces.tag, graph.centroids, graph.reach
     left, right = piece_splits.side_tags(lo, hi)
+    # 1. The plane in coordinates of the mesh, from its origin; heights are lengths times units.length, as
+    #    reach.
     inertia, nx, ny, nz, t = plane
     x, y, z, unit, solid = placing[0], placing[1], placing[2], placing[3], centroids.shape[1] > 2
     length = graph.units.length
     nx, ny, nz, t = length * nx, length * ny, length * nz, length * t / unit
     slack = _ROUNDING * extent * length
+    # 2. All cells in double precision, those outside of the sample too. Cells near the plane, up to the
+    #    rounding of single precision, are candidates.
     ones, total, above, m = np.int64(0), 0.0, 0.0, np.uint64(0)
     for k in range(np.uint64(lo), np.uint64(hi)):
         i = np.uint32(cells[k])
@@ -40,6 +45,7 @@ def _tag_sides(graph, pieces, lo, hi, placing, extent, plane, candidates, sides)
         m += np.uint64(abs(height) - slack <= reach[i])
     sides.measures[0], sides.measures[1] = total - above, above
     sides.counts[0], sides.counts[1] = hi - lo - ones, ones
+    # 3. No plane, or all cells on one side: halves of the list.
     if inertia > 0.0 and 0 < ones < hi - lo:
         return np.int64(m)
     return piece_driver.tag_halves(graph, pieces, lo, hi, candidates, sides)
@@ -66,6 +72,7 @@ def two_means(offsets, centroids, weights):
     means, units = new_means(largest), piece_splits.units_of(centroids, weights)
     candidates, sides = np.empty(largest + 1, np.int32), piece_splits.new_sides()
     cells, tag, reach = np.empty(n, np.int32), np.empty(n, np.int32), np.zeros(n, np.float32)
+    # A graph without edges, of which nothing but the cut is wanted: offsets and cells stand in for its CSR.
     graph = piece_splits.PieceGraph(offsets, cells, weights, centroids, weights, weights, reach, units)
     pieces = piece_splits.Pieces(cells, tag, np.empty((0, 4), np.int32))
     for i in range(n):
@@ -74,6 +81,7 @@ def two_means(offsets, centroids, weights):
         lo, hi = offsets[b], offsets[b + 1]
         extent = _load(graph, pieces, lo, hi, means)
         _cut(graph, pieces, lo, hi, extent, means, candidates, sides)
+    # Tags of right sides are odd.
     result = np.empty(n, np.int64)
     for i in range(n):
         result[i] = tag[i] & 1

@@ -1,4 +1,4 @@
-"""Sets of points that are to be split: loaded, the axes to try, and binned if they are many."""
+"""Point sets of 2-means: loading, axes to try, and binning of large sets."""
 
 from __future__ import annotations
 
@@ -8,12 +8,16 @@ import numpy as np
 
 from agglo_core.authoring import helper, kernel, piece_frames, piece_splits
 
-_ROUND = 0.8  # ratio of principal moments above which no axis stands out
-_BINS_2D, _BINS_3D = 32, 12  # along each axis; even: the middle is a border
+_ROUND = 0.8  # ratio of principal moments above which no axis stands out, and several are tried
+# Bins along each axis; even: the middle is a border. More bins are more points for every step of Lloyd's,
+# fewer move the separator.
+_BINS_2D, _BINS_3D = 32, 12
 _BIN_TIE = 1e-4  # of a bin: points this close to a border lie below it
-_AXES = 8
+_AXES = 8  # over the half circle, where no axis stands out in 2-D; each costs Lloyd's steps
 _COS, _SIN = np.cos(np.pi / _AXES), np.sin(np.pi / _AXES)
-_MANY = 4096  # cells of which a sample serves
+# Cells above which a sample serves. Samples of smaller pieces made less round parts, and saved less than a
+# hundredth of the time.
+_MANY = 4096
 LANES = 32
 """Points that loops over them take at a time: those of weight 0 fill the last round, or it would be slow."""
 
@@ -54,7 +58,7 @@ def new_means(m):
 
 @helper
 def _sampled(cells, lo, hi, sample, chosen):
-    """Write the cells that stand for a large piece to ``chosen``; returns how many."""
+    """Write the cells of a large piece that are in the sample to ``chosen``, and return how many."""
     m = np.uint64(0)
     for k in range(np.uint64(lo), np.uint64(hi)):
         i = np.uint32(cells[k])
@@ -65,12 +69,13 @@ def _sampled(cells, lo, hi, sample, chosen):
 
 @helper
 def _gather(cells, lo, n, centroids, weights, units, points):
-    """Write centroids relative to the first one, and weights, to ``points``; returns their extent."""
+    """Write centroids relative to the first one, and weights, to ``points``, and return their extent."""
     x, y, z, w = points[0], points[1], points[2], points[3]
     solid, first, start = centroids.shape[1] > 2, cells[lo], np.uint64(lo)
     length, weight = units.length, units.weight
     x0, y0, z0 = centroids[first, 0], centroids[first, 1], centroids[first, centroids.shape[1] - 1]
     x1, y1, z1, x2, y2, z2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    # Differences in double precision, stored in single: near the first cell little is lost.
     for k in range(n):
         i = np.uint32(cells[start + np.uint64(k)])
         a, b = (centroids[i, 0] - x0) * length, (centroids[i, 1] - y0) * length
@@ -97,7 +102,7 @@ def _first_moments(x, y, z, w, n):
 
 @helper
 def rounded(n):
-    """The number of points, up to a full round of lanes."""
+    """Round a number of points up to a multiple of the lanes."""
     return (n + LANES - 1) // LANES * LANES
 
 
@@ -167,7 +172,7 @@ def moments(x, y, z, w, n):
 
 @helper(reorder_sums=True)
 def _fourth(x, y, w, n):
-    """The fourth moment of points in the plane, as a complex number of four times the angle."""
+    """Real and imaginary part of the fourth moment ⟨(x + iy)⁴⟩ of points in 2-D."""
     re, im = 0.0, 0.0
     for i in range(n):
         u, v = float(x[i]), float(y[i])
@@ -179,10 +184,14 @@ def _fourth(x, y, w, n):
 
 @helper
 def _half_angle(x, y):
-    """Cosine and sine of half the angle of the vector (x, y), in −π/2..π/2; calls would cost more."""
+    """Cosine and sine of half the angle of the vector (x, y), without calls of trigonometric functions.
+
+    The half angle is in −π/2..π/2.
+    """
     length = np.sqrt(x * x + y * y)
     if not length > 0.0:
         return 1.0, 0.0
+    # cos²(φ/2) = (1 + cos φ)/2, and sin φ = 2 sin(φ/2) cos(φ/2): roots of small differences are not taken.
     larger = np.sqrt(0.5 * (1.0 + abs(x) / length))
     smaller = 0.5 * abs(y) / (length * larger)
     cos, sin = (larger, smaller) if x >= 0.0 else (smaller, larger)
@@ -191,22 +200,28 @@ def _half_angle(x, y):
 
 @helper
 def _planar_axes(x, y, w, n, second, frame, axes):
-    """Fill ``axes`` with the directions to try in 2-D, and ``frame``; returns how many."""
+    """Fill ``axes`` with the directions to try in 2-D, and ``frame``, and return how many.
+
+    ``second (7,)`` are weight and second moments, as :func:`moments` returns them.
+    """
     xx, xy, yy = second[1], second[2], second[4]
     mean, radius = 0.5 * (xx + yy), np.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
     count = 1
     if mean - radius > _ROUND * (mean + radius):
-        # no axis stands out: eight, from the orientation of the fourth moment, which a square has
+        # No axis stands out: eight, from the orientation of the fourth moment, which a square has. That is a
+        # quarter of the angle of (re, im).
         re, im = _fourth(x, y, w, n)
         count = _AXES
         cos, sin = _half_angle(re, im)
     else:
+        # The principal axis: half the angle of ((xx − yy)/2, xy).
         cos, sin = 0.5 * (xx - yy), xy
     cos, sin = _half_angle(cos, sin)
     axes[0, 0], axes[0, 1], axes[0, 2] = cos, sin, 0.0
     for c in range(1, count):
         p, q = axes[c - 1, 0], axes[c - 1, 1]
         axes[c, 0], axes[c, 1], axes[c, 2] = _COS * p - _SIN * q, _SIN * p + _COS * q, 0.0
+    # The frame of the grid: the first axis, and the one across it.
     for k in range(3):
         frame[0, k] = axes[0, k]
         frame[1, k], frame[2, k] = 0.0, 0.0
@@ -216,17 +231,23 @@ def _planar_axes(x, y, w, n, second, frame, axes):
 
 @helper
 def _spatial_axes(second, a, frame, axes):
-    """Fill ``axes`` with three principal and four diagonal directions; ``a (3, 3)`` is a work array."""
+    """Fill ``axes`` with three principal and four diagonal directions, and return how many.
+
+    ``second (7,)`` are weight and second moments, ``a (3, 3)`` is workspace.
+    """
+    # 1. Eigenvectors of the second moments; the values are left on the diagonal.
     a[0, 0], a[0, 1], a[0, 2] = second[1], second[2], second[3]
     a[1, 0], a[1, 1], a[1, 2] = second[2], second[4], second[5]
     a[2, 0], a[2, 1], a[2, 2] = second[3], second[5], second[6]
     piece_frames.diagonalise(a, frame)
+    # 2. The longest axis first, then the others in turn.
     most = 0
     for p in range(3):
         most = p if a[p, p] > a[most, most] else most
     for p in range(3):
         for k in range(3):
             axes[p, k] = frame[(most + p) % 3, k]
+    # 3. The diagonals of the cube of the axes, one for each pair of opposite corners.
     for c in range(4):
         one, other = 1.0 - 2.0 * (c >> 1), 1.0 - 2.0 * (c & 1)
         for k in range(3):
@@ -248,9 +269,14 @@ def _reach(x, y, z, n, axis):
 
 @helper
 def binned(x, y, z, w, n, frame, planar, sums, few):
-    """Write the means of the points in each cell of a grid along the frame to ``few``; returns how many."""
+    """Write the means of the points in each cell of a grid along the frame, and return how many.
+
+    ``few (4, bins)`` are coordinates and weights, ``sums (bins, 4)`` is workspace. The rows of ``frame``, of
+    length 1, are multiplied by bins per length.
+    """
     steps, layers = (_BINS_2D, 1) if planar else (_BINS_3D, _BINS_3D)
     count = steps * steps * layers
+    # 1. A square or cube about the centre that holds all points; the same number of bins each way.
     reach = 1e-30
     for k in range(2 if planar else 3):
         reach = max(reach, float(_reach(x, y, z, n, frame[k])))
@@ -261,6 +287,7 @@ def binned(x, y, z, w, n, frame, planar, sums, few):
     for k in range(3):
         for j in range(3):
             frame[k, j] *= 0.5 * steps / reach  # from now on in bins
+    # 2. Weight and first moments of each bin.
     for i in range(n):
         found = 0
         for k in range(2 if planar else 3):
@@ -270,6 +297,7 @@ def binned(x, y, z, w, n, frame, planar, sums, few):
         sums[found, 1] += w[i] * y[i]
         sums[found, 2] += w[i] * z[i]
         sums[found, 3] += w[i]
+    # 3. Means of the bins with any weight.
     m = 0
     for b in range(count):
         if sums[b, 3] > 0.0:
@@ -282,5 +310,5 @@ def binned(x, y, z, w, n, frame, planar, sums, few):
 
 @helper
 def axes_to_try(x, y, w, n, second, planar, a, frame, axes):
-    """Fill ``axes`` with the directions to try and ``frame`` with an orthogonal frame; returns how many."""
+    """Fill ``axes`` with directions to try and ``frame`` with an orthogonal frame, and return how many."""
     return _planar_axes(x, y, w, n, second, frame, axes) if planar else _spatial_axes(second, a, frame, axes)

@@ -8,14 +8,17 @@ from agglo_core.authoring import helper
 from agglo_kmeans.points import axes_to_try, binned, moments, rounded
 
 _TIE = 4e-6  # of the size: a point this close to the separator is on side 0; single precision
-_ITERATIONS = np.int64(100)
-_TRIED = np.int64(2)  # of Lloyd's steps from each axis; the best one goes on
-_MANY = 16_384  # points beyond which they are binned
+_ITERATIONS = np.int64(100)  # Lloyd's steps at most: they end when nothing changes
+_TRIED = np.int64(2)  # Lloyd's steps from each axis before the best one goes on; each reads all points
+# Points beyond which they are binned: a step then takes a time that does not depend on their number, for a
+# separator that may be off by part of a bin.
+_MANY = 16_384
 
 
 @helper(reorder_sums=True)
 def _side_sums(x, y, z, w, n, planar, nx, ny, nz, t):
-    """Weight and first moments of the points with normal · point > t."""
+    """Weight and first moments of the points with normal · point > t, in single precision."""
+    # Points on the other side are added with weight 0: without branches the loops vectorise.
     zero = np.float32(0.0)
     a, sx, sy, sz = zero, zero, zero, zero
     if planar:
@@ -36,7 +39,7 @@ def _side_sums(x, y, z, w, n, planar, nx, ny, nz, t):
 
 @helper
 def _lloyd(x, y, z, w, n, planar, total, tie, plane, steps):
-    """At most so many of Lloyd's steps from a plane; the points are centred.
+    """Take at most so many of Lloyd's steps from a plane, with centred points.
 
     Then both means lie on one line through the centre, so the separator follows from the sums of one
     side. Returns the between-cluster inertia (−1 if a side is empty) and the separator, its normal of any
@@ -45,6 +48,8 @@ def _lloyd(x, y, z, w, n, planar, total, tie, plane, steps):
     inertia, nx, ny, nz, t = plane
     before_a, before_square = -1.0, -1.0
     for _ in range(steps):
+        # 1. Weight a and first moment s of one side; the other has total − a and −s. Without weight on both
+        #    sides, or without a distance of the means, there is no split.
         sums = _side_sums(
             x, y, z, w, n, planar, np.float32(nx), np.float32(ny), np.float32(nz), np.float32(t)
         )
@@ -52,11 +57,15 @@ def _lloyd(x, y, z, w, n, planar, total, tie, plane, steps):
         b, square = total - a, sx * sx + sy * sy + sz * sz
         if not (a > 0.0 and b > 1e-6 * total and square > 0.0):
             return -1.0, nx, ny, nz, t
+        # 2. The means are s / a and −s / b: inertia a |s/a|² + b |s/b|² = |s|² (a + b) / (a b).
         share = square / (a * b)  # s² / (a b): divisions and roots cost more than all else
         inertia = share * total
+        # The sums of the step before: the sides have not changed.
         if a == before_a and square == before_square:
             break
         before_a, before_square = a, square
+        # 3. The plane halfway between the means, with normal s: t = s · (s/a − s/b) / 2. The tie is a length,
+        #    so it is multiplied by |s|.
         nx, ny, nz = sx, sy, sz
         t = 0.5 * share * (b - a) + tie * np.sqrt(square)
     return inertia, nx, ny, nz, t
@@ -85,6 +94,7 @@ def separator(work, planar):
     for c in range(count):
         start = (0.0, axes[c, 0], axes[c, 1], axes[c, 2], tie)
         trial = _lloyd(x, y, z, w, n, planar, total, tie, start, _TRIED if count > 1 else _ITERATIONS)
+        # By more than single precision loses: of equally good axes the first.
         if trial[0] > best[0] * (1.0 + 1e-5):
             best = trial
     if count > 1 and best[0] > 0.0:

@@ -24,21 +24,29 @@ from agglo_gnn.plane.raster_kernels import fill_raster, new_raster, to_frame
 
 _ONE = np.uint64(1)  # to be added to unsigned indices
 _TIE = 1e-6  # of a bin: values that close to its end lie inside
-_BAND = 0.45  # standard deviations either side of the mean in which a cut is sought
-_BINS = 32
-_SMALL = 96  # cells below which some axes are swept instead
-_AXES = 4
-_FINER = 1  # halvings of the angle between them, about the best
+# Standard deviations either side of the mean in which a cut is sought. Wider finds cuts into less equal
+# sides, but looks at the edges of more cells, and at fewer thresholds per unit.
+_BAND = 0.45
+_BINS = 32  # of the band, as scan_thresholds has them; it tries the thresholds between them
+_SMALL = 96  # cells below which some axes are swept instead, over all edges of the piece
+_AXES = 4  # tried where the network is not asked: each costs a sweep
+_FINER = 1  # halvings of the angle between them, about the best: each costs two sweeps
 _LONG = 0.5  # ratio of principal moments below which a piece is long
-_FEW = 400  # cells below which the axes are tried in its place: there its answer changes nothing
+# Cells below which the axes are tried and the network is not asked: there its answer makes no difference
+# (docs/reference/model-card.md).
+_FEW = 400
 
 
 @helper(allocates=True)
 def _sage(count, near, given, own, other, bias, out):
-    """``out = ReLU(given · own + mean over neighbours of given · other + bias)``; inputs come in fours."""
+    """Compute a SAGE layer, ``out = ReLU(given · own + mean over neighbours of given · other + bias)``.
+
+    ``near (count, 4)`` are the neighbours of each node, −1 for none; the number of inputs is a multiple of 4.
+    """
     inputs, outputs = own.shape
     mean = np.empty(inputs)
     for a in range(count):
+        # 1. The mean over the neighbours; 0 if there are none.
         degree = 0
         for k in range(inputs):
             mean[k] = 0.0
@@ -51,6 +59,7 @@ def _sage(count, near, given, own, other, bias, out):
             out[a, o] = bias[o]
         for k in range(inputs):
             mean[k] /= max(degree, 1)
+        # 2. Both products.
         for k in range(0, inputs, 4):  # four at a time: each round of the inner loop checks what overlaps
             x, y, z, w = given[a, k], given[a, k + 1], given[a, k + 2], given[a, k + 3]
             p, q, r, s = mean[k], mean[k + 1], mean[k + 2], mean[k + 3]
@@ -78,11 +87,17 @@ def dense(given, weight, bias, rectify, out):
 
 @kernel
 def direction(count, nodes, near, areas, features, net):
-    """The network: coefficients (c₁, c₂) of the logit c₁ u + c₂ v of a piece."""
+    """Evaluate the network: the coefficients (c₁, c₂) of the logit c₁ u + c₂ v of a piece.
+
+    ``nodes (count, 4)``, ``near`` and ``areas (count,)`` are its raster, ``features (13,)`` those of the
+    piece; see ``raster_kernels``.
+    """
     own1, other1, bias1, own2, other2, bias2, dense1, add1, dense2, add2, dense3, add3 = net
     first, second = np.empty((count, len(bias1))), np.empty((count, len(bias2)))
+    # 1. Two SAGE layers on the raster.
     _sage(count, near, nodes, own1, other1, bias1, first)
     _sage(count, near, first, own2, other2, bias2, second)
+    # 2. Their mean over the piece by area, followed by the features of the piece.
     width = len(bias2)
     pooled = np.zeros(width + len(features))
     for a in range(count):
@@ -90,6 +105,7 @@ def direction(count, nodes, near, areas, features, net):
             pooled[k] += areas[a] * second[a, k]
     for k in range(len(features)):
         pooled[width + k] = features[k]
+    # 3. Three dense layers: the direction of the cut.
     hidden, again, out = np.empty(len(add1)), np.empty(len(add2)), np.empty(2)
     dense(pooled, dense1, add1, True, hidden)
     dense(hidden, dense2, add2, True, again)
@@ -99,7 +115,10 @@ def direction(count, nodes, near, areas, features, net):
 
 @helper(reorder_sums=True)
 def _band_bins(n, x, y, p, q, low, rate, shares, bins):
-    """Bins of the score p x + q y, −1 below the band and 32 above; share and moments of what is below."""
+    """Write the bins of p x + q y, and return share and first moments of the cells below all bins.
+
+    Bins are −1 below the band and 32 above.
+    """
     area, sx, sy = 0.0, 0.0, 0.0
     for i in range(n):
         place = min(max((p * x[i] + q * y[i] - low) * rate - _TIE, -1.0), float(_BINS))
@@ -141,21 +160,28 @@ def number_cells(pieces, lo, hi):
 
 @helper
 def _band_sweep(graph, pieces, lo, hi, work, scales, p, q, spread):
-    """Cheapest threshold of p x + q y near its mean, as ``sweep_block`` does; only edges there count.
+    """Find the cheapest threshold of p x + q y near its mean, as ``sweep_block`` does over all thresholds.
 
-    Returns its cost, the last bin below, the lowest threshold and thresholds per unit.
+    Only edges there count. ``spread`` is the standard deviation of the score. Returns the cost, the last bin
+    below, the lowest threshold and thresholds per unit.
     """
     indptr, indices, interface = graph.indptr, graph.indices, graph.interface
     cells, tag, marks = pieces
     local, shares, bins, tally = work.points.local, work.points.shares, work.scores.bins, work.scores.tally
     listed, n, piece = work.listed, hi - lo, tag[cells[lo]]
+    # 1. Bins of all cells; with share and moments of what lies below the band the scan starts.
     low = -_BAND * spread
     rate = -0.5 * _BINS / low if low < 0.0 else 0.0
     area, sx, sy = _band_bins(n, local[0], local[1], p, q, low, rate, shares, bins)
+    # 2. The cells of the band, about a quarter of those of a square. Other edges are passed over, even those
+    #    from below the band to above it.
     cut, start, inside = 0.0, np.uint64(lo), np.uint64(0)
     for i in range(n):
         listed[inside] = i  # no branch: it would be mispredicted
         inside += np.uint64((bins[i] >= 0) & (bins[i] < _BINS))
+    # 3. What each cell adds to the cut beyond its bin. Thresholds between the bins of its ends cut an edge:
+    #    its length is added in the lower bin, and taken away in the higher one. Edges from below the band are
+    #    cut at its lower end already. Neighbours in other pieces count as in the bin of the cell.
     for k in range(inside):
         i = np.uint64(np.uint32(listed[k]))
         home, rise, cell = bins[i], 0.0, np.uint64(np.uint32(cells[start + i]))
@@ -170,6 +196,7 @@ def _band_sweep(graph, pieces, lo, hi, work, scales, p, q, spread):
         tally[b, 1] += shares[i] * local[1, i]
         tally[b, 3] += shares[i]
         tally[b, 4] += rise
+    # 4. The cheapest threshold.
     scale, inertia, weight = scales
     best, last = scan_thresholds(tally, sx, sy, 0.0, area, cut, scale, inertia, weight)
     return best, last, low, rate
@@ -177,6 +204,7 @@ def _band_sweep(graph, pieces, lo, hi, work, scales, p, q, spread):
 
 @helper
 def _equal(n, shares):
+    """Return whether all shares are equal, up to 1e-6 of the largest."""
     low, high = shares[0], shares[0]
     for i in range(n):
         low, high = min(low, shares[i]), max(high, shares[i])
@@ -189,7 +217,7 @@ def _equal(n, shares):
 def _pointed_cut(graph, pieces, lo, hi, work, axis):
     """Cheapest cut near the mean of the network's score.
 
-    With few cells the axes are tried instead, with cells that are all alike as well, and the best turned a
+    With few cells the axes are tried instead, with cells of equal shares in addition, and the best turned a
     little. Returns what ``_band_sweep`` does, leaves the score in the heights, its gradient in ``axis``.
     """
     (local, shares, scales), heights = work.points, work.scores.heights
@@ -222,11 +250,14 @@ def _pointed_cut(graph, pieces, lo, hi, work, axis):
             a, b = turned(cos, sin, finer[f, 0], finer[f, 1])
         else:
             a, b = turned(cos, sin, finer[f, 0], -finer[f, 1])
+        # 3. The standard deviation in this direction, from the second moments, and the sweep. A later
+        #    direction has to be better by more than rounding.
         spread = np.sqrt(features[0] * a * a + 2.0 * features[1] * a * b + features[2] * b * b)
         x, y = a * ux + b * vx, a * uy + b * vy
         trial = _band_sweep(graph, pieces, lo, hi, work, section, x, y, spread)
         if trial[0] < best[0] - 1e-9 * abs(best[0]):
             best, p, q = trial, a, b
+    # 4. Heights in the best direction; its length is that of the rows of the frame.
     axis[0], axis[1] = p * ux + q * vx, p * uy + q * vy
     for i in range(n):
         heights[i] = axis[0] * local[0, i] + axis[1] * local[1, i]
@@ -235,12 +266,14 @@ def _pointed_cut(graph, pieces, lo, hi, work, axis):
 
 @helper
 def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
-    """Tag both sides of a piece that is loaded, as ``piece_driver.split_pieces`` wants it."""
+    """Tag both sides of a piece that is loaded: the ``cut`` of ``piece_driver.split_pieces_by``."""
     (local, shares, scales), (heights, bins, tally, ends) = work.points, work.scores
     n, axis, best = hi - lo, sides.normal, (NO_CUT, 0, 0.0, 0.0)
     axis[2] = 0.0
+    # 1. The cut near the mean, unless the piece is small, or all its centroids are in one place.
     if n >= _SMALL and scales[1] > 1e-299:
         best = _pointed_cut(graph, pieces, lo, hi, work, axis)
+    # 2. If there is none, the best of some axes over all thresholds, from the list of all edges.
     if best[0] == NO_CUT:
         few = work.finer[: n >= 24]  # few cells have few cuts
         edges = ends, piece_sweeps.edges_of_piece(graph, pieces, lo, hi, ends)
@@ -248,6 +281,7 @@ def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
         best, axis[0], axis[1] = axes_block(
             n, edges, local, shares, section, work.turns, few, heights, bins, tally
         )
+    # 3. Sides by height. The axis may have any length: unit makes lengths of heights.
     unit = 1.0 / np.hypot(axis[0], axis[1])
     return piece_driver.tag_sides(
         graph, pieces, lo, hi, heights, piece_sweeps.bar_of(best), unit, extent, candidates, sides
@@ -270,6 +304,7 @@ def bisect_fast(offsets, indptr, indices, interface, centroids, weights, measure
     for b in range(len(offsets) - 1):
         largest = max(largest, offsets[b + 1] - offsets[b])
         most = max(most, indptr[offsets[b + 1]] - indptr[offsets[b]])
+    # Blocks are pieces of a graph of which nothing but the cut is wanted: with no reach and units of 1.
     work, sides = _new_work(largest, most // 2 + 1, net), piece_splits.new_sides()
     cells, tag, marks = np.empty(n, np.int32), np.empty(n, np.int32), np.empty((n, 2), np.int32)
     candidates, reach = np.empty(largest + 1, np.int32), np.zeros(n, np.float32)
@@ -281,6 +316,7 @@ def bisect_fast(offsets, indptr, indices, interface, centroids, weights, measure
         lo, hi = offsets[b], offsets[b + 1]
         extent = piece_frames.load_piece(graph, pieces, lo, hi, work)
         _cut(graph, pieces, lo, hi, extent, work, candidates, sides)
+    # Tags of right sides are odd.
     result = np.empty(n, np.int64)
     for i in range(n):
         result[i] = tag[i] & 1

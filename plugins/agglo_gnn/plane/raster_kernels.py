@@ -8,9 +8,10 @@ import numpy as np
 
 from agglo_core.authoring import centre_block, helper, kernel, planar_frame
 
-_CELLS_PER_BIN = 20
-_FEWEST, _MOST = 9, 160  # occupied bins wanted
-_MOST_BINS = 1024  # empty ones included
+# The network is trained on rasters made with these numbers: others need another training.
+_CELLS_PER_BIN = 20  # on average; fewer make more bins, of more ragged shape
+_FEWEST, _MOST = 9, 160  # occupied bins wanted; the time of the network grows with them
+_MOST_BINS = 1024  # empty ones included: the size of the workspace
 _TIE = 1e-6  # of a bin: values that close to its end lie inside
 
 
@@ -38,17 +39,20 @@ def _moments(n, u, v, shares, out):
 
 @helper
 def to_frame(n, local, shares, inertia, uv, features):
-    """Coordinates of a piece in its frame, and its features; returns the rows of the frame.
+    """Write coordinates and features of a piece in its frame, and return the rows of the frame.
 
     Principal axes, the longer first, each pointing to its heavier tail; scaled so that a square
-    becomes [−1, 1]².
+    becomes [−1, 1]². ``uv (2, m)`` are the coordinates, ``features (13,)`` the moments of :func:`_moments`
+    and 3 / √n; ``inertia`` is that about the centre of mass, per weight.
     """
+    # 1. The principal axis. The inertia of [−1, 1]² is 2/3.
     cos, sin, _, _, _ = planar_frame(n, local[0], local[1], shares)
     size = np.sqrt(2.0 / 3.0 / inertia)
     cos, sin = cos * size, sin * size
     for i in range(n):
         uv[0, i] = cos * local[0, i] + sin * local[1, i]
         uv[1, i] = cos * local[1, i] - sin * local[0, i]
+    # 2. Which axis is longer, and where third moments ⟨u³⟩, ⟨v³⟩ point: the frame may be a reflection.
     _moments(n, uv[0], uv[1], shares, features)
     swap = features[2] > features[0] * (1.0 + 1e-9)
     ux, uy, vx, vy = cos, sin, -sin, cos
@@ -60,6 +64,7 @@ def to_frame(n, local, shares, inertia, uv, features):
         ux, uy = -ux, -uy
     if thirds[1] < 0.0:
         vx, vy = -vx, -vy
+    # 3. Coordinates and moments in the final frame; the size of the piece in cells.
     for i in range(n):
         uv[0, i] = ux * local[0, i] + uy * local[1, i]
         uv[1, i] = vx * local[0, i] + vy * local[1, i]
@@ -70,17 +75,20 @@ def to_frame(n, local, shares, inertia, uv, features):
 
 @helper
 def _bin_of(value, rate, half):
+    """Number of the bin of a value, ``half`` at 0, symmetric about it."""
     steps = int(abs(value) * rate + 0.5 - _TIE)
     return half + (steps if value > 0.0 else -steps)
 
 
 @helper
 def fill_raster(n, uv, shares, grid, place, nodes, near, areas):
-    """Bin the cells of a piece, symmetrically about its centre; returns the number of occupied bins.
+    """Bin the cells of a piece, symmetrically about its centre, and return the number of occupied bins.
 
     Fills for each ``nodes (:, 4)``: position u, v, area over the mean − 1 (at most 3), share of its four
     sides without neighbour; ``near (:, 4)``: the neighbours, −1 for none; ``areas``: shares.
     """
+    # 1. Width of the bins: a square of area 4 gets as many as are wanted. In long or branched pieces many
+    #    bins are empty, and wider ones keep them within the workspace.
     reach_u, reach_v = 0.0, 0.0
     for i in range(n):
         reach_u, reach_v = max(reach_u, abs(uv[0, i])), max(reach_v, abs(uv[1, i]))
@@ -89,6 +97,7 @@ def fill_raster(n, uv, shares, grid, place, nodes, near, areas):
         rate *= 0.9
     half_u, half_v = int(reach_u * rate + 0.5), int(reach_v * rate + 0.5)
     wide, high = 2 * half_u + 1, 2 * half_v + 1
+    # 2. Share and first moments of each bin.
     for g in range(wide * high):
         grid[g, 0] = 0.0
         grid[g, 1] = 0.0
@@ -98,6 +107,7 @@ def fill_raster(n, uv, shares, grid, place, nodes, near, areas):
         grid[g, 0] += shares[i]
         grid[g, 1] += shares[i] * uv[0, i]
         grid[g, 2] += shares[i] * uv[1, i]
+    # 3. Occupied bins are numbered; their positions are the centres of mass of their cells.
     count = 0
     for g in range(wide * high):
         place[g] = -1
@@ -106,6 +116,7 @@ def fill_raster(n, uv, shares, grid, place, nodes, near, areas):
             areas[count] = grid[g, 0]
             nodes[count, 0], nodes[count, 1] = grid[g, 1] / grid[g, 0], grid[g, 2] / grid[g, 0]
             count += 1
+    # 4. Neighbours on four sides, and the features that depend on the number of bins or neighbours.
     for g in range(wide * high):
         a = place[g]
         if a < 0:
@@ -169,6 +180,7 @@ def describe(offsets, centroids, weights, measures):
     cells, cell_shares = np.empty((total, 2)), np.empty(total)
     for b in range(len(offsets) - 1):
         start, n, at = offsets[b], offsets[b + 1] - offsets[b], node_offsets[b]
+        # Frame and raster of each block, copied behind those of the blocks before.
         _, inertia, _ = centre_block(start, n, centroids, weights, measures, local, shares)
         to_frame(n, local, shares, inertia, uv, features)
         count = fill_raster(n, uv, shares, grid, place, nodes, near, areas)

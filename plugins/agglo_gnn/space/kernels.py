@@ -1,4 +1,4 @@
-"""Kernels of the model in space: an axis and its tilt from moments, and the sweep in that direction."""
+"""Kernels of the 3-D model: an axis and its tilt from moments, and the sweep in that direction."""
 
 from __future__ import annotations
 
@@ -22,10 +22,13 @@ from agglo_gnn.space.moments import fill_features, frame_by_moments, moment_room
 PRIOR = 4.0  # weight of the second moment in the score of an axis: the longest, if nothing was learned
 _ONE = np.uint64(1)  # to be added to unsigned indices
 _TIE = 1e-6  # of a bin: values that close to its end lie inside
-_BAND, _LAYER = 0.45, 3.0  # standard deviations either side of the mean where a cut is sought, and cells
-_BINS = 32
-_MARGIN = 0.5  # of scores: axes that are behind the best by less are tried as well
-_FEW = 40  # cells below which all axes are
+# A cut is sought within so many standard deviations of the mean, on either side; of a piece of n cells, at
+# least within _LAYER / ∛n of them, 0.87 layers of cells of a cube. Wider finds cuts into less equal sides,
+# but looks at the edges of more cells, and at fewer thresholds per unit.
+_BAND, _LAYER = 0.45, 3.0
+_BINS = 32  # of the band, as scan_thresholds has them; it tries the thresholds between them
+_MARGIN = 0.5  # of scores: axes that are behind the best by less are tried as well, each by a sweep
+_FEW = 40  # cells below which all axes are tried
 
 
 class Answers(NamedTuple):
@@ -51,14 +54,22 @@ class SpaceWork(NamedTuple):
 
 @helper
 def _point(n, net, room, hidden, out, scores, found):
-    """The network: scores of the axes (3), and the direction that stands for each (3, 3)."""
+    """Evaluate the network: ``scores (3,)`` of the axes, and the direction for each, ``found (3, 3)``.
+
+    The direction of axis i is the axis plus multiples of the two others, its tilts. ``hidden`` and ``out``
+    are the layers, ``room`` that of ``moment_room`` with the frame and the moments of the piece.
+    """
     weight1, bias1, weight2, bias2 = net
     t, _, _, even, odd, _ = room
     for i in range(3):
+        # If the network answers 0, the score is the second moment: of the longest axis, not tilted.
         scores[i] = PRIOR * t[9 + 4 * i]
         for m in range(3):
             found[i, m] = t[3 * i + m]
         for side in range(2):
+            # Towards each of the other axes, k being the third one. The network sees even features, its
+            # answers multiply odd ones: so no direction depends on where the axes point, and both towards
+            # which it may tilt are treated alike.
             j, k = (i + 1 + side) % 3, (i + 2 - side) % 3
             fill_features(n, t, i, j, k, even, odd)
             dense(even, weight1, bias1, True, hidden)
@@ -73,7 +84,7 @@ def _point(n, net, room, hidden, out, scores, found):
 
 @kernel
 def directions(n, local, shares, inertia, net):
-    """Scores of the three axes of a piece of n cells, and the directions the network makes of them (3, 3)."""
+    """Evaluate the network on a piece of n cells: scores of its axes ``(3,)`` and directions ``(3, 3)``."""
     room, scores, found = moment_room(), np.empty(3), np.empty((3, 3))
     frame_by_moments(n, local, shares, inertia, room)
     _point(n, net, room, np.empty(len(net[1])), np.empty(len(net[3])), scores, found)
@@ -82,7 +93,7 @@ def directions(n, local, shares, inertia, net):
 
 @helper(reorder_sums=True)
 def _project(n, axis, x, y, z, shares, score):
-    """Fill the heights along an axis; returns their standard deviation."""
+    """Write the heights along an axis to ``score``, and return their standard deviation."""
     square, a, b, c = 0.0, axis[0], axis[1], axis[2]
     for i in range(n):
         score[i] = a * x[i] + b * y[i] + c * z[i]
@@ -92,7 +103,10 @@ def _project(n, axis, x, y, z, shares, score):
 
 @helper(reorder_sums=True)
 def _band_bins(n, score, low, rate, local, shares, bins):
-    """Bins of the heights, −1 below the band and 32 above; share and moments of what is below."""
+    """Write the bins of the heights, and return share and first moments of the cells below all bins.
+
+    Bins are −1 below the band and 32 above.
+    """
     area, sx, sy, sz = 0.0, 0.0, 0.0, 0.0
     for i in range(n):
         place = min(max((score[i] - low) * rate - _TIE, -1.0), float(_BINS))
@@ -107,17 +121,23 @@ def _band_bins(n, score, low, rate, local, shares, bins):
 
 @helper
 def _band_sweep(graph, pieces, lo, hi, work, spread):
-    """Cheapest threshold of the heights near their mean; only edges there count.
+    """Find the cheapest threshold of the heights near their mean.
 
-    Returns its cost, the last bin below, the lowest threshold and thresholds per unit.
+    Only edges there count. ``spread`` is their standard deviation. Returns the cost, the last bin below, the
+    lowest threshold and thresholds per unit.
     """
     indptr, indices, interface = graph.indptr, graph.indices, graph.interface
     cells, tag, marks = pieces
     (local, shares, scales), score, bins, tally = work.points, work.heights, work.bins, work.tally
     n, piece = hi - lo, tag[cells[lo]]
+    # 1. Bins of all cells; with share and moments of what lies below the band the scan starts.
     low = -max(_BAND, _LAYER / np.cbrt(n)) * spread
     rate = -0.5 * _BINS / low if low < 0.0 else 0.0
     area, sx, sy, sz = _band_bins(n, score, low, rate, local, shares, bins)
+    # 2. What each cell of the band adds to the cut beyond its bin. Thresholds between the bins of its ends
+    #    cut an edge: its area is added in the lower bin, and taken away in the higher one. Edges from below
+    #    the band are cut at its lower end already. Neighbours in other pieces count as in the bin of the
+    #    cell. Edges from below the band to above it are not counted.
     cut, start = 0.0, np.uint64(lo)
     for i in range(np.uint64(n)):
         home = bins[i]
@@ -134,13 +154,14 @@ def _band_sweep(graph, pieces, lo, hi, work, spread):
         tally[b, 2] += shares[i] * local[2, i]
         tally[b, 3] += shares[i]
         tally[b, 4] += rise
+    # 3. The cheapest threshold.
     best, last = scan_thresholds(tally, sx, sy, sz, area, cut, scales[0], scales[1], scales[2])
     return best, last, low, rate
 
 
 @helper
 def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
-    """Tag both sides of a piece that is loaded, as ``piece_driver.split_pieces`` wants it."""
+    """Tag both sides of a piece that is loaded: the ``cut`` of ``piece_driver.split_pieces_by``."""
     (local, shares, scales), (hidden, out, scores, found), score = work.points, work.answers, work.heights
     n, axis, best = hi - lo, sides.normal, (NO_CUT, 0, 0.0, 0.0)
     number_cells(pieces, lo, hi)
@@ -164,8 +185,10 @@ def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
             if trial[0] < best[0] - 1e-9 * abs(best[0]):
                 best, chosen = trial, i
         axis[0], axis[1], axis[2] = found[chosen, 0], found[chosen, 1], found[chosen, 2]
+        # The heights are those of the last sweep.
         if chosen != last:
             _project(n, axis, local[0], local[1], local[2], shares, score)
+    # 3. Sides by height; the axis has length 1. Halves if there was no cut.
     return piece_driver.tag_sides(
         graph, pieces, lo, hi, score, piece_sweeps.bar_of(best), 1.0, extent, candidates, sides
     )
@@ -182,10 +205,11 @@ def _new_work(m, net):
 
 @kernel
 def bisect_solids(offsets, indptr, indices, interface, centroids, weights, measures, net):
-    """Side of each node of a graph in space, block by block."""
+    """Side of each node of a 3-D graph, block by block: the cut along the directions of the network."""
     n, largest = len(weights), np.int64(0)
     for b in range(len(offsets) - 1):
         largest = max(largest, offsets[b + 1] - offsets[b])
+    # Blocks are pieces of a graph of which nothing but the cut is wanted: with no reach and units of 1.
     work, sides = _new_work(largest, net), piece_splits.new_sides()
     cells, tag, marks = np.empty(n, np.int32), np.empty(n, np.int32), np.empty((n, 2), np.int32)
     candidates, reach = np.empty(largest + 1, np.int32), np.zeros(n, np.float32)
@@ -197,6 +221,7 @@ def bisect_solids(offsets, indptr, indices, interface, centroids, weights, measu
         lo, hi = offsets[b], offsets[b + 1]
         extent = piece_frames.load_piece(graph, pieces, lo, hi, work)
         _cut(graph, pieces, lo, hi, extent, work, candidates, sides)
+    # Tags of right sides are odd.
     result = np.empty(n, np.int64)
     for i in range(n):
         result[i] = tag[i] & 1

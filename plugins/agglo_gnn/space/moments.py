@@ -1,4 +1,4 @@
-"""Kernels of the features in space: moments of a piece, its frame, and what the network is told of axes."""
+"""Kernels of the features in 3-D: moments of a piece, its frame, and the features of its axes."""
 
 from __future__ import annotations
 
@@ -6,22 +6,26 @@ import numpy as np
 
 from agglo_core.authoring import centre_block, helper, kernel, piece_frames
 
-_EVEN, _ODD = 16, 10
+_EVEN, _ODD = 16, 10  # numbers of features
 _ISOTROPIC = 0.9  # ratio of second moments above which their axes say little about the shape
-_TURNS = 6
-_TURNED = 1e-9
-_SECOND, _THIRD, _FOURTH, _END = 9, 18, 45, 126  # where they start in the room, after the frame
+_TURNS = 6  # rounds over the three planes at most
+_TURNED = 1e-9  # angle below which turning ends
+_SECOND, _THIRD, _FOURTH, _END = 9, 18, 45, 126  # where moments of each order start, after the frame
 
 
 @helper(allocates=True)
 def moment_room():
-    """Work arrays: frame and moments of order 2 to 4 as full tensors, (3, 3) twice, even and odd features."""
+    """Workspace: frame and moments ``(126,)``, ``(3, 3)`` twice, even and odd features, and sums ``(125,)``.
+
+    Frame and moments are full tensors, one after the other: 3², then 3², 3³ and 3⁴ numbers of order 2 to 4,
+    the last index running fastest. Sums of x^a y^b z^c are at ``25 a + 5 b + c``.
+    """
     return np.empty(_END), np.empty((3, 3)), np.empty((3, 3)), np.empty(_EVEN), np.empty(_ODD), np.empty(125)
 
 
 @helper(reorder_sums=True)
 def _low_moments(n, x, y, z, w, out):
-    """Moments of order 2 and 3, at ``25 a + 5 b + c`` for x^a y^b z^c."""
+    """Write moments of order 2 and 3 to ``out (125,)``, at ``25 a + 5 b + c`` for x^a y^b z^c."""
     xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     xxx, xxy, xxz, xyy, xyz, xzz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     yyy, yyz, yzz, zzz = 0.0, 0.0, 0.0, 0.0
@@ -50,7 +54,7 @@ def _low_moments(n, x, y, z, w, out):
 
 @helper(reorder_sums=True)
 def _fourth_moments(n, x, y, z, w, out):
-    """Moments of order 4, at ``25 a + 5 b + c`` for x^a y^b z^c."""
+    """Write moments of order 4 to ``out (125,)``, at ``25 a + 5 b + c`` for x^a y^b z^c."""
     m400, m310, m301, m220, m211, m202, m130, m121 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     m112, m103, m040, m031, m022, m013, m004 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(n):
@@ -78,11 +82,12 @@ def _fourth_moments(n, x, y, z, w, out):
 
 @helper
 def _fill_tensors(sums, inertia, t):
-    """Write the moments as full tensors, of lengths in which the inertia is 3; the frame is the identity."""
+    """Write the moments as full tensors, of lengths in which the inertia is 3, in the identity frame."""
     one = 1.0 / np.sqrt(inertia / 3.0)
     two = one * one
     for i in range(3):
         for j in range(3):
+            # An index of 0, 1 or 2 is a factor x, y or z, and 25, 5 or 1 in the number of a sum.
             ij = (5 ** (2 - i)) + (5 ** (2 - j))
             t[3 * i + j] = 1.0 if i == j else 0.0
             t[_SECOND + 3 * i + j] = two * sums[ij]
@@ -95,7 +100,7 @@ def _fill_tensors(sums, inertia, t):
 
 @helper
 def _turn_index(t, start, end, stride, turn):
-    """Turn one index of a tensor."""
+    """Turn one index of the tensor ``t[start:end]``, whose entries are ``stride`` apart along it."""
     for outer in range(start, end, 3 * stride):
         for at in range(outer, outer + stride):
             x, y, z = t[at], t[at + stride], t[at + 2 * stride]
@@ -106,6 +111,7 @@ def _turn_index(t, start, end, stride, turn):
 @helper
 def _turn_all(t, turn):
     """Turn the frame, and all moments with it."""
+    # Rows of the frame are turned, not its columns; of moments all indices, whose strides are 1, 3, 9, 27.
     _turn_index(t, 0, _SECOND, 3, turn)
     stride = 1
     for order in range(1, 5):
@@ -124,12 +130,17 @@ def _turn_to_least_fourth(t, turn):
         largest = 0.0
         for i in range(2):
             for j in range(i + 1, 3):
+                # 1. Planes of two axes whose second moments fix a direction are left as they are.
                 one, other = t[_SECOND + 4 * i], t[_SECOND + 4 * j]
                 if min(one, other) < _ISOTROPIC * max(one, other):
                     continue
+                # 2. With p and q along the axes, ⟨p⁴ + q⁴⟩ is ¾ ⟨r⁴⟩ + ¼ Re ⟨(p + iq)⁴⟩; turning by θ
+                #    multiplies the latter by e^(−4iθ), and its real part is least where it is negative and
+                #    real. odd is a quarter of the imaginary part.
                 iiii, jjjj, iijj = t[_FOURTH + 40 * i], t[_FOURTH + 40 * j], t[_FOURTH + 36 * i + 4 * j]
                 odd = t[_FOURTH + 39 * i + j] - t[_FOURTH + 27 * i + 13 * j]
                 angle = 0.25 * np.arctan2(-4.0 * odd, 6.0 * iijj - iiii - jjjj)
+                # 3. Frame and moments are turned; that changes the other planes: so rounds, until none turns.
                 for k in range(3):
                     for m in range(3):
                         turn[k, m] = 1.0 if k == m else 0.0
@@ -143,39 +154,45 @@ def _turn_to_least_fourth(t, turn):
 
 @helper
 def frame_by_moments(n, local, shares, inertia, room):
-    """Principal axes of a piece, as rows, and its moments along them; one pass over the cells for each order.
+    """Compute principal axes of a piece, as rows, and its moments along them, in ``room``.
 
     Axes with nearly equal second moments are turned to where fourth moments are least. Their order and
-    where they point mean nothing.
+    where they point mean nothing. Cells are read twice; then only tensors are turned.
     """
     t, values, frame, _, _, sums = room
+    # 1. Moments along the axes of the coordinates.
     _low_moments(n, local[0], local[1], local[2], shares, sums)
     _fourth_moments(n, local[0], local[1], local[2], shares, sums)
     _fill_tensors(sums, inertia, t)
+    # 2. Eigenvectors of the second moments; moments along them.
     for i in range(3):
         for j in range(3):
             values[i, j] = t[_SECOND + 3 * i + j]
     piece_frames.diagonalise(values, frame)
     _turn_all(t, frame)
+    # 3. Second moments say nothing of a cube: fourth ones do.
     _turn_to_least_fourth(t, values)
 
 
 @helper
 def fill_features(n, t, i, j, k, even, odd):
-    """What the network is told of axis i and of how to tilt it towards axis j; k is the third one.
+    """Write the features of axis i and of its tilt towards axis j, where k is the third one.
 
     Moments and products of moments: ``even`` ones do not change when an axis is turned round, ``odd`` ones
-    change sign with i and with j.
+    change sign with i and with j. 3 / ∛n is the size in cells.
     """
     second, third, fourth = _SECOND, _THIRD, _FOURTH
     iii, jjj, kkk = t[third + 13 * i], t[third + 13 * j], t[third + 13 * k]
     iij, ijj, ikk = t[third + 12 * i + j], t[third + 9 * i + 4 * j], t[third + 9 * i + 4 * k]
     jkk, ijk, iik = t[third + 9 * j + 4 * k], t[third + 9 * i + 3 * j + k], t[third + 12 * i + k]
+    # Even: moments of order 2 and 4 (⟨p⁴⟩ over its value for a normal distribution of variance 1), products
+    # of two third ones, the size.
     even[0], even[1], even[2] = t[second + 4 * i], t[second + 4 * j], t[second + 4 * k]
     even[3], even[4], even[5] = t[fourth + 40 * i] / 3, t[fourth + 40 * j] / 3, t[fourth + 40 * k] / 3
     even[6], even[7] = t[fourth + 36 * i + 4 * j], t[fourth + 36 * i + 4 * k]
     even[8], even[9], even[10], even[11] = t[fourth + 36 * j + 4 * k], iii * iii, iii * ijj, iii * ikk
     even[12], even[13], even[14], even[15] = jjj * jjj, iij * iij, iik * iik, 3.0 / np.cbrt(n)
+    # Odd: moments and products of two third ones in which i and j occur an odd number of times each.
     odd[0], odd[1], odd[2] = t[second + 3 * i + j], t[fourth + 39 * i + j], t[fourth + 27 * i + 13 * j]
     odd[3], odd[4], odd[5] = t[fourth + 27 * i + 9 * j + 4 * k], iii * iij, ijj * iij
     odd[6], odd[7], odd[8], odd[9] = ijj * jjj, iii * jjj, ikk * jkk, ijk * kkk
@@ -183,7 +200,7 @@ def fill_features(n, t, i, j, k, even, odd):
 
 @kernel
 def describe_solids(offsets, centroids, weights, measures):
-    """Features of each block of a graph in space.
+    """Features of each block of a 3-D graph.
 
     Returns even ``(B, 6, 16)`` and odd features ``(B, 6, 10)`` of axes (0, 1, 2), (0, 2, 1), (1, 2, 0),
     (1, 0, 2), (2, 0, 1) and (2, 1, 0); the frames ``(B, 3, 3)``, the moments along them ``(B, 117)``,
@@ -201,6 +218,7 @@ def describe_solids(offsets, centroids, weights, measures):
         frame_by_moments(n, local, shares, inertia, room)
         t, unit = room[0], 1.0 / np.sqrt(inertia / 3.0)
         for i in range(3):
+            # Features of each axis towards both others, in the order of the network.
             j, k = (i + 1) % 3, (i + 2) % 3
             fill_features(n, t, i, j, k, even[b, 2 * i], odd[b, 2 * i])
             fill_features(n, t, i, k, j, even[b, 2 * i + 1], odd[b, 2 * i + 1])

@@ -12,13 +12,22 @@ import numpy as np
 from agglo_core.authoring import helper, kernel
 from agglo_polydg_mg.space.legendre_kernels import LANES
 
-SQUARINGS = 5  # the bound exceeds the eigenvalue by n^(1/64) at most: 5 % for n = 27, 1 % for n = 2
+# The bound exceeds the eigenvalue by a factor n^(1/64) at most: 5 % for n = 27, 1 % for n = 2. One squaring
+# more costs a product of matrices for each cell and weighting, and halves the excess; one less doubles it.
+SQUARINGS = 5
 
 
 @helper
 def factorise(matrix, n, tolerance):
-    """Cholesky factor in place, in the lower half, its diagonal inverted; False where a pivot is rounding."""
+    """Compute a Cholesky factor in place, and return False where a pivot is rounding.
+
+    The factor is in the lower half, its diagonal inverted. Of ``matrix`` only the lower half of the first n
+    rows is read. A pivot, what is left of a diagonal entry, counts as rounding below ``tolerance`` times that
+    entry.
+    """
     for j in range(n):
+        # The pivot, the square of L's diagonal entry, is what the columns before leave of the diagonal of the
+        # matrix. The test fails for NaN too.
         diagonal = matrix[j, j]
         pivot = diagonal
         for k in range(j):
@@ -36,8 +45,14 @@ def factorise(matrix, n, tolerance):
 
 @helper
 def square(lanes, scaled, traces, inverse):
-    """Divide symmetric matrices by their ``traces``, which come out, and square them: the lower halves."""
+    """Divide symmetric matrices by their ``traces``, which are written, and square them in place.
+
+    Only the lower halves of ``lanes (n, n, LANES)`` are read and written; ``scaled`` is workspace for whole
+    matrices, ``inverse (LANES,)`` for one over the traces.
+    """
     n = len(lanes)
+    # 1. Traces: divided by them, positive semidefinite matrices have eigenvalues of at most 1, whose powers
+    #    do not overflow. Matrices that are 0 stay so.
     for lane in range(LANES):
         traces[lane] = 0.0
     for i in range(n):
@@ -45,10 +60,12 @@ def square(lanes, scaled, traces, inverse):
             traces[lane] += lanes[i, i, lane]
     for lane in range(LANES):
         inverse[lane] = 1.0 / traces[lane] if traces[lane] > 0.0 else 0.0
+    # 2. The scaled matrices, both halves: rows of both factors are then contiguous.
     for i in range(n):
         for j in range(i + 1):
             for lane in range(LANES):
                 scaled[i, j, lane] = scaled[j, i, lane] = inverse[lane] * lanes[i, j, lane]
+    # 3. Their squares, lower halves.
     for i in range(n):
         for j in range(i + 1):
             out, left, right = lanes[i, j], scaled[i], scaled[j]
@@ -69,9 +86,11 @@ def square(lanes, scaled, traces, inverse):
 
 @helper
 def complete(lanes, scaled, traces, inverse, bounds):
-    """The ``bounds`` from matrices that have been squared once and their first ``traces``."""
+    """Compute the ``bounds`` from matrices that have been squared once, and their first ``traces``."""
+    # 1. The other squarings. With G_0 = G and G_{k+1} = (G_k / tr G_k)² the lanes hold G_5.
     for step in range(1, SQUARINGS):
         square(lanes, scaled, traces[step], inverse)
+    # 2. Frobenius norms of G_5, which bound its largest eigenvalues λ_5.
     for lane in range(LANES):
         bounds[lane] = 0.0
     for i in range(len(lanes)):
@@ -79,6 +98,7 @@ def complete(lanes, scaled, traces, inverse, bounds):
             twice = 1.0 if i == j else 2.0
             for lane in range(LANES):
                 bounds[lane] += twice * lanes[i, j, lane] * lanes[i, j, lane]
+    # 3. Back to G: λ_k = tr G_k √λ_{k+1}. Every root halves the relative excess.
     for lane in range(LANES):
         bound = np.sqrt(bounds[lane])
         for step in range(SQUARINGS - 1, -1, -1):
@@ -100,7 +120,7 @@ def largest_bounds(lanes, bounds):
 
 @helper
 def whiten(slopes, q, factor, n):
-    """Replace ``slopes[q]`` by L⁻¹ of it, L being a Cholesky factor with the inverses of its diagonal."""
+    """Replace ``slopes[q]`` by L⁻¹ ``slopes[q]``, L being a Cholesky factor with its diagonal inverted."""
     for i in range(n):
         value = slopes[q, i]
         for k in range(i):
@@ -110,7 +130,10 @@ def whiten(slopes, q, factor, n):
 
 @helper
 def _gather(forms, base, weights, start, first, last, n, whole, lanes, lane):
-    """Σ_F weights[F] forms[F] over the faces of a cell, into a lane; ``whole`` is room for it."""
+    """Write Σ_F weights[F] forms[F] over the faces ``first`` to ``last`` of a cell to a lane.
+
+    ``whole`` is workspace for the sum, which is contiguous there and strided in the lane.
+    """
     place = 0
     for k in range(len(whole)):
         whole[k] = 0.0
@@ -126,7 +149,10 @@ def _gather(forms, base, weights, start, first, last, n, whole, lanes, lane):
 
 @helper
 def _spread(lanes, lane, n, whole):
-    """The matrix in a lane to ``whole``, its lower half row by row: what multiplies a form to the trace."""
+    """Write the matrix in a lane to ``whole``, row by row: its product with a form is the trace of both.
+
+    A form is a lower half, so entries off the diagonal count twice.
+    """
     place = 0
     for i in range(n):
         for j in range(i + 1):
@@ -145,7 +171,7 @@ def _against(form, whole, size):
 
 @helper(allocates=True)
 def balancing(most, n):
-    """Where :func:`balance` computes, for ``most`` faces: arrays by themselves, or loops are slow."""
+    """Workspace of :func:`balance`, for ``most`` faces: separate arrays, or loops are slow."""
     return (
         np.empty(most), np.empty(most), np.empty(most), np.empty((n, n, LANES)), np.empty((n, n, LANES)),
         np.empty((SQUARINGS, LANES)), np.empty(LANES), np.empty(LANES), np.empty(LANES),
@@ -157,14 +183,16 @@ def balancing(most, n):
 def balance(
     offsets, faces, face_cells, first_cell, begin, end, forms, base, shares, lengths, n, rooms, asked
 ):  # fmt: skip
-    """Write to ``asked (F, 2)`` what cells ``begin`` to ``end``, at most ``LANES``, ask of their faces.
+    """Write the s_KF of cells ``begin`` to ``end``, at most ``LANES``, to ``asked (F, 2)``.
 
-    Faces ask in proportion to the sizes of their forms or, where that is less, to what the forms make of the
-    sum of all. The form of face h of the list is ``forms[h - base]`` times ``shares[k]``, k counted from the
-    first face of the first of these cells; a face with ``lengths[k]`` 0 asks for nothing.
+    They meet Σ_F T_F / s_F ≤ S, T_F being the forms in coordinates in which S is the identity: s_F = λ w_F, λ
+    a bound of the largest eigenvalue of Σ_F T_F / w_F, for the better of two weights w (``mathematics.md``,
+    "The sharp penalty"). The form of face h of the list is ``forms[h - base]`` times ``shares[k]``, k counted
+    from the first face of the first of these cells; a face with ``lengths[k]`` 0 asks for nothing.
     """
     first, second, inverse, lanes, scaled, traces, of_traces, uniform, balanced, whole = rooms
     start, last = offsets[begin], forms.shape[1] - 1
+    # 1. First weights w_F² = tr(T_F) / |F|, and G = Σ_F T_F / w_F, a cell a lane.
     lanes[:] = 0.0
     for c in range(begin, end):
         for h in range(offsets[c], offsets[c + 1]):
@@ -174,6 +202,8 @@ def balance(
                 first[k] = np.sqrt(forms[h - base, last] * shares[k] / lengths[k])
                 inverse[k] = shares[k] / first[k] if first[k] > 0.0 else 0.0
         _gather(forms, base, inverse, start, offsets[c], offsets[c + 1], n, whole, lanes, c - begin)
+    # 2. Second weights w_F² = tr(G² T_F) / |F|. The lanes hold (G / tr G)², the first step to the bound of λ
+    #    as well; here tr G comes back.
     square(lanes, scaled, traces[0], of_traces)
     for c in range(begin, end):
         _spread(lanes, c - begin, n, whole)
@@ -184,12 +214,14 @@ def balance(
                 spread = shares[k] * _against(forms[h - base], whole, last) / lengths[k]
                 second[k] = traces[0, c - begin] * np.sqrt(max(0.0, spread))
                 inverse[k] = shares[k] / second[k] if second[k] > 0.0 else 0.0
+    # 3. λ of the first weights, then the sum for the second ones, and their λ.
     complete(lanes, scaled, traces, of_traces, uniform)
     lanes[:] = 0.0
     for c in range(begin, end):
         _gather(forms, base, inverse, start, offsets[c], offsets[c + 1], n, whole, lanes, c - begin)
     square(lanes, scaled, traces[0], of_traces)
     complete(lanes, scaled, traces, of_traces, balanced)
+    # 4. Of both, s = λ w of smaller Σ_F |F| s_F: the penalty of a jump of one.
     for c in range(begin, end):
         before, after, lane = 0.0, 0.0, c - begin
         for k in range(offsets[c] - start, offsets[c + 1] - start):
@@ -204,7 +236,7 @@ def balance(
 
 @helper
 def most_faces(offsets):
-    """Faces of ``LANES`` cells in a row, at most."""
+    """Largest number of faces, counted for each cell, of ``LANES`` successive cells."""
     n_cells, most = len(offsets) - 1, 0
     for begin in range(0, n_cells, LANES):
         most = max(most, offsets[min(begin + LANES, n_cells)] - offsets[begin])

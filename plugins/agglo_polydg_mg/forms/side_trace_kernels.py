@@ -1,4 +1,4 @@
-"""Kernel of the sharp penalty in space: how large normal derivatives on its sides a cell allows."""
+"""Kernel of the sharp penalty in 3-D: the trace inverse inequality of each cell, side by side."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from agglo_polydg_mg.space.legendre_kernels import LANES, legendre_at, recurrenc
 
 @helper
 def _slopes_at(values, table, out):
-    """Derivatives of the polynomials ``values``, as ``legendre_at`` gives them."""
+    """Write the derivatives of Legendre polynomials to ``out`` from their ``values``."""
     before, slope = 0.0, 0.0
     out[0] = 0.0
     for k in range(table.shape[1]):
@@ -22,7 +22,10 @@ def _slopes_at(values, table, out):
 
 @helper
 def _normal_slopes(x, y, z, normal, table, lines, orders, slopes):
-    """Derivatives along ``normal`` of the polynomials but the constant at a point of the box."""
+    """Write derivatives along ``normal`` of the polynomials except the constant at a point of the box.
+
+    ``normal (3,)`` are the coefficients of ∂/∂x̂, ∂/∂ŷ, ∂/∂ẑ; the result is ``slopes[0]``.
+    """
     degree = table.shape[1]
     lx, ly, lz, dx, dy, dz = lines[0], lines[1], lines[2], lines[3], lines[4], lines[5]
     legendre_at(x, degree, table, lx)
@@ -54,12 +57,18 @@ def _trace_face(
     points, face_offsets, face_vertices, f, vector, side, outer, kappa, rule, weights, orders, box, scale,
     factor, rooms, form,
 ):  # fmt: skip
-    """Add what a face makes of the whitened normal derivatives of a cell to a form; its area."""
+    """Add L⁻¹ T_F L⁻ᵀ of a face to the form of a side, and return the area of the face.
+
+    L is the Cholesky ``factor`` of the stiffness of the cell; the face is a fan of triangles about its first
+    vertex, ``vector (3,)`` its normal outward from the owner.
+    """
     table, lines, slopes, normal = rooms[0], rooms[1], rooms[2], rooms[3]
     first, area, n = face_offsets[f], 0.0, len(orders) - 1
     a = points[face_vertices[first]]
     for k in range(first + 1, face_offsets[f + 1] - 1):
         b, c = points[face_vertices[k]], points[face_vertices[k + 1]]
+        # 1. Normal and twice the area of the triangle, negative where it is turned against the face: in the
+        #    fan of a face that is not convex triangles overlap, and have to cancel.
         x = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
         y = (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2])
         z = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
@@ -69,8 +78,12 @@ def _trace_face(
         if x * vector[0] + y * vector[1] + z * vector[2] < 0.0:
             size = -size
         area += 0.5 * size
+        # The derivative along the unit normal in coordinates of the box. Its sign does not matter.
         normal[0], normal[1] = scale * x / size / box[3], scale * y / size / box[4]
         normal[2] = scale * z / size / box[5]
+        # 2. y = L⁻¹ ∂φ/∂n at the points of the triangle, with the weights of T_F: c = ωκ/2 inside, κ at the
+        #    boundary. Coefficients of triangles are numbered through all faces: those before f have a
+        #    triangle for each vertex but two.
         row = f if kappa.shape[2] == 1 else first - 2 * f + k - first - 1
         for q in range(len(weights)):
             at = min(q, kappa.shape[2] - 1)
@@ -93,10 +106,11 @@ def solid_penalties(
     points, face_offsets, face_vertices, face_cells, vectors, side_offsets, side_faces, side_cells, offsets,
     cell_sides, first_cell, boxes, scale, fill, blocks, held, kappa, rule, weights, orders, asked,
 ):  # fmt: skip
-    """Write to ``asked (S, 2)`` what cells ``first_cell``, ... ask of the penalty of their sides; who can.
+    """Write the penalties s that cells ``first_cell``, ... need on their sides to ``asked (S, 2)``.
 
-    As ``side_penalties`` in ``trace_kernels``; only faces that are ``held`` count. ``kappa`` is the
-    coefficient on both sides, of faces ``(F, 2, 1)`` or of the points of their triangles ``(t, 2, q)``.
+    As ``side_penalties`` in ``trace_kernels``; only faces that are ``held`` count, and all faces of a side
+    have one s. ``kappa`` is the coefficient on both sides, of faces ``(F, 2, 1)`` or of the points of their
+    triangles ``(t, 2, q)``; ``vectors (F, 3)`` are normals outward from the owners.
     """
     n, n_cells, most = len(orders) - 1, len(offsets) - 1, most_faces(offsets)
     degree = orders[len(orders) - 1, 2]
@@ -106,10 +120,13 @@ def solid_penalties(
     for begin in range(0, n_cells, LANES):
         end, start = min(begin + LANES, n_cells), offsets[begin]
         for c in range(begin, end):
+            # 1. S = L Lᵀ, the stiffness without the constant. Where a pivot is rounding nothing can be said
+            #    of the cell: its sides get no forms.
             for i in range(n):
                 for j in range(i + 1):
                     factor[i, j] = blocks[c, i + 1, j + 1]
             resolved[c] = factorise(factor, n, RESOLVED / fill[c])
+            # 2. The form of each side, the sum of those of its faces, and its area.
             for h in range(offsets[c], offsets[c + 1]):
                 s, k = cell_sides[h], h - start
                 areas[k] = 0.0
@@ -123,6 +140,7 @@ def solid_penalties(
                         points, face_offsets, face_vertices, f, vectors[f], side, side_cells[s, 1] < 0, kappa,
                         rule, weights, orders, boxes[c], scale[c], factor, tracing, forms[k],
                     )  # fmt: skip
+        # 3. s_F of all sides of these cells.
         balance(
             offsets,
             cell_sides,

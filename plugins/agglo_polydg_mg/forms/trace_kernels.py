@@ -1,4 +1,4 @@
-"""Kernel of the sharp penalty: how large normal derivatives on its faces a cell allows.
+"""Kernels of the sharp penalty in 2-D: the trace inverse inequality of each cell.
 
 Either at once, whatever κ; or in two parts where κ is one number in each cell: what is geometry alone is
 kept, and scaled by each κ.
@@ -12,13 +12,21 @@ from agglo_core.authoring import helper, kernel
 from agglo_polydg_mg.forms.form_kernels import balance, balancing, factorise, most_faces, whiten
 from agglo_polydg_mg.space.legendre_kernels import CONSTANT, LANES, along_box, recurrences
 
-RESOLVED = 1e-10  # of a pivot to its diagonal entry, times the share of its box a cell fills
+# Ratio of a Cholesky pivot to its diagonal entry, times the part of its box a cell fills, below which the
+# stiffness of a cell counts as singular. Smaller lets rounding decide the penalty, larger gives more cells
+# the safe constants of triangles, which are larger than need be.
+RESOLVED = 1e-10
 
 
 @helper
 def _normal_slopes(x, y, along_x, along_y, table, lines, slopes, q):
-    """Normal derivatives of the polynomials but the constant at a point of the box, into ``slopes[q]``."""
+    """Write normal derivatives of the polynomials except the constant at a point of the box to ``slopes[q]``.
+
+    ``along_x`` and ``along_y`` are the coefficients of ∂/∂x̂ and ∂/∂ŷ; ``lines (4, degree + 1)`` is workspace
+    for the polynomials in x̂ and ŷ, then their derivatives.
+    """
     degree = table.shape[1]
+    # L_k and L'_k along both axes, by the recurrences in a, b and c, d.
     for axis in range(2):
         at, value, slope, before, below = (x, y)[axis], CONSTANT, 0.0, 0.0, 0.0
         lines[axis, 0], lines[2 + axis, 0] = value, slope
@@ -36,7 +44,7 @@ def _normal_slopes(x, y, along_x, along_y, table, lines, slopes, q):
 
 @helper
 def _face_form(slopes, masses, n, forms, face):
-    """Σ_q masses[q] y yᵀ with y = slopes[q] to ``forms[face]``: lower half, row by row, and trace."""
+    """Write Σ_q masses[q] y yᵀ with y = slopes[q] to ``forms[face]``: lower half, row by row, and trace."""
     trace, place = 0.0, 0
     for i in range(n):
         for j in range(i + 1):
@@ -51,7 +59,7 @@ def _face_form(slopes, masses, n, forms, face):
 
 @helper(allocates=True)
 def _tracing(rules, degree, n):
-    """Where :func:`_trace` computes, and the recurrences of its polynomials."""
+    """Workspace of :func:`_trace`, and the recurrences of its polynomials."""
     return (
         recurrences(degree), np.empty((4, degree + 1)), np.empty((rules, n)), np.empty(rules),
         np.empty((n, n)),
@@ -65,11 +73,13 @@ def _trace(
 ):  # fmt: skip
     """Write the form of each face h of cells ``begin`` to ``end`` to ``forms[h - base]``.
 
-    ``lengths`` are those of the faces, counted from the first; 0 where there is no form.
+    It is L⁻¹ T_F L⁻ᵀ with the Cholesky factor L of the stiffness S without the constant, for which T_F is 0.
+    ``lengths`` are those of the faces, counted from the first of these cells; 0 where there is no form.
     """
     table, lines, slopes, masses, factor = rooms
     start = offsets[begin]
     for c in range(begin, end):
+        # 1. S = L Lᵀ. Where a pivot is rounding nothing can be said of the cell.
         for i in range(n):
             for j in range(i + 1):
                 factor[i, j] = blocks[c, i + 1, j + 1]
@@ -79,6 +89,8 @@ def _trace(
             lengths[k] = 0.0
             if not (resolved[c] and held[f]):
                 continue
+            # 2. The face in the box of the cell mapped to [−1, 1]²: its first vertex, the step to the second,
+            #    and the normal derivative as a combination of ∂/∂x̂ and ∂/∂ŷ. Its sign does not matter.
             a, b = face_vertices[f, 0], face_vertices[f, 1]
             ex, ey = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
             length = np.sqrt(ex * ex + ey * ey)
@@ -90,6 +102,8 @@ def _trace(
             along_x, along_y = scale[c] * ey / length * wide, -scale[c] * ex / length * high
             ax, ay = ax * wide, ay * high
             side = 0 if face_cells[f, 0] == first_cell + c else 1
+            # 3. y = L⁻¹ ∂φ/∂n at the Gauss points, and the weights of T_F = ∫_F c ∂φ/∂n (∂φ/∂n)ᵀ: c = ωκ/2
+            #    inside, ωκ = κ κ' / (κ + κ'), and κ at the boundary.
             for q in range(len(nodes)):
                 at = min(q, kappa.shape[2] - 1)
                 own, across = kappa[f, side, at], kappa[f, 1 - side, at]
@@ -108,17 +122,19 @@ def side_penalties(
     points, offsets, faces, face_vertices, face_cells, first_cell, held, boxes, scale, fill, blocks, kappa,
     nodes, weights, degree, asked,
 ):  # fmt: skip
-    """Write to ``asked (F, 2)`` what cells ``first_cell``, ... ask of the penalty of their faces; who can.
+    """Write the penalties s that cells ``first_cell``, ... need on their faces to ``asked (F, 2)``.
 
     With S the stiffness ``blocks (n, m, m)`` without the constant and T_F = ∫_F c ∂v/∂n ∂w/∂n, c = ωκ/2
     inside and κ at the boundary, ω the weight of the cell in the average: Σ_F T_F / s_F <= S. The
-    result is False for cells whose S is singular to rounding: nothing is said of them. Faces that are not
-    ``held`` have no penalty. ``fill (n,)`` is the part of its bounding box a cell fills.
+    result ``(n,)`` is False for cells whose S is singular to rounding: they ask for nothing. Faces that are
+    not ``held`` have no penalty. ``fill (n,)`` is the part of its bounding box a cell fills;
+    ``kappa (F, 2, 1 or q)`` the coefficient on both sides, ``nodes`` and ``weights (q,)`` a Gauss rule.
     """
     n, n_cells, most = (degree + 1) * (degree + 2) // 2 - 1, len(offsets) - 1, most_faces(offsets)
     resolved, forms = np.ones(n_cells, np.bool_), np.zeros((most, (n * (n + 1)) // 2 + 1))
     lengths, shares = np.empty(most), np.ones(most)
     tracing, rooms = _tracing(len(nodes), degree, n), balancing(most, n)
+    # A round of cells at a time: their forms, then the penalties that they need.
     for begin in range(0, n_cells, LANES):
         end, start = min(begin + LANES, n_cells), offsets[begin]
         _trace(
@@ -137,7 +153,7 @@ def whitened_forms(
     points, offsets, faces, face_vertices, face_cells, first_cell, held, boxes, scale, fill, blocks, kappa,
     nodes, weights, degree, forms,
 ):  # fmt: skip
-    """Write to ``forms (h, k)`` those :func:`side_penalties` makes, with the same result.
+    """Write the forms that :func:`side_penalties` makes to ``forms (h, k)``, with the result of that kernel.
 
     T_F of each face h of the list, whitened by the stiffness: the lower half, row by row, and its trace.
     """
@@ -156,12 +172,17 @@ def whitened_forms(
 def scaled_penalties(
     offsets, faces, face_cells, first_cell, held, face_lengths, kappa, forms, resolved, degree, asked
 ):  # fmt: skip
-    """As :func:`side_penalties`, of :func:`whitened_forms` for c = κ = 1, with ``kappa (n,)``."""
+    """Write the penalties of :func:`side_penalties` for ``kappa (n,)``, from :func:`whitened_forms`.
+
+    The ``forms`` and ``resolved`` are those of all cells, for c = κ = 1. As S is proportional to κ, the
+    whitened form of a face is c / κ times that: (1/2) κ' / (κ + κ') inside, 1 at the boundary.
+    """
     n, n_cells, most = (degree + 1) * (degree + 2) // 2 - 1, len(offsets) - 1, most_faces(offsets)
     lengths, shares, rooms = np.empty(most), np.empty(most), balancing(most, n)
     for begin in range(0, n_cells, LANES):
         end, start = min(begin + LANES, n_cells), offsets[begin]
         for c in range(begin, end):
+            # c / κ for each face; a length of 0 means that the face has no form.
             cell = first_cell + c
             for h in range(offsets[c], offsets[c + 1]):
                 f, k = faces[h], h - start

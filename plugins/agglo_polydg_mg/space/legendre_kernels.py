@@ -12,7 +12,10 @@ import numpy as np
 from agglo_core.authoring import helper, kernel
 
 LANES = 64
-"""Cells or faces that are taken at a time where loops over them are what processors do fast."""
+"""Cells or faces taken at a time: the last index of arrays, so that inner loops run over vector registers.
+
+Fewer leave registers unused or loops short, more need workspace that no longer fits into the caches.
+"""
 CONSTANT = np.sqrt(0.5)
 """The Legendre polynomial of degree 0."""
 
@@ -37,7 +40,7 @@ def recurrences(degree):
 
 @helper
 def legendre_at(x, degree, table, out):
-    """Orthonormal Legendre polynomials 0..degree at x, by the :func:`recurrences`."""
+    """Write orthonormal Legendre polynomials 0..degree at x to ``out``, by the :func:`recurrences`."""
     before, value = 0.0, CONSTANT
     out[0] = value
     for k in range(degree):
@@ -47,7 +50,7 @@ def legendre_at(x, degree, table, out):
 
 @kernel
 def slopes_of(values, degree, table, out):
-    """Derivatives of the polynomials ``values``, as :func:`legendre_at` gives them."""
+    """Write the derivatives of the polynomials of :func:`legendre_at` to ``out`` from their ``values``."""
     before, slope = 0.0, 0.0
     out[0] = 0.0
     for k in range(degree):
@@ -57,13 +60,16 @@ def slopes_of(values, degree, table, out):
 
 @helper
 def along_box(x, y, box):
-    """A vector in the directions of the sides of a box; itself if these are those of the axes."""
+    """Components of a vector along the sides of a box."""
     return box[4] * x + box[5] * y, box[4] * y - box[5] * x
 
 
 @helper
 def _fit_box(points, first, last, faces, face_vertices, box):
-    """Centre and half sides of the bounding box of a cell whose directions ``box`` has."""
+    """Write centre and half sides of the bounding box of a cell in the direction of ``box``.
+
+    The cell has the faces ``faces[first:last]``.
+    """
     left, low, right, high = np.inf, np.inf, -np.inf, -np.inf
     for h in range(first, last):
         for k in range(2):
@@ -80,15 +86,19 @@ def bounding_boxes(points, offsets, faces, face_vertices, areas, least):
     """Bounding box ``(n, 6)`` of each cell.
 
     Sides are parallel to the axes, except where the cell fills less than the part ``least`` of that box: then
-    to the face that makes the smallest box, if it is less than half as large.
+    to the face that makes the smallest box, if it is less than half as large. On a sliver athwart its box
+    polynomials are linearly dependent but for a power of its width.
     """
     boxes, tried = np.empty((len(offsets) - 1, 6)), np.empty(6)
     for c in range(len(boxes)):
         box, first, last = boxes[c], offsets[c], offsets[c + 1]
+        # 1. The box along the axes, which mostly serves.
         box[4], box[5] = 1.0, 0.0
         _fit_box(points, first, last, faces, face_vertices, box)
         if areas[c] >= least * 4.0 * box[2] * box[3]:
             continue
+        # 2. A thin cell: boxes along each of its faces. The smallest replaces the first if it is less than
+        #    half as large; flat ones are left out, as coordinates are divided by the half sides.
         smallest = 0.5 * box[2] * box[3]
         for h in range(first, last):
             a, b = face_vertices[faces[h], 0], face_vertices[faces[h], 1]
@@ -111,7 +121,8 @@ def boundary_moments(
 ):  # fmt: skip
     """Integrals ``(n, m)`` of the polynomials of a degree over cells ``first_cell``, ...
 
-    By the divergence theorem; ``nodes`` must integrate degree + 1 on [−1, 1].
+    By the divergence theorem, ∫_K L_i(x̂) L_j(ŷ) = ∮ X_i(x̂) L_j(ŷ) dy with the antiderivative X_i of L_i in
+    x, exactly for cells of any shape; ``nodes`` must integrate degree + 1 on [−1, 1].
     """
     n = len(offsets) - 1
     moments = np.zeros((n, (degree + 1) * (degree + 2) // 2))
@@ -122,6 +133,8 @@ def boundary_moments(
         cx, cy, hx, hy = box[0], box[1], box[2], box[3]
         for h in range(offsets[c], offsets[c + 1]):
             f = faces[h]
+            # 1. The edge anticlockwise about the cell, in coordinates of its box, −1..1. Edges along x̂ have
+            #    dy = 0.
             flip = 0 if face_cells[f, 0] == first_cell + c else 1
             a, b = face_vertices[f, flip], face_vertices[f, 1 - flip]
             ax, ay = along_box(points[a, 0] - cx, points[a, 1] - cy, box)
@@ -130,6 +143,8 @@ def boundary_moments(
             if ay == by:
                 continue
             rise = 0.5 * (by - ay) * hx * hy
+            # 2. X_i = hx (L_{i+1} / d_i − L_{i−1} / d_{i−1}) at the Gauss points of the edge, times dy; k is
+            #    the number of the polynomial (i, j).
             for q in range(len(nodes)):
                 s, weight = 0.5 * (1.0 + nodes[q]), rise * weights[q]
                 legendre_at(ax + s * (bx - ax), degree + 1, table, lx)
@@ -170,6 +185,7 @@ def sparse_products(integrals, places, columns, factors, blocks):
 
     Places are those of the lower halves, sorted; ``blocks (n, m, m)``.
     """
+    # Terms of one place follow one another: they are added up, and written after the last one.
     for c in range(len(blocks)):
         block, own, value = blocks[c], integrals[c], 0.0
         for t in range(len(columns)):

@@ -1,4 +1,4 @@
-"""Kernels of polyhedra: integrals of polynomials over them, and how far their vertices are from their faces.
+"""Kernels of polyhedra: integrals of polynomials over them, and their heights over their faces.
 
 Polynomials are products L_i(x̂) L_j(ŷ) L_k(ẑ) of orthonormal Legendre polynomials on the bounding box of a
 cell, a box being its centre and its half sides; ``orders (m, 3)`` are i, j, k. Faces are fans of triangles.
@@ -12,7 +12,10 @@ from agglo_core.authoring import helper, kernel
 from agglo_polydg_mg.space.legendre_kernels import legendre_at, recurrences
 
 _FLAT = 1e-9
-"""A vertex is beyond a face if it is so by more than this part of the height of the cell there."""
+"""A vertex lies beyond a face if its distance is more than this part of the height of the cell there.
+
+Smaller takes rounding for a dent, larger takes slightly dented cells for convex ones.
+"""
 
 
 @helper
@@ -23,7 +26,7 @@ def in_box(point, box, axis):
 
 @helper
 def _primitives(lx, upper, degree, out):
-    """Antiderivatives of the polynomials 0..degree, from polynomials up to degree + 1."""
+    """Write antiderivatives of the polynomials 0..degree to ``out``, from polynomials up to degree + 1."""
     out[0] = lx[1] * upper[0]
     for i in range(1, degree + 1):
         out[i] = lx[i + 1] * upper[i] - lx[i - 1] * upper[i - 1]
@@ -31,12 +34,18 @@ def _primitives(lx, upper, degree, out):
 
 @helper
 def _add_triangle(box, a, b, c, turned, rule, weights, orders, degree, table, lines, out):
-    """Add ∫ X n_x over a triangle, X being the antiderivatives in x of the polynomials."""
+    """Add ∫ X n_x over the triangle abc to ``out (m,)``, X being the antiderivatives in x of the polynomials.
+
+    ``turned`` if the triangle is clockwise seen from outside the cell.
+    """
     upper, lx, ly, lz, primitive = lines[0], lines[1], lines[2], lines[3], lines[4]
+    # 1. n_x times twice the area. Triangles along x add nothing.
     across = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
     if across == 0.0:
         return
     factor = -across * box[3] if turned else across * box[3]
+    # 2. The corner a and the sides to b and c in coordinates of the box; at each point X_i L_j L_k. Weights
+    #    add up to 1/2, and dx = hx dx̂ in the antiderivatives.
     ax, ay, az = in_box(a, box, 0), in_box(a, box, 1), in_box(a, box, 2)
     bx, by, bz = in_box(b, box, 0) - ax, in_box(b, box, 1) - ay, in_box(b, box, 2) - az
     cx, cy, cz = in_box(c, box, 0) - ax, in_box(c, box, 1) - ay, in_box(c, box, 2) - az
@@ -57,6 +66,7 @@ def solid_moments(
 ):  # fmt: skip
     """Integrals ``(n, m)`` of polynomials over cells ``first_cell``, ... by the divergence theorem.
 
+    ∫_K φ = ∮ Φ n_x with an antiderivative Φ in x, over the fans of all faces: exact for cells of any shape.
     ``rule (q, 2)`` and ``weights`` must integrate one degree more on the triangle (0,0) (1,0) (0,1).
     """
     n, degree = len(offsets) - 1, orders[len(orders) - 1, 2]
@@ -96,9 +106,13 @@ def solid_point_moments(points, values, offsets, boxes, orders):
 def farthest_vertices(
     points, offsets, faces, starts, vertices, face_cells, normals, centres, first_cell, heights
 ):  # fmt: skip
-    """Write to ``heights (F, 2)`` how far a vertex of cells ``first_cell``, ... is at most from each face.
+    """Write the height of cells ``first_cell``, ... over each of their faces to ``heights (F, 2)``.
 
-    The result says which cells are convex: none of their vertices is beyond a face.
+    It is the largest distance of a vertex from the plane of the face, for owner and neighbour.
+
+    ``normals (F, 3)`` are unit normals outward from the owners, ``centres (F, 3)`` points of the faces; cell
+    c has the vertices ``vertices[starts[c]:starts[c + 1]]``. The result ``(n,)`` is True for convex cells:
+    none of their vertices lies beyond a face. Faces of no area are skipped.
     """
     n = len(offsets) - 1
     convex = np.ones(n, np.bool_)
@@ -110,12 +124,14 @@ def farthest_vertices(
             x, y, z = inward * normals[f, 0], inward * normals[f, 1], inward * normals[f, 2]
             if x == 0.0 and y == 0.0 and z == 0.0:
                 continue
+            # Distances from the plane of the face into the cell; negative ones are beyond it.
             for k in range(starts[c], starts[c + 1]):
                 p = points[vertices[k]]
                 distance = (
                     x * (p[0] - centres[f, 0]) + y * (p[1] - centres[f, 1]) + z * (p[2] - centres[f, 2])
                 )
                 most, least = max(most, distance), min(least, distance)
+            # Relative to the height, or rounding would make dents of flat faces.
             heights[f, side] = most
             if -least > _FLAT * most:
                 convex[c] = False
