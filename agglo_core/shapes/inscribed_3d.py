@@ -233,12 +233,12 @@ def lowest(table, start, stop):
 def linearised_triangles(table, start, stop, x, y, z, sx, sy, sz):
     """Leave planes above the distances from triangles in the table, valid in a box.
 
-    Where the box is a point they are the tangents there: distances and their gradients.
-    The box has its centre at the point and these half sides, R is half its diagonal. Let d be the distance
-    at the centre, q the nearest point of a triangle. In the box the distance is at most that from q, which
-    is at most R² / (2d) above its tangent. If q is m inside the triangle, and the plane of that misses the
-    box, all but R - m of a way along the plane costs nothing; if q is in deep enough, the tangent is exact.
-    Where d is small, the distance is at most d + R.
+    The box has its centre at (x, y, z) and half sides sx, sy, sz; R is half its diagonal. Where R is 0 the
+    planes are tangents: distances and their gradients. Let d be the distance at the centre, q the nearest
+    point of a triangle. In the box the distance is at most that from q, which is at most R² / (2d) above its
+    tangent. If q is m inside the triangle, and the plane of that misses the box, all but R - m of a way along
+    the plane costs nothing; if q is in deep enough, the tangent is exact. Where d is small, the distance is
+    at most d + R.
     """
     reach = np.sqrt(sx * sx + sy * sy + sz * sz)
     for block in range(start, stop):
