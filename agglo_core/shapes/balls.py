@@ -92,10 +92,10 @@ def _average(table, some, weight, x, y, z):
 
 @helper
 def _highest_average(table, some, weight, x, y, z, sides, enough):
-    """Maximum of an average of distances over a box; infinite if it exceeds ``enough`` at the centre.
+    """Maximum of an average of distances over a box.
 
-    No ball with its centre in the box is larger. The average is convex, hence largest at a corner; the centre
-    comes first because it settles most boxes that cannot be decided.
+    Infinite, without further work, if the average exceeds ``enough`` at the centre. No ball with its centre
+    in the box is larger. The average is convex, hence largest at a corner.
     """
     if _average(table, some, weight, x, y, z) > enough:
         return np.inf
@@ -120,10 +120,11 @@ def _box_around_all(corners, m, low, sides):
 
 @helper(allocates=True)
 def _largest_ball(corners, table, m, blocks, diameter, best, heap):
-    """Radius of the largest ball anywhere, by best-first branch and bound; table and heap to reuse.
+    """Radius of the largest ball anywhere, by best-first branch and bound.
 
-    ``best`` is the radius about the origin, 0 if that is outside. See :func:`balls` for the bounds. Columns
-    of boxes are those of :mod:`agglo_core.shapes.box_heap`; their lists are ranges of blocks of the table.
+    Returns table and heap, too, for reuse. ``best`` is the radius about the origin, 0 if that is outside. See
+    :func:`balls` for the bounds. Columns of boxes are those of :mod:`agglo_core.shapes.box_heap`; their lists
+    are ranges of blocks of the table.
     """
     at, centre, sides, own = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
     some, weight, held, share = np.zeros(4, np.int64), np.zeros(4), np.zeros(4, np.int64), np.zeros(4)

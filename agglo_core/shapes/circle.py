@@ -46,7 +46,10 @@ _THIN = 3.0  # ratio of the sides of a box from which on the axis along which it
 
 @helper
 def _polished(edges, m, x, y, radius, trio, weight, inverse):
-    """Centre and radius after up to three Newton steps; edges that touch, their λ in ``trio``, ``weight``."""
+    """Centre and radius of the largest circle near by, after up to three Newton steps.
+
+    The edges that touch it and their λ are left in ``trio`` and ``weight``, ``(3,)`` each.
+    """
     for _ in range(3):
         # Linearise the distances at the centre and maximise r with r ≤ each tangent in a square of half side
         # r. Where three edges touch the circle the optimum is a vertex, and steps converge quadratically.
@@ -64,7 +67,10 @@ def _polished(edges, m, x, y, radius, trio, weight, inverse):
 
 @helper
 def _in_convex(edges, m, diameter, trio, weight, inverse):
-    """Centre and radius of the largest circle in a convex outline of few edges; radius -1 for any other."""
+    """Centre and radius of the largest circle in a convex outline of few edges.
+
+    The radius is -1 for any other outline.
+    """
     if m > _CONVEX or not convex(edges, m, 1e-13 * diameter):
         return 0.0, 0.0, -1.0
     # Distances from the lines of all edges, over a box that contains the outline. The result is checked
@@ -113,10 +119,11 @@ def _steeper(edges, some, weight, x, y, sx, sy):
 
 @helper(allocates=True)
 def _largest(edges, m, diameter, best, heap):
-    """Centre and radius of the largest circle, by best-first branch and bound; edges and heap to reuse.
+    """Centre and radius of the largest circle, by best-first branch and bound.
 
-    ``best`` is the radius about the origin, 0 if that is outside. See :func:`circles` for the bounds. Columns
-    of boxes are those of :mod:`agglo_core.shapes.box_heap`; their lists are ranges of columns of ``edges``.
+    Returns edges and heap, too, for reuse. ``best`` is the radius about the origin, 0 if that is outside. See
+    :func:`circles` for the bounds. Columns of boxes are those of :mod:`agglo_core.shapes.box_heap`; their
+    lists are ranges of columns of ``edges``.
     """
     best_x, best_y, polished, above = 0.0, 0.0, 0.0, 0.0
     trio, weight = np.zeros(3, np.int64), np.zeros(3)
@@ -233,9 +240,10 @@ def _largest(edges, m, diameter, best, heap):
 
 @helper(allocates=True)
 def _radius(edges, m, diameter, anywhere, heap, links):
-    """Radius of the largest circle anywhere, or of that about the origin; edges and heap to reuse.
+    """Radius of the largest circle anywhere, or of that about the origin.
 
-    ``links`` is the work array of :func:`~agglo_core.shapes.inscribed_2d.simplified`.
+    Returns edges and heap, too, for reuse. ``links`` is the work array of
+    :func:`~agglo_core.shapes.inscribed_2d.simplified`.
     """
     best = max(signed_distance(edges, m, 0.0, 0.0), 0.0)
     if not anywhere:

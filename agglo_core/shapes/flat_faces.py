@@ -23,7 +23,10 @@ def _root(joined, t):
 
 @helper
 def _normals(points, corners, m, normals):
-    """Write unit normals and, in the last column, areas of triangles; both are 0 where there is no area."""
+    """Write unit normals and, in the last column, areas of triangles.
+
+    The normal of a triangle without area is 0.
+    """
     for t in range(m):
         a, b, c = corners[t, 0], corners[t, 1], corners[t, 2]
         ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]

@@ -77,7 +77,10 @@ def offset(edges, i, x, y):
 
 @helper
 def nearest_edge(edges, start, stop, x, y):
-    """The edge nearest to (x, y); the squares of all distances are left in row ``ROWS``."""
+    """The edge nearest to (x, y).
+
+    The squares of all distances are left in row ``ROWS``.
+    """
     squares = edges[ROWS]
     for j in range(stop - start):
         i = np.uint64(start + j)  # no negative index has to be thought of: four at a time
@@ -244,7 +247,10 @@ def convex(edges, m, tiny):
 
 @helper
 def tightest(edges, start, stop, px, py):
-    """The edge whose plane is lowest at p; the values of all planes are left in row ``ROWS``."""
+    """The edge whose plane is lowest at p.
+
+    The values of all planes are left in row ``ROWS``.
+    """
     values = edges[ROWS]
     for j in range(stop - start):
         i = np.uint64(start + j)
@@ -354,10 +360,10 @@ def _next_slab(edges, order, begins, active, count, begun, left):
 
 @helper
 def _sort_upwards(edges, active, one, two, count, left, right):
-    """Sort the active edges by height; theirs at ``left`` and ``right`` are left in ``one`` and ``two``.
+    """Sort the active edges by height, and write their heights at ``left`` and ``right``.
 
-    Edges do not cross within a slab, so the middle of it decides. By insertion: the order changes little from
-    slab to slab.
+    These are left in ``one`` and ``two``. Edges do not cross within a slab, so the middle of it decides. By
+    insertion: the order changes little from slab to slab.
     """
     for k in range(count):
         i, place = active[k], k
@@ -419,7 +425,7 @@ def slabs(edges, m, best, accuracy, heap, box):
 
 @helper
 def _append(edges, m, ax, ay, bx, by):
-    """Add the edge ab to the table; returns how many edges it has now."""
+    """Add the edge ab to the table and return how many edges it has now."""
     edges[0, m], edges[1, m], edges[4, m], edges[5, m] = ax, ay, bx, by
     edges[2, m], edges[3, m] = bx - ax, by - ay
     edges[6, m] = 1.0 / (edges[2, m] ** 2 + edges[3, m] ** 2)

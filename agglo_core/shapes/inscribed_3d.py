@@ -66,7 +66,7 @@ def _principal_axes(points, corners, m, centre, moments, axes):
 
 @helper
 def _describe(corners, t, table, i):
-    """Write a triangle with these corners to the place i of the table; False if it has no area."""
+    """Write a triangle with these corners to the place i of the table, unless it has no area (False)."""
     # 1. The sides ab and ac and the normal, whose length is twice the area.
     ax, ay, az = corners[t, 0], corners[t, 1], corners[t, 2]
     ux, uy, uz = corners[t, 3] - ax, corners[t, 4] - ay, corners[t, 5] - az
@@ -206,7 +206,10 @@ def distance_to(table, i, x, y, z):
 
 @helper
 def nearest_triangle(table, start, stop, x, y, z):
-    """The triangle nearest to a point; squares of all distances are left in the table."""
+    """The triangle nearest to a point.
+
+    The squares of all distances are left in the table.
+    """
     for block in range(start, stop):
         base = np.uint64(block * BLOCK)
         for lane in range(np.uint64(LANES)):
@@ -219,7 +222,7 @@ def nearest_triangle(table, start, stop, x, y, z):
 
 @helper
 def lowest(table, start, stop):
-    """The triangle with the lowest value; of several, the first."""
+    """The first triangle of the lowest value."""
     best, least = start * BLOCK, np.inf
     for block in range(start, stop):
         for lane in range(LANES):
@@ -399,7 +402,10 @@ def convex_solid(corners, table, m, blocks, tiny):
 
 @helper
 def lowest_plane(table, start, stop, px, py, pz):
-    """The triangle whose plane is lowest at p; the values of all planes are left in the table."""
+    """The triangle whose plane is lowest at p.
+
+    The values of all planes are left in the table.
+    """
     for block in range(start, stop):
         base = np.uint64(block * BLOCK)
         for lane in range(np.uint64(LANES)):
@@ -438,7 +444,10 @@ def _share(inverse, row, k):
 
 @helper
 def _exchange(inverse, row):
-    """Let the constraint ``row`` replace one of the four in the inverse; which one, or -1 if none may go."""
+    """Let the constraint ``row`` replace one of the four in the inverse.
+
+    Returns which one, or -1 if none may go.
+    """
     # 1. Ratio test: the multipliers, row 3 of the inverse, stay ≥ 0. Shares below 1e-12 count as rounding.
     leaving, ratio, pivot = -1, np.inf, 1.0
     for k in range(4):

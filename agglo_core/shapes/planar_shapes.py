@@ -41,9 +41,9 @@ def _sort(points, vertices, start, stop):
 
 @helper
 def one_hull(points, order, start, stop, hull, top):
-    """Append the convex hull of ``order[start:stop]``, which it sorts, to ``hull[:top]``; where it ends.
+    """Append the convex hull of ``order[start:stop]`` to ``hull[:top]``, and return where it ends.
 
-    Andrew's monotone chain: counter-clockwise, without vertices on straight lines.
+    Sorts that list in place. Andrew's monotone chain: counter-clockwise, without vertices on straight lines.
     """
     _sort(points, order, start, stop)
     base, last = top, stop - 1
@@ -146,7 +146,10 @@ def box_ratios(points, offsets, hull):
 
 @helper
 def _clip(source, m, target, ax, ay, ux, uy):
-    """Copy the part of convex polygon ``source[:m]`` left of the line through a along u; return its size."""
+    """Copy the part of a convex polygon left of the line through a along u, and return its number of corners.
+
+    The polygon is ``source[:m]``.
+    """
     # ``before`` and ``here`` are heights over the line at p and the next vertex q, times |u|. A side that
     # crosses the line contributes the crossing, a vertex not below it itself (Sutherland and Hodgman).
     k = 0
@@ -168,7 +171,9 @@ def _clip(source, m, target, ax, ay, ux, uy):
 
 @kernel
 def kernel_areas(points, cell_loops, loop_offsets, vertices, hull_offsets, hull):
-    """Area of the kernel of each cell, the points that see all of it; 0 where it has several loops.
+    """Area of the kernel of each cell, the points that see all of it.
+
+    It is 0 where the cell has several loops.
 
     Cell c has the loops from ``cell_loops[c]`` to ``cell_loops[c + 1]``, counter-clockwise, with vertices
     ``vertices[loop_offsets[loop]:loop_offsets[loop + 1]]``, and the convex hull

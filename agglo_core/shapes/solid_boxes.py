@@ -27,7 +27,10 @@ def _width(points, vertices, m, x, y, z):
 
 @helper
 def _note(points, vertices, m, x, y, z, width, ties, count):
-    """Keep a direction if the hull is as narrow along it as along any so far; least width, number kept."""
+    """Keep a direction if the hull is as narrow along it as along any so far.
+
+    Returns the least width, and how many directions are kept in ``ties``.
+    """
     # A narrower one, by more than rounding, makes the list anew; one that is as narrow joins it.
     found = _width(points, vertices, m, x, y, z)
     if found > width * (1.0 + _TIE):
@@ -47,7 +50,7 @@ def _note(points, vertices, m, x, y, z, width, ties, count):
 
 @helper
 def _edges(triangles, neighbours, start, stop, points, edges, normals):
-    """Write the edges of a hull at which it bends, and normals; return how many edges there are.
+    """Write the edges of a hull at which it bends, and normals, and return the number of these edges.
 
     ``edges (e, 4)``: both ends, and the faces on both sides, counted from ``start``. ``normals``: the unit
     normals of the faces and, below them, for each edge the cross product of the second and the first normal.
@@ -105,10 +108,11 @@ def _facing(normals, edges, faces, e, f):
 
 @helper
 def _narrowest(points, edges, count, faces, normals, vertices, m, ties):
-    """Width of the hull, and in how many directions it is that narrow; these are in ``ties``.
+    """Width of the hull, and the number of directions in which it is that narrow.
 
-    Of two parallel planes with the hull between them as close as can be, one lies on a face, or each on an
-    edge (Houle and Toussaint 1988). ``faces`` is the number of faces, ``count`` that of the edges.
+    These are left in ``ties``. Of two parallel planes with the hull between them as close as can be, one lies
+    on a face, or each on an edge (Houle and Toussaint 1988). ``faces`` is the number of faces, ``count`` that
+    of the edges.
     """
     # 1. Directions of the normals of all faces.
     width, found = np.inf, 0

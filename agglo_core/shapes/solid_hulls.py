@@ -51,7 +51,10 @@ def _farthest(points, m, a, ux, uy, uz, across):
 
 @helper
 def _first_four(points, m, corners, planes, beside, head):
-    """A tetrahedron of points far from each other as the first four faces; False if all are in a plane."""
+    """Write a tetrahedron of points far from each other as the first four faces.
+
+    Returns False if all points are in one plane.
+    """
     # 1. a far from the first point, b from a, c from the line ab, d from the plane abc.
     a = _farthest(points, m, 0, 0.0, 0.0, 0.0, True)[1]
     square, b = _farthest(points, m, a, 0.0, 0.0, 0.0, True)

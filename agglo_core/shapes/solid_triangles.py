@@ -35,7 +35,7 @@ def _square(points, a, b):
 
 @helper
 def _ear(points, ring, m, i, nx, ny, nz, tiny):
-    """Shape of the triangle that corner i of the ring makes with its neighbours; -1 if it is no ear.
+    """Shape of the triangle that corner i of the ring makes with its neighbours, or -1 if it is no ear.
 
     The area over the square of the longest side, so that points on straight lines go last. An ear is a
     triangle of some area, turning as the face does, that contains no other corner.
@@ -54,9 +54,9 @@ def _ear(points, ring, m, i, nx, ny, nz, tiny):
 
 @helper
 def _cut_ears(points, ring, m, nx, ny, nz, tiny, triangles, top):
-    """Cut a polygon with notches, or with corners on straight lines, in triangles; where they end.
+    """Cut a polygon with notches, or with corners on straight lines, in triangles.
 
-    ``ring[:m]`` are its vertices, changed; triangles are written from row ``top`` on.
+    ``ring[:m]`` are its vertices, changed. Writes triangles from row ``top`` on, and returns where they end.
     """
     while m > 3:
         # The ear of the best shape; the first corner if rounding leaves none. Cutting it off leaves a ring of
@@ -114,7 +114,7 @@ def face_triangles(points, offsets, vertices, vectors):
 
 @helper
 def surface(cell, start, stop, faces, face_cells, starts, triangles, corners):
-    """Write the corners of the triangles around a cell, counter-clockwise from outside; return how many.
+    """Write the corners of the triangles around a cell, counter-clockwise from outside, and return how many.
 
     The cell has the faces ``faces[start:stop]``; triangles turn counter-clockwise as seen from outside the
     owner of their face, and are turned round for the other cell.

@@ -17,7 +17,10 @@ _BOX = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1
 
 @helper
 def _plane(points, corners, t, origin, plane):
-    """Write the outward unit normal of a triangle and its distance from the origin; False if it has none."""
+    """Write the outward unit normal n of a triangle and n · a, a one of its corners relative to the origin.
+
+    Returns False if it has no area.
+    """
     a, b, c = corners[t, 0], corners[t, 1], corners[t, 2]
     ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
     vx, vy, vz = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1], points[c, 2] - points[a, 2]
@@ -33,9 +36,9 @@ def _plane(points, corners, t, origin, plane):
 
 @helper(allocates=True)
 def _box_around(points, corners, m, origin, sides, ends):
-    """Write the box around a surface as six faces, in the layout of :func:`_cut`; its largest coordinate.
+    """Write the box around a surface as six faces, and return its largest coordinate in modulus.
 
-    All coordinates are relative to the point ``origin``.
+    Faces are laid out as for :func:`_cut`. All coordinates are relative to the point ``origin``.
     """
     # 1. Bounds of the corners of the triangles.
     low, high, extent = np.empty(3), np.empty(3), 0.0

@@ -36,7 +36,7 @@ def _crossings(corners, low, high, y, found):
 
 @kernel
 def nearest_faces(corners, offsets, faces, planes, width, height):
-    """The face nearest to the eye at the centre of each pixel; −1 where there is none.
+    """Face nearest to the eye at the centre of each pixel, or −1 where there is none.
 
     Parameters
     ----------

@@ -71,7 +71,7 @@ def _row(y, low, height, n_rows):
 
 @helper(allocates=True)
 def _in_rows(points, tails, heads, begin, end):
-    """Segments of a cell by the rows that they reach into, as CSR; lowest point, and height of all rows.
+    """Segments of a cell by the rows that they reach into, as CSR, and the lowest point and height of all.
 
     n segments are in √n rows, or all in one if they are few: about √n in each if they are short.
     """

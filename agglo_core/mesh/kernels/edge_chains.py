@@ -26,7 +26,7 @@ def _other_end(ends, e, v):
 
 @helper
 def _sharpest(points, ends, at, e, v):
-    """Vertex of a closed chain at which it turns most; the chain leaves v by edge e."""
+    """Vertex at which a closed chain, which leaves v by edge e, turns most."""
     # ``at[w]`` are both edges at w: the one that is not e leads on.
     first, best, least = e, v, 2.0
     while True:
@@ -42,7 +42,7 @@ def _sharpest(points, ends, at, e, v):
 
 @helper
 def _walk(ends, at, joint, e, v, used, edges, vertices, n_edges, n_chains):
-    """Write a chain that begins at v with edge e; returns the number of edges written so far.
+    """Write a chain that begins at v with edge e, and return the number of edges written so far.
 
     A chain has one vertex more than edges, so that vertices are ``n_chains`` ahead. It ends at a vertex that
     is no joint, or back at its first edge.

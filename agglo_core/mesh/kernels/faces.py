@@ -74,7 +74,7 @@ def match_half_edges(offsets, vertices, n_points):
 
 @kernel
 def cell_faces(face_cells, first, places, faces):
-    """Write the numbers of faces ``first``, ... to their cells; where ``faces`` is empty, count them only.
+    """Write the numbers of faces ``first``, ... to their cells, or only count them if ``faces`` is empty.
 
     The next one of cell c is written to ``faces[places[c]]``, and ``places[c]`` is counted up.
     """
@@ -113,7 +113,7 @@ def _next_edge(points, start, end, first, other, used, h, seed):
 
 @helper
 def _around(start, end, size, walk):
-    """Return True if the edges are one loop that meets no vertex twice; ``walk`` gets its vertices."""
+    """Return True if the edges are one loop that meets no vertex twice, and write its vertices."""
     h = 0
     for k in range(size):
         walk[k] = start[h]
@@ -127,10 +127,11 @@ def _around(start, end, size, walk):
 
 @kernel
 def chain_loops(points, offsets, faces, face_vertices, face_cells, first_cell, loops):
-    """Closed loops of the cells ``first_cell``, ..., each on the left; no loop meets a vertex twice.
+    """Closed loops of the cells ``first_cell``, ..., each on the left.
 
-    Cell ``first_cell + c`` has ``faces[offsets[c]:offsets[c + 1]]``. Writes vertices to ``loops``, which has
-    room for one of each face; returns loop counts per cell (n + 1,) as offsets, and vertex offsets per loop.
+    No loop meets a vertex twice. Cell ``first_cell + c`` has ``faces[offsets[c]:offsets[c + 1]]``. Writes
+    vertices to ``loops``, which has room for one of each face; returns loop counts per cell (n + 1,) as
+    offsets, and vertex offsets per loop.
     """
     n = len(offsets) - 1
     most = 0

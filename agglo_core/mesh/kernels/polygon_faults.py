@@ -92,7 +92,7 @@ def _loop_fault(points, loop):
 
 @kernel
 def plain_faults(points, offsets, vertices, weak):
-    """Signed area and a fault code of each polygon; of those that are not convex only that they are not.
+    """Signed area and a fault code of each polygon, of those that are not convex only that they are not.
 
     Polygon c has ``vertices[offsets[c]:offsets[c + 1]]``. If ``weak``, it may touch itself, and convexity is
     not tested.

@@ -23,7 +23,10 @@ def _sort(values, start, stop):
 
 @kernel
 def vertices_of_solids(face_offsets, face_vertices, offsets, faces, n_points):
-    """Distinct vertices of each cell, ascending, as CSR; cell c has ``faces[offsets[c]:offsets[c + 1]]``."""
+    """Distinct vertices of each cell, ascending, as CSR.
+
+    Cell c has ``faces[offsets[c]:offsets[c + 1]]``.
+    """
     n, room = len(offsets) - 1, 0
     for h in range(len(faces)):
         room += face_offsets[faces[h] + 1] - face_offsets[faces[h]]
@@ -43,10 +46,11 @@ def vertices_of_solids(face_offsets, face_vertices, offsets, faces, n_points):
 
 @kernel
 def surfaces(offsets, vector, centre):
-    """Sum the half-faces of each cell; cell c has those numbered ``offsets[c]:offsets[c + 1]``.
+    """Sum areas, area vectors and fluxes over the half-faces of each cell.
 
-    ``vector`` and ``centre (h, 3)`` are the area vector a and the centre x of each half-face. With M the mean
-    of the centres of a cell, the flux of x - M through a half-face is a · (x - M).
+    Cell c has those numbered ``offsets[c]:offsets[c + 1]``. ``vector`` and ``centre (h, 3)`` are the area
+    vector a and the centre x of each half-face. With M the mean of the centres of a cell, the flux of x - M
+    through a half-face is a · (x - M).
 
     Returns
     -------
@@ -126,7 +130,7 @@ def pair_half_faces(offsets, vertices, n_points):
 
 @kernel
 def first_turns(first, second, own, places, ranks):
-    """First turn of each cell that lists its own faces in the order of the element; −1 if none does.
+    """First turn of each cell that lists its own faces in the order of the element, or −1 if none does.
 
     Parameters
     ----------
