@@ -29,13 +29,13 @@ from agglo_core.shapes.inscribed_3d import (
 )
 from agglo_core.shapes.solid_triangles import most_triangles, surface
 
-_ACCURACY = 1e-3  # of the radius
-_PATIENCE = 20_000  # boxes after each of which that is doubled
-_FINEST = 1e-9  # of the diameter: what is left out in any case
-_CONVEX = 64  # triangles up to which a solid is tested for being convex, triangle by triangle
-_LARGE = 0.4  # half the diagonal of a box over the best radius, from which on planes decide nothing
-_THIN = 2.2  # ratio of the sides of a box from which on they do
-_LISTED = 6  # blocks in a list that is not worth shortening
+_ACCURACY = 1e-3  # of the radius: boxes that promise less gain are dropped; a smaller value opens more boxes
+_PATIENCE = 20_000  # boxes after each of which that is doubled; bounds the time in thin plates
+_FINEST = 1e-9  # of the diameter: gain that is never looked for; ends the search where the radius is near 0
+_CONVEX = 64  # triangles up to which convexity is tested; the test takes time proportional to their square
+_LARGE = 0.4  # half diagonal of a box over the best radius: planes decide nothing in larger ones, unless thin
+_THIN = 2.2  # ratio of the longest to the shortest side of a box, above which planes are tried at any size
+_LISTED = 6  # blocks of triangles: shorter lists are not worth a copy
 
 
 @helper
@@ -48,21 +48,28 @@ def _radius_at(solid, x, y, z):
 
 @helper
 def _polished(solid, at, radius, sides, centre, some, weight, inverse, row):
-    """Radius of the largest ball near by, its centre in ``at``: steps of Newton's method, shorter if need be.
+    """Radius of the largest ball near by: Newton's method within a trust region.
 
-    The triangles that touch it and their λ are left in ``some`` and ``weight``.
+    ``at (3,)`` is the centre to start from, where the ball has this ``radius``, and receives the new one.
+    The triangles that touch the ball and their λ are left in ``some`` and ``weight``, ``(4,)`` each;
+    ``sides``, ``centre``, ``inverse`` and ``row`` are scratch.
     """
     _, table, _, blocks = solid
     trust, none = radius, np.int64(0)
     for _ in range(12):
+        # 1. Linearise all distances at the centre (no box: plain tangents), and maximise r with r ≤ each
+        #    tangent over a cube of half side ``trust``.
         linearised_triangles(table, none, blocks, at[0], at[1], at[2], 0.0, 0.0, 0.0)
         first = lowest_plane(table, none, blocks, 0.0, 0.0, 0.0)
         sides[0], sides[1], sides[2] = trust, trust, trust
         most = ball_in_box(
             table, none, blocks, first, sides, 0.0, 1e-13 * radius, centre, some, weight, inverse, row
         )
+        # 2. Converged: the tangents promise no gain.
         if most <= radius * (1.0 + 1e-10):
             break
+        # 3. Distances from triangles are convex, hence nowhere below their tangents: the step gains what was
+        #    promised unless it leads out of the solid. Then it is tried again in a smaller cube.
         better = _radius_at(solid, at[0] + centre[0], at[1] + centre[1], at[2] + centre[2])
         if better > radius:
             for k in range(3):
@@ -75,7 +82,7 @@ def _polished(solid, at, radius, sides, centre, some, weight, inverse, row):
 
 @helper
 def _average(table, some, weight, x, y, z):
-    """Weighted average of the distances of a point from some triangles."""
+    """Weighted average Σ λ_i d_i of the distances of a point from up to four triangles."""
     average = 0.0
     for n in range(4):
         if weight[n] > 0.0:
@@ -85,9 +92,10 @@ def _average(table, some, weight, x, y, z):
 
 @helper
 def _highest_average(table, some, weight, x, y, z, sides, enough):
-    """The largest value in a box of an average of distances; infinite if the centre has more than enough.
+    """Maximum of an average of distances over a box.
 
-    No ball with its centre in the box is larger. The average is convex, hence largest at a corner.
+    Infinite, without further work, if the average exceeds ``enough`` at the centre. No ball with its centre
+    in the box is larger. The average is convex, hence largest at a corner.
     """
     if _average(table, some, weight, x, y, z) > enough:
         return np.inf
@@ -112,27 +120,39 @@ def _box_around_all(corners, m, low, sides):
 
 @helper(allocates=True)
 def _largest_ball(corners, table, m, blocks, diameter, best, heap):
-    """Radius of the largest ball, at least ``best`` about the origin; table and heap to reuse."""
+    """Radius of the largest ball anywhere, by best-first branch and bound.
+
+    Returns table and heap, too, for reuse. ``best`` is the radius about the origin, 0 if that is outside. See
+    :func:`balls` for the bounds. Columns of boxes are those of :mod:`agglo_core.shapes.box_heap`; their lists
+    are ranges of blocks of the table.
+    """
     at, centre, sides, own = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
     some, weight, held, share = np.zeros(4, np.int64), np.zeros(4), np.zeros(4, np.int64), np.zeros(4)
     inverse, row, box = np.zeros((4, 4)), np.zeros(4), np.zeros((1, WIDTH))
     none = np.int64(0)
+    # 1. A convex solid: distances are those from the planes, and one linear program finds the maximum. The
+    #    box of that program reaches a diameter from the centroid either way, so that it never binds.
     if m <= _CONVEX and convex_solid(corners, table, m, blocks, 1e-12 * diameter):
         sides[0], sides[1], sides[2] = diameter, diameter, diameter
         best = ball_in_box(
             table, none, blocks, none, sides, 0.0, 1e-15 * diameter, centre, some, weight, inverse, row
         )
         return best, table, heap
+    # 2. A first ball: that about the origin, moved to a maximum near by. The triangles it touches and their
+    #    λ, in ``held`` and ``share``, serve as a bound below. ``polished`` is the radius they belong to.
     polished = 0.0
     if best > 0.0:
         best = _polished((corners, table, m, blocks), at, best, own, centre, held, share, inverse, row)
         polished = best
+    # 3. The root: the box around all triangles, with all blocks in its list.
     _box_around_all(corners, m, centre, sides)
     box[0, 0], box[0, 1], box[0, 2], box[0, 3] = np.inf, centre[0], centre[1], centre[2]
     box[0, 4], box[0, 5], box[0, 6], box[0, 7] = sides[0], sides[1], sides[2], 0.0
     box[0, 8], box[0, 9] = 0.0, blocks
     size, top, parts, opened, accuracy = none, blocks, 1, 0, _ACCURACY
     while True:
+        # 4. Halve the open box across its longest side; the root is looked at as a whole. R, half the
+        #    diagonal, is ``reach``.
         x0, y0, z0 = box[0, 1], box[0, 2], box[0, 3]
         sides[0], sides[1], sides[2], sure = box[0, 4], box[0, 5], box[0, 6], box[0, 7] > 0.0
         start, stop = np.int64(box[0, 8]), np.int64(box[0, 9])
@@ -146,13 +166,18 @@ def _largest_ball(corners, table, m, blocks, diameter, best, heap):
             enough = best * (1.0 + accuracy) + _FINEST * diameter
             opened += 1
             accuracy *= 2.0 if opened % _PATIENCE == 0 else 1.0
+            # 5. The bound d + R needs only the nearest triangle: drop the box before anything dearer.
             d = np.sqrt(table[nearest_triangle(table, start, stop, x, y, z) + VALUES])
             if d + reach <= enough:
                 continue
+            # 6. Keep only the triangles within d + 2R of the centre; others are nearest nowhere in the box.
+            #    The copy lies above all lists in use, and is overwritten unless the box is pushed.
             first, last = start, stop
             if stop - start > _LISTED:
                 limit = (d + 2.0 * reach) ** 2 * (1.0 + 1e-9)
                 table, first, last = shorter_list(table, start, stop, limit, top)
+            # 7. The bound R - d where the centre is outside. A box that lies inside as a whole, as d > R,
+            #    spares its halves the test.
             inside = sure or inside_triangles(corners, table, m, x, y, z)
             if not inside and reach - d <= enough:
                 continue
@@ -160,10 +185,14 @@ def _largest_ball(corners, table, m, blocks, diameter, best, heap):
             if inside and d > best:
                 best, at[0], at[1], at[2] = d, x, y, z
             bound = d + reach if inside else reach - d
+            # 8. Bounds by averages Σ λ_i d_i; they pay only in boxes that are small beside the ball, or thin.
             longest = max(sides[0], max(sides[1], sides[2]))
             if reach <= _LARGE * best or longest > _THIN * min(sides[0], min(sides[1], sides[2])):
+                # 8a. With the triangles that touch the best ball so far.
                 if polished > 0.0 and _highest_average(table, held, share, x, y, z, sides, enough) <= enough:
                     continue
+                # 8b. With the λ of the linear program over planes above all distances. Where it decides
+                #     nothing, planes of triangles in large flat faces can be lowered, and it is solved again.
                 linearised_triangles(table, first, last, x, y, z, sides[0], sides[1], sides[2])
                 for _ in range(4):
                     most = ball_in_box(
@@ -174,24 +203,29 @@ def _largest_ball(corners, table, m, blocks, diameter, best, heap):
                         break
                 if most <= enough:
                     continue
+                # The plane bound may be loose where the average of the true distances is not.
                 bound = min(bound, min(most, _highest_average(table, some, weight, x, y, z, sides, enough)))
                 if bound <= enough:
                     continue
+                # 9. The maximum of the program is a promising centre: compare with the list, then with all.
                 x1, y1, z1 = x + centre[0], y + centre[1], z + centre[2]
                 if table[nearest_triangle(table, first, last, x1, y1, z1) + VALUES] > best * best:
                     better = _radius_at((corners, table, m, blocks), x1, y1, z1)
                     if better > best:
                         best, at[0], at[1], at[2] = better, x1, y1, z1
+            # 10. Polish a ball that is clearly larger, so that step 8a uses the triangles it touches.
             if best > polished * (1.0 + _ACCURACY):
                 solid = corners, table, m, blocks
                 best = _polished(solid, at, best, own, centre, held, share, inverse, row)
                 polished = best
+            # 11. The box stays open, with its bound, its list and whether all of it is inside.
             box[0, 0], box[0, 1], box[0, 2], box[0, 3] = bound, x, y, z
             box[0, 4], box[0, 5], box[0, 6] = sides[0], sides[1], sides[2]
             box[0, 7], box[0, 8], box[0, 9] = 1.0 if whole else 0.0, first, last
             heap = push(heap, size, box)
             size += 1
             top = max(top, last)
+        # 12. Done once no open box promises a ball that is larger by more than the accuracy.
         if size == 0 or heap[0, 0] <= best * (1.0 + accuracy) + _FINEST * diameter:
             break
         pop(heap, size, box)
@@ -204,9 +238,12 @@ def _largest_ball(corners, table, m, blocks, diameter, best, heap):
 
 @kernel
 def balls(points, first, offsets, faces, face_cells, starts, triangles, centroids, diameters, anywhere):
-    """Radius of the largest ball inside each agglomerate: anywhere, or about the centroid (else 0).
+    """Radius of the largest ball inside each agglomerate: anywhere, or about the centroid.
 
-    Anywhere: in a convex solid of few triangles a linear program tells the radius. Otherwise boxes are
+    Agglomerate ``first + c`` has the faces ``faces[offsets[c]:offsets[c + 1]]``, and face f the ``triangles``
+    numbered ``starts[f]:starts[f + 1]``. About a centroid that is outside the radius is 0.
+
+    Anywhere: in a convex solid of few triangles a linear program gives the radius. Otherwise boxes are
     halved, best bound first, until none exceeds the best radius by 1e-3 of it, and steps of Newton's method
     make each radius found exact where four triangles touch the ball. Where 20,000 boxes do not do, as in
     plates fifty times as wide as thick, the share is doubled, and again after as many more.

@@ -14,7 +14,7 @@ _STRAIGHT = 1e-8  # radians; rounded coordinates turn triangles in one plane by 
 
 @helper
 def _root(joined, t):
-    """The triangle that stands for all that are joined with t."""
+    """The triangle that stands for all that are joined with t (union-find, halving the paths)."""
     while joined[t] != t:
         joined[t] = joined[joined[t]]
         t = joined[t]
@@ -23,7 +23,10 @@ def _root(joined, t):
 
 @helper
 def _normals(points, corners, m, normals):
-    """Write unit normals and areas of triangles."""
+    """Write unit normals and, in the last column, areas of triangles.
+
+    The normal of a triangle without area is 0.
+    """
     for t in range(m):
         a, b, c = corners[t, 0], corners[t, 1], corners[t, 2]
         ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
@@ -41,7 +44,8 @@ def _normals(points, corners, m, normals):
 
 @helper
 def _in_line(normals, s, t):
-    """Whether two triangles lie in one plane, on the same side of the solid."""
+    """Return True if two triangles that share an edge lie in one plane, on the same side of the solid."""
+    # The cross product of unit normals is the sine of the angle between them.
     ax, ay, az = normals[s, 0], normals[s, 1], normals[s, 2]
     bx, by, bz = normals[t, 0], normals[t, 1], normals[t, 2]
     x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
@@ -52,7 +56,8 @@ def _in_line(normals, s, t):
 def face_ratios(points, first, offsets, faces, face_cells, starts, triangles):
     """Area of the smallest over that of the largest flat face of each cell from ``first`` on.
 
-    Triangles that share an edge and lie in one plane are one face.
+    Triangles that share an edge and lie in one plane are one face. Cell ``first + c`` has the faces
+    ``faces[offsets[c]:offsets[c + 1]]``, and face f the ``triangles`` numbered ``starts[f]:starts[f + 1]``.
     """
     n, most = len(offsets) - 1, most_triangles(offsets, faces, starts)
     corners, normals = np.empty((most, 3), np.int64), np.empty((most, 4))
@@ -62,12 +67,15 @@ def face_ratios(points, first, offsets, faces, face_cells, starts, triangles):
     )  # half-edge of the cell at hand, of which a point is the lower end
     ratio = np.empty(n)
     for c in range(n):
+        # 1. The triangles around the cell; each is a face of its own, and no half-edge has been met.
         m = surface(first + c, offsets[c], offsets[c + 1], faces, face_cells, starts, triangles, corners)
         _normals(points, corners, m, normals)
         for t in range(m):
             joined[t], area[t] = t, 0.0
             for k in range(3):
                 latest[corners[t, k]] = -1
+        # 2. Half-edges by their lower end, in lists from ``latest`` on by ``following``; half-edge h is side
+        #    h % 3 of triangle h // 3. Join triangles that share both ends of a side and lie in one plane.
         for t in range(m):
             for side in range(3):
                 a, b = corners[t, side], corners[t, (side + 1) % 3]
@@ -81,6 +89,8 @@ def face_ratios(points, first, offsets, faces, face_cells, starts, triangles):
                         joined[_root(joined, s)] = _root(joined, t)
                     other = following[other]
                 following[h], latest[low] = latest[low], h
+        # 3. Areas of faces, each at the triangle that stands for all its triangles. Others, and faces of
+        #    degenerate triangles alone, have none and do not count.
         for t in range(m):
             area[_root(joined, t)] += normals[t, 3]
         least, largest = np.inf, 0.0

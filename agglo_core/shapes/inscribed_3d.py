@@ -8,6 +8,13 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper
 
+# Table of triangles abc, LANES side by side: ``table`` has one dimension, row k of the triangle at place i is
+# ``table[i + k * LANES]``, and a block of LANES triangles has all its rows before the next block begins. A
+# triangle has a frame: u along the first side ab, f across it within the plane, towards c, and the unit
+# normal n. Rows: 0 to 8 are u, f and n; 9 to 11 the coordinates of a along them; 12 is |b - a|; 13 and 14 are
+# c relative to a along u and f; 15 and 16 are 1 / |c - a|² and 1 / |c - b|², 17 and 18 their square roots; 19
+# is the group of triangles in one plane, -1 if alone; 20 a value (square of a distance, or height of a plane)
+# for all triangles; 21 to 24 a plane, its value at a point and its gradient.
 LANES = 8
 GROUP, VALUES, DISTANCE, SLOPE, BLOCK = 19 * LANES, 20 * LANES, 21 * LANES, 22 * LANES, 25 * LANES
 ROW = tuple(np.uint64(k * LANES) for k in range(25))  # unsigned, as indices of hot loops are
@@ -16,13 +23,15 @@ _SWEEPS = 5  # of Jacobi's method; a third already leaves nothing to see
 
 @helper
 def _turn(moments, axes, p, q):
-    """One rotation of Jacobi's method: the moment of axes p and q becomes 0."""
+    """One rotation of Jacobi's method: the mixed moment of axes p and q becomes 0."""
     if abs(moments[p, q]) <= 1e-300:
         return
+    # tan of the smaller of both angles that do, from t² + 2θt - 1 = 0.
     theta = 0.5 * (moments[q, q] - moments[p, p]) / moments[p, q]
     t = (1.0 if theta >= 0.0 else -1.0) / (abs(theta) + np.sqrt(theta * theta + 1.0))
     cos = 1.0 / np.sqrt(t * t + 1.0)
     sin = t * cos
+    # Rotate columns, then rows of the moments, and rows of the axes.
     for k in range(3):
         one, two = moments[k, p], moments[k, q]
         moments[k, p], moments[k, q] = cos * one - sin * two, sin * one + cos * two
@@ -35,7 +44,11 @@ def _turn(moments, axes, p, q):
 
 @helper
 def _principal_axes(points, corners, m, centre, moments, axes):
-    """Write the principal axes of the corners of triangles about a centre, as rows."""
+    """Write the principal axes of the corners of triangles about a centre, as rows.
+
+    ``moments`` receives the diagonal matrix of the sums of squares along them, each corner counted once for
+    every triangle.
+    """
     for p in range(3):
         for q in range(3):
             moments[p, q], axes[p, q] = 0.0, 1.0 if p == q else 0.0
@@ -53,7 +66,8 @@ def _principal_axes(points, corners, m, centre, moments, axes):
 
 @helper
 def _describe(corners, t, table, i):
-    """Write a triangle with these corners to the place i of the table; False if it has no area."""
+    """Write a triangle with these corners to the place i of the table, unless it has no area (False)."""
+    # 1. The sides ab and ac and the normal, whose length is twice the area.
     ax, ay, az = corners[t, 0], corners[t, 1], corners[t, 2]
     ux, uy, uz = corners[t, 3] - ax, corners[t, 4] - ay, corners[t, 5] - az
     vx, vy, vz = corners[t, 6] - ax, corners[t, 7] - ay, corners[t, 8] - az
@@ -61,6 +75,7 @@ def _describe(corners, t, table, i):
     size, length = np.sqrt(nx * nx + ny * ny + nz * nz), np.sqrt(ux * ux + uy * uy + uz * uz)
     if not size > 0.0:
         return False
+    # 2. The frame of the triangle: u, f = n × u, n; and where a lies in it.
     nx, ny, nz, ux, uy, uz = nx / size, ny / size, nz / size, ux / length, uy / length, uz / length
     fx, fy, fz = ny * uz - nz * uy, nz * ux - nx * uz, nx * uy - ny * ux
     table[i], table[i + LANES], table[i + 2 * LANES] = ux, uy, uz
@@ -69,6 +84,8 @@ def _describe(corners, t, table, i):
     table[i + 9 * LANES] = ux * ax + uy * ay + uz * az
     table[i + 10 * LANES] = fx * ax + fy * ay + fz * az
     table[i + 11 * LANES] = nx * ax + ny * ay + nz * az
+    # 3. The triangle in its own plane, from (0, 0) to (|ab|, 0) and (cx, cy); reciprocal lengths of two
+    #    sides.
     cx, cy = ux * vx + uy * vy + uz * vz, fx * vx + fy * vy + fz * vz
     table[i + 12 * LANES], table[i + 13 * LANES], table[i + 14 * LANES] = length, cx, cy
     table[i + 15 * LANES] = 1.0 / (cx * cx + cy * cy)
@@ -80,13 +97,17 @@ def _describe(corners, t, table, i):
 
 @helper
 def place(at):
-    """Where triangle number ``at`` of a list from the first block on stands."""
+    """Place in the table of triangle number ``at`` of a list that starts with the first block."""
     return at // LANES * BLOCK + at % LANES
 
 
 @helper
 def _group(table, count, tiny):
-    """Write which triangles lie in one plane, on the same side of the solid."""
+    """Write which triangles lie in one plane, on the same side of the solid: the number of the first of them.
+
+    Planes count as one if their distances from the origin differ by at most ``tiny`` and the cosine of the
+    angle between their normals is at least 1 - 1e-14.
+    """
     for t in range(count):
         i = place(t)
         table[i + GROUP] = -1.0
@@ -105,7 +126,7 @@ def _group(table, count, tiny):
 
 @helper
 def fill(table, count):
-    """Fill the last block up with copies of its first triangle; the number of blocks."""
+    """Fill the last block up with copies of its first triangle and return the number of blocks."""
     blocks = (count + LANES - 1) // LANES
     first = place((blocks - 1) * LANES)
     for at in range(count, blocks * LANES):
@@ -124,6 +145,7 @@ def gathered_triangles(points, triangles, m, centre, moments, axes, corners, tab
     """
     if len(table) < (m + LANES) // LANES * BLOCK:
         table = np.empty(2 * (m + LANES) // LANES * BLOCK)
+    # Corners in the frame of the principal axes, so that boxes around flat agglomerates are flat.
     _principal_axes(points, triangles, m, centre, moments, axes)
     count = 0
     for t in range(m):
@@ -133,13 +155,14 @@ def gathered_triangles(points, triangles, m, centre, moments, axes, corners, tab
             for a in range(3):
                 corners[count, 3 * k + a] = axes[a, 0] * x + axes[a, 1] * y + axes[a, 2] * z
         count += _describe(corners, count, table, place(count))
+    # The tolerance of planes is relative to the root mean square of the corners' distances from the centre.
     _group(table, count, 1e-9 * np.sqrt((moments[0, 0] + moments[1, 1] + moments[2, 2]) / (3 * m)))
     return table, count, fill(table, count)
 
 
 @helper(inline=True)
 def _own_place(table, i, x, y, z):
-    """Coordinates of a point in the frame of a triangle."""
+    """Coordinates of a point in the frame of a triangle: along the first side, across it, and the height."""
     s = x * table[i] + y * table[i + ROW[1]] + z * table[i + ROW[2]] - table[i + ROW[9]]
     t = x * table[i + ROW[3]] + y * table[i + ROW[4]] + z * table[i + ROW[5]] - table[i + ROW[10]]
     h = x * table[i + ROW[6]] + y * table[i + ROW[7]] + z * table[i + ROW[8]] - table[i + ROW[11]]
@@ -148,14 +171,17 @@ def _own_place(table, i, x, y, z):
 
 @helper(inline=True)
 def _apart(table, i, s, t):
-    """Vector within the plane from the nearest point of a triangle, 0 inside; least distance from its sides.
+    """Vector within the plane from the nearest point of a triangle, and least distance from its sides.
 
-    The latter is negative outside, and then no distance.
+    Of the point with coordinates (s, t) in the frame of the triangle. The vector is 0 inside; the distance is
+    one from the lines of the sides, negative outside. Without branches, for vector registers.
     """
+    # 1. On the inner side of ab, ac and bc? Cross products over lengths are distances from their lines.
     length, cx, cy = table[i + ROW[12]], table[i + ROW[13]], table[i + ROW[14]]
     p, ex = s - length, cx - length
     two, three = s * cy - t * cx, t * ex - p * cy
     margin = min(t, min(two * table[i + ROW[17]], three * table[i + ROW[18]]))
+    # 2. The shortest of the vectors from the nearest points of ab, of ac and of bc.
     ds, dt = s - min(max(s, 0.0), length), t
     k = min(max((s * cx + t * cy) * table[i + ROW[15]], 0.0), 1.0)
     qs, qt = s - k * cx, t - k * cy
@@ -180,7 +206,10 @@ def distance_to(table, i, x, y, z):
 
 @helper
 def nearest_triangle(table, start, stop, x, y, z):
-    """The triangle nearest to a point; squares of all distances are left in the table."""
+    """The triangle nearest to a point.
+
+    The squares of all distances are left in the table.
+    """
     for block in range(start, stop):
         base = np.uint64(block * BLOCK)
         for lane in range(np.uint64(LANES)):
@@ -193,7 +222,7 @@ def nearest_triangle(table, start, stop, x, y, z):
 
 @helper
 def lowest(table, start, stop):
-    """The triangle with the lowest value."""
+    """The first triangle of the lowest value."""
     best, least = start * BLOCK, np.inf
     for block in range(start, stop):
         for lane in range(LANES):
@@ -205,19 +234,21 @@ def lowest(table, start, stop):
 
 @helper
 def linearised_triangles(table, start, stop, x, y, z, sx, sy, sz):
-    """Leave distances from a point and their gradients in the table; or planes that are above them in a box.
+    """Leave planes above the distances from triangles in the table, valid in a box.
 
-    The box has its centre at the point and these half sides, R is half its diagonal. Let d be the distance
-    at the centre, q the nearest point of a triangle. In the box the distance is at most that from q, which
-    is at most R² / (2d) above its tangent. If q is m inside the triangle, and the plane of that misses the
-    box, all but R - m of a way along the plane costs nothing; if q is in deep enough, the tangent is exact.
-    Where d is small, the distance is at most d + R.
+    The box has its centre at (x, y, z) and half sides sx, sy, sz; R is half its diagonal. Where R is 0 the
+    planes are tangents: distances and their gradients. Let d be the distance at the centre, q the nearest
+    point of a triangle. In the box the distance is at most that from q, which is at most R² / (2d) above its
+    tangent. If q is m inside the triangle, and the plane of that misses the box, all but R - m of a way along
+    the plane costs nothing; if q is in deep enough, the tangent is exact. Where d is small, the distance is
+    at most d + R.
     """
     reach = np.sqrt(sx * sx + sy * sy + sz * sz)
     for block in range(start, stop):
         base = np.uint64(block * BLOCK)
         for lane in range(np.uint64(LANES)):
             i = base + np.uint64(lane)
+            # 1. Distance d from the nearest point q, and its gradient, the unit vector from q.
             s, t, h = _own_place(table, i, x, y, z)
             ds, dt, margin = _apart(table, i, s, t)
             distance = np.sqrt(ds * ds + dt * dt + h * h)
@@ -226,9 +257,13 @@ def linearised_triangles(table, start, stop, x, y, z, sx, sy, sz):
             gx = ds * table[i] + dt * table[i + ROW[3]] + h * table[i + ROW[6]]
             gy = ds * table[i + ROW[1]] + dt * table[i + ROW[4]] + h * table[i + ROW[7]]
             gz = ds * table[i + ROW[2]] + dt * table[i + ROW[5]] + h * table[i + ROW[8]]
+            # 2. The least height of the box over the plane through q across the gradient, and by how much
+            #    points of the box may lie beyond the rim of the triangle, as seen along the gradient.
             over = distance - abs(gx) * sx - abs(gy) * sy - abs(gz) * sz
             beyond = reach - margin if margin >= 0.0 else reach
             beyond = max(beyond, 0.0)
+            # 3. At height h and w beyond, the distance is at most √(h² + w²) ≤ h + w² / (2h). The better of
+            #    this and the bound R² / (2d); a constant plane d + R where neither is of use.
             along = 0.5 * beyond * beyond / max(over, 1e-300) if over >= 0.0 else np.inf
             above = min(0.5 * reach * reach * scale, along)
             steep = above <= 2.0 * reach
@@ -240,16 +275,19 @@ def linearised_triangles(table, start, stop, x, y, z, sx, sy, sz):
 
 @helper
 def flattened(table, blocks, some, weight, x, y, z, sides):
-    """Lower the planes of triangles that are part of a large flat face to the plane of that; whether any.
+    """Lower the planes of triangles that are part of a large flat face, and return True if any was lowered.
 
-    So it is if all that is seen of a box along the normal falls on triangles in that plane: if the face's
-    rim, where triangles of other planes begin, is further from the foot of the centre than any point.
+    The distance from a triangle may be replaced by that from the plane of its face if the box, seen along
+    its normal, lies on the face: if the face's rim, where triangles of other planes begin, is at least R from
+    the foot of the centre (x, y, z), R half the diagonal. Looks at triangles with a positive ``weight`` only.
     """
     changed, reach = False, sides[0] * sides[0] + sides[1] * sides[1] + sides[2] * sides[2]
     for n in range(4):
         i = some[n]
         if weight[n] <= 0.0 or table[i + GROUP] < 0.0:
             continue
+        # 1. The foot of the centre lies in the triangle, the box on one side of the plane, and the plane in
+        #    the table is not that low already.
         s, t, h = _own_place(table, np.uint64(i), x, y, z)
         nx, ny, nz = table[i + 6 * LANES], table[i + 7 * LANES], table[i + 8 * LANES]
         over = abs(h) - abs(nx) * sides[0] - abs(ny) * sides[1] - abs(nz) * sides[2]
@@ -257,6 +295,7 @@ def flattened(table, blocks, some, weight, x, y, z, sides):
         margin = _apart(table, np.uint64(i), s, t)[2]
         if margin < 0.0 or over < -1e-9 * abs(h) or table[i + DISTANCE] <= value:
             continue
+        # 2. All triangles of other planes are at least R from that foot. (``reach`` is R².)
         px, py, pz, free = x - h * nx, y - h * ny, z - h * nz, True
         for block in range(blocks):
             for lane in range(LANES):
@@ -265,6 +304,7 @@ def flattened(table, blocks, some, weight, x, y, z, sides):
                     free &= distance_to(table, j, px, py, pz) ** 2 >= reach
             if not free:
                 break
+        # 3. The height over the plane is the distance of all points of the box from the face.
         if free:
             sign = 1.0 if h >= 0.0 else -1.0
             table[i + DISTANCE], table[i + SLOPE] = value, sign * nx
@@ -276,10 +316,12 @@ def flattened(table, blocks, some, weight, x, y, z, sides):
 @helper
 def _crossing(corners, t, p, q, x, y):
     """+1 or -1 if side pq, as seen along z, crosses the ray from (x, y) to larger x upwards or downwards."""
+    # Half-open: a side crosses if one of its ends is at y or below and the other above.
     up = corners[t, p + 1] <= y
     if up == (corners[t, q + 1] <= y):
         return 0
     low, high = (p, q) if up else (q, p)  # the same for both triangles beside the side
+    # From the lower end: is (x, y) left of the side?
     ux, uy = corners[t, high] - corners[t, low], corners[t, high + 1] - corners[t, low + 1]
     if ux * (y - corners[t, low + 1]) - uy * (x - corners[t, low]) <= 0.0:
         return 0
@@ -288,17 +330,20 @@ def _crossing(corners, t, p, q, x, y):
 
 @helper
 def inside_triangles(corners, table, m, x, y, z):
-    """Whether the ray from a point along z leaves the triangles once more than it enters.
+    """Return True if the ray from a point along z does not enter the solid as often as it leaves it.
 
     Sides count for the two triangles beside them by one and the same sign, so that a ray that meets an edge
     or a corner is no special case; nor are cavities, loose parts and pinched edges.
     """
     total = 0
     for t in range(m):
+        # 1. How often the triangle, seen along z, winds around the point: 0 or ±1, by the way it faces.
         winds = _crossing(corners, t, 0, 3, x, y) + _crossing(corners, t, 3, 6, x, y)
         winds += _crossing(corners, t, 6, 0, x, y)
         if winds == 0:
             continue
+        # 2. It counts if it is above the point; by its plane only where the heights of its corners do not
+        #    tell.
         low = min(corners[t, 2], min(corners[t, 5], corners[t, 8]))
         high = max(corners[t, 2], max(corners[t, 5], corners[t, 8]))
         i = place(t)
@@ -310,9 +355,10 @@ def inside_triangles(corners, table, m, x, y, z):
 
 @helper(allocates=True)
 def shorter_list(table, start, stop, limit, top):
-    """Copy the triangles whose square of the distance is at most ``limit`` to the blocks from ``top`` on.
+    """Copy the triangles at a squared distance of at most ``limit`` to the blocks from ``top`` on.
 
-    Returns the table, longer if it was full, and the range of the copies.
+    Squares are those that :func:`nearest_triangle` has left. Returns the table, longer if it was full, and
+    the range of the copies, in blocks.
     """
     if len(table) < (top + stop - start) * BLOCK:
         grown = np.empty(2 * (top + stop - start) * BLOCK)
@@ -331,14 +377,14 @@ def shorter_list(table, start, stop, limit, top):
     return table, top, fill(table, count)
 
 
-_STEPS = 60  # exchanges; more than fifteen are rare
+_STEPS = 60  # exchanges of a linear program; more than fifteen are rare
 
 
 @helper
 def convex_solid(corners, table, m, blocks, tiny):
-    """Whether all corners are, but for ``tiny``, inside the plane of each triangle.
+    """Return True if all corners are, within ``tiny``, on the inner side of each triangle's plane.
 
-    If so, distances from these planes and their gradients are left in the table.
+    If so, distances of the origin from these planes and their gradients are left in the table.
     """
     for block in range(blocks):
         for lane in range(LANES):
@@ -356,7 +402,10 @@ def convex_solid(corners, table, m, blocks, tiny):
 
 @helper
 def lowest_plane(table, start, stop, px, py, pz):
-    """The triangle whose plane is lowest at p; values of all are left in the table."""
+    """The triangle whose plane is lowest at p.
+
+    The values of all planes are left in the table.
+    """
     for block in range(start, stop):
         base = np.uint64(block * BLOCK)
         for lane in range(np.uint64(LANES)):
@@ -368,7 +417,11 @@ def lowest_plane(table, start, stop, px, py, pz):
 
 @helper
 def _begin(table, first, sides, inverse, centre):
-    """The first triangle and a corner of the box hold with equality: inverse and centre; the radius."""
+    """Start the dual simplex method: the first triangle and a corner of the box hold with equality.
+
+    The corner is that towards the gradient, where the plane of the triangle is highest. Writes the inverse of
+    the four constraints, and the centre, that corner; returns the radius.
+    """
     radius = table[first + DISTANCE]
     for row in range(4):
         for k in range(4):
@@ -385,13 +438,17 @@ def _begin(table, first, sides, inverse, centre):
 
 @helper
 def _share(inverse, row, k):
-    """Product of a constraint with a column of the inverse."""
+    """Product of the row of a constraint with a column of the inverse."""
     return row[0] * inverse[0, k] + row[1] * inverse[1, k] + row[2] * inverse[2, k] + row[3] * inverse[3, k]
 
 
 @helper
 def _exchange(inverse, row):
-    """Let the constraint ``row`` hold in place of one of the four: which one, or -1 if none may go."""
+    """Let the constraint ``row`` replace one of the four in the inverse.
+
+    Returns which one, or -1 if none may go.
+    """
+    # 1. Ratio test: the multipliers, row 3 of the inverse, stay ≥ 0. Shares below 1e-12 count as rounding.
     leaving, ratio, pivot = -1, np.inf, 1.0
     for k in range(4):
         share = _share(inverse, row, k)
@@ -399,6 +456,7 @@ def _exchange(inverse, row):
             leaving, ratio, pivot = k, inverse[3, k] / share, share
     if leaving < 0:
         return leaving
+    # 2. Column operations that make the product of the new row with the inverse a unit row.
     for i in range(4):
         inverse[i, leaving] /= pivot
     for k in range(4):
@@ -411,7 +469,12 @@ def _exchange(inverse, row):
 
 @helper
 def ball_in_box(table, start, stop, first, sides, enough, tiny, centre, some, weight, inverse, row):
-    """Radius; writes the centre relative to that of the box, and up to four triangles and their λ.
+    """Maximise the lowest of the triangles' planes over a box, by the dual simplex method.
+
+    The linear program in (p, r): maximise r with r - g_i · p ≤ d_i for each plane (d_i its value at the
+    centre of the box, g_i its gradient) and |p_k| ≤ sides[k]. Returns r, and writes p, relative to the centre
+    of the box, to ``centre``, up to four triangles and their multipliers λ, whose sum is 1, to ``some`` and
+    ``weight``.
 
     Begins with the ``first`` triangle and a corner of the box; triangles and sides of the box that are
     violated by more than ``tiny`` enter one by one. The radius falls from above, and is enough once it is
@@ -423,6 +486,7 @@ def ball_in_box(table, start, stop, first, sides, enough, tiny, centre, some, we
     for _ in range(_STEPS):
         if radius <= enough:
             break
+        # 1. The constraint violated most, a plane or a side of the box, enters.
         entering = lowest_plane(table, start, stop, centre[0], centre[1], centre[2])
         excess = radius - table[entering + VALUES]
         for k in range(3):
@@ -435,6 +499,7 @@ def ball_in_box(table, start, stop, first, sides, enough, tiny, centre, some, we
                 row[k] = 1.0 if centre[k] > 0.0 else -1.0
         if excess <= tiny:
             break
+        # 2. One of the four leaves, and (p, r) moves along the column of the new one until that holds.
         leaving = _exchange(inverse, row)
         if leaving < 0:
             break
@@ -442,6 +507,7 @@ def ball_in_box(table, start, stop, first, sides, enough, tiny, centre, some, we
         for k in range(3):
             centre[k] -= excess * inverse[k, leaving]
         radius -= excess * inverse[3, leaving]
+    # 3. Triangles that hold with equality and their λ; sides of the box have the weight 0.
     for k in range(4):
         weight[k] = max(inverse[3, k], 0.0) if some[k] >= 0 else 0.0
         some[k] = max(some[k], 0)

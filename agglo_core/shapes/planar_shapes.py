@@ -8,7 +8,7 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-_TIE = 1e-9  # relative difference below which two widths count as equal
+_TIE = 1e-9  # relative difference below which two widths count as equal, well above rounding
 _SHORT = 1e-8  # of the extent: shorter edges are those between points that rounding set apart
 
 
@@ -41,11 +41,16 @@ def _sort(points, vertices, start, stop):
 
 @helper
 def one_hull(points, order, start, stop, hull, top):
-    """Append the hull of ``order[start:stop]``, which it sorts, counter-clockwise; where it ends."""
+    """Append the convex hull of ``order[start:stop]`` to ``hull[:top]``, and return where it ends.
+
+    Sorts that list in place. Andrew's monotone chain: counter-clockwise, without vertices on straight lines.
+    """
     _sort(points, order, start, stop)
     base, last = top, stop - 1
     floor = base + 1  # entries below are final
-    for step in range(2 * (last - start) + 1):  # there along the lower side, back along the upper
+    # There along the lower side, back along the upper: a vertex goes once the path does not turn left at it.
+    # The lower chain is final when the upper one begins.
+    for step in range(2 * (last - start) + 1):
         if step == last - start + 1:
             floor = top
         v = order[start + step] if start + step <= last else order[2 * last - start - step]
@@ -60,7 +65,7 @@ def one_hull(points, order, start, stop, hull, top):
 def convex_hulls(points, offsets, vertices):
     """Areas of the convex hulls, and the hulls as CSR (offsets, vertices), counter-clockwise.
 
-    Andrew's monotone chain; vertices of a cell come in any order and may repeat.
+    Cell c has ``vertices[offsets[c]:offsets[c + 1]]``, which come in any order and may repeat.
     """
     n = len(offsets) - 1
     area = np.zeros(n)
@@ -74,6 +79,7 @@ def convex_hulls(points, offsets, vertices):
         base = top
         top = one_hull(points, order, offsets[c], offsets[c + 1], hull, base)
         hull_offsets[c + 1] = top
+        # The area of a fan of triangles from the first vertex.
         for i in range(base + 1, top - 1):
             area[c] += 0.5 * _turn(points, hull[base], hull[i], hull[i + 1])
     return area, hull_offsets, hull[:top].copy()
@@ -81,7 +87,10 @@ def convex_hulls(points, offsets, vertices):
 
 @helper
 def _furthest(points, hull, start, m, at, ux, uy):
-    """Place, from ``at`` on, of the vertex where the hull stops advancing along (ux, uy)."""
+    """Place, from ``at`` on, of the vertex at which the hull stops advancing along (ux, uy).
+
+    Places count on beyond m, around the hull of the m vertices from ``start`` on.
+    """
     while True:
         p, q = hull[start + at % m], hull[start + (at + 1) % m]
         if ux * (points[q, 0] - points[p, 0]) + uy * (points[q, 1] - points[p, 1]) <= 0.0:
@@ -91,12 +100,19 @@ def _furthest(points, hull, start, m, at, ux, uy):
 
 @helper
 def narrowest(points, hull, start, m):
-    """Width of the narrowest rectangle around a hull, and short over long side (rotating calipers)."""
+    """Width of the narrowest rectangle around a hull, and short over long side (rotating calipers).
+
+    The hull is ``hull[start:start + m]``, counter-clockwise. Among rectangles that are equally narrow, except
+    for rounding, that of the largest ratio counts.
+    """
+    # 1. The extent along x or y, about the first vertex, against which edges may be too short.
     right, far, left = 1, 1, 1
     width, best, reach = np.inf, 0.0, 0.0
     for i in range(m):
         reach = max(reach, abs(points[hull[start + i], 0] - points[hull[start], 0]))
         reach = max(reach, abs(points[hull[start + i], 1] - points[hull[start], 1]))
+    # 2. One side of the rectangle lies on an edge ab. As that turns, the vertices farthest along it, across
+    #    it and against it only move on: all edges together take time O(m).
     for i in range(m):
         a, b = hull[start + i], hull[start + (i + 1) % m]
         ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
@@ -105,6 +121,7 @@ def narrowest(points, hull, start, m):
         right = _furthest(points, hull, start, m, max(right, i + 1), ux, uy)
         far = _furthest(points, hull, start, m, max(far, right), -uy, ux)
         left = _furthest(points, hull, start, m, max(left, far), -ux, -uy)
+        # 3. ``height`` is the width across ab times |ab|, as the extent along ab is in the ratio below.
         p, q = hull[start + left % m], hull[start + right % m]
         height = _turn(points, a, b, hull[start + far % m])
         value = height / (ux * (points[q, 0] - points[p, 0]) + uy * (points[q, 1] - points[p, 1]))
@@ -129,7 +146,12 @@ def box_ratios(points, offsets, hull):
 
 @helper
 def _clip(source, m, target, ax, ay, ux, uy):
-    """Copy the part of convex polygon ``source[:m]`` left of the line through a along u; return its size."""
+    """Copy the part of a convex polygon left of the line through a along u, and return its number of corners.
+
+    The polygon is ``source[:m]``.
+    """
+    # ``before`` and ``here`` are heights over the line at p and the next vertex q, times |u|. A side that
+    # crosses the line contributes the crossing, a vertex not below it itself (Sutherland and Hodgman).
     k = 0
     px, py = source[m - 1, 0], source[m - 1, 1]
     before = ux * (py - ay) - uy * (px - ax)
@@ -149,7 +171,13 @@ def _clip(source, m, target, ax, ay, ux, uy):
 
 @kernel
 def kernel_areas(points, cell_loops, loop_offsets, vertices, hull_offsets, hull):
-    """Area of the kernel of each cell, the points that see all of it; 0 where it has several loops.
+    """Area of the kernel of each cell, the points that see all of it.
+
+    It is 0 where the cell has several loops.
+
+    Cell c has the loops from ``cell_loops[c]`` to ``cell_loops[c + 1]``, counter-clockwise, with vertices
+    ``vertices[loop_offsets[loop]:loop_offsets[loop + 1]]``, and the convex hull
+    ``hull[hull_offsets[c]:hull_offsets[c + 1]]``.
 
     The kernel lies left of every edge; within the hull, only edges at reflex vertices can cut. For a point
     of the cell that does not see all of it, a reflex vertex blocks the view, and the point lies right of
@@ -164,12 +192,15 @@ def kernel_areas(points, cell_loops, loop_offsets, vertices, hull_offsets, hull)
     for c in range(len(area)):
         if cell_loops[c + 1] - cell_loops[c] != 1:
             continue
+        # 1. Begin with the hull, in coordinates relative to a vertex.
         start, stop = loop_offsets[cell_loops[c]], loop_offsets[cell_loops[c] + 1]
         x0, y0 = points[vertices[start], 0], points[vertices[start], 1]
         m = hull_offsets[c + 1] - hull_offsets[c]
         for i in range(m):
             v = hull[hull_offsets[c] + i]
             polygon[i, 0], polygon[i, 1] = points[v, 0] - x0, points[v, 1] - y0
+        # 2. Cut off what lies right of an edge ab with a reflex vertex at either end. ``reflex`` is that of
+        #    b, ``was`` that of a. Nothing is left once there are fewer than three corners.
         a, b = vertices[stop - 2], vertices[stop - 1]
         reflex = _turn(points, a, b, vertices[start]) < 0.0
         for i in range(start, stop):
@@ -181,6 +212,7 @@ def kernel_areas(points, cell_loops, loop_offsets, vertices, hull_offsets, hull)
                 polygon, clipped = clipped, polygon
                 if m < 3:
                     break
+        # 3. The area of what is left, by a fan.
         for i in range(1, m - 1):
             area[c] += 0.5 * _turn(polygon, 0, i, i + 1)
     return area

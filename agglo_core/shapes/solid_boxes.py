@@ -10,7 +10,7 @@ from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.shapes.planar_shapes import narrowest, one_hull
 
 _TIE = 1e-9  # relative difference below which two widths count as equal
-_TIES = 64  # directions of equal width that are looked at
+_TIES = 64  # directions of equal width that are looked at; further ones are ignored
 _PARALLEL = 1e-9  # sine of the angle of two edges below which they have no common normal
 
 
@@ -27,12 +27,17 @@ def _width(points, vertices, m, x, y, z):
 
 @helper
 def _note(points, vertices, m, x, y, z, width, ties, count):
-    """Keep a direction if the box is as narrow along it as along any so far: width, number of directions."""
+    """Keep a direction if the hull is as narrow along it as along any so far.
+
+    Returns the least width, and how many directions are kept in ``ties``.
+    """
+    # A narrower one, by more than rounding, makes the list anew; one that is as narrow joins it.
     found = _width(points, vertices, m, x, y, z)
     if found > width * (1.0 + _TIE):
         return width, count
     if found < width * (1.0 - _TIE):
         count = 0
+    # The same direction, or its opposite, may come from several faces and pairs of edges.
     width = min(width, found)
     for k in range(count):
         if abs(x * ties[k, 0] + y * ties[k, 1] + z * ties[k, 2]) > 1.0 - 0.5 * _TIE:
@@ -45,10 +50,12 @@ def _note(points, vertices, m, x, y, z, width, ties, count):
 
 @helper
 def _edges(triangles, neighbours, start, stop, points, edges, normals):
-    """Write the edges that bend: ends, faces beside, counted from ``start``; and cross products of normals.
+    """Write the edges of a hull at which it bends, and normals, and return the number of these edges.
 
-    The normals of the faces and, below them, of each edge the second normal times the first.
+    ``edges (e, 4)``: both ends, and the faces on both sides, counted from ``start``. ``normals``: the unit
+    normals of the faces and, below them, for each edge the cross product of the second and the first normal.
     """
+    # 1. Unit normals of the faces.
     for t in range(start, stop):
         a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
         ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
@@ -56,6 +63,8 @@ def _edges(triangles, neighbours, start, stop, points, edges, normals):
         x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
         scale = 1.0 / max(np.sqrt(x * x + y * y + z * z), 1e-300)
         normals[t - start, 0], normals[t - start, 1], normals[t - start, 2] = x * scale, y * scale, z * scale
+    # 2. Each edge once, from the face of the lower number. It is overwritten by the next one if its faces are
+    #    in one plane.
     count, crosses = 0, stop - start
     for t in range(start, stop):
         for side in range(3):
@@ -82,10 +91,13 @@ def _dot(a, i, b, j):
 
 @helper
 def _facing(normals, edges, faces, e, f):
-    """Whether two parallel planes, one on edge e and one on edge f, have the hull between them.
+    """Return True if two parallel planes, one on edge e and one on edge f, have the hull between them.
 
-    They do if the arc of normals from face to face of e crosses the arc opposite to that of f.
+    They do if the arc of normals from face to face of e, on the sphere, crosses the opposite of that of f.
     """
+    # The ends of the opposite arc are on different sides of the great circle of e, those of the arc of e on
+    # different sides of the great circle of f, and the arcs cross, not one of them and the far side of the
+    # other.
     a, b, c, d = edges[e, 2], edges[e, 3], edges[f, 2], edges[f, 3]
     one, two = -_dot(normals, c, normals, faces + e), -_dot(normals, d, normals, faces + e)
     if one * two >= 0.0:
@@ -96,15 +108,19 @@ def _facing(normals, edges, faces, e, f):
 
 @helper
 def _narrowest(points, edges, count, faces, normals, vertices, m, ties):
-    """Width of the hull, and in how many directions it is that narrow; these are in ``ties``.
+    """Width of the hull, and the number of directions in which it is that narrow.
 
-    Of two parallel planes with the hull between them as close as can be, one lies on a face, or each on an
-    edge (Houle and Toussaint 1988).
+    These are left in ``ties``. Of two parallel planes with the hull between them as close as can be, one lies
+    on a face, or each on an edge (Houle and Toussaint 1988). ``faces`` is the number of faces, ``count`` that
+    of the edges.
     """
+    # 1. Directions of the normals of all faces.
     width, found = np.inf, 0
     for t in range(faces):
         x, y, z = normals[t, 0], normals[t, 1], normals[t, 2]
         width, found = _note(points, vertices, m, x, y, z, width, ties, found)
+    # 2. Common normals of all pairs of edges that support the hull on both sides. Only where the lines of
+    #    both edges are no farther apart than the least width is the hull measured along their normal.
     for e in range(count):
         a, b = edges[e, 0], edges[e, 1]
         ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
@@ -127,6 +143,8 @@ def _narrowest(points, edges, count, faces, normals, vertices, m, ties):
 @helper
 def _flattened(points, vertices, m, x, y, z, flat, order):
     """Write the vertices as seen along a unit vector, in coordinates relative to the first of them."""
+    # An orthonormal basis u, v of the plane: u is across the given vector and the x or y axis, whichever is
+    # farther from it.
     if abs(x) < abs(y):
         ux, uy, uz = 0.0, z, -y
     else:
@@ -160,6 +178,7 @@ def solid_box_ratios(points, offsets, triangles, neighbours):
     )
     flat, ties, ratio = np.empty((most + 2, 2)), np.empty((_TIES, 3)), np.zeros(n)
     for c in range(n):
+        # 1. The distinct vertices of the hull; ``stamp`` holds the last cell that met a point.
         m, faces = 0, offsets[c + 1] - offsets[c]
         for t in range(offsets[c], offsets[c + 1]):
             for k in range(3):
@@ -167,8 +186,11 @@ def solid_box_ratios(points, offsets, triangles, neighbours):
                 if stamp[v] != c:
                     stamp[v], vertices[m] = c, v
                     m += 1
+        # 2. The width of the hull and all directions in which it is that narrow.
         count = _edges(triangles, neighbours, offsets[c], offsets[c + 1], points, edges, normals)
         width, found = _narrowest(points, edges, count, faces, normals, vertices, m, ties)
+        # 3. For each of them, the narrowest rectangle around what is seen along it: ``narrow`` by narrow /
+        #    value. The width is the shortest side of the box, narrow / value the longest.
         for k in range(found):
             _flattened(points, vertices, m, ties[k, 0], ties[k, 1], ties[k, 2], flat, order)
             corners = one_hull(flat, order, 0, m, hull, 0)

@@ -8,6 +8,7 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
+# A larger value leaves more points out of the hull, a smaller one lets rounding make faces.
 _TINY = 1e-12  # of the extent: points that are no further outside a plane are on it
 
 
@@ -36,7 +37,7 @@ def _set_face(f, a, b, c, points, corners, planes, head):
 def _farthest(points, m, a, ux, uy, uz, across):
     """The point farthest from a along the unit vector u, in either direction, or (``across``) from that line.
 
-    And the square of its distance.
+    Returns the square of its distance, and the point. With u = 0 and ``across`` it is the distance from a.
     """
     best, found = -1.0, 0
     for p in range(m):
@@ -50,7 +51,11 @@ def _farthest(points, m, a, ux, uy, uz, across):
 
 @helper
 def _first_four(points, m, corners, planes, beside, head):
-    """A tetrahedron of points far from each other as the first four faces; False if all are in a plane."""
+    """Write a tetrahedron of points far from each other as the first four faces.
+
+    Returns False if all points are in one plane.
+    """
+    # 1. a far from the first point, b from a, c from the line ab, d from the plane abc.
     a = _farthest(points, m, 0, 0.0, 0.0, 0.0, True)[1]
     square, b = _farthest(points, m, a, 0.0, 0.0, 0.0, True)
     scale = 1.0 / max(np.sqrt(square), 1e-300)
@@ -60,6 +65,8 @@ def _first_four(points, m, corners, planes, beside, head):
     height, d = _farthest(points, m, a, planes[0, 0], planes[0, 1], planes[0, 2], False)
     if not height > square * _TINY * _TINY:
         return False
+    # 2. Turn abc so that d is below it; then all four faces look outwards. ``beside[f, k]`` is the face
+    #    across the side from corner k to corner k + 1.
     if _height(planes, 0, points, d) > 0.0:
         b, c = c, b
         _set_face(0, a, b, c, points, corners, planes, head)
@@ -75,7 +82,10 @@ def _first_four(points, m, corners, planes, beside, head):
 
 @helper
 def _hand_on(p, first, last, order, tiny, points, planes, head, following):
-    """Put point p on the list of the first of some faces that it is outside of; inside all it is dropped."""
+    """Put point p on the list of the first of the faces ``order[first:last]`` that it is outside of.
+
+    A point inside all of them is in the hull, and on no list.
+    """
     for k in range(first, last):
         f = order[k]
         if _height(planes, f, points, p) > tiny:
@@ -85,25 +95,31 @@ def _hand_on(p, first, last, order, tiny, points, planes, head, following):
 
 @helper
 def _grow(f, tiny, points, corners, planes, beside, head, following, state, order, free, start):
-    """Join the farthest of the points outside face f to the hull; the number of free rows that are left.
+    """Join the farthest of the points outside face f to the hull.
 
-    ``state[r]``: 0 a face, 1 one that the point sees, -1 a free row; ``state[-1]`` counts free rows.
+    ``state[r]``: 0 a face, 1 one that the point sees, -1 a free row; its last entry counts the free rows, a
+    stack in ``free``. Lists of points begin with ``head`` of a face and go on with ``following`` of a point.
+    Writes to ``order`` the faces that the point saw, then the new ones, and returns how many both are; -1
+    if there are not enough rows.
     """
+    # 1. The farthest point p outside f.
     p, best, q = head[f], -1.0, head[f]
     while q >= 0:
         height = _height(planes, f, points, q)
         if height > best:
             best, p = height, q
         q = following[q]
+    # 2. All faces that p is outside of, from neighbour to neighbour: those that it sees.
     seen, k = 1, 0
     order[0], state[f] = f, 1
-    while k < seen:  # all faces that p is outside of, from neighbour to neighbour
+    while k < seen:
         for side in range(3):
             g = beside[order[k], side]
             if state[g] == 0 and _height(planes, g, points, p) > tiny:
                 state[g], order[seen] = 1, g
                 seen += 1
         k += 1
+    # 3. The horizon: edges between a face that p sees and one that it does not. Each needs a row.
     made, left = seen, state[len(state) - 1]
     edges = 0
     for k in range(seen):
@@ -111,7 +127,9 @@ def _grow(f, tiny, points, corners, planes, beside, head, following, state, orde
             edges += state[beside[order[k], side]] == 0
     if edges > left:
         return -1
-    for k in range(seen):  # a new face on each edge of the horizon
+    # 4. A new face from each edge of the horizon to p. It takes the place of the old face beside the face g
+    #    across that edge, and is noted in ``start`` at the corner where the edge begins.
+    for k in range(seen):
         for side in range(3):
             g = beside[order[k], side]
             if state[g] == 1:
@@ -126,9 +144,11 @@ def _grow(f, tiny, points, corners, planes, beside, head, following, state, orde
                     beside[g, other] = new
             order[made] = new
             made += 1
+    # 5. New faces beside one another: the horizon is one loop, so one of them begins where another ends.
     for k in range(seen, made):
         new, after = order[k], start[corners[order[k], 1]]
         beside[new, 1], beside[after, 2] = after, new
+    # 6. Points outside the old faces go to new ones, or are inside the hull; rows of old faces become free.
     for k in range(seen):
         old = order[k]
         q = head[old]
@@ -145,12 +165,18 @@ def _grow(f, tiny, points, corners, planes, beside, head, following, state, orde
 
 @helper
 def _hull(m, points, corners, planes, beside, head, following, state, order, free, start):
-    """Hull of ``points[:m]``: faces are the rows below the number returned whose ``state`` is 0."""
+    """Hull of ``points[:m]``: its faces are the rows below the number returned whose ``state`` is 0.
+
+    Returns 0 if all points are in one plane, -1 if rounding led to more faces than there is room for.
+    """
+    # 1. All rows are free, the lowest on top of the stack; the first tetrahedron takes four.
     rows = 6 * m + 8
     for r in range(rows):
         state[r], free[r] = -1, rows - 1 - r
     if not _first_four(points, m, corners, planes, beside, head):
         return 0
+    # 2. Each point goes to a face that it is outside of. Coordinates are relative to one of the points, so
+    #    the largest of them measures the extent.
     extent = 0.0
     for p in range(m):
         for k in range(3):
@@ -161,6 +187,8 @@ def _hull(m, points, corners, planes, beside, head, following, state, order, fre
     state[len(state) - 1], used = rows - 4, 4
     for p in range(m):
         _hand_on(p, 0, 4, order, tiny, points, planes, head, following)
+    # 3. Grow the hull while there is a point outside a face. New faces may take rows that this pass has left
+    #    behind: hence the passes.
     again = True
     while again:
         again = False
@@ -181,11 +209,20 @@ def _hull(m, points, corners, planes, beside, head, following, state, order, fre
 
 @kernel
 def solid_hulls(points, offsets, vertices):
-    """Volumes of the convex hulls; where the faces of each begin; triangles; and neighbours ``(n, 3)``.
+    """Convex hulls of cells by Quickhull (Barber, Dobkin and Huhdanpaa 1996).
 
-    Triangles turn counter-clockwise as seen from outside; neighbour k, a row of the same array, has corners
-    k and k + 1 as well. Quickhull (Barber, Dobkin and Huhdanpaa 1996). The volume is 0 if all vertices are
-    in one plane, and -1 if rounding led to a surface that is none.
+    Cell c has the distinct vertices ``vertices[offsets[c]:offsets[c + 1]]``.
+
+    Returns
+    -------
+    volume : (n,) float
+        0 if all vertices are in one plane, and -1 if rounding led to a surface that is none.
+    ends : (n + 1,) int
+        The hull of cell c has the triangles ``ends[c]:ends[c + 1]``.
+    triangles : (t, 3) int
+        Vertices, counter-clockwise as seen from outside.
+    neighbours : (t, 3) int
+        Neighbour k, a row of the same array, has corners k and k + 1 of the triangle as well.
     """
     n, most = len(offsets) - 1, np.int64(4)
     for c in range(n):
@@ -204,11 +241,14 @@ def solid_hulls(points, offsets, vertices):
     triangles, neighbours = np.empty((room, 3), np.int32), np.empty((room, 3), np.int32)
     top = np.int64(0)
     for c in range(n):
+        # 1. The hull of the vertices, relative to the first of them so that cells far out lose no digits.
         first, m = offsets[c], offsets[c + 1] - offsets[c]
         for i in range(m):
             for k in range(3):
                 near[i, k] = points[vertices[first + i], k] - points[vertices[first], k]
         used = _hull(m, near, corners, planes, beside, head, following, state, order, free, start)
+        # 2. Number its faces in the arrays returned. A closed surface of triangles on m points has at most
+        #    2m - 4 of them; more are not a hull.
         faces = 0
         for f in range(used):
             if state[f] == 0:
@@ -216,6 +256,7 @@ def solid_hulls(points, offsets, vertices):
                 faces += 1
         if used < 0 or faces > 2 * m - 4:
             volume[c], faces, used = -1.0, 0, 0
+        # 3. Add the signed volumes of the tetrahedra from the first vertex to each face, and copy the faces.
         for f in range(used):
             if state[f] != 0:
                 continue

@@ -12,12 +12,15 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-_FLAT = 1e-9  # of the area of a face: triangles with less are degenerate
+_FLAT = 1e-9  # of the area of a face: triangles with less are degenerate, such as those of points in line
 
 
 @helper
 def _area(points, a, b, c, nx, ny, nz):
-    """Twice the area of a triangle as seen along a direction: negative where it turns the other way."""
+    """Twice the area of a triangle as seen along (nx, ny, nz), times the length of that vector.
+
+    Negative where the triangle turns the other way.
+    """
     ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
     vx, vy, vz = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1], points[c, 2] - points[a, 2]
     return nx * (uy * vz - uz * vy) + ny * (uz * vx - ux * vz) + nz * (ux * vy - uy * vx)
@@ -32,9 +35,10 @@ def _square(points, a, b):
 
 @helper
 def _ear(points, ring, m, i, nx, ny, nz, tiny):
-    """How good a triangle corner i of the ring makes with its neighbours; negative if it may not be cut off.
+    """Shape of the triangle that corner i of the ring makes with its neighbours, or -1 if it is no ear.
 
-    The area over the square of the longest side, so that points on straight lines go last.
+    The area over the square of the longest side, so that points on straight lines go last. An ear is a
+    triangle of some area, turning as the face does, that contains no other corner.
     """
     a, b, c = ring[(i + m - 1) % m], ring[i], ring[(i + 1) % m]
     area = _area(points, a, b, c, nx, ny, nz)
@@ -50,8 +54,13 @@ def _ear(points, ring, m, i, nx, ny, nz, tiny):
 
 @helper
 def _cut_ears(points, ring, m, nx, ny, nz, tiny, triangles, top):
-    """Write the triangles of a polygon with notches, or with corners on straight lines; where they end."""
+    """Cut a polygon with notches, or with corners on straight lines, in triangles.
+
+    ``ring[:m]`` are its vertices, changed. Writes triangles from row ``top`` on, and returns where they end.
+    """
     while m > 3:
+        # The ear of the best shape; the first corner if rounding leaves none. Cutting it off leaves a ring of
+        # one corner less.
         best, chosen = -np.inf, 0
         for i in range(m):
             value = _ear(points, ring, m, i, nx, ny, nz, tiny)
@@ -70,10 +79,10 @@ def _cut_ears(points, ring, m, nx, ny, nz, tiny, triangles, top):
 
 @kernel
 def face_triangles(points, offsets, vertices, vectors):
-    """Triangles ``(t, 3)`` of all faces, by their vertices, turning as the faces do, and where each begins.
+    """Triangles ``(t, 3)`` of all faces, by their vertices, turning as the faces do.
 
-    ``vectors`` are the area vectors of the faces. Fans where no triangle of them is degenerate; ears of the
-    best shape first elsewhere.
+    ``vectors (n, 3)`` are the area vectors of the faces. Fans where no triangle of them is degenerate; ears
+    of the best shape first elsewhere. Returns where the triangles of each face begin ``(n + 1,)``, and them.
     """
     n = len(offsets) - 1
     starts, triangles = np.zeros(n + 1, np.int64), np.empty((len(vertices) - 2 * n, 3), np.int32)
@@ -82,12 +91,14 @@ def face_triangles(points, offsets, vertices, vectors):
         longest = max(longest, offsets[f + 1] - offsets[f])
     ring, top = np.empty(longest, np.int64), np.int64(0)
     for f in range(n):
+        # 1. Are all triangles of the fan from the first vertex of some area, turning as the face does?
         first, m = offsets[f], offsets[f + 1] - offsets[f]
         nx, ny, nz = vectors[f, 0], vectors[f, 1], vectors[f, 2]
         tiny = _FLAT * (nx * nx + ny * ny + nz * nz)
         fan = True
         for h in range(first + 1, first + m - 1):
             fan &= m == 3 or _area(points, vertices[first], vertices[h], vertices[h + 1], nx, ny, nz) > tiny
+        # 2. The fan, or ears. A face of m vertices has m - 2 triangles either way.
         if fan:
             for h in range(first + 1, first + m - 1):
                 triangles[top, 0] = vertices[first]
@@ -103,7 +114,11 @@ def face_triangles(points, offsets, vertices, vectors):
 
 @helper
 def surface(cell, start, stop, faces, face_cells, starts, triangles, corners):
-    """Write the corners of the triangles around a cell, counter-clockwise from outside; how many."""
+    """Write the corners of the triangles around a cell, counter-clockwise from outside, and return how many.
+
+    The cell has the faces ``faces[start:stop]``; triangles turn counter-clockwise as seen from outside the
+    owner of their face, and are turned round for the other cell.
+    """
     m = 0
     for h in range(start, stop):
         f = faces[h]
@@ -118,7 +133,7 @@ def surface(cell, start, stop, faces, face_cells, starts, triangles, corners):
 
 @helper
 def most_triangles(offsets, faces, starts):
-    """How many triangles there are around a cell at most."""
+    """Largest number of triangles around a cell."""
     most = np.int64(0)
     for c in range(len(offsets) - 1):
         count = np.int64(0)

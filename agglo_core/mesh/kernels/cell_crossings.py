@@ -6,13 +6,13 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-_FEW = 64  # segments among which those beside another are found by looking at each
+_FEW = 64  # segments: cells of fewer have one row, so that each segment is compared with all others
 _FLAT = 1e-12  # of the product of two lengths: what counts as no area
 
 
 @helper
 def _side(points, a, b, c):
-    """On which side of ab the point c lies: 1 left, −1 right, 0 on the line but for rounding."""
+    """Side of ab on which the point c lies: 1 left, −1 right, 0 on the line except for rounding."""
     ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
     vx, vy = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1]
     area = ux * vy - uy * vx
@@ -40,6 +40,7 @@ def _between(points, a, b, c):
 @helper
 def _meet(points, a, b, c, d):
     """Return True if the segments ab and cd have more in common than an end of both."""
+    # 1. Both ends in common: the same segment. One end in common: more if the other ends lie the same way.
     if (a == c and b == d) or (a == d and b == c):
         return True
     if a == c:
@@ -50,6 +51,7 @@ def _meet(points, a, b, c, d):
         return _same_way(points, b, a, d)
     if b == d:
         return _same_way(points, b, a, c)
+    # 2. No end in common: the ends of each are on different sides of the other, or an end lies on the other.
     sides = _side(points, a, b, c), _side(points, a, b, d), _side(points, c, d, a), _side(points, c, d, b)
     if sides[0] * sides[1] < 0 and sides[2] * sides[3] < 0:
         return True
@@ -63,13 +65,16 @@ def _meet(points, a, b, c, d):
 
 @helper
 def _row(y, low, height, n_rows):
-    """Row of a height, of so many between the lowest and the highest point."""
+    """Row of the height y, of ``n_rows`` between ``low`` and ``low + height``."""
     return min(max(np.int64((y - low) / height * n_rows), 0), n_rows - 1) if height > 0.0 else 0
 
 
 @helper(allocates=True)
 def _in_rows(points, tails, heads, begin, end):
-    """Segments of a cell by rows that they reach into, as CSR; lowest point, and height of all rows."""
+    """Segments of a cell by the rows that they reach into, as CSR, and the lowest point and height of all.
+
+    n segments are in √n rows, or all in one if they are few: about √n in each if they are short.
+    """
     n = end - begin
     n_rows = 1 if n < _FEW else np.int64(np.sqrt(n))
     low, high = np.inf, -np.inf
@@ -77,6 +82,8 @@ def _in_rows(points, tails, heads, begin, end):
         low, high = min(low, points[tails[k], 1]), max(high, points[tails[k], 1])
     starts = np.zeros(n_rows + 1, np.int64)
     members = np.empty(0, np.int64)
+    # Count the segments of each row, then write them from the end of the row backwards: ``starts[row]`` is
+    # where the row ends at first, where it begins in the end.
     for filling in range(2):
         for k in range(begin, end):
             a, b = points[tails[k], 1], points[heads[k], 1]
@@ -96,9 +103,10 @@ def _in_rows(points, tails, heads, begin, end):
 
 @helper
 def _winding(points, tails, heads, members, begin, end, own):
-    """Count how often the boundary winds around the points just left of its segment ``own``.
+    """Count how often the boundary winds around the points just left of the middle of its segment ``own``.
 
-    Those that a ray to the right may cross are ``members[begin:end]``.
+    Crossings of a ray to the right, +1 upwards and −1 downwards; the segments that it may cross are
+    ``members[begin:end]``.
     """
     a, b = tails[own], heads[own]
     x, y = 0.5 * (points[a, 0] + points[b, 0]), 0.5 * (points[a, 1] + points[b, 1])
@@ -110,10 +118,14 @@ def _winding(points, tails, heads, members, begin, end, own):
             continue
         px, py = points[tails[k], 0], points[tails[k], 1]
         qx, qy = points[heads[k], 0], points[heads[k], 1]
-        if rise == 0.0 and below:  # what is left of the segment lies below it
+        # The ray runs just above the middle, so that ends at its height count as below; or just below it
+        # where the segment goes to the left, with what is on its left below.
+        if rise == 0.0 and below:
             low, high = py < y, qy < y
         else:
             low, high = py <= y, qy <= y
+        # The segment crosses the ray if the middle lies on its left, going upwards, or right, going
+        # downwards.
         if low != high:
             area = (qx - px) * (y - py) - (qy - py) * (x - px)
             if low and area > 0.0:
@@ -138,10 +150,13 @@ def _turned(points, tails, heads, begin, end):
 def mark_crossings(points, offsets, tails, heads, chains, cells, bad):
     """Mark the chains of segments that meet others of their cell, or all of a cell turned inside out.
 
-    Cell c has the segments from ``offsets[c]`` to ``offsets[c + 1]``, by ascending smallest x.
+    Cell c has the segments from ``offsets[c]`` to ``offsets[c + 1]``, by ascending smallest x, each from a
+    point ``tails`` to a point ``heads`` with the cell on its left, and part of one of the ``chains``. Looks
+    at ``cells`` alone; ``bad`` is the mask of chains.
     """
     for c in cells:
         begin, end = offsets[c], offsets[c + 1]
+        # 1. Pairs of segments whose boxes meet: the sweep along x ends at the right end of segment i.
         crossed = False
         for i in range(begin, end):
             a, b = tails[i], heads[i]
@@ -157,6 +172,7 @@ def mark_crossings(points, offsets, tails, heads, chains, cells, bad):
                     bad[chains[i]] = True
                     bad[chains[j]] = True
                     crossed = True
+        # 2. Loops that meet nowhere may still turn the wrong way, or not enclose one another as they should.
         if not crossed and _turned(points, tails, heads, begin, end):
             for k in range(begin, end):
                 bad[chains[k]] = True

@@ -26,7 +26,8 @@ def _other_end(ends, e, v):
 
 @helper
 def _sharpest(points, ends, at, e, v):
-    """Vertex of a closed chain at which it turns most; the chain leaves v by edge e."""
+    """Vertex at which a closed chain, which leaves v by edge e, turns most."""
+    # ``at[w]`` are both edges at w: the one that is not e leads on.
     first, best, least = e, v, 2.0
     while True:
         w = _other_end(ends, e, v)
@@ -41,7 +42,11 @@ def _sharpest(points, ends, at, e, v):
 
 @helper
 def _walk(ends, at, joint, e, v, used, edges, vertices, n_edges, n_chains):
-    """Write a chain that begins at v with edge e; returns the number of edges written so far."""
+    """Write a chain that begins at v with edge e, and return the number of edges written so far.
+
+    A chain has one vertex more than edges, so that vertices are ``n_chains`` ahead. It ends at a vertex that
+    is no joint, or back at its first edge.
+    """
     while True:
         used[e] = True
         edges[n_edges], vertices[n_edges + n_chains] = e, v
@@ -58,6 +63,7 @@ def _walk(ends, at, joint, e, v, used, edges, vertices, n_edges, n_chains):
 def walk_chains(points, ends, joint, at):
     """Chains of edges ``ends (E, 2)`` that go on at the vertices ``joint``, whose two edges are ``at``.
 
+    ``joint (n_points,)`` is a mask, ``at`` has a row for each point.
     Chain c has ``edges[offsets[c]:offsets[c + 1]]`` and one vertex more; a closed one begins and ends where
     it turns most. Returns offsets, edges and vertices, those of chain c from ``offsets[c] + c`` on.
     """
@@ -66,11 +72,14 @@ def walk_chains(points, ends, joint, at):
     edges, vertices = np.empty(n, np.int64), np.empty(2 * n, np.int64)
     offsets = np.zeros(n + 1, np.int64)
     n_edges, n_chains = 0, 0
+    # Open chains first, from edges with an end that is no joint; what is left are closed ones.
     for closed in range(2):
         for e in range(n):
             first, second = ends[e, 0], ends[e, 1]
             if used[e] or (closed == 0 and joint[first] and joint[second]):
                 continue
+            # An open chain begins at an end that is no joint, a closed one where it turns most: that vertex
+            # is kept when chains are thinned.
             v = second if joint[first] and not joint[second] else first
             if closed == 1:
                 v = _sharpest(points, ends, at, e, first)
@@ -83,7 +92,7 @@ def walk_chains(points, ends, joint, at):
 
 @helper
 def _distance(points, p, a, b):
-    """Distance, squared, of p from the segment ab."""
+    """Squared distance of p from the segment ab, in any dimension."""
     length, along = 0.0, 0.0
     for k in range(points.shape[1]):
         u = points[b, k] - points[a, k]
@@ -110,7 +119,11 @@ def _farthest(points, vertices, i, j):
 
 @helper
 def _split(points, vertices, i, j, limit, keep, stack):
-    """Keep what Douglas and Peucker keep between the vertices at i and j."""
+    """Keep vertices between the places i and j by the rule of Douglas and Peucker.
+
+    The vertex farthest from the segment between both ends is kept if the square of its distance exceeds
+    ``limit``, and both halves are looked at in turn; ``stack`` holds those still to come.
+    """
     stack[0, 0], stack[0, 1], size = i, j, 1
     while size > 0:
         size -= 1
@@ -125,7 +138,9 @@ def _split(points, vertices, i, j, limit, keep, stack):
 
 @helper
 def _sweep(points, vertices, i, j, limit, keep):
-    """Leave out those kept between i and j that need not be, as on straight runs that were met midway."""
+    """Leave out vertices kept between i and j that need not be, as on straight runs that were met midway."""
+    # ``own`` is kept for now, between the last one that stays, ``before``, and the next one kept, k: it goes
+    # if the segment from ``before`` to k passes all between within the limit.
     before, own = i, -1
     for k in range(i + 1, j + 1):
         if keep[k]:
@@ -139,7 +154,7 @@ def _sweep(points, vertices, i, j, limit, keep):
 
 @helper
 def _without(points, vertices, i, j, own, limit, keep):
-    """Leave out one vertex of a closed chain if it need not be kept, and three are left."""
+    """Leave out the vertex at ``own`` of a closed chain if it need not be kept, and three are left."""
     before, after, count = own - 1, own + 1, 0
     while not keep[before]:
         before -= 1
@@ -156,7 +171,8 @@ def thinned(points, offsets, vertices, limits, chains, keep):
     """Mark in ``keep`` the vertices that chains need to stay within ``limits`` of all their vertices.
 
     The vertices of chain c are those from ``offsets[c] + c`` to ``offsets[c + 1] + c``. A closed one keeps
-    three at least.
+    three at least. ``limits (n,)`` are lengths, one for each chain; ``keep`` is written for ``chains`` alone,
+    and has an entry for each place in ``vertices``.
     """
     longest = 0
     for c in chains:
@@ -164,6 +180,7 @@ def thinned(points, offsets, vertices, limits, chains, keep):
     stack = np.empty((longest + 2, 2), np.int64)
     for c in chains:
         i, j, limit = offsets[c] + c, offsets[c + 1] + c, limits[c] * limits[c]
+        # 1. Both ends stay. All of an open chain is between them.
         for k in range(i, j + 1):
             keep[k] = False
         keep[i], keep[j] = True, True
@@ -175,6 +192,8 @@ def thinned(points, offsets, vertices, limits, chains, keep):
             for k in range(i, j):
                 keep[k] = True
             continue
+        # 2. A closed chain: three corners, the vertex farthest from its first, and that farthest from the
+        #    segments to it and back. The three pieces between them are like open chains.
         middle = _farthest(points, vertices, i, j)[0]
         a, first = _farthest(points, vertices, i, middle)
         b, second = _farthest(points, vertices, middle, j)
@@ -184,4 +203,5 @@ def thinned(points, offsets, vertices, limits, chains, keep):
         for start, stop in ((i, low), (low, high), (high, j)):
             _split(points, vertices, start, stop, limit, keep, stack)
             _sweep(points, vertices, start, stop, limit, keep)
+        # 3. The third corner was kept in any case, so that the loop does not collapse: it may not be needed.
         _without(points, vertices, i, j, third, limit, keep)

@@ -21,11 +21,16 @@ def _half_cross(points, a, b, c, out):
 
 @kernel
 def loop_moments(points, offsets, vertices):
-    """Area vectors and centroids of loops ``(n, 3)``, by fans of triangles; a line is at its first point."""
+    """Area vectors and centroids of loops ``(n, 3)``, by fans of triangles from their first points.
+
+    Loop f has ``vertices[offsets[f]:offsets[f + 1]]``. The area vector is the area times the normal; one
+    without area has its first point for a centroid.
+    """
     n = len(offsets) - 1
     total, centre = np.zeros((n, 3)), np.zeros((n, 3))
     part, unit = np.empty(3), np.empty(3)
     for f in range(n):
+        # 1. The area vector is the sum of those of the triangles.
         a = vertices[offsets[f]]
         for h in range(offsets[f] + 1, offsets[f + 1] - 1):
             _half_cross(points, a, vertices[h], vertices[h + 1], part)
@@ -36,6 +41,8 @@ def loop_moments(points, offsets, vertices):
             for k in range(3):
                 centre[f, k] = points[a, k]
             continue
+        # 2. The centroid: the mean of those of the triangles, weighted by areas as seen along the normal, so
+        #    that triangles of loops with notches that turn the other way count negatively.
         for k in range(3):
             unit[k] = total[f, k] / size
         for h in range(offsets[f] + 1, offsets[f + 1] - 1):

@@ -1,4 +1,4 @@
-"""From cell loops to faces, and from faces to cells: the topology kernels of a 2-D mesh."""
+"""Topology kernels of a 2-D mesh: from cell loops to faces, and from faces to cells."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-FEW = 24  # edges among which the next one is found by looking at each
+FEW = 24  # edges of a cell up to which the next one is found by looking at each, in quadratic time
 
 
 @kernel
@@ -30,6 +30,8 @@ def match_half_edges(offsets, vertices, n_points):
             a = vertices[h]
             b = vertices[h + 1] if h + 1 < stop else vertices[start]
             low, high = min(a, b), max(a, b)
+            # 1. Faces on the same two vertices, in the list of the lower one: ``partner`` was traversed the
+            #    other way, ``rival`` the same way. A third cell is an error.
             f, partner, rival = head[low], -1, -1
             while f >= 0:
                 if max(face_vertices[f, 0], face_vertices[f, 1]) == high:
@@ -42,6 +44,7 @@ def match_half_edges(offsets, vertices, n_points):
                     else:
                         rival = f
                 f = link[f]
+            # 2. The cell is the second one of a face, or gets a new face; cells that overlap get one each.
             if partner >= 0:
                 face_cells[partner, 1] = c
                 continue
@@ -53,6 +56,7 @@ def match_half_edges(offsets, vertices, n_points):
             link[n_faces] = head[low]
             head[low] = n_faces
             n_faces += 1
+    # 3. Drop bridges, which have the same cell on both sides.
     kept = 0
     for f in range(n_faces):
         if face_cells[f, 0] != face_cells[f, 1]:
@@ -70,7 +74,7 @@ def match_half_edges(offsets, vertices, n_points):
 
 @kernel
 def cell_faces(face_cells, first, places, faces):
-    """Write the numbers of faces ``first``, ... to their cells; where ``faces`` is empty, count them only.
+    """Write the numbers of faces ``first``, ... to their cells, or only count them if ``faces`` is empty.
 
     The next one of cell c is written to ``faces[places[c]]``, and ``places[c]`` is counted up.
     """
@@ -86,12 +90,17 @@ def cell_faces(face_cells, first, places, faces):
 
 @helper
 def _next_edge(points, start, end, first, other, used, h, seed):
-    """Edge that goes on from edge h: the leftmost one, so that the same corner of the cell is followed."""
+    """Edge that goes on from edge h: the leftmost one, so that the same corner of the cell is followed.
+
+    Where several start at the end of h, one that is not used, or the ``seed``, which closes the loop.
+    """
+    # At most vertices one edge starts; the caller sees whether it is used.
     g = first[end[h]]
     if g < 0 or other[g] < 0:
         return g
     ux, uy = points[end[h], 0] - points[start[h], 0], points[end[h], 1] - points[start[h], 1]
     best, best_angle = -1, -10.0
+    # Angle of the turn from h to g, from -π to π, positive to the left.
     while g >= 0:
         if not used[g] or g == seed:
             vx, vy = points[end[g], 0] - points[start[g], 0], points[end[g], 1] - points[start[g], 1]
@@ -104,7 +113,7 @@ def _next_edge(points, start, end, first, other, used, h, seed):
 
 @helper
 def _around(start, end, size, walk):
-    """Return True if the edges are one loop that meets no vertex twice; ``walk`` gets its vertices."""
+    """Return True if the edges are one loop that meets no vertex twice, and write its vertices."""
     h = 0
     for k in range(size):
         walk[k] = start[h]
@@ -118,10 +127,11 @@ def _around(start, end, size, walk):
 
 @kernel
 def chain_loops(points, offsets, faces, face_vertices, face_cells, first_cell, loops):
-    """Closed loops of the cells ``first_cell``, ..., each on the left; no loop meets a vertex twice.
+    """Closed loops of the cells ``first_cell``, ..., each on the left.
 
-    Cell ``first_cell + c`` has ``faces[offsets[c]:offsets[c + 1]]``. Writes vertices to ``loops``, which has
-    room for one of each face; returns loop counts per cell (n + 1,) as offsets, and vertex offsets per loop.
+    No loop meets a vertex twice. Cell ``first_cell + c`` has ``faces[offsets[c]:offsets[c + 1]]``. Writes
+    vertices to ``loops``, which has room for one of each face; returns loop counts per cell (n + 1,) as
+    offsets, and vertex offsets per loop.
     """
     n = len(offsets) - 1
     most = 0
@@ -138,11 +148,13 @@ def chain_loops(points, offsets, faces, face_vertices, face_cells, first_cell, l
     n_loops, filled = 0, 0
     for c in range(n):
         size = offsets[c + 1] - offsets[c]
+        # 1. Edges with the cell on their left: faces of which it is the neighbour are turned round.
         for h in range(size):
             f = faces[offsets[c] + h]
             flip = 0 if face_cells[f, 0] == first_cell + c else 1
             start[h], end[h] = face_vertices[f, flip], face_vertices[f, 1 - flip]
             used[h] = False
+        # 2. Most cells: few edges, which are one simple loop.
         if size <= FEW and _around(start, end, size, walk):
             for k in range(size):
                 loops[filled + k] = walk[k]
@@ -153,17 +165,20 @@ def chain_loops(points, offsets, faces, face_vertices, face_cells, first_cell, l
             continue
         if len(first) == 0:  # most meshes need neither
             first, place = np.empty(len(points), np.int64), np.full(len(points), -1, np.int64)
+        # 3. All others: lists of the edges that start at each vertex.
         for h in range(size):
             first[start[h]] = -1
             first[end[h]] = -1
         for h in range(size):
             other[h] = first[start[h]]
             first[start[h]] = h
+        # 4. Walk from each edge that is left, until it is met again. Wherever the walk returns to a vertex
+        #    that is on it, the part since then is cut off as a loop: none meets a vertex twice.
         for seed in range(size):
             h, length = seed, 0
             while h >= 0 and (not used[h] or (h == seed and length > 0)):
                 v = start[h]
-                if place[v] >= 0:  # what was walked since the last visit is a loop of its own
+                if place[v] >= 0:
                     back = place[v]
                     for k in range(back, length):
                         place[walk[k]] = -1

@@ -1,6 +1,6 @@
 """Half-edges of plane cells paired into faces, where every edge has one cell or two that fit.
 
-``match_half_edges`` says what is wrong elsewhere. Here the half-edges are first moved to buckets of
+``match_half_edges`` finds what is wrong elsewhere. Here the half-edges are first moved to buckets of
 points that fit a cache. The largest arrays are the caller's: see :mod:`agglo_core.mesh.kernels.plane_cells`.
 """
 
@@ -11,7 +11,7 @@ import numpy as np
 from agglo_core.compiled.compiling import kernel
 
 BITS = 11
-"""Points of a bucket, as a power of two."""
+"""Points of a bucket, as a power of two. More of them do not fit a cache, fewer make more buckets."""
 
 
 @kernel
@@ -39,7 +39,8 @@ def pair_half_edges(edges, bounds, first, beyond):
 
     Those of bucket ``first + k`` are ``edges[bounds[k]:bounds[k + 1]]``. Returns the number of pairs, or
     −1 if an edge has more than two cells, two on the same side, or one cell on both sides; what is written
-    is then of no use.
+    is then of no use. Rows of ``edges`` are (lower end, upper end, half-edge, cell), as :func:`to_buckets`
+    writes them.
     """
     most = 0
     for k in range(len(bounds) - 1):
@@ -47,14 +48,18 @@ def pair_half_edges(edges, bounds, first, beyond):
     head, link = np.empty(1 << BITS, np.int32), np.empty(most, np.int32)
     pairs = 0
     for k in range(len(bounds) - 1):
+        # 1. Empty lists, one for each lower end in the bucket.
         start = bounds[k]
         for v in range(len(head)):
             head[v] = -1
         for i in range(start, bounds[k + 1]):
+            # 2. A half-edge before on the same edge: its key is ~key, or key if it has the same direction.
             low, key = edges[i, 0] - ((first + k) << BITS), edges[i, 1]
             j = head[low]
             while j >= 0 and edges[j, 1] != key and edges[j, 1] != ~key:
                 j = link[j - start]
+            # 3. The first half-edge of an edge is outside so far. The second is its pair if it has the other
+            #    direction and another cell. It gets −2, as the first one makes the face; a third is an error.
             if j < 0:
                 beyond[edges[i, 2]] = -1
                 link[i - start] = head[low]
@@ -71,7 +76,8 @@ def pair_half_edges(edges, bounds, first, beyond):
 def number_faces(offsets, vertices, beyond, first, face_vertices, face_cells):
     """Write the vertices and cells of faces of cells ``first``, ..., in the order in which cells meet them.
 
-    Cell ``first + c`` has the half-edges ``offsets[c]:offsets[c + 1]``; there is room for its faces alone.
+    Cell ``first + c`` has the half-edges ``offsets[c]:offsets[c + 1]``, of which those with ``beyond`` of at
+    least −1 are faces; there is room for these alone.
     """
     f, c = 0, 0
     for h in range(offsets[0], offsets[len(offsets) - 1]):

@@ -1,4 +1,4 @@
-"""Plane cells and what they share, in one pass over their half-edges.
+"""Geometry and neighbours of plane cells, in one pass over their half-edges.
 
 The largest arrays are the caller's, made by numpy: it asks the system for huge pages, numba does not, and
 then filling them takes twice as long.
@@ -10,8 +10,8 @@ import numpy as np
 
 from agglo_core.compiled.compiling import kernel
 
-_ROOM = 1024  # half-edges whose points are fetched at once, so that cache misses overlap
-_SHORT = 16  # edges of a cell whose neighbours are compared one by one
+_ROOM = 1024  # half-edges whose points are fetched at once (32 KiB), so that cache misses overlap
+_SHORT = 16  # edges of a cell whose neighbours are compared one by one; more use a table of all cells
 
 
 @kernel
@@ -37,7 +37,9 @@ def half_edges(face_vertices, face_cells, places, edges):
 def _moments(ends, own, start, stop):
     """Area and centroid of a cell by the divergence theorem.
 
-    Coordinates are taken relative to a vertex of the cell, so small cells far out lose no digits.
+    ``ends[start:stop]`` are (tail x, y, head x, y) of its edges, counter-clockwise. Coordinates are taken
+    relative to a vertex of the cell, so small cells far out lose no digits: the tail of the first edge if the
+    cell owns it (``own``), else its head, which is the first vertex of that face.
     """
     side = 0 if own else 2
     x0, y0 = ends[start, side], ends[start, side + 1]
@@ -59,7 +61,8 @@ def plane_cells(
     """Moments, vertices and neighbours of some cells, with half-edges ``edges[offsets[c]:offsets[c + 1]]``.
 
     Writes the area, centroid, exposed length and number of neighbours of each, its vertices, and its
-    neighbours, one cell after the other, parallel faces summed. Returns how many neighbours that are.
+    neighbours with the length shared with each (``indices``, ``interface``), one cell after the other,
+    parallel faces summed. Returns how many neighbours that are. ``edges`` are those of :func:`half_edges`.
     """
     n, start_of_all = len(offsets) - 1, offsets[0]
     most = 0
@@ -69,7 +72,8 @@ def plane_cells(
     slot = np.full(n_cells if most > _SHORT else 0, -1, np.int64)  # where in a long row a neighbour stands
     first, last, m = 0, 0, 0
     for c in range(n):
-        if c == last:  # fetch the next cells
+        # 1. Fetch the ends of the edges of the next cells, as many as fit; ``vertices`` are the tails.
+        if c == last:
             first = last
             while last < n and offsets[last + 1] - offsets[first] <= len(ends):
                 last += 1
@@ -78,8 +82,11 @@ def plane_cells(
                 ends[i, 0], ends[i, 1] = points[tail, 0], points[tail, 1]
                 ends[i, 2], ends[i, 3] = points[head, 0], points[head, 1]
                 vertices[h - start_of_all] = tail
+        # 2. Moments, from the ends at hand.
         start, stop = offsets[c] - offsets[first], offsets[c + 1] - offsets[first]
         area[c], centroid[c, 0], centroid[c, 1] = _moments(ends, edges[offsets[c], 3], start, stop)
+        # 3. Lengths go to the boundary of the domain, or to the neighbour: to its place in the row if it has
+        #    one already. ``slot`` need not be emptied, as places in rows before are below ``row``.
         boundary[c] = 0.0
         row = m
         for i in range(start, stop):

@@ -8,6 +8,7 @@ from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.threads import over_ranges
 
+# Faults: a vertex met twice, no area, edges that cross, an edge that folds back onto the one before.
 OK, REPEATED, ZERO, CROSSED, FOLDED = 0, 1, 2, 3, 4
 _BENT, _BENT_ZERO = 5, 6  # not convex: faults still to be sought; and its area is zero
 
@@ -15,6 +16,7 @@ _BENT, _BENT_ZERO = 5, 6  # not convex: faults still to be sought; and its area 
 @helper
 def _crosses(points, a, b, c, d):
     """Return True if the open segments ab and cd meet, or one passes through an end of the other."""
+    # All relative to a, which is the origin below.
     ax, ay = points[a, 0], points[a, 1]
     bx, by = points[b, 0] - ax, points[b, 1] - ay
     cx, cy = points[c, 0] - ax, points[c, 1] - ay
@@ -24,6 +26,7 @@ def _crosses(points, a, b, c, d):
         return False
     if min(cy, dy) > max(by, 0.0) or max(cy, dy) < min(by, 0.0):
         return False
+    # Sides of ab on which c and d lie, and sides of cd on which a and b lie.
     s1 = bx * cy - by * cx
     s2 = bx * dy - by * dx
     t1 = (dx - cx) * (0.0 - cy) - (dy - cy) * (0.0 - cx)
@@ -38,6 +41,8 @@ def _crosses(points, a, b, c, d):
 @helper
 def _is_convex(points, vertices, start, stop):
     """Return True if all turns go one way and the boundary winds once (so it cannot cross itself)."""
+    # Turns at v, from the edge pv to vw; a straight one may not fold back. In one winding the direction
+    # changes twice between left and right (a vertical edge counts by its own direction).
     sign, previous, flips = 0.0, 0.0, 0
     p, v = vertices[stop - 2], vertices[stop - 1]
     for i in range(start, stop):
@@ -52,7 +57,7 @@ def _is_convex(points, vertices, start, stop):
             return False
         else:
             sign = turn
-        step = vx if vx != 0.0 else vy  # its sign changes twice in one turn around
+        step = vx if vx != 0.0 else vy
         flips += previous * step < 0.0
         previous = step
         p, v = v, w
@@ -63,16 +68,19 @@ def _is_convex(points, vertices, start, stop):
 def _loop_fault(points, loop):
     """Fault of a non-convex loop: a vertex met twice, edges that cross or fold back."""
     m = len(loop)
+    # 1. Vertices met twice.
     for i in range(m):
         for j in range(i + 1, m):
             if loop[i] == loop[j]:
                 return REPEATED
+    # 2. Edges that go back the way the one before came.
     for i in range(m):
         a, b, c = loop[i - 1], loop[i], loop[(i + 1) % m]
         ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
         vx, vy = points[c, 0] - points[b, 0], points[c, 1] - points[b, 1]
         if ux * vy - uy * vx == 0.0 and ux * vx + uy * vy < 0.0:
             return FOLDED
+    # 3. All pairs of edges that share no vertex.
     for i in range(m):
         a, b = loop[i - 1], loop[i]
         for j in range(i + 1, m - 1 if i == 0 else m):  # edges (i-1, i) and (j, j+1)
@@ -84,11 +92,16 @@ def _loop_fault(points, loop):
 
 @kernel
 def plain_faults(points, offsets, vertices, weak):
-    """Signed area and a fault code of each polygon; of those that are not convex only that they are not."""
+    """Signed area and a fault code of each polygon, of those that are not convex only that they are not.
+
+    Polygon c has ``vertices[offsets[c]:offsets[c + 1]]``. If ``weak``, it may touch itself, and convexity is
+    not tested.
+    """
     n = len(offsets) - 1
     area = np.zeros(n)
     fault = np.zeros(n, np.int64)
     for c in range(n):
+        # 1. The area about the first vertex, the farthest squared distance from it, and edges without length.
         start, stop = offsets[c], offsets[c + 1]
         x0, y0 = points[vertices[start], 0], points[vertices[start], 1]
         extent, dx, dy = 0.0, 0.0, 0.0
@@ -100,6 +113,7 @@ def plain_faults(points, offsets, vertices, weak):
             area[c] += 0.5 * (dx * ey - dy * ex)
             extent = max(extent, ex * ex + ey * ey)
             dx, dy = ex, ey
+        # 2. Triangles are convex. An area below 1e-15 of the squared extent is rounding.
         if fault[c] == OK:
             bent = stop - start > 3 and not weak and not _is_convex(points, vertices, start, stop)
             if abs(area[c]) > 1e-15 * extent:

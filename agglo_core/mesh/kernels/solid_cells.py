@@ -1,4 +1,4 @@
-"""Solids from their faces: vertices, closed surfaces, faces that two of them share, turns of elements."""
+"""Kernels for solids given by faces: vertices, closed surfaces, shared faces, turns of elements."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ def _sort(values, start, stop):
 
 @kernel
 def vertices_of_solids(face_offsets, face_vertices, offsets, faces, n_points):
-    """Distinct vertices of each cell, rising, as CSR; cell c has ``faces[offsets[c]:offsets[c + 1]]``."""
+    """Distinct vertices of each cell, ascending, as CSR.
+
+    Cell c has ``faces[offsets[c]:offsets[c + 1]]``.
+    """
     n, room = len(offsets) - 1, 0
     for h in range(len(faces)):
         room += face_offsets[faces[h] + 1] - face_offsets[faces[h]]
@@ -43,19 +46,29 @@ def vertices_of_solids(face_offsets, face_vertices, offsets, faces, n_points):
 
 @kernel
 def surfaces(offsets, vector, centre):
-    """Sum the half-faces of each cell; cell c has those numbered ``offsets[c]:offsets[c + 1]``.
+    """Sum areas, area vectors and fluxes over the half-faces of each cell.
 
-    Returns ``(n, 8)``: area; length of the sum of area vectors; of the flux through each half-face of the
-    position about the mean of their centres the least, the largest and the sum, thrice the volume; that mean.
+    Cell c has those numbered ``offsets[c]:offsets[c + 1]``. ``vector`` and ``centre (h, 3)`` are the area
+    vector a and the centre x of each half-face. With M the mean of the centres of a cell, the flux of x - M
+    through a half-face is a · (x - M).
+
+    Returns
+    -------
+    found : (n, 8) float
+        Area; |Σ a|, 0 where the surface is closed; the least, the largest and the sum of the fluxes, the sum
+        being thrice the volume; M.
     """
     found = np.empty((len(offsets) - 1, 8))
     for c in range(len(found)):
+        # 1. M, the mean of the centres.
         x, y, z, count = 0.0, 0.0, 0.0, offsets[c + 1] - offsets[c]
         for h in range(offsets[c], offsets[c + 1]):
             x += centre[h, 0]
             y += centre[h, 1]
             z += centre[h, 2]
         x, y, z = x / count, y / count, z / count
+        # 2. Sums of areas, of area vectors (u, v, w) and of fluxes. All fluxes have one sign only where all
+        #    faces look away from M, or all towards it.
         area, u, v, w, least, most, total = 0.0, 0.0, 0.0, 0.0, np.inf, -np.inf, 0.0
         for h in range(offsets[c], offsets[c + 1]):
             a, b, d = vector[h, 0], vector[h, 1], vector[h, 2]
@@ -74,9 +87,10 @@ def surfaces(offsets, vector, centre):
 
 @kernel
 def pair_half_faces(offsets, vertices, n_points):
-    """For each loop that first has its vertices the later one that has the same, −1 if none, else −2.
+    """Pair loops that have the same set of vertices: the later one at the first of them, −2 at the later.
 
-    Where three loops have the same vertices the answer is empty. Loops meet no point twice.
+    −1 where no other loop has these vertices. Where three loops have the same vertices the answer is empty.
+    Loops meet no point twice; loop f has ``vertices[offsets[f]:offsets[f + 1]]``.
     """
     n, slots = len(offsets) - 1, 1
     while slots < n:
@@ -84,12 +98,15 @@ def pair_half_faces(offsets, vertices, n_points):
     head, link = np.full(slots, -1, np.int64), np.empty(n, np.int64)
     partner, stamp = np.empty(n, np.int64), np.full(n_points, -1, np.int64)
     for f in range(n):
-        key = np.uint64(0)  # the same in whatever order the vertices come
+        # 1. A hash of the vertices: a sum, which is the same in whatever order they come. Points of loop f
+        #    are stamped with f.
+        key = np.uint64(0)
         for h in range(offsets[f], offsets[f + 1]):
             x = (np.uint64(vertices[h]) + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
             x = (x ^ (x >> np.uint64(29))) * np.uint64(0xBF58476D1CE4E5B9)
             key += x ^ (x >> np.uint64(32))
             stamp[vertices[h]] = f
+        # 2. Among loops before, in the list of that slot, one of as many vertices, all of which are stamped.
         slot = np.int64(key & np.uint64(slots - 1))
         g = head[slot]
         while g >= 0:
@@ -101,6 +118,7 @@ def pair_half_faces(offsets, vertices, n_points):
             if same:
                 break
             g = link[g]
+        # 3. Only the first loop of a pair is in the list; a third one finds it paired.
         if g < 0:
             partner[f], link[f], head[slot] = -1, head[slot], f
         elif partner[g] == -1:
@@ -112,7 +130,7 @@ def pair_half_faces(offsets, vertices, n_points):
 
 @kernel
 def first_turns(first, second, own, places, ranks):
-    """The first turn of each cell that lists its own faces in the order of the element; −1 if none does.
+    """First turn of each cell that lists its own faces in the order of the element, or −1 if none does.
 
     Parameters
     ----------
@@ -128,6 +146,8 @@ def first_turns(first, second, own, places, ranks):
     chosen = np.full(len(first), -1, np.int64)
     for c in range(len(first)):
         for t in range(len(places)):
+            # Ranks of the faces that the cell owns, in the order in which it lists them, have to ascend; a
+            # face that the element does not have has the rank −1, which is never above the highest so far.
             highest, rises = -1, True
             for f in range(first.shape[1]):
                 if own[c, f]:
