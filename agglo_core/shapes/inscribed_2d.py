@@ -224,7 +224,7 @@ def _distance(edges, i, x, y):
 
 @helper
 def convex(edges, m, tiny):
-    """Return True if the ends a of all edges are, within ``tiny``, on the origin's side of each edge's line.
+    """Return True if both ends of all edges are, within ``tiny``, on the origin's side of each edge's line.
 
     If so, distances of the origin from these lines and their gradients are left in the table.
     """
@@ -236,9 +236,11 @@ def convex(edges, m, tiny):
         if distance < 0.0:
             distance, nx, ny = -distance, -nx, -ny
         # The lowest end a in that direction must not be beyond the line.
+        # Edges point either way along the outline, so that a vertex may be the second end of both its edges.
         least = 0.0
         for j in range(m):
             least = min(least, distance + nx * edges[0, j] + ny * edges[1, j])
+            least = min(least, distance + nx * edges[4, j] + ny * edges[5, j])
         if least < -tiny:
             return False
         edges[DISTANCE, i], edges[SLOPE, i], edges[SLOPE + 1, i] = distance, nx, ny

@@ -111,6 +111,18 @@ def test_l_shape_is_exact() -> None:
     assert _measure(CircleRatio(), shape)[0] == pytest.approx(2 * radius / 18**0.5, rel=1e-9)
 
 
+def test_the_circle_of_a_cell_does_not_depend_on_its_neighbours() -> None:
+    """The faces of a cell point as its neighbours of lower number go: here two meet at the inner corner."""
+    dart = np.array([(0.866, -0.066), (-0.352, 0.908), (-0.422, -0.362), (-0.693, -0.884)])
+    middle = dart.mean(axis=0)
+    tips = [(dart[[i, i - 3]].mean(axis=0) - middle) * 1.3 + middle for i in (1, 3)]
+    alone = _measure(CircleRatio(), Mesh.from_polygons(dart, [range(4)]))[0]
+    joined = Mesh.from_polygons(np.vstack((dart, tips)), [[2, 1, 4], [0, 3, 5], [0, 1, 2, 3]])
+    assert _measure(CircleRatio(), joined)[2] == pytest.approx(alone, rel=1e-9)
+    exact = shapely.maximum_inscribed_circle(shapely.Polygon(dart), tolerance=1e-6).length
+    assert alone * pdist(dart).max() / 2 == pytest.approx(exact, rel=1e-4)
+
+
 @pytest.mark.parametrize(("angle", "aspect"), [(0.0, 1000), (0.7, 1000), (0.7, 30), (0.3, 1)])
 def test_convex_cells_have_their_incircles(angle: float, aspect: float) -> None:
     wide = samples.voronoi(40, seed=5)
