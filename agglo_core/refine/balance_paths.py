@@ -97,8 +97,8 @@ def _can_spare(indptr, indices, labels, i, rings, stamp):
 def _shift(graph, weights, parts, home, target, amount, moved, done, work, stamp):
     """Move cells of about this size from ``home`` to ``target``, those first that lie most towards it.
 
-    They are noted in rows of ``moved`` (cell, part that it left) from ``done`` on. Returns where they end,
-    the size that was moved, and the last stamp.
+    They are noted in rows of ``moved`` (cell, part that it left) from ``done`` on, as long as there are rows.
+    Returns where they end, the size that was moved, and the last stamp.
     """
     indptr, indices, centroids = graph
     heap, keys, place, rings, centres = work[4]
@@ -118,7 +118,7 @@ def _shift(graph, weights, parts, home, target, amount, moved, done, work, stamp
         i = parts.after[i]
     # 3. They move until the amount is reached. One cell may exceed it, later ones must not: the first that
     #    would ends the shift. Cells that hold the part together are passed over.
-    while size > 0 and parts.cells[home] > 1:
+    while size > 0 and parts.cells[home] > 1 and done < len(moved):
         cell, size = take_out(heap, keys, place, size)
         i = np.uint64(cell)
         if total > 0.0 and total + weights[i] > amount * (1.0 + 1e-9):

@@ -17,6 +17,7 @@ from agglo_core.errors import OptionError
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.protocols import Target
 from agglo_core.refine.balance import BalanceRefiner
+from agglo_core.refine.balance_paths import even_out
 
 KINDS = {
     "triangles": lambda seed: samples.random_triangles(150, seed=seed).graph,
@@ -169,3 +170,29 @@ def test_components_are_evened_out_each_by_itself() -> None:
 def test_options_are_checked(options: dict[str, Any], message: str) -> None:
     with pytest.raises(OptionError, match=message):
         BalanceRefiner(**options)
+
+
+def test_cells_handed_on_again_and_again_fit_the_list_of_moves() -> None:
+    """Thirty light cells go from part to part on one way, with more moves than there are cells.
+
+    In Python, where a row too many is an error; a compiled kernel would write beyond its array.
+    """
+    light = range(1, 31)
+    pairs = (
+        [(0, i) for i in light] + [(i, 31) for i in light] + [(i, 32) for i in light] + [(31, 32), (32, 33)]
+    )
+    pairs += [(i, j) for i in light for j in light if i < j]
+    neighbours: list[list[int]] = [[] for _ in range(34)]
+    for i, j in pairs:
+        neighbours[i].append(j)
+        neighbours[j].append(i)
+    indptr = np.concatenate(([0], np.cumsum([len(cells) for cells in neighbours])))
+    indices = np.concatenate([np.sort(cells) for cells in neighbours]).astype(np.int32)
+    places = np.array([[0, 0], *([0.9, 0.001 * i] for i in light), [0.5, 0], [1.2, 0], [3, 0]], float)
+    weights = np.array([10, *[0.1] * 30, 10, 1e-6, 7])
+    labels = np.array([0] * 31 + [1, 1, 2])
+    block, mean, room = np.zeros(3, np.int64), np.array([weights.sum() / 3]), np.array([0.01])
+    slow = even_out.py_func(indptr, indices, places, weights, labels, block, mean, room)
+    assert slow.tolist() == even_out(indptr, indices, places, weights, labels, block, mean, room).tolist()
+    sizes = np.bincount(slow, weights)
+    assert np.ptp(sizes) < np.ptp(np.bincount(labels, weights))
