@@ -41,8 +41,8 @@ from agglo_core.conformance.inputs.solver_cases import (
 )
 from agglo_core.errors import AggloError
 from agglo_core.problems import Diffusion, Linear, Solution
-from agglo_core.problems.residuals.backward_error import LIMIT, backward_error
 from agglo_core.problems.iteration_history import TESTS
+from agglo_core.problems.residuals.backward_error import LIMIT, backward_error
 
 _CLOSE = 1e-4  # solvers stop at a tolerance of their own; this tells wrong from unfinished
 
