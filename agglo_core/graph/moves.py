@@ -16,8 +16,10 @@ from agglo_core.graph.dual import Graph
 from agglo_core.graph.functionals import ratio
 
 SHORTNESS = 0.3
-"""How much a short interface counts beside a small moment of inertia: what is measured about it is in
-docs/reference/shapes.md."""
+"""Exponent of L, the length of the interfaces, in the objective ``shape``, J · L^0.3.
+
+The polish (the refiner ``compactness``) lowers the objective with this exponent; docs/reference/shapes.md
+compares other values, measured by tests/benchmarks/polish.py."""
 
 
 @dataclass(frozen=True)

@@ -163,7 +163,7 @@ _TABLE = (
     ),
     Objective(
         "shape",
-        "compactness times the interface of the block to the power 0.3",
+        f"compactness times the interface of the block to the power {moves.SHORTNESS}",
         moves.shapes,
         changes=moves.shape_changes,
     ),

@@ -92,7 +92,7 @@ def _solved(stack: LevelStack, at: int, b: Real, kind: str) -> Real:
 
 
 def _corrected(stack: LevelStack, at: int, b: Real, kind: str) -> Real:
-    """The same on the level below, by the cycles of its visits."""
+    """Coarse-level correction: an approximate solution by one cycle for each visit of the level."""
     level = stack.levels[at]
     if level.smoother is None:
         return stack.coarse(b)

@@ -1,4 +1,7 @@
-"""The built-in quality metrics: one value per agglomerate.
+"""Quality metrics of sizes, circles and cuts: one value per agglomerate.
+
+``J`` and ``isoperimetric`` are in ``round_shapes``; ``convexity``, ``star_shapedness`` and the ratios of
+boxes, edges and faces are in ``shape_metrics``.
 
 A metric whose ``shape_only`` is true looks at the agglomerates alone, not at the cells inside: on the
 coarse mesh, with one label per cell, it gives the same values. :func:`agglo_core.quality` coarsens once

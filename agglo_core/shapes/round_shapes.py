@@ -1,4 +1,4 @@
-"""How near agglomerates are to a disc, in space to a ball: by their moment of inertia, and by their surface.
+"""Roundness metrics: inertia ratio ``J`` and isoperimetric quotient, in 2-D and 3-D.
 
 Both are 1 for the disc alone and see the whole shape, not two points of it as the diameter does.
 """

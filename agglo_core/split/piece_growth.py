@@ -38,8 +38,9 @@ _LAST_STAMP = 2**30
 
 _AT_ONCE = 2**24
 """More cells are split a share at a time, or their marks would run out within one call."""
+
 _COLUMNS = 5
-"""Columns of lists of pieces, ``START`` to ``STATE`` in ``piece_driver``, the numba part of this room."""
+"""Columns of lists of pieces: ``COLUMNS`` in ``piece_driver``, which is imported late because of numba."""
 
 _DEPTHS = 256
 """Depths that are counted; in a long chain there may be more."""
@@ -57,8 +58,8 @@ class PieceGrowth:
     pieces : (n,) int
         Connected pieces 0..k−1 to start from.
     kernel : callable
-        ``piece_driver.split_pieces`` with helpers that load and cut a piece: ``(graph, shape, pieces, lists,
-        limits, budget)``.
+        Calls ``piece_driver.split_pieces`` with helpers that load and cut a piece: ``(graph, shape, pieces,
+        lists, limits, budget)``.
     floor : float
         Of the refinement; negative for none.
     tiny : int
@@ -268,7 +269,7 @@ class PieceGrowth:
         from agglo_core.compiled.graphs import numbered_as_met
 
         labels, places = numbered_as_met(self._places(), len(leaf))
-        self._slices = lambda: _slices_at(leaf, places)  # nobody may ask
+        self._slices = lambda: _slices_at(leaf, places)  # computed only if another level follows
         return frozen_int(labels)
 
 

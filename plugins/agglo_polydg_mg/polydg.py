@@ -86,7 +86,7 @@ class PolyDG:
     def lifted(
         self, problem: Problem, mesh: Mesh, basis: Basis | None = None, units: UnitForms | None = None
     ) -> Lifted:
-        """The same, with the load that is left without the offset of the Dirichlet data.
+        """System on a mesh, with the load that is left without the offset of the Dirichlet data.
 
         A :meth:`basis` of the mesh, and ``units`` of it, spare what is geometry alone, where there has been a
         problem before.
@@ -155,7 +155,7 @@ class PolyDG:
     def errors_in(
         self, problem: Problem, mesh: Mesh, x: Float, cells: Mask | None = None
     ) -> Mapping[str, float]:
-        """The same over the chosen ``cells (n_cells,)`` and half of their faces to others."""
+        """As :meth:`errors`, over the chosen ``cells (n_cells,)`` and half of their faces to others."""
         asked = _diffusion(problem)
         if asked.exact is None:
             return {}

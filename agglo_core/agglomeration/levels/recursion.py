@@ -86,7 +86,10 @@ class _TreeBuilder:
 
 
 def grow(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int = 0) -> tuple[Tree, Int]:
-    """Split the connected pieces ``labels (n,)`` of ``graph`` until all meet the goal.
+    """Split the connected pieces ``labels (n,)`` of ``graph`` until all meet the goal, depth by depth.
+
+    The bisector is called once for each depth. One that has a method ``grow`` makes all splits of a level
+    itself: see ``grown_levels`` in ``growth``.
 
     Seeds follow from that of the run, the number of the ``stage`` and the place in the tree.
     Returns the tree, whose roots are the pieces, and the nodes of its leaves.

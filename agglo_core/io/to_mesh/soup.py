@@ -1,4 +1,13 @@
-"""Cells as files hold them (a list of VTK types with nodes) to a Mesh; what is left out is counted."""
+"""Build a Mesh from the cells of a file: a list of VTK types with nodes.
+
+A cell of the file is one cell of the mesh, or a face tag, or counted as left out. Tags, global ids and
+listed faces refer to cells: a type that stands for several cells has to be split with all of these, before
+pieces are joined (``soup_of_pieces`` in ``io/vtk/pieces.py``).
+
+To add a type: an element that ``mesh/elements.py`` knows needs its number in ``_SHAPES``; another 3-D shape
+needs its faces there, too; a plane shape needs a row in ``_dimensions_and_corners`` and, if its nodes are not
+in the order of its boundary, a case in ``_loops``.
+"""
 
 from __future__ import annotations
 
@@ -71,7 +80,7 @@ def mesh_from_soup(
     MeshError
         As :meth:`Mesh.from_polygons` and :meth:`Mesh.from_polyhedra`.
     """
-    dims, corners = _tables()
+    dims, corners = _dimensions_and_corners()
     kind = np.where((soup.types >= 0) & (soup.types < 256), soup.types, 255)
     unknown = np.flatnonzero(dims[kind] < 0)
     if len(unknown):
@@ -127,7 +136,7 @@ def with_repairs(mesh: Mesh, repairs: Mapping[str, int]) -> Mesh:
     return trusted_copy(mesh, repairs={**found, **mesh.repairs}) if found else mesh
 
 
-def _tables() -> tuple[Int, Int]:
+def _dimensions_and_corners() -> tuple[Int, Int]:
     """Dimension (−1: not supported) and corner count (0: all nodes) of each VTK type 0..255."""
     dims, corners = np.full(256, -1), np.zeros(256, np.int64)
     for types, dim, count in (

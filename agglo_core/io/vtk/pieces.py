@@ -20,7 +20,8 @@ KINDS = ("Verts", "Lines", "Polys", "Strips")
 """Kinds of cells in the order in which VTK numbers them."""
 
 _TYPES = {"Verts": 2, "Lines": 4, "Polys": 7, "Strips": 6}
-_LINE, _POLYLINE = 3, 4
+_LINE, _POLYLINE, _POLYHEDRON = 3, 4, 42
+_WITH_BRIDGES = (5, 7, 9)  # triangles, polygons and quadrilaterals: the plane cells that agglo writes
 _VISITS = 32  # most cells of a point, and visits of a cell to it, bridges and pinches included
 _FEW = 1 << 15  # below this many points the visits are not counted
 
@@ -103,7 +104,7 @@ def soup_of_piece(arrays: CellArrays, points: Float, n: int) -> Soup:
     offsets = _offsets(ends, len(vertices), "offsets")
     if vertices.size and not (vertices.min() >= 0 and vertices.max() < n_points):
         raise FileError(f"array 'connectivity' uses points outside 0..{n_points - 1}")
-    solids = _polyhedra(arrays, np.flatnonzero(types == 42), n, visits)
+    solids = _polyhedra(arrays, np.flatnonzero(types == _POLYHEDRON), n, visits)
     if solids.vertices.size and not (solids.vertices.min() >= 0 and solids.vertices.max() < n_points):
         raise FileError(f"faces of polyhedra use points outside 0..{n_points - 1}")
     return Soup(points, types, offsets, vertices, solids, {})
@@ -184,7 +185,7 @@ def mesh_of_soup(
     soup: Soup, ghosts: int, left_out: Iterable[str], *, name: str, **options: Unpack[ReadOptions]
 ) -> Mesh:
     """Mesh of joined cells; what was left out of it is told among its repairs. Raises an AggloError."""
-    weak = BRIDGES in soup.tags and bool(np.isin(soup.types, (5, 7, 9)).all())
+    weak = BRIDGES in soup.tags and bool(np.isin(soup.types, _WITH_BRIDGES).all())
     if weak:
         soup = soup._replace(tags={key: values for key, values in soup.tags.items() if key != BRIDGES})
     mesh = mesh_from_soup(soup, weak=weak, name=name, **options)

@@ -47,6 +47,8 @@ class CompactnessRefiner:
            [0, 0, 1, 1]])
     """
 
+    # ``require_no_worse`` refuses labels with a larger value of this objective, whose exponent is SHORTNESS:
+    # an option for another exponent needs another objective. Benchmarks replace SHORTNESS in this module.
     objective = "shape"
 
     def __init__(self, floor: float = 0.5) -> None:

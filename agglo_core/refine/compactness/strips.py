@@ -18,7 +18,7 @@ def strip_order(tally: Float, block: Int, axes: Float, places: Float, dim: int) 
 
     Two strips make a slice, of those of a sweep and, but for the first and the last one, of the next. In a
     strip, parts are in turn along a direction across the axis, that of the second moments with the axis. The
-    ``tally (k, 8)`` has masses and centres: see ``shape_state``.
+    ``tally (k, 8)`` has masses and centres: see ``part_tally`` in ``state``.
     """
     if len(block) < _MANY:
         return frozen_int(np.lexsort((places, block)))
