@@ -8,9 +8,9 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from agglo_core.authoring import Hierarchy, Int, Patches, frozen_int, multigrid
-from agglo_petsc.aggregate_spaces import PetscLevels, aggregate_levels
-from agglo_petsc.label_levels import nested_aggregates
-from agglo_petsc.petsc_matrices import agree
+from agglo_petsc.levels.aggregates import PetscLevels, aggregate_levels
+from agglo_petsc.levels.labels import nested_aggregates
+from agglo_petsc.matrices import agree
 
 Levels = PetscLevels | Hierarchy | Sequence[ArrayLike]
 

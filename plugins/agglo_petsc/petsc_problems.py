@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from agglo_core.authoring import Linear, OptionError, frozen_float, frozen_int
-from agglo_petsc.petsc_matrices import entries, to_scipy
+from agglo_petsc.matrices import entries, to_scipy
 
 
 def linear(

@@ -24,11 +24,10 @@ from agglo_core.authoring import (
     distributed,
     limit_told,
 )
-from agglo_petsc.across_ranks import AcrossRanks, solved_across
-from agglo_petsc.ksp_history import solve, unsolved
-from agglo_petsc.level_choice import COARSENINGS, Coarsening, SystemOnRanks, on_ranks
-from agglo_petsc.option_database import parsed_options
-from agglo_petsc.pcmg import (
+from agglo_petsc.ksp.checked_solve import solve, unsolved
+from agglo_petsc.ksp.level_report import level_matrices, level_sizes, memory_of
+from agglo_petsc.ksp.option_database import parsed_options
+from agglo_petsc.ksp.pcmg import (
     COARSE_SOLVERS,
     CYCLES,
     SMOOTHERS,
@@ -38,10 +37,11 @@ from agglo_petsc.pcmg import (
     chosen_smoother,
     setup,
 )
-from agglo_petsc.pcmg_report import level_matrices, level_sizes, memory_of
-from agglo_petsc.petsc_matrices import entries, petsc
-from agglo_petsc.phase_times import PhaseTimes
-from agglo_petsc.posed_systems import PosedSystem, posed, solution_of
+from agglo_petsc.matrices import entries, petsc
+from agglo_petsc.solver.across_ranks import AcrossRanks, solved_across
+from agglo_petsc.solver.phase_times import PhaseTimes
+from agglo_petsc.solver.posed_systems import PosedSystem, posed, solution_of
+from agglo_petsc.solver.system_on_ranks import COARSENINGS, Coarsening, SystemOnRanks, on_ranks
 
 _OURS = {
     "ksp_rtol": "tolerance",
@@ -188,7 +188,7 @@ class PetscMultigrid:
         Raises
         ------
         OptionError
-            As :func:`~agglo_petsc.across_ranks.solve_across`; for a problem that is no ``Diffusion``.
+            As :func:`~agglo_petsc.solver.across_ranks.solve_across`; for a problem that is no ``Diffusion``.
         """
         if not isinstance(problem, Diffusion):
             raise OptionError(f"a {problem.kind} problem cannot be had of a mesh that lies on several ranks")

@@ -23,14 +23,14 @@ from agglo_core.authoring import (
     frozen_float,
     frozen_int,
 )
-from agglo_petsc.aggregate_spaces import PetscLevels, aggregate_levels
-from agglo_petsc.ksp_history import solve
-from agglo_petsc.label_levels import exponents, monomial
-from agglo_petsc.patches_across import patches_across
-from agglo_petsc.pcmg import Smoother, chosen_smoother, setup
-from agglo_petsc.pcmg_report import level_sizes, memory_of
-from agglo_petsc.petsc_matrices import mat_from_rows, petsc, vector
-from agglo_petsc.phase_times import PhaseTimes
+from agglo_petsc.ksp.checked_solve import solve
+from agglo_petsc.ksp.level_report import level_sizes, memory_of
+from agglo_petsc.ksp.pcmg import Smoother, chosen_smoother, setup
+from agglo_petsc.levels.aggregates import PetscLevels, aggregate_levels
+from agglo_petsc.levels.labels import exponents, monomial
+from agglo_petsc.matrices import mat_from_rows, petsc, vector
+from agglo_petsc.ranks.vertex_patches import patches_across
+from agglo_petsc.solver.phase_times import PhaseTimes
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,9 +123,9 @@ def solve_across(
     degree : int
         Of the polynomials in each cell.
     tolerance, max_iterations
-        As for :func:`~agglo_petsc.ksp_history.solve`.
+        As for :func:`~agglo_petsc.ksp.checked_solve.solve`.
     smoother, petsc_options
-        As for :func:`~agglo_petsc.pcmg.setup`.
+        As for :func:`~agglo_petsc.ksp.pcmg.setup`.
     registry : Registry, optional
         Where ``polydg_mg`` is looked up, whose discretisation this is; by default that of the program.
 
@@ -156,7 +156,7 @@ def solved_across(
     levels: int | None = None,
     progress: Listener | None = None,
 ) -> AcrossRanks:
-    """As :func:`solve_across`, for any discretisation and options of :func:`~agglo_petsc.pcmg.setup`."""
+    """As :func:`solve_across`, for any discretisation and options of :func:`~agglo_petsc.ksp.pcmg.setup`."""
     mesh, PETSc, watch = hierarchy.mesh, petsc(), PhaseTimes(progress)
     if levels is not None and levels > len(hierarchy.levels) + 1:
         raise OptionError(f"levels = {levels} with the mesh; there are {len(hierarchy.levels) + 1}")

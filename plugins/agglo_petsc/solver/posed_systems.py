@@ -28,8 +28,8 @@ from agglo_core.authoring import (
     solvers,
     symmetric_system,
 )
-from agglo_petsc.label_levels import exponents, monomial
-from agglo_petsc.phase_times import PhaseTimes
+from agglo_petsc.levels.labels import exponents, monomial
+from agglo_petsc.solver.phase_times import PhaseTimes
 
 _CELLS_PER_PART: Final = 8
 """Of levels made here: of the first, and parts of each to one of the next."""

@@ -24,9 +24,9 @@ from agglo_core.authoring import (
     frozen_float,
     frozen_int,
 )
-from agglo_petsc.jacobi_smoothing import jacobi_smoothed
-from agglo_petsc.owned_bases import bases_where_owned
-from agglo_petsc.petsc_matrices import agree, mat_from_rows, petsc
+from agglo_petsc.levels.jacobi_smoothing import jacobi_smoothed
+from agglo_petsc.levels.owned_bases import bases_where_owned
+from agglo_petsc.matrices import agree, mat_from_rows, petsc
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,7 @@ def given_levels(
     ----------
     prolongations : sequence of (n, m) sparse or petsc4py.PETSc.Mat
         Finest first, such as ``P`` in ``Solution.operators``. Those of several ranks are made by
-        :func:`~agglo_petsc.petsc_matrices.mat_from_rows`.
+        :func:`~agglo_petsc.matrices.mat_from_rows`.
     widths, patches : sequence, optional
         As in :class:`PetscLevels`, one for each prolongation.
 

@@ -1,0 +1,1 @@
+"""Multigrid in a user's KSP: set-up, options, report, and a checked solve."""

@@ -1,0 +1,1 @@
+"""From labels of cells to the levels that PETSc gets: prolongations and near-null vectors."""

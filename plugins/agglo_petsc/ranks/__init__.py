@@ -1,0 +1,1 @@
+"""What is divided among ranks: rows, patches, and sweeps through them."""

@@ -1,0 +1,1 @@
+"""The solver petsc_mg, on one mesh and on distributed meshes."""
