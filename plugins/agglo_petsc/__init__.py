@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from agglo_petsc.ksp.pcmg import pc, setup
     from agglo_petsc.levels.aggregates import PetscLevels, aggregate_levels, given_levels
     from agglo_petsc.levels.labels import labels_of_unknowns, nested_aggregates
-    from agglo_petsc.matrices import mat_from_rows, to_petsc, to_scipy
-    from agglo_petsc.petsc_problems import linear
+    from agglo_petsc.matrices import linear, mat_from_rows, to_petsc, to_scipy
     from agglo_petsc.solver.across_ranks import AcrossRanks, solve_across
 
 _HOME = MappingProxyType(
@@ -29,7 +28,7 @@ _HOME = MappingProxyType(
         "from_dolfinx": "dolfinx_meshes",
         "given_levels": "levels.aggregates",
         "labels_of_unknowns": "levels.labels",
-        "linear": "petsc_problems",
+        "linear": "matrices",
         "mat_from_rows": "matrices",
         "nested_aggregates": "levels.labels",
         "pc": "ksp.pcmg",

@@ -1,1 +1,1 @@
-"""Multigrid in a user's KSP: set-up, options, report, and a checked solve."""
+"""Multigrid in a KSP: set-up, options, report, checked solve."""

@@ -190,8 +190,3 @@ def _name(reason: int) -> str:
     return next(
         (ended for name, (ended, _) in _WHY.items() if getattr(reasons, name) == reason), "stagnation"
     )
-
-
-def unsolved(b: Float, reason: str) -> History:
-    """The history of an iteration that could not start."""
-    return History(frozen_float(np.zeros(len(b))), frozen_float([np.linalg.norm(b)]), False, reason)

@@ -9,8 +9,7 @@ import numpy as np
 
 from agglo_core.authoring import OptionError, Patches
 from agglo_petsc.ksp.option_database import OptionDatabase, parsed_options
-from agglo_petsc.level_inputs import Levels, levels_for
-from agglo_petsc.levels.aggregates import PetscLevels
+from agglo_petsc.levels.aggregates import Levels, PetscLevels, levels_for
 from agglo_petsc.matrices import petsc
 from agglo_petsc.ranks.patch_sweeps import LevelSweeps, PatchSweeps, require_width
 

@@ -1,1 +1,1 @@
-"""From labels of cells to the levels that PETSc gets: prolongations and near-null vectors."""
+"""Levels from labels of cells: aggregates, near-null vectors, prolongations."""

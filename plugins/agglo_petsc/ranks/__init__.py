@@ -1,1 +1,1 @@
-"""What is divided among ranks: rows, patches, and sweeps through them."""
+"""Rows, vertex patches and sweeps divided among ranks."""
