@@ -70,8 +70,8 @@ def train_fast(
         import torch
     except ImportError as error:
         raise PluginError(f"training needs torch: pip install 'agglo[train]' ({error})") from error
+    from agglo_gnn.paper.epochs import one_thread
     from agglo_gnn.plane.validation import validate
-    from agglo_gnn.training.loop import one_thread
 
     start = time.process_time()
     with one_thread():
