@@ -172,17 +172,6 @@ def _seeded(seed: int, step: int) -> Iterator[None]:
         yield
 
 
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """torch on one thread for the block: sums are taken in one order, reproducible to the last bit."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
-
-
 def choose_device(wanted: str) -> str:
     """``"cpu"`` or ``"cuda"``; ``"auto"`` takes the GPU where there is one.
 
