@@ -20,7 +20,8 @@ rugged, get about the ratio of their inscribed circle."""
 _BENT = 0.01
 """Outlines made of corners may be so much longer or shorter than the faces, relatively."""
 
-_ROUNDING = 1e-9
+ROUNDING = 1e-9
+"""Relative excess of a width over the largest one allowed that rounding explains."""
 
 
 class Weights(NamedTuple):
@@ -50,8 +51,8 @@ class Shapes:
         )
 
 
-class Annealing:
-    """Anneals partitions of one block; labels are in the ``order`` of the cells along a curve.
+class OrderedBlock:
+    """A graph of one block with its cells along a curve, so that neighbours are near in memory.
 
     Parameters
     ----------
@@ -67,21 +68,8 @@ class Annealing:
     """
 
     def __init__(self, graph: Graph) -> None:
-        from agglo_core.anneal.edges import cell_edges
-
         self.order = curve_order(graph.centroids)
-        self.graph = own = graph.subgraph(self.order, frozen_int([0, graph.n]))
-        self.cells = corner_cells(own)
-        self.edges: Any = None
-        if own.dim == 2:
-            edges, off = cell_edges(self.cells, own.boundary)
-            self.edges = edges if off < _BENT else None
-
-    @property
-    def widths(self) -> Float:
-        """Diameter of each cell ``(n,)``."""
-        spans: Float = self.cells.spans
-        return spans
+        self.graph = graph.subgraph(self.order, frozen_int([0, graph.n]))
 
     def inward(self, labels: Int) -> Int:
         """Labels of the graph that was given, in the order used here."""
@@ -92,6 +80,26 @@ class Annealing:
         result = np.empty(len(labels), np.int64)
         result[self.order] = labels
         return frozen_int(result)
+
+
+class Annealing(OrderedBlock):
+    """Anneals partitions of one block for round parts; labels are in its order."""
+
+    def __init__(self, graph: Graph) -> None:
+        from agglo_core.anneal.edges import cell_edges
+
+        super().__init__(graph)
+        self.cells = corner_cells(self.graph)
+        self.edges: Any = None
+        if self.graph.dim == 2:
+            edges, off = cell_edges(self.cells, self.graph.boundary)
+            self.edges = edges if off < _BENT else None
+
+    @property
+    def widths(self) -> Float:
+        """Diameter of each cell ``(n,)``."""
+        spans: Float = self.cells.spans
+        return spans
 
     def annealed(
         self,
@@ -109,9 +117,8 @@ class Annealing:
         Parts trade cells only within the share of each, ``of_part``, if that is given.
         """
         from agglo_core.anneal.moment_annealing import anneal
-        from agglo_core.anneal.widths import part_state
 
-        parts, work = part_state(self.cells, labels, int(labels.max()) + 1)
+        parts, work = self._state(labels)
         both = weights.round + weights.central
         how = float(size), float(weights.even), float(both), 2.0 * _RATIO * self.graph.dim
 
@@ -135,11 +142,10 @@ class Annealing:
         """Labels after so many draws for each cell with true circles in the plane, and the shapes."""
         from agglo_core.anneal.circle_annealing import anneal_circles
         from agglo_core.anneal.circles import circle_state
-        from agglo_core.anneal.widths import part_state
 
         if self.edges is None:
             return self.annealed(labels, size, ramps, draws, seed, weights, limit)
-        parts, work = part_state(self.cells, labels, int(labels.max()) + 1)
+        parts, work = self._state(labels)
         circles = circle_state(self.cells, self.edges, parts)
         how = float(size), *_floats(weights)
 
@@ -154,16 +160,18 @@ class Annealing:
 
     def shapes(self, labels: Int) -> Shapes:
         """Shapes of the parts, with true circles in the plane."""
-        from agglo_core.anneal.widths import part_state
-
-        parts, _ = part_state(self.cells, labels, int(labels.max()) + 1)
+        parts, _ = self._state(labels)
         return self._seen(parts) if self.edges is None else self._circled(parts)
 
     def seen(self, labels: Int) -> Shapes:
         """Shapes as the fast kernel sees them."""
+        return self._seen(self._state(labels)[0])
+
+    def _state(self, labels: Int) -> Any:
+        """Sums, widths and lists of the parts, and the workspace of the kernels."""
         from agglo_core.anneal.widths import part_state
 
-        return self._seen(part_state(self.cells, labels, int(labels.max()) + 1)[0])
+        return part_state(self.cells, labels, int(labels.max()) + 1)
 
     def _circled(self, parts: Any) -> Shapes:
         from agglo_core.anneal.circles import CENTRED, RADIUS, circle_state
@@ -196,7 +204,7 @@ def corner_cells(graph: Graph) -> Any:
 
 def too_wide(shapes: Shapes, labels: Int, size: float) -> Mask:
     """Which parts of several cells are wider than the size ``(k,)``."""
-    wide: Mask = (shapes.widths > size * (1 + _ROUNDING)) & (np.bincount(labels) > 1)
+    wide: Mask = (shapes.widths > size * (1 + ROUNDING)) & (np.bincount(labels) > 1)
     return wide
 
 

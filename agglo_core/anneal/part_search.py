@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from agglo_core.anneal.annealed_parts import ROUNDING
 from agglo_core.anneal.round_parts import round_parts
 from agglo_core.anneal.solver_parts import solver_parts
 from agglo_core.anneal.start_parts import Rival, Start, bisected_parts
@@ -16,8 +17,6 @@ from agglo_core.graph import Graph
 from agglo_core.progress import TimeLimit, checked_seconds
 from agglo_core.protocols import Target
 from agglo_core.refine.part_sizes import FREE, Balance, checked_size, checked_tolerance
-
-_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -121,7 +120,7 @@ class PartSearch:
         self, graph: Graph, target: Target, seed: int, start: Start, rival: Rival, limit: TimeLimit
     ) -> Int:
         """Labels of parts of a size; wider cells stay alone, and what they part falls apart."""
-        size = float(target.h_star or 0.0) * (1 + _ROUNDING)
+        size = float(target.h_star or 0.0) * (1 + ROUNDING)
         wide = graph.part_diameters(np.arange(graph.n)) > size
         rows = np.repeat(wide, np.diff(graph.indptr))
         pieces, cells = graph.split(graph.without_edges(rows | wide[graph.indices]).components())

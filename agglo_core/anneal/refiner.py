@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from agglo_core.anneal.annealed_parts import Annealing, Weights
+from agglo_core.anneal.annealed_parts import ROUNDING, Annealing, Weights
 from agglo_core.anneal.rounds import Ramps
 from agglo_core.anneal.solver_parts import SolverAnnealing
 from agglo_core.arrays import Int, UInt64, frozen_int
@@ -19,7 +19,6 @@ from agglo_core.protocols import Target
 _RAMPS = Ramps(0.1, 1e-3, 160.0, 400.0)
 _FOR_SOLVERS = Ramps(2.0, 0.02)
 _NEVER = 1e7
-_ROUNDING = 1e-9
 _FILLED = {2: 0.38, 3: 0.13}
 """Measure of a part over its largest width to the power of the dimension, once annealed."""
 
@@ -91,7 +90,7 @@ class AnnealRefiner:
 
     def _for_solver(self, graph: Graph, labels: Int, seed: int, target: Target, limit: TimeLimit) -> Int:
         """Labels 0..k−1 of one block after the moves; those given unless they become better."""
-        tool = SolverAnnealing(graph, np.inf if target.h_star is None else target.h_star * (1 + _ROUNDING))
+        tool = SolverAnnealing(graph, np.inf if target.h_star is None else target.h_star * (1 + ROUNDING))
         after = tool.outward(tool.annealed(tool.inward(labels), _FOR_SOLVERS, self.moves, seed, limit))
         better = OBJECTIVES[self.objective].value
         return after if better(graph, after) < better(graph, labels) else labels
@@ -106,11 +105,11 @@ class AnnealRefiner:
         if target.h_star is None:
             size = _size(tool, len(widths), most)
         else:
-            size = most if most > target.h_star * (1 + _ROUNDING) else float(target.h_star)
+            size = most if most > target.h_star * (1 + ROUNDING) else float(target.h_star)
             ramps = ramps._replace(soft=_NEVER, stiff=_NEVER)
         first = tool.inward(labels)
         after = tool.outward(tool.annealed(first, size, ramps, self.moves, seed, weights, limit)[0])
-        if target.h_star is not None and graph.part_diameters(after).max() > size * (1 + _ROUNDING):
+        if target.h_star is not None and graph.part_diameters(after).max() > size * (1 + ROUNDING):
             return labels
         return after if self._is_better(tool, graph, labels, after) else labels
 

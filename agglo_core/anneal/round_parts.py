@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from agglo_core.anneal.annealed_parts import Weights
+from agglo_core.anneal.annealed_parts import ROUNDING, Weights
 from agglo_core.anneal.round_search import EFFORTS, Search
 from agglo_core.anneal.start_parts import Rival, Start, connected_parts
 from agglo_core.arrays import Int
@@ -30,8 +30,6 @@ _WEIGHTS = {
 _MANY = 100
 _PIECES = 40
 """Parts of more cells than the one are found on a graph of so many pieces for each as the other."""
-
-_ROUNDING = 1e-9
 
 
 def round_parts(
@@ -80,7 +78,7 @@ def _counted(search: Search, first: Int) -> Int:
         score = shapes.score(Weights())
         if score > best:
             best, result, chosen = score, labels, search.size
-        towards = 1 if shapes.widths.max() > search.size * (1 + _ROUNDING) else -1
+        towards = 1 if shapes.widths.max() > search.size * (1 + ROUNDING) else -1
         factor = factor if towards * before >= 0 else factor**0.5
         search.size *= factor**towards
         before = towards

@@ -6,13 +6,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agglo_core.anneal.annealed_parts import corner_cells
+from agglo_core.anneal.annealed_parts import ROUNDING, OrderedBlock, corner_cells
 from agglo_core.anneal.rounds import Ramps, rooms_of, take_turns
 from agglo_core.anneal.start_parts import Rival, Start, connected_parts, parts_within
 from agglo_core.arrays import Float, Int, frozen_float, frozen_index, frozen_int, splitmix
 from agglo_core.graph import Graph
 from agglo_core.graph.objectives import OBJECTIVES
-from agglo_core.graph.ordering import curve_order
 from agglo_core.graph.solver_shape import solver_factors
 from agglo_core.progress import TimeLimit
 from agglo_core.protocols import Target
@@ -21,8 +20,8 @@ from agglo_core.refine.compactness.refiner import CompactnessRefiner
 from agglo_core.refine.part_sizes import FREE, Balance
 
 
-class SolverAnnealing:
-    """Anneals partitions of one connected block; labels are in the ``order`` of the cells along a curve.
+class SolverAnnealing(OrderedBlock):
+    """Anneals partitions of one connected block for solvers; labels are in its order.
 
     Parameters
     ----------
@@ -32,19 +31,13 @@ class SolverAnnealing:
         No part becomes wider, but those that are.
     balance : Balance, optional
         How even the parts are to be.
-
-    Attributes
-    ----------
-    order : (n,) int
-    graph : Graph
-        The graph in this order.
     """
 
     def __init__(self, graph: Graph, limit: float = np.inf, balance: Balance = FREE) -> None:
         from agglo_core.anneal.state import Cells
 
-        self.order, self._limit, self._balance = curve_order(graph.centroids), float(limit), balance
-        self.graph = own = graph.subgraph(self.order, frozen_int([0, graph.n]))
+        super().__init__(graph)
+        own, self._limit, self._balance = self.graph, float(limit), balance
         self.sizes = own.node_sizes(balance.size)
         if limit < np.inf:
             self._cells: Any = corner_cells(own)
@@ -53,16 +46,6 @@ class SolverAnnealing:
             around = *(np.empty(0) for _ in range(3)), np.empty(0, np.int64), np.empty(0, np.int32)
             geometry = own.interface, own.measures, own.centroids
             self._cells = Cells(own.indptr, own.indices, *geometry, frozen_int([]), *shape, *around)
-
-    def inward(self, labels: Int) -> Int:
-        """Labels of the graph that was given, in the order used here."""
-        return frozen_int(labels[self.order])
-
-    def outward(self, labels: Int) -> Int:
-        """Labels in the order used here, as those of the graph that was given."""
-        result = np.empty(len(labels), np.int64)
-        result[self.order] = labels
-        return frozen_int(result)
 
     def annealed(
         self, labels: Int, ramps: Ramps, draws: float, seed: int, limit: TimeLimit | None = None
@@ -87,9 +70,6 @@ class SolverAnnealing:
         rest = ramps.rounds(draws), seed, limit or TimeLimit()
         take_turns(make, self.graph, parts, rooms_of(work), *rest)
         return frozen_int(parts.labels)
-
-
-_ROUNDING = 1e-9
 
 
 class Effort(NamedTuple):
@@ -130,7 +110,7 @@ def solver_parts(
         worth = _worth(graph, labels, balance)
         if worth < least:
             best, least = labels, worth
-    size = np.inf if target.h_star is None else target.h_star * (1 + _ROUNDING)
+    size = np.inf if target.h_star is None else target.h_star * (1 + ROUNDING)
     tool, much = SolverAnnealing(graph, size, balance), EFFORTS[effort]
     inner, ramps = tool.inward(first), _BALANCED if balance.asked else _RAMPS
     for each in splitmix(np.uint64(seed) + np.arange(much.times, dtype=np.uint64)).tolist():
@@ -172,7 +152,7 @@ def _finished(graph: Graph, labels: Int, target: Target, balance: Balance) -> In
     after = CompactnessRefiner().refine_parts(graph, labels, frozen_int(np.zeros(k)), target)
     if len(np.unique(graph.components(after))) > k:
         return labels
-    if target.h_star is not None and graph.part_diameters(after).max() > target.h_star * (1 + _ROUNDING):
+    if target.h_star is not None and graph.part_diameters(after).max() > target.h_star * (1 + ROUNDING):
         return labels
     value = OBJECTIVES["solver"].value
     return after if value(graph, after) < value(graph, labels) else labels

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from agglo_core.anneal.annealed_parts import ROUNDING
 from agglo_core.arrays import Int, Mask, frozen_int, label_order
 from agglo_core.graph import Graph
 from agglo_core.progress import to_nobody
@@ -110,8 +111,6 @@ def _most_shared_each(graph: Graph, labels: Int, cells: Int, share: Int, of_part
     return goes
 
 
-_ROUNDING = 1e-9
-
 Start = Callable[[Graph, int], Int]
 """Labels of a connected graph with about so many parts."""
 
@@ -130,13 +129,13 @@ def bisected_parts(graph: Graph, target: Target) -> Int:
     growth: Any = InertialBisection().grow(graph, frozen_int(np.zeros(graph.n)), *given)
     if target.h_star is None:
         return frozen_int(growth.split(frozen_int([target.parts or 1]), seeds, to_nobody)[0])
-    return frozen_int(growth.split_to_size(target.h_star * (1 + _ROUNDING), seeds, to_nobody)[0])
+    return frozen_int(growth.split_to_size(target.h_star * (1 + ROUNDING), seeds, to_nobody)[0])
 
 
 def parts_within(graph: Graph, labels: Int, size: float) -> Int:
     """Labels once parts wider than a size are cut in two, and these again; cells are not."""
     while True:
-        wide = (graph.part_diameters(labels) > size * (1 + _ROUNDING)) & (np.bincount(labels) > 1)
+        wide = (graph.part_diameters(labels) > size * (1 + ROUNDING)) & (np.bincount(labels) > 1)
         if not wide.any():
             return labels
         labels = cut_in_two(graph, labels, wide)

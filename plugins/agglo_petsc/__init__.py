@@ -12,33 +12,32 @@ from typing import TYPE_CHECKING
 from agglo_core.authoring import Component, hookimpl
 
 if TYPE_CHECKING:
-    from agglo_petsc.across_ranks import AcrossRanks, solve_across
-    from agglo_petsc.aggregate_spaces import PetscLevels, aggregate_levels, given_levels
     from agglo_petsc.dolfinx_meshes import from_dolfinx, to_dolfinx
-    from agglo_petsc.ksp_history import solve
-    from agglo_petsc.label_levels import labels_of_unknowns, nested_aggregates
-    from agglo_petsc.pcmg import pc, setup
-    from agglo_petsc.petsc_matrices import mat_from_rows, to_petsc, to_scipy
-    from agglo_petsc.petsc_problems import linear
+    from agglo_petsc.ksp.checked_solve import solve
+    from agglo_petsc.ksp.pcmg import pc, setup
+    from agglo_petsc.levels.aggregates import PetscLevels, aggregate_levels, given_levels
+    from agglo_petsc.levels.labels import labels_of_unknowns, nested_aggregates
+    from agglo_petsc.matrices import linear, mat_from_rows, to_petsc, to_scipy
+    from agglo_petsc.solver.across_ranks import AcrossRanks, solve_across
 
 _HOME = MappingProxyType(
     {
-        "AcrossRanks": "across_ranks",
-        "PetscLevels": "aggregate_spaces",
-        "aggregate_levels": "aggregate_spaces",
+        "AcrossRanks": "solver.across_ranks",
+        "PetscLevels": "levels.aggregates",
+        "aggregate_levels": "levels.aggregates",
         "from_dolfinx": "dolfinx_meshes",
-        "given_levels": "aggregate_spaces",
-        "labels_of_unknowns": "label_levels",
-        "linear": "petsc_problems",
-        "mat_from_rows": "petsc_matrices",
-        "nested_aggregates": "label_levels",
-        "pc": "pcmg",
-        "setup": "pcmg",
-        "solve": "ksp_history",
-        "solve_across": "across_ranks",
+        "given_levels": "levels.aggregates",
+        "labels_of_unknowns": "levels.labels",
+        "linear": "matrices",
+        "mat_from_rows": "matrices",
+        "nested_aggregates": "levels.labels",
+        "pc": "ksp.pcmg",
+        "setup": "ksp.pcmg",
+        "solve": "ksp.checked_solve",
+        "solve_across": "solver.across_ranks",
         "to_dolfinx": "dolfinx_meshes",
-        "to_petsc": "petsc_matrices",
-        "to_scipy": "petsc_matrices",
+        "to_petsc": "matrices",
+        "to_scipy": "matrices",
     }
 )
 """Module of each public name."""
@@ -71,7 +70,7 @@ def agglo_components() -> list[Component]:
         Component(
             kind="solver",
             name="petsc_mg",
-            target="agglo_petsc.petsc_multigrid:PetscMultigrid",
+            target="agglo_petsc.solver.petsc_multigrid:PetscMultigrid",
             requires=("mpi4py", "petsc4py"),
             promises={"deterministic": True, "3d": True, "pickles": True, "symmetric": True},
             summary="PETSc's PCMG on agglomerates, smoothed through patches or as PETSc does.",

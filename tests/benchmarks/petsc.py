@@ -19,11 +19,11 @@ import numpy as np
 
 import agglo_core as agglo
 from agglo_core.registry import default
-from agglo_petsc.ksp_history import solve
-from agglo_petsc.level_choice import SystemOnRanks, on_ranks
-from agglo_petsc.pcmg import setup
-from agglo_petsc.petsc_matrices import petsc
-from agglo_petsc.posed_systems import posed
+from agglo_petsc.ksp.checked_solve import solve
+from agglo_petsc.ksp.pcmg import setup
+from agglo_petsc.matrices import petsc
+from agglo_petsc.solver.posed_systems import posed
+from agglo_petsc.solver.system_on_ranks import SystemOnRanks, on_ranks
 
 PETSc: Any = petsc()
 OURS = ("sweeps", "patches", "blocks", "sor")

@@ -21,9 +21,9 @@ from agglo_core.errors import OptionError
 from agglo_core.multigrid import vertex_patches
 from agglo_core.problems import Diffusion, Linear, Patches
 from agglo_core.registry import default
-from agglo_petsc.patches_across import patches_across
-from agglo_petsc.petsc_matrices import petsc, vector
-from agglo_petsc.sweep_preconditioner import LevelSweeps
+from agglo_petsc.matrices import petsc, vector
+from agglo_petsc.ranks.patch_sweeps import LevelSweeps
+from agglo_petsc.ranks.vertex_patches import patches_across
 
 COMM = MPI.COMM_WORLD
 PETSc = petsc()

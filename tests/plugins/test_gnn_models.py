@@ -226,7 +226,7 @@ def test_options_that_make_no_sense_are_usage_errors():
 
 def test_cuda_is_refused_where_there_is_none(monkeypatch):
     torch = pytest.importorskip("torch")
-    from agglo_gnn.training.loop import choose_device
+    from agglo_gnn.paper.epochs import choose_device
 
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     assert choose_device("auto") == "cpu"

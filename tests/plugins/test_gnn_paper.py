@@ -19,6 +19,7 @@ pytest.importorskip("safetensors")
 from agglo_gnn import model_file  # noqa: E402
 from agglo_gnn.paper import custom, data as paper_data  # noqa: E402
 from agglo_gnn.paper.bisector import WEIGHTS, PaperGNN  # noqa: E402
+from agglo_gnn.paper.epochs import Recipe, Training  # noqa: E402
 from agglo_gnn.paper.network import (  # noqa: E402
     Neighbours,
     PaperNetwork,
@@ -27,7 +28,7 @@ from agglo_gnn.paper.network import (  # noqa: E402
 )
 from agglo_gnn.paper.train import train_paper  # noqa: E402
 from agglo_gnn.training.command import train  # noqa: E402
-from agglo_gnn.training.loop import Recipe, Training, one_thread  # noqa: E402
+from agglo_gnn.training.loop import one_thread  # noqa: E402
 
 TINY = Recipe(seed=3, meshes=6, validation=2, epochs=4, rate=1e-3)
 

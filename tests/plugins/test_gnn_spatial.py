@@ -12,11 +12,11 @@ from agglo_core import Graph, OptionError, samples
 from agglo_core.arrays import frozen_float
 from agglo_core.split.straight_cuts import SweepBisection
 from agglo_gnn.plane.fast import FastGNN
-from agglo_gnn.plane.validation import cut_costs
 from agglo_gnn.space.kernels import PRIOR, directions
 from agglo_gnn.space.moments import describe_solids
 from agglo_gnn.space.network import SPATIAL_FEATURES, SPATIAL_SHAPES, initial_spatial, spatial_network
 from agglo_gnn.space.pieces import solid_graphs
+from agglo_gnn.training.cut_costs import cut_costs
 
 PAIRS = [(0, 1, 2), (0, 2, 1), (1, 2, 0), (1, 0, 2), (2, 0, 1), (2, 1, 0)]
 

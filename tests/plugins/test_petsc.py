@@ -12,9 +12,10 @@ import agglo_core as agglo
 import agglo_petsc
 from agglo_core import multigrid
 from agglo_core.errors import OptionError
-from agglo_petsc.label_levels import exponents, monomial, nested_aggregates
-from agglo_petsc.option_database import parsed_options
-from agglo_petsc.row_shares import row_share, usable_levels
+from agglo_petsc.ksp.option_database import parsed_options
+from agglo_petsc.levels.labels import nested_aggregates
+from agglo_petsc.levels.polynomials import exponents, monomial
+from agglo_petsc.ranks.row_shares import row_share, usable_levels
 
 STRAIGHT = {"bisector": "coordinate", "refiners": (), "polish": False}  # little to compile
 

@@ -182,7 +182,7 @@ def test_what_is_wrong_with_a_problem_is_said_once(tmp_path):
 FAULTY = """
 import os, sys, time
 from agglo_core.cli import main
-from agglo_petsc.sweep_preconditioner import PatchSweeps
+from agglo_petsc.ranks.patch_sweeps import PatchSweeps
 
 name = sys.argv.pop()
 kept, calls = getattr(PatchSweeps, name), []

@@ -14,7 +14,7 @@ import agglo_petsc
 from agglo_core.errors import OptionError
 from agglo_core.problems import Diffusion, Linear
 from agglo_core.registry import default
-from agglo_petsc.petsc_matrices import petsc, rows_of, vector
+from agglo_petsc.matrices import petsc, rows_of, vector
 
 PETSc = petsc()
 STRAIGHT = {"bisector": "coordinate", "refiners": (), "polish": False}  # little to compile

@@ -11,8 +11,9 @@ from agglo_core.authoring import OptionError, __version__
 from agglo_gnn import model_file
 from agglo_gnn.paper.custom import architecture_of, arrays_of, network_class
 from agglo_gnn.paper.data import CELLS, FAMILIES
+from agglo_gnn.paper.epochs import Epoch, Recipe, Training, choose_device
 from agglo_gnn.paper.network import FEATURES
-from agglo_gnn.training.loop import Epoch, Recipe, Training, choose_device, one_thread
+from agglo_gnn.training.loop import one_thread
 from agglo_gnn.training.report import reporter
 
 _COLUMNS = "epoch      loss  validation  one-sided"

@@ -9,6 +9,7 @@ import numpy as np
 
 from agglo_core.authoring import Float, Graph, Int
 from agglo_gnn.plane.features import rasterise
+from agglo_gnn.training.flat_arrays import joined_arrays, rows_of
 
 if TYPE_CHECKING:
     import torch
@@ -37,33 +38,29 @@ class Pieces:
 
 def gather(levels: list[Graph]) -> Pieces:
     """Flat arrays of all blocks; lengths in units of √A."""
-    kinds: dict[str, list[Any]] = {key: [] for key in Pieces.__dataclass_fields__}
-    for level in levels:
-        rasters = rasterise(level)
-        rows = np.repeat(np.arange(level.n), np.diff(level.indptr))
-        once = rows < level.indices
-        rows, columns, block = rows[once], level.indices[once], level.block_ids[rows[once]]
-        area = np.bincount(level.block_ids, level.measures)
-        first = level.offsets[block]
-        found = {
-            "cell_offsets": np.diff(level.offsets),
-            "cells": rasters.cells,
-            "shares": rasters.shares,
-            "edge_offsets": np.bincount(block, minlength=level.n_blocks),
-            "ends": np.stack((rows - first, columns - first), axis=1),
-            "lengths": level.interface[once] / np.sqrt(area[block]),
-            "node_offsets": np.diff(rasters.node_offsets),
-            "nodes": rasters.nodes,
-            "near": rasters.near.astype(np.int64),
-            "areas": rasters.areas,
-            "blocks": rasters.blocks,
-        }
-        for key, values in found.items():
-            kinds[key].append(values)
-    joined = {key: np.concatenate(values) for key, values in kinds.items()}
-    for key in ("cell_offsets", "edge_offsets", "node_offsets"):
-        joined[key] = np.concatenate(([0], np.cumsum(joined[key])))
-    return Pieces(**joined)
+    return Pieces(**joined_arrays([_arrays_of(level) for level in levels]))
+
+
+def _arrays_of(level: Graph) -> dict[str, Any]:
+    rasters = rasterise(level)
+    rows = np.repeat(np.arange(level.n), np.diff(level.indptr))
+    once = rows < level.indices
+    rows, columns, block = rows[once], level.indices[once], level.block_ids[rows[once]]
+    area = np.bincount(level.block_ids, level.measures)
+    first = level.offsets[block]
+    return {
+        "cell_offsets": np.diff(level.offsets),
+        "cells": rasters.cells,
+        "shares": rasters.shares,
+        "edge_offsets": np.bincount(block, minlength=level.n_blocks),
+        "ends": np.stack((rows - first, columns - first), axis=1),
+        "lengths": level.interface[once] / np.sqrt(area[block]),
+        "node_offsets": np.diff(rasters.node_offsets),
+        "nodes": rasters.nodes,
+        "near": rasters.near.astype(np.int64),
+        "areas": rasters.areas,
+        "blocks": rasters.blocks,
+    }
 
 
 def batch_of(data: Pieces, chosen: Int) -> dict[str, torch.Tensor]:
@@ -88,11 +85,3 @@ def batch_of(data: Pieces, chosen: Int) -> dict[str, torch.Tensor]:
         "root": np.sqrt(data.sizes[chosen]).astype(np.float32),
     }
     return {key: torch.from_numpy(values) for key, values in arrays.items()}
-
-
-def rows_of(offsets: Int, chosen: Int) -> tuple[Int, Int, Int]:
-    """Rows of the chosen pieces one after the other, the place of each row's piece, and their new starts."""
-    sizes = np.diff(offsets)[chosen]
-    first = np.cumsum(sizes) - sizes
-    owner = np.repeat(np.arange(len(chosen)), sizes)
-    return np.arange(sizes.sum()) + (offsets[chosen] - first)[owner], owner, first

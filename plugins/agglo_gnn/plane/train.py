@@ -2,28 +2,21 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agglo_core.authoring import Float, OptionError, PluginError
+from agglo_core.authoring import Float, Int
 from agglo_gnn.plane.data import Pieces, batch_of, gather
 from agglo_gnn.plane.network import initial_parameters, network
+from agglo_gnn.plane.validation import validate
+from agglo_gnn.training.loop import BALANCE, COMPACT, GROWTH, PieceTask, Progress, train_on_pieces
 from agglo_gnn.training.pieces import piece_graphs
 
 if TYPE_CHECKING:
     import torch
 
-_BATCH = 64
-_RATE = 2e-3
-_WARM_UP = 0.03
-_BALANCE = 6.0
-_COMPACT, _GROWTH = 15.0, 4.0  # as in the sweep
 _INERTIA = 2.0 / 3.0  # of every piece in its frame
-_SIZE_POWER = 0.35
-Progress = Callable[[int, float, float], None]
 
 
 def train_fast(
@@ -61,54 +54,15 @@ def train_fast(
     OptionError
         If a number makes no sense.
     """
-    if min(steps, pieces, validation) < 1 or seed < 0:
-        raise OptionError(
-            "steps, pieces and validation must be 1 or more, seed 0 or more; "
-            f"given {steps}, {pieces}, {validation}, {seed}"
-        )
-    try:
-        import torch
-    except ImportError as error:
-        raise PluginError(f"training needs torch: pip install 'agglo[train]' ({error})") from error
-    from agglo_gnn.plane.validation import validate
-    from agglo_gnn.training.loop import one_thread
-
-    start = time.process_time()
-    with one_thread():
-        data = gather(list(piece_graphs(np.random.default_rng([seed, 2]), pieces)))
-        values = {
-            k: torch.tensor(v, dtype=torch.float32, requires_grad=True)
-            for k, v in initial_parameters(seed).items()
-        }
-        _fit(values, data, np.random.default_rng([seed, 3]), steps, start, progress)
-        parameters = {key: value.detach().numpy().copy() for key, value in values.items()}
-        return parameters, validate(parameters, initial_parameters(seed), validation)
+    task = PieceTask(initial_parameters, _pieces, _loss, validate)
+    return train_on_pieces(task, seed, steps, pieces, validation, progress)
 
 
-def _fit(
-    values: Any, data: Pieces, rng: np.random.Generator, steps: int, start: float, progress: Progress | None
-) -> None:
-    import torch
-
-    optimiser = torch.optim.Adam(values.values(), lr=_RATE)
-    weight = data.sizes**_SIZE_POWER
-    edges = np.cumsum(weight / weight.sum())
-    warm = max(1, round(_WARM_UP * steps))
-    for step in range(steps):
-        share = step / steps
-        for group in optimiser.param_groups:
-            group["lr"] = _RATE * min((step + 1) / warm, 0.5 * (1 + np.cos(np.pi * share)))
-        chosen = np.minimum(np.searchsorted(edges, rng.random(_BATCH)), len(weight) - 1)
-        loss = _loss(values, batch_of(data, chosen), 0.4 + 0.8 * share)
-        optimiser.zero_grad()
-        loss.backward()  # type: ignore[no-untyped-call]
-        torch.nn.utils.clip_grad_norm_(values.values(), 1.0)
-        optimiser.step()
-        if progress is not None and (step + 1) % 100 == 0:
-            progress(step + 1, float(loss.detach()), time.process_time() - start)
+def _pieces(rng: np.random.Generator, count: int) -> Pieces:
+    return gather(list(piece_graphs(rng, count)))
 
 
-def _loss(values: Any, batch: dict[str, torch.Tensor], sharpness: float) -> torch.Tensor:
+def _loss(values: dict[str, torch.Tensor], data: Pieces, chosen: Int, sharpness: float) -> torch.Tensor:
     """Expected cut · √A (1/A₁ + 1/A₂) − max(15, 4 √n) B/T + 6 ((A₁ − A₂)/A)², mean over the pieces.
 
     p = sigmoid(T (z − mean) / std) with T = clip(t √n, 2, 20): standardised per piece, the logits
@@ -116,6 +70,7 @@ def _loss(values: Any, batch: dict[str, torch.Tensor], sharpness: float) -> torc
     """
     import torch
 
+    batch = batch_of(data, chosen)
     owner, share, count = batch["cell_owner"], batch["shares"], len(batch["blocks"])
     c = network(values, batch["nodes"], batch["near"], batch["areas"], batch["node_owner"], batch["blocks"])
     z = (c[owner] * batch["cells"]).sum(1)  # of mean 0: cells are centred
@@ -126,6 +81,6 @@ def _loss(values: Any, batch: dict[str, torch.Tensor], sharpness: float) -> torc
     a, b = p[batch["ends"][:, 0]], p[batch["ends"][:, 1]]
     cut = zero.index_add(0, batch["edge_owner"], batch["lengths"] * (a + b - 2 * a * b))
     moment = batch["cells"].new_zeros(count, 2).index_add(0, owner, (share * p)[:, None] * batch["cells"])
-    weight = (_GROWTH * batch["root"]).clamp(min=_COMPACT)
+    weight = (GROWTH * batch["root"]).clamp(min=COMPACT)
     cost = (cut - weight / _INERTIA * moment.square().sum(1)) / (one * (1 - one))
-    return (cost + _BALANCE * (2 * one - 1) ** 2).mean()
+    return (cost + BALANCE * (2 * one - 1) ** 2).mean()

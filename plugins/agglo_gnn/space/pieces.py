@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from agglo_core.authoring import (
     frozen_int,
     samples,
 )
+from agglo_gnn.training.flat_arrays import joined_arrays, rows_of
 from agglo_gnn.training.pieces import FEWEST, halved
 
 if TYPE_CHECKING:
@@ -112,40 +113,34 @@ class SpatialPieces:
 
 def gather_solids(levels: list[Graph]) -> SpatialPieces:
     """Flat arrays of all blocks; the areas of faces between cells over those of typical sections."""
+    return SpatialPieces(**joined_arrays([_arrays_of(level) for level in levels]))
+
+
+def _arrays_of(level: Graph) -> dict[str, Any]:
     from agglo_gnn.space.moments import describe_solids
 
-    kinds: dict[str, list[Any]] = {field.name: [] for field in fields(SpatialPieces)}
-    for level in levels:
-        even, odd, frames, _, cells, shares, sections = describe_solids(
-            level.offsets, level.centroids, level.weights, level.measures
-        )
-        rows = np.repeat(np.arange(level.n), np.diff(level.indptr))
-        once = rows < level.indices
-        block = level.block_ids[rows[once]]
-        found = {
-            "cell_offsets": np.diff(level.offsets),
-            "edge_offsets": np.bincount(block, minlength=level.n_blocks),
-            "cells": cells,
-            "shares": shares,
-            "ends": np.stack((rows[once], level.indices[once]), axis=1) - level.offsets[block][:, None],
-            "areas": level.interface[once] * sections[block],
-            "even": even,
-            "odd": odd,
-            "frames": frames,
-        }
-        for key, values in found.items():
-            kinds[key].append(values)
-    joined = {key: np.concatenate(values) for key, values in kinds.items()}
-    for key in ("cell_offsets", "edge_offsets"):
-        joined[key] = np.concatenate(([0], np.cumsum(joined[key])))
-    return SpatialPieces(**joined)
+    even, odd, frames, _, cells, shares, sections = describe_solids(
+        level.offsets, level.centroids, level.weights, level.measures
+    )
+    rows = np.repeat(np.arange(level.n), np.diff(level.indptr))
+    once = rows < level.indices
+    block = level.block_ids[rows[once]]
+    return {
+        "cell_offsets": np.diff(level.offsets),
+        "edge_offsets": np.bincount(block, minlength=level.n_blocks),
+        "cells": cells,
+        "shares": shares,
+        "ends": np.stack((rows[once], level.indices[once]), axis=1) - level.offsets[block][:, None],
+        "areas": level.interface[once] * sections[block],
+        "even": even,
+        "odd": odd,
+        "frames": frames,
+    }
 
 
 def tensors_of(data: SpatialPieces, chosen: Int) -> dict[str, torch.Tensor]:
     """The chosen pieces as one batch."""
     import torch
-
-    from agglo_gnn.plane.data import rows_of
 
     cells, cell_owner, cell_first = rows_of(data.cell_offsets, chosen)
     edges, edge_owner, _ = rows_of(data.edge_offsets, chosen)

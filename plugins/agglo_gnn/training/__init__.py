@@ -1,1 +1,1 @@
-"""The command that trains networks, and what all of them share."""
+"""The command that trains networks, and the parts that all trainings share."""

@@ -65,8 +65,8 @@ def train(
     if preset != "paper":
         _train_fast(preset, target, seed, steps, log, quiet, _command(context))
     else:
+        from agglo_gnn.paper.epochs import Recipe
         from agglo_gnn.paper.train import train_paper
-        from agglo_gnn.training.loop import Recipe
 
         counts = {"meshes": meshes, "validation": max(1, meshes // 4) if meshes else None}
         changes: dict[str, Any] = {"epochs": epochs, "pieces": pieces, "rate": rate, **counts}

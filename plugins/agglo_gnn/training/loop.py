@@ -1,198 +1,138 @@
-"""Training of a network by the paper's loss, from any seed, in epochs that can be resumed."""
+"""Training of a small network on pieces of meshes: one loop for the plane and for space."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import torch
-from torch import Tensor, nn
 
-from agglo_core.authoring import Graph, OptionError
-from agglo_gnn.paper.data import draw, random_piece
-from agglo_gnn.paper.network import Neighbours, expected_normalised_cut, inorm
+from agglo_core.authoring import Float, Int, OptionError, PluginError
+
+if TYPE_CHECKING:
+    import torch
+
+_BATCH = 64
+_RATE = 2e-3
+_WARM_UP = 0.03
+_SIZE_POWER = 0.35
+BALANCE = 6.0
+"""Weight of ((A₁ − A₂)/A)² in a loss."""
+COMPACT, GROWTH = 15.0, 4.0  # as in the sweep
+"""Weight of the inertia between the sides in a loss: the larger of the first, and the second times √n."""
+
+Progress = Callable[[int, float, float], None]
 
 
-@dataclass(frozen=True)
-class Recipe:
-    """What is trained on, and how; the defaults are the paper's (§3.3).
+class PieceTask(NamedTuple):
+    """A network and the pieces that it learns from.
 
     Attributes
     ----------
-    meshes, validation : int
-        Sizes of the two sets.
-    pieces : float
-        Share of training meshes of which only a random piece is kept; 0 in the paper.
-    epochs, batch : int
-    rate, decay : float
-        Learning rate and L² coefficient of Adam.
+    initial : callable
+        ``initial(seed)``: the parameters before training.
+    pieces : callable
+        ``pieces(rng, count)``: at least ``count`` pieces in flat arrays, with their cell counts ``sizes``.
+    loss : callable
+        ``loss(values, pieces, chosen, sharpness)``: mean loss of the chosen pieces, a scalar tensor.
+    validate : callable
+        ``validate(parameters, initial, count)``: metrics, measured on ``count`` pieces of its own.
     """
 
-    seed: int = 0
-    meshes: int = 800
-    validation: int = 200
-    pieces: float = 0.0
-    epochs: int = 300
-    batch: int = 4
-    rate: float = 1e-5
-    decay: float = 1e-5
+    initial: Callable[[int], dict[str, Float]]
+    pieces: Callable[[np.random.Generator, int], Any]
+    loss: Callable[[dict[str, torch.Tensor], Any, Int, float], torch.Tensor]
+    validate: Callable[[dict[str, Float], dict[str, Float], int], dict[str, float]]
 
 
-@dataclass(frozen=True)
-class Epoch:
-    """How far a training has come: losses are means over meshes, ``one_sided`` a share of pieces."""
-
-    number: int
-    loss: float
-    validation: float
-    one_sided: float
-
-
-Sample = tuple[Graph, Tensor]
-
-
-class Training:
-    """A network, its optimiser and its data.
+def train_on_pieces(
+    task: PieceTask, seed: int, steps: int, pieces: int, validation: int, progress: Progress | None
+) -> tuple[dict[str, Float], dict[str, float]]:
+    """Train from ``seed`` on one thread; the same seed gives the same weights on the same machine.
 
     Parameters
     ----------
-    build : callable
-        Makes the network; whatever random numbers it draws from torch come from the seed.
-    recipe : Recipe
-    device : str
-        ``"cpu"`` or ``"cuda"``.
+    task : PieceTask
+    seed : int
+    steps : int
+        Of 64 pieces each.
+    pieces, validation : int
+        Pieces to make for training, and to measure the result on.
+    progress : callable, optional
+        Called every 100 steps with the step, its loss and the CPU seconds so far.
+
+    Returns
+    -------
+    parameters : dict of arrays
+    metrics : dict
+
+    Raises
+    ------
+    PluginError
+        If torch is not installed.
+    OptionError
+        If a number makes no sense.
     """
-
-    def __init__(self, build: Callable[[], nn.Module], recipe: Recipe, device: str = "cpu") -> None:
-        self.recipe, self.device, self.done = recipe, device, 0
-        with _seeded(recipe.seed, 0):
-            self.network = build().to(device)
-        parameters = self.network.parameters()
-        self.optimiser = torch.optim.Adam(parameters, lr=recipe.rate, weight_decay=recipe.decay)
-        streams = [np.random.default_rng([recipe.seed, k]) for k in range(3)]
-        self._train = _samples(draw(recipe.meshes, streams[0], recipe.pieces), device)
-        fresh = list(draw(recipe.validation, streams[1]))
-        self._fresh = _samples(fresh, device)
-        self._pieces = _samples((random_piece(graph, streams[2]) for graph in fresh), device)
-
-    def epochs(self) -> Iterator[Epoch]:
-        """Train, yielding after each of the remaining epochs."""
-        while self.done < self.recipe.epochs:
-            with _seeded(self.recipe.seed, self.done + 1):
-                loss = self._epoch()
-            self.done += 1
-            yield Epoch(self.done, loss, self.measure(self._fresh)[0], self.measure(self._pieces)[1])
-
-    def _epoch(self) -> float:
-        order = np.random.default_rng([self.recipe.seed, 3, self.done]).permutation(len(self._train))
-        total = 0.0
-        self.network.train()
-        for start in range(0, len(order), self.recipe.batch):
-            losses = self._losses([self._train[i] for i in order[start : start + self.recipe.batch]])[0]
-            self.optimiser.zero_grad()
-            losses.mean().backward()  # type: ignore[no-untyped-call]
-            self.optimiser.step()
-            total += float(losses.detach().sum())
-        return total / len(order)
-
-    def _losses(self, samples: Sequence[Sample]) -> tuple[Tensor, Tensor, Neighbours]:
-        neighbours = Neighbours.of([graph for graph, _ in samples], self.device)
-        logits = self.network(torch.cat([features for _, features in samples]), neighbours)
-        return expected_normalised_cut(logits, neighbours), logits, neighbours
-
-    @torch.no_grad()
-    def measure(self, samples: Sequence[Sample]) -> tuple[float, float]:
-        """Mean loss, and the share of graphs whose cells all go to one side."""
-        self.network.eval()
-        total, one_sided = 0.0, 0
-        for start in range(0, len(samples), 50):
-            losses, logits, neighbours = self._losses(samples[start : start + 50])
-            total += float(losses.sum())
-            side = (logits[:, 1] >= logits[:, 0]).to(logits.dtype)[:, None]
-            ones = neighbours.block_sums(side)
-            cells = neighbours.block_sums(torch.ones_like(side))
-            one_sided += int(((ones == 0) | (ones == cells)).sum())
-        return total / len(samples), one_sided / len(samples)
-
-    def state(self) -> dict[str, np.ndarray]:
-        """Parameters and the optimiser's moments, by name: all that a checkpoint needs beside ``done``."""
-        arrays = {f"network.{name}": value for name, value in self.network.state_dict().items()}
-        for (name, _), moments in zip(self.network.named_parameters(), self._moments(), strict=True):
-            arrays |= {f"{key}.{name}": value for key, value in moments.items()}
-        return {name: value.cpu().numpy() for name, value in arrays.items()}
-
-    def restore(self, arrays: dict[str, np.ndarray], done: int) -> None:
-        """Go on from what :meth:`state` gave after ``done`` epochs.
-
-        Raises
-        ------
-        OptionError
-            If the arrays are those of another network.
-        """
-        own = self.state()
-        shapes, given = ({k: v.shape for k, v in each.items()} for each in (own, arrays))
-        if shapes != given:
-            odd = sorted(k for k in shapes.keys() | given.keys() if shapes.get(k) != given.get(k))
-            raise OptionError(f"the checkpoint belongs to another network: {', '.join(odd[:4])} differ")
-        tensors = {name: torch.from_numpy(np.array(value)) for name, value in arrays.items()}
-        prefix = "network."
-        self.network.load_state_dict(
-            {k[len(prefix) :]: v for k, v in tensors.items() if k.startswith(prefix)}
+    if min(steps, pieces, validation) < 1 or seed < 0:
+        raise OptionError(
+            "steps, pieces and validation must be 1 or more, seed 0 or more; "
+            f"given {steps}, {pieces}, {validation}, {seed}"
         )
-        state = self.optimiser.state_dict()
-        names = [name for name, _ in self.network.named_parameters()]
-        state["state"] = {
-            i: {key: tensors[f"{key}.{name}"] for key in ("step", "exp_avg", "exp_avg_sq")}
-            for i, name in enumerate(names)
-        }
-        self.optimiser.load_state_dict(state)
-        self.done = done
-
-    def _moments(self) -> Iterator[dict[str, Tensor]]:
-        """Adam's state of each parameter; zeros before the first step."""
-        for parameter in self.network.parameters():
-            known: dict[str, Any] = self.optimiser.state.get(parameter, {})
-            blank = torch.zeros_like(parameter)
-            fresh = {"step": torch.tensor(0.0), "exp_avg": blank, "exp_avg_sq": blank}
-            yield fresh | known
+    try:
+        import torch
+    except ImportError as error:
+        raise PluginError(f"training needs torch: pip install 'agglo[train]' ({error})") from error
+    start = time.process_time()
+    with one_thread():
+        data, initial = task.pieces(np.random.default_rng([seed, 2]), pieces), task.initial(seed)
+        values = {k: torch.tensor(v, dtype=torch.float32, requires_grad=True) for k, v in initial.items()}
+        _fit(task, values, data, np.random.default_rng([seed, 3]), steps, start, progress)
+        parameters = {key: value.detach().numpy().copy() for key, value in values.items()}
+        return parameters, task.validate(parameters, initial, validation)
 
 
-def _samples(graphs: Iterator[Graph] | Sequence[Graph], device: str) -> list[Sample]:
-    return [(graph, torch.from_numpy(inorm(graph)).to(device, torch.float32)) for graph in graphs]
+def _fit(
+    task: PieceTask,
+    values: dict[str, torch.Tensor],
+    data: Any,
+    rng: np.random.Generator,
+    steps: int,
+    start: float,
+    progress: Progress | None,
+) -> None:
+    """Minimise the loss by Adam; sides become sharper from step to step."""
+    import torch
 
-
-@contextmanager
-def _seeded(seed: int, step: int) -> Iterator[None]:
-    """torch's generators seeded for the block, and afterwards as they were."""
-    with torch.random.fork_rng():
-        torch.manual_seed((seed << 20) + step)
-        yield
+    optimiser = torch.optim.Adam(values.values(), lr=_RATE)
+    # Large pieces are drawn more often: by the power of their number of cells.
+    weight = data.sizes**_SIZE_POWER
+    edges = np.cumsum(weight / weight.sum())
+    warm = max(1, round(_WARM_UP * steps))
+    for step in range(steps):
+        # The rate rises linearly during the warm-up and falls along a cosine.
+        share = step / steps
+        for group in optimiser.param_groups:
+            group["lr"] = _RATE * min((step + 1) / warm, 0.5 * (1 + np.cos(np.pi * share)))
+        chosen: Int = np.minimum(np.searchsorted(edges, rng.random(_BATCH)), len(weight) - 1)
+        loss = task.loss(values, data, chosen, 0.4 + 0.8 * share)
+        optimiser.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        torch.nn.utils.clip_grad_norm_(values.values(), 1.0)
+        optimiser.step()
+        if progress is not None and (step + 1) % 100 == 0:
+            progress(step + 1, float(loss.detach()), time.process_time() - start)
 
 
 @contextmanager
 def one_thread() -> Iterator[None]:
     """torch on one thread for the block: sums are taken in one order, reproducible to the last bit."""
+    import torch
+
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
         yield
     finally:
         torch.set_num_threads(before)
-
-
-def choose_device(wanted: str) -> str:
-    """``"cpu"`` or ``"cuda"``; ``"auto"`` takes the GPU where there is one.
-
-    Raises
-    ------
-    OptionError
-        If CUDA is asked for and there is none.
-    """
-    if wanted == "auto":
-        return "cuda" if torch.cuda.is_available() else "cpu"
-    if wanted == "cuda" and not torch.cuda.is_available():
-        raise OptionError("--device cuda: torch sees no CUDA device here; use --device cpu")
-    return wanted

@@ -12,8 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from agglo_core.authoring import Float, Int, frozen_float, frozen_int, tentative
-from agglo_petsc.petsc_matrices import agree
-from agglo_petsc.rank_messages import swapped
+from agglo_petsc.messages import agree, swapped
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,12 +23,13 @@ from agglo_core.authoring import (
     default,
     distributed,
     limit_told,
+    phase,
+    solvers,
 )
-from agglo_petsc.across_ranks import AcrossRanks, solved_across
-from agglo_petsc.ksp_history import solve, unsolved
-from agglo_petsc.level_choice import COARSENINGS, Coarsening, SystemOnRanks, on_ranks
-from agglo_petsc.option_database import parsed_options
-from agglo_petsc.pcmg import (
+from agglo_petsc.ksp.checked_solve import solve
+from agglo_petsc.ksp.level_report import level_matrices, level_sizes, memory_of
+from agglo_petsc.ksp.option_database import parsed_options
+from agglo_petsc.ksp.pcmg import (
     COARSE_SOLVERS,
     CYCLES,
     SMOOTHERS,
@@ -38,10 +39,10 @@ from agglo_petsc.pcmg import (
     chosen_smoother,
     setup,
 )
-from agglo_petsc.pcmg_report import level_matrices, level_sizes, memory_of
-from agglo_petsc.petsc_matrices import entries, petsc
-from agglo_petsc.phase_times import PhaseTimes
-from agglo_petsc.posed_systems import PosedSystem, posed, solution_of
+from agglo_petsc.matrices import entries, petsc
+from agglo_petsc.solver.across_ranks import AcrossRanks, solved_across
+from agglo_petsc.solver.posed_systems import PosedSystem, posed, solution_of
+from agglo_petsc.solver.system_on_ranks import COARSENINGS, Coarsening, SystemOnRanks, on_ranks
 
 _OURS = {
     "ksp_rtol": "tolerance",
@@ -147,17 +148,17 @@ class PetscMultigrid:
         MeshError
             For a mesh of cells that overlap themselves.
         """
-        watch, comm = PhaseTimes(progress), self._comm()
-        with watch("assemble", "assembling"):
+        watch, comm = solvers.Stopwatch(), self._comm()
+        with watch("assemble"), phase(progress, "assembling"):
             system = posed(problem, hierarchy, self.discretisation, self.degree, self.levels)
         try:
-            with watch("setup", "setting up the levels"):
+            with watch("setup"), phase(progress, "setting up the levels"):
                 there, ksp = self._set_up(system, comm)
         except np.linalg.LinAlgError as failure:
             return solution_of(
-                system, unsolved(system.b, str(failure)), [(system.A, None)], watch, self.tolerance
+                system, solvers.unsolved(system.b, str(failure)), [(system.A, None)], watch, self.tolerance
             )
-        with watch("solve", "solving"):
+        with watch("solve"), phase(progress, "solving"):
             measure = system.measure
             history = solve(
                 ksp,
@@ -188,7 +189,7 @@ class PetscMultigrid:
         Raises
         ------
         OptionError
-            As :func:`~agglo_petsc.across_ranks.solve_across`; for a problem that is no ``Diffusion``.
+            As :func:`~agglo_petsc.solver.across_ranks.solve_across`; for a problem that is no ``Diffusion``.
         """
         if not isinstance(problem, Diffusion):
             raise OptionError(f"a {problem.kind} problem cannot be had of a mesh that lies on several ranks")

@@ -8,11 +8,11 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from agglo_core.authoring import Float, Int, OptionError, Patches, frozen_float, frozen_int, multigrid
-from agglo_petsc.aggregate_spaces import PetscLevels, aggregate_levels, given_levels
-from agglo_petsc.pcmg import Smoother
-from agglo_petsc.petsc_matrices import mat_from_rows, vector
-from agglo_petsc.posed_systems import PosedSystem
-from agglo_petsc.row_shares import RowShare, row_share, usable_levels
+from agglo_petsc.ksp.pcmg import Smoother
+from agglo_petsc.levels.aggregates import PetscLevels, aggregate_levels, given_levels
+from agglo_petsc.matrices import mat_from_rows, vector
+from agglo_petsc.ranks.row_shares import RowShare, row_share, usable_levels
+from agglo_petsc.solver.posed_systems import PosedSystem
 
 Coarsening = Literal["auto", "agglomerates", "matrix"]
 COARSENINGS: Final = ("auto", "agglomerates", "matrix")
@@ -42,7 +42,7 @@ def on_ranks(system: PosedSystem, comm: Any, coarsening: Coarsening, smoother: S
     ------
     OptionError
         If levels are not nested, or as
-        :func:`~agglo_petsc.aggregate_spaces.aggregate_levels`; for levels of the matrix on several ranks.
+        :func:`~agglo_petsc.levels.aggregates.aggregate_levels`; for levels of the matrix on several ranks.
     """
     rank, ranks = comm.getRank(), comm.getSize()
     from_matrix = coarsening == "matrix" or (coarsening == "auto" and system.mesh is None and ranks == 1)

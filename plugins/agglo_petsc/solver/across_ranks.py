@@ -15,22 +15,22 @@ from agglo_core.authoring import (
     Float,
     Int,
     Listener,
-    Mesh,
     OptionError,
     Registry,
     default,
     distributed,
     frozen_float,
     frozen_int,
+    phase,
+    solvers,
 )
-from agglo_petsc.aggregate_spaces import PetscLevels, aggregate_levels
-from agglo_petsc.ksp_history import solve
-from agglo_petsc.label_levels import exponents, monomial
-from agglo_petsc.patches_across import patches_across
-from agglo_petsc.pcmg import Smoother, chosen_smoother, setup
-from agglo_petsc.pcmg_report import level_sizes, memory_of
-from agglo_petsc.petsc_matrices import mat_from_rows, petsc, vector
-from agglo_petsc.phase_times import PhaseTimes
+from agglo_petsc.ksp.checked_solve import solve
+from agglo_petsc.ksp.level_report import level_sizes, memory_of
+from agglo_petsc.ksp.pcmg import Smoother, chosen_smoother, setup
+from agglo_petsc.levels.aggregates import PetscLevels, aggregate_levels
+from agglo_petsc.levels.polynomials import monomials
+from agglo_petsc.matrices import mat_from_rows, petsc, vector
+from agglo_petsc.ranks.vertex_patches import patches_across
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,9 +123,9 @@ def solve_across(
     degree : int
         Of the polynomials in each cell.
     tolerance, max_iterations
-        As for :func:`~agglo_petsc.ksp_history.solve`.
+        As for :func:`~agglo_petsc.ksp.checked_solve.solve`.
     smoother, petsc_options
-        As for :func:`~agglo_petsc.pcmg.setup`.
+        As for :func:`~agglo_petsc.ksp.pcmg.setup`.
     registry : Registry, optional
         Where ``polydg_mg`` is looked up, whose discretisation this is; by default that of the program.
 
@@ -156,14 +156,14 @@ def solved_across(
     levels: int | None = None,
     progress: Listener | None = None,
 ) -> AcrossRanks:
-    """As :func:`solve_across`, for any discretisation and options of :func:`~agglo_petsc.pcmg.setup`."""
-    mesh, PETSc, watch = hierarchy.mesh, petsc(), PhaseTimes(progress)
+    """As :func:`solve_across`, for any discretisation and options of :func:`~agglo_petsc.ksp.pcmg.setup`."""
+    mesh, PETSc, watch = hierarchy.mesh, petsc(), solvers.Stopwatch()
     if levels is not None and levels > len(hierarchy.levels) + 1:
         raise OptionError(f"levels = {levels} with the mesh; there are {len(hierarchy.levels) + 1}")
-    with watch("assemble", "assembling"):
+    with watch("assemble"), phase(progress, "assembling"):
         rows = _assembled(problem, mesh, how, degree)
     comm = PETSc.Comm(mesh.ranks.comm)
-    with watch("setup", "setting up the levels"):
+    with watch("setup"), phase(progress, "setting up the levels"):
         A = mat_from_rows(rows.A, comm, len(rows.b), (rows.width, rows.width))
         count = len(hierarchy.levels) if levels is None else levels - 1
         patches = options["smoother"] not in ("blocks", "sor")
@@ -173,7 +173,7 @@ def solved_across(
         ksp.setOperators(A)
         ksp.setType("cg")
         setup(ksp, found, **options)
-    with watch("solve", "solving"):
+    with watch("solve"), phase(progress, "solving"):
         history = solve(ksp, vector(A, rows.b), tolerance=tolerance, max_iterations=max_iterations)
     ranks, sizes = mesh.ranks, level_sizes(ksp)
     smoother = chosen_smoother(found) if options["smoother"] == "auto" else options["smoother"]
@@ -217,18 +217,13 @@ def _assembled(
         place = np.full(len(ids), -1)
         place[np.searchsorted(ids, mesh.global_ids)] = number  # rows of own cells reach no farther
         columns = place[A.indices // width] * width + A.indices % width
-        fields = [_field(each, mesh.local, half) for each in exponents(wide.dim, degree)]
+        fields = monomials(wide.dim, degree, mesh.local.origin, half)
         near = np.stack([how.project(wide, each)[entries] for each in fields], axis=1)
         shape = (len(entries), mesh.n_cells * width)
         given = sparse.csr_array((A.data, columns, A.indptr), shape=shape)
         load = how.load(problem, wide, system.b)[entries]
         b, near_null = frozen_float(system.b[entries]), frozen_float(near)
         return _Rows(given, b, frozen_float(load), near_null, number, width)
-
-
-def _field(powers: tuple[int, ...], mesh: Mesh, half: float) -> Any:
-    """A polynomial on [−1, 1]^d, the whole mesh."""
-    return lambda points: monomial(frozen_float((points - mesh.origin) / half), powers)
 
 
 def _levels(

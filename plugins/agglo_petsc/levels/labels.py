@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglo_core.authoring import Float, Int, OptionError, frozen_float, frozen_int, multigrid
+from agglo_core.authoring import Int, OptionError, frozen_int, multigrid
 
 
 def nested_aggregates(labels: Sequence[Int]) -> list[Int]:
@@ -83,29 +83,3 @@ def _of_most(rows: Int, parts: Int) -> Int:
     pairs, counts = np.unique(np.stack((rows, parts), axis=1), axis=0, return_counts=True)
     order = np.lexsort((pairs[:, 1], -counts, pairs[:, 0]))
     return frozen_int(pairs[order[np.unique(pairs[order, 0], return_index=True)[1]], 1])
-
-
-def exponents(dim: int, degree: int) -> list[tuple[int, ...]]:
-    """Exponents of the monomials of total degree up to ``degree``, those of 1 first.
-
-    Examples
-    --------
-    >>> exponents(2, 1)
-    [(0, 0), (0, 1), (1, 0)]
-    """
-    return [each for each in np.ndindex(*(degree + 1,) * dim) if sum(each) <= degree]
-
-
-def monomial(points: Float, powers: tuple[int, ...]) -> Float:
-    """A monomial ``(q,)`` at points ``(q, d)``.
-
-    Examples
-    --------
-    >>> monomial(np.array([[2.0, 3.0]]), (2, 1)).tolist()
-    [12.0]
-    """
-    found = np.ones(len(points))
-    for axis, power in enumerate(powers):
-        if power:
-            found *= points[:, axis] ** power
-    return frozen_float(found)

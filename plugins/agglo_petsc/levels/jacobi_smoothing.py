@@ -8,7 +8,8 @@ import numpy as np
 from scipy import sparse
 
 from agglo_core.authoring import Int, OptionError, frozen_float, multigrid
-from agglo_petsc.petsc_matrices import agree, mat_from_rows, petsc, rows_of, vector
+from agglo_petsc.matrices import mat_from_rows, petsc, rows_of, vector
+from agglo_petsc.messages import agree
 
 _STEPS = 12
 """Of conjugate gradients, to find the largest eigenvalue."""

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import sparse
 
 from agglo_core.authoring import Int, Patches, frozen_int
-from agglo_petsc.rank_messages import by_owner, swapped
+from agglo_petsc.messages import by_owner, swapped
 
 _EMPTY = frozen_int(np.empty(0, np.int64))
 

@@ -28,8 +28,7 @@ from agglo_core.authoring import (
     solvers,
     symmetric_system,
 )
-from agglo_petsc.label_levels import exponents, monomial
-from agglo_petsc.phase_times import PhaseTimes
+from agglo_petsc.levels.polynomials import monomials
 
 _CELLS_PER_PART: Final = 8
 """Of levels made here: of the first, and parts of each to one of the next."""
@@ -99,7 +98,7 @@ def _discretised(
     labels = _chosen(hierarchy, levels) if hierarchy.levels else _made(hierarchy, levels)
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     centre, half = (low + high) / 2, float((high - low).max()) / 2
-    columns = [how.project(mesh, _field(each, centre, half)) for each in exponents(mesh.dim, degree)]
+    columns = [how.project(mesh, each) for each in monomials(mesh.dim, degree, centre, half)]
     return PosedSystem(
         matrix,
         frozen_float(factor * system.b),
@@ -110,11 +109,6 @@ def _discretised(
         frozen_float(np.stack(columns, axis=1)),
         mesh,
     )
-
-
-def _field(powers: tuple[int, ...], centre: Any, half: float) -> Callable[[Float], Float]:
-    """One of the polynomials that are near-null vectors on agglomerates, on [−1, 1]^d."""
-    return lambda points: monomial(frozen_float((points - centre) / half), powers)
 
 
 def _given(problem: Linear, hierarchy: Hierarchy, levels: int | None) -> PosedSystem:
@@ -155,7 +149,7 @@ def _made(hierarchy: Hierarchy, levels: int | None) -> list[Int]:
 
 
 def solution_of(
-    system: PosedSystem, history: History, operators: Any, watch: PhaseTimes, tolerance: float
+    system: PosedSystem, history: History, operators: Any, watch: solvers.Stopwatch, tolerance: float
 ) -> Solution:
     """The solution of the problem that a history leads to; ``watch`` has timed its phases.
 

@@ -1,13 +1,15 @@
-"""Matrices and vectors between scipy and PETSc, on one rank or with rows divided among several."""
+"""Matrices, vectors and linear problems between scipy and PETSc, on one rank or several."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import sparse
 
-from agglo_core.authoring import Float, OptionError, frozen_float
+from agglo_core.authoring import Float, Linear, OptionError, frozen_float, frozen_int
+from agglo_petsc.messages import agree
 
 
 def petsc() -> Any:
@@ -28,21 +30,6 @@ def petsc() -> Any:
     if PETSc.ScalarType is not np.float64:
         raise OptionError(f"this PETSc computes with {PETSc.ScalarType.__name__}; expected one with float64")
     return PETSc
-
-
-def agree(comm: Any, wrong: str) -> None:
-    """Raise OptionError on all ranks if there is a message on any, so that none waits for another.
-
-    Parameters
-    ----------
-    comm : petsc4py.PETSc.Comm
-    wrong : str
-        What is wrong on this rank; empty if nothing is.
-    """
-    told = comm.tompi4py().allgather(wrong)
-    first = next((rank for rank, message in enumerate(told) if message), None)
-    if first is not None:
-        raise OptionError(told[first] if len(told) == 1 else f"rank {first}: {told[first]}")
 
 
 def to_petsc(matrix: Any, width: int = 1) -> Any:
@@ -145,3 +132,45 @@ def vector(like: Any, values: Float) -> Any:
 def entries(vec: Any) -> Float:
     """The entries of a vector on this rank ``(n_own,)``, a copy."""
     return frozen_float(np.array(vec.getArray(readonly=True)))
+
+
+def near_null_vectors(mat: Any) -> Float | None:
+    """The near-null vectors ``(n_own, k)`` that come with a matrix (``setNearNullSpace``), if any."""
+    space = mat.getNearNullSpace()
+    if not space:
+        return None
+    columns = [np.ones(mat.getLocalSize()[0])] if space.hasConstant() else []
+    columns += [np.array(each.getArray(readonly=True)) for each in space.getVecs()]
+    return frozen_float(np.stack(columns, axis=1)) if columns else None
+
+
+def linear(
+    mat: Any, rhs: Any, *, block_offsets: ArrayLike | None = None, near_null: ArrayLike | None = None
+) -> Linear:
+    """The problem A x = b of a PETSc matrix and vector, for any of our solvers; on one process.
+
+    Parameters
+    ----------
+    mat : petsc4py.PETSc.Mat
+        Of type ``aij``, ``baij`` or ``sbaij``, or any that converts to ``aij``.
+    rhs : petsc4py.PETSc.Vec or (n,) float
+    block_offsets : (parts + 1,) int, optional
+        The unknowns of part p are ``block_offsets[p]:block_offsets[p + 1]``; by default parts have the block
+        size of the matrix.
+    near_null : (n, k) float, optional
+        By default the near-null space of the matrix (``setNearNullSpace``), if it has one.
+
+    Raises
+    ------
+    OptionError
+        If rows are divided among ranks, entries cannot be had, or shapes do not fit.
+    """
+    A = to_scipy(mat)
+    n, size = A.shape[0], int(mat.getBlockSize())
+    offsets = np.arange(0, n + 1, size) if block_offsets is None else np.asarray(block_offsets)
+    b = np.asarray(rhs, np.float64) if isinstance(rhs, np.ndarray | list | tuple) else entries(rhs)
+    if b.shape != (n,):
+        raise OptionError(f"rhs must be ({n},) for that matrix, given {b.shape}")
+    near_null = near_null_vectors(mat) if near_null is None else near_null
+    B = None if near_null is None else frozen_float(np.asarray(near_null, np.float64))
+    return Linear(A, frozen_float(b), frozen_int(offsets), B)

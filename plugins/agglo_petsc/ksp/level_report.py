@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from agglo_petsc.petsc_matrices import petsc, to_scipy
-from agglo_petsc.sweep_preconditioner import PatchSweeps
+from agglo_petsc.matrices import petsc, to_scipy
+from agglo_petsc.ranks.patch_sweeps import PatchSweeps
 
 
 def level_matrices(ksp: Any) -> list[tuple[Any, Any]]:

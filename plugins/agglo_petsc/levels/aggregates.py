@@ -18,15 +18,19 @@ from scipy import sparse
 
 from agglo_core.authoring import (
     Float,
+    Hierarchy,
     Int,
     OptionError,
     Patches,
     frozen_float,
     frozen_int,
+    multigrid,
 )
-from agglo_petsc.jacobi_smoothing import jacobi_smoothed
-from agglo_petsc.owned_bases import bases_where_owned
-from agglo_petsc.petsc_matrices import agree, mat_from_rows, petsc
+from agglo_petsc.levels.jacobi_smoothing import jacobi_smoothed
+from agglo_petsc.levels.labels import nested_aggregates
+from agglo_petsc.levels.owned_bases import bases_where_owned
+from agglo_petsc.matrices import mat_from_rows, near_null_vectors, petsc
+from agglo_petsc.messages import agree
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +53,12 @@ class PetscLevels:
     patches: Sequence[Patches | None]
 
 
+Levels = PetscLevels | Hierarchy | Sequence[ArrayLike]
+"""The forms in which :func:`levels_for` takes levels: ready, a hierarchy, or labels of each level."""
+
+_ADVICE = "(shared unknowns get labels by labels_of_unknowns; mat.setBlockSize says how many a cell has)"
+
+
 def given_levels(
     prolongations: Sequence[Any],
     *,
@@ -61,7 +71,7 @@ def given_levels(
     ----------
     prolongations : sequence of (n, m) sparse or petsc4py.PETSc.Mat
         Finest first, such as ``P`` in ``Solution.operators``. Those of several ranks are made by
-        :func:`~agglo_petsc.petsc_matrices.mat_from_rows`.
+        :func:`~agglo_petsc.matrices.mat_from_rows`.
     widths, patches : sequence, optional
         As in :class:`PetscLevels`, one for each prolongation.
 
@@ -157,6 +167,41 @@ def aggregate_levels(
     return given_levels(found, widths=widths, patches=patches)
 
 
+def levels_for(A: Any, given: Levels) -> PetscLevels:
+    """The levels of a matrix; a hierarchy, or labels, are those of the parts of this rank. Collective.
+
+    Raises
+    ------
+    OptionError
+        On all ranks, if they do not fit the matrix.
+    """
+    if isinstance(given, PetscLevels):
+        return given
+    comm, width = A.getComm(), A.getBlockSize()
+    parts = A.getLocalSize()[0] // width
+    labels = [frozen_int(each) for each in (given.levels if isinstance(given, Hierarchy) else given)]
+    wrong = next((f"labels have the shape {each.shape}" for each in labels if each.shape != (parts,)), "")
+    agree(comm, wrong and f"{wrong}; the matrix has {parts} parts of {width} unknowns here {_ADVICE}")
+    ups = nested_aggregates(labels)
+    counts = [parts, *(int(each.max(initial=-1)) + 1 for each in ups)]
+    before = [sum(each) for each in zip(*comm.tompi4py().allgather(counts)[: comm.getRank()], strict=True)]
+    first = before or [0] * len(counts)
+    numbered = [frozen_int(up + start) for up, start in zip(ups, first[1:], strict=True)]
+    return aggregate_levels(A, numbered, patches=_vertex_patches(given, labels, first))
+
+
+def _vertex_patches(given: Any, labels: list[Int], first: list[int]) -> list[Patches | None] | None:
+    """Vertex patches in the plane, if there is a mesh; numbers start from the first part of this rank."""
+    mesh = given.fine if isinstance(given, Hierarchy) else None
+    if mesh is None or mesh.dim != 2:
+        return None
+    found: list[Patches | None] = []
+    for finer, start in zip([None, *labels[:-1]], first[:-1], strict=True):
+        own = multigrid.vertex_patches(mesh, finer)
+        found.append(Patches(own.offsets, frozen_int(own.parts + start)))
+    return found
+
+
 def _single(P: Any) -> Any:
     if not sparse.issparse(P):
         raise OptionError(f"a prolongation is a sparse matrix or a PETSc.Mat, given {P!r:.60}")
@@ -189,13 +234,9 @@ def _start(A: Any, block_offsets: ArrayLike | None, near_null: ArrayLike | None)
 
 def _known(A: Any, n: int, offsets: Any) -> Any:
     """Near-null vectors that come with the matrix, or constants."""
-    space = A.getNearNullSpace()
-    vectors = space.getVecs() if space else []
-    columns = [np.array(each.getArray(readonly=True)) for each in vectors]
-    if space and space.hasConstant():
-        columns.insert(0, np.ones(n))
-    if columns:
-        return np.stack(columns, axis=1)
+    found = near_null_vectors(A)
+    if found is not None:
+        return found
     sizes = np.diff(offsets)
     width = int(A.getBlockSize()) if (sizes == A.getBlockSize()).all() else 1
     return (np.arange(n)[:, None] % width == np.arange(width)).astype(float)

@@ -1,4 +1,4 @@
-"""What the ranks of a communicator send one another while levels are set up: arrays, by rank."""
+"""Messages between the ranks of a communicator while levels are set up: arrays by rank, and errors."""
 
 from __future__ import annotations
 
@@ -8,9 +8,24 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from agglo_core.authoring import Int, frozen_int
+from agglo_core.authoring import Int, OptionError, frozen_int
 
 T = TypeVar("T")
+
+
+def agree(comm: Any, wrong: str) -> None:
+    """Raise OptionError on all ranks if there is a message on any, so that none waits for another.
+
+    Parameters
+    ----------
+    comm : petsc4py.PETSc.Comm
+    wrong : str
+        What is wrong on this rank; empty if nothing is.
+    """
+    told = comm.tompi4py().allgather(wrong)
+    first = next((rank for rank, message in enumerate(told) if message), None)
+    if first is not None:
+        raise OptionError(told[first] if len(told) == 1 else f"rank {first}: {told[first]}")
 
 
 def swapped(comm: Any, parcels: Mapping[int, T]) -> dict[int, T]:

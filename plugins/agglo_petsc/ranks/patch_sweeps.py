@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from agglo_core.authoring import Float, OptionError, Patches, frozen_int, multigrid
-from agglo_petsc.border_plan import border_plan, in_blocks
-from agglo_petsc.petsc_matrices import agree, rows_of
+from agglo_petsc.matrices import rows_of
+from agglo_petsc.messages import agree
+from agglo_petsc.ranks.border_plan import border_plan, in_blocks
 
 _TAG = 7412  # of messages within a sweep
 _TRIES, _PAUSE = 100, 2e-5  # looks at whether a message has come, before there are seconds between them

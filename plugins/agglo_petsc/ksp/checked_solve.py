@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from agglo_core.authoring import MET, TESTS, Float, History, OptionError, frozen_float, size_ratio
-from agglo_petsc.petsc_matrices import entries, petsc
+from agglo_petsc.matrices import entries, petsc
 
 _DIGIT: Final = 0.1
 """To which part of itself the error is found, to know how large it is."""
@@ -190,8 +190,3 @@ def _name(reason: int) -> str:
     return next(
         (ended for name, (ended, _) in _WHY.items() if getattr(reasons, name) == reason), "stagnation"
     )
-
-
-def unsolved(b: Float, reason: str) -> History:
-    """The history of an iteration that could not start."""
-    return History(frozen_float(np.zeros(len(b))), frozen_float([np.linalg.norm(b)]), False, reason)

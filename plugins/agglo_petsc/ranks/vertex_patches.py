@@ -8,7 +8,7 @@ import numpy as np
 from scipy import sparse
 
 from agglo_core.authoring import Int, Patches, distributed, frozen_int, multigrid
-from agglo_petsc.border_plan import starts_of
+from agglo_petsc.ranks.border_plan import starts_of
 
 _MOST = 64
 """Parts of a patch; a vertex where more meet has none, as on one rank."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from agglo_core.authoring import Int, Patches, frozen_int
-from agglo_petsc.label_levels import nested_aggregates
+from agglo_petsc.levels.labels import nested_aggregates
 
 _PARTS_PER_RANK = 4
 """A level of fewer parts is left out: whole parts go to ranks, whose shares would be too unequal."""
@@ -29,7 +29,7 @@ class RowShare:
     order : (n_cells,) int
         All cells in the new order, by their old numbers.
     aggregates : list of (own parts,) int
-        As :func:`~agglo_petsc.aggregate_spaces.aggregate_levels` takes them.
+        As :func:`~agglo_petsc.levels.aggregates.aggregate_levels` takes them.
     """
 
     cells: Int

@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from agglo_core.authoring import OptionError
-from agglo_petsc.petsc_matrices import petsc
+from agglo_petsc.matrices import petsc
 
 
 def parsed_options(given: str | Mapping[str, Any]) -> dict[str, str]:

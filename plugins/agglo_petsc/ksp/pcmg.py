@@ -8,11 +8,10 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from agglo_core.authoring import OptionError, Patches
-from agglo_petsc.aggregate_spaces import PetscLevels
-from agglo_petsc.level_inputs import Levels, levels_for
-from agglo_petsc.option_database import OptionDatabase, parsed_options
-from agglo_petsc.petsc_matrices import petsc
-from agglo_petsc.sweep_preconditioner import LevelSweeps, PatchSweeps, require_width
+from agglo_petsc.ksp.option_database import OptionDatabase, parsed_options
+from agglo_petsc.levels.aggregates import Levels, PetscLevels, levels_for
+from agglo_petsc.matrices import petsc
+from agglo_petsc.ranks.patch_sweeps import LevelSweeps, PatchSweeps, require_width
 
 Smoother = Literal["auto", "sweeps", "patches", "blocks", "sor"]
 CoarseSolver = Literal["auto", "lu", "mumps", "superlu_dist", "redundant"]
@@ -55,8 +54,8 @@ def setup(
     ksp : petsc4py.PETSc.KSP
         With its matrix (``setOperators``).
     levels : PetscLevels, Hierarchy or sequence of (parts,) int
-        Of :func:`~agglo_petsc.aggregate_spaces.aggregate_levels` or
-        :func:`~agglo_petsc.aggregate_spaces.given_levels`; or a hierarchy of what this rank has, or labels,
+        Of :func:`~agglo_petsc.levels.aggregates.aggregate_levels` or
+        :func:`~agglo_petsc.levels.aggregates.given_levels`; or a hierarchy of what this rank has, or labels,
         one for each of its parts (of the block size of the matrix).
     smoother : "auto", "sweeps", "patches", "blocks" or "sor"
         Our sweeps through patches (through single parts where there are none); PETSc's ``PCASM`` on the same

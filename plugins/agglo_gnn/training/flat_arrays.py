@@ -1,0 +1,34 @@
+"""Pieces in flat arrays: joined from several graphs, and chosen by their offsets."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from agglo_core.authoring import Int
+
+
+def joined_arrays(levels: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Join the arrays of several graphs by name; those named ``*_offsets`` are counts and become offsets.
+
+    Examples
+    --------
+    >>> levels = [{"cells": [1.0, 2.0, 3.0], "cell_offsets": [2, 1]}, {"cells": [4.0], "cell_offsets": [1]}]
+    >>> joined_arrays(levels)["cell_offsets"].tolist()
+    [0, 2, 3, 4]
+    """
+    joined = {key: np.concatenate([level[key] for level in levels]) for key in levels[0]}
+    return {
+        key: np.concatenate(([0], np.cumsum(values))) if key.endswith("_offsets") else values
+        for key, values in joined.items()
+    }
+
+
+def rows_of(offsets: Int, chosen: Int) -> tuple[Int, Int, Int]:
+    """Rows of the chosen pieces one after the other, the place of each row's piece, and their new starts."""
+    sizes = np.diff(offsets)[chosen]
+    first = np.cumsum(sizes) - sizes
+    owner = np.repeat(np.arange(len(chosen)), sizes)
+    return np.arange(sizes.sum()) + (offsets[chosen] - first)[owner], owner, first

@@ -1,0 +1,1 @@
+"""Multigrid in a KSP: set-up, options, report, checked solve."""

@@ -1,0 +1,1 @@
+"""Levels from labels of cells: aggregates, near-null vectors, prolongations."""

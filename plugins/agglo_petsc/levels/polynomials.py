@@ -1,0 +1,55 @@
+"""Polynomials over a whole mesh: the near-null vectors of the coarse spaces."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from agglo_core.authoring import Float, frozen_float
+
+
+def monomials(dim: int, degree: int, centre: ArrayLike, half: float) -> list[Callable[[Float], Float]]:
+    """Monomials of total degree up to ``degree`` as functions of points ``(q, d)``, that of degree 0 first.
+
+    Their arguments are on [−1, 1]^d where the mesh is within ``half`` of ``centre`` along each axis.
+
+    Examples
+    --------
+    >>> found = monomials(2, 1, [1.0, 1.0], 2.0)
+    >>> [each(np.array([[3.0, 0.0]])).tolist() for each in found]
+    [[1.0], [-0.5], [1.0]]
+    """
+    middle = np.asarray(centre)
+
+    def scaled(powers: tuple[int, ...]) -> Callable[[Float], Float]:
+        return lambda points: monomial(frozen_float((points - middle) / half), powers)
+
+    return [scaled(each) for each in exponents(dim, degree)]
+
+
+def exponents(dim: int, degree: int) -> list[tuple[int, ...]]:
+    """Exponents of the monomials of total degree up to ``degree``, those of 1 first.
+
+    Examples
+    --------
+    >>> exponents(2, 1)
+    [(0, 0), (0, 1), (1, 0)]
+    """
+    return [each for each in np.ndindex(*(degree + 1,) * dim) if sum(each) <= degree]
+
+
+def monomial(points: Float, powers: tuple[int, ...]) -> Float:
+    """A monomial ``(q,)`` at points ``(q, d)``.
+
+    Examples
+    --------
+    >>> monomial(np.array([[2.0, 3.0]]), (2, 1)).tolist()
+    [12.0]
+    """
+    found = np.ones(len(points))
+    for axis, power in enumerate(powers):
+        if power:
+            found *= points[:, axis] ** power
+    return frozen_float(found)

@@ -1,0 +1,1 @@
+"""Rows, vertex patches and sweeps divided among ranks."""
