@@ -199,7 +199,7 @@ def _flattened() -> Mesh:
 
 
 def by_hand() -> list[Case]:
-    """Parts whose values are worked out by hand in :data:`.metric_values.HAND`."""
+    """Parts whose values are worked out by hand in :data:`HAND`."""
     row, column = np.divmod(np.arange(16), 4)
     ring = np.ones((5, 5), int)
     ring[1:4, 1:4] = 0
