@@ -1,4 +1,4 @@
-"""The registry: plugins in, records and components out."""
+"""The registry: load plugins, list their records, look components up and build them."""
 
 from __future__ import annotations
 

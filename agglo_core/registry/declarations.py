@@ -1,4 +1,4 @@
-"""Declarations of plugins: the hooks, the records that they return, and faults of records."""
+"""Declarations of plugins: the hooks, ``Component`` and ``Command``, and checks of these."""
 
 from __future__ import annotations
 

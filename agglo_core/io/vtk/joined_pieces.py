@@ -1,4 +1,4 @@
-"""Pieces of a mesh made one: without ghosts, one after the other, in the order of their global numbers."""
+"""Join the pieces of a mesh: drop ghost cells, concatenate, sort by global numbers."""
 
 from __future__ import annotations
 

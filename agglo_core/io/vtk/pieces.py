@@ -1,4 +1,4 @@
-"""Pieces of VTK's grids, of PolyData too: from their stored arrays to cells, and to a mesh."""
+"""Turn the stored arrays of VTK's pieces (UnstructuredGrid, PolyData) into cells, and these into a mesh."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Outer faces that lie on one another made one: hanging vertices inserted, points at one place merged."""
+"""Join outer faces that lie on one another: insert hanging vertices, merge points at one place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From polygons as given to a checked 2-D Mesh: repairs are counted, faults name their cells."""
+"""Build the faces of a 2-D mesh from polygons; repairs are counted, faults name their cells."""
 
 from __future__ import annotations
 
