@@ -1,4 +1,4 @@
-"""Whether the parts of a graph are connected: asked often, and the answer is nearly always yes."""
+"""Test whether the parts of a graph are connected; fast where they are."""
 
 from __future__ import annotations
 

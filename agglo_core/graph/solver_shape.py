@@ -1,4 +1,4 @@
-"""What shapes are for in a solver, as one number: small moments of inertia and short interfaces.
+"""Objective ``solver``: small moments of inertia and short interfaces, as one number F.
 
 F is the moment of inertia of the parts, over that of as many regular hexagons of the same measure, plus 0.2
 times their interface, over that of these hexagons; in space truncated octahedra, Kelvin's cells, take their

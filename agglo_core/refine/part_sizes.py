@@ -1,4 +1,4 @@
-"""Masses of parts, their limits, and levels that a refiner takes as a whole."""
+"""Sizes of parts with their bounds, and refinement of a whole level block by block."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SIZES: Final[Mapping[Kind | None, str]] = MappingProxyType(
 
 
 class Balance(NamedTuple):
-    """How far sizes of parts may be from their mean, relatively, and what they are made of."""
+    """Relative tolerance of the sizes of parts about their mean, and the kind of size."""
 
     tolerance: float
     size: Kind | None = None

@@ -18,7 +18,7 @@ _TIE = 1e-9  # of the interface of a cell: gains below it are rounding
 
 
 class Gains(NamedTuple):
-    """What listed cells share with both sides ``(m, 2)``; ``marks − stamp`` are their places in that list."""
+    """Interfaces of listed cells with both sides ``(m, 2)``; ``marks − stamp`` are their rows in ``shared``."""
 
     shared: Any
     marks: Any

@@ -187,7 +187,7 @@ def split_in_order(n, d, along, axis, weight, share, order):
 
 @helper
 def _offset(moment, measure, moments, measures):
-    """How far the centroid of a side is from that of the piece."""
+    """Distance, along one axis, of the centroid of a side from that of the piece."""
     return moment / measure - moments / measures if measure > 0.0 else 0.0
 
 

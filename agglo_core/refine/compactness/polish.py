@@ -1,4 +1,4 @@
-"""Sweeps of the k-way polish: what they start from, and who makes which part of them."""
+"""Sweeps of the k-way polish: prepare their arrays, and share the slices out to threads."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def _slices(starts: Int, shift: int, dim: int) -> Any:
 
 
 def _reach(graph: Graph, parts: Any, k: int, limit: float) -> tuple[Any, Any]:
-    """What the kernels need to know of the widths of parts; nothing if these have no limit."""
+    """Lists, extents and vertices for tests of the widths of parts; empty if widths have no limit."""
     from agglo_core.refine.compactness.reach import Corners, Reach, cell_radii, part_lists
 
     centroids = graph.centroids

@@ -1,4 +1,4 @@
-"""Parts of a block in strips across its axis: parts that follow one another are near, in memory too."""
+"""Order the parts of a block in strips across its axis, and cut it into slices that trade no cells."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def strip_order(tally: Float, block: Int, axes: Float, places: Float, dim: int) 
 
 
 def slices(starts: Int, shift: int, dim: int) -> Int:
-    """Which parts trade cells in a sweep, ``(S, 5)``: first, last plus 1, those of the block, and the block.
+    """Slices of a sweep ``(S, 5)``: first part, last plus 1, the same two of the block, and the block.
 
     A block has up to 16 slices, each some parts wide; with ``shift`` each begins and ends in the middle of
     others without.
