@@ -124,7 +124,7 @@ def checked_sizes(member: Member, graph: Graph, pieces: Int, given: Any, *, test
 
 
 def checked_widths(member: Member, labels: Int, wide: Mask, limit: float) -> int:
-    """Count the single cells among the parts ``wide (k,)``; PluginError if a part of several cells is wide."""
+    """Count the single cells among the parts ``wide (k,)``; PluginError if one has several cells."""
     if not wide.any():
         return 0
     if (wide & (np.bincount(labels, minlength=len(wide)) > 1)).any():
