@@ -220,7 +220,7 @@ def _in_words(returned: Any, array: NDArray[Any]) -> str:
 
 
 def _present(graph: Graph, labels: Int, stride: int) -> Mask:
-    """Which labels 0..stride−1 occur in each block ``(B, stride)``."""
+    """Mask ``(B, stride)`` of the labels 0..stride−1 that occur in each block."""
     room = graph.n_blocks * stride
     return (np.bincount(graph.block_ids * stride + labels, minlength=room) > 0).reshape(-1, stride)
 

@@ -56,7 +56,7 @@ def _named_tuple(types: tuple[Any, ...], home: str) -> Any:
 
 
 def listed() -> list[Signature]:
-    """What is compiled ahead of time, the dearest first."""
+    """Signatures of ``ahead_of_time.txt``, those that take longest first."""
     lines = LISTED.read_text(encoding="utf-8").splitlines()
     return [Signature(*line.split(" ", 2)) for line in lines if not line.startswith("#")]
 

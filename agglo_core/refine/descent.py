@@ -170,7 +170,7 @@ def _improved(
 
 
 def _holds(members: Int, size: int) -> Mask:
-    """Which of 0..size−1 are among ``members``."""
+    """Mask ``(size,)`` of the numbers that are among ``members``."""
     found: Mask = np.zeros(size, bool)
     found[members] = True
     return found

@@ -29,7 +29,7 @@ class Balance(NamedTuple):
 
     @property
     def asked(self) -> bool:
-        """Whether there are any bounds."""
+        """True if there are any bounds."""
         return self.tolerance < np.inf
 
     def bounds(self, sizes: Float, k: int) -> tuple[float, float, float]:
@@ -39,7 +39,7 @@ class Balance(NamedTuple):
         return mean - far, mean + far, cell if cell > 0.0 else 1.0
 
     def holds(self, sizes: Float, labels: Int) -> bool:
-        """Whether all parts are within the tolerance, or less than a mean cell beyond the mean."""
+        """Return True if all parts are within the tolerance, or less than a mean cell from the mean."""
         if not self.asked:
             return True
         each = np.bincount(labels, sizes)
