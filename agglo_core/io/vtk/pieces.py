@@ -22,8 +22,10 @@ KINDS = ("Verts", "Lines", "Polys", "Strips")
 _TYPES = {"Verts": 2, "Lines": 4, "Polys": 7, "Strips": 6}
 _LINE, _POLYLINE, _POLYHEDRON = 3, 4, 42
 _WITH_BRIDGES = (5, 7, 9)  # triangles, polygons and quadrilaterals: the plane cells that agglo writes
-_VISITS = 32  # most cells of a point, and visits of a cell to it, bridges and pinches included
-_FEW = 1 << 15  # below this many points the visits are not counted
+# Bounds that only damaged or forged files exceed: cells per point, and how often one cell lists a point
+# (bridges and pinches included).
+_VISITS = 32
+_FEW = 1 << 15  # a piece of fewer points may have as many cells as one of this many
 
 
 class StoredArrays(dict[str, Int]):

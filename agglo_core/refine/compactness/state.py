@@ -39,7 +39,7 @@ class Cells(NamedTuple):
     interface : (m,) float
         Measure of the faces that the two cells of each entry share.
     centroids, weights, measures : (n, d), (n,) and (n,) float
-        Of the cells.
+        Of the cells; measures are ``graph.mass``, another quantity if the run shares parts out by that.
     axes : (B, 3) float
         Axis of each block, of any length: see ``part_places``.
     """
