@@ -64,6 +64,7 @@ def sides_by_share(member: Member, level: Graph, seeds: UInt64, shares: Float | 
 
 
 def _as_sides(member: Member, level: Graph, returned: Any) -> Int:
+    """Sides 0 and 1 of what a bisector returned, probabilities rounded; PluginError for anything else."""
     with attributed(member.title):
         given = plain_array(returned, "the result of bisecting", PluginError)
     if given.shape != (level.n,):
@@ -206,6 +207,7 @@ def require_no_worse(member: Member, graph: Graph, before: Int, after: Int) -> N
 
 
 def _integers(member: Member, method: str, given: Any, n: int) -> Int:
+    """Integers ``(n,)`` that a component returned; PluginError for anything else."""
     with attributed(f"{member.title}: {method}"):
         labels = plain_array(given, "the result", PluginError)
     if labels.shape != (n,) or labels.dtype.kind not in "iub":

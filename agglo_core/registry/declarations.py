@@ -131,6 +131,7 @@ def faults(declared: Component | Command) -> Iterator[str]:
 
 
 def _component_faults(component: Component) -> Iterator[str]:
+    """Yield what is wrong with a declared component, a sentence each."""
     if component.kind not in KINDS:
         yield f"kind {shown(component.kind)} is not known; accepted: {', '.join(KINDS)}"
     name = component.name

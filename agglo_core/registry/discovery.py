@@ -111,6 +111,7 @@ def _misnamed(manager: pluggy.PluginManager, plugin: object) -> str:
 def _declared(
     manager: pluggy.PluginManager, plugin: object, key: str
 ) -> tuple[list[Component | Command], str]:
+    """Call the hooks of a plugin: what they declare, and the fault that ended this, or ``""``."""
     found: list[Component | Command] = []
     for hook, kind in (("agglo_components", Component), ("agglo_commands", Command)):
         for implementation in getattr(manager.hook, hook).get_hookimpls():

@@ -186,7 +186,7 @@ def soup_of_pieces(pieces: Sequence[Soup]) -> tuple[Soup, int]:
 def mesh_of_soup(
     soup: Soup, ghosts: int, left_out: Iterable[str], *, name: str, **options: Unpack[ReadOptions]
 ) -> Mesh:
-    """Mesh of joined cells; what was left out of it is told among its repairs. Raises an AggloError."""
+    """Mesh of joined cells; repairs count the ghosts and cell data left out. Raises an AggloError."""
     weak = BRIDGES in soup.tags and bool(np.isin(soup.types, _WITH_BRIDGES).all())
     if weak:
         soup = soup._replace(tags={key: values for key, values in soup.tags.items() if key != BRIDGES})

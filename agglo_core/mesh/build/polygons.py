@@ -87,6 +87,7 @@ def without_padding(loop: Any) -> Any:
 
 
 def _plane(points: Float) -> Float:
+    """Points ``(n, 2)`` without a constant z; MeshError for a surface in 3-D."""
     if points.shape[1] == 2:
         return points
     z = points[:, 2]
