@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numba.types
 
 LISTED = Path(__file__).with_name("ahead_of_time.txt")
-_MOST_WORKERS = 16
+_MOST_WORKERS = 16  # processes at most, each of which loads numba
 
 
 class Signature(NamedTuple):

@@ -14,7 +14,7 @@ from agglo_core.split.piece_splits import PieceGraph, Pieces, Units, new_sides, 
 
 _SHARE = 2.0**40  # shares of weight are integers: their sums do not depend on the order
 _TIE = 1e-7  # of the extent: what counts as equal, as in ``graph.blocks``
-_BINS = 256
+_BINS = 256  # in each round of the search for a median
 _FEW = 64  # values that are sorted
 _NEAR = 0.051  # of a share: cuts so near to it stay where they are
 
