@@ -1,4 +1,4 @@
-"""How annealing goes on: temperatures in turn, parts shared out at each, several threads, a time limit."""
+"""Rounds of annealing: temperatures in turn, shares of parts for several threads, a time limit."""
 
 from __future__ import annotations
 
