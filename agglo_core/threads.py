@@ -1,4 +1,4 @@
-"""How many threads kernels may use, and calls made by several; results never depend on their number."""
+"""Number of threads, and calls shared out to them; results never depend on that number."""
 
 from __future__ import annotations
 

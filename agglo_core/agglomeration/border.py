@@ -64,6 +64,7 @@ def sides_by_share(member: Member, level: Graph, seeds: UInt64, shares: Float | 
 
 
 def _as_sides(member: Member, level: Graph, returned: Any) -> Int:
+    """Sides 0 and 1 of what a bisector returned, probabilities rounded; PluginError for anything else."""
     with attributed(member.title):
         given = plain_array(returned, "the result of bisecting", PluginError)
     if given.shape != (level.n,):
@@ -124,7 +125,7 @@ def checked_sizes(member: Member, graph: Graph, pieces: Int, given: Any, *, test
 
 
 def checked_widths(member: Member, labels: Int, wide: Mask, limit: float) -> int:
-    """How many single cells are ``wide (k,)``: larger than ``limit``; no part of several cells may be."""
+    """Count the single cells among the parts ``wide (k,)``; PluginError if one has several cells."""
     if not wide.any():
         return 0
     if (wide & (np.bincount(labels, minlength=len(wide)) > 1)).any():
@@ -206,6 +207,7 @@ def require_no_worse(member: Member, graph: Graph, before: Int, after: Int) -> N
 
 
 def _integers(member: Member, method: str, given: Any, n: int) -> Int:
+    """Integers ``(n,)`` that a component returned; PluginError for anything else."""
     with attributed(f"{member.title}: {method}"):
         labels = plain_array(given, "the result", PluginError)
     if labels.shape != (n,) or labels.dtype.kind not in "iub":
@@ -220,7 +222,7 @@ def _in_words(returned: Any, array: NDArray[Any]) -> str:
 
 
 def _present(graph: Graph, labels: Int, stride: int) -> Mask:
-    """Which labels 0..stride−1 occur in each block ``(B, stride)``."""
+    """Mask ``(B, stride)`` of the labels 0..stride−1 that occur in each block."""
     room = graph.n_blocks * stride
     return (np.bincount(graph.block_ids * stride + labels, minlength=room) > 0).reshape(-1, stride)
 

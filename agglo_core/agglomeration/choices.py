@@ -1,4 +1,4 @@
-"""From what users choose (a name, a name with options, an object) to the components of a run."""
+"""Turn choices of users (a name, a name with options, an object) into the components of a run."""
 
 from __future__ import annotations
 

@@ -122,7 +122,7 @@ class SizeGoal:
 
     @property
     def target(self) -> Target:
-        """What components are told."""
+        """The target that components receive."""
         return Target(h_star=self.h_star)
 
     def record(self, parts: int) -> Mapping[str, Any]:
@@ -169,7 +169,7 @@ class CountGoal:
 
     @property
     def target(self) -> Target:
-        """What components are told."""
+        """The target that components receive."""
         return Target(parts=self.parts)
 
     def record(self, parts: int) -> Mapping[str, Any]:
@@ -177,7 +177,7 @@ class CountGoal:
         return self.asked if self.exact else {**self.asked, "n_parts": parts}
 
     def shares(self, measures: Float, cells: Int) -> Int:
-        """Parts of each of the pieces at the start: see :func:`~.quotas.apportion`."""
+        """Parts of each of the pieces at the start: see :func:`apportion`."""
         parts = self.parts if self.exact else int(np.clip(self.parts, len(cells), cells.sum()))
         return apportion(parts, measures, cells)
 

@@ -1,4 +1,4 @@
-"""How hard k-way parts are searched for, and what they are to be: for solvers, or round."""
+"""Search for k-way parts, for solvers or round: effort, objective, time limit and balance."""
 
 from __future__ import annotations
 

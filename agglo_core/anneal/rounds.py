@@ -1,4 +1,4 @@
-"""How annealing goes on: temperatures in turn, parts shared out at each, several threads, a time limit."""
+"""Rounds of annealing: temperatures in turn, shares of parts for several threads, a time limit."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Ramps(NamedTuple):
     stiff: float = 0.0
 
     def for_cells(self, cells: float) -> Ramps:
-        """The same for parts of so many cells: the temperatures are those for 14."""
+        """Ramps for parts of so many cells: temperatures fall in proportion beyond ``_USUAL``."""
         scale = min(1.0, _USUAL / cells)
         return self._replace(hot=scale * self.hot, cold=scale * self.cold)
 

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numba.types
 
 LISTED = Path(__file__).with_name("ahead_of_time.txt")
-_MOST_WORKERS = 16
+_MOST_WORKERS = 16  # processes at most, each of which loads numba
 
 
 class Signature(NamedTuple):
@@ -56,7 +56,7 @@ def _named_tuple(types: tuple[Any, ...], home: str) -> Any:
 
 
 def listed() -> list[Signature]:
-    """What is compiled ahead of time, the dearest first."""
+    """Signatures of ``ahead_of_time.txt``, those that take longest first."""
     lines = LISTED.read_text(encoding="utf-8").splitlines()
     return [Signature(*line.split(" ", 2)) for line in lines if not line.startswith("#")]
 

@@ -1,4 +1,4 @@
-"""How a kernel is compiled, and where its machine code is kept."""
+"""Decorators that compile kernels and their helpers with numba."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether kernels have to be compiled, which takes longer than most runs."""
+"""Notice that kernels are being compiled, which takes longer than most runs."""
 
 from __future__ import annotations
 

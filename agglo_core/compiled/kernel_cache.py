@@ -1,4 +1,4 @@
-"""Where the machine code of kernels is kept: in numba's folders, and beside this file if it was installed.
+"""Cache of machine code: in numba's folders, and beside this file if it was installed.
 
 No other file knows ``numba.core.caching`` from within.
 """

@@ -55,7 +55,7 @@ class BlockGraph(FieldState, Loaded):
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
-            """What a subgraph has not yet taken from the graph it is part of."""
+            """Take an array of ``_LATER``, on first use, from the graph that this is a subgraph of."""
             if name not in _LATER or "_whole" not in self.__dict__:
                 raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
             whole, nodes = self.__dict__["_whole"]
@@ -211,7 +211,7 @@ class BlockGraph(FieldState, Loaded):
         return diameters_of(offsets, cells, self.vertex_offsets, self.vertices, self.points)
 
     def wide_parts(self, labels: ArrayLike, limit: float, asked: Mask | None = None) -> Mask:
-        """Whether each part ``(k,)``, labels 0..k−1, is wider than ``limit``: faster than all diameters.
+        """Mask ``(k,)`` of the parts, labels 0..k−1, wider than ``limit``: faster than all diameters.
 
         With ``asked (k,)`` others than those parts are not looked at, and not wide.
         """

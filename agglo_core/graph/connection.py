@@ -1,4 +1,4 @@
-"""Whether the parts of a graph are connected: asked often, and the answer is nearly always yes."""
+"""Test whether the parts of a graph are connected; fast where they are."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from agglo_core.threads import over_ranges
 
 
 def all_connected(indptr: Int, indices: Index) -> bool:
-    """Whether all nodes of a graph are connected.
+    """Return True if all nodes of a graph are connected.
 
     Examples
     --------
@@ -23,7 +23,7 @@ def all_connected(indptr: Int, indices: Index) -> bool:
 
 
 def parts_connected(indptr: Int, indices: Index, labels: Int) -> bool:
-    """Whether the nodes of each label ``(n,)``, none negative, are connected among themselves.
+    """Return True if the nodes of each label ``(n,)``, none negative, are connected among themselves.
 
     Examples
     --------
@@ -39,7 +39,7 @@ def parts_connected(indptr: Int, indices: Index, labels: Int) -> bool:
 
 
 def broken_parts(indptr: Int, indices: Index, labels: Int | Index, asked: Mask) -> Mask:
-    """Which of the parts ``asked (k,)`` are not connected; the labels ``(n,)`` are below k.
+    """Mask of the parts among ``asked (k,)`` that are not connected; the labels ``(n,)`` are below k.
 
     Several threads share the pass over all nodes; what is left to look at is little.
 

@@ -56,9 +56,9 @@ class Loaded:
 
     @property
     def mass(self) -> Float:
-        """What a number of parts is shared out by, among pieces and sides of splits ``(n,)``: the measures.
+        """Quantity ``(n,)`` by which a number of parts is shared out among pieces and the sides of splits.
 
-        A run may share it out by something else (:meth:`with_mass`).
+        By default the measures; a run may set another one (:meth:`with_mass`).
         """
         return self.measures if self.loads is None or self.loads.mass is None else self.loads.mass
 

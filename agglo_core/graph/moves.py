@@ -1,4 +1,4 @@
-"""What moving one cell to another part changes, for many moves at once.
+"""Changes of the objectives if one cell moves to another part, for many moves at once.
 
 Each function takes a graph, labels ``(n,)`` that number the parts of all blocks consecutively, and moves:
 cell ``cells[i]`` alone goes to part ``parts[i]``. It returns by how much the sum over all parts changes,

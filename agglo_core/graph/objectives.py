@@ -23,7 +23,7 @@ from agglo_core.graph.functionals import part_cuts, part_volumes, ratio
 from agglo_core.graph.loads import Kind
 from agglo_core.graph.solver_shape import solver_shapes
 
-_ROUNDING = 1e-9
+_ROUNDING = 1e-9  # of the value before: growth below it does not count as worse
 
 
 @dataclass(frozen=True)

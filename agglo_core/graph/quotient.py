@@ -13,7 +13,7 @@ from agglo_core.graph.block_graph import BlockGraph
 
 
 class Quotient(NamedTuple):
-    """What a quotient graph has in place of the arrays of the graph."""
+    """Arrays of a quotient graph, one node per agglomerate: those of ``Graph`` of the same names."""
 
     indptr: Int
     indices: Index

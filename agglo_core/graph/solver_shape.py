@@ -1,4 +1,4 @@
-"""What shapes are for in a solver, as one number: small moments of inertia and short interfaces.
+"""Objective ``solver``: small moments of inertia and short interfaces, as one number F.
 
 F is the moment of inertia of the parts, over that of as many regular hexagons of the same measure, plus 0.2
 times their interface, over that of these hexagons; in space truncated octahedra, Kelvin's cells, take their
@@ -22,7 +22,7 @@ _HEXAGON = {2: (5.0 / (18.0 * 3.0**0.5), (2.0 * 3.0**0.5) ** 0.5), 3: (0.2356299
 
 
 def solver_factors(graph: Graph, counts: Int) -> tuple[Float, Float]:
-    """What inertia and interface of each block ``(B,)`` of ``counts`` parts are multiplied by in F.
+    """Factors of inertia and of interface in F, for each block ``(B,)`` of ``counts`` parts.
 
     Without measures, or weights, inertia does not count, and the interface is over that of all cells.
     """
@@ -39,7 +39,7 @@ def solver_factors(graph: Graph, counts: Int) -> tuple[Float, Float]:
 
 
 def solver_shapes(graph: Graph, labels: Int) -> Float:
-    """What each part ``(k,)`` adds to the F of its block; labels number the parts of all blocks."""
+    """Contribution of each part ``(k,)`` to the F of its block; labels number the parts of all blocks."""
     _, means = mass_centres(graph, labels)
     inertia = part_sums(labels, graph.weights * ((graph.centroids - means[labels]) ** 2).sum(axis=1))
     interface = 0.5 * part_cuts(graph, labels, edge_weights=graph.interface)

@@ -68,7 +68,7 @@ def sweep(level: Graph, scores: ArrayLike) -> Int:
 
 
 def sweep_arrays(level: Graph) -> tuple[Int, Int, Index, Float, Float, Float, Float]:
-    """What the kernels of the sweep want: blocks, CSR, interfaces, centroids, weights, measures.
+    """Arguments of the kernels of the sweep: blocks, CSR, interfaces, centroids, weights, measures.
 
     Examples
     --------

@@ -255,6 +255,7 @@ def _writer(target: Path, registry: Registry | None, options: dict[str, bool]) -
 
 
 def _existing(path: object) -> Path:
+    """Path of a regular file or a folder; FileError, or OptionError for what is no path."""
     source = _checked_path("read", path)
     with naming(source):
         if not source.is_dir():  # some formats read folders
@@ -263,6 +264,7 @@ def _existing(path: object) -> Path:
 
 
 def _checked_path(function: str, path: object) -> Path:
+    """Path of a file, once its name can be encoded; FileError or OptionError otherwise."""
     if not isinstance(path, str | PathLike):
         call = "read(path)" if function == "read" else "write(path, mesh, hierarchy)"
         raise OptionError(f"{call}: the path must be a str or a Path, given {type(path).__name__}")
@@ -279,6 +281,7 @@ def _checked_path(function: str, path: object) -> Path:
 
 
 def _check_written(mesh: object, hierarchy: object) -> None:
+    """Raise OptionError unless the arguments of ``write`` are a Mesh and a Hierarchy or None."""
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.mesh import Mesh
 

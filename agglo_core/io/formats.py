@@ -1,4 +1,4 @@
-"""The formats of a registry: which there are, and which of them reads or writes a file."""
+"""Formats of a registry, and the choice of the one that reads or writes a file."""
 
 from __future__ import annotations
 

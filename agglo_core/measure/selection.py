@@ -1,4 +1,4 @@
-"""Which metrics and objectives are measured: from names, options and objects to objects that measure."""
+"""Select metrics and objectives: turn names and options into objects that measure."""
 
 from __future__ import annotations
 

@@ -69,6 +69,7 @@ def polyhedra_from_elements(blocks: Mapping[str, ArrayLike]) -> Polyhedra:
 
 
 def _block(kind: str, cells: ArrayLike) -> Polyhedra:
+    """Half-faces of a block of elements of one kind; a hexahedron folded to a tetrahedron is one."""
     if kind not in _FACES:
         raise MeshError(f"unknown element {kind!r}; known: {', '.join(_FACES)}")
     table, nodes = _FACES[kind], np.asarray(cells, dtype=np.int64)

@@ -1,1 +1,1 @@
-"""How wheels are built; nothing here runs later."""
+"""Build wheels; nothing here is contained in them."""

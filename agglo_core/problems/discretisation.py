@@ -1,4 +1,4 @@
-"""What solvers may be asked to solve, and how it becomes a linear system: problems and discretisations."""
+"""Protocols of problems, and of discretisations, which turn problems into linear systems."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an iterative method has to tell of its iterates."""
+"""History of an iteration: iterate, residuals, error estimates and outcome."""
 
 from __future__ import annotations
 

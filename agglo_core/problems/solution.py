@@ -177,7 +177,7 @@ class Solution:
 
     @property
     def asymptotic_contraction(self) -> float | None:
-        """The same over the latter half of the iterations."""
+        """Geometric mean of these factors over the second half of the iterations; None without one."""
         return mean_contraction(self.residuals, (len(self.residuals) - 1) // 2)
 
     def samples(self) -> Samples:

@@ -17,7 +17,7 @@ _PAUSE = 0.1
 
 
 def in_notebook() -> bool:
-    """Whether what is written goes to a notebook: stderr is that of an IPython kernel."""
+    """Return True in a notebook, where stderr is that of an IPython kernel."""
     return type(sys.stderr).__module__.partition(".")[0] == "ipykernel"
 
 

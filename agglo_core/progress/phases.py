@@ -14,7 +14,7 @@ _PAUSE = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far a computation has come.
+    """Progress of a computation: the phase, and the share of it that is done.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ def part(tell: Tell, place: int, count: int, label: str = "") -> Tell:
 
 
 def labelled(listen: Listener | None, label: str) -> Listener | None:
-    """The same listener, told ``label`` before each text: which run of several, which level.
+    """A listener that puts ``label`` before each text: which run of several, which level.
 
     Examples
     --------

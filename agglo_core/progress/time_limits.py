@@ -36,7 +36,7 @@ class TimeLimit:
         self._told = False
 
     def over(self) -> bool:
-        """Whether the time is over; if so it has ended a search, which :func:`noted_limits` is told once."""
+        """Return True if the time is over; the first time it is noted for :func:`noted_limits`."""
         if self._end is None or self._seconds is None or time.monotonic() < self._end:
             return False
         noted = _noted.get()

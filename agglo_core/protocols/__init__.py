@@ -1,4 +1,6 @@
-"""What each kind of component must offer. Nobody inherits anything: having the method is enough.
+"""Protocols: the methods and attributes that components of each kind must have.
+
+Nothing is inherited: a class with the method is a component.
 
 Which kinds there are, and what is checked when they are built: :mod:`agglo_core.registry.kinds`.
 

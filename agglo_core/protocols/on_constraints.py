@@ -1,4 +1,4 @@
-"""What constraints say of parts."""
+"""Protocols of constraints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What reads and writes meshes."""
+"""Protocols of file formats."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What splits, refines and mends parts of a graph."""
+"""Protocols of bisectors, refiners and fixers, and the target that they receive."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Target:
-    """What the parts must satisfy: a count, or a mesh size.
+    """Target of a split or refinement: a number of parts, or a mesh size.
 
     Attributes
     ----------

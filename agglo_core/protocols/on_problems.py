@@ -1,4 +1,4 @@
-"""What is solved, and what solves it."""
+"""Protocols of problems, solvers and smoothers."""
 
 from __future__ import annotations
 

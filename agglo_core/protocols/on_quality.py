@@ -1,4 +1,4 @@
-"""What measures agglomerates, and what reports on them."""
+"""Protocols of metrics and of sections of the report."""
 
 from __future__ import annotations
 

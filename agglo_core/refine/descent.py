@@ -154,7 +154,7 @@ def _chosen(moves: _Moves, k: int) -> _Moves:
 def _improved(
     objective: ChosenObjective, graph: Graph, before: Int, after: Int, moves: _Moves, block: Int
 ) -> Mask:
-    """Whether the objective of each block ``(B,)`` is better than before the moves.
+    """Mask ``(B,)`` of the blocks whose objective is better than before the moves.
 
     Totals are compared if the objective has values of parts. A metric cannot be measured on a graph: there,
     undoing the moves, each on its own, must make things worse in total.
@@ -170,7 +170,7 @@ def _improved(
 
 
 def _holds(members: Int, size: int) -> Mask:
-    """Which of 0..size−1 are among ``members``."""
+    """Mask ``(size,)`` of the numbers that are among ``members``."""
     found: Mask = np.zeros(size, bool)
     found[members] = True
     return found

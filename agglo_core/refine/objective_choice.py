@@ -1,4 +1,4 @@
-"""What a refiner is told to minimise: an objective of the table, or a metric with a method ``changes``."""
+"""Choose the objective of a refiner: an objective of the table, or a metric with a method ``changes``."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Changes = Callable[[Graph, Int, Int, Int], Float]
 
 @dataclass(frozen=True)
 class ChosenObjective:
-    """What a refiner minimises; lower is better, whichever direction is better for the metric.
+    """Objective that a refiner minimises; a metric whose values should be high gets a negative sign.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Masses of parts, their limits, and levels that a refiner takes as a whole."""
+"""Sizes of parts with their bounds, and refinement of a whole level block by block."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ SIZES: Final[Mapping[Kind | None, str]] = MappingProxyType(
 
 
 class Balance(NamedTuple):
-    """How far sizes of parts may be from their mean, relatively, and what they are made of."""
+    """Relative tolerance of the sizes of parts about their mean, and the kind of size."""
 
     tolerance: float
     size: Kind | None = None
 
     @property
     def asked(self) -> bool:
-        """Whether there are any bounds."""
+        """True if there are any bounds."""
         return self.tolerance < np.inf
 
     def bounds(self, sizes: Float, k: int) -> tuple[float, float, float]:
@@ -39,7 +39,7 @@ class Balance(NamedTuple):
         return mean - far, mean + far, cell if cell > 0.0 else 1.0
 
     def holds(self, sizes: Float, labels: Int) -> bool:
-        """Whether all parts are within the tolerance, or less than a mean cell beyond the mean."""
+        """Return True if all parts are within the tolerance, or less than a mean cell from the mean."""
         if not self.asked:
             return True
         each = np.bincount(labels, sizes)

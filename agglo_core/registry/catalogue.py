@@ -1,4 +1,4 @@
-"""The registry: plugins in, records and components out."""
+"""The registry: load plugins, list their records, look components up and build them."""
 
 from __future__ import annotations
 
@@ -31,6 +31,8 @@ Declared = list[Component | Command]
 
 @dataclass(frozen=True, eq=False)
 class _Plugin:
+    """A plugin as it was loaded, or not: its module or object, and the records of what it declares."""
+
     name: str
     distribution: str
     plugin: object
@@ -198,6 +200,7 @@ class Registry:
             self._load(each)
 
     def _load(self, found: Found) -> None:
+        """Import the declaration of an installed plugin and add its records; failures become their reason."""
         trace, point = self._manager.trace.root, found.entry_point
         trace.get("load")(found.name, found.distribution, found.version)
         origin = Record(None, found.name, found.distribution, found.version)
@@ -220,6 +223,7 @@ class Registry:
         self._add(origin, plugin, declared, problem)
 
     def _add(self, origin: Record, plugin: object, declared: Declared, problem: str) -> None:
+        """Keep the records of a plugin, those with faults, or all if there is a ``problem``, as broken."""
         wrong = [list(faults(each)) for each in declared]
         sound = [made_plain(each) if own else each for each, own in zip(declared, wrong, strict=True)]
         records = [_of(origin, each) for each in sound]
@@ -253,6 +257,7 @@ class Registry:
         return ", ".join(sorted({plugin.name for plugin in self._plugins})) or "none"
 
     def _unknown(self, kind: str, name: str) -> str:
+        """Message for a name that no component has: the nearest one, and those there are."""
         records = self._records()
         states = {r.name: "" if r.state == "ok" else f" ({r.state})" for r in records if r.kind == kind}
         close = difflib.get_close_matches(name, states, n=1)

@@ -1,4 +1,4 @@
-"""From a record to an object: import the target, check the options, build, check what its kind needs."""
+"""Build a component: import the target, check the options, call it, check what its kind needs."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ PLUGIN_FAILURES = (Exception, SystemExit)
 """Exceptions that a component may raise without ending the program.
 
 While a plugin is loaded it may raise anything but a KeyboardInterrupt: see :func:`loading`. During a run
-other BaseExceptions stop the program (cancelled tasks, alarms) and are nobody's failure.
+other BaseExceptions stop the program (cancelled tasks, alarms) and are no failure of a component.
 """
 
 
@@ -22,16 +22,16 @@ class LoadingError(Exception):
 
 @contextmanager
 def loading(what: str) -> Iterator[None]:
-    """Run a plugin's code at import or in a hook: it does not print to stdout, its failures are told.
+    """Run a plugin's code at import or in a hook: failures become LoadingErrors, and stdout stays clean.
 
-    What it prints goes to stderr, or to wherever somebody has redirected stdout.
+    What it prints goes to stderr, or to where stdout has been redirected.
 
     Raises
     ------
     LoadingError
         If it raises whatever it may be; the message is that of :func:`raised`.
     KeyboardInterrupt
-        As it comes, with a note of ``what`` was going on: nobody can tell who raised it.
+        As it is, with a note of ``what`` was loaded: it may be the user's, or raised by the plugin.
     """
     elsewhere = sys.stderr if sys.stdout is sys.__stdout__ else sys.stdout
     try:

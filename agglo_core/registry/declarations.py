@@ -1,4 +1,4 @@
-"""Declarations of plugins: the hooks, the records that they return, and faults of records."""
+"""Declarations of plugins: the hooks, ``Component`` and ``Command``, and checks of these."""
 
 from __future__ import annotations
 
@@ -131,6 +131,7 @@ def faults(declared: Component | Command) -> Iterator[str]:
 
 
 def _component_faults(component: Component) -> Iterator[str]:
+    """Yield what is wrong with a declared component, a sentence each."""
     if component.kind not in KINDS:
         yield f"kind {shown(component.kind)} is not known; accepted: {', '.join(KINDS)}"
     name = component.name

@@ -1,4 +1,4 @@
-"""Finding installed plugins and reading what they declare; whatever goes wrong becomes a reason."""
+"""Find installed plugins and read what they declare; failures become reasons, not exceptions."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def detach(manager: pluggy.PluginManager, plugin: object) -> None:
 
 
 def _misnamed(manager: pluggy.PluginManager, plugin: object) -> str:
-    """Why a hook of the plugin would never be called: misspelt, unmarked, or none at all."""
+    """Reason why a hook of the plugin would never be called (misspelt, unmarked, none at all), or ``""``."""
     found = 0
     for name in dir(plugin):
         marks = manager.parse_hookimpl_opts(plugin, name)
@@ -111,6 +111,7 @@ def _misnamed(manager: pluggy.PluginManager, plugin: object) -> str:
 def _declared(
     manager: pluggy.PluginManager, plugin: object, key: str
 ) -> tuple[list[Component | Command], str]:
+    """Call the hooks of a plugin: what they declare, and the fault that ended this, or ``""``."""
     found: list[Component | Command] = []
     for hook, kind in (("agglo_components", Component), ("agglo_commands", Command)):
         for implementation in getattr(manager.hook, hook).get_hookimpls():

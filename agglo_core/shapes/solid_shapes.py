@@ -23,7 +23,7 @@ def ball_radii(mesh: Mesh, anywhere: bool) -> Float:
 
 
 def over_surfaces(mesh: Mesh, kernel: Callable[..., Any], *more: Any) -> Float:
-    """What a kernel finds of the triangles around each cell ``(n_cells,)``."""
+    """Results ``(n_cells,)`` of a kernel on the triangles around each cell, with several threads."""
     points, (offsets, faces) = mesh.local_points, mesh.cell_faces
     triangles = _triangles(mesh)
 
@@ -36,7 +36,7 @@ def over_surfaces(mesh: Mesh, kernel: Callable[..., Any], *more: Any) -> Float:
 
 
 def _triangles(mesh: Mesh) -> tuple[Int, Index]:
-    """Where the triangles of each face begin ``(n_faces + 1,)``, and their vertices ``(t, 3)``."""
+    """Triangles of the faces: offsets ``(n_faces + 1,)``, and vertices ``(t, 3)``."""
     from agglo_core.shapes.solid_triangles import face_triangles
 
     vectors = frozen_float(mesh.face_normals * mesh.face_measures[:, None])

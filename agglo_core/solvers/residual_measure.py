@@ -1,4 +1,4 @@
-"""When an iteration may stop: the size of a residual, robust to high contrast of the coefficient."""
+"""Size of a residual for stopping tests, robust to high contrast of the coefficient."""
 
 from __future__ import annotations
 

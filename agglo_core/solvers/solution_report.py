@@ -1,4 +1,4 @@
-"""What ``agglo solve`` says of a solution, as plain data and as text."""
+"""Report of ``agglo solve`` on a solution, as plain data and as text."""
 
 from __future__ import annotations
 

@@ -63,9 +63,9 @@ class InertialBisection:
         return split_at_median(level, coordinates[:, 0], coordinates[:, 1:])
 
     def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> PieceGrowth | None:
-        """The same splits in one call, with the built-in refiner or none and the built-in fixer.
+        """All splits of a run in one call, with the built-in refiner or none and the built-in fixer.
 
-        Every split is tested and mended, small ones too, as depth by depth.
+        As in the recursion depth by depth, every split is tested and mended, those of small pieces too.
         """
         from agglo_core.split.piece_medians import split_across_axes
 

@@ -44,7 +44,7 @@ _ROUNDING = 1e-12  # of the extent: bound of the error of heights in double prec
 
 
 class Lists(NamedTuple):
-    """What changes as pieces are split.
+    """Lists of pieces, and counts, that change as pieces are split.
 
     Rows of ``todo`` and ``ready`` are pieces still to be split and pieces put off, ``leaf (n,)`` marks where
     finished pieces start, ``counts (3,)`` are the rows in use and the next stamp, and ``tally (depths, 3)``
@@ -59,7 +59,7 @@ class Lists(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """When pieces are finished, and how they are split.
+    """Limits: when pieces are finished or put off, and at which shares they are cut.
 
     ``diameter`` is h* or 0; ``floor`` that of the refinement, negative for none. Pieces of at most ``later``
     cells are put off; connections are tested in those of more than ``tiny``. ``step`` is 1 to count, −1 to

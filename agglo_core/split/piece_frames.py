@@ -19,8 +19,8 @@ _TIE = 1e-9  # angle below which turning ends, and part of a second moment by wh
 class Points(NamedTuple):
     """Centroids of a piece ``(3, m)`` about the centre of mass, shares of the weight ``(m,)``, and scales.
 
-    The scales ``(3,)`` are one over the measure of a typical section, the inertia, and its weight beside the
-    cut (see ``centring.centre_points``).
+    The scales ``(3,)`` are what ``centre_points`` (``compiled/frames.py``) returns: one over the measure of a
+    typical section, the inertia, and its weight relative to the cut.
     """
 
     local: Any

@@ -131,6 +131,10 @@ class PieceGrowth:
         return self._split(np.zeros(len(seeds), np.int64), limit, tell)
 
     def _split(self, quotas: Int, limit: float, tell: Tell) -> tuple[Int, Int]:
+        """Split all pieces by the kernel until they meet their quota, or the limit if that is positive.
+
+        Returns as :meth:`split`. Rows of ``todo`` are pieces, in the columns of ``piece_driver``.
+        """
         if self._stamp > _LAST_STAMP:
             self._pieces.marks[:], self._stamp = 0, 1
         self._shape, self._shares = _shape(self._source, limit), side_shares(int(quotas.sum()))

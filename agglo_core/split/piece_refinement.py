@@ -18,7 +18,10 @@ _TIE = 1e-9  # of the interface of a cell: gains below it are rounding
 
 
 class Gains(NamedTuple):
-    """What listed cells share with both sides ``(m, 2)``; ``marks − stamp`` are their places in that list."""
+    """Interfaces of listed cells: ``shared (m, 2)``, with the other side and with their own.
+
+    The row of cell i is ``marks[i, 3] − stamp``, negative for a cell that is not listed.
+    """
 
     shared: Any
     marks: Any

@@ -14,7 +14,7 @@ from agglo_core.split.piece_splits import PieceGraph, Pieces, Units, new_sides, 
 
 _SHARE = 2.0**40  # shares of weight are integers: their sums do not depend on the order
 _TIE = 1e-7  # of the extent: what counts as equal, as in ``graph.blocks``
-_BINS = 256
+_BINS = 256  # in each round of the search for a median
 _FEW = 64  # values that are sorted
 _NEAR = 0.051  # of a share: cuts so near to it stay where they are
 
@@ -187,7 +187,7 @@ def split_in_order(n, d, along, axis, weight, share, order):
 
 @helper
 def _offset(moment, measure, moments, measures):
-    """How far the centroid of a side is from that of the piece."""
+    """Distance, along one axis, of the centroid of a side from that of the piece."""
     return moment / measure - moments / measures if measure > 0.0 else 0.0
 
 

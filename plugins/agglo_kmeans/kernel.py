@@ -1,4 +1,8 @@
-"""Kernels of 2-means, for the blocks of a graph and for the recursion on its pieces."""
+"""Kernels of 2-means: ``two_means`` for the blocks of a graph, ``split_by_means`` for the whole recursion.
+
+Both cut a piece by the helpers ``_load`` and ``_cut``, which are the arguments ``load`` and ``cut`` of
+``split_pieces_by`` (``agglo_core/split/piece_driver.py``, here ``piece_driver``).
+"""
 
 from __future__ import annotations
 
@@ -53,11 +57,16 @@ def _tag_sides(graph, pieces, lo, hi, placing, extent, plane, candidates, sides)
 
 @helper
 def _load(graph, pieces, lo, hi, means):
+    """Load the piece ``cells[lo:hi]`` and return its extent: the ``load`` of ``split_pieces_by``."""
     return load_points(pieces.cells, lo, hi, graph.centroids, graph.weights, graph.units, means)
 
 
 @helper
 def _cut(graph, pieces, lo, hi, extent, means, candidates, sides):
+    """Tag the sides of the loaded piece, and write its cut: ``cut`` of ``split_pieces_by``.
+
+    Writes the normal, measures and counts of ``sides``, and the ``candidates``; returns how many these are.
+    """
     plane = separator(means, graph.centroids.shape[1] == 2)
     _, sides.normal[0], sides.normal[1], sides.normal[2], _ = plane
     return _tag_sides(graph, pieces, lo, hi, means.placing, extent, plane, candidates, sides)

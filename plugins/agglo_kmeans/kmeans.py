@@ -76,7 +76,7 @@ class KMeans:
 
     @property
     def final_parts(self) -> bool:
-        """Whether refiners and polish are to leave the k-way partition as it is."""
+        """True if refiners and polish are to leave the k-way partition as it is."""
         return self.search is not None
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
@@ -87,7 +87,7 @@ class KMeans:
         return sides
 
     def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> PieceGrowth | None:
-        """All splits of a run in one call, with the built-in refiner or none and the built-in fixer."""
+        """All splits of a run in one call; None unless refiner (if any) and fixer are the built-in ones."""
         from agglo_kmeans.kernel import split_by_means
 
         return PieceGrowth.for_components(graph, pieces, split_by_means, refiners, fixer)

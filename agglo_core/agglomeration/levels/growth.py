@@ -31,7 +31,7 @@ class Growth(Protocol):
         Returns the new labels ``(n,)``, numbered by first node, which are the pieces of the next call; and
         for each depth the pieces split, the cells in them and the pieces that had to be mended,
         ``(depths, 3)``.
-        ``tell`` is told which share of the work is done.
+        ``tell`` is called with the share of the work that is done, and a text.
         """
 
 

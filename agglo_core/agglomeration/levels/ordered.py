@@ -56,6 +56,7 @@ def _with_points_as_met(graph: Graph) -> Graph:
 def _levels(
     graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass, *, kway: bool, nested: bool
 ) -> list[Int]:
+    """Levels by direct partitions, by one nested recursion, or each level on its own."""
     if kway:
         return kway_levels(graph, goals, nested, run, post)
     if nested:

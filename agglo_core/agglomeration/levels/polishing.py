@@ -25,7 +25,7 @@ from agglo_core.protocols import Target
 
 @runtime_checkable
 class PartRefiner(Protocol):
-    """Optional: a refiner for finished levels that needs no graph of the blocks, which costs time to make."""
+    """Optional: a refiner of finished levels that needs no graph of the blocks, which takes time to make."""
 
     def refine_parts(self, graph: Graph, labels: Int, block: Int, target: Target) -> Int:
         """Do what ``refine`` does if the parts ``p`` of each ``block[p]`` were the blocks of the graph.
@@ -52,7 +52,7 @@ class PostPass:
     ) -> Int:
         """Labels ``(n,)`` after the post-passes, each inside ``blocks (n,)``.
 
-        Unless ``tested``, it is not yet known whether the parts are connected: the polish is to see.
+        If ``tested`` is False the parts may be disconnected or too wide: the polish tests all of them.
         """
         if self.merge and isinstance(goal, SizeGoal):
             with run.statistics.timed("merge"), phase(run.progress, "merging") as tell:

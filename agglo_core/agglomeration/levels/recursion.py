@@ -108,6 +108,7 @@ def grow(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int = 0) -> tup
 
 
 def _grown(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int, tell: Tell) -> tuple[Tree, Int]:
+    """Bisect all unfinished pieces of one depth after the other, until none is left."""
     tree = _TreeBuilder(graph.n, goal)
     run, statistics = run.for_target(goal.target), run.statistics
     with statistics.timed("split"):

@@ -319,7 +319,7 @@ class _Level:
 
 
 def _in_two(labels: Int, sides: Int, k: int) -> Mask:
-    """Which parts ``(k,)`` have nodes on both sides."""
+    """Mask ``(k,)`` of the parts that have nodes on both sides."""
     ones = np.bincount(labels, sides, k)
     return (ones > 0) & (ones < np.bincount(labels, minlength=k))
 

@@ -1,1 +1,1 @@
-"""What a law is made of: case, law, verdict, the component under test."""
+"""Base of the laws: case, law, verdict, the component under test."""

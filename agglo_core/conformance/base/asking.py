@@ -1,4 +1,4 @@
-"""How each kind of component is called in a case: as its protocol says, and in no other way."""
+"""Call a component of each kind in a case, as its protocol says and in no other way."""
 
 from __future__ import annotations
 

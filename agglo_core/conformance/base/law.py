@@ -1,4 +1,4 @@
-"""What a law is: a plain function of a subject that raises Broken with what is wrong and what to do."""
+"""Laws: plain functions of a subject that raise Broken with what is wrong and what to do."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What stands beside a component in the runs of the suite: agglo's own, whatever else is registered."""
+"""Components of the core that complete the runs of the suite, whatever else is registered."""
 
 from __future__ import annotations
 

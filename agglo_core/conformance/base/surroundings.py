@@ -1,4 +1,4 @@
-"""What belongs to the program and not to a component: settings of the process, before and after."""
+"""Settings of the process that no component may change, recorded before and after it is called."""
 
 from __future__ import annotations
 

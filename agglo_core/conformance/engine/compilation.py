@@ -1,4 +1,4 @@
-"""When numba compiles or loads kernels: time that no component can be blamed for."""
+"""Notice when numba compiles or loads kernels: that time is not charged to a component."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each format holds, refuses and loses: found by writing small meshes and reading them back."""
+"""Table of formats: what each holds, refuses and loses when small meshes are written and read back."""
 
 from __future__ import annotations
 

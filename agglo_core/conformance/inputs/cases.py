@@ -49,7 +49,7 @@ def cases(kind: str, seed: int = 0) -> list[Case]:
 
 
 def cases_in_3d(kind: str) -> list[Case]:
-    """The same in 3-D; none for a kind that is given neither mesh nor graph."""
+    """Ordinary cases of a kind in 3-D; none for a kind that is given neither mesh nor graph."""
     if kind in _ABOUT_MESHES:
         return in_space(kind)
     if kind in ("smoother", "sample", *PARTS):
@@ -162,7 +162,7 @@ def laplacian(graph: Graph, per_cell: int, shift: float = 0.1) -> Linear:
 
 
 def with_problem(case: Case, **changes: Any) -> Case:
-    """The same question with another problem."""
+    """The question of a case with another problem."""
     problem, hierarchy = case.given
     return replace(case, given=(replace(problem, **changes), hierarchy))
 

@@ -121,7 +121,7 @@ def partitions(seed: int = 0) -> list[Case]:
 
 
 def partitions_in_3d() -> list[Case]:
-    """The same in 3-D."""
+    """Questions in 3-D to a bisector that also makes direct partitions."""
     return [_in_parts("3-D boxes", small_meshes.boxes().graph, parts) for parts in _KWAY_PARTS]
 
 
@@ -177,7 +177,7 @@ def _wide() -> Mesh:
 
 
 def _high() -> Mesh:
-    """The same neighbours, but other distances and directions: higher than wide, and then turned."""
+    """Mesh with the neighbours of ``_wide``, but higher than wide, and then turned."""
     quarter = np.array([[0.0, 1.0], [-1.0, 0.0]])
     high = small_meshes.grid(9, 7, height=3.0, jitter=0.2)
     return unusual_graphs.mapped(high, lambda points: points @ quarter)

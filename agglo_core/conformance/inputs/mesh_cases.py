@@ -47,7 +47,7 @@ def on_meshes(kind: str) -> list[Case]:
 
 
 def in_space(kind: str) -> list[Case]:
-    """The same in 3-D; to formats also tetrahedra, as some hold nothing else."""
+    """Ordinary cases about 3-D meshes; for formats also tetrahedra, as some hold nothing else."""
     boxes = _about(kind, replace(small_meshes.boxes(3, 2, 2), name="3-D boxes"))
     return [boxes, _about(kind, small_meshes.tetrahedra())] if kind == "format" else [boxes]
 

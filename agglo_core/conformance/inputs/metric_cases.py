@@ -103,7 +103,7 @@ def shapes() -> list[Case]:
 
 
 def bodies() -> list[Case]:
-    """The same in 3-D, and a shell: its one part surrounds the other."""
+    """Parts of extreme shape in 3-D, whole components, and a shell: its one part surrounds the other."""
     shell = np.ones(27)
     shell[13] = 0
     apart = small_meshes.boxes(5, 1, 1, without=(2,))
@@ -130,7 +130,7 @@ def many_alone() -> Case:
 
 
 def cut_finer(case: Case) -> Case:
-    """The same parts of a plane mesh of convex cells, each cut in quadrilaterals about its centre.
+    """The parts of a case on finer cells: each convex plane cell is cut in quadrilaterals about its centre.
 
     Every face is two halves then, those on the outlines of parts too.
     """
@@ -199,7 +199,7 @@ def _flattened() -> Mesh:
 
 
 def by_hand() -> list[Case]:
-    """Parts whose values are worked out by hand in :data:`.metric_values.HAND`."""
+    """Parts whose values are worked out by hand in :data:`HAND`."""
     row, column = np.divmod(np.arange(16), 4)
     ring = np.ones((5, 5), int)
     ring[1:4, 1:4] = 0

@@ -1,4 +1,4 @@
-"""What laws ask of solvers: solutions, matrices of any form, values at points, options by name."""
+"""Helpers for laws of solvers: solutions, matrices of any form, values at points, options by name."""
 
 from __future__ import annotations
 

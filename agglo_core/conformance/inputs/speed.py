@@ -1,4 +1,4 @@
-"""How fast a refiner or fixer is, asked in steps, so that a slow one does not hold up the laws."""
+"""Measure the time of a refiner or fixer in steps, so that a slow one does not hold up the laws."""
 
 from __future__ import annotations
 

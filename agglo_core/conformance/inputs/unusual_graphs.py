@@ -233,7 +233,7 @@ def ragged() -> dict[str, tuple[Graph, Int]]:
 
 
 def ragged_in_space() -> tuple[Graph, Int]:
-    """The same of tetrahedra."""
+    """A level of pieces of tetrahedra, and labels of 2 to 5 ragged parts in each block."""
     return _afresh(_tetrahedra)
 
 
@@ -250,7 +250,7 @@ def grown(graph: Graph, seeds: Int, rng: np.random.Generator) -> Int:
 
 
 def _with_uneven_faces(level: Graph, labels: Int) -> tuple[Graph, Int]:
-    """The same with weights unlike the measures and faces of any size, so that much hangs on short ones."""
+    """A level with weights unlike the measures, and faces of any size: much hangs on short ones."""
     rng = np.random.default_rng(5)
     rows = np.repeat(np.arange(level.n), np.diff(level.indptr))
     edges = np.minimum(rows, level.indices) * level.n + np.maximum(rows, level.indices)

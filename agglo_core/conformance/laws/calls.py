@@ -84,7 +84,7 @@ def nothing_carried_over(subject: Subject) -> None:
 
 
 def _each(subject: Subject) -> Iterator[Case]:
-    """The same questions one at a time, so that each may lie in memory where the one before has been."""
+    """Yield the questions one at a time, so that each may lie in memory where the one before has been."""
     none = True
     for case in siblings(subject.kind, partition=subject.partitions):
         if taken(subject, [case]):

@@ -143,7 +143,7 @@ def shape_only_is_true(subject: Subject) -> None:
 
 
 def _joined(case: Case) -> Case:
-    """The same parts, each of one cell."""
+    """The parts of a case, each as one cell of the coarse mesh."""
     mesh, labels = case.given
     coarse = mesh.coarsen(labels)
     return Case(f"{case.name} coarsened", (coarse, frozen_int(np.arange(coarse.n_cells))))

@@ -1,4 +1,4 @@
-"""Where a distributed run starts: rules and goals agreed upon, cells shared out among domains."""
+"""Start of a distributed run: ranks agree on rules and goals, and share cells out among domains."""
 
 from __future__ import annotations
 

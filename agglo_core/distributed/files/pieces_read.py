@@ -72,7 +72,7 @@ def _whole_own(mesh: DistributedMesh) -> WholeCells:
 
 
 def _without_gaps(mesh: DistributedMesh) -> DistributedMesh:
-    """The same with outer faces that lie on one another made one, across ranks."""
+    """The mesh with outer faces that lie on one another joined, across ranks."""
     ranks, whole = mesh.ranks, _whole_own(mesh)
     alone = joined_across(whole, ranks, mesh.local.name)
     own = None if alone is None else _Own(alone, None, whole.cells)

@@ -1,4 +1,4 @@
-"""What must hold of a distributed mesh on all ranks together."""
+"""Check what must hold for a distributed mesh on all ranks together."""
 
 from __future__ import annotations
 

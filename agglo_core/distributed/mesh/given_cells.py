@@ -54,7 +54,7 @@ class _Lists(NamedTuple):
         return int(self.points.shape[1])
 
     def ordered(self, order: Int) -> _Lists:
-        """The same with the cells in this order."""
+        """These cells in the given order."""
         if self.dim == 3:
             solids = Polyhedra(self.offsets[0], self.offsets[1], self.vertices)
             cells, loops, vertices = take_cells(solids, order)

@@ -1,4 +1,4 @@
-"""Which tags occur together in a mesh that lies on several ranks."""
+"""Combinations of tags that occur in a mesh on several ranks."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""From the contents of a file to a mesh: cells and faces as lists, checks, hanging vertices."""
+"""Turn the points and cells of a file into a mesh, and a mesh into lists of cells and faces."""

@@ -154,6 +154,7 @@ def _dimensions_and_corners() -> tuple[Int, Int]:
 
 
 def _corner_counts(soup: Soup, corners: Int) -> Int:
+    """Number of corners of each cell; FileError for a cell with fewer nodes than corners."""
     sizes = np.diff(soup.offsets)
     few = np.flatnonzero(sizes < corners)
     if len(few):

@@ -1,4 +1,4 @@
-"""Pieces of a mesh made one: without ghosts, one after the other, in the order of their global numbers."""
+"""Join the pieces of a mesh: drop ghost cells, concatenate, sort by global numbers."""
 
 from __future__ import annotations
 
@@ -98,6 +98,7 @@ def in_global_order(soup: Soup) -> Soup:
 
 
 def _each_point_once(soup: Soup, point_ids: Int) -> Soup:
+    """Keep one point of each global id; FileError if such points lie in different places."""
     ids, first, number = np.unique(point_ids, return_index=True, return_inverse=True)
     points = frozen_float(soup.points[first])
     elsewhere = np.flatnonzero(_differ(points[number], soup.points))

@@ -1,4 +1,4 @@
-"""Pieces of VTK's grids, of PolyData too: from their stored arrays to cells, and to a mesh."""
+"""Turn the stored arrays of VTK's pieces (UnstructuredGrid, PolyData) into cells, and these into a mesh."""
 
 from __future__ import annotations
 
@@ -22,8 +22,10 @@ KINDS = ("Verts", "Lines", "Polys", "Strips")
 _TYPES = {"Verts": 2, "Lines": 4, "Polys": 7, "Strips": 6}
 _LINE, _POLYLINE, _POLYHEDRON = 3, 4, 42
 _WITH_BRIDGES = (5, 7, 9)  # triangles, polygons and quadrilaterals: the plane cells that agglo writes
-_VISITS = 32  # most cells of a point, and visits of a cell to it, bridges and pinches included
-_FEW = 1 << 15  # below this many points the visits are not counted
+# Bounds that only damaged or forged files exceed: cells per point, and how often one cell lists a point
+# (bridges and pinches included).
+_VISITS = 32
+_FEW = 1 << 15  # a piece of fewer points may have as many cells as one of this many
 
 
 class StoredArrays(dict[str, Int]):
@@ -184,7 +186,7 @@ def soup_of_pieces(pieces: Sequence[Soup]) -> tuple[Soup, int]:
 def mesh_of_soup(
     soup: Soup, ghosts: int, left_out: Iterable[str], *, name: str, **options: Unpack[ReadOptions]
 ) -> Mesh:
-    """Mesh of joined cells; what was left out of it is told among its repairs. Raises an AggloError."""
+    """Mesh of joined cells; repairs count the ghosts and cell data left out. Raises an AggloError."""
     weak = BRIDGES in soup.tags and bool(np.isin(soup.types, _WITH_BRIDGES).all())
     if weak:
         soup = soup._replace(tags={key: values for key, values in soup.tags.items() if key != BRIDGES})

@@ -143,6 +143,7 @@ def _check_places(elements: Iterable[ElementTree.Element]) -> None:
 
 
 def _piece(document: Document, piece: ElementTree.Element) -> Soup:
+    """Cells of a Piece with their points, tags and global ids; raises FileError."""
     kinds = [kind for kind in KINDS if piece.find(kind) is not None]
     counted = ["Points", *(kinds or ["Cells"])]
     try:
@@ -190,6 +191,7 @@ def _ids(document: Document, section: ElementTree.Element | None, n: int) -> Int
 
 
 def _points(document: Document, piece: ElementTree.Element, n: int) -> Float:
+    """Points ``(n, 3)`` of a Piece; raises FileError if there are not n."""
     element = piece.find("Points/DataArray")
     values = document.array(element, 3 * n) if element is not None else np.empty(0)
     if values.size != 3 * n:

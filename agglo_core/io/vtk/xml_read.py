@@ -67,6 +67,7 @@ class Document:
             raise FileError(f"array {name!r}: {error}") from None
 
     def _array(self, element: ElementTree.Element, declared: int) -> NDArray[Any]:
+        """Decode a DataArray by its format (ascii, binary or appended); raises ValueError."""
         kind, form = element.get("type", ""), element.get("format", "ascii")
         if kind not in TYPES:
             raise ValueError(f"unknown type {kind!r}")
@@ -88,6 +89,7 @@ class Document:
         return np.frombuffer(content, native.newbyteorder(self.order)).astype(native)
 
     def _binary(self, data: bytes | memoryview, start: int, room: _Room, *, raw: bool) -> bytes | memoryview:
+        """Decode the bytes that follow their length, raw or in base64, from ``start`` on."""
         if len(data) <= start:
             return b""
         if self.compression:
@@ -103,6 +105,7 @@ class Document:
         return _take(data, start, width + size, raw)[0][width:]
 
     def _compressed(self, data: bytes | memoryview, start: int, room: _Room, raw: bool) -> bytes:
+        """Decode the blocks that follow their header: number, size, size of the last, compressed sizes."""
         width = self.header.itemsize
         prefix, _ = _take(data, start, 3 * width, raw)
         n, size, last = (int(value) for value in np.frombuffer(prefix, self.header))
@@ -118,6 +121,7 @@ class Document:
         return b"".join(pieces)
 
     def _inflate(self, block: bytes | memoryview, size: int) -> bytes:
+        """Decompress a block that must hold ``size`` bytes."""
         if size > _EXPANSION * (len(block) + 64):
             raise ValueError(f"a block of {len(block)} bytes claims to hold {size}")
         zipped = self.compression == "zlib"
@@ -145,6 +149,7 @@ class _Room(NamedTuple):
 
 
 def _numbers(text: str, dtype: np.dtype[Any], declared: int) -> NDArray[Any]:
+    """Numbers of a text; raises ValueError for many more than are declared, or a word that is none."""
     most = max(declared, 0) + _SPARE
     words = text.split(maxsplit=most)
     if not words:

@@ -1,4 +1,4 @@
-"""Outer faces that lie on one another made one: hanging vertices inserted, points at one place merged."""
+"""Join outer faces that lie on one another: insert hanging vertices, merge points at one place."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from agglo_core.mesh.build.touching import Contacts, Outer, facing_pairs, find_c
 _log = logging.getLogger("agglo")
 
 TOLERANCE = 1e-6  # relative to the cells: above rounding, below any gap that is meant
-_NEAR = 1e-2  # tolerance at which faces are still told, though not joined
+_NEAR = 1e-2  # tolerance up to which faces that are not joined are named in a warning
 _ROUNDING = 8  # units in the last place of the largest coordinate
 
 _CUT = {2: "hanging vertices inserted", 3: "faces split like those of neighbours"}

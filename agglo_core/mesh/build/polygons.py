@@ -1,4 +1,4 @@
-"""From polygons as given to a checked 2-D Mesh: repairs are counted, faults name their cells."""
+"""Build the faces of a 2-D mesh from polygons; repairs are counted, faults name their cells."""
 
 from __future__ import annotations
 
@@ -87,6 +87,7 @@ def without_padding(loop: Any) -> Any:
 
 
 def _plane(points: Float) -> Float:
+    """Points ``(n, 2)`` without a constant z; MeshError for a surface in 3-D."""
     if points.shape[1] == 2:
         return points
     z = points[:, 2]

@@ -1,4 +1,4 @@
-"""From polyhedra as given to a checked 3-D Mesh: half-faces are paired, turned outward, checked."""
+"""Build the faces of a 3-D mesh from polyhedra: half-faces are paired, turned outward, checked."""
 
 from __future__ import annotations
 

@@ -94,6 +94,7 @@ def facing_pairs(outer: Outer) -> Int:
 
 
 def _candidates(outer: Outer) -> Iterator[Int]:
+    """Yield pairs of near outer faces with opposite normals, from trees of centre and scaled normal."""
     from scipy.spatial import cKDTree
 
     real = np.flatnonzero(outer.measure > 0)

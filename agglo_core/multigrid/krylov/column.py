@@ -1,4 +1,4 @@
-"""When preconditioned conjugate gradients for one right-hand side stop, restart and report convergence.
+"""Preconditioned conjugate gradients for one right-hand side: stops, restarts, reported convergence.
 
 The iteration is a generator that yields the products it needs: those of several columns are made together.
 """

@@ -1,4 +1,4 @@
-"""When conjugate gradients may stop: the rules of a request, restarts, and a probe for modes that b hides."""
+"""Stopping rules of conjugate gradients, with restarts and a probe for modes that b hides."""
 
 from __future__ import annotations
 

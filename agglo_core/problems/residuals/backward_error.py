@@ -1,4 +1,4 @@
-"""How far an iterate is from all that double precision allows."""
+"""Backward error of an iterate, relative to the rounding of double precision."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sweeps of the k-way polish: what they start from, and who makes which part of them."""
+"""Sweeps of the k-way polish: prepare their arrays, and share the slices out to threads."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from agglo_core.refine.compactness.strips import slices, strip_order
 from agglo_core.threads import mapped, thread_count
 
 _SWEEPS = 12
+"""Sweeps at most; a block that gains little is done earlier (``listed_cells`` in ``state.py``)."""
 
 _FEW = 2_000
 """So few cells are looked at faster by one thread than by several."""
@@ -29,21 +30,25 @@ def swept(graph: Graph, labels: Int, block: Int, alpha: float, floor: float, lim
     from agglo_core.refine.compactness.state import Cells, State, interface_cells, part_tally
     from agglo_core.refine.compactness.sweeps import sweep_all
 
+    # 1. Sums of the parts, axes of the blocks, the objective and the boundary cells at the start.
     n, k, count = graph.n, len(block), int(block.max()) + 1
     geometry = graph.centroids, graph.weights, graph.mass
     parts, tally = part_tally(labels, k, *geometry, floor)
     axes, places = part_places(block, count, tally)
     cells = Cells(graph.indptr, graph.indices, graph.interface, *geometry, axes)
     blocks, due = interface_cells(cells, parts, tally, block, count)  # as yet neighbours' sums are near
+    # 2. New numbers for the parts, in a geometric order: those of a block, and of a slice, are ranges.
     order = strip_order(tally, block, axes, places, graph.dim)
     rank = np.empty(k, np.int32)
     rank[order] = np.arange(k, dtype=np.int32)
     parts, tally = rank.take(parts), tally.take(order, axis=0)  # several times faster than indexing
     starts = frozen_int(np.searchsorted(block[order], np.arange(count + 1)))
+    # 3. Two sets of slices for even and odd sweeps: one set ends in the middle of the slices of the other.
     by_turns = tuple(_slices(starts, shift, graph.dim) for shift in range(2))
     room = np.zeros((n, 2), np.int32), np.zeros(k + 1, np.int32), np.empty(n, np.int32)
     state = State(parts, tally, blocks, due, *room, np.zeros((count, 2)), np.ones(count, bool))
     how = alpha, limit, *_reach(graph, parts, k, limit)
+    # 4. The sweeps; then the old numbers of the parts.
     if thread_count() == 1:
         sweep_all(cells, state, _work(n, k), *by_turns, _SWEEPS, *how)
     else:
@@ -85,7 +90,7 @@ def _slices(starts: Int, shift: int, dim: int) -> Any:
 
 
 def _reach(graph: Graph, parts: Any, k: int, limit: float) -> tuple[Any, Any]:
-    """What the kernels need to know of the widths of parts; nothing if these have no limit."""
+    """Lists, extents and vertices for tests of the widths of parts; empty if widths have no limit."""
     from agglo_core.refine.compactness.reach import Corners, Reach, cell_radii, part_lists
 
     centroids = graph.centroids

@@ -1,4 +1,8 @@
-"""State of the k-way polish: its first sums, and the list of cells that each sweep looks at."""
+"""State of the k-way polish: its records, the first sums, and the list of cells of each sweep.
+
+Shapes below: n cells in d dimensions, k parts, B blocks, S slices. During the sweeps parts are numbered in
+the order of ``strip_order``, so that those of a block are a range.
+"""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -18,14 +22,26 @@ A smaller value costs sweeps that hardly change anything, a larger one leaves pa
 
 _COLUMNS = 8  # of the sums of a part: they fill a line of the cache
 MASS, CENTRE, CELLS, ROOM, FLOOR = 0, 1, 4, 5, 6
-"""Columns of these sums: weight, centre, cells, measure, least measure; what is read most comes first."""
+"""Columns of the sums ``tally (k, 8)``, those read most first.
+
+``MASS``: sum of the weights. ``CENTRE``, in three columns: centre of mass. ``CELLS``: number of cells.
+``ROOM``: measure. ``FLOOR``: measure that the part must keep. The last column fills the line of the cache.
+"""
 
 
 class Cells(NamedTuple):
-    """Graph of the cells with their geometry, and axes of the blocks.
+    """Dual graph of the cells with their geometry, and axes of the blocks; constant during the sweeps.
 
-    The graph is a CSR with the ``interface`` of each edge; ``centroids (n, d)``, ``weights (n,)`` and
-    ``measures (n,)`` belong to cells, ``axes (B, 3)`` to blocks.
+    Attributes
+    ----------
+    indptr, indices : (n + 1,) and (m,) int
+        Neighbours of the cells as CSR.
+    interface : (m,) float
+        Measure of the faces that the two cells of each entry share.
+    centroids, weights, measures : (n, d), (n,) and (n,) float
+        Of the cells; measures are ``graph.mass``, another quantity if the run shares parts out by that.
+    axes : (B, 3) float
+        Axis of each block, of any length: see ``part_places``.
     """
 
     indptr: Any
@@ -40,10 +56,28 @@ class Cells(NamedTuple):
 class State(NamedTuple):
     """Arrays that change in sweeps, of cells, parts and blocks.
 
-    Of cells: their ``parts (n,)``, the sweep in which each is ``due (n,)`` or −1, ``marks (n, 2)`` of
-    searches, and those ``listed (n,)`` for a sweep. Of parts: the sums ``tally (k, 8)``, and where the cells
-    of each begin in the list, ``first (k + 1,)``. Of blocks: inertia and interface, ``blocks (B, 2)``, what
-    the last sweep added to them, ``gains (B, 2)``, and whether there is anything left to do, ``going (B,)``.
+    Attributes
+    ----------
+    parts : (n,) int32
+        Part of each cell.
+    tally : (k, 8) float
+        Sums of each part, in the columns ``MASS``, ``CENTRE``, … of this module; updated with each move.
+    blocks : (B, 2) float
+        Inertia J and interface L of each block at the start of the sweep: the objective is J · L^α.
+    due : (n,) int8
+        Number of the sweep that is to look at the cell; −1 for a cell that waits for a neighbour to move.
+    marks : (n, 2) int32
+        Stamp of the search that reached a cell last, and the start it was reached from: see ``connected`` in
+        ``compiled/ring_search.py``.
+    first : (k + 1,) int32
+        The cells of part p that are due are ``listed[first[p]:first[p + 1]]``.
+    listed : (n,) int32
+        Cells due in this sweep, by part; only the first ``first[k]`` entries are in use.
+    gains : (B, 2) float
+        Workspace of ``listed_cells``: what the last sweep added to J and L, summed over the slices of the
+        block; otherwise 0.
+    going : (B,) bool
+        False once a sweep lowered the objective of the block by less than ``_LITTLE``.
     """
 
     parts: Any
@@ -58,10 +92,15 @@ class State(NamedTuple):
 
 
 class Slices(NamedTuple):
-    """Slices of a sweep.
+    """Slices of a sweep: parts of one block that trade cells.
 
-    ``rows (S, 5)`` are the first part and the last plus 1, those of the block, and the block: see ``slices``.
-    ``gains (S, 2)`` are what moves in each added to inertia and interface.
+    Attributes
+    ----------
+    rows : (S, 5) int
+        First part and last plus 1 of the slice, first part and last plus 1 of its block, and the block: see
+        ``slices`` in ``strips.py``.
+    gains : (S, 2) float
+        What the moves in the slice added to inertia and interface.
     """
 
     rows: Any
@@ -69,7 +108,17 @@ class Slices(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Work arrays of a thread: cells and their roots in a search, keys of cells, interfaces by part."""
+    """Work arrays of a thread.
+
+    Attributes
+    ----------
+    queue, root : (n + 1,) int32
+        Cells of a search, and its union-find structure; ``queue`` also lists the parts adjacent to a cell.
+    keys : (n + 1,) float
+        Places of cells along the axis of their block, for sorting.
+    share : (k,) float
+        Interface of a cell with each part; all 0 between cells.
+    """
 
     queue: Any
     root: Any

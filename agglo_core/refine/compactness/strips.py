@@ -1,4 +1,4 @@
-"""Parts of a block in strips across its axis: parts that follow one another are near, in memory too."""
+"""Order the parts of a block in strips across its axis, and cut it into slices that trade no cells."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ _MANY = 16_384
 def strip_order(tally: Float, block: Int, axes: Float, places: Float, dim: int) -> Int:
     """Parts ``(k,)`` by block, and by their places along its axis; if many, in strips of a block's slices.
 
-    Two strips make a slice, of those of a sweep and, but for the first and the last one, of the next. In a
-    strip, parts are in turn along a direction across the axis, that of the second moments with the axis. The
-    ``tally (k, 8)`` has masses and centres: see ``part_tally`` in ``state``.
+    A slice is two successive strips. In the next sweep slices are shifted by one strip, so that each strip,
+    except the first and the last, is with its other neighbour. Within a strip, parts are sorted along a
+    direction across the axis: see ``places_across``. The ``tally (k, 8)`` has masses and centres: see
+    ``part_tally`` in ``state.py``.
     """
     if len(block) < _MANY:
         return frozen_int(np.lexsort((places, block)))
@@ -37,7 +38,7 @@ def strip_order(tally: Float, block: Int, axes: Float, places: Float, dim: int) 
 
 
 def slices(starts: Int, shift: int, dim: int) -> Int:
-    """Which parts trade cells in a sweep, ``(S, 5)``: first, last plus 1, those of the block, and the block.
+    """Slices of a sweep ``(S, 5)``: first part, last plus 1, the same two of the block, and the block.
 
     A block has up to 16 slices, each some parts wide; with ``shift`` each begins and ends in the middle of
     others without.

@@ -1,4 +1,4 @@
-"""How well a trained fast model cuts, beside 2-means and beside sweeps without a network."""
+"""Compare the cuts of a trained fast model with 2-means and with sweeps without a network."""
 
 from __future__ import annotations
 

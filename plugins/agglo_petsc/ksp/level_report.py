@@ -1,4 +1,4 @@
-"""What a ``KSP`` with PCMG has made: matrices of the levels, their sizes, memory."""
+"""Report on a ``KSP`` with PCMG: matrices of the levels, their sizes, memory."""
 
 from __future__ import annotations
 

@@ -144,7 +144,7 @@ class PatchSweeps:
         self._sweep(pc, x, y, backwards=self._backwards)
 
     def applyTranspose(self, pc: Any, x: Any, y: Any) -> None:  # PETSc's name
-        """The same in the other order."""
+        """Set y to the sweep from zero in the opposite order."""
         self._sweep(pc, x, y, backwards=not self._backwards)
 
     def _sweep(self, pc: Any, x: Any, y: Any, *, backwards: bool) -> None:

@@ -1,4 +1,4 @@
-"""What sides of polyhedra add to the matrix, and what cells ask of their penalty."""
+"""Contributions of the sides of polyhedra to the matrix, and to the penalty that cells need."""
 
 from __future__ import annotations
 

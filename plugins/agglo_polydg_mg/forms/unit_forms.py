@@ -1,4 +1,4 @@
-"""What a coefficient only scales: the parts of a matrix for κ = 1, kept from one problem to the next."""
+"""Matrix parts for κ = 1, which a coefficient only scales, kept from one problem to the next."""
 
 from __future__ import annotations
 

@@ -104,7 +104,7 @@ class Numbering:
         )
 
     def operator(self, M: LinearOperator) -> LinearOperator:
-        """The same operator for vectors in the numbering of the user."""
+        """The operator for vectors in the numbering of the user."""
         if self.cells is None:
             return M
         rows = self._rows(M.shape[0])
