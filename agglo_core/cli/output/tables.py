@@ -169,13 +169,13 @@ def _left_out(names: Sequence[str], width: int, needed: int) -> list[str]:
 
 def _drawn(table: Table, widths: Sequence[int], *, boxed: bool) -> list[str]:
     """Lines of the table as rich draws it, with columns of these widths."""
-    from rich import box
+    from rich.box import HEAVY_HEAD
     from rich.console import Console
     from rich.table import Table as Grid
     from rich.text import Text
 
     grid = Grid(
-        box=box.HEAVY_HEAD if boxed else None,
+        box=HEAVY_HEAD if boxed else None,
         padding=(0, 1) if boxed else (0, _GAP, 0, 0),
         pad_edge=boxed,
         show_header=boxed,

@@ -27,6 +27,7 @@ from agglo_core.problems import Diffusion, choosing
 from agglo_core.refine.descent import DescentRefiner
 from agglo_core.refine.objective_choice import chosen_objective
 from agglo_core.registry.construct import construct
+from agglo_core.solvers.direct import Direct
 from agglo_polydg_mg.paper.composed_multigrid import ComposedMultigrid
 from agglo_polydg_mg.paper.paper_multigrid import PaperMultigrid
 from agglo_polydg_mg.paper.schwarz import smoother_of
@@ -175,6 +176,11 @@ def parts_of_multigrid(registry: Registry, folder: Path) -> None:
         Composition("wavelets", registry=registry)
 
 
+def direct(registry: Registry, folder: Path) -> None:
+    assert Direct(registry=registry).discretisation is not None
+    assert Direct(registry=Registry()).discretisation is None
+
+
 def on_ranks(registry: Registry, folder: Path) -> None:
     pytest.importorskip("mpi4py")
     from agglo_core import Pipeline, distributed
@@ -199,6 +205,7 @@ GROUPS: dict[Callable[[Registry, Path], None], set[str]] = {
     handed_on: {"chosen_objective", "construct", "DescentRefiner"},
     smoothers: {"smoother_of", "PaperMultigrid"},
     parts_of_multigrid: {"part", "Composition", "ComposedMultigrid", "solve"},
+    direct: {"Direct", "discretisation"},
     on_ranks: {"started", "kept_rules", "means"},
 }
 """What is asked here, and the public functions with a parameter ``registry`` that this asks."""
