@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int, trusted
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
-from agglo_core.mesh.build.double_cover import warn_of_double_cover
 from agglo_core.mesh.checks import (
     check_extent,
     check_tags,
@@ -20,6 +19,7 @@ from agglo_core.mesh.checks import (
     note_repairs,
     warn_of_overlaps,
 )
+from agglo_core.mesh.construction.double_cover import warn_of_double_cover
 
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon

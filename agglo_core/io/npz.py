@@ -23,7 +23,7 @@ from agglo_core.files.archive import Archive
 from agglo_core.io.atomic import staging
 from agglo_core.io.to_mesh.options import Compressing
 from agglo_core.mesh import Mesh
-from agglo_core.mesh.build.conforming import warn_of_gaps
+from agglo_core.mesh.construction.conforming import warn_of_gaps
 from agglo_core.progress import Tell, part, to_nobody
 
 if TYPE_CHECKING:

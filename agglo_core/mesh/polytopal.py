@@ -12,13 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from agglo_core.arrays import FieldState, Float, Int, frozen, owned, trusted, trusted_copy
 from agglo_core.errors import OptionError
-from agglo_core.mesh.build.closed_cells import check_cells
-from agglo_core.mesh.build.conforming import TOLERANCE, join_outer_faces
-from agglo_core.mesh.build.double_cover import warn_of_double_cover
-from agglo_core.mesh.build.polygons import Faces, build_polygons
-from agglo_core.mesh.build.polyhedra import build_polyhedra
 from agglo_core.mesh.checks import check_faces, check_points, check_tags, note_repairs, whole_numbers
 from agglo_core.mesh.coarsening import coarse_faces, surviving_tags
+from agglo_core.mesh.construction.closed_cells import check_cells
+from agglo_core.mesh.construction.conforming import TOLERANCE, join_outer_faces
+from agglo_core.mesh.construction.double_cover import warn_of_double_cover
+from agglo_core.mesh.construction.polygons import Faces, build_polygons
+from agglo_core.mesh.construction.polyhedra import build_polyhedra
 from agglo_core.mesh.derived import Derived
 from agglo_core.mesh.elsewhere import made_by
 from agglo_core.mesh.renumbering import renumbered_arrays

@@ -15,8 +15,6 @@ from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.mesh.shared import check_ids, numbered_by_place
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
-from agglo_core.mesh.build.polygons import loops_as_csr
-from agglo_core.mesh.build.polyhedra import solids_as_csr
 from agglo_core.mesh.checks import (
     check_finite,
     check_indices,
@@ -25,6 +23,8 @@ from agglo_core.mesh.checks import (
     check_tags,
     whole_numbers,
 )
+from agglo_core.mesh.construction.polygons import loops_as_csr
+from agglo_core.mesh.construction.polyhedra import solids_as_csr
 from agglo_core.mesh.elements import Polyhedra, gather, take_cells
 
 

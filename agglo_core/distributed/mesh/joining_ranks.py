@@ -15,8 +15,8 @@ from agglo_core.distributed.mesh.touching_ranks import cells_near
 from agglo_core.distributed.mesh.whole_cells import WholeCells, joined, taken
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
-from agglo_core.mesh.build.conforming import TOLERANCE, reach
-from agglo_core.mesh.build.touching import facing_pairs, find_contacts, outer_faces
+from agglo_core.mesh.construction.conforming import TOLERANCE, reach
+from agglo_core.mesh.construction.touching import facing_pairs, find_contacts, outer_faces
 
 
 def joined_across(own: WholeCells, ranks: Ranks, name: str) -> Mesh | None:

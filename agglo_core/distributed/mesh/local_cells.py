@@ -14,8 +14,8 @@ from agglo_core.distributed.mesh.given_cells import GivenCells
 from agglo_core.distributed.mesh.shared import Beyond, FaceKeys, cells_beyond, face_keys, shared_points
 from agglo_core.distributed.mesh.whole_cells import WholeCells, distinct, places
 from agglo_core.errors import MeshError
-from agglo_core.mesh.build.polygons import loops_as_csr
 from agglo_core.mesh.checks import check_offsets, whole_numbers
+from agglo_core.mesh.construction.polygons import loops_as_csr
 from agglo_core.mesh.elements import gather
 
 FaceTags = Mapping[str, tuple[Any, ArrayLike]]

@@ -13,8 +13,8 @@ from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.meeting import refuse_all
 from agglo_core.distributed.mesh.halo import faces_of, local_mesh
 from agglo_core.distributed.mesh.whole_cells import WholeCells, joined, parcels, places, taken
-from agglo_core.mesh.build.conforming import TOLERANCE, reach
-from agglo_core.mesh.build.touching import facing_pairs, find_contacts, outer_faces
+from agglo_core.mesh.construction.conforming import TOLERANCE, reach
+from agglo_core.mesh.construction.touching import facing_pairs, find_contacts, outer_faces
 from agglo_core.mesh.elements import gather
 
 _log = logging.getLogger("agglo")

@@ -8,8 +8,8 @@ from agglo_core.arrays import frozen_int
 from agglo_core.errors import FileError
 from agglo_core.io.to_mesh.plain_cells import half_faces
 from agglo_core.mesh import Mesh
-from agglo_core.mesh.build.shells import TWO_SHELLS, outward_signs
 from agglo_core.mesh.checks import name_cells
+from agglo_core.mesh.construction.shells import TWO_SHELLS, outward_signs
 from agglo_core.mesh.elements import take_cells
 from agglo_core.mesh.geometry.solid_cells import face_moments
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.errors import FileError
 from agglo_core.mesh import Mesh
-from agglo_core.mesh.build.repeated_vertices import simple_loops
+from agglo_core.mesh.construction.repeated_vertices import simple_loops
 from agglo_core.mesh.elements import gather
 
 _CELLS, _OFFSETS, _POINTS = "agglo_face_cells", "agglo_face_offsets", "agglo_face_points"

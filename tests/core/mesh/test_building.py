@@ -9,7 +9,7 @@ import pytest
 
 from agglo_core import Mesh, agglomerate, samples
 from agglo_core.arrays import frozen_float, frozen_int
-from agglo_core.mesh.build.polygon_faces import plain_faces
+from agglo_core.mesh.construction.polygon_faces import plain_faces
 from agglo_core.mesh.kernels.face_loops import loop_moments, repeated_points
 from agglo_core.mesh.kernels.faces import match_half_edges
 from agglo_core.threads import using_threads

@@ -12,7 +12,7 @@ from hypothesis import given, settings, strategies as st
 from agglo_core import Mesh, MeshError, samples
 from agglo_core.arrays import frozen_int
 from agglo_core.interchange import mesh_from_shapely
-from agglo_core.mesh.build import double_cover
+from agglo_core.mesh.construction import double_cover
 
 SLOT = [
     [0, 0],

@@ -11,7 +11,7 @@ from hypothesis import given, settings, strategies as st
 from agglo_core import Mesh, MeshError, samples
 from agglo_core.arrays import frozen_int
 from agglo_core.io.vtk.cells import _turns
-from agglo_core.mesh.build.polyhedra import _sorted_pairs
+from agglo_core.mesh.construction.polyhedra import _sorted_pairs
 from agglo_core.mesh.elements import turns_as_listed
 from agglo_core.mesh.kernels.solid_cells import pair_half_faces, surfaces, vertices_of_solids
 

@@ -23,11 +23,11 @@ from agglo_core.mesh.checks import (
     note_repairs,
     whole_numbers,
 )
+from agglo_core.mesh.construction.polygons import Faces, kept_cells, without_padding
+from agglo_core.mesh.construction.repeated_vertices import simple_solids
+from agglo_core.mesh.construction.shells import outward_signs
 from agglo_core.mesh.elements import Polyhedra, take_cells
 from agglo_core.mesh.geometry.solid_cells import face_moments
-from agglo_core.mesh.build.polygons import Faces, kept_cells, without_padding
-from agglo_core.mesh.build.repeated_vertices import simple_solids
-from agglo_core.mesh.build.shells import outward_signs
 
 _ROUNDING = 8  # units in the last place that points may be off an edge or a face that they lie on
 

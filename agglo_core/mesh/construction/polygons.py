@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from itertools import chain, combinations
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,12 +20,11 @@ from agglo_core.mesh.checks import (
     compact_points,
     name_cells,
     note_repairs,
-    warn_of_overlaps,
     whole_numbers,
 )
+from agglo_core.mesh.construction.polygon_faces import polygon_faces
+from agglo_core.mesh.construction.repeated_vertices import simple_loops
 from agglo_core.mesh.elements import gather
-from agglo_core.mesh.build.polygon_faces import polygon_faces
-from agglo_core.mesh.build.repeated_vertices import simple_loops
 
 _REPEATED, _ZERO = 1, 2  # codes of kernels.polygon_faults
 _FAULTS = {

@@ -14,7 +14,7 @@ def simple_loops(offsets: Int, vertices: Int) -> tuple[Int, Int]:
     Examples
     --------
     >>> import numpy as np
-    >>> from agglo_core.mesh.build.repeated_vertices import simple_loops
+    >>> from agglo_core.mesh.construction.repeated_vertices import simple_loops
     >>> offsets, vertices = simple_loops(np.array([0, 4, 9]), np.array([0, 1, 2, 0, 3, 4, 5, 5, 5]))
     >>> offsets.tolist(), vertices.tolist()
     ([0, 3, 6], [0, 1, 2, 3, 4, 5])

@@ -9,7 +9,7 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.mesh.checks import box_centre, merge_equal
-from agglo_core.mesh.build.conforming import TOLERANCE
+from agglo_core.mesh.construction.conforming import TOLERANCE
 from agglo_core.mesh.derived import Derived
 from agglo_core.mesh.elsewhere import made_by
 

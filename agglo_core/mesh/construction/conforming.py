@@ -10,9 +10,9 @@ import numpy as np
 from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
 from agglo_core.errors import MeshError
 from agglo_core.mesh.checks import last_place
+from agglo_core.mesh.construction.touching import Contacts, Outer, facing_pairs, find_contacts, outer_faces
 from agglo_core.mesh.derived import Derived
 from agglo_core.mesh.elements import gather
-from agglo_core.mesh.build.touching import Contacts, Outer, facing_pairs, find_contacts, outer_faces
 
 _log = logging.getLogger("agglo")
 
