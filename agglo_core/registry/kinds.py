@@ -122,7 +122,7 @@ _RECORDS = (
         "damps the rough part of the error on one level of a multigrid method",
         ("setup",),
         ("deterministic", "pickles", "symmetric"),
-        ("general", "smoother", *_ON_LEVELS),
+        ("general", "whole", "smoother", "calls", "promises", "runs"),
     ),
     Kind(
         "transfer",
