@@ -31,7 +31,7 @@ from agglo_core.shapes.solid_triangles import most_triangles, surface
 
 _ACCURACY = 1e-3  # of the radius: boxes that promise less gain are dropped; a smaller value opens more boxes
 _PATIENCE = 20_000  # boxes after each of which that is doubled; bounds the time in thin plates
-_FINEST = 1e-9  # of the diameter: gain that is never looked for; ends the search where the radius is near 0
+_FINEST = 1e-9  # of the diameter: gain that is never looked for, and a radius that counts as none
 _CONVEX = 64  # triangles up to which convexity is tested; the test takes time proportional to their square
 _LARGE = 0.4  # half diagonal of a box over the best radius: planes decide nothing in larger ones, unless thin
 _THIN = 2.2  # ratio of the longest to the shortest side of a box, above which planes are tried at any size
@@ -149,7 +149,7 @@ def _largest_ball(corners, table, m, blocks, diameter, best, heap):
     box[0, 0], box[0, 1], box[0, 2], box[0, 3] = np.inf, centre[0], centre[1], centre[2]
     box[0, 4], box[0, 5], box[0, 6], box[0, 7] = sides[0], sides[1], sides[2], 0.0
     box[0, 8], box[0, 9] = 0.0, blocks
-    size, top, parts, opened, accuracy = none, blocks, 1, 0, _ACCURACY
+    size, top, parts, opened, accuracy, tiny = none, blocks, 1, 0, _ACCURACY, _FINEST * diameter
     while True:
         # 4. Halve the open box across its longest side; the root is looked at as a whole. R, half the
         #    diagonal, is ``reach``.
@@ -163,9 +163,13 @@ def _largest_ball(corners, table, m, blocks, diameter, best, heap):
         for part in range(parts):
             shift = (2 * part - 1) * sides[along] * (parts - 1)
             x, y, z = x0 + (along == 0) * shift, y0 + (along == 1) * shift, z0 + (along == 2) * shift
-            enough = best * (1.0 + accuracy) + _FINEST * diameter
             opened += 1
-            accuracy *= 2.0 if opened % _PATIENCE == 0 else 1.0
+            if opened % _PATIENCE == 0:
+                # After many boxes less accuracy must do. Where they found no ball, as in a solid without
+                # volume, a share of the radius says nothing: look for clearly larger balls only.
+                accuracy *= 2.0
+                tiny *= 10.0 if best <= tiny else 1.0
+            enough = best * (1.0 + accuracy) + tiny
             # 5. The bound d + R needs only the nearest triangle: drop the box before anything dearer.
             d = np.sqrt(table[nearest_triangle(table, start, stop, x, y, z) + VALUES])
             if d + reach <= enough:
@@ -226,7 +230,7 @@ def _largest_ball(corners, table, m, blocks, diameter, best, heap):
             size += 1
             top = max(top, last)
         # 12. Done once no open box promises a ball that is larger by more than the accuracy.
-        if size == 0 or heap[0, 0] <= best * (1.0 + accuracy) + _FINEST * diameter:
+        if size == 0 or heap[0, 0] <= best * (1.0 + accuracy) + tiny:
             break
         pop(heap, size, box)
         size -= 1
@@ -246,7 +250,9 @@ def balls(points, first, offsets, faces, face_cells, starts, triangles, centroid
     Anywhere: in a convex solid of few triangles a linear program gives the radius. Otherwise boxes are
     halved, best bound first, until none exceeds the best radius by 1e-3 of it, and steps of Newton's method
     make each radius found exact where four triangles touch the ball. Where 20,000 boxes do not do, as in
-    plates fifty times as wide as thick, the share is doubled, and again after as many more.
+    plates fifty times as wide as thick, the share is doubled, and again after as many more. Where they find
+    no ball of 1e-9 diameters, the least gain, as small, grows tenfold as well, so that the search ends in a
+    solid without volume, too: its radius is 0, or what rounding leaves.
 
     Let c be the centre of a box, R half its diagonal and d the distance from c to the surface. No radius in
     the box exceeds d + R, nor the largest Σ λ_i d_i there, d_i the distances to any triangles, λ >= 0,

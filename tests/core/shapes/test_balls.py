@@ -140,6 +140,28 @@ def test_a_plate_and_a_wall_of_many_cubes(n: int) -> None:
         assert radii(points, wall)[0][0] / unit == pytest.approx(2 - math.sqrt(2), rel=1e-9)
 
 
+@pytest.mark.parametrize("thickness", [1e-1, 1e-3, 1e-6])
+def test_two_thin_plates_at_an_angle(thickness: float) -> None:
+    t = thickness
+    outline = np.array([(0, 0), (1, 0), (1, t), (t, t), (t, 1), (0, 1)])
+    points = np.vstack([np.c_[outline, np.full(6, height)] for height in (0.0, 1.0)])
+    sides = [[i, (i + 1) % 6, (i + 1) % 6 + 6, i + 6] for i in range(6)]
+    mesh = turned(Mesh.from_polyhedra(points, [[[5, 4, 3, 2, 1, 0], [6, 7, 8, 9, 10, 11], *sides]]))
+    (found,), _ = radii(mesh, np.zeros(1, int))
+    assert 0.01 * t * (0.5 - 1e-9) <= found <= 0.01 * t * (2 - math.sqrt(2) + 1e-9)  # where both meet
+
+
+@pytest.mark.parametrize("moved", [False, True])
+def test_triangles_that_enclose_nothing_hold_no_ball(moved: bool) -> None:
+    """Of a hexahedron with two equal corners; the search over boxes ends although it finds no ball."""
+    points = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)], float)
+    sides = [[0, 3, 6, 2], [1, 3, 5, 4], [0, 1, 4, 3], [2, 6, 5, 3], [0, 2, 3, 1], [3, 4, 5, 6]]
+    mesh = Mesh.from_polyhedra(points, [sides])
+    (found,), (about,) = radii(turned(mesh) if moved else mesh, np.zeros(1, int))
+    assert about == 0.0
+    assert found < 1e-12
+
+
 # -- oracles ------------------------------------------------------------------------------------
 
 
