@@ -58,47 +58,38 @@ class _Files(CompileResultCacheImpl):
     _locator_classes: list[type[object]] = [*CompileResultCacheImpl._locator_classes, _Nowhere]  # noqa: RUF012
 
 
-class _CacheFile(IndexDataCacheFile):
-    """Index of the machine code of one kernel, in files that are named by signature and sources.
+class _CacheFiles(IndexDataCacheFile):
+    """Machine code of one kernel, in a file for each signature that is named by signature and sources.
 
-    Numba numbers these files. Of two processes that compile different signatures at once both may take the
-    same number, and the index of one then leads to the machine code of the other: a kernel for float64
-    was called with integers. A name that depends on the content alone cannot be taken twice.
+    Numba numbers these files, and an index leads to them. Of two processes that compile different signatures
+    at once both may take the same number, so that a kernel for float64 is called with integers; or the index
+    of one overwrites that of the other. A name that depends on the content alone needs no index.
 
     Each file begins with a hash of the rest. A file that a full disk or a power cut has damaged counts as
     absent: unpickling it may fail in any way, and machine code with a wrong byte may end the interpreter.
     """
 
     def save(self, key: Any, data: Any) -> None:
-        """Write the machine code of a signature, then the index, which is complete at every moment."""
-        if Path(self._index_path).is_file() and not self._load_index():
-            self._remove_stale()
-        digest = sha256(f"{self._version} {self._source_stamp} {key}".encode()).hexdigest()[:20]
-        name = f"{Path(self._index_name).stem}.{digest}.nbc"
-        self._save_data(name, data)  # type: ignore[no-untyped-call]
-        self._save_index({**self._load_index(), key: name})  # type: ignore[no-untyped-call]
+        """Write the machine code of a signature, and remove what was compiled from other sources."""
+        for file in self._files() - self._files(self._stamp):
+            file.unlink(missing_ok=True)
+        self._save_data(self._name(key), (key, data))  # type: ignore[no-untyped-call]
 
-    def _load_index(self) -> dict[Any, str]:
-        """Names of files by signature; none if the index is absent, stale or damaged."""
+    def load(self, key: Any) -> Any:
+        """Machine code of a signature; None if its file is absent or damaged."""
         try:
-            content = BytesIO(self._intact(self._index_path))
+            content = Path(self._cache_path, self._name(key)).read_bytes()
         except OSError:
-            return {}
-        if pickle.load(content) != self._version:
-            return {}
-        stamp, names = pickle.load(content)
-        return dict(names) if stamp == self._source_stamp else {}
+            return None
+        if sha256(content[_HASH:]).digest() != content[:_HASH]:
+            return None
+        kept, data = pickle.loads(content[_HASH:])
+        return data if kept == key else None
 
-    def _load_data(self, name: str) -> Any:
-        """Machine code in a file; OSError if it is absent or damaged."""
-        return pickle.loads(self._intact(self._data_path(name)))  # type: ignore[no-untyped-call]
-
-    def _intact(self, path: str) -> bytes:
-        """Content of a file after its hash; OSError if they do not match."""
-        data = Path(path).read_bytes()
-        if sha256(data[_HASH:]).digest() != data[:_HASH]:
-            raise OSError(f"{path} is damaged")
-        return data[_HASH:]
+    def flush(self) -> None:
+        """Remove all machine code of the kernel."""
+        for file in self._files():
+            file.unlink(missing_ok=True)
 
     @contextmanager
     def _open_for_write(self, filepath: str) -> Iterator[BytesIO]:
@@ -108,10 +99,17 @@ class _CacheFile(IndexDataCacheFile):
         with super()._open_for_write(filepath) as file:
             file.write(sha256(content.getvalue()).digest() + content.getvalue())
 
-    def _remove_stale(self) -> None:
-        """Remove machine code of other sources, to which no index leads."""
-        for file in Path(self._cache_path).glob(f"{glob.escape(Path(self._index_name).stem)}.*.nbc"):
-            file.unlink(missing_ok=True)
+    @property
+    def _stamp(self) -> str:
+        return sha256(f"{self._version} {self._source_stamp}".encode()).hexdigest()[:10]
+
+    def _name(self, key: Any) -> str:
+        return f"{Path(self._index_name).stem}.{self._stamp}{sha256(str(key).encode()).hexdigest()[:10]}.nbc"
+
+    def _files(self, stamp: str = "") -> set[Path]:
+        """Files of the kernel that were compiled from the sources with a stamp, or from any."""
+        name = glob.escape(Path(self._index_name).stem)
+        return set(Path(self._cache_path).glob(f"{name}.{stamp}*.nbc"))
 
 
 class KernelCache(FunctionCache):
@@ -128,8 +126,8 @@ class KernelCache(FunctionCache):
         super().__init__(function)  # type: ignore[no-untyped-call]
         file = Path(inspect.getfile(function))
         self._stamp = source_stamp(file) if file.is_file() else self._impl.locator.get_source_stamp()
-        self._cache_file = self._index_in(Path(self._cache_path))
-        self._installed = self._index_in(installed)
+        self._cache_file = self._files_in(Path(self._cache_path))
+        self._installed = self._files_in(installed)
 
     @property
     def cache_path(self) -> str | None:
@@ -158,12 +156,12 @@ class KernelCache(FunctionCache):
 
     def write_to(self, folder: Path) -> None:
         """Keep what is compiled from now on in a folder that is to become :data:`INSTALLED`."""
-        self._cache_file = self._installed = self._index_in(folder)
+        self._cache_file = self._installed = self._files_in(folder)
 
-    def _index_in(self, folder: Path) -> Any:
+    def _files_in(self, folder: Path) -> Any:
         package = self._py_func.__module__.rpartition(".")[0]
         name = f"{package}.{self._impl.filename_base}"
-        return _CacheFile(str(folder), name, self._stamp)  # type: ignore[no-untyped-call]
+        return _CacheFiles(str(folder), name, self._stamp)  # type: ignore[no-untyped-call]
 
 
 _warned: set[str] = set()

@@ -33,8 +33,8 @@ class CompiledKernels(BuildHookInterface[Any]):
         )  # fmt: skip
         if run.returncode:
             self.app.display_warning(f"these kernels are compiled on first use instead: {run.stderr.strip()}")
-        found = len(list(kernels.glob("*.nbi")))
-        self.app.display_info(f"{found} kernels compiled for this processor")
+        found = len(list(kernels.glob("*.nbc")))
+        self.app.display_info(f"{found} signatures of kernels compiled for this processor")
         if found:
             build_data["force_include"][str(kernels)] = "agglo_core/compiled/machine_code"
 

@@ -69,7 +69,7 @@ def hooked(
 
     def compile_some(command: list[str], **_: Any) -> Any:
         for number in range(kernels):
-            Path(command[-1], f"{number}.nbi").touch()
+            Path(command[-1], f"{number}.nbc").touch()
         return SimpleNamespace(returncode=returncode, stderr="graphs.components: no numba\n")
 
     monkeypatch.setattr(subprocess, "run", compile_some)
@@ -83,7 +83,7 @@ def hooked(
 def test_kernels_go_into_the_wheel(monkeypatch: pytest.MonkeyPatch) -> None:
     included, said = hooked("standard", monkeypatch, 0, 3)
     assert list(included.values()) == ["agglo_core/compiled/machine_code"]
-    assert said == ["3 kernels compiled for this processor"]
+    assert said == ["3 signatures of kernels compiled for this processor"]
     assert not any(map(Path.exists, map(Path, included))), "the folder goes when the wheel is written"
 
 

@@ -53,7 +53,7 @@ RUN = """
 from pathlib import Path
 from loops import multiplied
 multiplied._cache.write_to(Path("installed")) if {write} else None
-multiplied._cache._installed = multiplied._cache._index_in(Path("installed"))
+multiplied._cache._installed = multiplied._cache._files_in(Path("installed"))
 print(multiplied(7), sum(multiplied.stats.cache_hits.values()))
 """
 
@@ -72,7 +72,7 @@ def test_a_kernel_whose_helper_changed_is_compiled_anew(tmp_path: Path) -> None:
     (tmp_path / "installed").mkdir()
     assert run(2, write=True) == [14, 0]
     assert run(2) == [14, 1]  # installed; there is no other
-    assert not (tmp_path / "own").exists() or not list((tmp_path / "own").rglob("*.nbi"))
+    assert not (tmp_path / "own").exists() or not list((tmp_path / "own").rglob("*.nbc"))
     assert run(3) == [21, 0]  # neither the installed one nor, next, that of the user
     assert run(3) == [21, 1]
 
@@ -135,7 +135,7 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any]:
 
 def loaded(folder: Path, context: Any) -> Any:
     cache = KernelCache(double, folder)
-    cache._cache_file = cache._index_in(folder / "nothing")
+    cache._cache_file = cache._files_in(folder / "nothing")
     return cache.load_overload((int64,), context)
 
 
@@ -172,25 +172,23 @@ def test_another_numpy_has_another_stamp(monkeypatch: pytest.MonkeyPatch) -> Non
     assert source_stamp.__wrapped__(SUMS) != before
 
 
-def test_processes_that_save_at_once_never_swap_machine_code(
+def test_processes_that_save_at_once_keep_the_code_of_each_other(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The second process reads the index before the first writes it, and saves before the first is done."""
-    first, second = (KernelCache(double)._index_in(tmp_path) for _ in range(2))
-    write_index = first._save_index
+    """The second process saves other machine code while the first is about to write its own."""
+    first, second = (KernelCache(double)._files_in(tmp_path) for _ in range(2))
+    write = first._save_data
 
-    def interrupted(overloads: dict[Any, str]) -> None:
-        write_index(overloads)
+    def interrupted(name: str, data: Any) -> None:
         second.save("float64", "code for float64")
+        write(name, data)
 
-    monkeypatch.setattr(first, "_save_index", interrupted)
-    monkeypatch.setattr(second, "_load_index", dict)
+    monkeypatch.setattr(first, "_save_data", interrupted)
     first.save("int64", "code for int64")
-    after = KernelCache(double)._index_in(tmp_path)
-    assert after.load("float64") == "code for float64"
-    assert after.load("int64") is None  # compiled once more
-    after.save("int64", "code for int64")
+    after = KernelCache(double)._files_in(tmp_path)
     assert [after.load(each) for each in ("int64", "float64")] == ["code for int64", "code for float64"]
+    after.flush()
+    assert not list(tmp_path.iterdir())
 
 
 DAMAGES = {
@@ -202,15 +200,14 @@ DAMAGES = {
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
-@pytest.mark.parametrize("suffix", ["nbi", "nbc"])
-def test_what_a_damaged_file_holds_is_compiled_anew(tmp_path: Path, suffix: str, damage: str) -> None:
-    """Neither index nor machine code is unpickled before its hash is right, and both are mended."""
-    found = kernel_cache._CacheFile(str(tmp_path), "one", "stamp")
+def test_what_a_damaged_file_holds_is_compiled_anew(tmp_path: Path, damage: str) -> None:
+    """Machine code is not unpickled before its hash is right, and the file is mended."""
+    found = kernel_cache._CacheFiles(str(tmp_path), "one", "stamp")
     kept = {("float64",): (b"machine code", 1.5), ("int64",): (b"other code", 2.5)}
     for key, data in kept.items():
         found.save(key, data)
-    files = sorted(tmp_path.glob(f"*.{suffix}"))
-    assert len(files) == {"nbi": 1, "nbc": 2}[suffix]
+    files = sorted(tmp_path.glob("*.nbc"))
+    assert len(files) == len(kept)
     rng = np.random.default_rng(0)
     for _ in range(30):
         file = files[rng.integers(len(files))]
@@ -232,7 +229,7 @@ def test_runs_with_damaged_files_of_kernels_give_the_same_labels(tmp_path: Path)
         if trial > 0:
             shutil.rmtree(damaged, ignore_errors=True)
             shutil.copytree(whole, damaged)
-            files = sorted(damaged.rglob("*.nb[ic]"))
+            files = sorted(damaged.rglob("*.nbc"))
             for file in rng.choice(len(files), 3, replace=False):
                 data = files[file].read_bytes()
                 damage = list(DAMAGES.values())[rng.integers(len(DAMAGES))]
@@ -325,9 +322,9 @@ def test_a_full_disk_costs_the_kernels_and_not_the_run(tmp_path: Path) -> None:
 
 
 def test_machine_code_of_other_sources_is_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    KernelCache(double)._index_in(tmp_path).save("signature", "old")
+    KernelCache(double)._files_in(tmp_path).save("signature", "old")
     monkeypatch.setattr(kernel_cache, "source_stamp", lambda file: "other")
-    file = KernelCache(double)._index_in(tmp_path)
+    file = KernelCache(double)._files_in(tmp_path)
     assert file.load("signature") is None
     file.save("signature", "new")
     assert (file.load("signature"), len(list(tmp_path.glob("*.nbc")))) == ("new", 1)
