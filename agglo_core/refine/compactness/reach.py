@@ -83,7 +83,6 @@ def cell_radii(offsets, vertices, points, centroids):
 def _within(i, j, limit, corners):
     """Return whether no vertex of cell i is farther than ``limit`` from one of cell j."""
     solid, most = corners.points.shape[1] > 2, 0.0
-    i, j = np.uint64(i), np.uint64(j)
     # 1. No two vertices are farther apart than the centroids plus both radii: mostly that is enough.
     left = limit * _BELOW - corners.radii[i] - corners.radii[j]
     x = corners.centroids[i, 0] - corners.centroids[j, 0]
@@ -106,7 +105,7 @@ def _within(i, j, limit, corners):
 @helper
 def _extent(i, a, corners):
     """The least and the largest place of the vertices of cell i along direction a."""
-    least, most, i = np.inf, -np.inf, np.uint64(i)
+    least, most = np.inf, -np.inf
     for h in range(np.uint64(corners.offsets[i]), np.uint64(corners.offsets[i + ONE])):
         place, v = 0.0, np.uint32(corners.vertices[h])
         for k in range(corners.points.shape[1]):
@@ -146,7 +145,7 @@ def _find_extents(p, reach, corners):
         reach.extents[p, a, 0], reach.extents[p, a, 1] = np.inf, -np.inf
     i = reach.first[p]
     while i >= 0:
-        _include(i, p, reach, corners)
+        _include(np.uint64(i), p, reach, corners)
         i = reach.after[i]
 
 
@@ -177,7 +176,7 @@ def fits(i, p, parts, reach, limit, corners):
         return True
     # 1. The cell that was too far last is often too far again.
     far = reach.far[p]
-    if far >= 0 and parts[far] == p and not _within(i, far, limit, corners):
+    if far >= 0 and parts[far] == p and not _within(i, np.uint64(far), limit, corners):
         return False
     # 2. Extents, where they are known, may decide.
     if reach.looks[p] < 0:
@@ -187,11 +186,12 @@ def fits(i, p, parts, reach, limit, corners):
     # 3. Every cell of the part. Cells that are wider than the limit stay alone: the cell, and one that is
     #    all the part, are compared with themselves.
     j = reach.first[p]
-    whole = _within(i, i, limit, corners) and (reach.after[j] >= 0 or _within(j, j, limit, corners))
+    one = np.uint64(j)
+    whole = _within(i, i, limit, corners) and (reach.after[j] >= 0 or _within(one, one, limit, corners))
     looks = 0
     while whole and j >= 0:
         looks += 1
-        if not _within(i, j, limit, corners):
+        if not _within(i, np.uint64(j), limit, corners):
             reach.far[p], whole = j, False
         j = reach.after[j]
     # 4. The cells looked at are counted, until it pays to find the extents.
