@@ -93,8 +93,9 @@ def describe(record: Record) -> str:
     Examples
     --------
     >>> from agglo_core.registry import default, describe
-    >>> describe(next(record for record in default().list() if record.name == "balance"))
-    "refiner 'balance' (plugin 'defaults', distribution agglo 0.1.0)"
+    >>> (record,) = (record for record in default().list() if record.name == "balance")
+    >>> describe(record)  # doctest: +ELLIPSIS
+    "refiner 'balance' (plugin 'defaults', distribution agglo ...)"
     """
     return record.title
 
