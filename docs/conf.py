@@ -23,6 +23,7 @@ extensions = [
     "sphinx.ext.autosummary",
     "numpydoc",
     "command_reference",
+    "component_tables",
     "gallery_pages",
     "metric_reference",
     "module_index",

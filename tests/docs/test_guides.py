@@ -15,6 +15,7 @@ RUNNER = Path(__file__).with_name("guide.py")
 DOCS = Path(__file__).parents[2] / "docs"
 GUIDES = sorted(
     [
+        DOCS.parent / "README.md",
         *DOCS.glob("how-to/*.md"),
         *DOCS.glob("why/*.md"),
         *DOCS.glob("tutorial/*.md"),
@@ -59,6 +60,7 @@ def run_guide(guide: Path, folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 _LONG = (
+    "README",
     "more-than-one-machine",
     "three-dimensions",
     "train-a-model",
