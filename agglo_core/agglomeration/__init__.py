@@ -1,7 +1,7 @@
-"""From a mesh or graph to a hierarchy: a run of chosen components, until every goal is met.
+"""Agglomerate a mesh or graph into a hierarchy of coarse levels.
 
-Names are listed in the stub beside this file and imported when first used, so that the command line reads
-``keywords`` without anything numerical.
+The stub beside this file lists the public names. Each name is imported on first use, so that the command line
+reads ``keywords`` without numerical packages.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Checks of whatever components return; errors name the component."""
+"""Check component results and name the component in errors."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from agglo_core.registry.containment import shown
 
 
 def bisector_for(member: Member, target: Target) -> Member:
-    """Return the bisector for this target: the same one if the target makes no difference to it."""
+    """Return the bisector adapted to this target, or ``member`` itself if nothing changes."""
     if not callable(getattr(member.tool, "for_target", None)):
         return member
     with attributed(member.title):
@@ -34,7 +34,7 @@ def bisector_for(member: Member, target: Target) -> Member:
 
 
 def checked_sides(member: Member, level: Graph, seeds: UInt64) -> Int:
-    """Sides ``(n,)`` in {0, 1} as returned by the bisector; probabilities are rounded (1 iff p >= 0.5)."""
+    """Return the sides ``(n,)`` in {0, 1} from the bisector, with probabilities rounded (1 iff p >= 0.5)."""
     with attributed(member.title):
         if callable(getattr(member.tool, "bisect_level", None)):
             returned = member.tool.bisect_level(level, seeds)
@@ -44,17 +44,19 @@ def checked_sides(member: Member, level: Graph, seeds: UInt64) -> Int:
 
 
 def sides_by_share(member: Member, level: Graph, seeds: UInt64, shares: Float | None) -> tuple[Int, Int]:
-    """Sides ``(n,)`` in {0, 1}, and the blocks whose cut is still to be moved to its share of the mass.
+    """Return the sides ``(n,)`` and the blocks whose cut must still move to its share.
 
-    Blocks with a share below 1/2 are split by ``bisect_shares`` if the bisector has it. Then only those with
-    one empty side are left.
+    Blocks with a mass share below 1/2 are split by ``bisect_shares`` if the bisector has this method. Then
+    only blocks with an empty side remain.
     """
     uneven = np.array([], np.int64) if shares is None else np.flatnonzero(shares < 0.5)
     if shares is None or len(uneven) == 0 or not member.offers("bisect_shares"):
         return checked_sides(member, level, seeds), frozen_int(uneven)
+    # 1. Bisect the blocks with equal shares.
     sides, even = np.empty(level.n, np.int64), np.flatnonzero(shares == 0.5)
     if len(even):
         sides[np.isin(level.block_ids, even)] = checked_sides(member, level.take(even), seeds[even])
+    # 2. Bisect the other blocks with their shares.
     part = level.take(uneven)
     with attributed(member.title):
         returned = member.tool.bisect_shares(part, seeds[uneven], frozen_float(shares[uneven]))
@@ -64,7 +66,10 @@ def sides_by_share(member: Member, level: Graph, seeds: UInt64, shares: Float | 
 
 
 def _as_sides(member: Member, level: Graph, returned: Any) -> Int:
-    """Sides 0 and 1 of what a bisector returned, probabilities rounded; PluginError for anything else."""
+    """Convert a bisector result to sides 0 and 1, or raise PluginError.
+
+    Probabilities are rounded.
+    """
     with attributed(member.title):
         given = plain_array(returned, "the result of bisecting", PluginError)
     if given.shape != (level.n,):
@@ -81,7 +86,7 @@ def _as_sides(member: Member, level: Graph, returned: Any) -> Int:
 
 
 def bisect_by_block(bisector: Bisector, level: Graph, seeds: UInt64) -> NDArray[Any]:
-    """Sides of all blocks from a bisector of single graphs: one call and one generator per block."""
+    """Bisect all blocks with a single-graph bisector: one call and one generator per block."""
     sides = []
     for b in range(level.n_blocks):
         piece = level[b]
@@ -95,7 +100,7 @@ def bisect_by_block(bisector: Bisector, level: Graph, seeds: UInt64) -> NDArray[
 
 
 def checked_parts(member: Member, given: Any, n: int, parts: int) -> Int:
-    """Labels ``(n,)`` of a direct partition into at most ``parts`` parts, gaps closed."""
+    """Return direct-partition labels ``(n,)`` without gaps, at most ``parts`` parts."""
     labels = _integers(member, "partition", given, n)
     if labels.min() < 0 or labels.max() >= parts:
         raise PluginError(f"{member.title} returned labels {labels.min()}..{labels.max()} for {parts} parts")
@@ -103,7 +108,10 @@ def checked_parts(member: Member, given: Any, n: int, parts: int) -> Int:
 
 
 def checked_split(member: Member, graph: Graph, pieces: Int, quotas: Int, given: Any, *, tested: bool) -> Int:
-    """Labels ``(n,)`` of a split of each piece into as many parts as its quota; connected, if ``tested``."""
+    """Return labels ``(n,)`` that split each piece into as many parts as its quota.
+
+    If ``tested``, the parts must be connected.
+    """
     total = int(quotas.sum())
     labels, owner = _grown(member, graph, pieces, total, given, tested=tested)
     found = np.bincount(owner[owner >= 0], minlength=len(quotas))
@@ -116,7 +124,10 @@ def checked_split(member: Member, graph: Graph, pieces: Int, quotas: Int, given:
 
 
 def checked_sizes(member: Member, graph: Graph, pieces: Int, given: Any, *, tested: bool) -> Int:
-    """Labels ``(n,)`` of a split of the pieces into any number of parts, ``tested`` to be connected."""
+    """Return labels ``(n,)`` that split the pieces into any number of parts.
+
+    If ``tested``, the parts must be connected.
+    """
     labels, owner = _grown(member, graph, pieces, graph.n, given, tested=tested)
     used = owner[: int(labels.max()) + 1]
     if (used < 0).any():
@@ -125,7 +136,7 @@ def checked_sizes(member: Member, graph: Graph, pieces: Int, given: Any, *, test
 
 
 def checked_widths(member: Member, labels: Int, wide: Mask, limit: float) -> int:
-    """Count the single cells among the parts ``wide (k,)``; PluginError if one has several cells."""
+    """Count the parts ``wide (k,)``, or raise PluginError if such a part has several cells."""
     if not wide.any():
         return 0
     if (wide & (np.bincount(labels, minlength=len(wide)) > 1)).any():
@@ -136,7 +147,7 @@ def checked_widths(member: Member, labels: Int, wide: Mask, limit: float) -> int
 def _grown(
     member: Member, graph: Graph, pieces: Int, total: int, given: Any, *, tested: bool
 ) -> tuple[Int, Int]:
-    """Labels of parts inside the pieces; the piece of each of ``total`` parts, −1 if unused."""
+    """Return the part labels and the piece ``(total,)`` of each part, −1 if unused."""
     labels = _integers(member, "grow", given, graph.n)
     if labels.min() < 0 or labels.max() >= total:
         raise PluginError(f"{member.title} grew labels {labels.min()}..{labels.max()} for {total} parts")
@@ -145,7 +156,7 @@ def _grown(
         owner[labels] = pieces
         if (owner[labels] != pieces).any():
             raise PluginError(f"{member.title} grew a part that lies in two pieces")
-    else:  # one piece: a connected mesh, most of the time
+    else:  # one piece, the usual case: a connected mesh
         owner[labels] = 0
     if tested and len(broken_blocks(graph, labels)):
         raise PluginError(f"{member.title} left a part disconnected")
@@ -153,7 +164,7 @@ def _grown(
 
 
 def checked_labels(member: Member, method: str, graph: Graph, before: Int, given: Any) -> Int:
-    """The labels ``given`` by a method of a component; each block must have the labels it had ``before``."""
+    """Check labels from a component: each block must keep its labels ``before``."""
     after = _integers(member, method, given, graph.n)
     stride = int(before.max()) + 1
     if after.min() < 0 or after.max() >= stride:
@@ -161,7 +172,8 @@ def checked_labels(member: Member, method: str, graph: Graph, before: Int, given
             f"{member.title} created labels {after.min()}..{after.max()} beyond 0..{stride - 1}"
         )
     if stride == 2 and not len(one_sided_blocks(graph, before)) and not len(one_sided_blocks(graph, after)):
-        return after  # nearly always, and at a fraction of what follows
+        return after  # the usual case, and much cheaper than the general test
+    # General test: compare the label sets of all blocks.
     had, has = _present(graph, before, stride), _present(graph, after, stride)
     if (had != has).any():
         block, part = np.argwhere(had != has)[0]
@@ -171,7 +183,7 @@ def checked_labels(member: Member, method: str, graph: Graph, before: Int, given
 
 
 def checked_moves(member: Member, block: Int, before: Int, given: Any) -> Int:
-    """The labels ``given`` by ``refine_parts``: no part is emptied, no cell leaves its block."""
+    """Check labels from ``refine_parts``: no part is emptied, and no cell leaves its block."""
     after = _integers(member, "refine_parts", given, len(before))
     if after.min() < 0 or after.max() >= len(block):
         raise PluginError(
@@ -189,9 +201,9 @@ def checked_moves(member: Member, block: Int, before: Int, given: Any) -> Int:
 
 
 def require_no_worse(member: Member, graph: Graph, before: Int, after: Int) -> None:
-    """Raise PluginError if a refiner made the objective it names worse.
+    """Raise PluginError if a refiner made its declared objective worse.
 
-    The sum of a metric's values needs a mesh, which is not to be had here: there the refiner is believed.
+    Objectives that sum metric values need a mesh and are not checked here.
     """
     with attributed(member.title):
         name = getattr(member.tool, "objective", None)
@@ -207,7 +219,7 @@ def require_no_worse(member: Member, graph: Graph, before: Int, after: Int) -> N
 
 
 def _integers(member: Member, method: str, given: Any, n: int) -> Int:
-    """Integers ``(n,)`` that a component returned; PluginError for anything else."""
+    """Return integers ``(n,)`` from a component, or raise PluginError."""
     with attributed(f"{member.title}: {method}"):
         labels = plain_array(given, "the result", PluginError)
     if labels.shape != (n,) or labels.dtype.kind not in "iub":
@@ -222,19 +234,19 @@ def _in_words(returned: Any, array: NDArray[Any]) -> str:
 
 
 def _present(graph: Graph, labels: Int, stride: int) -> Mask:
-    """Mask ``(B, stride)`` of the labels 0..stride−1 that occur in each block."""
+    """Return a mask ``(B, stride)`` of the labels 0..stride−1 present in each block."""
     room = graph.n_blocks * stride
     return (np.bincount(graph.block_ids * stride + labels, minlength=room) > 0).reshape(-1, stride)
 
 
 def one_sided_blocks(level: Graph, sides: Int) -> Int:
-    """Blocks whose cells are all on one side."""
+    """Return the blocks whose cells are all on one side."""
     ones = np.add.reduceat(sides, level.offsets[:-1])
     return frozen_int(((ones == 0) | (ones == level.sizes)).nonzero()[0])
 
 
 def broken_blocks(graph: Graph, labels: Int) -> Int:
-    """Blocks with a part that is not connected."""
+    """Return the blocks with a disconnected part."""
     from agglo_core.compiled import graphs
 
     if graph.n_blocks == 1:
@@ -244,7 +256,7 @@ def broken_blocks(graph: Graph, labels: Int) -> Int:
 
 
 def broken_halves(graph: Graph, sides: Int) -> Int:
-    """Blocks with a side that is not connected, the blocks themselves being connected."""
+    """Return the connected blocks with a disconnected side."""
     from agglo_core.agglomeration import halves
 
     return frozen_int(np.flatnonzero(halves.broken_halves(graph.offsets, graph.indptr, graph.indices, sides)))

@@ -1,4 +1,4 @@
-"""Turn choices of users (a name, a name with options, an object) into the components of a run."""
+"""Turn component choices (a name, a name with options, an object) into run components."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from agglo_core.registry.options import name_and_options
 
 
 def new_run(keywords: Keywords, registry: Registry, progress: Listener | None = None) -> Run:
-    """Run with the components of some keywords; in a k-way run the bisector must have ``partition``.
+    """Create a run with the components of the given keywords.
 
-    Parts that need splitting after a direct partition are bisected: by ``inertial`` if the bisector
-    cannot.
+    In a k-way run the bisector must have ``partition``. Parts that still need splitting after a direct
+    partition are bisected by this bisector, or by ``inertial`` if the bisector has no bisection method.
     """
     kway = keywords.method == "kway"
     member, fallback = chosen("bisector", keywords.bisector, registry)
@@ -56,7 +56,7 @@ def _stand_in(bisector: Member, why: str, choice: Choice, registry: Registry) ->
 
 
 def chosen(kind: str, choice: Choice, registry: Registry) -> tuple[Member, Choice | None]:
-    """The component a choice stands for, and the fallback it declared."""
+    """Return the component for a choice, and the fallback that it declares."""
     if isinstance(choice, str | tuple):
         name, options = (choice, {}) if isinstance(choice, str) else name_and_options(kind, choice)
         record = registry.record(kind, name)
@@ -71,7 +71,7 @@ def chosen(kind: str, choice: Choice, registry: Registry) -> tuple[Member, Choic
 
 
 def short_name(choice: Choice) -> str:
-    """Name of a choice in statistics."""
+    """Return the name that the statistics use for a choice."""
     if isinstance(choice, str):
         return choice
     return choice[0] if isinstance(choice, tuple) else type(choice).__name__

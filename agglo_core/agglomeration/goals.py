@@ -1,4 +1,4 @@
-"""Goals of a level, a size or a count, and how a count is shared out to components and sides."""
+"""Level goals (sizes and counts), and the distribution of counts over components and sides."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from agglo_core.protocols import Target
 
 
 class TooFewPartsError(OptionError):
-    """Fewer parts are asked for than the mesh has components."""
+    """Fewer parts requested than the mesh has components."""
 
     def __init__(self, parts: int, components: int) -> None:
         self.parts, self.components = parts, components
@@ -29,10 +29,11 @@ class TooFewPartsError(OptionError):
 
 
 def apportion(k: int, measures: Float, cells: Int, least: Int | int = 1) -> Int:
-    """Divide k parts among pieces by measure: at least ``least`` each, at most their cells, exactly k in all.
+    """Divide k parts among pieces by measure.
 
-    Pieces whose share lies beyond these limits get the limit, and the others divide the rest in proportion
-    to their measures. If no piece has a measure, k is divided by number of cells.
+    Each piece gets at least ``least`` parts and at most as many parts as cells. The quotas add up to k.
+    Pieces whose share lies beyond these limits get the limit, and the other pieces divide the rest in
+    proportion to their measures. If no piece has a measure, k is divided by cell count.
 
     Raises
     ------
@@ -46,24 +47,26 @@ def apportion(k: int, measures: Float, cells: Int, least: Int | int = 1) -> Int:
         raise OptionError(f"too many parts, {k}: there are {int(cells.sum())} cells")
     if len(measures) == 1:
         return frozen_int([k])
+    # 1. Ideal quotas, real numbers within the limits.
     share = measures if measures.sum() > 0 else cells
     ideal = _limited(frozen_float(k * share / share.sum()), k, least, cells)
     low, high = -float(k), float(k)
-    for _ in range(80):  # the quotas nearest to ideal + shift add up to more as the shift rises
+    for _ in range(80):  # 2. Bisection: the sum of the rounded quotas ideal + shift increases with the shift.
         shift = 0.5 * (low + high)
         fits = np.clip(np.floor(ideal + shift + 0.5), least, cells).sum() <= k
         low, high = (shift, high) if fits else (low, shift)
     quotas = np.clip(np.floor(ideal + low + 0.5), least, cells).astype(np.int64)
+    # 3. Give the missing parts to the pieces with the largest remainders.
     want = np.where(quotas < cells, ideal - quotas, -np.inf)
     quotas[np.argsort(-want, kind="stable")[: k - int(quotas.sum())]] += 1
     return frozen_int(quotas)
 
 
 def _limited(ideal: Float, k: int, least: Int | int, cells: Int) -> Float:
-    """Multiples of the shares ``ideal`` by one factor, cut off at the limits, that add up to k."""
+    """Scale the shares ``ideal`` by a common factor, clipped to the limits, so that their sum is k."""
     if (np.clip(ideal, least, cells) == ideal).all():
         return ideal
-    low, high = -64.0, 64.0  # exponents of the factor, by bisection: the sum rises with it
+    low, high = -64.0, 64.0  # bisection for the exponent of the factor: the sum increases with it
     for _ in range(80):
         middle = 0.5 * (low + high)
         fits = np.clip(np.exp2(middle) * ideal, least, cells).sum() <= k
@@ -72,16 +75,16 @@ def _limited(ideal: Float, k: int, least: Int | int, cells: Int) -> Float:
 
 
 def split_quotas(quotas: Float, measures: Float, cells: Int) -> Float:
-    """Quotas ``(2B,)`` of the sides of B blocks: ``clamp(round(k · measure share), 1, min(k − 1, cells))``.
+    """Return the side quotas ``(2B,)``: ``clamp(round(k · measure share), 1, min(k − 1, cells))``.
 
     Parameters
     ----------
     quotas : (B,) float
-        Parts that each block is to become; those of its two sides add up to it.
+        Part count of each block. The quotas of the two sides add up to it.
     measures : (2B,) float
         Measure of each side.
     cells : (2B,) int
-        Number of its cells.
+        Cell count of each side.
     """
     sizes, measure = cells.reshape(-1, 2), measures.reshape(-1, 2)
     measure = np.where(measure.sum(axis=1, keepdims=True) > 0, measure, sizes)
@@ -93,15 +96,15 @@ def split_quotas(quotas: Float, measures: Float, cells: Int) -> Float:
 
 
 _ROUNDING = 1e-9
-"""A part meets a size h* if its diameter is at most h* (1 + _ROUNDING)."""
+"""Relative tolerance: a part meets a size h* if its diameter is at most h* (1 + _ROUNDING)."""
 
 
 @dataclass(frozen=True)
 class SizeGoal:
-    """No part is wider than ``h_star``, except single cells.
+    """Goal: no part is wider than ``h_star``, except single cells.
 
-    The state of a piece is its diameter: exact where ``h_star`` or one of the ``coarser`` sizes, which
-    are also requested, is near; elsewhere any number on the same side of all of them.
+    The state is the piece's diameter. The diameter is exact near ``h_star`` and near the ``coarser`` sizes,
+    which are also requested. Elsewhere the state is any number on the correct side of all sizes.
 
     Examples
     --------
@@ -117,20 +120,20 @@ class SizeGoal:
 
     @property
     def limit(self) -> float:
-        """Largest diameter of a part, with room for rounding errors."""
+        """Largest diameter of a part, including a tolerance for rounding errors."""
         return self.h_star * (1 + _ROUNDING)
 
     @property
     def target(self) -> Target:
-        """The target that components receive."""
+        """Target for the components."""
         return Target(h_star=self.h_star)
 
     def record(self, parts: int) -> Mapping[str, Any]:
-        """Description of the target of a level that has so many parts."""
+        """Return the target description for a level with ``parts`` parts."""
         return self.asked
 
     def estimate(self, graph: Graph) -> int:
-        """Number of parts to ask of a direct partition: real parts fill about half a ball of ``h_star``."""
+        """Estimate the part count for a direct partition: typical parts fill half a ball."""
         ball = np.pi / 4 if graph.dim == 2 else np.pi / 6
         side = float((graph.measures.sum() / (0.5 * ball)) ** (1.0 / graph.dim)) / self.h_star
         return graph.n if side > graph.n else max(1, int(np.ceil(side**graph.dim)))
@@ -138,7 +141,7 @@ class SizeGoal:
     def assess(
         self, graph: Graph, order: Int, offsets: Int, above: Float | None = None
     ) -> tuple[Float, Mask]:
-        """State of each piece, and whether it is finished; ``above``: states of the blocks just split."""
+        """Return the states and a finished mask, given the parent states ``above``."""
         shape = graph.vertex_offsets, graph.vertices, graph.points
         diameter = compared_diameters(offsets, order, *shape, self._limits)
         return diameter, (diameter <= self.limit) | (np.diff(offsets) == 1)
@@ -150,11 +153,12 @@ class SizeGoal:
 
 @dataclass(frozen=True)
 class CountGoal:
-    """There are ``parts`` parts.
+    """Goal: the level has ``parts`` parts.
 
-    The state of a piece is the number of parts it is to become; at 1 it is finished. Splits share it by
-    mass, and so do the first pieces, unless their ``quotas`` are given. A count that is not ``exact`` stands
-    for a mean size: pieces and constraints that need other counts get them.
+    The state is the piece's quota: the number of parts to split it into. A piece with quota 1 is finished.
+    Splits distribute the quota by mass. The initial pieces also get quotas by mass, unless their ``quotas``
+    are given. A count that is not ``exact`` stands for a mean size: pieces and constraints may change the
+    count.
     """
 
     parts: int
@@ -164,31 +168,31 @@ class CountGoal:
 
     @property
     def limit(self) -> float:
-        """Parts may be of any size."""
+        """Infinity, because parts may have any size."""
         return np.inf
 
     @property
     def target(self) -> Target:
-        """The target that components receive."""
+        """Target for the components."""
         return Target(parts=self.parts)
 
     def record(self, parts: int) -> Mapping[str, Any]:
-        """Description of the target of a level that has so many parts."""
+        """Return the target description for a level with ``parts`` parts."""
         return self.asked if self.exact else {**self.asked, "n_parts": parts}
 
     def shares(self, measures: Float, cells: Int) -> Int:
-        """Parts of each of the pieces at the start: see :func:`apportion`."""
+        """Return the quotas for the initial pieces: see :func:`apportion`."""
         parts = self.parts if self.exact else int(np.clip(self.parts, len(cells), cells.sum()))
         return apportion(parts, measures, cells)
 
     def estimate(self, graph: Graph) -> int:
-        """Number of parts to ask of a direct partition."""
+        """Return the number of parts to request from a direct partition."""
         return self.parts
 
     def assess(
         self, graph: Graph, order: Int, offsets: Int, above: Float | None = None
     ) -> tuple[Float, Mask]:
-        """State of each piece, and whether it is finished; ``above``: states of the blocks just split."""
+        """Return the states and a finished mask, given the parent states ``above``."""
         if above is not None:
             quotas = split_quotas(above, _sums(graph.mass, order, offsets), np.diff(offsets))
         elif self.quotas is not None:
@@ -196,7 +200,7 @@ class CountGoal:
         else:
             cells = np.diff(offsets)
             piece = np.repeat(np.arange(len(cells)), cells)
-            masses = frozen_float(np.bincount(piece, graph.mass[order]))  # as `growth` adds them up
+            masses = frozen_float(np.bincount(piece, graph.mass[order]))  # summed in the order of `growth`
             quotas = frozen_float(self.shares(masses, frozen_int(cells)))
         return quotas, quotas == 1
 
@@ -205,7 +209,7 @@ Goal = SizeGoal | CountGoal
 
 
 def check_targets(targets: Mapping[str, Any]) -> None:
-    """Raise OptionError unless the targets given are of one kind, and such as some mesh can meet."""
+    """Raise OptionError unless all targets are of one kind and satisfiable on some mesh."""
     given = {name: value for name, value in targets.items() if value is not None}
     if len(given) > 1:
         raise OptionError(f"give one kind of target, not {' and '.join(given)}")
@@ -224,18 +228,18 @@ def resolve_goals(
     components: Callable[[], Int] | None = None,
     **targets: Numbers | None,
 ) -> tuple[Goal, ...]:
-    """Goals from exactly one of the four kinds of target, finest first; ``h_factor=(2, 4, 8)`` if none.
+    """Return the run's goals, finest first, from a single target kind.
 
-    ``h_factor`` is in units of ``h0()``, the mesh size. ``cells_per_part=c`` means round(n / c) parts of
-    a mesh that is connected. In general connected components of up to c cells are a part each, and the
-    number of all others is round(m / c) for the m cells of larger ones. ``components()`` returns the number
-    of cells of each component.
+    The default target is ``h_factor=(2, 4, 8)``, in units of the mesh size ``h0()``. On a connected mesh
+    ``cells_per_part=c`` means round(n / c) parts. In general each connected component of up to c cells is one
+    part, and the larger components, with m cells in total, are divided into round(m / c) parts.
+    ``components()`` returns the cell count per component.
 
     Raises
     ------
     OptionError
-        If several kinds are given, or a value is not positive and finite, or a count exceeds the
-        number of cells.
+        If several kinds are given, or a value is not positive and finite, or a count exceeds the number of
+        cells.
     """
     check_targets(targets)
     given = ((name, value) for name, value in targets.items() if value is not None)
@@ -300,5 +304,5 @@ def _positive(name: str, value: Any) -> list[float]:
 def _is_positive(number: Real) -> bool:
     try:
         return 0 < float(number) < np.inf
-    except OverflowError:  # a whole number of hundreds of digits
+    except OverflowError:  # an integer with hundreds of digits
         return False

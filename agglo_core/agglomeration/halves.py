@@ -1,4 +1,4 @@
-"""Find blocks of which a side is not connected."""
+"""Find bisected blocks with a disconnected side."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -10,12 +10,12 @@ from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.compiled.graphs import flood
 from agglo_core.compiled.ring_search import connected
 
-_THIN = 4  # times the nodes along the cut: blocks of fewer nodes are flooded as a whole
+_THIN = 4  # blocks with fewer than this many nodes per cut node are flooded as a whole
 
 
 @helper
 def _beside(start, stop, indptr, indices, sides, edge):
-    """List the nodes of a block that are adjacent to the other side; return how many."""
+    """List the block's nodes adjacent to the other side, and return their number."""
     m = np.int64(0)
     for i in range(start, stop):
         own, beside = sides[i], False
@@ -28,19 +28,20 @@ def _beside(start, stop, indptr, indices, sides, edge):
 
 @kernel
 def broken_halves(offsets, indptr, indices, sides):
-    """Mark the connected blocks ``(B,)`` of which a side is not connected.
+    """Mark the connected blocks ``(B,)`` with a disconnected side.
 
-    Every component of a side touches the other side: if the nodes along the cut are connected within
-    their side, the side is. So mostly nothing far from the cut is looked at.
+    Every component on a side touches the other side. A side is therefore connected if its nodes along the cut
+    are connected within the side. The search rarely leaves the cut's neighbourhood.
     """
     n = np.int64(len(sides))
     queue, root, marks = np.empty(n + 1, np.int32), np.empty(n, np.int32), np.zeros((n, 2), np.int32)
     edge, broken, stamp = np.empty(n + 1, np.int32), np.empty(len(offsets) - 1, np.bool_), np.int64(0)
     for b in range(len(offsets) - 1):
         start, stop = offsets[b], offsets[b + 1]
-        # 1. The nodes along the cut, of both sides.
+        # 1. List the nodes along the cut, on both sides.
         m, whole = _beside(start, stop, indptr, indices, sides, edge), True
-        # 2. A small block, or one that is nearly all cut, is flooded: more components than sides?
+        # 2. Flood a small block, or a block that is nearly all cut, and count its components: more than two
+        #    mean a broken side.
         if _THIN * m > stop - start:
             for i in range(start, stop):
                 root[i] = sides[i]
@@ -51,8 +52,8 @@ def broken_halves(offsets, indptr, indices, sides):
                     components += 1
             broken[b] = components > 2
             continue
-        # 3. Otherwise rings grow from the nodes of each side along the cut until all have met; there is no
-        #    limit to them, so the answer is exact.
+        # 3. Otherwise grow rings from the cut nodes of each side until all have met. The number of rings is
+        #    unlimited, so the answer is exact.
         for side in range(2):
             filled, stamp = np.int64(0), stamp + 1
             for c in range(m):

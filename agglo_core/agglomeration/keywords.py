@@ -1,9 +1,9 @@
-"""Keywords of a run: name, default, role and help text of each.
+"""Run keywords: name, default, role and help text.
 
-This table is the only list of them besides the signature and docstring of
-:func:`~agglo_core.agglomeration.one_call.agglomerate`, which a test compares with it. Pipelines, TOML files
-and the command line take their names, defaults and help texts from here. It imports nothing numerical, as the
-help of the command line must start fast.
+Besides the signature and docstring of :func:`~agglo_core.agglomeration.one_call.agglomerate`, which a test
+compares with this table, there is no other keyword list. Pipelines, TOML files and the command line take
+names, defaults and help texts from here. This module imports no numerical package, so that the command-line
+help starts fast.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 Choice: TypeAlias = str | tuple[str, Mapping[str, Any]] | Any
-"""A component: its name, its name with options, or an object that has a method of its kind."""
+"""A component: its name, its name with options, or an object with a method of its kind."""
 Numbers: TypeAlias = float | Sequence[float]
 Method = Literal["recursive", "kway"]
 Balance = Literal["cells", "measure", "weights"]
@@ -27,19 +27,20 @@ Marks: TypeAlias = "Names | Mapping[str, Any] | ArrayLike"
 METHODS = ("recursive", "kway")
 BALANCES = ("cells", "measure", "weights")
 POLISH = ("compactness",)
-"""Refiners of finished levels unless others are chosen: our own, should a registry know none of that name."""
+"""Default refiners of finished levels. If a registry has no refiner of this name, the built-in refiner is
+used."""
 
 Role = Literal["step", "size", "count", "rule", "bound"]
 
 
 def _about(text: str, role: Role = "step", *, component: str = "") -> dict[str, str]:
-    """Metadata of a keyword: help text of its option, role, and kind of the components that it names."""
+    """Return the metadata for a keyword: help text, role and component kind."""
     return {"help": text, "role": role, "component": component}
 
 
 @dataclass(frozen=True)
 class Keywords:
-    """The keywords of a run, each explained by :func:`~agglo_core.agglomerate`."""
+    """Run keywords, described in :func:`~agglo_core.agglomerate`."""
 
     bisector: Choice = field(
         default="kmeans", metadata=_about("How a piece is split (default kmeans).", component="bisector")
@@ -120,11 +121,11 @@ HELP: Mapping[str, str] = {each.name: each.metadata["help"] for each in fields(K
 COMPONENTS: Mapping[str, str] = {
     each.name: each.metadata["component"] for each in fields(Keywords) if each.metadata["component"]
 }
-"""Kind of the components that a keyword names."""
+"""Component kind of each keyword that selects components."""
 COMPONENT_LISTS = tuple(name for name in COMPONENTS if isinstance(getattr(Keywords, name), tuple))
 SIZES, COUNTS = _names("size"), _names("count")
 TARGETS = (*SIZES, *COUNTS)
-"""Kinds of target, of which one is given."""
+"""Kinds of target. A run has exactly one target."""
 BOUNDS = _names("bound")
 RULES = _names("rule", "bound")
-"""Keywords for rules that parts have to obey."""
+"""Keywords of the rules for parts."""

@@ -78,87 +78,90 @@ def agglomerate(
     bisector : str, (str, options) or component object, optional
         Component that splits a piece in two. Default ``"kmeans"``.
     h_star : float or sequence, optional
-        Target: largest diameter of a part, a level for each value. One kind of target may be given; without
-        any it is ``h_factor=(2, 4, 8)``.
+        Target: largest diameter of a part, one level per value. Only one kind of target may be given. Without
+        a target the default is ``h_factor=(2, 4, 8)``.
     h_factor : float or sequence, optional
         Target: largest diameter of a part in units of the mesh size h0.
     n_parts : int or sequence, optional
-        Target: exact number of parts; one that cannot be had is refused.
+        Target: exact number of parts. An unreachable number raises an error.
     cells_per_part : float or sequence, optional
         Target: mean number of cells. Each connected component, also of a region, is at least one part.
     method : "recursive" or "kway", optional
         ``"kway"`` needs a bisector that implements ``partition``. Default ``"recursive"``.
     nested : bool, optional
-        Whether each level is a coarsening of the one before. Default True.
+        Whether each level coarsens the previous level. Default True.
     refiners : sequence of components, optional
         Components that shorten the interface of each split, in this order; ``()`` for none. Default
         ``("interface",)``.
     fixer : component, optional
-        Component that makes both sides of a split connected. Default ``"connectivity"``.
+        Component that connects both sides of each split. Default ``"connectivity"``.
     merge : bool, optional
-        Size targets: merge neighbouring parts while their union meets the target. Default False.
+        Size targets: merge adjacent parts while their union meets the target. Default False.
     polish : bool, optional
-        Whether ``post_refiners`` work on each finished level. Default True.
+        Whether ``post_refiners`` run on each finished level. Default True.
     post_refiners : sequence of components, optional
-        Components that move cells between finished parts; moves that make a part miss its size are undone.
+        Components that move cells between finished parts. Moves that make a part miss its size are undone.
         Default ``("compactness",)``.
     seed : int, optional
-        Root of all random numbers. Default 0.
+        Root seed for all random numbers. Default 0.
     config : path, optional
-        TOML file with these names as keys; arguments given here take precedence.
+        TOML file with these names as keys. Call arguments take precedence.
     constraints : sequence of components, optional
-        Rules of your own, instead of or besides those that follow. Default ``()``.
+        Custom rules, instead of or in addition to the following keywords. Default ``()``.
     regions : str, sequence of str or (n,) array, optional
-        No part holds cells of two regions: of different values of a cell tag, or of several.
+        No part contains cells from two regions. Regions are the values in an array, or in the given cell
+        tags.
     barriers : str, sequence of str, mapping of str to values, or (n_faces,) bool, optional
         Fractures, faults, walls: no part lies on both sides of such a face, not even around its end. A name
-        stands for the faces of that group, where the tag is neither 0 nor −1; ``"name=3"`` for those where
-        it is 3.
+        selects the faces where this tag is neither 0 nor −1; ``"name=3"`` selects the value 3.
     where : str, sequence of str, mapping or (n,) bool, optional
-        Only these cells are agglomerated, all others stay single at every level.
+        Agglomerate only these cells. All other cells stay single at every level.
     boundary_rules : "ridges", optional
-        Cells are joined only with cells on the same boundary patches; those at corners stay single.
+        Join only cells that touch equal boundary patches. Cells at corners stay single.
     weights : str or (n,) array, optional
-        Name of cell data, or numbers, by which counts are shared out, and to which bounds on weights refer.
+        Cell data name, or numbers. Counts are distributed by these weights, and bounds on weights refer to
+        them.
     balance : "cells", "measure" or "weights", optional
-        Quantity by which counts are shared out; by default weights if given, else cells.
+        Quantity by which counts are distributed. Default: weights if given, else cells.
     max_cells : int, optional
-        No part has more cells.
+        Largest number of cells in a part.
     min_cells : int, optional
-        Smaller parts join a neighbour where nothing forbids it; ``statistics`` say how many are left.
+        Smaller parts join a neighbour unless a rule forbids the union. ``statistics`` counts the remaining
+        small parts.
     max_measure, max_weight : float, optional
-        No part has more area or volume, or more of the ``weights``, except single cells.
+        Largest area or volume, or largest ``weights`` sum, in a part. Single cells may exceed it.
     min_measure, min_weight : float, optional
-        Parts with less join a neighbour, as with ``min_cells``.
+        Smaller or lighter parts join a neighbour, as with ``min_cells``.
     metric : (d, d) or (n, d, d) float, optional
-        Symmetric positive definite tensor, one or one for each cell, in which diameters, distances and
-        interfaces are measured: parts are long where it makes lengths short. It applies to sizes, too.
+        Symmetric positive definite tensor, constant or per cell, in which diameters, distances and interfaces
+        are measured. Parts are long in directions where the metric makes lengths short. Size targets also use
+        the metric.
     lines : bool, optional
         Keep lines of strongly coupled cells, as in boundary layers: a part consists of whole lines, or of
-        some cells of one. Default False.
+        cells in a single line. Default False.
     registry : Registry, optional
-        Where names are looked up, and whose plugins follow the run; by default the installed ones.
+        Registry for name look-up. Its plugins follow the run. Default: the installed components.
     allow_code : bool, optional
-        Whether options in ``config`` may name code, which is then imported and run. Default False.
+        Whether options in ``config`` may name code. Such code is imported and run. Default False.
     progress : callable, optional
-        Told of each phase, and how much of it is done: an :class:`~agglo_core.progress.Progress`, at most
-        20 times a second. What it raises ends the run and passes through unchanged.
+        Called with an :class:`~agglo_core.progress.Progress` for each phase and its completed share, at most
+        20 times a second. An exception from the callable ends the run and passes through unchanged.
     verbose : bool, optional
-        Show the same on stderr: a bar on a terminal, else lines.
+        Show the progress on stderr: a bar on a terminal, lines otherwise.
     threads : int, optional
-        How many threads may work at a time; the result does not depend on it. Default: the environment
-        variable ``AGGLO_THREADS``, else 1.
+        Maximum number of threads. The result does not depend on it. Default: the environment variable
+        ``AGGLO_THREADS``, else 1.
 
     Returns
     -------
     Hierarchy
-        Every part connected; in size mode with ``diam <= h_star``, except single cells that are
-        larger (counted in ``statistics``).
+        Every part is connected. In size mode ``diam <= h_star``, except for larger single cells (counted in
+        ``statistics``).
 
     Raises
     ------
     OptionError
-        If targets or options make no sense, or contradict the constraints.
+        If targets or options are invalid, or contradict the constraints.
     PluginError
         If a component is missing, unusable, or misbehaves.
 
@@ -178,10 +181,10 @@ def agglomerate(
 
 
 def changed(base: Pipeline, given: Mapping[str, Any]) -> Pipeline:
-    """Return the pipeline with the keywords that are given; None leaves those of ``base``.
+    """Return the pipeline with the given keywords, where None keeps the ``base`` value.
 
-    A target replaces any other, and resets what does not go with it: counts ``merge``, sizes ``balance`` and
-    ``weights``, these unless they are bounded.
+    A target replaces any other target, and resets the keywords that it excludes. Counts reset ``merge``.
+    Sizes reset ``balance``, and ``weights`` unless there are bounds on weights.
     """
     explicit = {name: value for name, value in given.items() if value is not None}
     counts, sizes = (any(name in explicit for name in names) for names in (COUNTS, SIZES))

@@ -1,4 +1,4 @@
-"""Pipeline: components and rules, chosen by name or in a TOML file."""
+"""Pipeline: a run configuration with components and rules, from keywords or a TOML file."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ from agglo_core.threads import thread_count, using_threads
 
 @dataclass(frozen=True)
 class Pipeline(Rules):
-    """The components, targets and rules of a run; names are looked up when it starts.
+    """Run configuration: components, targets and rules.
 
-    Parameters are the keywords of :func:`~agglo_core.agglomerate` that state what is made, from ``bisector``
-    to ``lines``, with the same meaning and defaults. Those up to ``cells_per_part`` in the signature may be
-    given by position.
+    Names are looked up when the run starts. The parameters are those keywords from
+    :func:`~agglo_core.agglomerate` that define the result, from ``bisector`` to ``lines``, with equal meaning
+    and defaults. Parameters up to ``cells_per_part`` in the signature may be positional.
 
     Examples
     --------
@@ -67,17 +67,17 @@ class Pipeline(Rules):
 
     @classmethod
     def from_toml(cls, path: str | os.PathLike[str], *, allow_code: bool = False) -> Pipeline:
-        """Pipeline from a TOML file with the attributes as keys.
+        """Create a pipeline from a TOML file with the attributes as keys.
 
-        A component is a name, or a table with ``name`` and its options. Options that name code to import are
-        refused when the run starts, unless ``allow_code`` says that the file is trusted.
+        A component is a name, or a table with ``name`` and its options. A run refuses options that name code
+        to import, unless ``allow_code`` marks the file as trusted.
 
         Raises
         ------
         FileError
             If the file cannot be read or parsed, or has an unknown key.
         OptionError
-            If a value does not fit its key; names the file.
+            If a value does not fit its key. The message names the file.
         """
         given = read_run_file(Path(path), allow_code=allow_code)
         try:
@@ -94,27 +94,31 @@ class Pipeline(Rules):
         verbose: bool = False,
         threads: int | None = None,
     ) -> Hierarchy:
-        """Agglomerate ``mesh``, with names looked up in ``registry``; see :func:`~agglo_core.agglomerate`."""
-        count = thread_count() if threads is None else threads  # the environment is asked once
+        """Agglomerate ``mesh`` with names from ``registry`` (see :func:`~agglo_core.agglomerate`)."""
+        count = thread_count() if threads is None else threads  # read the environment once
         with followed(progress, verbose) as listen, using_threads(count):
             return self._hierarchy(mesh, default() if registry is None else registry, listen)
 
     def _hierarchy(self, mesh: Mesh | Graph, registry: Registry, listen: Listener | None) -> Hierarchy:
-        """Agglomerate; the graph of the mesh is, in turn, measured in the metric, cut and loaded."""
+        """Agglomerate ``mesh``: build the graph, apply metric and constraints, and compute the levels."""
+        # 1. Graph of the mesh, measured in the metric, without forbidden edges.
         with phase(listen, "building the graph"):
             graph = mesh.graph if isinstance(mesh, Mesh) else mesh
         members = self.members(mesh, graph, registry)
         measured = graph if self.metric is None else in_metric(mesh, graph, self.metric)
         allowed = constrained(graph, members, measured)
+        # 2. Goals, components and post-passes of the run.
         goals = bounded_goals(graph, allowed, members, self._goals(mesh, measured, allowed))
         run = new_run(self, registry, listen)
         post = PostPass(self.merge, bool(run.post_refiners), part_rules(graph, members))
         counts = isinstance(goals[0], CountGoal)
+        # 3. Loads by which counts are distributed, then the levels.
         loaded = self.balanced(allowed, counts=counts)
         make_levels = line_levels if self.lines else ordered_levels
         with naming(members):
             levels = make_levels(loaded, goals, run, post, kway=self.method == "kway", nested=self.nested)
         warn_of_large_cells(goals, run)
+        # 4. Statistics and the hierarchy.
         statistics: dict[str, Any] = {"bisector": short_name(self.bisector), "method": self.method}
         if counts:
             mass = None if self.weights is None and self.balance in (None, "cells") else self.mass(graph)
@@ -132,7 +136,7 @@ class Pipeline(Rules):
     def goals(
         self, n_cells: int, mesh_size: Callable[[], float], components: Callable[[], Int]
     ) -> tuple[Goal, ...]:
-        """The goals on a mesh of so many cells, finest first: see :func:`~.goals.resolve_goals`."""
+        """Return the goals for ``n_cells`` cells, finest first (:func:`~.goals.resolve_goals`)."""
         return resolve_goals(
             n_cells,
             mesh_size,

@@ -1,4 +1,4 @@
-"""A run: its components, its seed, and the record of what happened."""
+"""A run: components, seed and statistics."""
 
 from __future__ import annotations
 
@@ -31,12 +31,15 @@ from agglo_core.protocols import Target
 from agglo_core.registry.attribution import Member, attributed
 from agglo_core.split.side_shares import shifted
 
-_APART = np.uint64(0xBF58476D1CE4E5B9)  # between the seeds of two stages
+_APART = np.uint64(0xBF58476D1CE4E5B9)  # increment between the seed roots of two stages
 
 
 @dataclass(slots=True)
 class Timed:
-    """Context that adds its CPU time to ``seconds[phase]``; a class, as generators cost more to enter."""
+    """Context that adds its CPU time to ``seconds[phase]``.
+
+    A class, because generator contexts are slower to enter.
+    """
 
     seconds: dict[str, float]
     phase: str
@@ -52,9 +55,9 @@ class Timed:
 
 @dataclass
 class Statistics:
-    """Statistics of a run: counts, and CPU seconds by phase.
+    """Run statistics: counts, and CPU seconds by phase.
 
-    ``time_limits`` counts the searches that a limit of seconds has ended.
+    ``time_limits`` counts the searches that a time limit ended.
     """
 
     depth: int = 0
@@ -68,16 +71,16 @@ class Statistics:
     seconds: dict[str, float] = field(default_factory=dict)
 
     def timed(self, phase: str) -> Timed:
-        """Context that adds its CPU time to ``seconds[phase]``."""
+        """Return a context that adds its CPU time to ``seconds[phase]``."""
         return Timed(self.seconds, phase)
 
     def told(self) -> dict[str, Any]:
-        """All of it by name, in a copy; :func:`dataclasses.asdict` takes ten times as long."""
+        """Copy all values by name, ten times as fast as :func:`dataclasses.asdict`."""
         return vars(self) | {"seconds": dict(self.seconds)}
 
     @contextmanager
     def limited(self) -> Iterator[None]:
-        """Context that counts the searches in it which a time limit ends."""
+        """Context that counts the searches ended by a time limit."""
         with noted_limits() as noted:
             yield
         self.time_limits += len(noted)
@@ -85,7 +88,9 @@ class Statistics:
 
 @dataclass(frozen=True)
 class Run:
-    """The components of one run, its seed and its record. Every output is checked.
+    """Run components, seed and statistics.
+
+    Every component output is checked.
 
     Attributes
     ----------
@@ -99,11 +104,11 @@ class Run:
     partitioner : Member, optional
         Makes direct k-way partitions.
     listen : callable, optional
-        Called with the progress of the run after each depth of a recursion: the plugins that watch.
+        Called after each recursion depth with the run's progress, for plugins.
     seed : int
     statistics : Statistics
     progress : callable, optional
-        Told of each phase (:class:`~agglo_core.progress.Progress`): the caller.
+        Called with an :class:`~agglo_core.progress.Progress` in each phase, for the caller.
 
     Examples
     --------
@@ -126,27 +131,32 @@ class Run:
     progress: Listener | None = None
 
     def on_level(self, place: int, count: int) -> Run:
-        """The run, telling its progress as that of coarse level number ``place`` of ``count``."""
+        """Return the run with progress labelled as coarse level ``place`` of ``count``."""
         if self.progress is None or count == 1:
             return self
         return replace(self, progress=labelled(self.progress, f"level {place + 1} of {count}"))
 
     def for_target(self, target: Target) -> Run:
-        """The run with its bisector for this target; the run itself if the target makes no difference."""
+        """Return the run with its bisector adapted to this target, or the run itself if nothing changes."""
         told = bisector_for(self.bisector, target)
         return self if told is self.bisector else replace(self, bisector=told)
 
     def seeds(self, stage: int, count: int) -> UInt64:
-        """Seeds ``(count,)`` of the pieces that stage (coarse level, pass) number ``stage`` starts from."""
+        """Return seeds ``(count,)`` for the initial pieces in a stage (coarse level, pass)."""
         root: UInt64 = np.full(count, stage, np.uint64) * _APART
         root += np.uint64(self.seed)
         place: UInt64 = np.arange(count, dtype=np.uint64)
         return splitmix(splitmix(root) + place)
 
     def bisect(self, level: Graph, seeds: UInt64, shares: Float | None = None) -> Int:
-        """Sides ``(n,)``, both in every block, one with its share ``(B,)`` of the mass if that is not 1/2."""
+        """Bisect all blocks into non-empty sides ``(n,)``.
+
+        ``shares (B,)`` are the mass fractions for a side in each block, by default 1/2.
+        """
+        # 1. Call the bisector, with shares if it supports them.
         sides, uneven = sides_by_share(self.bisector, level, seeds, shares)
         one_sided = one_sided_blocks(level, sides)
+        # 2. Let the fallback split the blocks with an empty side.
         if len(one_sided) and self.fallback is not None:
             self.statistics.fallbacks += len(one_sided)
             sides, nodes = sides.copy(), np.isin(level.block_ids, one_sided)
@@ -156,15 +166,16 @@ class Run:
             size = level.sizes[one_sided[0]]
             also = f", and so did its fallback, {self.fallback.title}" if self.fallback else ""
             raise PluginError(f"{self.bisector.title} put all {size} cells of a piece on one side{also}")
+        # 3. Move the cut of the remaining uneven blocks to their share.
         return shifted(level, sides, uneven, shares)
 
     def note_widths(self, labels: Int, wide: Mask, limit: float) -> None:
-        """Note how many single cells are wider than ``limit``; of the ``wide (k,)`` all must be such."""
+        """Count the cells ``wide (k,)``, wider than ``limit``, and check that no other part is wide."""
         alone = checked_widths(self.bisector, labels, wide, limit)
         self.statistics.oversized_cells = max(alone, self.statistics.oversized_cells)
 
     def count_depths(self, depths: Int) -> None:
-        """Add up pieces split, their cells and repairs of each depth ``(depths, 3)``."""
+        """Add the counts ``(depths, 3)`` of split pieces, cells and repairs."""
         for blocks, cells, mended in depths.tolist():
             self.statistics.depth += 1
             self.statistics.bisections += blocks
@@ -178,9 +189,9 @@ class Run:
         return self.partitioner is not None and bool(getattr(self.partitioner.tool, "final_parts", False))
 
     def partition(self, graph: Graph, target: Target, seed: int) -> Int:
-        """Labels ``(n,)`` of a direct partition of one connected block, gaps closed.
+        """Partition a connected block directly, and return labels ``(n,)`` without gaps.
 
-        With a size there may be more parts than the target says, which is an estimate then.
+        With a size, the target's part count is an estimate, and the partition may have more parts.
         """
         member = self.partitioner
         if member is None:
@@ -191,7 +202,7 @@ class Run:
         return checked_parts(member, given, graph.n, most)
 
     def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target, *, post: bool = False) -> Int:
-        """Labels after all (post-)refiners, each keeping the label set of every block."""
+        """Apply all (post-)refiners, each of which keeps every block's label set."""
         for member in self.post_refiners if post else self.refiners:
             with attributed(member.title), self.statistics.limited():
                 given = member.tool.refine(graph, frozen_int(labels), seeds, target)
@@ -201,7 +212,7 @@ class Run:
         return labels
 
     def refine_parts(self, graph: Graph, labels: Int, block: Int, target: Target) -> Int:
-        """Labels after all post-refiners, each keeping the parts, and part p within ``block[p]``."""
+        """Apply all post-refiners, which keep all parts, and part p within ``block[p]``."""
         for member in self.post_refiners:
             with attributed(member.title), self.statistics.limited():
                 given = member.tool.refine_parts(graph, labels, block, target)
@@ -209,7 +220,7 @@ class Run:
         return labels
 
     def halve(self, level: Graph, seeds: UInt64, target: Target, shares: Float | None = None) -> Int:
-        """Sides of every node, both connected in every block: bisected, refined, fixed."""
+        """Bisect, refine and fix all blocks, and return the connected sides."""
         statistics = self.statistics
         with statistics.timed("bisect"):
             sides = self.bisect(level, seeds, shares)
@@ -221,14 +232,17 @@ class Run:
         return sides
 
     def fix(self, graph: Graph, labels: Int, *, halves: bool = False) -> Int:
-        """Labels whose parts are all connected; only blocks in need of it are given to the fixer.
+        """Connect all parts with the fixer.
 
-        With ``halves`` the blocks are known to be connected, and the labels are 0 and 1: faster to test.
+        The fixer receives only the broken blocks. With ``halves`` the blocks must be connected and the labels
+        0 and 1, so that a faster test applies.
         """
+        # 1. Find the blocks with a disconnected part.
         broken = (broken_halves if halves else broken_blocks)(graph, labels)
         if len(broken) == 0:
             return labels
         self.statistics.repairs += len(broken)
+        # 2. Pass these blocks to the fixer, and check its result.
         whole = len(broken) == graph.n_blocks
         piece = graph if whole else graph.take(broken)
         nodes = slice(None) if whole else np.flatnonzero(np.isin(graph.block_ids, broken))
@@ -238,6 +252,7 @@ class Run:
         fixed = checked_labels(self.fixer, "fix", piece, before, given)
         if len(broken_blocks(piece, fixed)):
             raise PluginError(f"{self.fixer.title} left a part disconnected")
+        # 3. Copy the fixed labels back.
         result = labels.copy()
         result[nodes] = fixed
         return frozen_int(result)

@@ -1,4 +1,7 @@
-"""Read the TOML file of a run: check its keys, and turn its components into choices."""
+"""Read a run's TOML file.
+
+The keys are checked against the keywords, and components become choices.
+"""
 
 from __future__ import annotations
 
@@ -13,19 +16,19 @@ from agglo_core.registry.toml_files import read_toml
 
 
 def read_run_file(path: Path, *, allow_code: bool = False) -> dict[str, Any]:
-    """Read the keywords that a TOML file gives, with components as choices.
+    """Read the run keywords from a TOML file, with components as choices.
 
     Parameters
     ----------
     path : Path
     allow_code : bool
-        Whether options that name code may stand in it; the code is then imported and run.
+        Whether the file may contain options that name code. Such code is imported and run.
 
     Raises
     ------
     FileError
-        If the file cannot be read or parsed, has an unknown key, or something else where a component or a
-        list of components is expected.
+        If the file cannot be read or parsed, has an unknown key, or has a value of another type where a
+        component or a list of components is expected.
     """
     table = read_toml(path)
     unknown = sorted(set(table) - set(NAMES))

@@ -1,1 +1,1 @@
-"""The levels of a run: recursion, growth, direct partitions, lines, and the passes on finished levels."""
+"""Level construction: recursion, growth, direct partitions, lines and post-passes."""

@@ -1,7 +1,7 @@
-"""Growth: all splits of a run made by the bisector in one call.
+"""Growth: a single bisector call makes all splits on a level.
 
-A bisector that has ``grow`` splits pieces again and again by itself, refined and fixed. What it returns is
-checked once a level instead of once a depth.
+A bisector with a method ``grow`` splits pieces recursively, including refinement and fixing. The driver then
+checks the result once per level instead of once per depth.
 """
 
 from __future__ import annotations
@@ -23,15 +23,14 @@ from agglo_core.registry.attribution import attributed
 
 
 class Growth(Protocol):
-    """Pieces of a graph that are split again and again."""
+    """Recursive splitting of graph pieces."""
 
     def split(self, quotas: Int, seeds: UInt64, tell: Tell) -> tuple[Int, Int]:
         """Split piece i, with the seed ``seeds[i]``, into ``quotas[i]`` connected pieces.
 
-        Returns the new labels ``(n,)``, numbered by first node, which are the pieces of the next call; and
-        for each depth the pieces split, the cells in them and the pieces that had to be mended,
-        ``(depths, 3)``.
-        ``tell`` is called with the share of the work that is done, and a text.
+        Returns the new labels ``(n,)``, numbered by first node: these are the pieces for the next call. Also
+        returns, for each depth, the counts ``(depths, 3)`` of split pieces, their cells and repaired pieces.
+        The callable ``tell`` receives the completed work share and a text.
         """
 
 
@@ -40,40 +39,47 @@ class GrowthToSize(Growth, Protocol):
     """Optional: growth that also stops at a size."""
 
     def split_to_size(self, limit: float, seeds: UInt64, tell: Tell) -> tuple[Int, Int]:
-        """Split the pieces until none but single cells is wider than ``limit``; returns as ``split``."""
+        """Split the pieces until only single cells are wider than ``limit``, and return as ``split``."""
 
 
 @runtime_checkable
 class RestartedGrowth(Growth, Protocol):
-    """Optional: growth that goes on from other pieces of its graph, and need not be made anew."""
+    """Optional: growth that can restart from other pieces.
+
+    A restart is cheaper than a new growth object.
+    """
 
     def restart(self, pieces: Int) -> None:
-        """Let the connected ``pieces (n,)`` be those that the next call splits."""
+        """Set the connected ``pieces (n,)`` for the next call."""
 
 
 @runtime_checkable
 class Growing(Protocol):
-    """Optional: a bisector that makes all splits of a run by itself, fixed and refined."""
+    """Optional: a bisector that makes, refines and fixes all splits itself."""
 
     def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> Growth | None:
-        """Growth of the connected ``pieces (n,)``, or None: then the driver asks depth by depth.
+        """Return growth from the connected ``pieces (n,)``, or None for calls depth by depth.
 
-        The parts must be as good as those that ``bisect_level``, the refiners and the fixer make together; a
-        bisector that cannot do what these components do returns None.
+        The parts must be as good as the joint result of ``bisect_level``, the refiners and the fixer. A
+        bisector that cannot replace these components returns None.
         """
 
 
 def grown_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass) -> list[Int] | None:
-    """Labels of each coarse level, finest first; None if the bisector does not serve these goals.
+    """Return the coarse-level labels, finest first, or None for unsupported goals.
 
-    The coarsest goes first, the parts of one level being the pieces that the next starts from.
+    The coarsest level comes first in the computation. Each level's parts are the initial pieces for the next
+    level.
     """
+    # 1. Growth serves only bisectors that do not depend on the target.
     if any(run.for_target(goal.target) is not run for goal in goals):
         return None
+    # 2. Request a growth object for the connected components.
     labels = graph.components()
     growth = _offered(graph, labels, run)
     if growth is None or not all(_serves(growth, goal) for goal in goals):
         return None
+    # 3. Split the pieces level by level, coarsest first. Post-passes change the pieces, so growth restarts.
     result: list[Int] = []
     for stage, goal in enumerate(reversed(goals)):
         own = run.on_level(stage, len(goals))
@@ -83,14 +89,14 @@ def grown_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass) 
             raise PluginError(f"{run.bisector.title} grew one level of the run, and declines the next")
         parts = _split(graph, labels, goal, growth, own, stage, tested=not post.polish)
         if stage == len(goals) - 1:
-            growth = None  # its arrays make room
+            growth = None  # free its arrays before the post-passes
         labels = post.apply(graph, labels, parts, goal, own, stage, tested=not post.polish)
         result.append(labels)
     return result[::-1]
 
 
 def _offered(graph: Graph, pieces: Int, run: Run) -> Growth | None:
-    """Growth that the bisector offers for the connected ``pieces (n,)`` and the components of the run."""
+    """Request growth from the connected ``pieces (n,)`` with the run's components."""
     if not run.bisector.offers("grow"):
         return None
     tool, refiners = run.bisector.tool, [member.tool for member in run.refiners]
@@ -100,7 +106,7 @@ def _offered(graph: Graph, pieces: Int, run: Run) -> Growth | None:
 
 
 def _restarted(graph: Graph, pieces: Int, growth: Growth | None, run: Run) -> Growth | None:
-    """Growth of other pieces than those of the last call."""
+    """Return a growth object that starts from the given pieces."""
     restart = getattr(growth, "restart", None)
     if restart is None:
         return _offered(graph, pieces, run)
@@ -118,9 +124,9 @@ def _serves(growth: Growth, goal: Goal) -> bool:
 def _split(
     graph: Graph, labels: Int, goal: Goal, growth: Growth, run: Run, stage: int, *, tested: bool
 ) -> Int:
-    """Labels ``(n,)`` of the connected parts of a level.
+    """Split the pieces on a level, and return the part labels ``(n,)``.
 
-    If ``tested`` is False, connections and widths are not checked: the polish that follows does so.
+    If ``tested`` is False, connectivity and widths are not checked here, because the polish checks them.
     """
     seeds, owner = run.seeds(stage, int(labels.max()) + 1), run.bisector
     with run.statistics.timed("grow"), phase(run.progress, "agglomerating") as tell:
@@ -130,7 +136,7 @@ def _split(
                 given, depths = growth.split(quotas, seeds, tell)
             parts = checked_split(owner, graph, labels, quotas, given, tested=tested)
         else:
-            to_size = cast(GrowthToSize, growth)  # ``_serves`` has seen to it
+            to_size = cast(GrowthToSize, growth)  # ``_serves`` has checked it
             with attributed(owner.title):
                 given, depths = to_size.split_to_size(goal.limit, seeds, tell)
             parts = checked_sizes(owner, graph, labels, given, tested=tested)
@@ -141,6 +147,6 @@ def _split(
 
 
 def _quotas(graph: Graph, labels: Int, goal: CountGoal) -> Int:
-    if not labels.any():  # one piece: a connected mesh, most of the time
+    if not labels.any():  # one piece, the usual case: a connected mesh
         return goal.shares(frozen_float([graph.mass.sum()]), frozen_int([graph.n]))
     return goal.shares(frozen_float(np.bincount(labels, graph.mass)), frozen_int(np.bincount(labels)))

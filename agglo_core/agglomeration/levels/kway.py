@@ -1,4 +1,4 @@
-"""Direct k-way partitions: from one call per connected component to exact, connected levels."""
+"""Direct k-way partitions: one call per connected component gives exact, connected levels."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from agglo_core.protocols import Target
 
 
 def kway_levels(graph: Graph, goals: Sequence[Goal], nested: bool, run: Run, post: PostPass) -> list[Int]:
-    """Labels of each coarse level, finest first.
+    """Return the coarse-level labels, finest first.
 
-    Nested hierarchies are built bottom-up: each level partitions the dual graph of the one below.
-    Otherwise every level is a partition of the fine graph. A partition that says its parts are final is
+    Nested hierarchies are built bottom-up: each level partitions the previous level's dual graph. Otherwise
+    every level partitions the fine graph. If the partitioner declares ``final_parts``, its partitions are
     neither refined nor polished.
     """
     post = replace(post, polish=post.polish and not run.final_parts)
@@ -42,11 +42,13 @@ def kway_levels(graph: Graph, goals: Sequence[Goal], nested: bool, run: Run, pos
 
 
 def _one_level(graph: Graph, parts: int, goal: Goal, run: Run, stage: int) -> Int:
-    """One level on ``graph``: partition each component, refine, repair, then split the parts too large."""
+    """Compute one level: partition each component, refine, repair, and split parts that are too large."""
+    # 1. Number of parts of each connected component.
     pieces, cells = graph.split(graph.components())
     count = goal if isinstance(goal, CountGoal) else CountGoal(parts, exact=False)
     quotas = count.shares(frozen_float(np.bincount(pieces.block_ids, pieces.mass)), pieces.sizes)
     parts = int(quotas.sum())
+    # 2. Partition the components, refine the partition, and connect its parts.
     seeds, statistics = run.seeds(stage, pieces.n_blocks), run.statistics
     with statistics.timed("partition"), phase(run.progress, "partitioning") as tell:
         local = _partition_components(pieces, quotas, goal, run, seeds, tell)
@@ -56,17 +58,19 @@ def _one_level(graph: Graph, parts: int, goal: Goal, run: Run, stage: int) -> In
             local = run.refine(pieces, local, seeds, target)
     with statistics.timed("fix"):
         local = run.fix(pieces, local)
+    # 3. Number the parts through all components.
     found = frozen_int(np.maximum.reduceat(local, pieces.offsets[:-1]) + 1)
     first = np.cumsum(found) - found
     labels = np.empty(graph.n, np.int64)
     labels[cells] = local + np.repeat(first, np.diff(pieces.offsets))
+    # 4. Bisect the parts that miss the goal.
     return _finish(graph, frozen_int(labels), quotas, found, goal, run, stage)
 
 
 def _partition_components(pieces: Graph, quotas: Int, goal: Goal, run: Run, seeds: UInt64, tell: Tell) -> Int:
-    """Labels local to each component, gaps closed."""
+    """Return labels local to each component, without gaps."""
     local = np.zeros(pieces.n, np.int64)
-    own_count = run.final_parts and isinstance(goal, SizeGoal)  # else a small component has one part
+    own_count = run.final_parts and isinstance(goal, SizeGoal)  # else a component with quota 1 is a part
     for b in np.flatnonzero((pieces.sizes if own_count else quotas) > 1):
         nodes = slice(int(pieces.offsets[b]), int(pieces.offsets[b + 1]))
         target = Target(parts=int(quotas[b]), h_star=goal.target.h_star)
@@ -76,7 +80,7 @@ def _partition_components(pieces: Graph, quotas: Int, goal: Goal, run: Run, seed
 
 
 def _finish(graph: Graph, labels: Int, quotas: Int, found: Int, goal: Goal, run: Run, stage: int) -> Int:
-    """Bisect parts that are too large, or as many as the exact count still lacks."""
+    """Bisect parts that are too large, or as many parts as the exact count lacks."""
     if not isinstance(goal, SizeGoal):
         goal = replace(goal, quotas=_missing(graph, labels, quotas, found))
     tree, leaves = grow(graph, labels, goal, run, stage)
@@ -85,7 +89,10 @@ def _finish(graph: Graph, labels: Int, quotas: Int, found: Int, goal: Goal, run:
 
 
 def _missing(graph: Graph, labels: Int, quotas: Int, found: Int) -> Int:
-    """Parts that each part is to become, so that each component, with ``found`` parts, has its quota."""
+    """Return the number of pieces to split each part into.
+
+    Each component has ``found`` parts and must reach its quota.
+    """
     measures = frozen_float(np.bincount(labels, graph.mass))
     cells = frozen_int(np.bincount(labels))
     stops = np.cumsum(found)

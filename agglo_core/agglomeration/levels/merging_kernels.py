@@ -1,4 +1,4 @@
-"""Merging of neighbouring parts, the roundest unions first, in rounds that look only at what has changed."""
+"""Merge adjacent parts, roundest unions first, in rounds over changed parts only."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -9,17 +9,15 @@ import numpy as np
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.compiled.geometry import distinct_vertices, largest_distance
 
-_FINE = (
-    2.0**40
-)  # scores that agree to so many parts of 1 are equal, whatever the order their sums were made in
+_FINE = 2.0**40  # scores are rounded to multiples of 2^-40, so that the order of summation does not matter
 
 
 @helper
 def _renewed(c, lists, root, grown, now, places, seen, stamp):
-    """Replace the neighbours of part c that have merged by what they merged into, each once.
+    """Replace the merged neighbours of part c by the parts that they merged into, without duplicates.
 
-    ``lists`` have, for each part, a range (start, length) of neighbours, the interface shared with each, and
-    whether their union fits: 1, 0, or −1 where that is not known.
+    For each part, ``lists`` contain a neighbour range (start, length), the shared interfaces, and whether
+    each union fits: 1, 0, or −1 for unknown.
     """
     near, shared, fits, start, length = lists
     kept = start[c]
@@ -29,11 +27,11 @@ def _renewed(c, lists, root, grown, now, places, seen, stamp):
             r = root[r]
         if r == c:
             continue
-        # 1. A union that did not fit never will: unions only become wider. One that did is unknown again
-        #    once the neighbour has grown.
+        # 1. A union that did not fit never will, because unions only become wider. A union that fitted is
+        #    unknown again after the neighbour has grown.
         fit = 0 if fits[h] == 0 else (-1 if grown[r] == now else fits[h])
-        # 2. Several neighbours that are one part now: interfaces are added, and if one did not fit, neither
-        #    do all. The list is written over itself.
+        # 2. Several neighbours may be one part now: their interfaces are added, and if any union did not fit,
+        #    the new union does not fit. The list is overwritten in place.
         if seen[r] == stamp:
             g = places[r]
             shared[g] += shared[h]
@@ -47,7 +45,7 @@ def _renewed(c, lists, root, grown, now, places, seen, stamp):
 
 @helper(allocates=True)
 def _boxes(vertex_offsets, vertices, points):
-    """Lowest and highest coordinates of the vertices of each part."""
+    """Return the lowest and highest vertex coordinates of each part."""
     n, d = len(vertex_offsets) - 1, points.shape[1]
     low, high = np.full((n, d), np.inf), np.full((n, d), -np.inf)
     for c in range(n):
@@ -71,7 +69,7 @@ def _union_fits(a, b, following, shapes, space, stamp, limit):
         diagonal += side * side
     if longest > limit * (1.0 + 1e-12) or np.sqrt(diagonal) < limit * (1.0 - 1e-12):
         return longest <= limit
-    # 2. If these do not decide, it is measured between the vertices of all members of both parts.
+    # 2. If these bounds do not decide, measure the diameter over the vertices of all members of both parts.
     count = 0
     for part in (a, b):
         member = part
@@ -85,10 +83,10 @@ def _union_fits(a, b, following, shapes, space, stamp, limit):
 
 @helper
 def _partner(c, lists, outline, owner, following, shapes, space, stamps, limit):
-    """Find the neighbour in its block with which part c makes the roundest union that fits, or −1.
+    """Find the neighbour with which part c forms the roundest admissible union, or −1.
 
-    Of equally round ones that of the larger numbers counts: of the smaller part, then of the larger one.
-    This order is total, and both parts of a union see it alike.
+    Both parts lie in one block. Ties go to the larger part numbers: compare the smaller number first, then
+    the larger number. This order is total and symmetric in both parts.
     """
     near, shared, fits, start, length = lists
     best, partner, row, column = -1.0, -1, -1, -1
@@ -96,12 +94,12 @@ def _partner(c, lists, outline, owner, following, shapes, space, stamps, limit):
         r = near[h]
         if owner[r] != owner[c] or fits[h] == 0:
             continue
-        # 1. The share of both outlines that would become interior, rounded.
+        # 1. Score: share of both outlines that would become interior, rounded.
         score = np.rint(_FINE * shared[h] / (outline[c] + outline[r]))
         one, two = min(c, r), max(c, r)
         if score < best or (score == best and (one < row or (one == row and two < column))):
             continue
-        # 2. Only a union that is the best so far is tested, as diameters cost most.
+        # 2. Test only a union with the best score so far, because diameters are expensive.
         if fits[h] < 0:
             stamps[0] += 1
             fits[h] = 1 if _union_fits(c, r, following, shapes, space, stamps[0], limit) else 0
@@ -112,7 +110,7 @@ def _partner(c, lists, outline, owner, following, shapes, space, stamps, limit):
 
 @helper(allocates=True)
 def _compacted(lists, root):
-    """Move the lists of all parts that are left to the front; return where they end."""
+    """Move the remaining parts' lists to the front and return their end."""
     near, shared, fits, start, length = lists
     old = near.copy(), shared.copy(), fits.copy()
     end = 0
@@ -128,9 +126,9 @@ def _compacted(lists, root):
 
 @helper
 def _append(lists, a, b, top):
-    """Make one list of the neighbours of parts a and b, from ``top`` on; return where it ends.
+    """Append the joint neighbour list of parts a and b at ``top`` and return its end.
 
-    It is the list of part a from then on. Whether unions with it fit is unknown, unless one did not.
+    Part a then owns the list. Whether unions fit is unknown, except for unions that did not fit before.
     """
     near, shared, fits, start, length = lists
     end = top
@@ -144,31 +142,31 @@ def _append(lists, a, b, top):
 
 @kernel
 def merged_parts(indptr, indices, interface, boundary, owner, vertex_offsets, vertices, points, limit):
-    """Least number ``(n,)`` of the parts that each part has merged with, by rounds of mutual proposals.
+    """Merge parts by mutual proposals and return the least member number ``(n,)`` per part.
 
-    Parts of different ``owner (n,)`` do not merge. In each round every part proposes to the neighbour with
-    which it makes the roundest union (the share of both outlines that becomes interior) of diameter ``limit``
-    at most; mutual proposals merge. Only parts that have merged and their neighbours can change their minds:
-    a round looks at no others.
+    Parts of different ``owner (n,)`` do not merge. In each round every part proposes to the neighbour that
+    gives the roundest union (by the outline share that becomes interior) with diameter at most ``limit``.
+    Mutual proposals merge. Only merged parts and their neighbours can change their proposals, so a round
+    visits only these.
     """
     n = len(owner)
-    # 1. Lists of neighbours, which grow to the right; members of a part as a chain (``following``,
+    # 1. Neighbour lists, which grow to the right. The members of a part form a chain (``following``,
     #    ``last``).
-    room = 2 * len(indices)  # lists of merged parts go behind the others; all that are in use fill half of it
+    room = 2 * len(indices)  # merged lists are appended; the lists in use fill at most half of the arrays
     near, shared, fits = np.empty(room, np.int64), np.empty(room), np.full(room, -1, np.int64)
     for h in range(len(indices)):
         near[h], shared[h] = indices[h], interface[h]
     start, length = indptr[:-1].astype(np.int64), np.empty(n, np.int64)
     root, following, last = np.arange(n), np.full(n, -1, np.int64), np.arange(n)
     outline, sides = np.empty(n), boundary.copy()
-    # 2. Outlines: boundary of the domain plus interfaces. ``sides`` has the boundary alone.
+    # 2. Outlines: boundary of the domain plus interfaces. ``sides`` contains the boundary alone.
     for c in range(n):
         length[c] = indptr[c + 1] - indptr[c]
         outline[c] = boundary[c]
         for h in range(indptr[c], indptr[c + 1]):
             outline[c] += interface[h]
     lists, top = (near, shared, fits, start, length), len(indices)
-    # 3. Boxes of the parts, and work arrays of the diameters.
+    # 3. Bounding boxes of the parts, and workspace for the diameters.
     low, high = _boxes(vertex_offsets, vertices, points)
     shapes = (vertex_offsets, vertices, points, low, high)
     space = (
@@ -182,14 +180,13 @@ def merged_parts(indptr, indices, interface, boundary, owner, vertex_offsets, ve
     asked, pairs = np.arange(n), np.empty(n, np.int64)
     count, now = n, 0
     while count > 0:
-        # 4. Each part asked proposes to a neighbour. Proposals of the others stand: nothing about them
-        #    changed.
+        # 4. Each changed part proposes to a neighbour. The other proposals remain valid.
         for q in range(count):
             c = asked[q]
             stamps[1] += 1
             _renewed(c, lists, root, grown, now, places, seen, stamps[1])
             partner[c] = _partner(c, lists, outline, owner, following, shapes, space, stamps, limit)
-        # 5. Mutual proposals become pairs, listed by their smaller number, each once.
+        # 5. Mutual proposals become pairs, each listed once by its smaller number.
         merging = 0
         for q in range(count):
             c = asked[q]
@@ -199,7 +196,7 @@ def merged_parts(indptr, indices, interface, boundary, owner, vertex_offsets, ve
                 grown[a] = grown[b] = now + 1
                 pairs[merging] = a
                 merging += 1
-        # 6. Pairs merge: lists, chains of members, boxes. Space of old lists is won back once all is used.
+        # 6. Merge the pairs: lists, chains of members, boxes. Compact the lists when the arrays are full.
         now += 1
         for q in range(merging):
             a = pairs[q]
@@ -211,8 +208,8 @@ def merged_parts(indptr, indices, interface, boundary, owner, vertex_offsets, ve
             sides[a] += sides[b]
             for k in range(points.shape[1]):
                 low[a, k], high[a, k] = min(low[a, k], low[b, k]), max(high[a, k], high[b, k])
-        # 7. The outline of a union is its boundary plus the interfaces that are left. The union and its
-        #    neighbours are asked in the next round.
+        # 7. The outline of a union is its boundary plus the remaining interfaces. The union and its
+        #    neighbours propose again in the next round.
         count = 0
         for q in range(merging):
             a = pairs[q]
@@ -228,5 +225,5 @@ def merged_parts(indptr, indices, interface, boundary, owner, vertex_offsets, ve
                     asked[count] = c
                     count += 1
     for c in range(n):
-        root[c] = root[root[c]]  # what it merged into comes first, and is done
+        root[c] = root[root[c]]  # the smaller number comes first and is already resolved
     return root

@@ -1,4 +1,7 @@
-"""The levels of a run, found with the cells along a curve: neighbours are near in memory."""
+"""Compute the levels with the cells ordered along a space-filling curve.
+
+In this order adjacent cells are close in memory.
+"""
 
 from __future__ import annotations
 
@@ -21,31 +24,34 @@ from agglo_core.progress import phase
 def ordered_levels(
     graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass, *, kway: bool, nested: bool
 ) -> list[Int]:
-    """Labels ``(n,)`` of each level, finest first, numbered by first cell."""
+    """Return the level labels ``(n,)``, finest first, numbered by first cell."""
     with run.statistics.timed("order"), phase(run.progress, "ordering the cells"):
+        # 1. Renumber the graph along the curve.
         order = curve_order(graph.centroids)
         ordered = graph.subgraph(order, frozen_int([0, graph.n]))
-        if any(goal.limit < np.inf for goal in goals):  # otherwise nobody asks for points, but may
+        if any(goal.limit < np.inf for goal in goals):  # only size goals read the points regularly
             ordered = _with_points_as_met(ordered)
+        # 2. Renumber the part rules with the cells.
         if post.rules is not None:
             place = np.empty(graph.n, np.int64)
             place[order] = np.arange(graph.n)
             post = replace(post, rules=post.rules.via(place))
+    # 3. Compute the levels and map their labels back to the original numbering.
     levels = _levels(ordered, goals, run, post, kway=kway, nested=nested)
     return [_by_first_cell(labels, order) for labels in levels]
 
 
 def _by_first_cell(labels: Int, order: Int) -> Int:
-    """Labels of the cells ``order``, given for each of its places and numbered by first cell."""
+    """Map labels back to the cells ``order`` and number them by first cell."""
     from agglo_core.compiled.graphs import numbered_as_met
 
     given = np.empty(len(order), np.int32)
-    given[order] = labels.astype(np.int32)  # as it is, each label would be converted by itself
+    given[order] = labels.astype(np.int32)  # one vectorised conversion, instead of one per label
     return frozen_int(numbered_as_met(frozen_index(given), int(labels.max()) + 1)[0])
 
 
 def _with_points_as_met(graph: Graph) -> Graph:
-    """The graph with its points in the order in which the cells have them: near in memory, too."""
+    """Renumber the graph's points in cell order."""
     from agglo_core.compiled.graphs import numbered_as_met
 
     vertices, points = numbered_as_met(graph.vertices, len(graph.points))
@@ -56,7 +62,7 @@ def _with_points_as_met(graph: Graph) -> Graph:
 def _levels(
     graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass, *, kway: bool, nested: bool
 ) -> list[Int]:
-    """Levels by direct partitions, by one nested recursion, or each level on its own."""
+    """Compute the levels by direct partitions, by one nested recursion, or each level separately."""
     if kway:
         return kway_levels(graph, goals, nested, run, post)
     if nested:

@@ -1,7 +1,7 @@
-"""Post-passes on a finished level: merge small parts, polish all interfaces at once.
+"""Post-passes on a finished level: merge small parts, and polish all interfaces at once.
 
-Both stay inside given blocks (in a recursion the parts of the next coarser level, in a k-way hierarchy the
-connected components) and never make a part miss its size target.
+Both passes stay inside given blocks. These are the next coarser level's parts in a recursion, and the
+connected components in a k-way hierarchy. No pass makes a part miss its size target.
 """
 
 from __future__ import annotations
@@ -25,10 +25,13 @@ from agglo_core.protocols import Target
 
 @runtime_checkable
 class PartRefiner(Protocol):
-    """Optional: a refiner of finished levels that needs no graph of the blocks, which takes time to make."""
+    """Optional: a refiner for finished levels that needs no block graph.
+
+    Building the block graph takes time.
+    """
 
     def refine_parts(self, graph: Graph, labels: Int, block: Int, target: Target) -> Int:
-        """Do what ``refine`` does if the parts ``p`` of each ``block[p]`` were the blocks of the graph.
+        """Refine as ``refine`` does, with ``block[p]`` as the graph block for each part p.
 
         ``labels (n,)`` number the parts through all blocks. No cell may leave its block.
         """
@@ -36,7 +39,7 @@ class PartRefiner(Protocol):
 
 @dataclass(frozen=True)
 class PostPass:
-    """The post-passes of a run, with the rules for whole parts."""
+    """Post-passes, with the rules for whole parts."""
 
     merge: bool
     polish: bool
@@ -44,15 +47,15 @@ class PostPass:
 
     @property
     def active(self) -> bool:
-        """True if there is a pass to run."""
+        """True if any pass is enabled."""
         return self.merge or self.polish or self.rules is not None
 
     def apply(
         self, graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage: int, *, tested: bool = True
     ) -> Int:
-        """Labels ``(n,)`` after the post-passes, each inside ``blocks (n,)``.
+        """Return the labels ``(n,)`` after the post-passes, each inside ``blocks (n,)``.
 
-        If ``tested`` is False the parts may be disconnected or too wide: the polish tests all of them.
+        If ``tested`` is False, the parts may be disconnected or too wide. The polish then checks all parts.
         """
         if self.merge and isinstance(goal, SizeGoal):
             with run.statistics.timed("merge"), phase(run.progress, "merging") as tell:
@@ -66,10 +69,10 @@ class PostPass:
 
 
 def merge_parts(graph: Graph, blocks: Int, labels: Int, limit: float, tell: Tell) -> Int:
-    """Merge neighbours whose union has a diameter of at most ``limit``, roundest unions first.
+    """Merge adjacent parts with a union diameter of at most ``limit``, roundest unions first.
 
-    The larger the share of its parts' boundary that becomes interior, the rounder a union is. In each round
-    every part proposes its best neighbour; mutual proposals merge.
+    A union counts as rounder if a larger share of its parts' boundary becomes interior. In each round every
+    part proposes its best neighbour, and mutual proposals merge.
     """
     from agglo_core.agglomeration.levels.merging_kernels import merged_parts
 
@@ -87,15 +90,18 @@ def merge_parts(graph: Graph, blocks: Int, labels: Int, limit: float, tell: Tell
 
 
 def _polish(graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage: int, *, tested: bool) -> Int:
-    """One k-way pass of the post-refiners in each block; moves that spoil a part are undone."""
+    """Run the post-refiners once in each block, and undo moves that spoil a part."""
+    # 1. Block of each part.
     owner = np.zeros(int(labels.max()) + 1, np.int64)
-    if blocks.any():  # else one: a connected mesh, most of the time
+    if blocks.any():  # otherwise one block, the usual case: a connected mesh
         owner[labels] = blocks
     target = Target(parts=len(owner), h_star=goal.target.h_star)
+    # 2. Refine, directly if all refiners have ``refine_parts``, else on the graph of the blocks.
     if all(member.offers("refine_parts") for member in run.post_refiners):
         after = run.refine_parts(graph, labels, frozen_int(owner), target)
     else:
         after = _refined_by_block(graph, labels, owner, target, run, stage)
+    # 3. Undo the moves that disconnect, empty or widen a part.
     kept, broken, wide = _without_bad_moves(graph, labels, after, goal.limit, tested=tested)
     if broken.any():
         raise PluginError(f"{run.bisector.title} left a part disconnected")
@@ -105,12 +111,14 @@ def _polish(graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage:
 
 
 def _refined_by_block(graph: Graph, labels: Int, owner: Int, target: Target, run: Run, stage: int) -> Int:
-    """Labels after the post-refiners, which are given the blocks of the parts as those of a graph."""
+    """Apply the post-refiners to the block graph, and return the labels."""
+    # 1. Graph of the blocks, and the number of each part within its block.
     pieces, cells = graph.split(owner[labels])
     by_block = np.argsort(owner, kind="stable")
     first = np.concatenate(([0], np.cumsum(np.bincount(owner))))
     local = np.empty(len(owner), np.int64)
     local[by_block] = np.arange(len(owner)) - first[owner[by_block]]
+    # 2. Refine all blocks, and map the local labels back to part numbers.
     seeds = run.seeds(stage, pieces.n_blocks)
     moved = run.refine(pieces, frozen_int(local[labels[cells]]), seeds, target, post=True)
     result = np.empty(graph.n, np.int64)
@@ -121,19 +129,21 @@ def _refined_by_block(graph: Graph, labels: Int, owner: Int, target: Target, run
 def _without_bad_moves(
     graph: Graph, before: Int, after: Int, limit: float, *, tested: bool
 ) -> tuple[Int, Mask, Mask]:
-    """Undo all moves into or out of parts that became empty, disconnected or too wide, until none is left.
+    """Undo moves into or out of parts that became empty, disconnected or too wide, until none is left.
 
-    A part is emptied where the move that filled it is undone, and not yet that which took its last cell:
-    then the other faults wait. Only parts that changed since they were looked at are looked at again, and
-    unless those before were ``tested``, all at first. Also returns which are disconnected and wide still.
+    A part is temporarily empty if the move that filled it is undone before its last cell's move. The other
+    faults are then checked later. Only parts that changed since their last check are checked again. If the
+    parts before are not ``tested``, the first round checks all parts. Also returns masks for parts still
+    disconnected or too wide.
     """
     asked = np.ones(int(before.max()) + 1, bool)
-    broken, wide, bad = (np.zeros_like(asked) for _ in range(3))  # a refiner has emptied none
+    broken, wide, bad = (np.zeros_like(asked) for _ in range(3))  # no part is empty after a refiner
     moved = None
     if tested:
         moved, asked = _moved(before, after, len(asked))
     result = after
     while asked.any():
+        # 1. Find the disconnected and the wide parts among the parts to check.
         if not bad.any():
             broken = broken & ~asked | broken_parts(graph.indptr, graph.indices, result, asked)
             if np.isfinite(limit):
@@ -141,6 +151,7 @@ def _without_bad_moves(
             bad, asked = broken | wide, np.zeros_like(asked)
             if not bad.any():
                 break
+        # 2. Undo the remaining moves into or out of bad parts.
         if moved is None:
             moved = _moved(before, after, len(asked))[0]
         back = bad[result[moved]] | bad[before[moved]]
@@ -151,12 +162,13 @@ def _without_bad_moves(
         result = result.copy()
         result[cells] = before[cells]
         moved = moved[~back]
+        # 3. Parts that are empty now are bad in the next round.
         bad = np.bincount(result, minlength=len(bad)) == 0
     return frozen_int(result), broken, wide
 
 
 def _moved(before: Int, after: Int, count: int) -> tuple[Int, Mask]:
-    """The cells that moved, and which of ``count`` parts they left or joined."""
+    """Return the moved cells and a mask ``(count,)`` of changed parts."""
     moved = np.flatnonzero(after != before)
     changed = np.zeros(count, bool)
     changed[before[moved]] = changed[after[moved]] = True

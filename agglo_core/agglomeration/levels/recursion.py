@@ -1,8 +1,8 @@
-"""The recursion of the paper's Algorithm 1, depth by depth: how a piece is split.
+"""Recursive bisection, depth by depth (paper, Algorithm 1).
 
-All pieces of one depth are the blocks of one block-diagonal graph (``level``, as in the method
-``bisect_level`` of bisectors): bisect, refine, fix, test, split. Asserted on the way: no side is empty, each
-phase keeps the label set, every piece is connected, the number of pieces strictly grows.
+All pieces at a depth are blocks in a block-diagonal graph (``level``, as in the bisectors' ``bisect_level``).
+The steps are: bisect, refine, fix, test, split. Invariants: no side is empty, each phase keeps the label set,
+every piece is connected, and the piece count strictly increases.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from agglo_core.split.side_shares import side_shares
 
 @dataclass
 class _TreeBuilder:
-    """A tree being built: nodes in order of depth, finished pieces written into tree order."""
+    """Tree builder: nodes ordered by depth, finished cells in tree order."""
 
     n: int
     goal: Goal
@@ -41,7 +41,7 @@ class _TreeBuilder:
         self.cells = np.full(self.n, -1, np.int64)
 
     def add(self, parent: Int, start: Int, sizes: Int, state: Float) -> Int:
-        """Append nodes; return their numbers."""
+        """Append nodes and return their numbers."""
         known = isinstance(self.goal, SizeGoal)
         self.parent.append(parent)
         self.start.append(start)
@@ -51,7 +51,7 @@ class _TreeBuilder:
         return np.arange(self.count - len(parent), self.count)
 
     def write(self, start: Int, finished: Mask, cells: Int, order: Int, offsets: Int) -> None:
-        """Put the cells of finished pieces in their place."""
+        """Write the finished pieces' cells to their places in tree order."""
         chosen = np.flatnonzero(finished)
         if len(chosen) == 0:
             return
@@ -61,9 +61,10 @@ class _TreeBuilder:
         self.placed += len(take)
 
     def reached(self, expected: float) -> tuple[float, str]:
-        """Share of the splits that is done, and its details; a root is to become ``expected`` leaves.
+        """Return the completed share of the splits and a text.
 
-        Depths cost about the same until pieces are finished; the depth is the logarithm of the leaves.
+        Each root is expected to become ``expected`` leaves. All depths cost about equally much until pieces
+        are finished, and the depth is the logarithm of the leaf count.
         """
         roots = len(self.start[0])
         leaves = (self.count + roots) // 2
@@ -72,7 +73,7 @@ class _TreeBuilder:
         return share, f"depth {len(self.start) - 1}, {leaves:,} pieces"
 
     def tree(self) -> Tree:
-        """The tree, once every cell has its place."""
+        """Return the tree after every cell has its place."""
         if (self.cells < 0).any():
             raise AssertionError("cells were lost in the recursion")
         join = np.concatenate
@@ -86,13 +87,13 @@ class _TreeBuilder:
 
 
 def grow(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int = 0) -> tuple[Tree, Int]:
-    """Split the connected pieces ``labels (n,)`` of ``graph`` until all meet the goal, depth by depth.
+    """Split the connected pieces ``labels (n,)`` of ``graph`` depth by depth until all meet the goal.
 
-    The bisector is called once for each depth. One that has a method ``grow`` makes all splits of a level
-    itself: see ``grown_levels`` in ``growth``.
+    The bisector is called once per depth. A bisector with a method ``grow`` makes all splits itself: see
+    ``grown_levels`` in ``growth``.
 
-    Seeds follow from that of the run, the number of the ``stage`` and the place in the tree.
-    Returns the tree, whose roots are the pieces, and the nodes of its leaves.
+    Seeds depend on the run's seed, the ``stage`` number and the place in the tree. Returns the tree, whose
+    roots are the pieces, and its leaf numbers.
 
     Examples
     --------
@@ -108,8 +109,9 @@ def grow(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int = 0) -> tup
 
 
 def _grown(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int, tell: Tell) -> tuple[Tree, Int]:
-    """Bisect all unfinished pieces of one depth after the other, until none is left."""
+    """Bisect the unfinished pieces depth by depth until every piece is finished."""
     tree = _TreeBuilder(graph.n, goal)
+    # 1. Roots of the tree: the pieces, and whether each meets the goal.
     run, statistics = run.for_target(goal.target), run.statistics
     with statistics.timed("split"):
         source, cells = graph.split(labels)
@@ -122,22 +124,27 @@ def _grown(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int, tell: Te
     table = None if isinstance(goal, SizeGoal) else side_shares(goal.parts)
     expected = goal.estimate(graph) / len(start)
     while True:
+        # 2. Store the finished pieces.
         leaves.append(nodes[finished])
         tree.write(start, finished, cells, order, offsets)
         tell(*tree.reached(expected))
         if finished.all():
             return tree.tree(), frozen_int(np.concatenate(leaves))
+        # 3. Graph of the unfinished pieces, one block per piece.
         going = np.flatnonzero(~finished)
-        if nodes[0] > 0 or len(going) < len(nodes):  # otherwise the blocks are the roots themselves
+        if nodes[0] > 0 or len(going) < len(nodes):  # otherwise the blocks are still the roots
             with statistics.timed("split"):
                 take, starts = _taken(order, offsets, going)
                 source, cells = source.subgraph(take, starts), cells[take]
+        # 4. Bisect, refine and fix all blocks.
         seeds, state, nodes, start = seeds[going], state[going], nodes[going], start[going]
         shares = table[np.minimum(state, len(table) - 1).astype(np.int64)] if table is not None else None
         sides = run.halve(source, seeds, goal.target, shares)
+        # 5. Order the cells by side, and test each side.
         with statistics.timed("test"):
             order, offsets = _children(source, sides)
             state, finished = goal.assess(source, order, offsets, frozen_float(state))
+        # 6. Add both sides of each block to the tree, with new seeds.
         sizes = np.diff(offsets)
         start = np.stack((start, start + sizes[::2]), axis=1).ravel()
         nodes = tree.add(np.repeat(nodes, 2), start, sizes, state)
@@ -145,7 +152,7 @@ def _grown(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int, tell: Te
 
 
 def _rows(offsets: Int, chosen: Int) -> tuple[Int, Int]:
-    """Positions of the chosen rows of a CSR, one after the other, and their lengths."""
+    """Return the entry positions in the chosen CSR rows, concatenated, and the row lengths."""
     sizes = np.diff(offsets)[chosen]
     if len(chosen) == len(offsets) - 1:
         return np.arange(offsets[-1]), sizes
@@ -154,7 +161,7 @@ def _rows(offsets: Int, chosen: Int) -> tuple[Int, Int]:
 
 
 def _taken(order: Int, offsets: Int, chosen: Int) -> tuple[Int, Int]:
-    """Cells of the chosen pieces, and where each piece starts."""
+    """Return the chosen pieces' cells and the piece offsets."""
     if len(chosen) == len(offsets) - 1:
         return order, offsets
     rows, sizes = _rows(offsets, chosen)
@@ -169,10 +176,11 @@ def _children(level: Graph, sides: Int) -> tuple[Int, Int]:
 
 
 def recursive_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass) -> list[Int]:
-    """Labels of each coarse level, finest first.
+    """Return the coarse-level labels, finest first.
 
-    One tree serves all sizes: each level is a cut of it. Counts go coarsest first, the parts of one level
-    being the first pieces of the next; so do sizes if there are post-passes or the bisector wants the target.
+    Without post-passes a single tree serves all sizes: each level cuts the tree. Counts are computed coarsest
+    first, and each level's parts are the initial pieces for the next level. Sizes are also computed in this
+    order if there are post-passes or the bisector depends on the target.
     """
     grown = grown_levels(graph, goals, run, post)
     if grown is not None:
@@ -205,14 +213,14 @@ def _levels_of_one_tree(graph: Graph, goals: Sequence[Goal], run: Run) -> list[I
 
 
 def note_oversized(tree: Tree, leaves: Int, goal: Goal, run: Run) -> None:
-    """Record how many single cells are larger than a size; the smallest one has the most."""
+    """Record how many single cells exceed a size, and keep the maximum over the levels."""
     if isinstance(goal, SizeGoal):
         count = int((tree.diameter[leaves] > goal.limit).sum())
         run.statistics.oversized_cells = max(count, run.statistics.oversized_cells)
 
 
 def warn_of_large_cells(goals: Sequence[Goal], run: Run) -> None:
-    """Say once in a run how many single cells are larger than the smallest size."""
+    """Log once per run how many single cells exceed the smallest size."""
     count, finest = run.statistics.oversized_cells, goals[0]
     if count and isinstance(finest, SizeGoal):
         cells = "1 cell is" if count == 1 else f"{count} cells are"

@@ -1,1 +1,1 @@
-"""Rules for parts: from keywords to constraints, edges that no part crosses, demands on whole parts."""
+"""Rules for parts: constraint keywords, forbidden edges and bounds on whole parts."""

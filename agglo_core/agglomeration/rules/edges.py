@@ -1,7 +1,7 @@
-"""Constraints: edges that no part may cross are removed before a run starts.
+"""Constraints on edges: forbidden edges are removed before a run starts.
 
-Recursion, direct partitions, merging, polishing and fixing then work on a graph that knows no such edge,
-and every part, being connected, keeps the constraints. What they ask of whole parts: ``parts.py``.
+Recursion, direct partitions, merging, polishing and fixing then work on a graph without forbidden edges. As
+every part is connected, it satisfies the constraints. Constraints on whole parts: ``parts.py``.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ from agglo_core.registry.attribution import Member, attributed
 
 
 def constrained(graph: Graph, constraints: Sequence[Member], there: Graph) -> Graph:
-    """The graph ``there``, of the same edges as ``graph``, without those that constraints forbid.
+    """Return the graph ``there`` without the edges that constraints forbid.
+
+    The constraints receive ``graph``, with edges equal to the edges in ``there``.
 
     Raises
     ------
@@ -39,9 +41,9 @@ def constrained(graph: Graph, constraints: Sequence[Member], there: Graph) -> Gr
 def bounded_goals(
     graph: Graph, allowed: Graph, constraints: Sequence[Member], goals: Sequence[Goal]
 ) -> tuple[Goal, ...]:
-    """The goals, mean sizes with at least as many parts as bounds on parts need.
+    """Return the goals, with mean-size counts raised as far as the bounds require.
 
-    Measures are those of ``graph``, connections those that are ``allowed``.
+    Measures are taken from ``graph``, connections from ``allowed``.
 
     Raises
     ------
@@ -67,7 +69,7 @@ def _at_least(goal: Goal, fewest: int, title: str) -> Goal:
 
 @contextmanager
 def naming(constraints: Sequence[Member]) -> Iterator[None]:
-    """Let the refusal of a number of parts smaller than that of the components name the constraints."""
+    """Context that adds the constraints to the error about too few parts for the components."""
     try:
         yield
     except TooFewPartsError as error:
@@ -81,7 +83,8 @@ def naming(constraints: Sequence[Member]) -> Iterator[None]:
 
 
 def forbidden_by(member: Member, graph: Graph) -> Mask:
-    """Forbidden CSR entries ``(m,)``, both directions of each edge."""
+    """Return a mask ``(m,)`` of the forbidden CSR entries, both directions per edge."""
+    # 1. Check shape and dtype of the result.
     with attributed(member.title):
         given = plain_array(member.tool.forbidden(graph), "the result of forbidden", PluginError)
     shape = graph.indices.shape
@@ -90,6 +93,7 @@ def forbidden_by(member: Member, graph: Graph) -> Mask:
             f"{member.title}: forbidden returned shape {given.shape} of {given.dtype}, "
             f"expected {shape} of bool, one for each CSR entry"
         )
+    # 2. Check the symmetry: each forbidden entry (i, j) needs the entry (j, i).
     marked = np.flatnonzero(given)
     row = np.searchsorted(graph.indptr, marked, side="right") - 1
     column = graph.indices[marked].astype(np.int64)

@@ -1,4 +1,4 @@
-"""Turn the keywords of rules into constraints, and share out counts by mass."""
+"""Turn rule keywords into constraints, and compute the masses that distribute counts."""
 
 from __future__ import annotations
 
@@ -22,20 +22,21 @@ from agglo_core.registry import Registry
 from agglo_core.registry.attribution import Member, attributed
 
 _TIE = 1e-4
-"""Share of the measure in masses: of sides of as many cells the larger one is the same on any axes."""
+"""Weight of the measure in masses. If two sides have equally many cells, the side of larger measure counts as
+larger, independent of the axes."""
 
 
 @dataclass(frozen=True)
 class Rules(Keywords):
-    """Rules for the parts, by keyword or as components."""
+    """Rules for parts, given by keywords or as components."""
 
     @property
     def bounds_weights(self) -> bool:
-        """True if there are bounds on weights."""
+        """True if a bound on weights is set."""
         return self.max_weight is not None or self.min_weight is not None
 
     def check_rules(self) -> None:
-        """Raise OptionError for values that mean nothing on any mesh."""
+        """Raise OptionError for values that are invalid on every mesh."""
         if isinstance(self.constraints, str) or not isinstance(self.constraints, Sequence):
             raise OptionError(f"constraints must be a sequence of components, given {self.constraints!r}")
         if self.boundary_rules not in (None, "ridges"):
@@ -51,7 +52,7 @@ class Rules(Keywords):
             raise OptionError("lines and a largest part cannot be had together: a line may be larger")
 
     def members(self, mesh: Mesh | Graph, graph: Graph, registry: Registry) -> list[Member]:
-        """The constraints of a run on this mesh, those of keywords first."""
+        """Return the constraints on this mesh, starting with the keyword constraints."""
         found = [Member(tool, f"constraint {name!r}") for name, tool in self._by_keyword(mesh, graph)]
         for each in self.constraints:
             found.append(_on_mesh(chosen("constraint", each, registry)[0], mesh))
@@ -64,14 +65,15 @@ class Rules(Keywords):
         counts: bool,
         total: Callable[[Float], float] = lambda values: float(values.sum()),
     ) -> Graph:
-        """The graph with the loads by which counts are shared out; sizes share out nothing.
+        """Return the graph with the loads that distribute counts.
 
-        ``total`` adds up values of all cells, also of those that lie elsewhere.
+        Size goals do not use loads. The callable ``total`` sums values over all cells, including cells on
+        other processes.
 
         Raises
         ------
         OptionError
-            If a size is asked for, and weights or a balance were given.
+            If the target is a size, and weights or a balance are given.
         """
         if not counts:
             if self.weights is not None and not self.bounds_weights:
@@ -91,14 +93,14 @@ class Rules(Keywords):
         return graph.with_loads(Loads(kind, mass, weights=loads if kind == "weights" else None))
 
     def mass(self, graph: Graph) -> Float:
-        """Mass ``(n,)`` by which counts are shared out."""
+        """Return the mass ``(n,)`` by which counts are distributed."""
         weights = self.cell_weights(graph)
         if self.balance == "weights" or (self.balance is None and weights is not None):
             return graph.weights if weights is None else weights
         return graph.measures if self.balance == "measure" else np.broadcast_to(1.0, graph.n)
 
     def cell_weights(self, graph: Graph) -> Float | None:
-        """The ``weights (n,)`` of cells; None if there are none."""
+        """Return the cell ``weights (n,)``, or None if not given."""
         return None if self.weights is None else weights_of(self.weights, graph.data, graph.n)
 
     def _by_keyword(self, mesh: Mesh | Graph, graph: Graph) -> list[tuple[str, Any]]:
@@ -126,7 +128,7 @@ class Rules(Keywords):
 
 
 def imbalance(mass: Float | None, labels: Int) -> float:
-    """Mass, or number of cells, of the heaviest part over the mean; 1 if there is none."""
+    """Return the largest part mass or cell count over the mean, or 1 for zero total mass."""
     of_parts = np.bincount(labels, mass)
     mean = float(of_parts.mean())
     return float(of_parts.max()) / mean if mean > 0 else 1.0
@@ -153,7 +155,7 @@ def _faces(mesh: Mesh | Graph, word: str) -> Mesh:
 
 
 def _on_mesh(member: Member, mesh: Mesh | Graph) -> Member:
-    """Fit a constraint to the mesh if it has ``for_mesh``."""
+    """Adapt a constraint to the mesh if it has ``for_mesh``."""
     if not callable(getattr(member.tool, "for_mesh", None)):
         return member
     if not isinstance(mesh, Mesh):

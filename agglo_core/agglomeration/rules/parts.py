@@ -1,4 +1,4 @@
-"""Bounds on whole parts, kept on each finished level: parts are split, and joined with neighbours."""
+"""Enforce bounds on whole parts by splitting parts and joining neighbours."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from agglo_core.progress import phase
 from agglo_core.registry.attribution import Member, attributed
 
 Refused = Callable[[Int, Mask], Mask]
-"""``refused(labels, asked)``: which of the parts asked for ``(k,)`` may not be."""
+"""``refused(labels, asked)`` returns a mask of inadmissible parts among the parts ``asked (k,)``."""
 
 Pairs = set[tuple[int, int]]
 
@@ -31,22 +31,23 @@ def merged_pairs(
     most: int | None = None,
     by_interface: bool = False,
 ) -> Int:
-    """Labels ``(n,)``, gaps closed, after wanted parts were merged with neighbours in their block.
+    """Return the labels ``(n,)``, without gaps, after merging wanted parts with neighbours in their block.
 
-    Those of the least mass go first, each with the lightest neighbour, or with that of the longest interface.
-    In each round a part merges once; unions that are refused are undone, and not tried again.
+    The lightest pairs merge first. Each part joins its lightest neighbour, or the neighbour with the longest
+    interface. In each round a part merges at most once. Refused unions are undone and not tried again.
 
     Parameters
     ----------
     wanted : callable
-        ``wanted(parts, labels)``: which parts ``(k,)``, nodes of the quotient graph, look for a neighbour.
+        ``wanted(parts, labels)`` returns a mask ``(k,)`` of quotient-graph nodes that need a neighbour.
     refused : callable
     most : int, optional
-        Largest number of merges; all that can be made if not given.
+        Largest number of merges. Default: no limit.
     """
     tried: Pairs = set()
     left = graph.n if most is None else most
     while left > 0:
+        # 1. Propose pairs on the quotient graph, and keep disjoint pairs.
         parts = graph.coarsen(labels)
         block = np.empty(parts.n, np.int64)
         block[labels] = blocks
@@ -54,13 +55,15 @@ def merged_pairs(
         pairs = _apart(pairs, parts.n)[:left]
         if len(pairs) == 0:
             break
+        # 2. Join the pairs, and undo the refused unions.
         labels, done, tried = _joined(labels, parts.n, pairs, refused, tried)
         left -= done
     return frozen_int(labels)
 
 
 def _proposals(parts: Graph, block: Int, wanted: Mask, tried: Pairs, by_interface: bool) -> Int:
-    """Pairs ``(q, 2)`` of a part that looks for a neighbour and the best one, the most urgent first."""
+    """Pair each wanted part with its best neighbour: pairs ``(q, 2)``, lightest first."""
+    # 1. Edges from wanted parts to neighbours in their block, except pairs already tried.
     rows = np.repeat(np.arange(parts.n), np.diff(parts.indptr))
     columns = parts.indices.astype(np.int64)
     usable = wanted[rows] & (block[rows] == block[columns])
@@ -69,16 +72,18 @@ def _proposals(parts: Graph, block: Int, wanted: Mask, tried: Pairs, by_interfac
         keys = np.concatenate((known @ (parts.n, 1), known @ (1, parts.n)))
         usable &= ~np.isin(rows * parts.n + columns, keys)
     rows, columns = rows[usable], columns[usable]
+    # 2. Best neighbour of each part.
     merit: Float = parts.interface[usable] if by_interface else -parts.mass[columns]
     order = np.lexsort((columns, -merit, rows))
     best = order[np.unique(rows[order], return_index=True)[1]]
+    # 3. Order the pairs by their mass.
     urgent = np.argsort(parts.mass[rows[best]] + parts.mass[columns[best]], kind="stable")
     chosen = best[urgent]
     return frozen_int(np.stack((rows[chosen], columns[chosen]), axis=1).reshape(-1, 2))
 
 
 def _apart(pairs: Int, n: int) -> Int:
-    """Those pairs that come before all others with one of their parts."""
+    """Return the pairs that come before all other pairs with a common part."""
     rank = np.arange(len(pairs))
     first = np.full(n, len(pairs))
     np.minimum.at(first, pairs.ravel(), np.repeat(rank, 2))
@@ -86,14 +91,17 @@ def _apart(pairs: Int, n: int) -> Int:
 
 
 def _joined(labels: Int, count: int, pairs: Int, refused: Refused, tried: Pairs) -> tuple[Int, int, Pairs]:
-    """Labels once the pairs are joined, how many were, and unions that need not be tried again.
+    """Join the pairs that the rules admit.
 
-    What is refused stays so when more is added to it.
+    Returns the labels, the joined-pair count, and the refused unions. A refused union stays refused when it
+    grows.
     """
+    # 1. Join all pairs, and find the refused unions.
     whole = _numbers(pairs, count)
     asked = np.zeros(count - len(pairs), bool)
     asked[whole[pairs[:, 1]]] = True
     bad = refused(frozen_int(whole[labels]), asked)[whole[pairs[:, 1]]]
+    # 2. Join only the admitted pairs, and renumber the refused ones.
     number = _numbers(pairs[~bad], count)
     known = {(min(pair), max(pair)) for pair in (*tried, *map(tuple, pairs[bad].tolist()))}
     tried = {(int(number[one]), int(number[other])) for one, other in known}
@@ -101,31 +109,31 @@ def _joined(labels: Int, count: int, pairs: Int, refused: Refused, tried: Pairs)
 
 
 def _numbers(pairs: Int, count: int) -> Int:
-    """New number of each part ``(count,)``, without gaps, once the pairs are joined."""
+    """Return the new part numbers ``(count,)``, without gaps, after joining the pairs."""
     into = np.arange(count)
     into[pairs[:, 0]] = pairs[:, 1]
     return np.unique(into, return_inverse=True)[1]
 
 
 _ROUNDS = 8
-"""Times that splitting and joining are repeated to meet a count."""
+"""Maximum number of rounds of splitting and joining to meet a count."""
 
 _STAGE = 1 << 20
-"""Added to the stage of a level: seeds of its own."""
+"""Offset of the stage of a level, so that its seeds are distinct."""
 
 
 @dataclass(frozen=True)
 class PartRules:
-    """The rules of a run for whole parts.
+    """Rules for whole parts.
 
     Attributes
     ----------
     graph : Graph
-        All cells, as the constraints know them.
+        All cells, as passed to the constraints.
     members : sequence of Member
         Constraints with ``admissible`` or ``incomplete``.
     through : (n,) int
-        Node of each cell in the graph of which labels are given.
+        Node of each cell in the labelled graph.
     """
 
     graph: Graph
@@ -133,38 +141,45 @@ class PartRules:
     through: Int
 
     def via(self, nodes: Int) -> PartRules:
-        """The rules for labels of another graph: what was node i is its node ``nodes[i]``."""
+        """Return the rules for labels on another graph, where node i is ``nodes[i]``."""
         return replace(self, through=frozen_int(nodes[self.through]))
 
     def inadmissible(self, labels: Int) -> Mask:
-        """Parts ``(k,)`` that have to be split."""
+        """Return a mask ``(k,)`` of parts to split."""
         return ~self._asked("admissible", labels, np.logical_and, fill=True)
 
     def incomplete(self, labels: Int) -> Mask:
-        """Parts ``(k,)`` that should join a neighbour."""
+        """Return a mask ``(k,)`` of parts that should join a neighbour."""
         return self._asked("incomplete", labels, np.logical_or, fill=False)
 
     def kept(self, graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage: int) -> Int:
-        """Labels ``(n,)`` of a level that keeps the rules, each part inside ``blocks (n,)``.
+        """Enforce the rules on a level, each part inside ``blocks (n,)``, and return its labels.
 
         Raises
         ------
         OptionError
-            If no such level with the count asked for was found.
+            If no level with the requested count was found.
         """
         with run.statistics.timed("rules"), phase(run.progress, "keeping the constraints"):
+            # 1. Even out the parts of an exact count, where a rule supports it.
             level = _Level(self, graph, blocks, goal, run, stage)
             labels = level.evened(labels) if isinstance(goal, CountGoal) else labels
+            # 2. Split inadmissible parts, and join the pieces and the small parts with neighbours.
             labels = level.join_split(labels, level.split(labels))
             labels = level.join_small(labels)
+            # 3. Restore the count by further splits or merges.
             if isinstance(goal, CountGoal):
                 labels = level.to_count(labels, goal)
+            # 4. Refuse the level if a rule is still violated.
             self._refuse_inadmissible(labels)
             run.statistics.small_parts += int(np.count_nonzero(self.incomplete(labels)))
         return labels
 
     def _refuse_inadmissible(self, labels: Int) -> None:
-        """Raise OptionError for parts that could not be split: lines, parts of a finer level, moody rules."""
+        """Raise OptionError for parts that could not be split.
+
+        Causes are lines, finer-level parts, and inconsistent rules.
+        """
         bad = self.inadmissible(labels) & (np.bincount(labels[self.through]) > 1)
         if bad.any():
             titles = ", ".join(member.title for member in self.members)
@@ -184,7 +199,7 @@ class PartRules:
 
 
 def part_rules(graph: Graph, constraints: Sequence[Member]) -> PartRules | None:
-    """Rules of the constraints for whole parts, None if there are none."""
+    """Return the constraints' rules for whole parts, or None if there are none."""
     asking = [
         member
         for member in constraints
@@ -195,7 +210,7 @@ def part_rules(graph: Graph, constraints: Sequence[Member]) -> PartRules | None:
 
 @dataclass(frozen=True)
 class _Level:
-    """One level of a run under rules."""
+    """A level under rules."""
 
     rules: PartRules
     graph: Graph
@@ -205,7 +220,7 @@ class _Level:
     stage: int
 
     def evened(self, labels: Int) -> Int:
-        """Labels of as many parts after cells were handed on, where a rule knows how."""
+        """Let rules with ``evened`` move cells between parts, at unchanged part count."""
         if not (self.rules.inadmissible(labels) | self.rules.incomplete(labels)).any():
             return labels
         block = np.empty(int(labels.max()) + 1, np.int64)
@@ -218,7 +233,7 @@ class _Level:
         return labels
 
     def split(self, labels: Int) -> Int:
-        """Labels once no part is left that has to be split; single nodes cannot be."""
+        """Split parts until no part with several nodes violates the rules."""
         for turn in range(self.graph.n):
             bad = self.rules.inadmissible(labels) & (np.bincount(labels) > 1)
             if not bad.any():
@@ -228,7 +243,7 @@ class _Level:
         return labels
 
     def join_split(self, before: Int, labels: Int) -> Int:
-        """Labels once pieces of parts that were split have joined neighbours that may take them."""
+        """Join pieces from split parts with neighbours, where the rules admit the union."""
         if isinstance(self.goal, CountGoal) or labels.max() == before.max():
             return labels
         pieces = np.unique(np.stack((before, labels)), axis=1)[0]
@@ -242,7 +257,7 @@ class _Level:
         return merged_pairs(self.graph, self.blocks, labels, split, self._refused, by_interface=True)
 
     def join_small(self, labels: Int) -> Int:
-        """Labels once small parts have joined the neighbour of the longest interface that may take them."""
+        """Join small parts with the longest-interface neighbour that the rules admit."""
         if not self.rules.incomplete(labels).any():
             return labels
 
@@ -252,22 +267,27 @@ class _Level:
         return merged_pairs(self.graph, self.blocks, labels, small, self._refused, by_interface=True)
 
     def to_count(self, labels: Int, goal: CountGoal) -> Int:
-        """Labels of as many parts as the goal says; if it is not exact, of as many as the rules allow."""
+        """Split or merge parts to reach the goal's count.
+
+        For a count that is not exact, get as close as the rules allow.
+        """
         start, count = labels, goal.parts
         for turn in range(_ROUNDS):
             k = int(labels.max()) + 1
             if k == count:
                 break
+            # 1. Too many parts: merge the lightest pairs.
             if k > count:
                 labels = self._fewer(labels, k - count)
                 if int(labels.max()) + 1 > count:
                     break
             else:
+                # 2. Too few parts: halve the heaviest parts, split inadmissible pieces, join small pieces.
                 labels = self.split(self._more(labels, count - k, turn))
                 labels = self.join_small(labels) if turn < _ROUNDS - 2 or not goal.exact else labels
         k = int(labels.max()) + 1
         if not goal.exact:
-            return start if k < count else labels  # splitting only made parts that had to be joined again
+            return start if k < count else labels  # splitting only created parts that had to be joined again
         if k == count:
             return labels
         titles = ", ".join(member.title for member in self.rules.members)
@@ -282,7 +302,7 @@ class _Level:
         return merged_pairs(self.graph, self.blocks, labels, everybody, self._refused, most=surplus)
 
     def _more(self, labels: Int, missing: int, turn: int) -> Int:
-        """Labels with the heaviest parts halved."""
+        """Halve the ``missing`` heaviest parts."""
         mass = np.bincount(labels, self.graph.mass) * (np.bincount(labels) > 1)
         heaviest = np.argsort(-mass, kind="stable")[:missing]
         chosen = np.zeros(len(mass), bool)
@@ -296,9 +316,10 @@ class _Level:
         return bad
 
     def _halved(self, labels: Int, chosen: Mask, turn: int, *, by_rule: bool = True) -> Int:
-        """Labels with the chosen parts in two, or in more where a rule says how."""
+        """Split the chosen parts in two, or into more pieces where a rule defines the split."""
         sides = np.zeros(len(labels), np.int64)
         rest = chosen.copy()
+        # 1. Splits defined by the rules.
         for member in self.rules.members if by_rule else ():
             if callable(getattr(member.tool, "halves", None)):
                 with attributed(member.title):
@@ -306,6 +327,7 @@ class _Level:
                     own = plain_array(halves, "the result of halves", PluginError)
                 sides = np.where(rest[labels], own, sides)
                 rest &= ~_in_two(labels, sides, len(chosen))
+        # 2. The other parts are bisected by the components of the run.
         sides = sides * chosen[labels]
         if rest.any():
             cells = np.flatnonzero(rest[labels])
@@ -315,11 +337,12 @@ class _Level:
             level = self.graph.subgraph(cells[order], offsets)
             seeds = self.run.seeds(_STAGE + (self.stage << 8) + turn, level.n_blocks)
             sides[cells[order]] = self.run.halve(level, seeds, self.goal.target)
+        # 3. The connected components of all sides are the new parts.
         return self.graph.components(frozen_int(2 * labels + sides))
 
 
 def _in_two(labels: Int, sides: Int, k: int) -> Mask:
-    """Mask ``(k,)`` of the parts that have nodes on both sides."""
+    """Return a mask ``(k,)`` of parts with nodes on both sides."""
     ones = np.bincount(labels, sides, k)
     return (ones > 0) & (ones < np.bincount(labels, minlength=k))
 
