@@ -1,1 +1,1 @@
-"""Refiners that move cells between parts, and the fixer of connectivity, with their kernels."""
+"""Refiners that move cells between parts, the connectivity fixer, and their kernels."""

@@ -1,4 +1,4 @@
-"""Articulation points: cells that hold their part together."""
+"""Articulation points: cells whose removal disconnects their part."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -11,11 +11,12 @@ from agglo_core.compiled.compiling import kernel
 
 @kernel
 def cut_cells(indptr, indices, labels):
-    """Mark the cells ``(n,)`` that leave their part in more pieces when they are taken out of it.
+    """Mark the cells ``(n,)`` whose removal splits their part into more components.
 
-    The articulation points of the graph without its edges between labels (Tarjan 1972, Hopcroft and
-    Tarjan 1973), by a depth-first search with a stack of its own. ``found`` is the number of a cell in the
-    order of the search, ``lowest`` the least such number that its subtree reaches by one edge off the tree.
+    These are the articulation points of the graph without edges between different labels (Tarjan 1972,
+    Hopcroft and Tarjan 1973), computed by a depth-first search with an explicit stack. ``found`` is a cell's
+    number in search order. ``lowest`` is the smallest such number that the cell's subtree reaches by one
+    non-tree edge.
     """
     n = len(labels)
     found, lowest = np.full(n, -1, np.int64), np.empty(n, np.int64)
@@ -23,15 +24,15 @@ def cut_cells(indptr, indices, labels):
     stack, cut = np.empty(n, np.int64), np.zeros(n, np.bool_)
     count = 0
     for root in range(n):
-        # 1. Every cell not found so far is the root of a tree that spans its component.
+        # 1. Every cell not visited yet is the root of a spanning tree for its component.
         if found[root] >= 0:
             continue
         found[root] = lowest[root] = count
         count += 1
         stack[0], depth, branches = root, 1, 0
         while depth > 0:
-            # 2. Next edge of the cell on top. Edges to other labels do not count; one to a cell found before
-            #    lowers ``lowest``, except the one that leads back to the parent.
+            # 2. Take the next edge of the top cell. Edges to other labels are ignored. An edge to a visited
+            #    cell lowers ``lowest``, except the edge back to the parent.
             i = stack[depth - 1]
             if entry[i] < indptr[i + 1]:
                 j = indices[entry[i]]
@@ -42,7 +43,7 @@ def cut_cells(indptr, indices, labels):
                     if j != parent[i]:
                         lowest[i] = min(lowest[i], found[j])
                     continue
-                # 3. A cell found now becomes a child.
+                # 3. A newly visited cell becomes a child.
                 parent[j] = i
                 found[j] = lowest[j] = count
                 count += 1
@@ -51,14 +52,14 @@ def cut_cells(indptr, indices, labels):
                 if i == root:
                     branches += 1
                 continue
-            # 4. All edges were taken. If the subtree does not reach above the parent, the parent cuts it
-            #    off.
+            # 4. All edges are done. If the subtree does not reach above the parent, the parent cuts the
+            #    subtree off.
             depth -= 1
             p = parent[i]
             if p >= 0:
                 lowest[p] = min(lowest[p], lowest[i])
                 if p != root and lowest[i] >= found[p]:
                     cut[p] = True
-        # 5. Nothing is above a root: it cuts if it has several children.
+        # 5. A root is an articulation point if it has several children.
         cut[root] = branches > 1
     return cut

@@ -1,4 +1,4 @@
-"""Parts of equal size: a refiner that evens out what others leave."""
+"""Balance refiner: parts of equal size."""
 
 from __future__ import annotations
 
@@ -13,27 +13,28 @@ from agglo_core.refine.part_sizes import SIZES, block_sizes, checked_size, check
 
 
 class BalanceRefiner:
-    """Hands cells on from parts that are too large to parts that are too small, until sizes are even.
+    """Move cells from parts that are too large to parts that are too small, until sizes are even.
 
-    Cells go the shortest way through parts between, which take some and hand others on: those that lie most
-    towards the next part, so that parts stay compact. They stay connected too, and none is emptied. It ends
-    when all sizes are within ``tolerance`` times the mean of their block, or less than one cell from it; or
-    where what is left cannot be moved. With tolerance 0 numbers of cells differ by at most 1 then.
+    Cells travel along shortest paths of adjacent parts. Each part on a path passes on the cells farthest in
+    the path's direction, so parts stay compact. Parts also stay connected, and no part is emptied. The
+    refiner stops when all sizes are within ``tolerance`` times their block's mean, or less than one cell from
+    it, or when no further cell can move. With tolerance 0, cell counts then differ by at most 1.
 
-    Short interfaces are for others: ``post_refiners=("balance", "fm")`` keeps the balance.
+    Interface lengths are not considered: ``post_refiners=("balance", "fm")`` shortens interfaces and keeps
+    the balance.
 
     Parameters
     ----------
     size : "cells", "measure" or "weights", optional
-        Quantity that is evened out: number of cells, measure, or the weights of the run, else of the graph.
-        Default: that which the run balances (its ``weights=`` or ``balance=``), else cells.
+        Quantity to balance: cell count, measure, or the run's weights (else the graph's). Default: the
+        quantity that the run balances (its ``weights=`` or ``balance=``), else cells.
     tolerance : float
         0 or more.
 
     Raises
     ------
     OptionError
-        For anything else.
+        For any other value.
 
     Examples
     --------
@@ -54,11 +55,11 @@ class BalanceRefiner:
         self.objective = SIZES[size]
 
     def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target) -> Int:
-        """Labels ``(n,)`` of even parts; seeds are not used."""
+        """Return the balanced labels ``(n,)``, independent of the seeds."""
         return refined_blocks(self, graph, labels, target)
 
     def refine_parts(self, graph: Graph, labels: Int, block: Int, target: Target) -> Int:
-        """Labels ``(n,)`` of even parts; part p may trade cells with parts of ``block[p]`` alone."""
+        """Return the balanced labels ``(n,)``, with trades only within ``block[p]`` for part p."""
         from agglo_core.refine.balance_paths import even_out
 
         if graph.n == 0:

@@ -1,7 +1,7 @@
-"""Balance: cells are handed on from parts that are too large to parts that are too small.
+"""Balance kernels: pass cells from parts that are too large to parts that are too small.
 
-The way goes through parts beside one another, each of which takes some cells from the one before it and hands
-others on, so that the sizes of those between stay nearly as they were.
+A path leads through adjacent parts. Each part takes cells from the previous part and passes on about as many,
+so the sizes in between hardly change.
 """
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
@@ -17,11 +17,11 @@ from agglo_core.compiled.ring_search import CROWD, connected
 from agglo_core.compiled.sorting import put_in, take_out
 from agglo_core.refine.compactness.reach import part_lists
 
-_TRIES = 6  # ways tried for one part before it is given up; each costs a search over parts and its moves
+_TRIES = 6  # maximum number of paths per part; each costs a search over parts and its moves
 
 
 class Parts(NamedTuple):
-    """Labels, sizes and numbers of cells of parts, and their cells as lists."""
+    """Labels, sizes, cell counts and linked cell lists of the parts."""
 
     labels: Any
     sizes: Any
@@ -35,14 +35,14 @@ class Parts(NamedTuple):
 def _move(weights, parts, i, target):
     """Move cell i to part ``target``."""
     home, w = parts.labels[i], weights[i]
-    # Unlink the cell from the list of its part.
+    # Unlink the cell from its part's list.
     if parts.before[i] >= 0:
         parts.after[parts.before[i]] = parts.after[i]
     else:
         parts.first[home] = parts.after[i]
     if parts.after[i] >= 0:
         parts.before[parts.after[i]] = parts.before[i]
-    # Put it first in the list of the target.
+    # Insert the cell at the front of the target's list.
     parts.after[i], parts.before[i] = parts.first[target], -1
     if parts.first[target] >= 0:
         parts.before[parts.first[target]] = i
@@ -55,7 +55,7 @@ def _move(weights, parts, i, target):
 
 @helper
 def _centre(graph, weights, parts, p, out):
-    """Centre of part p, or the sum of its centroids if it weighs nothing."""
+    """Write the centre of part p to ``out``, or the centroid sum (zeros) for zero weight."""
     (_, _, centroids), total = graph, 0.0
     for a in range(len(out)):
         out[a] = 0.0
@@ -71,7 +71,7 @@ def _centre(graph, weights, parts, p, out):
 
 @helper
 def _beside(graph, parts, i, target):
-    """Return whether cell i has a neighbour in part ``target``."""
+    """Return True if cell i has a neighbour in part ``target``."""
     (indptr, indices, _), found = graph, False
     for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):
         found |= parts.labels[np.uint32(indices[h])] == target
@@ -80,14 +80,17 @@ def _beside(graph, parts, i, target):
 
 @helper
 def _can_spare(indptr, indices, labels, i, rings, stamp):
-    """Return whether the part of cell i stays connected without it, be it all the way around a ring."""
+    """Return True if the part of cell i stays connected without it.
+
+    The search has no distance limit, so that it can pass all the way around a ring.
+    """
     home, queue, filled = labels[i], rings[0], np.int64(0)
     for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):
         queue[filled] = np.uint32(indices[h])
         filled += labels[np.uint32(indices[h])] == home
     if filled < 2:
         return True
-    labels[i] = -1  # out of the way
+    labels[i] = -1  # hide the cell from the search
     whole = connected(indptr, indices, labels, home, rings, filled, stamp, np.int64(len(labels)), CROWD)
     labels[i] = home
     return whole
@@ -95,20 +98,20 @@ def _can_spare(indptr, indices, labels, i, rings, stamp):
 
 @helper
 def _shift(graph, weights, parts, home, target, amount, moved, done, work, stamp):
-    """Move cells of about this size from ``home`` to ``target``, those first that lie most towards it.
+    """Move cells with about the size ``amount`` from ``home`` to ``target``, closest to the target first.
 
-    They are noted in rows of ``moved`` (cell, part that it left) from ``done`` on, as long as there are rows.
-    Returns where they end, the size that was moved, and the last stamp.
+    Moves are recorded in rows of ``moved`` (cell, old part) from ``done`` on, up to the number of rows.
+    Returns the end row, the moved size and the last stamp.
     """
     indptr, indices, centroids = graph
     heap, keys, place, rings, centres = work[4]
-    # 1. The direction from the centre of the one part to that of the other.
+    # 1. Direction from one part's centre to the other's.
     _centre(graph, weights, parts, home, centres[0])
     _centre(graph, weights, parts, target, centres[1])
     size, total, i = np.int64(0), 0.0, parts.first[home]
     for a in range(centroids.shape[1]):
         centres[0, a] = centres[1, a] - centres[0, a]
-    # 2. Cells of the part adjacent to the target, those furthest along this direction on top of a heap.
+    # 2. Heap of the part's cells adjacent to the target, farthest along this direction on top.
     while i >= 0:
         if _beside(graph, parts, np.uint64(i), target):
             key = 0.0
@@ -116,8 +119,8 @@ def _shift(graph, weights, parts, home, target, amount, moved, done, work, stamp
                 key += centres[0, a] * centroids[i, a]
             size = put_in(heap, keys, place, size, np.int64(i), key)
         i = parts.after[i]
-    # 3. They move until the amount is reached. One cell may exceed it, later ones must not: the first that
-    #    would ends the shift. Cells that hold the part together are passed over.
+    # 3. Move cells until the amount is reached. The first cell may exceed it. A later cell that would exceed
+    #    it ends the shift. Cells that keep the part connected are skipped.
     while size > 0 and parts.cells[home] > 1 and done < len(moved):
         cell, size = take_out(heap, keys, place, size)
         i = np.uint64(cell)
@@ -131,7 +134,7 @@ def _shift(graph, weights, parts, home, target, amount, moved, done, work, stamp
         done, total = done + 1, total + weights[i]
         if total >= amount * (1.0 - 1e-9):
             break
-        # 4. Its neighbours are adjacent to the target from now on, also those that were passed over before.
+        # 4. The cell's neighbours are adjacent to the target now, including cells skipped before.
         for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):
             j = np.uint64(np.uint32(indices[h]))
             if parts.labels[j] == home and place[j] < 0:
@@ -139,7 +142,7 @@ def _shift(graph, weights, parts, home, target, amount, moved, done, work, stamp
                 for a in range(centroids.shape[1]):
                     key += centres[0, a] * centroids[j, a]
                 size = put_in(heap, keys, place, size, np.int64(j), key)
-    # 5. What is left in the heap is forgotten, for the next use.
+    # 5. Clear the heap for the next use.
     for k in range(size):
         place[heap[k]] = -1
     return done, total, stamp
@@ -147,25 +150,25 @@ def _shift(graph, weights, parts, home, target, amount, moved, done, work, stamp
 
 @helper
 def _way(graph, parts, bounds, start, sign, barred, work):
-    """Find the part nearest to ``start`` whose size is on the other side of the mean, or −1.
+    """Find the nearest part to ``start`` with a size on the other side of the mean, or −1.
 
-    A search in breadth over the parts of the block. ``came`` has the part before each part of the way. It
-    does not go from one part to the next where the pair is ``barred``: a count in row 0, pairs after it.
+    The search is breadth-first over the block's parts. ``came`` stores the predecessor of each part on the
+    path. ``barred`` pairs are skipped: row 0 contains their count, the next rows the pairs.
     """
     indptr, indices, _ = graph
     block, mean = bounds[0], bounds[1]
     queue, came, seen = work[0], work[1], work[2]
-    # Marks of earlier searches differ from the number of this one, which is kept behind them.
+    # Marks from earlier searches differ from this search's number, which is stored behind the marks.
     turn = seen[len(seen) - 1] + 1
     seen[len(seen) - 1] = turn
     queue[0], seen[start], filled, done = start, turn, 1, 0
     while done < filled:
         p = queue[done]
         done += 1
-        # 1. Reached a part that lacks what the start has too much of (sign 1), or the reverse (−1)?
+        # 1. Stop at a part that lacks size if the start has too much (sign 1), or the reverse (−1).
         if p != start and sign * (parts.sizes[p] - mean[block[p]]) < 0.0:
             return np.int64(p)
-        # 2. Else go on to the parts adjacent to its cells.
+        # 2. Otherwise continue with the parts adjacent to its cells.
         i = parts.first[p]
         while i >= 0:
             for h in range(np.uint64(indptr[i]), np.uint64(indptr[np.uint64(i) + ONE])):
@@ -184,7 +187,7 @@ def _way(graph, parts, bounds, start, sign, barred, work):
 
 @helper
 def _unevenness(parts, way, length, mean):
-    """Sum of the squared deviations from the mean size over the parts of a way."""
+    """Return the sum of squared deviations from the mean size over the parts on a path."""
     total = 0.0
     for s in range(length):
         total += (parts.sizes[way[s]] - mean) ** 2
@@ -193,34 +196,34 @@ def _unevenness(parts, way, length, mean):
 
 @helper
 def _hand_on(graph, weights, parts, mean, length, sign, barred, work, stamp):
-    """Hand cells on along the way in the queue, unless that brings sizes no nearer to the mean.
+    """Pass cells along the path in the queue, unless this brings sizes no nearer to the mean.
 
-    The way has ``length`` parts, from that looked at (``sign`` 1: too large, −1: too small). Returns whether
-    cells were handed on, and the last stamp.
+    The path has ``length`` parts and starts at the part to correct (``sign`` 1: too large, −1: too small).
+    Returns True if cells were passed on, and the last stamp.
     """
     way, moved, done = work[0], work[3], np.int64(0)
     before = _unevenness(parts, way, length, mean)
-    # 1. At most as much as brings the nearer one of both ends to the mean.
+    # 1. Amount: the smaller deviation of both path ends from the mean.
     amount = min(abs(parts.sizes[way[0]] - mean), abs(parts.sizes[way[length - 1]] - mean))
     whole = True
-    # 2. From the large end to the small one, each part hands on as much as it got.
+    # 2. From the large end to the small end, each part passes on as much as it received.
     for s in range(length - 1):
         home, target = (way[s], way[s + 1]) if sign > 0 else (way[length - 1 - s], way[length - 2 - s])
         start = done
         done, amount, stamp = _shift(graph, weights, parts, home, target, amount, moved, done, work, stamp)
         if done == start:
-            # No cell can go between these two: later ways go around the pair.
+            # No cell can move between these two parts: later paths avoid the pair.
             barred[0, 0] += 1
             one, other = (home, target) if sign > 0 else (target, home)
             barred[barred[0, 0], 0], barred[barred[0, 0], 1] = one, other
             whole = False
             break
-    # 3. Kept only if the sum of squares falls, so that trades come to an end.
+    # 3. Accept only if the sum of squares decreases, so that the iteration terminates.
     if whole and _unevenness(parts, way, length, mean) < before * (1.0 - 1e-12):
         return True, stamp
     if whole:
-        barred[0, 0] = _TRIES  # another way would not do better
-    # 4. Otherwise all moves are undone, the last one first.
+        barred[0, 0] = _TRIES  # another path would not do better
+    # 4. Otherwise undo all moves in reverse order.
     for back in range(done):
         _move(weights, parts, moved[done - 1 - back, 0], moved[done - 1 - back, 1])
     return False, stamp
@@ -228,9 +231,9 @@ def _hand_on(graph, weights, parts, mean, length, sign, barred, work, stamp):
 
 @helper
 def _traded(graph, weights, parts, bounds, p, sign, work, stamp):
-    """Hand cells on from part p (sign 1), or to it (−1), by one of several ways.
+    """Pass cells from part p (sign 1) or to part p (−1) along one of several paths.
 
-    Returns whether one served, and the last stamp.
+    Returns True if a path succeeded, and the last stamp.
     """
     queue, came, barred = work[0], work[1], work[5]
     barred[0, 0] = 0
@@ -238,7 +241,7 @@ def _traded(graph, weights, parts, bounds, p, sign, work, stamp):
         end = _way(graph, parts, bounds, p, sign, barred, work)
         if end < 0:
             break
-        # The way, from its last part back to p: its length, then its parts in their order.
+        # Trace the path back from its last part to p: first its length, then its parts in order.
         length, q = 1, end
         while q != p:
             length, q = length + 1, came[q]
@@ -254,36 +257,38 @@ def _traded(graph, weights, parts, bounds, p, sign, work, stamp):
 
 @kernel
 def even_out(indptr, indices, centroids, weights, labels, block, mean, room):
-    """Labels ``(n,)`` of parts whose sizes are within ``room (B,)`` of the mean of their block, if possible.
+    """Move cells until part sizes are within ``room (B,)`` of the block mean, if possible.
+
+    Returns the labels ``(n,)``.
 
     Parameters
     ----------
     weights : (n,) float
-        Summands of the sizes of parts.
+        Cell contributions to the part sizes.
     labels : (n,) int
-        Parts, connected; they stay so, and none is emptied.
+        Connected parts. They stay connected and non-empty.
     block : (k,) int
-        Block of each part; cells are not handed on between blocks.
+        Block of each part. Cells do not move between blocks.
     mean, room : (B,) float
-        Mean size of the parts of each block, and the largest deviation allowed.
+        Mean part size in each block, and the largest allowed deviation.
     """
     n, k = len(labels), len(block)
     own = labels.astype(np.int32)
-    # 1. Labels, sizes and lists of cells of the parts.
+    # 1. Labels, sizes and cell lists of the parts.
     first, after, before = part_lists(own, k)
     parts = Parts(own, np.zeros(k), np.zeros(k, np.int64), first, after, before)
     for i in range(n):
         parts.sizes[own[i]] += weights[i]
         parts.cells[own[i]] += 1
     graph, bounds, stamp = (indptr, indices, centroids), (block, mean), np.int64(0)
-    # 2. Work arrays: of searches for connection, of the heap of a shift, of ways between parts.
+    # 2. Workspace for connectivity searches, for the heap of a shift, and for paths between parts.
     rings = (np.empty(n + 1, np.int32), np.empty(n + 1, np.int32), np.zeros((n, 2), np.int64))
     heap, keys, place = np.empty(n, np.int32), np.empty(n), np.full(n, -1, np.int32)
     shift = (heap, keys, place, rings, np.empty((2, centroids.shape[1])))
     queue, came, seen = np.empty(k, np.int32), np.zeros(k, np.int32), np.zeros(k + 1, np.int64)
     work = (queue, came, seen, np.empty((n, 2), np.int64), shift, np.zeros((_TRIES + 2, 2), np.int64))
-    # 3. Each part that is too large or too small trades until it is neither or no way serves, again and
-    #    again as long as anything moves: what is blocked now may be free later.
+    # 3. Each part that is too large or too small trades cells until its size is admissible or no path
+    #    succeeds. Repeat while cells move, because blocked moves may become possible.
     changed = True
     while changed:
         changed = False

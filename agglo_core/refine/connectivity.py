@@ -9,11 +9,12 @@ from agglo_core.graph import Graph
 
 
 class ConnectivityFixer:
-    """Keeps the largest component of each part; the others join the neighbour they touch most.
+    """Keep each part's largest component, and join the other components to adjacent parts.
 
-    "Largest" is by mass, "most" by interface; growth is outwards from what is kept, so every part
-    is connected by construction and no label is created or dropped. Of equal ones (up to rounding) the place
-    among the components decides, not the numbering of the cells.
+    The largest component is the heaviest by mass. Each other component joins the part with the longest common
+    interface. Growth starts from the kept components, so every part is connected by construction, and no
+    label is created or dropped. Ties (up to rounding) are broken by the component's position, not by the cell
+    numbering.
 
     Examples
     --------
@@ -25,12 +26,12 @@ class ConnectivityFixer:
     """
 
     def fix(self, graph: Graph, labels: Int) -> Int:
-        """Labels ``(n,)`` with every part connected; the identity if they already are.
+        """Return labels ``(n,)`` with every part connected.
 
         Raises
         ------
         ValueError
-            If a block of ``graph`` is itself disconnected.
+            If a block of ``graph`` is disconnected.
         """
         from agglo_core.refine.repair import mend_blocks
 

@@ -1,4 +1,4 @@
-"""Descent: a refiner for any objective that can tell what a move changes."""
+"""Descent refiner for any objective that can evaluate single moves."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ from agglo_core.refine.objective_choice import ChosenObjective, chosen_objective
 from agglo_core.registry import Registry
 
 _FLOOR = 0.85
-"""Smallest allowed measure of a part over its measure at entry (of two parts: over the smaller one's)."""
+"""Smallest allowed measure of a part, relative to its measure at entry (for two parts: to the smaller
+part's)."""
 _NOISE = 1e-9
-"""Changes below this share of the largest in their block are taken for rounding."""
+"""Relative tolerance: changes below this fraction of the block's largest change count as rounding."""
 
 
 @dataclass(frozen=True)
 class _Moves:
-    """Cells, the parts they are in, the parts they go to, and what that changes: ``(q,)`` each."""
+    """Moves ``(q,)``: cells, their parts, their target parts, and the objective changes."""
 
     cells: Int
     own: Int
@@ -35,34 +36,34 @@ class _Moves:
 
 
 class DescentRefiner:
-    """Moves boundary cells to neighbouring parts wherever that improves an objective of your choice.
+    """Move boundary cells to adjacent parts wherever this improves a chosen objective.
 
-    In a sweep all moves are evaluated at once, and the best of them that share no part are made. In a block
-    whose objective did not improve the sweep is undone, and the block is left alone from then on. No part is
-    emptied or falls into more pieces, and none falls below 0.85 times its measure at entry (of two
-    parts: the smaller one's).
+    Each sweep evaluates all moves at once, and makes the best moves that share no part. If a block's
+    objective does not improve, its sweep is undone and the block is not visited again. No part is emptied or
+    falls into more components, and no part falls below 0.85 times its measure at entry (for two parts: times
+    the smaller part's measure).
 
     Parameters
     ----------
     objective : str or metric
-        An objective (interface, cut, compactness, shape, balance, normalised_cut), or a quality metric with
-        a method ``changes``, by name or as an object: the sum of its values over the parts.
+        Built-in objective (interface, cut, compactness, shape, balance, normalised_cut), or a quality metric
+        with a method ``changes``, by name or as an object. The values of a metric are summed over the parts.
     sweeps : int
-        Largest number of sweeps.
+        Maximum number of sweeps.
     registry : Registry, optional
-        Where the name of a metric is looked up; by default that of the program.
+        Registry for metric names. Default: the registry of the program.
 
     Attributes
     ----------
     objective : str
-        Its name.
+        Name of the objective.
     metric : object or None
-        The metric, if it is one.
+        The metric, if the objective is a metric.
 
     Raises
     ------
     OptionError
-        If there is no such objective, or it cannot tell what a move changes.
+        If the objective is unknown, or cannot evaluate single moves.
 
     Examples
     --------
@@ -88,13 +89,15 @@ class DescentRefiner:
         self.sweeps = int(sweeps)
 
     def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target) -> Int:
-        """Labels ``(n,)`` after the sweeps; seeds and target are not used."""
+        """Return the labels ``(n,)`` after the sweeps, independent of seeds and target."""
+        # 1. Number the parts through all blocks.
         parts = numbered_parts(graph, labels)
         k = int(parts.max(initial=-1)) + 1
         local, block = np.empty(k, np.int64), np.empty(k, np.int64)
         local[parts], block[parts] = labels, graph.block_ids
         floors = _floors(graph, parts, block)
         active = np.ones(graph.n_blocks, bool)
+        # 2. Sweeps: make the best independent moves, and undo them in blocks without improvement.
         for _ in range(self.sweeps):
             moves = _chosen(self._allowed(graph, parts, floors, active[block]), k)
             active &= _holds(block[moves.own], graph.n_blocks)
@@ -107,17 +110,20 @@ class DescentRefiner:
         return frozen_int(local[parts])
 
     def _allowed(self, graph: Graph, parts: Int, floors: Float, active: Mask) -> _Moves:
-        """Moves in ``active`` parts that pay and leave their part connected and large enough."""
+        """Return the moves in ``active`` parts that pay and leave their part connected and large enough."""
         from agglo_core.refine.articulation import cut_cells
 
+        # 1. All moves of boundary cells, with their changes.
         cells, to = boundary_moves(graph, parts)
         kept = active[to]
         cells, to = frozen_int(cells[kept]), frozen_int(to[kept])
         moves = _Moves(cells, parts[cells], to, self._chosen.changes(graph, parts, cells, to))
+        # 2. Drop the moves that do not pay.
         block = graph.block_ids[cells]
         largest = np.zeros(graph.n_blocks)
         np.maximum.at(largest, block, np.abs(moves.changes))
         moves = moves[moves.changes < -_NOISE * largest[block]]
+        # 3. Drop the moves that make a part too small, empty or disconnected.
         rest = part_sums(parts, graph.measures)[moves.own] - graph.measures[moves.cells]
         left = np.bincount(parts)[moves.own] > 1
         tight = cut_cells(graph.indptr, graph.indices, parts)[moves.cells]
@@ -125,7 +131,7 @@ class DescentRefiner:
 
 
 def _floors(graph: Graph, parts: Int, block: Int) -> Float:
-    """Least measure of each part ``(k,)``."""
+    """Return the smallest allowed measure of each part ``(k,)``."""
     measures = part_sums(parts, graph.measures)
     smallest = np.full(graph.n_blocks, np.inf)
     np.minimum.at(smallest, block, measures)
@@ -134,7 +140,7 @@ def _floors(graph: Graph, parts: Int, block: Int) -> Float:
 
 
 def _chosen(moves: _Moves, k: int) -> _Moves:
-    """The best moves, then the next best that share no part with them, until none is left."""
+    """Choose the best moves greedily so that no two moves share a part."""
     q = len(moves.cells)
     rank = np.empty(q, np.int64)
     rank[np.argsort(moves.changes, kind="stable")] = np.arange(q)
@@ -144,6 +150,7 @@ def _chosen(moves: _Moves, k: int) -> _Moves:
         best = np.full(k, q)
         for ends in (moves.own[free], moves.parts[free]):
             np.minimum.at(best, ends, rank[free])
+        # A move is chosen if it is the best free move for both of its parts.
         first = free[(best[moves.own[free]] == rank[free]) & (best[moves.parts[free]] == rank[free])]
         chosen.append(first)
         taken = _holds(np.concatenate((moves.own[first], moves.parts[first])), k)
@@ -154,10 +161,10 @@ def _chosen(moves: _Moves, k: int) -> _Moves:
 def _improved(
     objective: ChosenObjective, graph: Graph, before: Int, after: Int, moves: _Moves, block: Int
 ) -> Mask:
-    """Mask ``(B,)`` of the blocks whose objective is better than before the moves.
+    """Return a mask ``(B,)`` of the blocks with a better objective after the moves.
 
-    Totals are compared if the objective has values of parts. A metric cannot be measured on a graph: there,
-    undoing the moves, each on its own, must make things worse in total.
+    Objectives with part values are compared by their totals. A metric cannot be measured on a graph. Instead,
+    undoing the moves one at a time must worsen the objective in total.
     """
     if objective.of_parts is not None:
         now, then = (
@@ -170,7 +177,7 @@ def _improved(
 
 
 def _holds(members: Int, size: int) -> Mask:
-    """Mask ``(size,)`` of the numbers that are among ``members``."""
+    """Return a mask ``(size,)`` of the numbers in ``members``."""
     found: Mask = np.zeros(size, bool)
     found[members] = True
     return found

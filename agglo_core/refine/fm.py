@@ -1,4 +1,4 @@
-"""Short interfaces at given balance, by the method of Fiduccia and Mattheyses."""
+"""Fiduccia–Mattheyses refinement: short interfaces at a given balance."""
 
 from __future__ import annotations
 
@@ -13,38 +13,38 @@ from agglo_core.protocols import Target
 from agglo_core.refine.part_sizes import block_sizes, checked_size, checked_tolerance, refined_blocks
 
 _OBJECTIVES = ("interface", "cut")
-_CELL = 1.000001  # with room for rounding
+_CELL = 1.000001  # size tolerance in cells: one cell plus a margin for rounding
 
 
 class FMRefiner:
-    """Moves chains of boundary cells to shorten the interfaces between all parts, and keeps them balanced.
+    """Move chains of boundary cells to shorten all interfaces, and keep the parts balanced.
 
-    From each boundary cell a chain of moves is tried, the largest gain first, whether a move pays or not; the
-    beginning of the chain that shortens interfaces most is kept, the rest taken back (C. M. Fiduccia,
-    R. M. Mattheyses, Proc. 19th Design Automation Conf., 1982; from single cells: P. Sanders, C. Schulz, ESA
-    2011). So it gets out of what no single move improves. It is for parts as subdomains, whose interfaces are
-    what communication costs; rounder parts come of ``compactness``.
+    A chain of moves starts from each boundary cell, largest gain first, and also includes moves that do not
+    pay. The prefix of the chain with the shortest interfaces is kept, the rest is undone (C. M. Fiduccia, R.
+    M. Mattheyses, Proc. 19th Design Automation Conf., 1982; from single cells: P. Sanders, C. Schulz, ESA
+    2011). Chains can therefore leave local minima of single moves. The refiner suits subdomains, whose
+    interfaces determine the communication cost. For rounder parts use ``compactness``.
 
-    No part is emptied or disconnected. Sizes stay within ``tolerance`` times the mean of the block on either
-    side of it, or one cell if that is more; a part beyond that from the start goes no further.
+    No part is emptied or disconnected. Part sizes stay within ``tolerance`` times the block mean from the
+    mean, or within one cell if that is more. A part beyond these bounds at entry moves no further away.
 
     Parameters
     ----------
     objective : "interface" or "cut"
-        Length (area) of the interfaces, or number of edges cut.
+        Length (area) of the interfaces, or number of cut edges.
     size : "cells", "measure" or "weights", optional
-        Quantity that is kept balanced, see ``balance``. Default: that which the run balances, else cells.
+        Quantity to keep balanced, see ``balance``. Default: the quantity that the run balances, else cells.
     tolerance : float
         0 or more.
     patience : int
-        Moves without a gain after which a chain ends, 1 or more.
+        Number of moves without a gain that ends a chain, 1 or more.
     rounds : int
-        Times that all cells from which something may be gained are looked at, 1 or more.
+        Maximum number of rounds over all cells with a possible gain, 1 or more.
 
     Raises
     ------
     OptionError
-        For anything else.
+        For any other value.
 
     Examples
     --------
@@ -79,11 +79,11 @@ class FMRefiner:
         self.patience, self.rounds = patience, rounds
 
     def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target) -> Int:
-        """Labels ``(n,)`` after all rounds; seeds are not used."""
+        """Return the labels ``(n,)`` after all rounds, independent of the seeds."""
         return refined_blocks(self, graph, labels, target)
 
     def refine_parts(self, graph: Graph, labels: Int, block: Int, target: Target) -> Int:
-        """Labels ``(n,)`` after all rounds; part p may trade cells with parts of ``block[p]`` alone."""
+        """Return the labels ``(n,)`` after all rounds, with trades only within ``block[p]`` for part p."""
         from agglo_core.refine.prefix_searches import search_all
 
         lengths = np.ones(len(graph.indices)) if self.objective == "cut" else graph.interface
@@ -95,7 +95,7 @@ class FMRefiner:
         return frozen_int(search_all(*csr, sizes, labels, block, *bounds, self.rounds, self.patience))
 
     def _bounds(self, sizes: Float, labels: Int, block: Int) -> tuple[Float, Float]:
-        """The least and the largest size of each part ``(k,)``."""
+        """Return the smallest and largest size ``(k,)`` allowed for each part."""
         mean, cell = block_sizes(sizes, labels, block)
         spread = np.maximum(self.tolerance * mean, _CELL * cell)
         given = np.bincount(labels, sizes, len(block))

@@ -1,4 +1,4 @@
-"""Boundary refinement: the paper's "adjust partition"."""
+"""Boundary refinement: "adjust partition" in the paper."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ from agglo_core.protocols import Target
 
 
 def checked_floor(refiner: str, floor: float) -> float:
-    """The least share of its measure that ``refiner`` leaves to a part, once it is a number in [0, 1]."""
+    """Check that ``floor`` is a number in [0, 1].
+
+    ``floor`` is the smallest fraction of its measure that ``refiner`` leaves to a part.
+    """
     number = isinstance(floor, int | float | np.number) and not isinstance(floor, bool)
     if not number or not 0.0 <= floor <= 1.0:
         raise OptionError(f"{refiner}: floor must be a number in [0, 1], not {floor!r}")
@@ -19,12 +22,12 @@ def checked_floor(refiner: str, floor: float) -> float:
 
 
 class InterfaceRefiner:
-    """Moves cells to the part with which they share more interface; the total length never grows.
+    """Move cells to the part with the longer common interface.
 
-    Bounded sweeps over the boundary cells, ordered by projection on an axis of the block, so the
-    result does not depend on cell numbering: first single cells, then pairs of neighbours where
-    neither move pays alone. No part is emptied or disconnected, and none
-    falls below ``floor`` times its mass at entry (of two sides: the smaller side's).
+    The total length never increases. Bounded sweeps visit the boundary cells, ordered by projection on an
+    axis of the block, so the result does not depend on cell numbering. First single cells move, then pairs of
+    adjacent cells if neither move pays alone. No part is emptied or disconnected, and no part falls below
+    ``floor`` times its mass at entry (for two sides: times the smaller side's mass).
 
     Parameters
     ----------
@@ -33,7 +36,7 @@ class InterfaceRefiner:
     Raises
     ------
     OptionError
-        If ``floor`` is anything else.
+        If ``floor`` is not a number in [0, 1].
 
     Examples
     --------
@@ -50,7 +53,7 @@ class InterfaceRefiner:
         self.floor = checked_floor("interface", floor)
 
     def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target) -> Int:
-        """Labels ``(n,)`` after the sweeps; seeds and target are not used."""
+        """Return the labels ``(n,)`` after the sweeps, independent of seeds and target."""
         from agglo_core.refine.interface_kernels import relax_interface
 
         return frozen_int(

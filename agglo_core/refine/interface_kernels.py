@@ -1,4 +1,4 @@
-"""Interface relaxation: move boundary cells to the part with which they share more boundary."""
+"""Interface relaxation: move boundary cells to the part with the longer common boundary."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -9,32 +9,32 @@ import numpy as np
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.compiled.ring_search import keeps_whole
 
-_MANY = 16  # neighbours above which the lengths shared with parts are summed all at once, not part by part
-_SWEEPS = 10  # at most, in each block; they end earlier where no move pays
-_TIE = 1e-9  # of the lengths around a cell: what a move saves must exceed this, or it is rounding
+_MANY = 16  # neighbours above which interface lengths are summed for all parts at once, not part by part
+_SWEEPS = 10  # maximum per block; sweeps stop earlier if no move pays
+_TIE = 1e-9  # relative to the cell's total interface: smaller savings are rounding
 
 
 @helper
 def _best_move(graph, parts, i, pairs, lengths):
-    """Find the best move of cell i: its target part, the neighbour that goes along, and the length saved.
+    """Find the best move of cell i: target part, neighbour that moves along, and saved length.
 
-    The target is −1 if nothing is saved, the neighbour −1 if the cell goes alone. With ``pairs``, a cell that
-    saves nothing alone may go with a neighbour. ``lengths (k,)`` is a work array. Below, L(i, p) is the
-    length of the interface between cell i and part p.
+    The target is −1 if nothing is saved, the neighbour −1 if the cell moves alone. With ``pairs``, a cell
+    that saves nothing alone may move with a neighbour. ``lengths (k,)`` is a workspace. Below, L(i, p) is the
+    interface length between cell i and part p.
     """
     indptr, indices, interface = graph
     home, own, total = parts[i], 0.0, 0.0
     target, length = -1, 0.0
-    # 1. L(i, p) of all parts p beside the cell at once, if it has many neighbours. Only the entries that are
-    #    read are cleared.
+    # 1. With many neighbours, compute L(i, p) for all adjacent parts p at once. Only entries that are read
+    #    are cleared.
     many = indptr[i + 1] - indptr[i] > _MANY
     if many:
         for h in range(indptr[i], indptr[i + 1]):
             lengths[parts[indices[h]]] = 0.0
         for h in range(indptr[i], indptr[i + 1]):
             lengths[parts[indices[h]]] += interface[h]
-    # 2. The target is the part p ≠ home of the largest L(i, p). Of few neighbours the sum is made anew for
-    #    each part: no array is touched.
+    # 2. The target is the part p ≠ home with the largest L(i, p). With few neighbours the sum is recomputed
+    #    for each part, without access to the array.
     for h in range(indptr[i], indptr[i + 1]):
         p = parts[indices[h]]
         total += interface[h]
@@ -54,8 +54,8 @@ def _best_move(graph, parts, i, pairs, lengths):
         return target, -1, length - own
     if target < 0 or not pairs:
         return -1, -1, 0.0
-    # 4. A neighbour j of its part that goes along adds L(j, target) − L(j, home). Their common
-    #    interface is in both L(·, home) but stays inside: it is added back twice.
+    # 4. A neighbour j in its part that moves along adds L(j, target) − L(j, home). Their common interface is
+    #    in both L(·, home) but stays interior, so it is added back twice.
     partner, best = -1, least
     for h in range(indptr[i], indptr[i + 1]):
         j = indices[h]
@@ -73,8 +73,8 @@ def _best_move(graph, parts, i, pairs, lengths):
 
 @helper
 def sort_by_key(items, keys, m):
-    """Heap sort of ``items[:m]`` by ascending ``keys[item]``."""
-    # 1. Heap of the largest key: each item is sifted up from the end.
+    """Sort ``items[:m]`` by ascending ``keys[item]`` (heap sort)."""
+    # 1. Build a max-heap: sift each item up from the end.
     for heap in range(1, m):
         child = heap
         while child > 0:
@@ -83,7 +83,7 @@ def sort_by_key(items, keys, m):
                 break
             items[parent], items[child] = items[child], items[parent]
             child = parent
-    # 2. The largest item goes to the end, the one that stood there is sifted down from the root.
+    # 2. Move the largest item to the end, and sift the displaced item down from the root.
     for last in range(m - 1, 0, -1):
         items[0], items[last] = items[last], items[0]
         parent = 0
@@ -101,12 +101,12 @@ def sort_by_key(items, keys, m):
 
 @helper
 def _part_sums(start, stop, centroids, measures, tally, moments):
-    """Sum measure, cell count and first moment by part of a block, and return its highest label + 1."""
+    """Sum measure, cell count and first moment by part; return the highest label + 1."""
     parts, part_measures, part_cells = tally
     present = 0
     for i in range(start, stop):
         present = max(present, parts[i] + 1)
-    # The arrays serve all blocks: only the labels of this one are cleared.
+    # The arrays serve all blocks: clear only this block's labels.
     for p in range(present):  # loops compile faster than slices
         part_measures[p] = 0.0
         part_cells[p] = 0
@@ -123,20 +123,22 @@ def _part_sums(start, stop, centroids, measures, tally, moments):
 
 @helper
 def _axis_and_floors(present, floor, part_measures, moments, axis, floors):
-    """Write the direction from the block's centroid to its smallest part's, and the least measure of parts.
+    """Write the axis of a block, and the smallest allowed measures of its parts.
 
-    ``floors`` are ``floor`` times the measure of each part; of two parts, times that of the smaller one.
+    The axis points from the block centroid to the centroid of the smallest part. ``floors`` are ``floor``
+    times the measure of each part. With two parts both get ``floor`` times the smaller measure.
     """
     small, total = -1, 0.0
     for k in range(len(axis)):
         axis[k] = 0.0
-    # The smallest part that is not empty, and the first moment of the block.
+    # 1. Smallest non-empty part, and the block's first moment.
     for p in range(present):
         if part_measures[p] > 0.0 and (small < 0 or part_measures[p] < part_measures[small]):
             small = p
         total += part_measures[p]
         for k in range(len(axis)):
             axis[k] += moments[p, k]
+    # 2. Axis and floors.
     for k in range(len(axis)):
         axis[k] = moments[small, k] / part_measures[small] - axis[k] / total if small >= 0 else 0.0
     for p in range(present):
@@ -156,7 +158,7 @@ def _put(measures, tally, i, target):
 
 @helper
 def _leave(graph, measures, tally, floors, i, target, search, stamp):
-    """Move cell i to ``target`` unless its part would break, empty or sink below its floor."""
+    """Move cell i to ``target`` unless its part would become disconnected, empty or too small."""
     parts, part_measures, part_cells = tally
     own = parts[i]
     if part_measures[own] - measures[i] < floors[own] or part_cells[own] < 2:
@@ -169,7 +171,7 @@ def _leave(graph, measures, tally, floors, i, target, search, stamp):
 
 @helper
 def _paying(graph, parts, cells, m, pairs, lengths, axis, centroids, keys, chosen):
-    """Write to ``chosen`` the cells of ``cells[:m]`` worth moving, along ``axis``, and return how many."""
+    """Write the cells worth moving to ``chosen``, sorted along ``axis``, and return their number."""
     found = 0
     for c in range(m):
         i = cells[c]
@@ -198,16 +200,16 @@ def _add_new(graph, i, cells, m, seen, stamp):
 
 @helper(allocates=True)
 def _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, floor):
-    """Labels after :func:`relax_interface`.
+    """Return the labels after :func:`relax_interface`.
 
-    ``later`` lists the candidates of the next sweep, ``now`` those among them that pay, and ``boundary`` all
-    cells that are or were adjacent to another part; ``seen`` and ``listed`` mark what is in the first and the
-    last list.
+    ``later`` lists the candidates for the next sweep, ``now`` the candidates that pay. ``boundary`` lists all
+    cells that are or were adjacent to another part. ``seen`` and ``listed`` mark the cells in ``later`` and
+    in ``boundary``.
     """
     n, d = len(measures), centroids.shape[1]
     parts = labels.copy()
     n_parts = 0
-    for i in range(n):  # parts.max() compiles for half a second
+    for i in range(n):  # parts.max() takes half a second to compile
         n_parts = max(n_parts, parts[i] + 1)
     graph = (indptr, indices, interface)
     tally = (parts, np.empty(n_parts), np.empty(n_parts, np.int64))
@@ -220,15 +222,15 @@ def _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, f
         np.empty(n, np.int64),
         np.empty(n, np.int64),
     )
-    listed, seen = np.zeros(n, np.int32), np.zeros(n, np.int32)  # zeros are not written until they are used
+    listed, seen = np.zeros(n, np.int32), np.zeros(n, np.int32)  # zero pages are allocated on first use
     stamp, sweep = 0, 0
     for b in range(len(offsets) - 1):
         start, stop = offsets[b], offsets[b + 1]
-        # 1. Sums of the parts, the axis along which cells are taken, and the least measures.
+        # 1. Part sums, sweep axis, and smallest allowed measures.
         present = _part_sums(start, stop, centroids, measures, tally, moments)
         _axis_and_floors(present, floor, tally[1], moments, axis, floors)
-        # 2. All cells adjacent to another part are candidates of the first sweep.
-        edge = 0  # cells that are or were beside another part
+        # 2. All cells adjacent to another part are candidates for the first sweep.
+        edge = 0  # number of cells that are or were adjacent to another part
         for i in range(start, stop):
             own, beside = parts[i], False
             for h in range(indptr[i], indptr[i + 1]):
@@ -237,32 +239,33 @@ def _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, f
                 boundary[edge] = later[edge] = i
                 listed[i] = b + 1
                 edge += 1
-        # 3. Sweeps, until no cell is left whose neighbourhood has changed.
+        # 3. Sweep until no cell with a changed neighbourhood is left.
         candidates, pairs, paired = edge, False, False
         for _ in range(_SWEEPS):
             m = _paying(graph, parts, later, candidates, pairs, lengths, axis, centroids, keys, now)
             sweep += 1
             candidates = 0
             for c in range(m):
-                # 4. Earlier moves of the sweep may have changed what this one saves: it is searched again,
-                #    and made unless it breaks, empties or starves the part.
+                # 4. Earlier moves in the sweep may have changed this cell's savings, so search its best move
+                #    again. Move unless the part would become disconnected, empty or too small.
                 i, own = now[c], parts[now[c]]
                 target, partner, _gained = _best_move(graph, parts, i, pairs, lengths)
                 stamp += 2
                 if target < 0 or not _leave(graph, measures, tally, floors, i, target, search, stamp):
                     continue
                 if partner >= 0:
-                    # 5. Of a pair both move or none: the first cell is put back if the second must stay.
+                    # 5. A pair moves completely or not at all: the first cell is put back if the second must
+                    #    stay.
                     if not _leave(graph, measures, tally, floors, partner, target, search, stamp + 1):
                         _put(measures, tally, i, own)
                         continue
                     candidates = _add_new(graph, partner, later, candidates, seen, sweep)
                     edge = _add_new(graph, partner, boundary, edge, listed, b + 1)
-                # 6. Moves of the neighbours of a moved cell may pay from now on.
+                # 6. Moves of the neighbours may pay now.
                 candidates = _add_new(graph, i, later, candidates, seen, sweep)
                 edge = _add_new(graph, i, boundary, edge, listed, b + 1)
-            # 7. Where no single cell pays any more, pairs are tried once, along the whole boundary; what
-            #    they change is relaxed by single cells again.
+            # 7. When no single cell pays any more, pairs are tried once along the whole boundary, followed by
+            #    single cells again.
             if pairs:
                 pairs = False
             elif candidates == 0 and not paired:
@@ -276,11 +279,11 @@ def _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, f
 
 @kernel
 def relax_interface(offsets, indptr, indices, interface, centroids, measures, labels, floor):
-    """Labels ``(n,)`` after sweeps of moves that shorten the interface L (paper: adjust partition).
+    """Shorten the interface L by sweeps of moves, and return labels ``(n,)`` (paper: adjust partition).
 
-    Block b has the cells from ``offsets[b]`` to ``offsets[b + 1]``, and no edges to others. No part is
-    disconnected or emptied, none falls below ``floor`` times its measure at entry (of two: the smaller
-    one's). Sweeps run along the line from the block's centroid to that of its smallest part: single cells
-    until none pays, pairs once, and single cells again.
+    Block b contains the cells from ``offsets[b]`` to ``offsets[b + 1]``, without edges to other blocks. No
+    part is disconnected or emptied, and no part falls below ``floor`` times its measure at entry (for two
+    parts: times the smaller measure). Sweeps run along the line from the block centroid to the centroid of
+    its smallest part: single cells until none pays, pairs once, and single cells again.
     """
     return _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, floor)

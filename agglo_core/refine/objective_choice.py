@@ -1,4 +1,4 @@
-"""Choose the objective of a refiner: an objective of the table, or a metric with a method ``changes``."""
+"""Choose a refiner's objective: a built-in objective, or a metric with a method ``changes``."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ Changes = Callable[[Graph, Int, Int, Int], Float]
 
 @dataclass(frozen=True)
 class ChosenObjective:
-    """Objective that a refiner minimises; a metric whose values should be high gets a negative sign.
+    """Objective to minimise. Metrics with ``better = "high"`` get a negative sign.
 
     Attributes
     ----------
     name : str
     rated : callable
-        Changes of the sum over the parts, in the direction of ``sign``.
+        Returns the change in the sum over the parts for each move, before multiplication by ``sign``.
     sign : float
-        −1 for a metric of which more is better.
+        −1 for metrics to maximise.
     of_parts : callable, optional
-        Value of each part ``(k,)``, given a graph and labels; a metric has none, for it needs a mesh.
+        Value of each part ``(k,)`` for a graph and labels. None for metrics, which need a mesh.
     metric : object, optional
     title : str
-        Its name in error messages.
+        Name in error messages.
     """
 
     name: str
@@ -46,7 +46,7 @@ class ChosenObjective:
     title: str = ""
 
     def changes(self, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-        """Changes ``(q,)`` of what is to be lowered; a PluginError if a metric gives anything else."""
+        """Return the objective change ``(q,)`` per move, or raise PluginError for invalid results."""
         with attributed(self.title):
             values = np.asarray(self.rated(graph, labels, cells, parts), dtype=float)
         if values.shape != cells.shape or not np.isfinite(values).all():
@@ -59,28 +59,32 @@ class ChosenObjective:
 
 
 def chosen_objective(objective: str | IncrementalMetric, registry: Registry | None = None) -> ChosenObjective:
-    """The objective for an objective's name, a metric's name or a metric.
+    """Return the objective for an objective name, a metric name or a metric.
 
     Raises
     ------
     OptionError
-        If there is no such thing, or it cannot tell what a move changes.
+        If the name is unknown, or the objective cannot evaluate single moves.
     PluginError
         If the metric of that name cannot be used.
     """
+    # 1. A metric object.
     if not isinstance(objective, str):
         return _of_metric(type(objective).__name__, objective, f"metric {type(objective).__name__}")
+    # 2. A built-in objective.
     known = OBJECTIVES.get(objective)
     if known is not None and known.changes is not None:
         return ChosenObjective(
             known.name, known.changes, of_parts=known.of_parts, title=f"objective {objective!r}"
         )
+    # 3. A registered metric.
     source = default() if registry is None else registry
     plain = objective.rpartition("/")[2]
     names = {record.name for record in source.list() if record.kind == "metric"}
     if plain in names:
         title = describe(source.record("metric", objective))
         return _of_metric(objective, source.build("metric", objective), title)
+    # 4. Neither: explain, and suggest a similar name.
     able = [name for name, each in OBJECTIVES.items() if each.changes is not None]
     if known is not None:
         raise OptionError(f"objective {objective!r} cannot tell what a move changes; {', '.join(able)} can")

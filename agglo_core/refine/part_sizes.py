@@ -1,4 +1,4 @@
-"""Sizes of parts with their bounds, and refinement of a whole level block by block."""
+"""Part sizes with their bounds, and refinement of a whole level block by block."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from agglo_core.protocols import Target
 SIZES: Final[Mapping[Kind | None, str]] = MappingProxyType(
     {None: "run_balance", "cells": "cell_balance", "measure": "measure_balance", "weights": "balance"}
 )
-"""Kinds of size and the objective that measures the imbalance; None is the quantity that the run balances."""
+"""Kinds of size and the objectives that measure the imbalance. None is the quantity that the run balances."""
 
 
 class Balance(NamedTuple):
-    """Relative tolerance of the sizes of parts about their mean, and the kind of size."""
+    """Relative tolerance for part sizes about their mean, and the kind of size."""
 
     tolerance: float
     size: Kind | None = None
 
     @property
     def asked(self) -> bool:
-        """True if there are any bounds."""
+        """True if there are bounds."""
         return self.tolerance < np.inf
 
     def bounds(self, sizes: Float, k: int) -> tuple[float, float, float]:
-        """Smallest and largest size of k parts, and the mean of what cells add, ``sizes (n,)``."""
+        """Return the smallest and largest size for k parts, and the mean size per cell of ``sizes (n,)``."""
         mean, cell = float(sizes.sum()) / k, float(sizes.mean())
         far = self.tolerance * mean if self.asked else np.inf
         return mean - far, mean + far, cell if cell > 0.0 else 1.0
@@ -48,18 +48,18 @@ class Balance(NamedTuple):
 
 
 FREE: Final = Balance(np.inf)
-"""No bounds."""
+"""Balance without bounds."""
 
 
 def checked_size(refiner: str, size: Any) -> Kind | None:
-    """Return the kind of size; raise an OptionError if there is no such kind."""
+    """Return the kind of size, or raise an OptionError for an unknown kind."""
     if size not in SIZES:
         raise OptionError(f"{refiner}: size is one of {', '.join(filter(None, SIZES))}; given {size!r}")
     return size  # type: ignore[no-any-return]
 
 
 def checked_tolerance(refiner: str, tolerance: float, name: str = "tolerance") -> float:
-    """A tolerance, once it is a number; an OptionError otherwise."""
+    """Return the tolerance as a float, or raise an OptionError for other values."""
     number = isinstance(tolerance, int | float | np.number) and not isinstance(tolerance, bool)
     if not (number and 0.0 <= tolerance < np.inf):
         raise OptionError(f"{refiner}: {name} must be a number, 0 or more, not {tolerance!r}")
@@ -67,7 +67,7 @@ def checked_tolerance(refiner: str, tolerance: float, name: str = "tolerance") -
 
 
 def block_sizes(sizes: Float, labels: Int, block: Int) -> tuple[Float, Float]:
-    """Mean size of the parts of each block ``(B,)``, and of its cells."""
+    """Return the mean part size and the mean cell size in each block, ``(B,)`` each."""
     count = int(block.max(initial=-1)) + 1
     total = np.bincount(block[labels], sizes, count)
     cells, parts = np.bincount(block[labels], minlength=count), np.bincount(block, minlength=count)
@@ -79,7 +79,7 @@ class _OfParts(Protocol):
 
 
 def refined_blocks(refiner: _OfParts, graph: Graph, labels: Int, target: Target) -> Int:
-    """Labels ``(n,)``, numbered in each block, after ``refine_parts`` with the blocks of the graph."""
+    """Apply ``refine_parts`` with the graph's blocks, and return labels ``(n,)`` numbered per block."""
     parts = numbered_parts(graph, labels)
     k = int(parts.max(initial=-1)) + 1
     local, block = np.empty(k, np.int64), np.empty(k, np.int64)

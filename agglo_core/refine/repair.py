@@ -1,4 +1,4 @@
-"""Connectivity repair: which component of a part stays, and which part each of the others joins."""
+"""Repair connectivity: choose the component that each part keeps, and join the other components to parts."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -9,15 +9,15 @@ import numpy as np
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.compiled.graphs import components
 
-_TIE = 1e-7  # relative: closer sizes, interfaces and places count as equal (rounding far from the origin)
+_TIE = 1e-7  # relative: closer sizes, interfaces and positions count as equal (rounding far from the origin)
 
 
 @helper
 def _before(one, other, value, beside, places):
-    """Return whether component ``one`` comes before ``other``: by value, of equal ones by their places.
+    """Return True if component ``one`` precedes ``other``: by value, then by position.
 
-    The values are ``value`` and ``beside``, the larger one first. Of equal ones that component is first whose
-    ``places (components, k)`` are larger where they first differ.
+    The values are ``value`` and ``beside``, larger first. For equal values the component with the larger
+    entry in ``places (components, k)`` comes first, at the first column where the entries differ.
     """
     if abs(value - beside) > _TIE * max(value, beside):
         return value > beside
@@ -29,9 +29,10 @@ def _before(one, other, value, beside, places):
 
 @helper(allocates=True)
 def keepers(part_of, sizes, places, n_parts):
-    """Component that each part keeps ``(n_parts,)``: its largest, of equal ones the foremost, or −1.
+    """Return the component that each part keeps ``(n_parts,)``: its largest, or −1.
 
-    ``part_of``, ``sizes`` and ``places`` (lengths of order 1) are those of the components.
+    Ties go to the first component by position. ``part_of``, ``sizes`` and ``places`` (lengths of order 1) are
+    component arrays.
     """
     kept = np.full(n_parts, -1)
     for c in range(len(part_of)):
@@ -43,13 +44,13 @@ def keepers(part_of, sizes, places, n_parts):
 
 @helper(allocates=True)
 def absorb(indptr, indices, interface, kept, nodes, component_offsets, loose, keeper, places):
-    """Part of each node once every loose component has joined a kept one.
+    """Join every loose component to an adjacent kept part, and return each node's part.
 
-    ``kept`` is the part of the nodes that stay, −1 elsewhere; ``loose`` lists components, whose nodes
-    are ``nodes[component_offsets[c]:component_offsets[c + 1]]``. All components that touch nodes with
-    a part choose at once and join; then the next ring of components. Each chooses the part with which it
-    shares the most interface, of equal ones the part whose ``keeper`` comes first by the ``places``. A node
-    left at −1 cannot be reached.
+    ``kept`` is the part of the remaining nodes, and −1 elsewhere. ``loose`` lists components, whose nodes are
+    ``nodes[component_offsets[c]:component_offsets[c + 1]]``. All components adjacent to nodes with a part
+    choose at once and join, then the next ring of components. Each component chooses the part with the
+    longest common interface. Ties go to the part whose ``keeper`` comes first by ``places``. Unreachable
+    nodes remain at −1.
     """
     parts = kept.copy()
     waiting = loose.copy()
@@ -58,8 +59,8 @@ def absorb(indptr, indices, interface, kept, nodes, component_offsets, loose, ke
     choice = np.empty(len(loose), np.int64)
     m = len(waiting)
     while m > 0:
-        # 1. For each component that waits, the interface with each part that it touches. The tiny addend
-        #    tells parts touched through faces of measure 0 from those not touched.
+        # 1. For each waiting component, sum the interface with each adjacent part. The tiny addend
+        #    distinguishes parts adjacent through faces of measure 0 from parts that are not adjacent.
         for w in range(m):
             c, count = waiting[w], 0
             for k in range(component_offsets[c], component_offsets[c + 1]):
@@ -70,8 +71,8 @@ def absorb(indptr, indices, interface, kept, nodes, component_offsets, loose, ke
                             touched[count] = p
                             count += 1
                         shared[p] += interface[h] + 1e-300
-            # 2. It chooses the part with the most interface, of equal ones that of the foremost keeper, and
-            #    clears the sums.
+            # 2. Choose the part with the longest interface, ties by the keeper's position, and clear the
+            #    sums.
             choice[w] = -1
             for t in range(count):
                 p, best = touched[t], choice[w]
@@ -79,8 +80,8 @@ def absorb(indptr, indices, interface, kept, nodes, component_offsets, loose, ke
                     choice[w] = p
             for t in range(count):
                 shared[touched[t]] = 0.0
-        # 3. All that have chosen join, the others wait for the next ring. As all choose first, the result
-        #    does not depend on their order.
+        # 3. All components with a choice join, the others wait for the next ring. As all choose first, the
+        #    result does not depend on their order.
         left = 0
         for w in range(m):
             c = waiting[w]
@@ -90,7 +91,7 @@ def absorb(indptr, indices, interface, kept, nodes, component_offsets, loose, ke
                 continue
             for k in range(component_offsets[c], component_offsets[c + 1]):
                 parts[nodes[k]] = choice[w]
-        # 4. Nothing joined: what is left touches no part.
+        # 4. Nothing joined: the remaining components touch no part.
         if left == m:
             break
         m = left
@@ -99,11 +100,11 @@ def absorb(indptr, indices, interface, kept, nodes, component_offsets, loose, ke
 
 @helper(allocates=True)
 def _places(cells, centroids, nodes, offsets):
-    """Places of the components in a piece, ``(components, 3 + d)`` numbers of order 1.
+    """Return sort keys ``(components, 3 + d)`` of order 1 for the components' positions.
 
-    The first three do not change if the mesh is turned, mirrored, moved or scaled: how far along the mean
-    of all components from the middle, and along their mean weighted by squared distance, and the squared
-    distance itself. Coordinates are for labels that have a symmetry, where those are equal.
+    The first three columns are invariant under rotation, reflection, translation and scaling of the mesh: the
+    projection onto the mean position, the projection onto the mean weighted by squared distance, and the
+    squared distance from the middle. Coordinates follow for symmetric labels, where the invariants are equal.
     """
     count, d, n = len(offsets) - 1, centroids.shape[1], len(nodes)
     places, mean = np.zeros((count, 3 + d)), np.zeros(d)
@@ -111,7 +112,8 @@ def _places(cells, centroids, nodes, offsets):
     for k in range(n):
         for x in range(d):
             mean[x] += centroids[cells[nodes[k]], x] / n
-    # 2. Last columns: mean centroid of each component about the middle, in units of the largest distance.
+    # 2. Last columns: mean centroid of each component relative to the middle, in units of the largest
+    #    distance.
     furthest = 0.0
     for c in range(count):
         square, m = 0.0, offsets[c + 1] - offsets[c]
@@ -121,7 +123,7 @@ def _places(cells, centroids, nodes, offsets):
             places[c, 3 + x] = places[c, 3 + x] / m - mean[x]
             square += places[c, 3 + x] ** 2
         furthest = max(furthest, np.sqrt(square))
-    # 3. Column 2: squared distance r². Means over the components of their positions x, and of r² x.
+    # 3. Column 2: squared distance r². Also the component means of the positions x, and of r² x.
     along, heavy = np.zeros(d), np.zeros(d)
     for c in range(count):
         for x in range(d):
@@ -140,15 +142,16 @@ def _places(cells, centroids, nodes, offsets):
 
 @helper(allocates=True)
 def _piece(cells, indptr, indices, interface, local):
-    """CSR of the piece ``cells``, which are ascending and numbered in that order.
+    """Return the CSR of the piece ``cells``, which are in ascending order.
 
-    ``local (n,)`` is a work array.
+    Cells are renumbered in this order. ``local (n,)`` is a workspace.
     """
+    # 1. Number the cells, and count their entries.
     m, count = len(cells), 0
     for i in range(m):
         local[cells[i]] = i
         count += indptr[cells[i] + 1] - indptr[cells[i]]
-    # ``local`` is not cleared between pieces: a number counts only if it leads back to the cell.
+    # ``local`` is not cleared between pieces: a number is valid only if it leads back to the cell.
     rows, columns, lengths = np.zeros(m + 1, np.int64), np.empty(count, np.int32), np.empty(count)
     filled = 0
     for i in range(m):
@@ -163,13 +166,14 @@ def _piece(cells, indptr, indices, interface, local):
 
 @helper(allocates=True)
 def mend_piece(cells, labels, parts, indptr, indices, interface, centroids, measures, local):
-    """Labels ``(m,)`` of the connected piece ``cells (m,)``, every one of the ``parts`` connected.
+    """Connect all ``parts`` within the connected piece ``cells (m,)``.
 
-    Each keeps its largest component; the others are absorbed. Nodes that cannot be reached have −1.
-    ``cells`` are ascending; ``local (n,)`` is a work array of cell numbers, all in ``0..n-1``.
+    Returns the labels ``(m,)``. Each part keeps its largest component, and the other components are absorbed.
+    Unreachable nodes get −1. ``cells`` are in ascending order. ``local (n,)`` is a workspace of cell numbers,
+    all in ``0..n-1``.
     """
     rows, columns, lengths = _piece(cells, indptr, indices, interface, local)
-    # 1. Components of the parts, within the piece; the part and the measure of each.
+    # 1. Components of the parts within the piece, with the part and the measure of each component.
     nodes, offsets = components(rows, columns, labels)
     count = len(offsets) - 1
     part_of, size, loose = np.empty(count, np.int64), np.zeros(count), np.empty(count, np.int64)
@@ -177,7 +181,7 @@ def mend_piece(cells, labels, parts, indptr, indices, interface, centroids, meas
         part_of[c] = labels[nodes[offsets[c]]]
         for k in range(offsets[c], offsets[c + 1]):
             size[c] += measures[cells[nodes[k]]]
-    # 2. Each part keeps its largest component; the nodes of the others lose their label.
+    # 2. Each part keeps its largest component. The nodes of the other components lose their label.
     places = _places(cells, centroids, nodes, offsets)
     keeper = keepers(part_of, size, places, parts)
     kept, found = labels.copy(), 0
@@ -187,7 +191,7 @@ def mend_piece(cells, labels, parts, indptr, indices, interface, centroids, meas
             found += 1
             for k in range(offsets[c], offsets[c + 1]):
                 kept[nodes[k]] = -1
-    # 3. These components join the parts around them, ring by ring.
+    # 3. These components join adjacent parts, ring by ring.
     return absorb(rows, columns, lengths, kept, nodes, offsets, loose[:found], keeper, places)
 
 
@@ -199,9 +203,11 @@ def mend_sides(pieces, cells, tag, indptr, indices, interface, centroids, measur
     """
     for p in range(len(pieces)):
         lo, hi = pieces[p, 0], pieces[p, 1]
+        # 1. Sides of the piece's cells.
         own, sides = np.empty(hi - lo, np.int32), np.empty(hi - lo, np.int64)
         for k in range(hi - lo):
             own[k], sides[k] = cells[lo + k], tag[cells[lo + k]] & 1
+        # 2. Connect both sides, and write the new tags.
         found = mend_piece(own, sides, 2, indptr, indices, interface, centroids, measures, local)
         for k in range(hi - lo):
             tag[own[k]] = 2 * hi - 1 if found[k] else 2 * lo
@@ -209,15 +215,15 @@ def mend_sides(pieces, cells, tag, indptr, indices, interface, centroids, measur
 
 @kernel
 def mend_blocks(offsets, indptr, indices, interface, centroids, measures, labels, parts):
-    """Labels ``(n,)`` with every part of every block connected.
+    """Return labels ``(n,)`` with every part of every block connected.
 
-    They are 0..parts−1, and −1 where no part is reached.
+    Labels are in 0..parts−1, and −1 for unreachable nodes.
     """
     mended, local = np.empty(len(labels), np.int64), np.zeros(len(labels), np.int32)
     for b in range(len(offsets) - 1):
         start, stop = offsets[b], offsets[b + 1]
         cells, own = np.empty(stop - start, np.int32), np.empty(stop - start, np.int64)
-        for i in range(stop - start):  # slices and ranges compile for seconds
+        for i in range(stop - start):  # loops, because slices and ranges take seconds to compile
             cells[i], own[i] = start + i, labels[start + i]
         found = mend_piece(cells, own, parts, indptr, indices, interface, centroids, measures, local)
         for i in range(stop - start):

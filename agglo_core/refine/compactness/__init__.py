@@ -1,1 +1,1 @@
-"""The refiner compactness: parts of small moments of inertia with short interfaces."""
+"""Compactness refiner: parts with small moments of inertia and short interfaces."""

@@ -1,4 +1,4 @@
-"""Places of parts along an axis of their block, for a geometric order."""
+"""Positions of parts along an axis of their block, for a geometric order."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -10,13 +10,16 @@ from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.refine.compactness.state import CENTRE, MASS
 
 _FLAT = 1e-6
-"""A third moment below this share of its scale, (Σ m r²)^1.5 / (Σ m)^0.5, is rounding, and a second one
-across an axis below this share of that along it."""
+"""Relative tolerance for vanishing moments.
+
+A third moment below this fraction of its scale, (Σ m r²)^1.5 / (Σ m)^0.5, is rounding. So is a second moment
+across an axis below this fraction of the moment along it.
+"""
 
 
 @helper(allocates=True)
 def _block_centres(block, count, tally):
-    """Centre ``(count, 3)`` and mass, or a little, of each block."""
+    """Return the centre ``(count, 3)`` and the mass (at least 1e-300) of each block."""
     mass, centres = np.zeros(count), np.zeros((count, 3))
     for p in range(len(block)):
         b, m = block[p], tally[p, MASS]
@@ -32,19 +35,19 @@ def _block_centres(block, count, tally):
 
 @kernel
 def part_places(block, count, tally):
-    """Axes of the blocks ``(count, 3)``, and places ``(k,)`` of the parts' centres along them.
+    """Return the block axes ``(count, 3)`` and the positions ``(k,)`` of the part centres along them.
 
-    An axis is the third moment Σ m |r|² r of the centres of the parts about that of the block. It turns with
-    the block, and does not vanish unless there is symmetry: then it is a fixed direction.
+    An axis is the third moment Σ m |r|² r of the part centres about the block centre. It rotates with the
+    block, and vanishes only by symmetry. A fixed direction then replaces it.
     """
     centres, mass = _block_centres(block, count, tally)
     spread, axes, extent = np.zeros(count), np.zeros((count, 3)), 0.0
-    # 1. Lengths in units of the extent of all centres, so that their cubes are finite.
+    # 1. Scale lengths by the extent of all centres, so that their cubes are finite.
     for p in range(len(block)):
         for a in range(3):
             extent = max(extent, abs(tally[p, CENTRE + a] - tally[0, CENTRE + a]))
     unit = 1.0 / extent if extent > 1e-300 else 1.0
-    # 2. Second moment Σ m |r|² and third moment Σ m |r|² r of each block.
+    # 2. Compute the second moment Σ m |r|² and the third moment Σ m |r|² r of each block.
     for p in range(len(block)):
         b, square = block[p], 0.0
         for a in range(3):
@@ -54,7 +57,7 @@ def part_places(block, count, tally):
         for a in range(3):
             axes[b, a] += square * (unit * (tally[p, CENTRE + a] - centres[b, a]))
     for b in range(count):
-        # 3. Where symmetry leaves only rounding of the third moment (or nothing, or NaN), a fixed direction
+        # 3. If symmetry leaves only rounding in the third moment (or zero, or NaN), use a fixed direction
         #    along no axis or diagonal.
         length, bound = 0.0, spread[b] * np.sqrt(spread[b] / mass[b])
         for a in range(3):
@@ -62,7 +65,7 @@ def part_places(block, count, tally):
         if not np.sqrt(length) > _FLAT * bound:
             for a in range(3):
                 axes[b, a] = 1.0 / (1.0 + np.sqrt(2.0) * a)
-    # 4. Projections of the centres onto these axes, which need not be of unit length.
+    # 4. Project the centres onto these axes, which need not have unit length.
     places = np.zeros(len(block))
     for p in range(len(block)):
         for a in range(3):
@@ -72,7 +75,7 @@ def part_places(block, count, tally):
 
 @helper(allocates=True)
 def _across(block, tally, axes, centres, mass, dim):
-    """Direction across the axis of each block ``(count, 3)``: see :func:`places_across`."""
+    """Return the direction across each block's axis ``(count, 3)``: see :func:`places_across`."""
     count = len(axes)
     unit, across = np.zeros((count, 3)), np.zeros((count, 3))
     # 1. Unit vectors u along the axes.
@@ -82,15 +85,15 @@ def _across(block, tally, axes, centres, mass, dim):
             length += axes[b, a] ** 2
         for a in range(dim):
             unit[b, a] = axes[b, a] / np.sqrt(length)
-    # 2. M u, with the second moments M = Σ m r rᵀ / Σ m of the centres of the parts.
+    # 2. Compute M u, with the second moments M = Σ m r rᵀ / Σ m of the part centres.
     for p in range(len(block)):
         b, along = block[p], 0.0
         for a in range(dim):
             along += (tally[p, CENTRE + a] - centres[b, a]) * unit[b, a]
         for a in range(dim):
             across[b, a] += tally[p, MASS] * along * (tally[p, CENTRE + a] - centres[b, a]) / mass[b]
-    # 3. Its component perpendicular to u. If u is nearly an eigenvector, that is rounding: then u turned by
-    #    90° in the plane of x and y.
+    # 3. Take the component perpendicular to u. If u is nearly an eigenvector, this is rounding: then rotate u
+    #    by 90° in the xy-plane.
     for b in range(count):
         length, spread = 0.0, 0.0
         for a in range(dim):
@@ -105,10 +108,10 @@ def _across(block, tally, axes, centres, mass, dim):
 
 @kernel
 def places_across(block, tally, axes, dim):
-    """Place of each part's centre across the axis of its block ``(k,)``.
+    """Return the position ``(k,)`` of each part's centre across the axis of its block.
 
-    The direction is that of the second moments with the axis; where there are none, as symmetry has it, one
-    that turns with the block in the plane.
+    The direction follows from the second moments and the axis. If symmetry leaves it undefined, a direction
+    that rotates with the block in the plane replaces it.
     """
     places = np.zeros(len(block))
     centres, mass = _block_centres(block, len(axes), tally)

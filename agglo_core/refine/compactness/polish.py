@@ -1,4 +1,4 @@
-"""Sweeps of the k-way polish: prepare their arrays, and share the slices out to threads."""
+"""Sweeps of the k-way polish: prepare the arrays, and distribute the slices to threads."""
 
 from __future__ import annotations
 
@@ -14,41 +14,44 @@ from agglo_core.refine.compactness.strips import slices, strip_order
 from agglo_core.threads import mapped, thread_count
 
 _SWEEPS = 12
-"""Sweeps at most; a block that gains little is done earlier (``listed_cells`` in ``state.py``)."""
+"""Maximum number of sweeps. Blocks with little gain stop earlier (``listed_cells`` in ``state.py``)."""
 
 _FEW = 2_000
-"""So few cells are looked at faster by one thread than by several."""
+"""Number of cells up to which a sweep runs faster in one thread than in several."""
 
 
 def swept(graph: Graph, labels: Int, block: Int, alpha: float, floor: float, limit: float) -> Int:
-    """Labels ``(n,)`` after sweeps that lower inertia times interface to the power ``alpha`` in each block.
+    """Lower inertia times interface to the power ``alpha`` in each block, and return labels ``(n,)``.
 
-    No part is emptied or disconnected, none falls below ``floor`` times its measure, none gets wider than
+    No part is emptied or disconnected, falls below ``floor`` times its measure, or becomes wider than
     ``limit``.
     """
     from agglo_core.refine.compactness.part_order import part_places
     from agglo_core.refine.compactness.state import Cells, State, interface_cells, part_tally
     from agglo_core.refine.compactness.sweeps import sweep_all
 
-    # 1. Sums of the parts, axes of the blocks, the objective and the boundary cells at the start.
+    # 1. Part sums, block axes, the objective, and the boundary cells at entry.
     n, k, count = graph.n, len(block), int(block.max()) + 1
     geometry = graph.centroids, graph.weights, graph.mass
     parts, tally = part_tally(labels, k, *geometry, floor)
     axes, places = part_places(block, count, tally)
     cells = Cells(graph.indptr, graph.indices, graph.interface, *geometry, axes)
-    blocks, due = interface_cells(cells, parts, tally, block, count)  # as yet neighbours' sums are near
-    # 2. New numbers for the parts, in a geometric order: those of a block, and of a slice, are ranges.
+    blocks, due = interface_cells(
+        cells, parts, tally, block, count
+    )  # here, as the sums of neighbours are still close in memory
+    # 2. Renumber the parts in a geometric order, so that the parts of a block, and of a slice, are ranges.
     order = strip_order(tally, block, axes, places, graph.dim)
     rank = np.empty(k, np.int32)
     rank[order] = np.arange(k, dtype=np.int32)
     parts, tally = rank.take(parts), tally.take(order, axis=0)  # several times faster than indexing
     starts = frozen_int(np.searchsorted(block[order], np.arange(count + 1)))
-    # 3. Two sets of slices for even and odd sweeps: one set ends in the middle of the slices of the other.
+    # 3. Two sets of slices for even and odd sweeps. Slices of one set end in the middle of slices of the
+    #    other.
     by_turns = tuple(_slices(starts, shift, graph.dim) for shift in range(2))
     room = np.zeros((n, 2), np.int32), np.zeros(k + 1, np.int32), np.empty(n, np.int32)
     state = State(parts, tally, blocks, due, *room, np.zeros((count, 2)), np.ones(count, bool))
     how = alpha, limit, *_reach(graph, parts, k, limit)
-    # 4. The sweeps; then the old numbers of the parts.
+    # 4. Run the sweeps, and restore the old part numbers.
     if thread_count() == 1:
         sweep_all(cells, state, _work(n, k), *by_turns, _SWEEPS, *how)
     else:
@@ -57,7 +60,7 @@ def swept(graph: Graph, labels: Int, block: Int, alpha: float, floor: float, lim
 
 
 def _swept_together(cells: Any, state: Any, by_turns: Any, how: tuple[Any, ...]) -> None:
-    """The sweeps of ``sweep_all``, several slices at a time."""
+    """Run the sweeps of ``sweep_all`` with several slices in parallel."""
     from agglo_core.refine.compactness.state import listed_cells
     from agglo_core.refine.compactness.sweeps import sweep_slices
 
@@ -90,7 +93,7 @@ def _slices(starts: Int, shift: int, dim: int) -> Any:
 
 
 def _reach(graph: Graph, parts: Any, k: int, limit: float) -> tuple[Any, Any]:
-    """Lists, extents and vertices for tests of the widths of parts; empty if widths have no limit."""
+    """Return lists, extents and vertices for width tests, all empty without a width limit."""
     from agglo_core.refine.compactness.reach import Corners, Reach, cell_radii, part_lists
 
     centroids = graph.centroids
@@ -108,7 +111,7 @@ def _reach(graph: Graph, parts: Any, k: int, limit: float) -> tuple[Any, Any]:
 
 
 def _shares(rows: Int, first: Any, count: int) -> list[tuple[int, int]]:
-    """The slices in at most ``count`` ranges with about as many cells to be looked at."""
+    """Divide the slices into at most ``count`` ranges with about equally many due cells."""
     if count == 1 or len(rows) == 1:
         return [(0, len(rows))]
     cells = first[rows[:, 1]]
@@ -119,9 +122,9 @@ def _shares(rows: Int, first: Any, count: int) -> list[tuple[int, int]]:
 
 @cache
 def directions(dim: int) -> tuple[Float, float]:
-    """Unit vectors ``(D, dim)``, and the cosine of the largest angle that any direction makes with the next.
+    """Return unit vectors ``(D, dim)``, and the cosine of the largest angle from any direction to the set.
 
-    In space they go through the corners, the middles of edges and of faces of a cube.
+    In 3-D the vectors point to the corners, edge midpoints and face centres of a cube.
     """
     if dim == 2:
         angles = np.arange(8) * np.pi / 8

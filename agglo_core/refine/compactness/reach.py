@@ -1,4 +1,4 @@
-"""Widths of parts while cells move: distances to their cells, or bounds from a few directions."""
+"""Test part widths during moves, by cell distances or by bounds from a few directions."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -12,15 +12,15 @@ from agglo_core.compiled.compiling import ONE, helper, kernel
 
 _ABOVE = 1.0 + 1e-12  # a rounded extent beyond this multiple of the limit is beyond the limit
 _BELOW = 1.0 - 1e-9  # rounded distances below this multiple of the limit are below the limit
-_WALKS = 16  # walks over the cells of a part before its extents are found: few tests do not pay for them
+_WALKS = 16  # full walks over a part's cells before its extents are computed: they only pay after many tests
 
 
 class Corners(NamedTuple):
-    """Vertices of the cells, and directions of extents.
+    """Cell vertices, and the directions of extents.
 
-    ``offsets (n + 1,)`` and ``vertices`` are a CSR of cells, ``points (V, d)`` the vertices; ``radii (n,)``
-    are the largest distances of vertices from the ``centroids (n, d)``. ``directions (D, d)`` are unit
-    vectors, and ``cosine`` is that of the largest angle that any direction makes with the nearest of them.
+    ``offsets (n + 1,)`` and ``vertices`` are a CSR over the cells, and ``points (V, d)`` the vertices.
+    ``radii (n,)`` are the largest vertex distances from the ``centroids (n, d)``. ``directions (D, d)`` are
+    unit vectors. ``cosine`` belongs to the largest angle between any direction and the nearest unit vector.
     """
 
     offsets: Any
@@ -33,12 +33,12 @@ class Corners(NamedTuple):
 
 
 class Reach(NamedTuple):
-    """Lists and extents of the parts.
+    """Cell lists and extents of the parts.
 
-    The cells of a part are a list: the ``first (k,)``, and the ones ``after`` and ``before`` each ``(n,)``.
-    ``far (k,)`` is the cell that was too far last, ``looks (k,)`` counts cells looked at, negative once the
-    extents are known: ``extents (k, D, 2)`` are the least and the largest place along each direction,
-    ``ends (k, D, 2)`` the cells that reach them.
+    The cells in a part form a linked list: ``first (k,)``, then ``after`` and ``before``, ``(n,)`` each.
+    ``far (k,)`` is the last cell found too far away. ``looks (k,)`` counts visited cells, and is negative
+    when the extents are available: ``extents (k, D, 2)`` are the smallest and largest coordinates along each
+    direction, and ``ends (k, D, 2)`` the cells there.
     """
 
     first: Any
@@ -52,7 +52,7 @@ class Reach(NamedTuple):
 
 @kernel
 def part_lists(parts, k):
-    """Lists of the cells of each part: the first ``(k,)``, and the next and previous one of each ``(n,)``."""
+    """Build linked lists of each part's cells: first ``(k,)``, next and previous ``(n,)``."""
     n = len(parts)
     first, after, before = np.full(k, -1, np.int32), np.empty(n, np.int32), np.empty(n, np.int32)
     for i in range(n - 1, -1, -1):
@@ -66,9 +66,9 @@ def part_lists(parts, k):
 
 @kernel
 def cell_radii(offsets, vertices, points, centroids):
-    """Distance of each cell's centroid from its farthest vertex ``(n,)``."""
+    """Return the largest distance ``(n,)`` from each cell's centroid to its vertices."""
     radii, last = np.empty(len(centroids)), points.shape[1] - 1
-    third = last - 1.0  # 0 in the plane; a loop over two or three takes twice the time
+    third = last - 1.0  # 0 in 2-D; a loop over the dimensions takes twice the time
     for i in range(np.uint64(len(radii))):
         x, y, z, most = centroids[i, 0], centroids[i, 1], centroids[i, last], 0.0
         for h in range(np.uint64(offsets[i]), np.uint64(offsets[i + ONE])):
@@ -81,30 +81,30 @@ def cell_radii(offsets, vertices, points, centroids):
 
 @helper
 def _within(i, j, limit, corners):
-    """Return whether no vertex of cell i is farther than ``limit`` from one of cell j."""
+    """Return True if no vertex of cell i is farther than ``limit`` from a vertex of cell j."""
     solid, most = corners.points.shape[1] > 2, 0.0
-    # 1. No two vertices are farther apart than the centroids plus both radii: mostly that is enough.
+    # 1. Bound: vertex distances do not exceed the centroid distance plus both radii. This usually decides.
     left = limit * _BELOW - corners.radii[i] - corners.radii[j]
     x = corners.centroids[i, 0] - corners.centroids[j, 0]
     y = corners.centroids[i, 1] - corners.centroids[j, 1]
     z = corners.centroids[i, 2] - corners.centroids[j, 2] if solid else 0.0
     if left >= 0.0 and x * x + y * y + z * z <= left * left:
         return True
-    # 2. Otherwise all pairs of vertices.
+    # 2. Otherwise compare all vertex pairs.
     for g in range(np.uint64(corners.offsets[i]), np.uint64(corners.offsets[i + ONE])):
         for h in range(np.uint64(corners.offsets[j]), np.uint64(corners.offsets[j + ONE])):
             one, other = np.uint32(corners.vertices[g]), np.uint32(corners.vertices[h])
             x = corners.points[one, 0] - corners.points[other, 0]
             y = corners.points[one, 1] - corners.points[other, 1]
             z = corners.points[one, 2] - corners.points[other, 2] if solid else 0.0
-            square = x * x + y * y + z * z  # a loop over two or three takes twice the time
+            square = x * x + y * y + z * z  # a loop over the dimensions takes twice the time
             most = max(most, square)
     return most <= limit * limit
 
 
 @helper
 def _extent(i, a, corners):
-    """The least and the largest place of the vertices of cell i along direction a."""
+    """Return the smallest and largest coordinate of cell i along direction a."""
     least, most = np.inf, -np.inf
     for h in range(np.uint64(corners.offsets[i]), np.uint64(corners.offsets[i + ONE])):
         place, v = 0.0, np.uint32(corners.vertices[h])
@@ -127,19 +127,20 @@ def _include(i, p, reach, corners):
 
 @helper
 def _find_extents(p, reach, corners):
-    """Find the extents of part p once its cells were walked several times.
+    """Compute the extents of part p after its cells were visited several times.
 
-    ``looks`` is negative from then on.
+    ``looks`` is negative afterwards.
     """
     if reach.looks[p] < 0:
         return
-    # Worth it? ``looks`` counts the cells looked at so far, compared here with those of the part.
+    # 1. Compare the number of visited cells, ``looks``, with the part's cell count.
     i, cells = reach.first[p], 0
     while i >= 0:
         cells += 1
         i = reach.after[i]
     if reach.looks[p] < _WALKS * cells:
         return
+    # 2. Compute the extents over all cells.
     reach.looks[p] = -1
     for a in range(len(corners.directions)):
         reach.extents[p, a, 0], reach.extents[p, a, 1] = np.inf, -np.inf
@@ -151,10 +152,10 @@ def _find_extents(p, reach, corners):
 
 @helper
 def _by_extents(i, p, parts, reach, limit, corners):
-    """Return 1 if cell i fits into part p, 0 if it does not, −1 if its extents do not tell.
+    """Return 1 if cell i fits into part p, 0 if not, −1 if undecided.
 
-    Extents never shrink as cells leave: they prove that a part is too wide only while the cell at their end
-    is one of it, and always bound its width from above.
+    Extents do not shrink when cells leave. They prove that a part is too wide only if the cell at their end
+    still belongs to the part. They always bound the width from above.
     """
     widest = 0.0
     for a in range(len(corners.directions)):
@@ -165,26 +166,26 @@ def _by_extents(i, p, parts, reach, limit, corners):
         if high - least > limit * _ABOVE and parts[reach.ends[p, a, 1]] == p:
             return 0
         widest = max(widest, max(high, most) - min(low, least))
-    # Some direction is so near that of the diameter that its extent is at least diameter times cosine.
+    # Some direction is so close to the diameter's that its extent is at least diameter times cosine.
     return 1 if widest <= limit * corners.cosine else -1
 
 
 @helper
 def fits(i, p, parts, reach, limit, corners):
-    """Return whether part p may get cell i: no two vertices of both are farther apart than ``limit``."""
+    """Return True if part p may receive cell i: no two vertices are farther apart than ``limit``."""
     if limit == np.inf:
         return True
-    # 1. The cell that was too far last is often too far again.
+    # 1. The last cell found too far away is often too far again.
     far = reach.far[p]
     if far >= 0 and parts[far] == p and not _within(i, np.uint64(far), limit, corners):
         return False
-    # 2. Extents, where they are known, may decide.
+    # 2. Extents, if available, may decide.
     if reach.looks[p] < 0:
         found = _by_extents(i, p, parts, reach, limit, corners)
         if found >= 0:
             return found == 1
-    # 3. Every cell of the part. Cells that are wider than the limit stay alone: the cell, and one that is
-    #    all the part, are compared with themselves.
+    # 3. Compare with every cell in the part. Cells wider than the limit stay alone, so the cell, and the only
+    #    cell in a part, are also compared with themselves.
     j = reach.first[p]
     one = np.uint64(j)
     whole = _within(i, i, limit, corners) and (reach.after[j] >= 0 or _within(one, one, limit, corners))
@@ -194,7 +195,7 @@ def fits(i, p, parts, reach, limit, corners):
         if not _within(i, np.uint64(j), limit, corners):
             reach.far[p], whole = j, False
         j = reach.after[j]
-    # 4. The cells looked at are counted, until it pays to find the extents.
+    # 4. Count the visited cells, until the extents pay off.
     if reach.looks[p] >= 0:
         reach.looks[p] += looks
         _find_extents(p, reach, corners)
@@ -203,10 +204,11 @@ def fits(i, p, parts, reach, limit, corners):
 
 @helper
 def take_in(i, home, p, reach, limit, corners):
-    """Move cell i from part ``home`` to part p."""
+    """Move cell i from part ``home`` to part p in the cell lists."""
     if limit == np.inf:
         return
-    # Unlink the cell from one list, put it first in the other. Extents of its old part stay as bounds.
+    # Unlink the cell from its old list and insert it at the front of the new list. The old part's extents
+    # remain valid bounds.
     if reach.before[i] >= 0:
         reach.after[reach.before[i]] = reach.after[i]
     else:

@@ -1,4 +1,4 @@
-"""The k-way polish: compact parts with short interfaces."""
+"""K-way polish: compact parts with short interfaces."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from agglo_core.refine.part_sizes import refined_blocks
 
 
 class CompactnessRefiner:
-    """Moves boundary cells to where parts become compact and their interfaces short.
+    """Move boundary cells so that parts become compact and their interfaces short.
 
-    It lowers, in each block, J · L^0.3: J is the moment of inertia of the parts, the energy of k-means, and
-    L the length of the interfaces. The product has no unit, so neither scale nor number of parts matter.
-    Sweeps of single-cell moves go over the boundary cells of all parts until none pays; they take the parts,
-    and the cells of each, along an axis of the block, so the result does not depend on cell numbering. No
-    part is emptied or disconnected, none falls below ``floor`` times its measure at entry, and if the target
-    is a size, no cell goes where it would be too far from others.
+    The refiner lowers J · L^0.3 in each block. J is the parts' moment of inertia, the k-means energy, and L
+    the interface length. A product needs no weight with a unit, so neither the scale nor the part count
+    matters. Sweeps of single-cell moves visit the boundary cells of all parts until no move pays. They visit
+    parts, and the cells in each part, along an axis of the block, so the result does not depend on cell
+    numbering. No part is emptied or disconnected, and no part falls below ``floor`` times its measure at
+    entry. With a size target, no move makes a part wider than the target.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ class CompactnessRefiner:
     Raises
     ------
     OptionError
-        If ``floor`` is anything else.
+        If ``floor`` is not a number in [0, 1].
 
     Examples
     --------
@@ -47,19 +47,20 @@ class CompactnessRefiner:
            [0, 0, 1, 1]])
     """
 
-    # ``require_no_worse`` refuses labels with a larger value of this objective, whose exponent is SHORTNESS:
-    # an option for another exponent needs another objective. Benchmarks replace SHORTNESS in this module.
+    # ``require_no_worse`` rejects labels with a larger value of this objective, whose exponent is SHORTNESS.
+    # An option for another exponent would need another objective. Benchmarks replace SHORTNESS in this
+    # module.
     objective = "shape"
 
     def __init__(self, floor: float = 0.5) -> None:
         self.floor = checked_floor("compactness", floor)
 
     def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target) -> Int:
-        """Labels ``(n,)`` after the sweeps; seeds are not used."""
+        """Return the labels ``(n,)`` after the sweeps, independent of the seeds."""
         return refined_blocks(self, graph, labels, target)
 
     def refine_parts(self, graph: Graph, labels: Int, block: Int, target: Target) -> Int:
-        """Labels ``(n,)`` after the sweeps; part p may trade cells with parts of ``block[p]`` alone."""
+        """Return the labels ``(n,)`` after the sweeps, with trades only within ``block[p]`` for part p."""
         if graph.n == 0:
             return labels
         limit = np.inf if target.h_star is None else float(target.h_star)

@@ -1,4 +1,7 @@
-"""Order the parts of a block in strips across its axis, and cut it into slices that trade no cells."""
+"""Order a block's parts in strips across its axis, and divide them into independent slices.
+
+Slices trade no cells with one another.
+"""
 
 from __future__ import annotations
 
@@ -7,22 +10,24 @@ import numpy as np
 from agglo_core.arrays import Float, Int, frozen_int
 
 _WIDTH = 8.0
-"""Parts side by side in a slice, more or less."""
+"""Approximate number of parts side by side in a slice."""
 
 _MANY = 16_384
-"""Parts of which the cells do not fit a cache: with fewer, strips gain less time than they take."""
+"""Number of parts whose cells exceed the cache. With fewer parts, strips save less time than they cost."""
 
 
 def strip_order(tally: Float, block: Int, axes: Float, places: Float, dim: int) -> Int:
-    """Parts ``(k,)`` by block, and by their places along its axis; if many, in strips of a block's slices.
+    """Order the parts ``(k,)`` by block and by position along the block axis.
 
-    A slice is two successive strips. In the next sweep slices are shifted by one strip, so that each strip,
-    except the first and the last, is with its other neighbour. Within a strip, parts are sorted along a
-    direction across the axis: see ``places_across``. The ``tally (k, 8)`` has masses and centres: see
-    ``part_tally`` in ``state.py``.
+    With many parts, the parts are ordered in strips, two successive strips per slice. In the next sweep
+    slices are shifted by one strip, so that each strip, except the first and the last, is paired with its
+    other neighbour. Within a strip, parts are sorted along a direction across the axis: see
+    ``places_across``. The ``tally (k, 8)`` contains masses and centres: see ``part_tally`` in ``state.py``.
     """
+    # 1. Few parts: sort along the axis only.
     if len(block) < _MANY:
         return frozen_int(np.lexsort((places, block)))
+    # 2. Rank of each part in its block, and the strip of this rank.
     order, size = _sorted(places, block), np.bincount(block)
     count = _slices_of(size, dim)
     if (count == 1).all():
@@ -33,15 +38,17 @@ def strip_order(tally: Float, block: Int, axes: Float, places: Float, dim: int) 
     rank = np.arange(len(block)) - (np.cumsum(size) - size)[own]
     strip = ((rank + 1) * 2 * count[own] - 1) // size[own]
     several, across = count[own] > 1, places_across(block, tally, axes, dim)[order]
+    # 3. Sort by strip, and by the position across within a strip.
     strip = 2 * count.max() * own + np.where(several, strip, 0)
     return frozen_int(order[_sorted(np.where(several, across, rank), strip)])
 
 
 def slices(starts: Int, shift: int, dim: int) -> Int:
-    """Slices of a sweep ``(S, 5)``: first part, last plus 1, the same two of the block, and the block.
+    """Return the slices ``(S, 5)`` of a sweep.
 
-    A block has up to 16 slices, each some parts wide; with ``shift`` each begins and ends in the middle of
-    others without.
+    The columns are the first part and the last part plus 1 in the slice, the first part and the last part
+    plus 1 in its block, and the block number. A block has up to 16 slices, each several parts wide. With
+    ``shift`` each slice begins and ends in the middle of an unshifted slice.
     """
     counts = starts[1:] - starts[:-1]
     strips = _slices_of(counts, dim)
@@ -58,15 +65,15 @@ def slices(starts: Int, shift: int, dim: int) -> Int:
 
 
 def _slices_of(counts: Int, dim: int) -> Int:
-    """Slices of blocks of so many parts."""
+    """Return the number of slices for blocks with ``counts`` parts."""
     return frozen_int(np.clip(counts ** (1.0 / dim) / _WIDTH, 1.0, 16.0).astype(np.int64))
 
 
 def _sorted(values: Float, groups: Int) -> Int:
-    """The order of values by group, and by themselves; of equal ones the first goes first."""
+    """Sort values within groups, stable for equal values."""
     width = float(np.ptp(values))
     keys = groups + (0.5 / width if width > 0.0 else 0.0) * (values - values.min())
-    order: Int = keys.argsort()  # several times faster than what keeps the order of equal ones
+    order: Int = keys.argsort()  # several times faster than a stable sort
     if (np.diff(keys[order]) > 4.0 * np.spacing(keys.max())).all():
         return order
     return np.asarray(np.lexsort((values, groups)))

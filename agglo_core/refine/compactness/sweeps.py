@@ -1,10 +1,10 @@
-"""K-way polish: boundary cells move to where they make parts compact and their interfaces short.
+"""K-way polish: move boundary cells so that parts become compact and their interfaces short.
 
-Parts are numbered in a geometric order, those of a block one after the other. A sweep is made slice by slice:
-in a slice, parts of a block that follow one another trade cells among themselves. Slices know nothing of what
-happens in the others meanwhile, so that several threads may work at them.
+Parts are numbered in a geometric order, block by block. A sweep proceeds slice by slice. In a slice,
+consecutive parts of a block trade cells among themselves. Slices are independent, so several threads may
+process them.
 
-Nothing is allocated in a sweep, so that references need not be counted, which would cost more than the work.
+Sweeps allocate no memory, because reference counting would cost more than the work.
 """
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
@@ -18,18 +18,20 @@ from agglo_core.compiled.ring_search import CROWD, REACH, connected
 from agglo_core.refine.compactness.reach import fits, take_in
 from agglo_core.refine.compactness.state import CELLS, CENTRE, FLOOR, MASS, ROOM, listed_cells
 
-_TIE = 1e-9  # of the terms of a change: smaller ones are rounding; ties go to the part of the least number
+_TIE = (
+    1e-9  # relative to the terms of a change: smaller changes are rounding; ties go to the lower part number
+)
 
 _CACHED = 40_000
-"""Cells, up to which all that is read for them stays in the cache: reading ahead would cost time only."""
+"""Number of cells up to which all data stay in the cache, so that prefetching would only cost time."""
 
 _AHEAD = np.int64(64)
-"""Cells that are read ahead at a time: their waits for memory overlap."""
+"""Number of cells prefetched at a time, so that their memory latencies overlap."""
 
 
 @helper
 def _square(given, state, i, p):
-    """Square of the distance of cell i from the centre of part p."""
+    """Return the squared distance from cell i to the centre of part p."""
     x = given.centroids[i, 0] - state.tally[p, CENTRE]
     y = given.centroids[i, 1] - state.tally[p, CENTRE + 1]
     z = given.centroids[i, 2] - state.tally[p, CENTRE + 2] if given.centroids.shape[1] > 2 else 0.0
@@ -40,9 +42,11 @@ def _square(given, state, i, p):
 def _beside(given, state, i, work):
     """List the other parts adjacent to cell i in ``queue``, and sum the interface with each in ``share``.
 
-    Returns how many, and the interface with its own part. Whoever reads ``share`` clears it.
+    Returns the number of parts, and the interface with the cell's own part. Readers of ``share`` must clear
+    it.
 
-    No branch: it would be mispredicted half the time. A part may be listed again if it shares nothing.
+    The loop has no branch, because it would be mispredicted half the time. A part with interface 0 may be
+    listed repeatedly.
     """
     home, own, found = np.uint32(state.parts[i]), 0.0, np.uint64(0)
     for h in range(np.uint64(given.indptr[i]), np.uint64(given.indptr[i + ONE])):
@@ -57,24 +61,26 @@ def _beside(given, state, i, work):
 
 @helper
 def _best_move(given, state, bounds, price, i, work):
-    """Find the part of the slice that cell i should move to, or −1, and the changes of inertia and interface.
+    """Find the best target part for cell i in the slice, or −1.
 
-    The ``price`` is the inertia that an interface of 1 is worth. ``bounds`` are the parts of the slice, from
-    the first to the last plus 1, and those of its block. The last of the results tells whether the cell is
-    adjacent to parts of its block beyond the slice.
+    Returns the part, the changes in inertia and interface, and True if the cell is adjacent to parts of its
+    block beyond the slice. The ``price`` is the inertia equivalent of interface 1. ``bounds`` are the first
+    part and the last part plus 1 in the slice, and in its block.
     """
     found, own = _beside(given, state, i, work)
     target, best, inertia, cut, beyond = np.int64(-1), 0.0, 0.0, 0.0, False
     if found == 0:
         return target, inertia, cut, beyond
-    # 1. A part of mass m and centre c loses w m / (m − w) |x − c|² of inertia with a cell of weight w at x
-    #    (Steiner), nothing if the cell is all its mass.
+    # 1. A part with mass m and centre c loses the inertia w m / (m − w) |x − c|² with a cell of weight w at x
+    #    (Steiner), or nothing if the cell is its whole mass.
     home, w = np.uint32(state.parts[i]), given.weights[i]
     mass, lost = state.tally[home, MASS], 0.0
     if mass - w > 1e-12 * mass:
-        lost = _square(given, state, i, home) * (w * (mass / (mass - w)))  # else lengths of 1e-50 vanish
-    # 2. A part of mass m that gets the cell gains w m / (m + w) |x − c|². Parts beyond the slice may change
-    #    at the same time in another thread: they are only reported.
+        lost = _square(given, state, i, home) * (
+            w * (mass / (mass - w))
+        )  # this order avoids underflow for lengths of 1e-50
+    # 2. A part with mass m that receives the cell gains w m / (m + w) |x − c|². Parts beyond the slice may
+    #    change in another thread, so they are only reported.
     lo, hi, start, stop = bounds
     for m in range(found):
         p = np.uint32(work.queue[m])
@@ -85,8 +91,8 @@ def _best_move(given, state, bounds, price, i, work):
         mass, won = state.tally[p, MASS], 0.0
         if mass > 0.0:
             won = _square(given, state, i, p) * (w * (mass / (mass + w)))
-        # 3. Change of inertia plus price times interface. Of changes that differ by rounding only, the part
-        #    of the least number has it, so that the order of neighbours does not matter.
+        # 3. Change in inertia plus price times interface. If changes differ by rounding only, the lower part
+        #    number wins, so the order of neighbours does not matter.
         change = won - lost + price * (own - shared)
         tie = _TIE * (won + lost + price * (own + shared))
         first = target < 0
@@ -97,16 +103,16 @@ def _best_move(given, state, bounds, price, i, work):
 
 @helper
 def _leaves_whole(given, state, i, target, work, stamp):
-    """Move cell i to ``target`` if its part stays connected near it, and return whether it moved.
+    """Move cell i to ``target`` if its part stays locally connected, and return whether it moved.
 
-    What other threads read of the cell meanwhile is one part of the slice or another.
+    Other threads may read the cell's label meanwhile, and see one part of the slice or another.
     """
     home, filled = state.parts[i], np.uint64(0)
     for h in range(np.uint64(given.indptr[i]), np.uint64(given.indptr[i + ONE])):
         j = np.uint32(given.indices[h])
         work.queue[filled] = j  # no branch: it would be mispredicted half the time
         filled += np.uint64(state.parts[j] == home)
-    # The cell is out of the way of the search as soon as it has the other label.
+    # The new label hides the cell from the search.
     state.parts[i] = target
     search = (work.queue, work.root, state.marks)
     if filled > ONE and not connected(
@@ -119,12 +125,12 @@ def _leaves_whole(given, state, i, target, work, stamp):
 
 @helper
 def _put(given, state, i, home, target):
-    """Update the sums of both parts after cell i went from ``home`` to ``target``."""
+    """Update both parts' sums after a move of cell i from ``home`` to ``target``."""
     w, measure = given.weights[i], given.measures[i]
     left, joined = state.tally[home, MASS] - w, state.tally[target, MASS] + w
     less = w / left if left > 0.0 else 0.0
     more = w / joined if joined > 0.0 else 0.0
-    # Centres move as running means do: c ± (x − c) w / m, with the new mass m.
+    # Centres change like running means: c ± (x − c) w / m, with the new mass m.
     for a in range(given.centroids.shape[1]):
         x = given.centroids[i, a]
         state.tally[home, CENTRE + a] -= (x - state.tally[home, CENTRE + a]) * less
@@ -138,15 +144,15 @@ def _put(given, state, i, home, target):
 
 @helper
 def _sort_listed(given, state, work, b, start, stop):
-    """Put the cells listed from ``start`` to ``stop`` in the order of their places (Shell's sort)."""
-    # 1. Keys: places along the axis of the block.
+    """Sort the cells listed from ``start`` to ``stop`` by position along the block axis (Shell sort)."""
+    # 1. Keys: positions along the block axis.
     for c in range(start, stop):
         i = np.uint32(state.listed[c])
         key = given.axes[b, 0] * given.centroids[i, 0] + given.axes[b, 1] * given.centroids[i, 1]
         if given.centroids.shape[1] > 2:
             key += given.axes[b, 2] * given.centroids[i, 2]
         work.keys[c - start] = key
-    # 2. Sort by falling gaps. Few cells are sorted by insertion, at once with gap 1.
+    # 2. Sort with decreasing gaps. Short lists use insertion sort: gap 1 only.
     gap = (stop - start) // 2 if stop - start > 16 else 1
     while gap > 0:
         for c in range(gap, stop - start):
@@ -161,15 +167,18 @@ def _sort_listed(given, state, work, b, start, stop):
 
 @helper
 def _may_leave(given, state, i, target, work, stamp, reach, limit, corners):
-    """Move cell i to ``target`` if its part is not emptied, torn or too small, the other not too wide.
+    """Move cell i to ``target`` if both parts stay admissible, and return whether it moved.
 
-    Returns whether it moved. Only its label is changed.
+    The old part must not become empty, disconnected or too small, and the new part not too wide. Only the
+    cell's label changes.
     """
     home = np.uint32(state.parts[i])
+    # 1. Tests of the old part: cell count and measure.
     if state.tally[home, CELLS] < 2.0:
         return False
     if state.tally[home, ROOM] - given.measures[i] < state.tally[home, FLOOR]:
         return False
+    # 2. Width of the new part, then connectivity of the old part.
     if not fits(i, target, state.parts, reach, limit, corners):
         return False
     return _leaves_whole(given, state, i, target, work, stamp)
@@ -177,9 +186,9 @@ def _may_leave(given, state, i, target, work, stamp, reach, limit, corners):
 
 @helper
 def _read_ahead(given, state, work, first, last):
-    """Bring what is to be read for the cells listed from ``first`` to ``last`` into the cache, all at once.
+    """Prefetch the data for the cells listed from ``first`` to ``last`` into the cache, all at once.
 
-    A part is far in memory from the one before it; its cells one by one would wait for each line.
+    Consecutive parts are far apart in memory. Reading cell by cell would wait for each cache line.
     """
     read = np.int64(0)
     for c in range(first, last):
@@ -190,17 +199,16 @@ def _read_ahead(given, state, work, first, last):
         read += np.int64(given.interface[begin] > given.interface[end])
         read += np.int64(state.tally[p, MASS] > state.tally[q, MASS])
         read += np.int64(given.centroids[i, 0] > given.weights[i]) + state.due[i]
-    work.root[0] = read  # else nothing would be read
+    work.root[0] = read  # a use of the values, otherwise the compiler drops the reads
 
 
 @kernel(allocates=False)
 def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, reach, corners):
-    """Look once at each cell that is due in the slices from ``start`` to ``stop``.
+    """Visit each due cell once in the slices from ``start`` to ``stop``, and return the number of moves.
 
-    Returns how many moved. Moves lower J · L^α, inertia times interface to the power ``alpha``, linearised
-    about the ``blocks`` at the start of the sweep. The gains of a slice become what its moves added to
-    inertia and interface. In a part, cells are taken by their places, so that their numbering does not
-    matter.
+    Moves lower J · L^α, inertia times interface to the power ``alpha``, linearised about the ``blocks`` at
+    the start of the sweep. The slice gains are set to the changes in inertia and interface. Within a part,
+    cells are visited by position, so their numbering does not matter.
     """
     n = np.int64(len(state.parts))
     stamp, moved, ahead = sweep * (n + 1), np.int64(0), np.int64(0)
@@ -210,11 +218,11 @@ def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, r
         begin, end = slices.rows[s, 2], slices.rows[s, 3]
         if not state.going[b]:
             continue
-        # 1. d(J · L^α) is proportional to dJ + price dL, with the price α J / L of the block.
+        # 1. d(J · L^α) is proportional to dJ + price dL, with the block's price α J / L.
         price = alpha * (state.blocks[b, 0] / state.blocks[b, 1])
         for r in range(lo, hi):
-            # 2. The cells of a part that are due. Of many cells, what is read for the next ones of the list
-            #    is fetched first, whatever their part.
+            # 2. Due cells of a part. On large meshes, data for the next cells in the list are prefetched
+            #    first, whatever their part.
             first, last = state.first[r], state.first[r + 1]
             if n > _CACHED and last + _AHEAD > ahead:
                 ahead = max(ahead, last)
@@ -226,13 +234,13 @@ def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, r
             for c in range(first, last):
                 i = np.uint64(np.uint32(state.listed[c]))
                 home = np.uint32(state.parts[i])
-                # 3. The best move. A cell adjacent to parts beyond the slice is looked at again in the next
-                #    sweep, in whose slices they may be together; others wait until a neighbour moves.
+                # 3. Find the best move. A cell adjacent to parts beyond the slice is due again in the next
+                #    sweep, whose slices may contain both. Other cells wait until a neighbour moves.
                 target, inertia, cut, beyond = _best_move(given, state, (lo, hi, begin, end), price, i, work)
                 state.due[i] = sweep + 1 if beyond else -1
                 if target < 0:
                     continue
-                # 4. It is made if both parts stay admissible; sums, widths and gains follow.
+                # 4. Make the move if both parts stay admissible, and update sums, widths and gains.
                 stamp += 1
                 to = np.uint32(target)
                 if not _may_leave(given, state, i, to, work, stamp, reach, limit, corners):
@@ -242,7 +250,7 @@ def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, r
                 slices.gains[s, 0] += inertia
                 slices.gains[s, 1] += cut
                 moved += 1
-                # 5. Neighbours in the block are due in the next sweep, unless this one has yet to come to
+                # 5. Neighbours in the block are due in the next sweep, unless this sweep has yet to visit
                 #    them.
                 for h in range(np.uint64(given.indptr[i]), np.uint64(given.indptr[i + ONE])):
                     j = np.uint32(given.indices[h])
@@ -254,7 +262,7 @@ def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, r
 
 @kernel(allocates=False)
 def sweep_all(given, state, work, even, odd, sweeps, alpha, limit, reach, corners):
-    """Make at most ``sweeps`` sweeps, over the even and the odd slices by turns, in one thread."""
+    """Run at most ``sweeps`` sweeps in one thread, alternately over the even and the odd slices."""
     by_turns = (even, odd)
     for sweep in range(sweeps):
         slices, before = by_turns[sweep % 2], by_turns[1 - sweep % 2]
