@@ -1,1 +1,1 @@
-"""Constraints on what may lie in one part: regions, barriers, ridges, bounds, a metric."""
+"""Constraints on parts: regions, barriers, ridges, bounds and metrics."""

@@ -1,4 +1,4 @@
-"""The two sides of barriers inside parts, continued beyond their tips."""
+"""Assign cells to the two sides of barriers inside parts, continued beyond the barrier tips."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -11,18 +11,18 @@ from agglo_core.compiled.compiling import kernel
 
 @kernel
 def barrier_sides(indptr, indices, labels, first, across):
-    """Assign each node a side, 0 or 1, of the barriers inside its part.
+    """Assign each node to side 0 or 1 of the barriers inside its part.
 
-    Nodes of parts without a barrier inside are on side 0. The graph is ``indptr`` and ``indices``, the parts
-    are ``labels``.
+    Nodes in parts without an interior barrier are on side 0. ``indptr`` and ``indices`` are the graph,
+    ``labels`` the parts.
 
-    Node i has a barrier between itself and the nodes ``across[first[i]:first[i + 1]]`` of its part. Those
-    are put on the other side where that has not been decided before, neighbours that also touch a barrier on
-    the same one; then the sides grow, a layer of neighbours at a time.
+    A barrier separates node i from the nodes ``across[first[i]:first[i + 1]]`` in its part. These nodes go to
+    the other side unless already assigned, and neighbours of node i at a barrier go to its own side. Then the
+    sides grow, one layer of neighbours at a time.
     """
     n = len(labels)
-    # 1. Nodes along barriers, breadth first from each one that has no side yet. Across the barrier comes
-    #    first: nodes that touch it go to the other side before neighbours go to the same one.
+    # 1. Nodes along barriers, breadth-first from each unassigned node. Nodes across the barrier are assigned
+    #    before neighbours on the own side.
     sides, queue, count = np.full(n, -1, np.int64), np.empty(n, np.int64), 0
     for seed in range(n):
         if first[seed] == first[seed + 1] or sides[seed] >= 0:
@@ -42,8 +42,8 @@ def barrier_sides(indptr, indices, labels, first, across):
                 if sides[j] < 0 and labels[j] == labels[i] and first[j] < first[j + 1]:
                     sides[j], queue[count] = sides[i], j
                     count += 1
-    # 2. The rest of each part, from all nodes along barriers at once: each gets the side of the nearest of
-    #    them, in layers of neighbours.
+    # 2. The rest of each part, from all barrier nodes at once: each node gets the side of the nearest barrier
+    #    node, layer by layer.
     done = 0
     while done < count:
         i = queue[done]
@@ -53,7 +53,7 @@ def barrier_sides(indptr, indices, labels, first, across):
             if sides[j] < 0 and labels[j] == labels[i]:
                 sides[j], queue[count] = sides[i], j
                 count += 1
-    # 3. Nodes that no barrier reaches.
+    # 3. Nodes beyond the reach of all barriers.
     for i in range(n):
         sides[i] = max(sides[i], 0)
     return sides

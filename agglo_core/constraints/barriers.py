@@ -1,4 +1,4 @@
-"""Barriers: fractures, faults, walls that have no part on both sides, not even around their tips."""
+"""Barriers: no part lies on both sides of fractures, faults or walls, not even around their tips."""
 
 from __future__ import annotations
 
@@ -12,25 +12,27 @@ from agglo_core.mesh.marks import marked
 
 
 class Barriers:
-    """No part lies on both sides of a barrier, which is some faces between cells.
+    """Constraint: no part lies on both sides of a barrier, a set of interior faces.
 
     Parameters
     ----------
     pairs : (p, 2) int
-        The two cells beside each face of a barrier.
+        The two cells adjacent to each barrier face.
     """
 
     def __init__(self, pairs: Int) -> None:
         self.pairs = np.asarray(pairs).reshape(-1, 2)
 
     def forbidden(self, graph: Graph) -> Mask:
-        """Entries of the graph ``(m,)`` between two cells with a face of a barrier."""
+        """Return a mask ``(m,)`` of the graph entries that cross a barrier face."""
         if self.pairs.size and self.pairs.max() >= graph.n:
             raise OptionError(f"a barrier is beside cell {self.pairs.max()}, and there are {graph.n} cells")
+        # 1. Entries between cells adjacent to barriers.
         touched = np.zeros(graph.n, bool)
         touched[self.pairs] = True
         rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
         near = np.flatnonzero(touched[rows] & touched[graph.indices])
+        # 2. The entries among them that are barrier pairs.
         one, other = np.sort(np.stack((rows[near], graph.indices[near])), axis=0)
         low, high = np.sort(self.pairs, axis=1).T
         found = np.zeros(len(graph.indices), bool)
@@ -38,25 +40,28 @@ class Barriers:
         return found
 
     def admissible(self, graph: Graph, labels: Int) -> Mask:
-        """Which parts ``(k,)`` have no barrier inside them."""
+        """Return a mask ``(k,)`` of the parts without a barrier inside."""
         good = np.ones(int(labels.max(initial=-1)) + 1, bool)
         one, other = labels[self.pairs].T
         good[one[one == other]] = False
         return good
 
     def halves(self, graph: Graph, labels: Int, through: Int) -> Int:
-        """Sides ``(n,)`` of the nodes of parts with a barrier inside; cell c lies in the node ``through[c]``.
+        """Return sides ``(n,)`` for the nodes in parts with a barrier inside.
 
-        Nodes beside a barrier are on different sides of it, all others on the side of the nearest of them.
+        Cell c lies in node ``through[c]``. Nodes adjacent to a barrier are on different sides, all other
+        nodes on the side of the nearest barrier node.
         """
         from agglo_core.constraints.barrier_sides import barrier_sides
 
+        # 1. Barrier pairs inside parts, in both directions, as a CSR by node.
         one, other = through[self.pairs].T
         inside = (labels[one] == labels[other]) & (one != other)
         pairs = np.concatenate((self.pairs[inside], self.pairs[inside, ::-1]))
         nodes = through[pairs]
         nodes = nodes[np.argsort(nodes[:, 0], kind="stable")]
         first = np.concatenate(([0], np.cumsum(np.bincount(nodes[:, 0], minlength=graph.n))))
+        # 2. Sides on the graph.
         return frozen_int(
             barrier_sides(
                 graph.indptr, graph.indices, frozen_int(labels), frozen_int(first), frozen_index(nodes[:, 1])
@@ -65,19 +70,19 @@ class Barriers:
 
 
 class BarrierTags:
-    """No part lies on both sides of a face with one of these tags.
+    """Constraint: no part lies on both sides of a face with one of these tags.
 
     Parameters
     ----------
     tags : str or tuple of str
-        Names of face tags, for the faces of these groups, or ``"name=3"`` for those with that value. In
-        Python also whatever :func:`~agglo_core.mesh.marks.marked` accepts.
+        Names of face tags, for the faces in their groups, or ``"name=3"`` for faces with that value. In
+        Python all inputs of :func:`~agglo_core.mesh.marks.marked` are accepted.
     """
 
     def __init__(self, tags: str | tuple[str, ...] = "region") -> None:
         self.tags = tags
 
     def for_mesh(self, mesh: Mesh) -> Barriers:
-        """The barriers of this mesh; an OptionError if it lacks a tag."""
+        """Return the barriers on this mesh, or raise OptionError for a missing tag."""
         chosen = marked("barriers", self.tags, mesh.face_tags, mesh.n_faces, "face")
         return Barriers(mesh.face_cells[chosen & (mesh.face_cells[:, 1] >= 0)])

@@ -1,4 +1,4 @@
-"""Constraints on how much a part may hold, and must."""
+"""Lower and upper bounds on part sizes."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _NO_LIMITS = 0.0, np.inf
 
 
 class Bounds:
-    """Parts of at most so many cells, so much measure or weight, and of at least as much where it can be had.
+    """Bounds on the cells, measure or weight of parts.
 
-    What is too large is split until it is not, single cells excepted; what is too small joins the neighbour
-    with which it shares the longest interface, where size, count and other constraints allow.
+    Parts that are too large are split, except single cells. Parts that are too small join the neighbour with
+    the longest common interface, where size, count and other constraints allow.
 
     Parameters
     ----------
@@ -30,12 +30,13 @@ class Bounds:
     max_measure, min_measure : float, optional
     max_weight, min_weight : float, optional
     weights : str, optional
-        Name of the cell data that are the weights; in Python also ``(n,)`` numbers.
+        Name of the cell data that contain the weights. In Python also ``(n,)`` numbers.
 
     Raises
     ------
     OptionError
-        If a bound is not positive, the least exceeds the most, or a bound on weights has no weights.
+        If a bound is not positive, a lower bound exceeds the upper bound, or a bound on weights has no
+        weights.
     """
 
     def __init__(
@@ -60,19 +61,19 @@ class Bounds:
             raise OptionError(f"{word} needs weights: the name of cell data, or a number for each cell")
 
     def counting(self, cells: Int, weights: Float) -> Bounds:
-        """The same bounds on agglomerates: node i of a graph holds ``cells[i]`` cells of ``weights[i]``."""
+        """Return these bounds for agglomerates with ``cells[i]`` cells and ``weights[i]`` in node i."""
         made = copy(self)
         made._cells, made._weights = cells, weights
         return made
 
     def weights(self, graph: Graph) -> Float:
-        """Weights ``(n,)`` of the cells; 0 if the bounds have none."""
+        """Return the cell weights ``(n,)``, 0 for bounds without weights."""
         if self._weights is None:
             return np.broadcast_to(0.0, graph.n)
         return weights_of(self._weights, graph.data, graph.n)
 
     def admissible(self, graph: Graph, labels: Int) -> Mask:
-        """Which parts ``(k,)`` are not too large; single cells never are."""
+        """Return a mask ``(k,)`` of parts within the upper bounds, including all single cells."""
         good = np.ones(int(labels.max(initial=-1)) + 1, bool)
         for values, (_, most) in self._bounded(graph):
             good &= np.bincount(labels, values) <= most * (1 + _ROUNDING)
@@ -80,26 +81,26 @@ class Bounds:
         return allowed
 
     def incomplete(self, graph: Graph, labels: Int) -> Mask:
-        """Which parts ``(k,)`` are too small."""
+        """Return a mask ``(k,)`` of parts below a lower bound."""
         small = np.zeros(int(labels.max(initial=-1)) + 1, bool)
         for values, (least, _) in self._bounded(graph):
             small |= np.bincount(labels, values) < least * (1 - _ROUNDING)
         return small
 
     def fewest(self, graph: Graph, components: Int) -> int:
-        """Least number of parts that can be had of cells that are connected as ``components (n,)`` say."""
+        """Return the smallest possible number of parts, given the connected ``components (n,)``."""
         fewest = np.ones(int(components.max()) + 1)
         for values, (_, most) in self._bounded(graph):
-            if most < np.inf:  # larger cells stay alone
+            if most < np.inf:  # cells above the bound stay alone
                 needed = np.bincount(components, np.minimum(values, most)) / most
                 fewest = np.maximum(fewest, np.ceil(needed - _ROUNDING))
         return int(fewest.sum())
 
     def evened(self, graph: Graph, labels: Int, block: Int, through: Int, whole: Graph) -> Int:
-        """Labels ``(n,)`` after cells were handed on where parts of a block ``block[p]`` break a bound.
+        """Move cells between parts of a block ``block[p]`` where parts violate bounds.
 
-        Cell c of the ``whole`` graph, whose measures count, lies in the node ``through[c]``. What
-        cannot be mended so is left.
+        Returns the labels ``(n,)``. Cell c of the ``whole`` graph, which supplies the measures, lies in node
+        ``through[c]``. Violations may remain.
         """
         for values, limits in self._bounded(whole):
             sizes = frozen_float(np.bincount(through, values, graph.n))
@@ -107,7 +108,7 @@ class Bounds:
         return labels
 
     def _bounded(self, graph: Graph) -> Iterator[tuple[Float | Int, tuple[float, float]]]:
-        """Values ``(n,)`` of the nodes and limits on their sums, for each quantity that has some."""
+        """Yield the node values ``(n,)`` and the limits on part sums for each bounded quantity."""
         for quantity, limits in self._limits.items():
             if limits == _NO_LIMITS:
                 continue
@@ -118,7 +119,7 @@ class Bounds:
 
 
 def _limits(quantity: str, least: float | None, most: float | None) -> tuple[float, float]:
-    """Least and most of a quantity, 0 and infinity where they are not given."""
+    """Check and return the bounds of a quantity, with defaults 0 and infinity."""
     for name, value in ((f"max_{quantity}", most), (f"min_{quantity}", least)):
         number = isinstance(value, Real) and not isinstance(value, bool)
         if value is not None and not (number and 0 < value < np.inf):
@@ -131,6 +132,7 @@ def _limits(quantity: str, least: float | None, most: float | None) -> tuple[flo
 def _evened(graph: Graph, labels: Int, block: Int, sizes: Float, least: float, most: float) -> Int:
     from agglo_core.refine.balance_paths import even_out
 
+    # 1. Parts that violate a bound, and blocks whose mean part size meets the bounds.
     of_parts = np.bincount(labels, sizes)
     broken = (of_parts < least * (1 - _ROUNDING)) | (of_parts > most * (1 + _ROUNDING))
     mean, cell = block_sizes(sizes, labels, block)
@@ -138,6 +140,7 @@ def _evened(graph: Graph, labels: Int, block: Int, sizes: Float, least: float, m
     usable &= (mean >= least * (1 - _ROUNDING)) & (mean <= most * (1 + _ROUNDING))
     if not usable.any():
         return labels
+    # 2. Balance these blocks within the distance from the mean to the nearer bound.
     room = np.maximum(np.minimum(most - mean, mean - least), (1 - _ROUNDING) * cell)
     where = graph.indptr, graph.indices, graph.centroids
     room = frozen_float(np.where(usable, room, np.inf))

@@ -1,7 +1,7 @@
-"""Lengths in a metric: the graph of a mesh mapped to where they are ordinary ones.
+"""Lengths in a metric: map a mesh graph so that metric lengths become Euclidean.
 
-Whatever measures diameters, distances of centroids or interfaces then does so in the metric, and parts are
-long where the metric makes lengths short.
+Diameters, centroid distances and interfaces of the mapped graph are then measured in the metric, and parts
+are long where the metric makes lengths short.
 """
 
 from __future__ import annotations
@@ -20,11 +20,10 @@ _SYMMETRY = 1e-9
 
 
 def in_metric(mesh: Mesh | Graph, graph: Graph, metric: ArrayLike) -> Graph:
-    """The graph with the geometry that the mesh has in a metric.
+    """Return the graph with the mesh geometry in a metric.
 
-    A length is √(xᵀ M x). One tensor for all cells is a linear map, and exact. If there is one for each cell
-    there may be no such map: then that is taken which comes nearest along the edges of the graph, by least
-    squares.
+    A length is √(xᵀ M x). A constant tensor is a linear map, and exact. For tensors per cell no exact map may
+    exist. Then the map is the least-squares fit along the graph edges.
 
     Parameters
     ----------
@@ -34,7 +33,7 @@ def in_metric(mesh: Mesh | Graph, graph: Graph, metric: ArrayLike) -> Graph:
     Raises
     ------
     OptionError
-        If it is of another shape, or not symmetric positive definite.
+        If the metric has another shape, or is not symmetric positive definite.
     """
     roots = _roots(metric, graph)
     centroids, points = _mapped(graph, roots)
@@ -54,7 +53,7 @@ def in_metric(mesh: Mesh | Graph, graph: Graph, metric: ArrayLike) -> Graph:
 
 
 def _roots(metric: ArrayLike, graph: Graph) -> Float:
-    """Symmetric square roots, ``(d, d)`` or ``(n, d, d)``."""
+    """Return the symmetric square roots ``(d, d)`` or ``(n, d, d)``, or raise OptionError."""
     tensors = plain_array(metric, "metric", OptionError)
     d = graph.dim
     if tensors.shape not in ((d, d), (graph.n, d, d)) or tensors.dtype.kind not in "iuf":
@@ -62,6 +61,7 @@ def _roots(metric: ArrayLike, graph: Graph) -> Float:
             f"metric must have shape ({d}, {d}), or ({graph.n}, {d}, {d}) for a tensor in each cell; "
             f"given {tensors.shape} of {tensors.dtype}"
         )
+    # Eigenvalues of all tensors, then checks for symmetry and definiteness.
     flat = tensors.reshape(-1, d, d).astype(float)
     uneven = abs(flat - flat.transpose(0, 2, 1)).max(axis=(1, 2)) > _SYMMETRY * abs(flat).max(axis=(1, 2))
     values, vectors = np.linalg.eigh(np.where(np.isfinite(flat), flat, 0.0))
@@ -74,10 +74,12 @@ def _roots(metric: ArrayLike, graph: Graph) -> Float:
 
 
 def _mapped(graph: Graph, roots: Float) -> tuple[Float, Float]:
-    """Centroids and points where lengths of the metric are ordinary ones."""
+    """Map centroids and points so that metric lengths become Euclidean."""
     if roots.ndim == 2:
         return graph.centroids @ roots, graph.points @ roots
+    # 1. Centroids by least squares.
     centroids = _nearest_map(graph, roots)
+    # 2. Points: mean over the adjacent cells of each cell's linear map about its centroid.
     cells = np.repeat(np.arange(graph.n), np.diff(graph.vertex_offsets))
     corners = graph.points[graph.vertices] - graph.centroids[cells]
     there = centroids[cells] + np.einsum("nij,nj->ni", roots[cells], corners)
@@ -87,16 +89,18 @@ def _mapped(graph: Graph, roots: Float) -> tuple[Float, Float]:
 
 
 def _nearest_map(graph: Graph, roots: Float) -> Float:
-    """Places ``(n, d)`` of the centroids whose differences are nearest to those of the metric.
+    """Return the positions ``(n, d)`` of the centroids that best fit the metric distances.
 
-    Edges count by their interface over the distance, as in a discretised gradient.
+    Edges are weighted by interface over distance, as in a discrete gradient.
     """
     rows, columns = np.repeat(np.arange(graph.n), np.diff(graph.indptr)), graph.indices.astype(np.int64)
+    # 1. Edge weights, and the desired differences along the edges.
     apart = graph.centroids[rows] - graph.centroids[columns]
     distance = np.linalg.norm(apart, axis=1)
     weight = np.where(distance > 0, graph.interface / np.where(distance > 0, distance, 1.0), 0.0)
     weight += 1e-9 * (weight.max(initial=0.0) or 1.0)
     wanted = 0.5 * np.einsum("nij,nj->ni", roots[rows] + roots[columns], apart) * weight[:, None]
+    # 2. Normal equations: a weighted graph Laplacian, with one cell fixed in each component.
     first = np.unique(graph.components(), return_index=True)[1]
     held = np.zeros(graph.n)
     held[first] = weight.max(initial=1.0)
@@ -105,6 +109,7 @@ def _nearest_map(graph: Graph, roots: Float) -> Float:
     matrix = sparse.coo_array(
         (np.concatenate((-weight, diagonal)), (np.append(rows, everywhere), np.append(columns, everywhere)))
     )
+    # 3. Right-hand side and direct solution.
     right = np.stack([np.bincount(rows, x, graph.n) for x in wanted.T], axis=1)
     right += held[:, None] * np.einsum("nij,nj->ni", roots, graph.centroids)
     solved: Float = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A").solve(right)
@@ -112,23 +117,27 @@ def _nearest_map(graph: Graph, roots: Float) -> Float:
 
 
 def _interfaces(mesh: Mesh | Graph, graph: Graph, roots: Float) -> tuple[Float, Float]:
-    """Measures of what cells share, ``(m,)``, and of their outer faces, ``(n,)``, in the metric.
+    """Return the interfaces ``(m,)`` and the boundary measures ``(n,)`` in the metric.
 
-    A face of the vector S has the measure |det R R⁻¹ S|, R the mean of the roots on both sides. Without a
-    mesh interfaces stand across the line between the centroids, and outer faces grow as the cell does.
+    A face with area vector S has the measure |det R R⁻¹ S|, where R is the mean of the roots on both sides.
+    Without a mesh, interfaces are perpendicular to the line between the centroids, and boundary measures
+    scale with the cell.
     """
     rows, columns = np.repeat(np.arange(graph.n), np.diff(graph.indptr)), graph.indices.astype(np.int64)
+    # 1. Without a mesh: normals along the centroid distances.
     if not isinstance(mesh, Mesh):
         apart = graph.centroids[columns] - graph.centroids[rows]
         normals = apart / np.maximum(np.linalg.norm(apart, axis=1), 1e-300)[:, None]
         vectors = graph.interface[:, None] * normals
         grown = np.linalg.det(roots) ** ((graph.dim - 1) / graph.dim)
         return _measured(roots, rows, columns, vectors), graph.boundary * grown
+    # 2. With a mesh: measure each face, and sum the boundary faces by cell.
     one, other = mesh.face_cells.T
     vectors = mesh.face_normals * mesh.face_measures[:, None]
     size = _measured(roots, one, np.where(other < 0, one, other), vectors)
     inner = other >= 0
     outer = np.bincount(one[~inner], size[~inner], graph.n)
+    # 3. Sum the interior faces by cell pair, and distribute the sums to the graph entries.
     low, high = np.minimum(one, other)[inner], np.maximum(one, other)[inner]
     pairs, place = np.unique(low * graph.n + high, return_inverse=True)
     total = np.bincount(place, size[inner], len(pairs))
@@ -137,7 +146,7 @@ def _interfaces(mesh: Mesh | Graph, graph: Graph, roots: Float) -> tuple[Float, 
 
 
 def _measured(roots: Float, one: Int, other: Int, vectors: Float) -> Float:
-    """Measures ``(f,)`` of faces between two cells, or of one and itself."""
+    """Return the measures ``(f,)`` of faces between the cells ``one`` and ``other``."""
     mean = roots if roots.ndim == 2 else 0.5 * (roots[one] + roots[other])
     turned = np.linalg.solve(np.broadcast_to(mean, (len(vectors), *mean.shape[-2:])), vectors[:, :, None])
     size: Float = np.linalg.norm(turned[:, :, 0], axis=1) * np.linalg.det(mean)

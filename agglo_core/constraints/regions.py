@@ -1,4 +1,4 @@
-"""Constraints that divide the cells: regions that are not mixed, cells that stay alone."""
+"""Constraints that divide the cells: regions, and cells that stay single."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from agglo_core.mesh.marks import in_group
 
 
 class Regions:
-    """No part holds cells of two regions: materials, tissues, layers.
+    """Constraint: no part contains cells from two regions (materials, tissues, layers).
 
     Parameters
     ----------
     tags : str or tuple of str
-        Cell tags; cells belong to one region if they agree in all of them.
+        Cell tags. Cells belong to one region if all their tags agree.
     values : (n,) array, optional
-        The region of each cell, in place of tags.
+        The region of each cell, instead of tags.
 
     Examples
     --------
@@ -38,7 +38,7 @@ class Regions:
         self.values = None if values is None else owned(plain_array(values, "regions", OptionError))
 
     def forbidden(self, graph: Graph) -> Mask:
-        """Entries of the graph ``(m,)`` that join cells of different regions."""
+        """Return a mask ``(m,)`` of the graph entries between different regions."""
         columns = [_of_cells(graph, tag) for tag in self.tags] if self.values is None else [self.values]
         different = np.zeros(len(graph.indices), bool)
         degrees = np.diff(graph.indptr)
@@ -53,7 +53,7 @@ class Regions:
 
 
 def _narrow(values: NDArray[Any]) -> NDArray[Any]:
-    """The values in a byte each if they fit: ten times faster to compare across edges."""
+    """Convert values to one byte each if possible, for ten times faster comparisons across edges."""
     if values.dtype.kind in "iu" and values.size and values.max() - values.min() < 256:
         small: NDArray[Any] = (values - values.min()).astype(np.uint8)
         return small
@@ -61,27 +61,27 @@ def _narrow(values: NDArray[Any]) -> NDArray[Any]:
 
 
 class Where:
-    """Only the cells that are marked are agglomerated, all others stay single.
+    """Constraint: agglomerate only marked cells, and keep all other cells single.
 
     Parameters
     ----------
     tag : str
-        Cell tag whose group may be agglomerated: cells where it is neither 0 nor −1.
+        Cell tag that marks the cells to agglomerate, where its value is neither 0 nor −1.
     values : tuple of int
-        Values of the tag that mark such cells instead.
+        Tag values that mark these cells instead.
     """
 
     def __init__(self, tag: str = "region", values: tuple[int, ...] = ()) -> None:
         self.tag, self.values = tag, tuple(values)
 
     def forbidden(self, graph: Graph) -> Mask:
-        """Entries of the graph ``(m,)`` beside a cell that stays single."""
+        """Return a mask ``(m,)`` of the graph entries adjacent to a single cell."""
         tag = _of_cells(graph, self.tag)
         return beside(graph, ~(np.isin(tag, self.values) if self.values else in_group(tag)))
 
 
 class SingleCells:
-    """The cells that are marked stay single.
+    """Constraint: marked cells stay single.
 
     Parameters
     ----------
@@ -92,12 +92,12 @@ class SingleCells:
         self.alone = alone
 
     def forbidden(self, graph: Graph) -> Mask:
-        """Entries of the graph ``(m,)`` beside a cell that stays single."""
+        """Return a mask ``(m,)`` of the graph entries adjacent to a single cell."""
         return beside(graph, self.alone)
 
 
 def beside(graph: Graph, marked: Mask) -> Mask:
-    """Entries of the graph ``(m,)`` one of whose cells is marked."""
+    """Return a mask ``(m,)`` of the graph entries with a marked cell."""
     found: Mask = np.repeat(marked, np.diff(graph.indptr)) | marked[graph.indices]
     return found
 

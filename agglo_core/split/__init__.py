@@ -1,1 +1,1 @@
-"""Bisectors that split pieces of a mesh, and the kernels that split a whole level in one call."""
+"""Bisectors that split mesh pieces, and kernels that split a whole level in one call."""

@@ -1,4 +1,4 @@
-"""Recursive coordinate and inertial bisection: the baseline for every other bisector."""
+"""Recursive coordinate and inertial bisection, the baselines for other bisectors."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ class CoordinateBisection:
     """
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
-        """Return the sides ``(n,)``; ``seeds`` are not needed."""
+        """Return the sides ``(n,)``, independent of ``seeds``."""
         return self.bisect_shares(level, seeds, None)
 
     def bisect_shares(self, level: Graph, seeds: UInt64, shares: Float | None) -> Int:
-        """Return the sides ``(n,)``, side 0 with these ``shares (B,)`` of the mass."""
+        """Return the sides ``(n,)``, where side 0 holds the mass ``shares (B,)``."""
         extents = block_extents(level, level.centroids)
         longest = np.argmax(extents >= (1 - TIE) * extents.max(axis=1, keepdims=True), axis=1)
         axes = (longest[:, None] + np.arange(level.dim)) % level.dim
@@ -35,7 +35,7 @@ class CoordinateBisection:
         """Make the splits of ``bisect_shares`` in one call, without refiners and with the built-in fixer."""
         from agglo_core.split.piece_medians import split_across_boxes
 
-        if refiners:  # cells of equal gain would move in another order than depth by depth
+        if refiners:  # cells with equal gain would move in another order than in the recursion by depth
             return None
         return PieceGrowth.for_components(graph, pieces, split_across_boxes, refiners, fixer, tiny=0)
 
@@ -56,16 +56,16 @@ class InertialBisection:
     """
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
-        """Return the sides ``(n,)``; ``seeds`` are not needed."""
+        """Return the sides ``(n,)``, independent of ``seeds``."""
         from agglo_core.split.ordered_frames import frames_of_blocks
 
         coordinates = frames_of_blocks(level.offsets, level.centroids, level.weights)[1]
         return split_at_median(level, coordinates[:, 0], coordinates[:, 1:])
 
     def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> PieceGrowth | None:
-        """All splits of a run in one call, with the built-in refiner or none and the built-in fixer.
+        """Make all splits in one call, with at most the built-in refiner and with the built-in fixer.
 
-        As in the recursion depth by depth, every split is tested and mended, those of small pieces too.
+        As in the recursion by depth, every split is tested and repaired, including splits of small pieces.
         """
         from agglo_core.split.piece_medians import split_across_axes
 

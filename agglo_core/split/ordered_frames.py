@@ -1,8 +1,8 @@
-"""Principal frames of point clouds, equal to the last bit for blocks and pieces.
+"""Principal frames of point clouds, bitwise equal for blocks and pieces.
 
-Sums are taken in a fixed order. Where a cloud is symmetric, rounding decides which of equal axes comes first
-and where it points. So callers that need the same parts from a block of a graph and from a slice of a list
-have to call the same functions.
+Sums are taken in a fixed order. For a symmetric cloud, rounding decides the order and direction of equal
+axes. Callers that need equal parts from a graph block and from a list slice must therefore call these
+functions.
 """
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
@@ -16,14 +16,14 @@ import numpy as np
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.split.piece_frames import diagonalise
 
-_ISOTROPIC = 0.9  # ratio of second moments above which their axes say little about the shape
-_TURNS = 6  # rounds over the three planes at most, in 3-D
-_TURNED = 1e-9  # angle after which the next turn is lost in rounding
-_EPS = 2.0**-53  # the rounding unit, as LAPACK takes it
+_ISOTROPIC = 0.9  # ratio of second moments above which principal axes are ill-defined
+_TURNS = 6  # maximum number of rounds over the three planes, in 3-D
+_TURNED = 1e-9  # rotation angle in radians below which further rotations are rounding
+_EPS = 2.0**-53  # unit roundoff, as in LAPACK
 
 
 class FramedPoints(NamedTuple):
-    """Positions ``(3, m)``, shares ``(m,)``, coordinates ``(3, m)`` in the ``frame (3, 3)``.
+    """Positions ``(3, m)``, shares ``(m,)``, and coordinates ``(3, m)`` in the ``frame (3, 3)``.
 
     The ``moments (3, 3)`` are workspace, ``values (3,)`` the second moments along the axes.
     """
@@ -38,7 +38,7 @@ class FramedPoints(NamedTuple):
 
 @helper(allocates=True)
 def new_framed_points(m):
-    """Framed points for up to m of them."""
+    """Allocate framed points for up to m points."""
     return FramedPoints(
         np.zeros((3, m)), np.empty(m), np.zeros((3, m)), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
     )
@@ -46,9 +46,9 @@ def new_framed_points(m):
 
 @helper
 def centre_in_order(n, d, local, shares):
-    """Turn the weights in ``shares`` into shares, and centre the positions ``local`` at the centre of mass.
+    """Normalise the weights in ``shares``, and centre the positions ``local`` at the centre of mass.
 
-    Without weight all points count alike.
+    Without weight all points count equally.
     """
     total, whole, x, y, z = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(n):
@@ -60,7 +60,7 @@ def centre_in_order(n, d, local, shares):
         x += share * local[0, i]
         y += share * local[1, i]
         z += share * local[2, i]
-    # The shares add up to 1 but for rounding, which is divided out.
+    # The shares add up to 1 except for rounding, which is divided out.
     x, y, z = x / whole, y / whole, z / whole
     for i in range(n):
         local[0, i] -= x
@@ -71,17 +71,16 @@ def centre_in_order(n, d, local, shares):
 
 @helper
 def _planar_axes(a, b, c, frame):
-    """Write the axes of the symmetric matrix (a, b; b, c), as LAPACK finds them, to ``frame``.
+    """Write the axes of a symmetric 2×2 matrix to ``frame``, longer axis first.
 
-    The longer one is first; returns their moments. The steps are those of dsteqr and dlaev2: of equal moments
-    LAPACK's choice is kept, which blocks get from ``numpy.linalg.eigh``.
+    The matrix is (a, b; b, c). Returns the moments along the axes. The steps follow LAPACK's dsteqr and
+    dlaev2. For equal moments this keeps LAPACK's choice, which blocks get from ``numpy.linalg.eigh``.
     """
-    # 1. dsteqr: an off-diagonal entry that is rounding counts as 0, and the axes are those of the
-    #    coordinates.
+    # 1. dsteqr: an off-diagonal entry at rounding level counts as 0, and the axes are the coordinate axes.
     cos, sin, first, second = 1.0, 0.0, a, c
     if abs(b) > np.sqrt(abs(a)) * np.sqrt(abs(c)) * _EPS:
-        # 2. dlaev2: the eigenvalues, of which a + c > 0 makes the first the larger one. root is √((a − c)² +
-        #    4 b²) without overflow; the second follows from the determinant, without cancellation.
+        # 2. dlaev2: eigenvalues. As a + c > 0, the first is the larger one. root is √((a − c)² + 4 b²)
+        #    without overflow. The second follows from the determinant, without cancellation.
         difference, twice = a - c, b + b
         far, off = abs(difference), abs(twice)
         root = off * np.sqrt(2.0)
@@ -91,7 +90,7 @@ def _planar_axes(a, b, c, frame):
             root = off * np.sqrt(1.0 + (far / off) ** 2)
         first = 0.5 * (a + c + root)
         second = (max(a, c) / first) * min(a, c) - (b / first) * b
-        # 3. Its unit eigenvector (cos, sin), from the ratio of its parts that is at most 1.
+        # 3. Its unit eigenvector (cos, sin), from the component ratio that is at most 1.
         slope = difference + root if difference >= 0.0 else difference - root
         if abs(slope) > off:
             ratio = -twice / slope
@@ -103,8 +102,8 @@ def _planar_axes(a, b, c, frame):
             sin = ratio * cos
         if difference >= 0.0:
             cos, sin = -sin, cos
-    # 4. The larger moment first; if they are equal, the second one, as eigh sorts upwards and is read
-    #    backwards.
+    # 4. The larger moment first. For equal moments the second, because eigh sorts in ascending order and is
+    #    read backwards.
     if second < first:
         frame[0, 0], frame[0, 1], frame[1, 0], frame[1, 1] = cos, sin, -sin, cos
         return first, second
@@ -114,7 +113,7 @@ def _planar_axes(a, b, c, frame):
 
 @helper
 def _planar_moments(n, x, y, shares):
-    """Second moments xx, yx, yy of centred points, summed in order."""
+    """Return the second moments xx, yx, yy of centred points, summed in order."""
     xx, yx, yy = 0.0, 0.0, 0.0
     for k in range(n):
         xx += shares[k] * x[k] * x[k]
@@ -136,7 +135,7 @@ def _spatial_moments(n, local, shares, moments):
 
 @helper
 def _axes(n, d, local, shares, moments, frame, values):
-    """Write principal axes, the longest first, to ``frame``, and their moments to ``values``."""
+    """Write the principal axes, longest first, to ``frame``, and their moments to ``values``."""
     if d == 2:
         xx, yx, yy = _planar_moments(n, local[0], local[1], shares)
         values[0], values[1] = _planar_axes(xx, yx, yy, frame)
@@ -145,7 +144,7 @@ def _axes(n, d, local, shares, moments, frame, values):
     diagonalise(moments, frame)
     for k in range(3):
         values[k] = moments[k, k]
-    # The longest first, by exchanging neighbours; equal ones keep their order.
+    # Longest first, by a stable bubble sort.
     for i in range(2):
         for j in range(2 - i):
             if values[j + 1] > values[j]:
@@ -156,9 +155,9 @@ def _axes(n, d, local, shares, moments, frame, values):
 
 @helper
 def _turn_plane(n, d, shares, frame, i, j, local):
-    """Turn rows i and j of the frame to the least fourth moments, and return the angle."""
-    # ⟨(x + iy)⁴⟩ = one + i two. Turning by θ multiplies it by e^(−4iθ), and ⟨x⁴ + y⁴⟩ = ¾ ⟨r⁴⟩ + ¼ Re of it
-    # is least where it is negative and real.
+    """Rotate rows i and j of the frame to the least fourth moments, and return the angle."""
+    # ⟨(x + iy)⁴⟩ = one + i two. A rotation by θ multiplies it by e^(−4iθ), and ⟨x⁴ + y⁴⟩ = ¾ ⟨r⁴⟩ + ¼ Re of
+    # it is least where it is negative and real.
     one, two = 0.0, 0.0
     for k in range(n):
         x = frame[i, 0] * local[0, k] + frame[i, 1] * local[1, k] + frame[i, 2] * local[2, k]
@@ -188,8 +187,9 @@ def _moments_along(n, local, shares, a, b, c, along):
 
 @helper
 def _order_axes(n, d, local, shares, frame, along, values):
-    """Put the axis of the largest second moment first, and point each to its heavier tail."""
-    # 1. Coordinates and second moments along each axis, which points to where the third moment is positive.
+    """Sort the axes by second moment, largest first, and point each to its heavier tail."""
+    # 1. Coordinates and second moments along each axis. The axis points to where the third moment is
+    #    positive.
     for axis in range(d):
         a, b, c = frame[axis, 0], frame[axis, 1], frame[axis, 2]
         values[axis], third = _moments_along(n, local, shares, a, b, c, along[axis])
@@ -198,7 +198,7 @@ def _order_axes(n, d, local, shares, frame, along, values):
                 frame[axis, k] = -frame[axis, k]
             for k in range(n):
                 along[axis, k] = -along[axis, k]
-    # 2. The longest first, coordinates too; equal ones keep their order.
+    # 2. Longest first, including coordinates, by a stable bubble sort.
     for i in range(d - 1):
         for j in range(d - 1 - i):
             if values[j + 1] > values[j]:
@@ -211,15 +211,15 @@ def _order_axes(n, d, local, shares, frame, along, values):
 
 @helper
 def frame_in_order(n, d, points):
-    """Find the principal axes of n centred points, the longest first, and the coordinates along them.
+    """Find the principal axes of n centred points, longest first, and the coordinates along them.
 
-    Axes of nearly equal second moments are turned within their plane to where fourth moments are least.
+    Axes with nearly equal second moments are rotated within their plane to the least fourth moments.
     """
     local, shares, along, frame, moments, values = points
     # 1. Eigenvectors of the second moments.
     _axes(n, d, local, shares, moments, frame, values)
-    # 2. Planes in which second moments say little: a bit for each of (0, 1), (0, 2), (1, 2). They are turned
-    #    in rounds, as one turn changes the other planes in 3-D.
+    # 2. Planes with nearly equal second moments: a bit for each of (0, 1), (0, 2), (1, 2). They are rotated
+    #    in rounds, because in 3-D each rotation changes the other planes.
     loose = 0
     for i in range(d - 1):
         for j in range(i + 1, d):
@@ -232,13 +232,13 @@ def frame_in_order(n, d, points):
                     largest = max(largest, _turn_plane(n, d, shares, frame, i, j, local))
         if largest < _TURNED:
             break
-    # 3. The longest axis first, each towards its heavier tail.
+    # 3. Longest axis first, each toward its heavier tail.
     _order_axes(n, d, local, shares, frame, along, values)
 
 
 @kernel
 def frames_of_blocks(offsets, centroids, weights):
-    """Principal frames ``(B, d, d)`` of the weighted centroids of blocks, and coordinates ``(n, d)``."""
+    """Return the principal frames ``(B, d, d)`` of weighted block centroids, and coordinates ``(n, d)``."""
     n_blocks, d, largest = len(offsets) - 1, centroids.shape[1], np.int64(0)
     for b in range(n_blocks):
         largest = max(largest, offsets[b + 1] - offsets[b])
@@ -251,7 +251,7 @@ def frames_of_blocks(offsets, centroids, weights):
             shares[k] = weights[start + k]
             for c in range(d):
                 local[c, k] = centroids[start + k, c]
-        # The functions of the pieces, on a copy of the block.
+        # Apply the functions used for pieces to a copy of the block.
         centre_in_order(n, d, local, shares)
         frame_in_order(n, d, points)
         for c in range(d):

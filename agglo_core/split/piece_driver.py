@@ -1,6 +1,6 @@
-"""The recursion of all bisectors: pieces are cut, refined, tested and parted in place.
+"""Recursive bisection in place: cut, refine, test and partition pieces, for all bisectors.
 
-A bisector gives two helpers, one that loads a piece and one that cuts it; all else happens here.
+A bisector supplies two helpers, to load and to cut a piece. Everything else happens here.
 """
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
@@ -29,26 +29,26 @@ from agglo_core.split.piece_splits import (
 )
 
 START, STOP, QUOTA, DEPTH, STATE, COLUMNS = 0, 1, 2, 3, 4, 5
-"""Columns of lists of pieces: the slice of cells, the parts wanted (0 for a size), the depth, and what was
-done to the piece; and how many columns there are."""
+"""Columns in lists of pieces, and their number: the first and last cell plus 1, the number of parts (0 for a
+size goal), the depth, and the state of the piece."""
 
 UNCUT, TORN, MENDED = 0, 1, 2
-"""States of a piece that is to be split: nothing was done; its sides are tagged, and one is not connected;
-both were connected since."""
+"""States of a piece to split: untouched, sides tagged with one side disconnected, and both sides reconnected.
+"""
 
 WHOLE, APART = 1, 2
-"""How a finished piece is marked where it starts: APART if it is not connected, which is tested for tiny
-pieces alone."""
+"""Marks of finished pieces at their first cell. APART means disconnected, and is only tested for tiny pieces.
+"""
 
-_ROUNDING = 1e-12  # of the extent: bound of the error of heights in double precision, with a margin
+_ROUNDING = 1e-12  # relative to the extent: bound on the rounding error of heights, with a margin
 
 
 class Lists(NamedTuple):
-    """Lists of pieces, and counts, that change as pieces are split.
+    """Lists of pieces and counters, which change during splitting.
 
-    Rows of ``todo`` and ``ready`` are pieces still to be split and pieces put off, ``leaf (n,)`` marks where
-    finished pieces start, ``counts (3,)`` are the rows in use and the next stamp, and ``tally (depths, 3)``
-    counts pieces, cells and mended pieces by depth.
+    Rows in ``todo`` and ``ready`` are pieces to split and postponed pieces. ``leaf (n,)`` marks the start of
+    finished pieces. ``counts (3,)`` are the numbers of rows in use and the next stamp. ``tally (depths, 3)``
+    counts pieces, cells and repaired pieces by depth.
     """
 
     todo: Any
@@ -59,11 +59,12 @@ class Lists(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Limits: when pieces are finished or put off, and at which shares they are cut.
+    """Limits for finished and postponed pieces, and the mass shares of cuts.
 
-    ``diameter`` is h* or 0; ``floor`` that of the refinement, negative for none. Pieces of at most ``later``
-    cells are put off; connections are tested in those of more than ``tiny``. ``step`` is 1 to count, −1 to
-    count backwards. ``shares`` are those of the lighter side, by quota (``split.side_shares``).
+    ``diameter`` is h* or 0. ``floor`` is the refinement's floor, negative for no refinement. Pieces with at
+    most ``later`` cells are postponed. Connectivity is tested in pieces with more than ``tiny`` cells.
+    ``step`` is 1 to count up, −1 to count down. ``shares`` are the lighter side's shares by quota
+    (``split.side_shares``).
     """
 
     diameter: Any
@@ -76,7 +77,7 @@ class Limits(NamedTuple):
 
 @helper
 def largest_piece(lists):
-    """Return the number of cells of the largest piece to be split."""
+    """Return the cell count of the largest piece to split."""
     largest = np.int64(0)
     for k in range(lists.counts[0]):
         largest = max(largest, lists.todo[k, STOP] - lists.todo[k, START])
@@ -85,7 +86,10 @@ def largest_piece(lists):
 
 @helper
 def tag_halves(graph, pieces, lo, hi, candidates, sides):
-    """Tag both halves of the list of a piece that no plane cuts; all its cells are candidates."""
+    """Tag both halves of a piece's cell list if no plane cuts it.
+
+    All cells are candidates.
+    """
     cells, tag, measures = pieces.cells, pieces.tag, sides.measures
     left, right = side_tags(lo, hi)
     m, ones = hi - lo, (hi - lo) // 2
@@ -100,12 +104,13 @@ def tag_halves(graph, pieces, lo, hi, candidates, sides):
 
 @helper
 def tag_sides(graph, pieces, lo, hi, heights, bar, unit, extent, candidates, sides):
-    """Tag the cells of a piece: right where ``heights`` exceed ``bar``, left elsewhere; both sides get some.
+    """Tag the cells of a piece: right where ``heights`` exceed ``bar``, else left, both sides non-empty.
 
-    Writes measures and numbers of cells of both ``sides``, and as ``candidates`` the cells that may be
-    adjacent to the cut: those no further from it than their neighbours are from them, if ``unit`` times
-    heights are lengths. Returns how many.
+    Writes measures and cell counts of both ``sides``, and as ``candidates`` the cells that may be adjacent to
+    the cut: cells no farther from the cut than from their farthest neighbour, if ``unit`` times heights are
+    lengths. Returns the number of candidates.
     """
+    # 1. Tag each cell, sum both sides, and list the candidates without branches.
     cells, tag, reach, length = pieces.cells, pieces.tag, graph.reach, graph.units.length
     unit, slack = unit * length, _ROUNDING * extent * length
     left, right = side_tags(lo, hi)
@@ -119,6 +124,7 @@ def tag_sides(graph, pieces, lo, hi, heights, bar, unit, extent, candidates, sid
         ones += side
         candidates[m] = i
         m += np.uint64(abs(heights[k] - bar) * unit <= reach[i] + slack)
+    # 2. If a side is empty, halve the list instead.
     sides.measures[0], sides.measures[1] = below, above
     sides.counts[0], sides.counts[1] = hi - lo - ones, ones
     if 0 < ones < hi - lo:
@@ -128,7 +134,7 @@ def tag_sides(graph, pieces, lo, hi, heights, bar, unit, extent, candidates, sid
 
 @helper(allocates=True)
 def _shift_off_share(graph, pieces, lo, hi, extent, share, edge, work, candidates, sides):
-    """Move the cut of a piece unless the lighter side holds the share already."""
+    """Move the cut of a piece unless the lighter side already holds its share."""
     if holds_share(sides, share):
         return edge
     return shift_cut(graph, pieces, lo, hi, share, candidates, sides)
@@ -141,20 +147,20 @@ def _quota_by_measure(quota, sides, graph, pieces, lo, middle, hi):
 
 @helper(allocates=True)
 def _cut_and_refine(cut, shift, work, graph, pieces, lo, hi, extent, share, sides, floor, workspace, stamp):
-    """Tag the sides of a piece that is loaded; the boundary of the workspace lists cells along the cut.
+    """Tag the sides of the loaded piece, and list the cells along the cut in the workspace boundary.
 
-    Returns how many, and the next stamp.
+    Returns the number of listed cells, and the next stamp.
     """
-    # 1. The cut of the bisector, which aims at halves or, near the leaves, at another share of the mass.
+    # 1. Call the bisector, which aims at halves, or near the leaves at another mass share.
     edge = cut(graph, pieces, lo, hi, extent, work, workspace.boundary, sides)
     if share < 0.5:
         edge = shift(graph, pieces, lo, hi, extent, share, edge, work, workspace.boundary, sides)
-    # 2. Of the candidates, the cells adjacent to the other side.
+    # 2. Keep the candidates adjacent to the other side.
     left, right = side_tags(lo, hi)
     edge = cells_beside(graph.indptr, graph.indices, pieces.tag, left, right, workspace.boundary, edge)
     if floor < 0.0:
         return edge, stamp
-    # 3. The refinement goes through cells along the normal, from the larger to the smaller side.
+    # 3. Refine along the normal, from the larger to the smaller side.
     sign = 1.0 if sides.measures[1] < sides.measures[0] else -1.0
     for k in range(3):
         sides.normal[k] *= sign
@@ -165,7 +171,8 @@ def _cut_and_refine(cut, shift, work, graph, pieces, lo, hi, extent, share, side
 def split_pieces(load, cut, work, graph, shape, pieces, lists, limits, budget):
     """Split pieces as :func:`split_pieces_by` does, by cuts that aim at halves.
 
-    Where the lighter side is to hold less, the cut is moved, straight across the line between the centroids.
+    If the lighter side must hold less, the cut is moved: a straight cut across the line between the
+    centroids.
     """
     split_pieces_by(
         load, cut, _shift_off_share, _quota_by_measure, work, graph, shape, pieces, lists, limits, budget
@@ -174,35 +181,36 @@ def split_pieces(load, cut, work, graph, shape, pieces, lists, limits, budget):
 
 @helper(allocates=True)
 def split_pieces_by(load, cut, shift, divide, work, graph, shape, pieces, lists, limits, budget):
-    """Split pieces until all are finished or put off, depth first (paper, Algorithm 1).
+    """Split pieces depth-first until all are finished or postponed (paper, Algorithm 1).
 
-    Ends early once ``budget`` cells were handled, each once for every split, or the lists are full.
+    Ends early after ``budget`` cells, counted once per split, or when the lists are full.
 
     Parameters
     ----------
     load : helper ``(graph, pieces, lo, hi, work) -> extent``
-        Looks at the piece ``cells[lo:hi]``; returns its extent along some axis (a lower bound serves).
+        Loads the piece ``cells[lo:hi]``; returns its extent along some axis (a lower bound).
     cut : helper ``(graph, pieces, lo, hi, extent, work, candidates, sides) -> int``
-        The bisection model M: tags the cells of the piece that was loaded, writes the ``sides``, and as
-        ``candidates`` the cells that may be adjacent to the cut; returns how many. :func:`tag_sides` does all
-        but the normal. The second column of the marks may be written to.
+        The bisection model M: tags the cells of the loaded piece, and writes the ``sides``, and as
+        ``candidates`` the cells that may be adjacent to the cut. Returns the number of candidates.
+        :func:`tag_sides` does everything except the normal. The helper may write to the second column of the
+        marks.
     shift : helper ``(graph, pieces, lo, hi, extent, share, edge, work, candidates, sides) -> int``
-        Moves the cut until the lighter side holds a ``share`` of the mass below 1/2, if it does not. ``edge``
-        and the result are numbers of candidates.
+        Moves the cut, if necessary, until the lighter side holds a mass ``share`` below 1/2. ``edge`` and the
+        result are candidate counts.
     divide : helper ``(quota, sides, graph, pieces, lo, middle, hi) -> int``
         Quota of the left side, ``cells[lo:middle]``.
     work
-        Anything that these helpers share.
+        Workspace of these helpers.
     graph : PieceGraph
     shape : CellVertices
     pieces : Pieces, changed
     lists : Lists, changed
-        The last piece of ``todo`` goes first. Pieces put off, those of more than ``tiny`` cells of which a
-        side is not connected, and tiny pieces of larger ones go to ``ready``.
+        The last piece in ``todo`` goes first. Postponed pieces, pieces with more than ``tiny`` cells and a
+        disconnected side, and tiny pieces cut from larger pieces go to ``ready``.
     limits : Limits
     budget : int
     """
-    # Fields that are read for each piece: taken once, or their references would be counted each time.
+    # Unpack the fields once: access in the loop would count references for each piece.
     todo, ready, leaf, counts, tally = lists
     diameter, floor, later, tiny, step, shares = limits
     cells, measures = pieces.cells, graph.measures
@@ -216,8 +224,8 @@ def split_pieces_by(load, cut, shift, divide, work, graph, shape, pieces, lists,
         lo, hi, quota = todo[waiting, START], todo[waiting, STOP], todo[waiting, QUOTA]
         depth, state = todo[waiting, DEPTH], todo[waiting, STATE]
         put_off, torn = hi - lo <= later, False
-        # 1. Finished? A single cell, one part wanted, or diam ≤ h*. Extents bound the diameter from below:
-        #    only pieces that pass them, then bounds from both sides, are measured exactly.
+        # 1. Finished? A single cell, quota 1, or diam ≤ h*. Extents bound the diameter from below. Only
+        #    pieces that pass this bound, then bounds from both sides, are measured exactly.
         finished = quota == 1 or hi - lo == 1
         if state == UNCUT and not (finished or put_off):
             extent = load(graph, pieces, lo, hi, work)
@@ -227,7 +235,8 @@ def split_pieces_by(load, cut, shift, divide, work, graph, shape, pieces, lists,
                 if narrow < 0:
                     narrow = not is_wider(piece, vertex_offsets, vertices, points, ends[0], diameter)
                 finished = narrow != 0
-            # 2. Y ← M(G, X), and the partition is adjusted. Both sides connected? Tiny pieces are not tested.
+            # 2. Y ← M(G, X), and adjust the partition. Then test whether both sides are connected, except in
+            #    tiny pieces.
             if not finished:
                 share = shares[min(quota, len(shares) - 1)]
                 edge, stamp = _cut_and_refine(
@@ -242,7 +251,7 @@ def split_pieces_by(load, cut, shift, divide, work, graph, shape, pieces, lists,
             apart = hi - lo <= tiny and not is_connected(graph, pieces, lo, hi, queue, stamp)
             leaf[lo] = APART if apart else WHOLE
             continue
-        # 3. Torn pieces wait: all of them are mended in one call.
+        # 3. Torn pieces wait, and are repaired together in one call.
         if put_off or torn:
             for c in range(STATE):
                 ready[listed, c] = todo[waiting, c]
@@ -251,7 +260,7 @@ def split_pieces_by(load, cut, shift, divide, work, graph, shape, pieces, lists,
             continue
         if state == MENDED:
             side_measures(pieces, measures, lo, hi, side_sums)
-        # 4. Each side becomes a slice of the cells and gets its share of the quota.
+        # 4. Each side becomes a slice of the cells with its share of the quota.
         middle = part_list(pieces, lo, hi, boundary)
         first = divide(quota, sides, graph, pieces, lo, middle, hi)
         row = min(depth, len(tally) - 1)
@@ -259,7 +268,7 @@ def split_pieces_by(load, cut, shift, divide, work, graph, shape, pieces, lists,
         tally[row, 1] += step * (hi - lo)
         tally[row, 2] += state == MENDED
         budget -= hi - lo
-        # 5. Both sides are pieces to be split, the left one next.
+        # 5. Push both sides, left side on top.
         todo[waiting, START], todo[waiting, STOP], todo[waiting, QUOTA] = middle, hi, quota - first
         todo[waiting + 1, START], todo[waiting + 1, STOP], todo[waiting + 1, QUOTA] = lo, middle, first
         for k in range(waiting, waiting + 2):

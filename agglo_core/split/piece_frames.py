@@ -1,4 +1,4 @@
-"""Cells of a piece about its centre of mass, and its principal frame."""
+"""Centred cells of a piece, and its principal frame."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -11,16 +11,16 @@ import numpy as np
 from agglo_core.compiled.compiling import helper
 from agglo_core.compiled.frames import centre_points, planar_frame
 
-_ISOTROPIC = 0.9  # ratio of second moments above which their axes say little about the shape
-_TURNS = 6  # rounds over the three planes at most
-_TIE = 1e-9  # angle below which turning ends, and part of a second moment by which another counts as larger
+_ISOTROPIC = 0.9  # ratio of second moments above which principal axes are ill-defined
+_TURNS = 6  # maximum number of rounds over the three planes
+_TIE = 1e-9  # smallest rotation angle in radians, and relative tolerance between second moments
 
 
 class Points(NamedTuple):
-    """Centroids of a piece ``(3, m)`` about the centre of mass, shares of the weight ``(m,)``, and scales.
+    """Centroids ``(3, m)`` of a piece about its centre of mass, weight shares ``(m,)``, and scales.
 
-    The scales ``(3,)`` are what ``centre_points`` (``compiled/frames.py``) returns: one over the measure of a
-    typical section, the inertia, and its weight relative to the cut.
+    The scales ``(3,)`` are the results of ``centre_points`` (``compiled/frames.py``): one over the measure of
+    a typical section, the inertia, and its weight relative to the cut.
     """
 
     local: Any
@@ -30,7 +30,7 @@ class Points(NamedTuple):
 
 @helper(allocates=True)
 def new_points(m):
-    """Points of pieces of at most m cells."""
+    """Allocate points for pieces with at most m cells."""
     return Points(np.zeros((3, m)), np.empty(m), np.empty(3))
 
 
@@ -38,12 +38,12 @@ def new_points(m):
 def load_piece(graph, pieces, lo, hi, work):
     """Load the piece ``cells[lo:hi]`` to ``work.points``, and return its largest extent along an axis.
 
-    The ``load`` of ``piece_driver.split_pieces_by``; the extent is that of the centroids.
+    This is the ``load`` of ``piece_driver.split_pieces_by``. The extent refers to the centroids.
     """
     cells, centroids, weights = pieces.cells, graph.centroids, graph.weights
     local, shares, scales = work.points
-    # 1. Weights, and centroids relative to the first one, which keeps the digits of small pieces far from the
-    #    origin.
+    # 1. Weights, and centroids relative to the first centroid, which preserves the digits of small pieces far
+    #    from the origin.
     n, first, start, total = hi - lo, cells[lo], np.uint64(lo), 0.0
     x, y, z, last = centroids[first, 0], centroids[first, 1], 0.0, centroids.shape[1] - 1
     x0, x1, y0, y1, z0, z1 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -59,7 +59,7 @@ def load_piece(graph, pieces, lo, hi, work):
             c = centroids[np.uint32(cells[start + k]), last] - z
             local[2, k] = c
             z0, z1 = min(z0, c), max(z1, c)
-    # 2. About the centre of mass, weights as shares. In 2-D the third row is 0 from the start.
+    # 2. Centre the points and normalise the weights. In 2-D the third row is always 0.
     extent = max(max(x1 - x0, y1 - y0), z1 - z0)
     scales[0], scales[1], scales[2] = centre_points(n, centroids.shape[1], local, shares, total, total)
     return extent
@@ -67,7 +67,7 @@ def load_piece(graph, pieces, lo, hi, work):
 
 @helper(reorder_sums=True)
 def _second_moments(n, x, y, z, shares):
-    """Second moments xx, xy, xz, yy, yz, zz of centred points."""
+    """Return the second moments xx, xy, xz, yy, yz, zz of centred points."""
     xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(n):
         xx += shares[i] * x[i] * x[i]
@@ -81,7 +81,7 @@ def _second_moments(n, x, y, z, shares):
 
 @helper(reorder_sums=True)
 def _fourth_moment(n, x, y, z, shares, frame, i, j):
-    """Real and imaginary part of ⟨(p + iq)⁴⟩, p and q along two rows of the frame."""
+    """Return the real and imaginary part of ⟨(p + iq)⁴⟩, with p and q along two frame rows."""
     a, b, c, d, e, f = frame[i, 0], frame[i, 1], frame[i, 2], frame[j, 0], frame[j, 1], frame[j, 2]
     real, imaginary = 0.0, 0.0
     for k in range(n):
@@ -94,7 +94,7 @@ def _fourth_moment(n, x, y, z, shares, frame, i, j):
 
 @helper(reorder_sums=True)
 def _moments_along(n, x, y, z, shares, a, b, c):
-    """Second and third moment along the direction (a, b, c)."""
+    """Return the second and third moment along the direction (a, b, c)."""
     second, third = 0.0, 0.0
     for k in range(n):
         p = a * x[k] + b * y[k] + c * z[k]
@@ -105,7 +105,7 @@ def _moments_along(n, x, y, z, shares, a, b, c):
 
 @helper
 def _turn(rows, i, j, angle):
-    """Turn two rows by an angle within their plane."""
+    """Rotate two rows by an angle within their plane."""
     c, s = np.cos(angle), np.sin(angle)
     for k in range(3):
         p, q = rows[i, k], rows[j, k]
@@ -114,22 +114,22 @@ def _turn(rows, i, j, angle):
 
 @helper
 def diagonalise(a, frame):
-    """Write eigenvectors of the symmetric matrix ``a (3, 3)`` to the rows of ``frame``, by Jacobi's method.
+    """Write eigenvectors of the symmetric matrix ``a (3, 3)`` to the rows of ``frame`` (Jacobi's method).
 
-    ``a`` is overwritten: its diagonal has the eigenvalues, in no order.
+    ``a`` is overwritten: its diagonal contains the eigenvalues, unsorted.
     """
     for i in range(3):
         for j in range(3):
             frame[i, j] = 1.0 if i == j else 0.0
-    # Sweeps over the entries off the diagonal converge quadratically: eight suffice. Entries that are
-    # rounding are passed over.
+    # Sweeps over the off-diagonal entries converge quadratically: eight suffice. Entries at rounding level
+    # are skipped.
     for _ in range(8):
         for p in range(2):
             for q in range(p + 1, 3):
                 if abs(a[p, q]) <= 1e-15 * (abs(a[p, p]) + abs(a[q, q])):
                     continue
-                # The rotation in the plane of axes p and q that makes a[p, q] 0, from both sides, and of the
-                # frame.
+                # Rotate in the plane of axes p and q from both sides, so that a[p, q] becomes 0, and rotate
+                # the frame.
                 angle = 0.5 * np.arctan2(2.0 * a[p, q], a[p, p] - a[q, q])
                 _turn(a, p, q, angle)
                 _turn(a.T, p, q, angle)
@@ -138,15 +138,15 @@ def diagonalise(a, frame):
 
 @helper
 def _turn_to_least_fourth(n, local, shares, values, frame):
-    """Turn rows of nearly equal second moments to where fourth moments are least: along sides of a cube."""
+    """Rotate rows with nearly equal second moments to the least fourth moments, along cube sides."""
     for _ in range(_TURNS):
         largest = 0.0
         for i in range(2):
             for j in range(i + 1, 3):
                 if min(values[i, i], values[j, j]) < _ISOTROPIC * max(values[i, i], values[j, j]):
                     continue
-                # With p and q along the axes, ⟨p⁴ + q⁴⟩ is ¾ ⟨r⁴⟩ + ¼ Re ⟨(p + iq)⁴⟩; turning by θ multiplies
-                # the latter by e^(−4iθ), and its real part is least where it is negative and real.
+                # With p and q along the axes, ⟨p⁴ + q⁴⟩ is ¾ ⟨r⁴⟩ + ¼ Re ⟨(p + iq)⁴⟩. A rotation by θ
+                # multiplies the latter by e^(−4iθ), and its real part is least where it is negative and real.
                 real, imaginary = _fourth_moment(n, local[0], local[1], local[2], shares, frame, i, j)
                 angle = 0.25 * np.arctan2(-imaginary, -real)
                 _turn(frame, i, j, angle)
@@ -157,11 +157,11 @@ def _turn_to_least_fourth(n, local, shares, values, frame):
 
 @helper(allocates=True)
 def principal_frame(n, planar, local, shares, frame):
-    """Fill ``frame (3, 3)`` with principal axes, the longest first, each pointing to its heavier tail.
+    """Fill ``frame (3, 3)`` with principal axes, longest first, each toward its heavier tail.
 
-    Axes with nearly equal second moments are turned to where fourth moments are least.
+    Axes with nearly equal second moments are rotated to the least fourth moments.
     """
-    # 1. Principal axes: in 2-D planar_frame treats squares as well.
+    # 1. Principal axes. In 2-D planar_frame also treats squares.
     x, y, z = local[0], local[1], local[2]
     if planar:
         cos, sin, _, _, _ = planar_frame(n, x, y, shares)
@@ -176,14 +176,14 @@ def principal_frame(n, planar, local, shares, frame):
         values[2, 0], values[2, 1], values[2, 2] = xz, yz, zz
         diagonalise(values, frame)
         _turn_to_least_fourth(n, local, shares, values, frame)
-    # 2. Each axis towards its heavier tail, where the third moment is positive.
+    # 2. Point each axis to its heavier tail, where the third moment is positive.
     seconds = np.empty(3)
     for i in range(3):
         seconds[i], third = _moments_along(n, x, y, z, shares, frame[i, 0], frame[i, 1], frame[i, 2])
         if third < 0.0:
             for k in range(3):
                 frame[i, k] = -frame[i, k]
-    # 3. The longest axis first, by exchanging neighbours; equal ones keep their order.
+    # 3. Sort the axes, longest first, by a stable bubble sort.
     for i in range(2):
         for j in range(2 - i):
             if seconds[j + 1] > seconds[j] * (1.0 + _TIE):

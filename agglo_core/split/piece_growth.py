@@ -1,4 +1,4 @@
-"""All splits of a run made in place by one kernel, without a graph for each depth."""
+"""Growth in place: one kernel makes all splits, without a graph for each depth."""
 
 from __future__ import annotations
 
@@ -19,51 +19,51 @@ if TYPE_CHECKING:
     from agglo_core.split.piece_splits import CellVertices
 
 _WORK = 4_000_000
-"""Cells handled, each once for every split, between two reports: about 0.1 s."""
+"""Number of cells, counted once per split, between two progress reports: about 0.1 s."""
 
 _SMALL = 16_384
-"""Several threads share out pieces of about so many cells."""
+"""Approximate cell count of the pieces distributed to threads."""
 
 _TINY = 512
-"""Pieces of at most so many cells are split to the end before connections are tested."""
+"""Pieces with at most this many cells are split completely before connectivity tests."""
 
 _PART = 16.0
-"""Cells of a finished piece, roughly: for the share of the work that is done."""
+"""Approximate cell count of a finished piece, for the estimate of progress."""
 
 _ROOM = 256
-"""Rows by which lists of pieces grow."""
+"""Minimum number of rows by which lists of pieces grow."""
 
 _LAST_STAMP = 2**30
-"""Beyond it the marks of cells, of 32 bits, start anew."""
+"""Beyond this stamp the 32-bit marks of the cells are reset."""
 
 _AT_ONCE = 2**24
-"""More cells are split a share at a time, or their marks would run out within one call."""
+"""Above this cell count, the work is split into shares, as the marks could overflow within one call."""
 
 _COLUMNS = 5
-"""Columns of lists of pieces: ``COLUMNS`` in ``piece_driver``, which is imported late because of numba."""
+"""Columns in lists of pieces: ``COLUMNS`` in ``piece_driver``, which is imported late because of numba."""
 
 _DEPTHS = 256
-"""Depths that are counted; in a long chain there may be more."""
+"""Number of counted depths. Long chains may be deeper."""
 
 
 class PieceGrowth:
-    """Pieces of a graph that a kernel halves, refines and connects, in place, until they are finished.
+    """Graph pieces that a kernel halves, refines and connects in place until they are finished.
 
-    Large pieces are split one after the other; those below some thousand cells each to the end, by
-    themselves.
+    Large pieces are split one after the other. Pieces below some thousand cells are split completely,
+    independently of other pieces.
 
     Parameters
     ----------
     graph : Graph
     pieces : (n,) int
-        Connected pieces 0..k−1 to start from.
+        Connected initial pieces 0..k−1.
     kernel : callable
         Calls ``piece_driver.split_pieces`` with helpers that load and cut a piece: ``(graph, shape, pieces,
         lists, limits, budget)``.
     floor : float
-        Of the refinement; negative for none.
+        Floor of the refinement, negative for no refinement.
     tiny : int
-        Pieces of at most so many cells are split to the end before connections are tested.
+        Pieces with at most this many cells are split completely before connectivity tests.
 
     Examples
     --------
@@ -79,7 +79,7 @@ class PieceGrowth:
     ) -> None:
         from agglo_core.split.piece_splits import PieceGraph, Pieces, reach_of_cells, units_of
 
-        # one array, which is filled: large ones get large pages of memory, but not those of np.zeros
+        # One filled array: large arrays get huge memory pages, except arrays from np.zeros.
         tag, cells, self._local, words = np.full((4, graph.n), 0, np.int32)
         reach = words.view(np.float32)
         units = units_of(graph.centroids, graph.weights)
@@ -93,7 +93,7 @@ class PieceGrowth:
         self.restart(pieces)
 
     def restart(self, pieces: Int) -> None:
-        """Let these connected pieces ``(n,)`` be those that the next call splits."""
+        """Set the connected pieces ``(n,)`` for the next call."""
         from agglo_core.compiled.graphs import listed_blocks
 
         cells, tag, count = self._pieces.cells, self._pieces.tag, int(pieces.max(initial=0)) + 1
@@ -116,25 +116,26 @@ class PieceGrowth:
         fixer: Any,
         tiny: int = _TINY,
     ) -> PieceGrowth | None:
-        """Growth that does what these components do; None unless they are the built-in ones."""
+        """Return a growth equivalent to these components, or None unless they are built-in components."""
         known = [each.floor for each in refiners if type(each) is InterfaceRefiner]
         if type(fixer) is not ConnectivityFixer or len(known) < len(refiners) or len(refiners) > 1:
             return None
         return cls(graph, pieces, kernel, known[0] if known else -1.0, tiny)
 
     def split(self, quotas: Int, seeds: UInt64, tell: Tell) -> tuple[Int, Int]:
-        """Split piece i into ``quotas[i]`` connected pieces; see Growth."""
+        """Split piece i into ``quotas[i]`` connected pieces (see Growth)."""
         return self._split(quotas, 0.0, tell)
 
     def split_to_size(self, limit: float, seeds: UInt64, tell: Tell) -> tuple[Int, Int]:
-        """Split the pieces until none but single cells is wider than ``limit``."""
+        """Split the pieces until only single cells are wider than ``limit``."""
         return self._split(np.zeros(len(seeds), np.int64), limit, tell)
 
     def _split(self, quotas: Int, limit: float, tell: Tell) -> tuple[Int, Int]:
-        """Split all pieces by the kernel until they meet their quota, or the limit if that is positive.
+        """Split all pieces until they meet their quota, or the limit if it is positive.
 
-        Returns as :meth:`split`. Rows of ``todo`` are pieces, in the columns of ``piece_driver``.
+        Returns as :meth:`split`. Rows in ``todo`` are pieces, with the columns of ``piece_driver``.
         """
+        # 1. Reset the marks before they overflow, and set up the lists.
         if self._stamp > _LAST_STAMP:
             self._pieces.marks[:], self._stamp = 0, 1
         self._shape, self._shares = _shape(self._source, limit), side_shares(int(quotas.sum()))
@@ -148,11 +149,13 @@ class PieceGrowth:
             pieces, cells, _ = tally.sum(axis=0).tolist()
             tell(min(1.0, cells / work), f"{len(quotas) + pieces:,} parts")
 
+        # 2. Split all pieces, in several threads or in shares where needed.
         if thread_count() > 1 or len(leaf) > _AT_ONCE:
             tiny = self._shared_out(todo, leaf, tally, limit, handled)
         else:
             made, self._stamp = self._advance(todo, leaf, tally, limit, 0, self._tiny, handled)
             tiny = np.concatenate((todo[sizes <= self._tiny], made))
+        # 3. Repair tiny pieces with disconnected parts, and number the parts.
         self._mend_tiny(tiny, leaf, tally, limit)
         handled()
         return self._numbered(leaf), frozen_int(tally[tally[:, 0] > 0])
@@ -160,7 +163,7 @@ class PieceGrowth:
     def _shared_out(
         self, todo: Int, leaf: Bytes, tally: Int, limit: float, handled: Callable[[], None]
     ) -> Int:
-        """Split the pieces to the end, by all threads; returns the tiny ones, parts of no other."""
+        """Split the pieces completely, in all threads, and return the outermost tiny pieces."""
         small = max(_SMALL, len(leaf) // (4 * thread_count()))
         put_off, stamp = self._halved_together(todo, leaf, tally, limit, small, handled)
         self._stamp, tiny = stamp, [put_off[put_off[:, 1] - put_off[:, 0] <= self._tiny]]
@@ -178,9 +181,9 @@ class PieceGrowth:
         return np.concatenate(tiny)
 
     def _mend_tiny(self, tiny: Int, leaf: Bytes, tally: Int, limit: float) -> None:
-        """Take back the few pieces of which parts are not connected, and split them with care.
+        """Undo the few pieces with disconnected parts, and split them with connectivity tests.
 
-        What was counted of them is taken back, too: they are split once more as they were, counting down.
+        Their counts are undone by a repeated split that counts down.
         """
         broken = np.flatnonzero(leaf > 1)
         if len(broken) == 0:
@@ -205,23 +208,27 @@ class PieceGrowth:
         stamp: int = 0,
         step: int = 1,
     ) -> tuple[Int, int]:
-        """Split the pieces until all are finished or put off.
+        """Split the pieces until all are finished or postponed.
 
-        Returns those put off, the tiny pieces that were made of larger ones, and the next stamp.
+        Returns the postponed pieces, including tiny pieces cut from larger pieces, and the next stamp.
         """
         from agglo_core.split.piece_driver import STATE, TORN, Limits, Lists
 
+        # 1. Lists with spare rows.
         counts = np.array([len(todo), 0, max(stamp, self._stamp)])
         todo, ready = _enlarged(todo), np.zeros((_ROOM, _COLUMNS), np.int64)
         limits = Limits(limit, self._floor, later, tiny, step, self._shares)
         while counts[0]:
             lists = Lists(todo, ready, leaf, counts, tally)
+            # 2. Split until the budget is used, the lists are full, or all pieces are finished or postponed.
             self._kernel(self._graph, self._shape, self._pieces, lists, limits, _WORK)
-            if counts[0] == 0 and (torn := ready[: counts[1], STATE] == TORN).any():  # only these are left
+            # 3. Repair the torn pieces if only these are left.
+            if counts[0] == 0 and (torn := ready[: counts[1], STATE] == TORN).any():
                 made = ready[: counts[1]]
                 todo, whole = _enlarged(self._mended(made[torn])), made[~torn]
                 ready[: len(whole)] = whole
                 counts[:2] = len(made) - len(whole), len(whole)
+            # 4. Enlarge full lists.
             if counts[0] + 2 > len(todo):
                 todo = _enlarged(todo)
             if counts[1] + 2 > len(ready):
@@ -233,7 +240,10 @@ class PieceGrowth:
     def _halved_together(
         self, todo: Int, leaf: Bytes, tally: Int, limit: float, small: int, handled: Callable[[], None]
     ) -> tuple[Int, int]:
-        """Pieces of at most ``small`` cells, and the next stamp: the largest are halved first, together."""
+        """Halve the largest pieces first, in parallel, down to ``small`` cells.
+
+        Returns the pieces and the next stamp.
+        """
         stamp = self._stamp
 
         def halve(piece: Int) -> tuple[Int, Int, int]:
@@ -254,7 +264,7 @@ class PieceGrowth:
         return todo, stamp
 
     def _mended(self, torn: Int) -> Int:
-        """These pieces, both sides of each connected as the built-in fixer does."""
+        """Connect both sides of torn pieces as the built-in fixer does."""
         from agglo_core.refine.repair import mend_sides
         from agglo_core.split.piece_driver import MENDED, QUOTA, STATE
 
@@ -265,11 +275,11 @@ class PieceGrowth:
         return torn
 
     def _places(self) -> Index:
-        """A place in the piece of each cell, the same for all of its cells."""
+        """Return, for each cell, a number that identifies its piece."""
         return frozen_index(self._pieces.tag >> 1)
 
     def _numbered(self, leaf: Bytes) -> Int:
-        """Labels of the finished pieces, by their first cells; they become the pieces."""
+        """Label the finished pieces by first cell, and make them the new pieces."""
         from agglo_core.compiled.graphs import numbered_as_met
 
         labels, places = numbered_as_met(self._places(), len(leaf))
@@ -278,7 +288,10 @@ class PieceGrowth:
 
 
 def _slices_at(leaf: Bytes, places: Int) -> Int:
-    """First place, and last plus 1, of the pieces that start or end at the ``places``: see ``leaf``."""
+    """Return the pieces that start or end at ``places``: first cell, last cell plus 1.
+
+    ``leaf`` marks the starts.
+    """
     starts = np.flatnonzero(leaf)
     stops = np.append(starts[1:], len(leaf))
     piece = np.empty(len(leaf), np.int32)
@@ -287,7 +300,7 @@ def _slices_at(leaf: Bytes, places: Int) -> Int:
 
 
 def _shape(graph: Graph, limit: float) -> CellVertices:
-    """Vertices of the cells, or none without a limit: a subgraph fetches its own on first use."""
+    """Return the cell vertices, or none without a limit, because a subgraph loads them on first use."""
     from agglo_core.split.piece_splits import CellVertices
 
     if limit > 0.0:
@@ -300,6 +313,6 @@ def _enlarged(rows: Int) -> Int:
 
 
 def _batches(todo: Int) -> list[Int]:
-    """Rows of pieces, cut where some ten thousand cells are full."""
+    """Divide the rows of pieces into batches of some ten thousand cells."""
     full = np.cumsum(todo[:, 1] - todo[:, 0]) // (4 * _SMALL)
     return np.split(todo, np.flatnonzero(np.diff(full)) + 1)

@@ -1,4 +1,4 @@
-"""Recursive bisection at weighted medians, across principal axes or the longest sides of boxes."""
+"""Recursive bisection at weighted medians, across principal axes or the longest box sides."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -14,8 +14,8 @@ from agglo_core.split.ordered_frames import centre_in_order, frame_in_order, new
 from agglo_core.split.piece_driver import largest_piece, split_pieces, split_pieces_by
 from agglo_core.split.piece_shares import new_order, split_in_order, tag_upper
 
-_TIE = 1e-7  # of the longest side: sides no shorter than it by more count as equal, as in ``graph.blocks``
-_ROUNDING = 1e-12  # of the extent: bound of the error of heights in double precision, with a margin
+_TIE = 1e-7  # relative to the longest side: tolerance for equal sides, as in ``graph.blocks``
+_ROUNDING = 1e-12  # relative to the extent: bound on the rounding error of heights, with a margin
 
 
 class AxisWork(NamedTuple):
@@ -63,12 +63,12 @@ def _load_frame(graph, pieces, lo, hi, work):
 
 @helper(allocates=True)
 def _cut_across_axis(graph, pieces, lo, hi, extent, work, candidates, sides):
-    """Halve the weight of a piece that is loaded, across its principal axis."""
+    """Halve the weight of the loaded piece across its principal axis."""
     points, upper, n, d = work.points, work.order.upper, hi - lo, graph.centroids.shape[1]
     centre_in_order(n, d, points.local, points.shares)
     frame_in_order(n, d, points)
     bar, slack = split_in_order(n, d, points.along, 0, points.shares, 0.5, work.order)
-    # Cells that count as equal to the cut may lie on either side of it: they are candidates too.
+    # Cells that count as equal to the cut may lie on either side, so they are candidates too.
     slack += _ROUNDING * extent
     return tag_upper(graph, pieces, lo, hi, upper, points.along[0], bar, slack, candidates, sides)
 
@@ -91,21 +91,21 @@ def _load_box(graph, pieces, lo, hi, work):
 
 @helper(allocates=True)
 def _cut_box_at(graph, pieces, lo, hi, extent, share, work, candidates, sides):
-    """Cut a piece at a share of ``work.weight``, across the first of the longest sides of its box.
+    """Cut a piece at a share of ``work.weight``, across the first longest side of its box.
 
-    The weights become shares of their sum; arguments and result are those of ``cut`` in ``split_pieces_by``.
+    The weights are normalised to sum 1. Arguments and result follow ``cut`` in ``split_pieces_by``.
     """
     local, weight, upper = work.local, work.weight, work.order.upper
     n, d, axis, total = hi - lo, graph.centroids.shape[1], 0, 0.0
-    # 1. The first side that counts as longest: rounding does not decide between equal ones.
+    # 1. Choose the first side that counts as longest, so that rounding does not decide between equal sides.
     while work.extents[axis] < (1.0 - _TIE) * extent:
         axis += 1
-    # 2. Shares; numbers of cells if there is no weight.
+    # 2. Normalise the weights; without weight use cell counts.
     for k in range(n):
         total += weight[k]
     for k in range(n):
         weight[k] = weight[k] / total if total > 0.0 else 1.0 / n
-    # 3. The quantile. Cells that count as equal to it may lie on either side: they are candidates too.
+    # 3. Compute the quantile. Cells that count as equal may lie on either side, so they are candidates too.
     bar, slack = split_in_order(n, d, local, axis, weight, share, work.order)
     slack += _ROUNDING * extent
     return tag_upper(graph, pieces, lo, hi, upper, local[axis], bar, slack, candidates, sides)
@@ -118,7 +118,7 @@ def _cut_box(graph, pieces, lo, hi, extent, work, candidates, sides):
 
 @helper(allocates=True)
 def _cut_box_by_mass(graph, pieces, lo, hi, extent, share, edge, work, candidates, sides):
-    """Cut at a share of the mass instead of half the weight."""
+    """Cut at a mass share instead of half the weight."""
     for k in range(hi - lo):
         work.weight[k] = graph.measures[pieces.cells[lo + k]]
     return _cut_box_at(graph, pieces, lo, hi, extent, share, work, candidates, sides)
@@ -126,7 +126,7 @@ def _cut_box_by_mass(graph, pieces, lo, hi, extent, share, edge, work, candidate
 
 @helper
 def _quota_by_slices(quota, sides, graph, pieces, lo, middle, hi):
-    """Quota of the left side as ``goals.split_quotas`` finds it, from sums in the same order."""
+    """Return the left side's quota as in ``goals.split_quotas``, from sums in an identical order."""
     if quota == 0:
         return 0
     left = chosen_sum(graph.measures, pieces.cells, lo, middle)

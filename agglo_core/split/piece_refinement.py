@@ -1,4 +1,4 @@
-"""Refinement of the two sides of a piece: cells beside the cut move until its interface is shortest."""
+"""Refine the two sides of a piece: move cells along the cut until the interface is shortest."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -12,15 +12,18 @@ from agglo_core.compiled.compiling import ONE, helper
 from agglo_core.compiled.ring_search import keeps_whole
 from agglo_core.compiled.sorting import sort_by_keys
 
-_SWEEPS = 10  # at most; each looks only at what the last one changed
-_SEEN, _LISTED = np.int64(2), np.int64(3)  # columns of the marks; bare numbers would be types of their own
-_TIE = 1e-9  # of the interface of a cell: gains below it are rounding
+_SWEEPS = 10  # maximum; each sweep only visits cells changed by the previous sweep
+_SEEN, _LISTED = (
+    np.int64(2),
+    np.int64(3),
+)  # columns of the marks (a bare number is a separate numba type)
+_TIE = 1e-9  # relative to the cell's interface: smaller gains are rounding
 
 
 class Gains(NamedTuple):
-    """Interfaces of listed cells: ``shared (m, 2)``, with the other side and with their own.
+    """Interfaces of listed cells: ``shared (m, 2)``, with the other side and with their own side.
 
-    The row of cell i is ``marks[i, 3] − stamp``, negative for a cell that is not listed.
+    The row of cell i is ``marks[i, 3] − stamp``, negative for an unlisted cell.
     """
 
     shared: Any
@@ -29,7 +32,7 @@ class Gains(NamedTuple):
 
 
 class Edges(NamedTuple):
-    """CSR of the graph of all cells."""
+    """CSR graph of all cells."""
 
     indptr: Any
     indices: Any
@@ -37,7 +40,7 @@ class Edges(NamedTuple):
 
 
 class Balance(NamedTuple):
-    """Measures and cells of both sides, changed by moves, and the least measure of a side."""
+    """Measures and cell counts of both sides, changed by moves, and the smallest allowed measure."""
 
     measures: Any
     counts: Any
@@ -46,7 +49,7 @@ class Balance(NamedTuple):
 
 @helper
 def _sum_up(edges, tag, i, left, right, shared, place):
-    """Write to ``shared[place]`` what cell i shares with the other side and with its own."""
+    """Write the interface of cell i with the other side and with its own side to ``shared[place]``."""
     home, there, here = np.int64(tag[i]), 0.0, 0.0
     other = left + right - home
     for h in range(np.uint64(edges.indptr[i]), np.uint64(edges.indptr[i + ONE])):
@@ -58,7 +61,7 @@ def _sum_up(edges, tag, i, left, right, shared, place):
 
 @helper
 def _gain(gains, i):
-    """Interface saved by moving the listed cell i to the other side, and the least that exceeds rounding."""
+    """Return the interface saved by moving the listed cell i, and the smallest gain above rounding."""
     place = gains.marks[i, _LISTED] - gains.stamp
     there, here = gains.shared[place, 0], gains.shared[place, 1]
     return there - here if there > 0.0 else -np.inf, _TIE * (there + here)
@@ -66,9 +69,9 @@ def _gain(gains, i):
 
 @helper
 def _partner(edges, tag, i, home, gain, least, gains):
-    """Return the neighbour with which cell i should move, −1 if no pair pays.
+    """Return the neighbour to move together with cell i, or −1 if no pair pays.
 
-    Cells not listed are not adjacent to the other side: they lose at least what they share with cell i.
+    Unlisted cells are not adjacent to the other side: they lose at least their interface with cell i.
     """
     indptr, indices, interface = edges
     partner, best = np.int64(-1), least
@@ -91,8 +94,8 @@ def _partner(edges, tag, i, home, gain, least, gains):
 
 @helper
 def _leave(edges, measures, tag, i, home, other, balance, search, stamp):
-    """Move cell i to the other side unless its own would break, empty or sink below the least measure."""
-    s = home & 1  # tags of right sides are odd
+    """Move cell i to the other side unless its own side would become disconnected, empty or too small."""
+    s = home & 1  # right-side tags are odd
     if balance.counts[s] < 2 or balance.measures[s] - measures[i] < balance.least:
         return False
     if not keeps_whole(edges.indptr, edges.indices, tag, np.int64(i), search, stamp):
@@ -113,7 +116,7 @@ def _put(measures, tag, i, other, balance):
 
 @helper
 def _paying(edges, centroids, tag, gains, later, m, pairs, normal, keys, now):
-    """Write to ``now`` the cells of ``later[:m]`` worth moving, along the normal; returns how many."""
+    """Write the cells worth moving to ``now``, sorted along the normal, and return their number."""
     found = 0
     for c in range(m):
         i = np.uint64(later[c])
@@ -132,9 +135,10 @@ def _paying(edges, centroids, tag, gains, later, m, pairs, normal, keys, now):
 
 @helper
 def _note_move(edges, tag, left, right, i, listed, later, filled, gains, sweep):
-    """Sum up cell i and its neighbours in the piece, and list them; returns the new lengths of the lists.
+    """Update the interface sums of cell i and its neighbours in the piece, and list them.
 
-    ``listed`` are all cells that have sums, ``later`` those to be looked at after this sweep.
+    Returns the new list lengths. ``listed`` contains all cells with sums, ``later`` the cells to visit in the
+    next sweep.
     """
     edge, m = filled
     before = np.int64(edges.indptr[i]) - 1
@@ -158,28 +162,28 @@ def _note_move(edges, tag, left, right, i, listed, later, filled, gains, sweep):
 def refine_sides(graph, pieces, left, right, sides, floor, edge, workspace, stamp):
     """Move cells between two sides while that shortens their interface (paper, "adjust partition").
 
-    Sweeps along the normal of the cut: single cells until none pays, pairs of neighbours once, and single
-    cells again. Neither side breaks, is emptied or falls below ``floor`` times the smaller one's measure at
-    entry.
+    Sweeps run along the cut normal: single cells until none pays, pairs of neighbours once, and single cells
+    again. Neither side becomes disconnected or empty, or falls below ``floor`` times the smaller side's
+    measure at entry.
 
     Parameters
     ----------
     graph : PieceGraph
     pieces : Pieces, changed
     left, right : int
-        Tags of the sides.
+        Side tags.
     sides : Sides, changed
     floor : float
     edge : int
-        How many cells are in the boundary of the workspace: those adjacent to the other side. It also lists,
-        at the end, all cells that once were adjacent to the other side, and their neighbours.
+        Number of cells in the workspace boundary: the cells adjacent to the other side. At the end the
+        boundary also lists all cells that were adjacent to the other side at any time, and their neighbours.
     workspace : Workspace, changed
     stamp : int
         A number larger than any in the marks.
 
     Returns
     -------
-    How many cells are in the boundary now, and the next unused stamp.
+    The final number of cells in the boundary, and the next unused stamp.
     """
     boundary, now, later, queue, root, keys, shared = workspace
     tag, marks, measures = pieces.tag, pieces.marks, graph.measures
@@ -188,14 +192,14 @@ def refine_sides(graph, pieces, left, right, sides, floor, edge, workspace, stam
     balance = Balance(sides.measures, sides.counts, least)
     search, gains = (queue, root, marks), Gains(shared, marks, stamp)
     listing, m = stamp, edge
-    # 1. What each cell along the cut shares with both sides.
+    # 1. Interface of each cut cell with both sides.
     for c in range(edge):
         i = np.uint64(boundary[c])
         later[c], marks[i, _LISTED] = i, listing + c
         _sum_up(edges, tag, i, left, right, shared, c)
     pairs, paired = False, False
     for _ in range(_SWEEPS):
-        # 2. Cells worth moving, in the order of their places along the normal: numbering does not matter.
+        # 2. Cells worth moving, in order of position along the normal, so that numbering does not matter.
         moves = _paying(edges, graph.centroids, tag, gains, later, m, pairs, sides.normal, keys, now)
         stamp += 1
         sweep, m = stamp, np.int64(0)
@@ -203,8 +207,8 @@ def refine_sides(graph, pieces, left, right, sides, floor, edge, workspace, stam
             i = np.uint64(now[c])
             home = np.int64(tag[i])
             other = left + right - home
-            # 3. Earlier moves of the sweep may have changed the gain; a cell that loses alone may gain in
-            #    a pair.
+            # 3. Earlier moves in the sweep may have changed the gain. A cell that loses alone may gain in a
+            #    pair.
             gain, least_gain = _gain(gains, i)
             partner = np.int64(-1)
             if gain <= least_gain:
@@ -212,7 +216,7 @@ def refine_sides(graph, pieces, left, right, sides, floor, edge, workspace, stam
                     partner = _partner(edges, tag, i, home, gain, least_gain, gains)
                 if partner < 0:
                     continue
-            # 4. The move, taken back if the partner may not follow.
+            # 4. Move the cell, and undo the move if its partner cannot follow.
             stamp += 1
             if not _leave(edges, measures, tag, i, home, other, balance, search, stamp):
                 continue
@@ -224,7 +228,8 @@ def refine_sides(graph, pieces, left, right, sides, floor, edge, workspace, stam
                     continue
                 edge, m = _note_move(edges, tag, left, right, j, boundary, later, (edge, m), gains, sweep)
             edge, m = _note_move(edges, tag, left, right, i, boundary, later, (edge, m), gains, sweep)
-        # 5. The next sweep looks at what has changed; once nothing has, at all listed cells for pairs.
+        # 5. The next sweep visits the changed cells. If there are none, it tries pairs over all listed cells
+        #    once.
         if pairs:
             pairs = False
         elif m == 0 and not paired:

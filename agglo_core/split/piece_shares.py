@@ -1,4 +1,4 @@
-"""Cuts of pieces at a share of the mass, along an axis or along the line between the sides of another cut."""
+"""Cut pieces at a mass share, along an axis or along a line between side centroids."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -12,15 +12,15 @@ from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.compiled.sorting import sort_by_keys, stable_sort
 from agglo_core.split.piece_splits import PieceGraph, Pieces, Units, new_sides, side_tags
 
-_SHARE = 2.0**40  # shares of weight are integers: their sums do not depend on the order
-_TIE = 1e-7  # of the extent: what counts as equal, as in ``graph.blocks``
-_BINS = 256  # in each round of the search for a median
-_FEW = 64  # values that are sorted
-_NEAR = 0.051  # of a share: cuts so near to it stay where they are
+_SHARE = 2.0**40  # scale of integer weight shares, whose sums do not depend on the order
+_TIE = 1e-7  # relative to the extent: tolerance for equal values, as in ``graph.blocks``
+_BINS = 256  # bins per round in the search for a median
+_FEW = 64  # number of values up to which they are sorted
+_NEAR = 0.051  # relative to the share: cuts within this tolerance stay
 
 
 class OrderWorkspace(NamedTuple):
-    """Shares of the weight in integers, whether points lie above the cut, a list of points, keys, bins."""
+    """Integer weight shares, mask of the upper points, a point list, keys, and bins."""
 
     shares: Any
     upper: Any
@@ -31,7 +31,7 @@ class OrderWorkspace(NamedTuple):
 
 @helper(allocates=True)
 def new_order(m):
-    """Workspace of ``split_in_order`` for up to m points."""
+    """Allocate workspace for ``split_in_order`` with up to m points."""
     shares, upper, chosen = np.empty(m, np.int64), np.empty(m, np.bool_), np.empty(m, np.int32)
     return OrderWorkspace(shares, upper, chosen, np.empty(m), np.empty(_BINS, np.int64))
 
@@ -46,13 +46,15 @@ def _extremes(n, values):
 
 @helper
 def _median(n, score, shares, whole, chosen, keys, tally):
-    """The score of the cell that holds the middle of the weight, ``whole`` being the sum of the shares.
+    """Return the score of the cell that contains the weighted quantile.
 
-    Bins are counted, then bins of the bin that has the middle, until few scores are left to be sorted.
+    ``whole`` is twice the target sum. Each round counts the weights in bins and continues with the bin that
+    contains the quantile, until few scores remain to be sorted.
     """
     m, below = n, np.int64(0)
     for k in range(n):
         chosen[k], keys[k] = k, score[k]
+    # 1. Histogram the weights over equal bins.
     while m > _FEW:
         low, high = _extremes(m, keys)
         rate = _BINS / (high - low) if high > low else 0.0
@@ -62,6 +64,7 @@ def _median(n, score, shares, whole, chosen, keys, tally):
             tally[b] = 0
         for k in range(m):
             tally[min(np.int64((keys[k] - low) * rate), _BINS - 1)] += shares[np.uint32(chosen[k])]
+        # 2. Find the bin that contains the median, and keep only its points.
         middle = 0
         while middle < _BINS - 1 and 2 * (below + tally[middle]) <= whole:
             below += tally[middle]
@@ -72,6 +75,7 @@ def _median(n, score, shares, whole, chosen, keys, tally):
             chosen[kept], keys[kept] = chosen[k], value
             kept += min(np.int64((value - low) * rate), _BINS - 1) == middle
         m = kept
+    # 3. Sort the remaining points, and sum up their shares.
     sort_by_keys(chosen, keys, m)
     for k in range(m - 1):
         below += shares[chosen[k]]
@@ -82,7 +86,7 @@ def _median(n, score, shares, whole, chosen, keys, tally):
 
 @helper
 def _near_bar(n, score, bar, window, chosen):
-    """Write to ``chosen`` the points within a window about the bar; returns how many."""
+    """Write the points within a window about the bar to ``chosen``, and return their number."""
     m = np.int64(0)
     for k in range(n):
         chosen[m] = k
@@ -92,9 +96,13 @@ def _near_bar(n, score, bar, window, chosen):
 
 @helper(allocates=True)
 def _equals(n, score, bar, tie, chosen):
-    """Points that count as equal to the bar: reached from it by steps of at most ``tie``; by their scores."""
+    """Return the points that count as equal to the bar, in order of their scores.
+
+    These are connected to the bar by steps of at most ``tie``.
+    """
     window = 4.0 * tie
     while True:
+        # 1. Sort the points near the bar.
         m = _near_bar(n, score, bar, window, chosen)
         group, spare = np.empty(m, np.int64), np.empty(m, np.int64)
         for k in range(m):
@@ -103,11 +111,13 @@ def _equals(n, score, bar, tie, chosen):
         middle = 0
         while score[group[middle]] < bar:
             middle += 1
+        # 2. Extend the group by steps of at most the tie.
         first, last = middle, middle + 1
         while first > 0 and score[group[first]] - score[group[first - 1]] <= tie:
             first -= 1
         while last < m and score[group[last]] - score[group[last - 1]] <= tie:
             last += 1
+        # 3. Accept a group well inside the window, else widen the window.
         inside = min(score[group[first]] - (bar - window), bar + window - score[group[last - 1]])
         if inside >= tie or m == n:
             return group[first:last]
@@ -116,9 +126,9 @@ def _equals(n, score, bar, tie, chosen):
 
 @helper(allocates=True)
 def _untied(columns, axis, group, gap):
-    """Order of cells that count as equal along an axis: by ranks along the other axes, the next one first.
+    """Order equal cells by their ranks along the other axes, next axis first.
 
-    Values no further apart than ``gap`` have the same rank; what is left keeps its order.
+    Values no farther apart than ``gap`` have equal rank. Remaining ties keep their order.
     """
     d, m = len(columns), len(group)
     key, values = np.zeros(m), np.empty(m)
@@ -139,7 +149,7 @@ def _untied(columns, axis, group, gap):
 
 @helper(allocates=True)
 def _order_of_equals(n, d, along, axis, group):
-    """Order of points that count as equal along an axis: by the next axis, then by the one after."""
+    """Order points that count as equal along an axis by the following axes."""
     other = 0.0
     if len(group) == 1:
         return np.zeros(1, np.int64)
@@ -151,24 +161,26 @@ def _order_of_equals(n, d, along, axis, group):
 
 @helper(allocates=True)
 def split_in_order(n, d, along, axis, weight, share, order):
-    """Find the ``upper`` points, above a share of the weight, by coordinate ``axis`` of ``along (3, m)``.
+    """Find the ``upper`` points, above a weight share, by coordinate ``axis`` of ``along (3, m)``.
 
-    Points count as equal within 1e-7 of the extent; the other coordinates decide among them. The ``weight``
-    adds up to 1. Returns the coordinate of the cut, and how far from it may be what counts as equal.
+    Points count as equal within 1e-7 of the extent, and the other coordinates decide between them. The
+    ``weight`` adds up to 1. Returns the coordinate of the cut, and the maximum distance of equal points from
+    it.
     """
     shares, upper = order.shares, order.upper
     score, whole = along[axis], np.int64(0)
-    # 1. Shares in integers, whose sums do not depend on the order of the points.
+    # 1. Integer shares, whose sums do not depend on the order of the points.
     for k in range(n):
         shares[k] = np.int64(np.rint(weight[k] * _SHARE))
         whole += shares[k]
-    whole = np.int64(2.0 * share * whole)  # what is cut in the middle
+    whole = np.int64(2.0 * share * whole)  # doubled target sum, as the median compares with half of it
     # 2. The quantile, and the points that count as equal to it.
     low, high = _extremes(n, score)
     bar = _median(n, score, shares, whole, order.chosen, order.keys, order.bins)
     group = _equals(n, score, bar, _TIE * (high - low), order.chosen)
     least, most = score[group[0]], score[group[len(group) - 1]]
-    # 3. Points beyond all of these are on one side; these themselves fill the lower side up to the share.
+    # 3. Points beyond this group are on a definite side. The group itself fills the lower side up to the
+    #    share.
     below, under = np.int64(0), np.int64(0)
     for k in range(n):
         above = np.int64(score[k] >= least)
@@ -187,13 +199,13 @@ def split_in_order(n, d, along, axis, weight, share, order):
 
 @helper
 def _offset(moment, measure, moments, measures):
-    """Distance, along one axis, of the centroid of a side from that of the piece."""
+    """Return the distance along an axis from the piece centroid to a side centroid."""
     return moment / measure - moments / measures if measure > 0.0 else 0.0
 
 
 @helper
 def tag_upper(graph, pieces, lo, hi, upper, score, bar, slack, candidates, sides):
-    """Tag the cells, and write the sides and the candidates; returns how many.
+    """Tag the cells, write the sides and the candidates, and return the number of candidates.
 
     The normal is the axis of ``relax_interface``, the line to the centroid of the smaller side.
     """
@@ -202,6 +214,7 @@ def tag_upper(graph, pieces, lo, hi, upper, score, bar, slack, candidates, sides
     left, right = side_tags(lo, hi)
     m, ones, last = np.int64(0), np.int64(0), centroids.shape[1] - 1
     one, two, x, y, z, p, q, r = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    # 1. Tag each cell, sum masses and first moments of both sides, and list the candidates.
     start = np.uint64(lo)
     for k in range(np.uint64(hi - lo)):
         i, side = np.uint32(cells[start + k]), np.int64(upper[k])
@@ -214,6 +227,7 @@ def tag_upper(graph, pieces, lo, hi, upper, score, bar, slack, candidates, sides
         z, r = z + here * centroids[i, last], r + there * centroids[i, last]
         candidates[m] = i
         m += abs(score[k] - bar) * length <= reach[i] + slack * length
+    # 2. Sides and normal.
     sides.measures[0], sides.measures[1] = one, two
     sides.counts[0], sides.counts[1] = hi - lo - ones, ones
     smaller, sign = (two, 1.0) if two < one else (one, -1.0)  # the driver turns normals to the smaller side
@@ -225,7 +239,7 @@ def tag_upper(graph, pieces, lo, hi, upper, score, bar, slack, candidates, sides
 
 @helper
 def holds_share(sides, share):
-    """Return whether the lighter of two sides holds a share of the mass, or nearly so."""
+    """Return True if the lighter side holds its mass share within the tolerance."""
     left, right = sides.measures[0], sides.measures[1]
     whole, lighter = left + right, min(left, right)
     return whole > 0.0 and abs(lighter / whole - share) <= _NEAR * share
@@ -233,9 +247,9 @@ def holds_share(sides, share):
 
 @helper(allocates=True)
 def _line_between(centroids, weight, pieces, lo, hi, line):
-    """Write the line from the centroid of the left side of a piece to that of the right side.
+    """Write the line from the left side's centroid to the right side's centroid.
 
-    The ``weight`` of the cells adds up to 1. Returns that of the left side.
+    The cell ``weight`` adds up to 1. Returns the weight of the left side.
     """
     cells, tag, moments, below = pieces.cells, pieces.tag, np.zeros((2, 3)), 0.0
     first = cells[lo]
@@ -248,20 +262,23 @@ def _line_between(centroids, weight, pieces, lo, hi, line):
     for c in range(3):
         line[c] = moments[1, c] / (1.0 - below) - moments[0, c] / below if 0.0 < below < 1.0 else 0.0
         square += line[c] * line[c]
-    for c in range(3):  # any axis if the sides have the same centroid
+    for c in range(3):  # any axis if the centroids coincide
         line[c] = line[c] / np.sqrt(square) if square > 0.0 else np.float64(c == 0)
     return below
 
 
 @helper
 def _across(line, d, frame):
-    """Write a frame whose first axis is the ``line (3,)``; the others decide among equal cells."""
+    """Write a frame with first axis ``line (3,)``.
+
+    The other axes decide between equal cells.
+    """
     for c in range(3):
         frame[0, c] = line[c]
     if d == 2:
         frame[1, 0], frame[1, 1], frame[1, 2] = -line[1], line[0], 0.0
         return
-    flat = 0  # the coordinate axis most across the line
+    flat = 0  # the coordinate axis closest to perpendicular
     for c in range(1, 3):
         flat = c if abs(line[c]) < abs(line[flat]) - 1e-6 else flat
     norm = np.sqrt(1.0 - line[flat] * line[flat])
@@ -274,10 +291,10 @@ def _across(line, d, frame):
 
 @helper(allocates=True)
 def shift_cut(graph, pieces, lo, hi, share, candidates, sides):
-    """Move the cut of a piece until the lighter side holds a ``share`` of the mass.
+    """Move the cut of a piece until the lighter side holds a mass ``share``.
 
-    The new cut is straight, across the line between the centroids of the sides that are tagged. Arguments and
-    result are as in ``piece_driver.tag_sides``.
+    The new cut is straight, across the line between the centroids of the tagged sides. Arguments and result
+    follow ``piece_driver.tag_sides``.
     """
     cells, centroids, measures, n, d = (
         pieces.cells,
@@ -287,14 +304,14 @@ def shift_cut(graph, pieces, lo, hi, share, candidates, sides):
         graph.centroids.shape[1],
     )
     along, weight, line, frame = np.zeros((3, n)), np.empty(n), np.empty(3), np.zeros((3, 3))
-    # 1. Masses, as shares of the piece; numbers of cells if there are none
+    # 1. Mass shares within the piece, or cell counts without mass.
     total = 0.0
     for k in range(n):
         weight[k] = measures[cells[lo + k]]
         total += weight[k]
     for k in range(n):
         weight[k] = weight[k] / total if total > 0.0 else 1.0 / n
-    # 2. Coordinates along the line between the centroids, and across it
+    # 2. Coordinates along the line between the centroids, and across it.
     below = _line_between(centroids, weight, pieces, lo, hi, line)
     _across(line, d, frame)
     first = cells[lo]
@@ -302,7 +319,7 @@ def shift_cut(graph, pieces, lo, hi, share, candidates, sides):
         for a in range(d):
             for c in range(d):
                 along[a, k] += frame[a, c] * (centroids[cells[lo + k], c] - centroids[first, c])
-    # 3. The quantile that leaves the share to the lighter side
+    # 3. The quantile that leaves the share to the lighter side.
     order, left = new_order(n), share if below <= 0.5 + 1e-9 else 1.0 - share
     bar, slack = split_in_order(n, d, along, 0, weight, left, order)
     low, high = _extremes(n, along[0])
@@ -312,7 +329,7 @@ def shift_cut(graph, pieces, lo, hi, share, candidates, sides):
 
 @kernel
 def shifted_sides(offsets, centroids, mass, sides, shares):
-    """Sides ``(n,)`` of blocks once each cut is moved that is off its share: see ``shift_cut``."""
+    """Move each cut that misses its share, and return the block sides ``(n,)``: see ``shift_cut``."""
     n, largest = len(sides), np.int64(0)
     for b in range(len(shares)):
         largest = max(largest, offsets[b + 1] - offsets[b])

@@ -1,4 +1,4 @@
-"""Recursive bisection by sweeps: each piece is cut where it costs least along several axes."""
+"""Recursive bisection by sweeps: cut each piece at the cheapest threshold along several axes."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -17,7 +17,7 @@ from agglo_core.split.piece_splits import side_tags
 
 
 class Scores(NamedTuple):
-    """Heights of the cells of a piece ``(m,)``, their bins, and sums of each bin ``(32, 5)``.
+    """Cell heights ``(m,)`` and bins in a piece, and bin sums ``(32, 5)``.
 
     ``edges`` are the tails, heads and lengths of the edges inside the piece.
     """
@@ -29,9 +29,10 @@ class Scores(NamedTuple):
 
 
 class SweepWork(NamedTuple):
-    """Workspace of a sweep.
+    """Workspace for a sweep.
 
-    ``turns`` and ``finer`` are cosines and sines of axes in 2-D, ``frame (3, 3)`` is that of a piece in 3-D.
+    ``turns`` and ``finer`` are the cosines and sines of the axes in 2-D, ``frame (3, 3)`` is the piece's
+    frame in 3-D.
     """
 
     points: Any
@@ -43,7 +44,7 @@ class SweepWork(NamedTuple):
 
 @helper
 def most_edges(lists, cells, indptr):
-    """Upper bound of the number of edges inside any of the pieces."""
+    """Return an upper bound on the number of edges inside any piece."""
     todo, most = lists.todo, np.int64(0)
     for k in range(lists.counts[0]):
         ends = np.int64(0)
@@ -55,27 +56,27 @@ def most_edges(lists, cells, indptr):
 
 @helper(allocates=True)
 def new_scores(m, edges):
-    """Scores of pieces of at most m cells with at most so many edges."""
+    """Allocate scores for pieces with at most m cells and ``edges`` edges."""
     ends = np.empty(edges, np.int32), np.empty(edges, np.int32), np.empty(edges)
     return Scores(np.empty(m), np.empty(m, np.int32), np.zeros((32, 5)), ends)
 
 
 @helper
 def edges_of_piece(graph, pieces, lo, hi, edges):
-    """Write each edge inside a piece once, its ends numbered within the piece, and return how many.
+    """Write each edge inside a piece once, with local end numbers, and return the number of edges.
 
-    The cells are tagged as on the left, and their numbers in the second column of the marks.
+    All cells get the tag of the left side, and their local numbers in the second column of the marks.
     """
     indptr, indices, interface = graph.indptr, graph.indices, graph.interface
     cells, tag, marks = pieces
     tails, heads, lengths = edges
     left, _ = side_tags(lo, hi)
     start, n, count = np.uint64(lo), np.uint64(hi - lo), np.uint64(0)
-    # 1. Tags and numbers within the piece.
+    # 1. Tags and local numbers.
     for k in range(n):
         tag[np.uint32(cells[start + k])], marks[np.uint32(cells[start + k]), 1] = left, k
-    # 2. Edges whose other end is in the piece and has the larger number. All are written; the next one
-    #    overwrites what does not count.
+    # 2. Edges to a higher-numbered cell in the piece. All edges are written, and invalid edges are
+    #    overwritten by the next edge.
     for k in range(n):
         i = np.uint64(np.uint32(cells[start + k]))
         for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):
@@ -98,10 +99,10 @@ def _project_in_space(n, a, b, c, x, y, z, shares, score):
 
 @helper
 def _frame_block(n, edges, local, shares, scales, frame, axis, score, bins, tally):
-    """Find the cheapest cut of a piece in 3-D, along the axes of a frame and the four diagonals of its cube.
+    """Find the cheapest cut in 3-D along the axes of a frame and its four cube diagonals.
 
-    Writes the best direction to ``axis`` and the heights along it to ``score``; returns cost, last bin below,
-    lowest threshold and thresholds per unit. The arguments are those of ``axes_block``.
+    Writes the best direction to ``axis`` and the heights along it to ``score``. Returns cost, last bin below,
+    lowest threshold and thresholds per unit. The arguments follow ``axes_block``.
     """
     best, chosen = (NO_CUT, 0, 0.0, 0.0), 0
     x, y, z, third = local[0], local[1], local[2], np.sqrt(1.0 / 3.0)
@@ -117,8 +118,8 @@ def _frame_block(n, edges, local, shares, scales, frame, axis, score, bins, tall
             axis[k] = a0 * frame[0, k] + a1 * frame[1, k] + a2 * frame[2, k]
         low, high, spread = _project_in_space(n, axis[0], axis[1], axis[2], x, y, z, shares, score)
         if c == 7:
-            break  # the best one, once more
-        # 2. The cheapest of its thresholds; it has to be better by more than rounding.
+            break  # the last round only restores the heights along the best direction
+        # 2. The cheapest threshold along this direction must improve the cost by more than rounding.
         low, rate = thresholds_between(low, high, spread)
         cost, last = sweep_block(n, low, rate, score, edges, local, shares, scales, bins, tally)
         if cost < best[0] - 1e-9 * abs(best[0]):
@@ -128,16 +129,19 @@ def _frame_block(n, edges, local, shares, scales, frame, axis, score, bins, tall
 
 @helper(allocates=True)
 def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
-    """Tag both sides of a piece that is loaded: the ``cut`` of ``piece_driver.split_pieces_by``."""
+    """Tag both sides of the loaded piece: the ``cut`` of ``piece_driver.split_pieces_by``."""
     (local, shares, section), (heights, bins, tally, ends), turns, finer, frame = work
+    # 1. Edges inside the piece.
     n, normal, scales = hi - lo, sides.normal, (section[0], section[1], section[2])
     edges = ends, edges_of_piece(graph, pieces, lo, hi, ends)
+    # 2. The cheapest cut along all axes.
     if graph.centroids.shape[1] == 2:
         best, p, q = axes_block(n, edges, local, shares, scales, turns, finer, heights, bins, tally)
         normal[0], normal[1], normal[2] = p, q, 0.0
     else:
         principal_frame(n, False, local, shares, frame)
         best = _frame_block(n, edges, local, shares, scales, frame, normal, heights, bins, tally)
+    # 3. Tags and candidates.
     return tag_sides(graph, pieces, lo, hi, heights, bar_of(best), 1.0, extent, candidates, sides)
 
 

@@ -1,4 +1,4 @@
-"""Shares of the mass of a piece that the sides of its split are to hold."""
+"""Mass shares for the sides of a split."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.graph.dual import Graph
 
 _MANY = 16
-"""Quota from which halves serve: with one part more or less on a side, parts differ by 1/8 at most."""
+"""Quota from which equal halves suffice: with one part more or less on a side, parts differ by at most 1/8.
+"""
 
 
 def side_shares(parts: int) -> Float:
-    """Share of the mass for the lighter side of a piece that is to become q parts, by q, ``(17,)``.
+    """Return the mass share ``(17,)`` of the lighter side, indexed by the quota q.
 
-    It is below 1/2 for small odd q, which halves would leave with parts of very different size; larger q
-    count as 16. All shares are 1/2 if the number of ``parts`` of the whole level is 0 (for a size) or a
-    power of two, which halves alone lead to.
+    The share is below 1/2 for small odd q, where equal halves would lead to parts with very different sizes.
+    Larger q count as 16. All shares are 1/2 if the level's number of ``parts`` is 0 (a size goal) or a power
+    of two, which equal halves reach.
     """
     shares = np.full(_MANY + 1, 0.5)
     if parts & (parts - 1):
@@ -26,10 +27,10 @@ def side_shares(parts: int) -> Float:
 
 
 def shifted(level: Graph, sides: Int, blocks: Int, shares: Float | None) -> Int:
-    """Sides ``(n,)`` once the cuts of some blocks are moved until the lighter side holds a share of the mass.
+    """Move the cuts of some blocks until the lighter side holds its mass share.
 
-    The new cuts are straight, across the line between the centroids of both sides. Cuts within 5 % of the
-    share stay.
+    Returns the sides ``(n,)``. The new cuts are straight, across the line between the centroids of both
+    sides. Cuts within 5 % of the share stay.
 
     Parameters
     ----------

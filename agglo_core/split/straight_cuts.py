@@ -18,16 +18,16 @@ from agglo_core.split.piece_growth import PieceGrowth
 
 
 class SweepBisection:
-    """The best straight cut along the principal axis and others turned from it.
+    """Find the best straight cut along the principal axis and rotated axes.
 
-    Of all thresholds along all axes the one that costs least by :func:`agglo_core.graph.sweep.sweep`: a
-    short interface and compact sides. In 3-D the axes are three principal and four diagonal ones. No
-    random numbers, and nothing learned.
+    The best threshold along all axes minimises the cost in :func:`agglo_core.graph.sweep.sweep`, which
+    favours a short interface and compact sides. In 3-D the axes are three principal and four diagonal axes.
+    No random numbers, and nothing learned.
 
     Parameters
     ----------
     axes : int
-        Directions to try in the plane, evenly over the half circle.
+        Number of directions in 2-D, evenly spaced over the half circle.
 
     Examples
     --------
@@ -43,7 +43,7 @@ class SweepBisection:
         self.axes = axes
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
-        """Side of each node ``(n,)``; ``seeds`` are not used."""
+        """Return the side ``(n,)`` of each node, independent of ``seeds``."""
         from agglo_core.compiled.thresholds import sweep_axes
 
         if level.dim == 3:
@@ -53,7 +53,7 @@ class SweepBisection:
         return sides
 
     def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> PieceGrowth | None:
-        """All splits of a run in one call, with the built-in refiner or none and the built-in fixer."""
+        """Make all splits in one call, with at most the built-in refiner and with the built-in fixer."""
         from agglo_core.split.piece_sweeps import split_along_axes
 
         return PieceGrowth.for_components(
