@@ -1,1 +1,1 @@
-"""Annealing of parts: for round shapes, and for solvers."""
+"""Simulated annealing of parts, for solvers or for round shapes."""

@@ -1,4 +1,4 @@
-"""Annealed partitions of one graph: the arrays its kernels want, made once, and what is done with them."""
+"""Annealed partitions of one graph: kernel arrays built once, and operations on them."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from agglo_core.graph.ordering import curve_order
 from agglo_core.progress import TimeLimit
 
 _RATIO = 0.95
-"""Radius of a disc or ball over its dimension times measure over surface, so that real parts, which are
-rugged, get about the ratio of their inscribed circle."""
+"""Dimensionless: radius of a disc or ball over its dimension times measure over surface. Reduced from 1, so
+that typical parts, which are rugged, get about the ratio of their inscribed circle."""
 
 _BENT = 0.01
-"""Outlines made of corners may be so much longer or shorter than the faces, relatively."""
+"""Largest relative difference between outlines from corners and face measures."""
 
 ROUNDING = 1e-9
-"""Relative excess of a width over the largest one allowed that rounding explains."""
+"""Relative tolerance for widths above the largest admissible width."""
 
 
 class Weights(NamedTuple):
-    """What evenness, the ratio of the circle and that of the circle about the centroid count in a score."""
+    """Score weights: evenness, inscribed-circle ratio, centroid-circle ratio."""
 
     even: float = 1.0
     round: float = 1.0
@@ -34,14 +34,14 @@ class Weights(NamedTuple):
 
 @dataclass(frozen=True)
 class Shapes:
-    """Diameter, ratio of the circle and of that about the centroid of each part ``(k,)``."""
+    """Diameter, inscribed-circle ratio and centroid-circle ratio of each part ``(k,)``."""
 
     widths: Float
     ratios: Float
     central: Float
 
     def score(self, weights: Weights) -> float:
-        """Mean diameter over the largest one and mean ratios, weighted: what a partition is chosen by."""
+        """Return the partition score: mean over largest diameter and mean ratios, weighted."""
         most = float(self.widths.max())
         even = float(self.widths.mean()) / most if most > 0.0 else 1.0
         return (
@@ -52,19 +52,19 @@ class Shapes:
 
 
 class OrderedBlock:
-    """A graph of one block with its cells along a curve, so that neighbours are near in memory.
+    """A one-block graph with cells ordered along a curve, so that neighbours are close in memory.
 
     Parameters
     ----------
     graph : Graph
-        Of one block.
+        A graph with one block.
 
     Attributes
     ----------
     order : (n,) int
-        The cells of ``graph`` in the order used here.
+        The cells of ``graph`` in curve order.
     graph : Graph
-        That graph in this order.
+        The graph in this order.
     """
 
     def __init__(self, graph: Graph) -> None:
@@ -72,18 +72,18 @@ class OrderedBlock:
         self.graph = graph.subgraph(self.order, frozen_int([0, graph.n]))
 
     def inward(self, labels: Int) -> Int:
-        """Labels of the graph that was given, in the order used here."""
+        """Convert labels from the original order to the curve order."""
         return frozen_int(labels[self.order])
 
     def outward(self, labels: Int) -> Int:
-        """Labels in the order used here, as those of the graph that was given."""
+        """Convert labels from the curve order to the original order."""
         result = np.empty(len(labels), np.int64)
         result[self.order] = labels
         return frozen_int(result)
 
 
 class Annealing(OrderedBlock):
-    """Anneals partitions of one block for round parts; labels are in its order."""
+    """Annealing on one block for round parts, with labels in its order."""
 
     def __init__(self, graph: Graph) -> None:
         from agglo_core.anneal.edges import cell_edges
@@ -112,9 +112,9 @@ class Annealing(OrderedBlock):
         limit: TimeLimit | None = None,
         of_part: Int | None = None,
     ) -> tuple[Int, Shapes]:
-        """Labels after so many draws for each cell of the fast kernel, and the shapes as it sees them.
+        """Anneal with ``draws`` draws per cell in the fast kernel, and return labels and shapes.
 
-        Parts trade cells only within the share of each, ``of_part``, if that is given.
+        If ``of_part`` is given, parts only trade cells within their share.
         """
         from agglo_core.anneal.moment_annealing import anneal
 
@@ -139,16 +139,18 @@ class Annealing(OrderedBlock):
         weights: Weights,
         limit: TimeLimit | None = None,
     ) -> tuple[Int, Shapes]:
-        """Labels after so many draws for each cell with true circles in the plane, and the shapes."""
+        """Anneal with true circles in 2-D, ``draws`` draws per cell, and return labels and shapes."""
         from agglo_core.anneal.circle_annealing import anneal_circles
         from agglo_core.anneal.circles import circle_state
 
         if self.edges is None:
             return self.annealed(labels, size, ramps, draws, seed, weights, limit)
+        # 1. State with circles.
         parts, work = self._state(labels)
         circles = circle_state(self.cells, self.edges, parts)
         how = float(size), *_floats(weights)
 
+        # 2. Annealing rounds; each thread has its own circle workspace.
         def make(room: Any, shares: Any, start: int, stop: int, rounds: Float, own: Any, stamp: int) -> None:
             seen = circles if room is work else circles._replace(room=circles.room.copy())
             rest = room, shares, start, stop, how, rounds, own, stamp
@@ -159,16 +161,16 @@ class Annealing(OrderedBlock):
         return frozen_int(parts.labels), self._circled(parts)
 
     def shapes(self, labels: Int) -> Shapes:
-        """Shapes of the parts, with true circles in the plane."""
+        """Return the part shapes, with true circles in 2-D."""
         parts, _ = self._state(labels)
         return self._seen(parts) if self.edges is None else self._circled(parts)
 
     def seen(self, labels: Int) -> Shapes:
-        """Shapes as the fast kernel sees them."""
+        """Return the part shapes as in the fast kernel."""
         return self._seen(self._state(labels)[0])
 
     def _state(self, labels: Int) -> Any:
-        """Sums, widths and lists of the parts, and the workspace of the kernels."""
+        """Return part sums, widths and lists, and the kernel workspace."""
         from agglo_core.anneal.widths import part_state
 
         return part_state(self.cells, labels, int(labels.max()) + 1)
@@ -191,7 +193,7 @@ class Annealing(OrderedBlock):
 
 
 def corner_cells(graph: Graph) -> Any:
-    """Cells of a graph with their corners, as kernels take them that look at widths."""
+    """Return graph cells with their corners, for kernels that test widths."""
     from agglo_core.anneal.state import Cells
     from agglo_core.anneal.widths import cell_surroundings
 
@@ -203,7 +205,7 @@ def corner_cells(graph: Graph) -> Any:
 
 
 def too_wide(shapes: Shapes, labels: Int, size: float) -> Mask:
-    """Which parts of several cells are wider than the size ``(k,)``."""
+    """Return a mask ``(k,)`` of the parts with several cells wider than the size."""
     wide: Mask = (shapes.widths > size * (1 + ROUNDING)) & (np.bincount(labels) > 1)
     return wide
 

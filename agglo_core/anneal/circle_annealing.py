@@ -1,4 +1,4 @@
-"""Annealing with the true circles inside parts of the plane instead of the ratio of measure and surface."""
+"""Anneal 2-D parts with true inscribed circles instead of the measure-to-surface ratio."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -32,21 +32,21 @@ from agglo_core.anneal.widths import joined_width, left_width
 from agglo_core.compiled.compiling import helper, kernel
 
 _GROWTH = 1.3
-"""Largest growth of the radius of a circle, nearly always, when one cell joins.
+"""Upper bound, almost always valid, on the growth factor of a circle radius when one cell joins.
 
-Factor. A smaller one refuses good moves unseen, a larger one searches more circles in vain.
+A smaller factor rejects good moves unseen, a larger factor leads to more unsuccessful circle searches.
 """
 
 _WIDEST = 0.47
-"""Largest radius of a circle, nearly always, as a share of the diameter; that of a disc is 0.5."""
+"""Upper bound, almost always valid, on the circle radius over the diameter (0.5 for a disc)."""
 
 
 @helper
 def _score(width, radius, centred, how, penalty):
-    """Score of a part with its circles.
+    """Return the part score with circles.
 
-    ``how`` is (size h, evenness, weights of the ratios of both circles). The circles are the largest one
-    inside and the largest one about the centroid.
+    ``how`` is (size h, evenness, weights for both circle ratios). The circles are the largest inscribed
+    circle, and the largest about the centroid.
     """
     size, even, round_, central = how
     excess = width / size - 1.0
@@ -61,7 +61,7 @@ def _of_part(p, parts, circles, how, penalty):
 
 @helper
 def _taken(i, p, sign, parts, cells, circles):
-    """Add the cell to the sums of part p, or take it away."""
+    """Add the cell to the sums of part p (sign 1), or subtract it (−1)."""
     parts.tally[p, MEASURE] += sign * cells.measures[i]
     parts.tally[p, COUNT] += sign
     for a in range(2):
@@ -78,16 +78,16 @@ def _swap(i, p, q, parts, cells, circles):
 
 @helper
 def _new_circle(p, changed, cells, parts, edges, circles):
-    """Circle of part p, the one it has unless that ``changed``, and radius of the one about its centroid.
+    """Return the circle inside part p, and the radius about its centroid.
 
-    Returns radius, centre, and the other radius.
+    The old circle remains unless ``changed``. Returns radius, centre, and the other radius.
     """
     rings = circles.rings
     m = outline(p, parts, edges, circles)
     guess, centre = (rings[p, ACROSS], rings[p, ACROSS + 1]), centre_of(p, parts, circles)
     if changed:
         return circle_inside(p, m, guess, centre, cells, parts, circles.room)
-    # The circle it has is still the best one found, unless that about the new centroid is larger.
+    # The old circle is still the best, unless the circle about the new centroid is larger.
     centred = centred_radius(m, centre, circles.room)
     if centred > rings[p, RADIUS]:
         return circle_inside(p, m, guess, centre, cells, parts, circles.room)
@@ -96,7 +96,7 @@ def _new_circle(p, changed, cells, parts, edges, circles):
 
 @helper
 def _write(p, width, circle, parts, circles):
-    """Note the width and the circle of part p."""
+    """Store the width and the circle of part p."""
     parts.tally[p, DIAMETER], parts.ends[p, 0], parts.ends[p, 1] = width
     for a in range(4):
         circles.rings[p, a] = circle[a]
@@ -104,23 +104,23 @@ def _write(p, width, circle, parts, circles):
 
 @helper
 def _tried(i, p, q, least, how, penalty, cells, parts, edges, circles, work, stamp):
-    """Move cell i from part p to part q unless their scores fall below ``least`` in sum.
+    """Move cell i from part p to part q unless the sum of their scores falls below ``least``.
 
-    Returns whether it moved. Bounds come first: the circle of p does not grow, that of q only if an edge with
-    the cell touches it.
+    Returns True if the cell moved. Bounds come first: the circle of p does not grow, and the circle of q only
+    grows if it touches an edge shared with the cell.
     """
     rings, size, even = circles.rings, how[0], how[1]
-    # 1. If the penalty of q for its diameter takes both scores at their most below ``least``, refuse.
+    # 1. Reject if the diameter penalty of q brings even the largest possible scores below ``least``.
     joined = joined_width(i, q, cells, parts)
     excess, most = joined[0] / size - 1.0, even + 2.0 * _WIDEST * (how[2] + how[3])
     if excess > 0.0 and 2.0 * most - penalty * excess < least:
         return False
-    # 2. Part p must stay connected; if it does, the cell has the label q from here on.
+    # 2. Part p must stay connected. If so, the cell has label q from here on.
     if not may_leave(i, p, q, cells, parts, work, stamp):
         return False
     left = left_width(p, cells, parts, work, stamp)
-    # 3. Bounds of both scores: p keeps its radius; that of q grows, by a bounded factor, only if an edge
-    #    between q and the cell, which vanishes, holds its circle.
+    # 3. Bounds on both scores: p keeps its radius. The radius of q only grows, by a bounded factor, if an
+    #    edge between q and the cell, which disappears, touches its circle.
     held = rings[p, RADIUS]
     grows = touches(i, q, rings[q, ACROSS], rings[q, ACROSS + 1], 1.01 * rings[q, RADIUS], parts, edges)
     bound = min(_WIDEST * joined[0], _GROWTH * rings[q, RADIUS]) if grows else rings[q, RADIUS]
@@ -128,13 +128,13 @@ def _tried(i, p, q, least, how, penalty, cells, parts, edges, circles, work, sta
     if _score(left[0], held, held, how, penalty) + above < least:
         parts.labels[i] = p
         return False
-    # 4. The circle of p changes if its centre may lie in the cell, or an edge between p and the cell, which
-    #    becomes outer, cuts it.
+    # 4. The circle of p changes if its centre may lie in the cell, or if an edge between p and the cell,
+    #    which becomes an outer edge, intersects it.
     x, y = rings[p, ACROSS] - cells.centroids[i, 0], rings[p, ACROSS + 1] - cells.centroids[i, 1]
     shrinks = x * x + y * y < cells.radii[i] ** 2 or touches(
         i, p, rings[p, ACROSS], rings[p, ACROSS + 1], held, parts, edges
     )
-    # 5. The circle of p, then, if both can still reach ``least`` with the bound of q, that of q.
+    # 5. Compute the circle of p, then the circle of q if both can still reach ``least`` with the bound on q.
     _swap(i, p, q, parts, cells, circles)
     one = _new_circle(p, shrinks, cells, parts, edges, circles)
     score = _score(left[0], one[0], one[3], how, penalty)
@@ -144,7 +144,7 @@ def _tried(i, p, q, least, how, penalty, cells, parts, edges, circles, work, sta
         score += _score(joined[0], other[0], other[3], how, penalty)
     else:
         score = -np.inf
-    # 6. Metropolis' rule: undo the move, or note widths and circles.
+    # 6. Metropolis criterion: undo the move, or store widths and circles.
     if not score >= least:
         parts.labels[i] = p
         _swap(i, q, p, parts, cells, circles)
@@ -156,20 +156,22 @@ def _tried(i, p, q, least, how, penalty, cells, parts, edges, circles, work, sta
 
 @kernel(allocates=False)
 def anneal_circles(cells, edges, parts, circles, work, shares, start, stop, how, rounds, seed, stamp):
-    """Draw and move cells as ``anneal`` does, with the scores of circles, and return how many moved."""
+    """Draw and move cells as ``anneal`` does, with circle scores, and return the number of moves."""
     moved, most = 0, most_draws(rounds)
     for s in range(start, stop):
+        # 1. Random numbers and marks of this share.
         state, count = share_seed(seed, s), shares.starts[s + 1] - shares.starts[s]
         mark = stamp + most * shares.starts[s]
         for r in range(rounds.shape[1]):
             heat, penalty = rounds[0, r], rounds[1, r]
             for _ in range(np.int64(rounds[2, r] * count)):
                 mark += 1
+                # 2. Draw a cell and its target part.
                 state, i, p, q = drawn_move(state, s, shares, cells, parts)
                 if p == q:
                     continue
-                # The least sum of both scores after the move: the sum before it, less what Metropolis' rule
-                # allows.
+                # 3. Smallest admissible sum of both scores: the sum before the move minus the Metropolis
+                #    loss.
                 state, loss = drawn_loss(state, heat)
                 least = _of_part(p, parts, circles, how, penalty) + _of_part(q, parts, circles, how, penalty)
                 rest = cells, parts, edges, circles, work, mark

@@ -1,4 +1,4 @@
-"""The largest circles inside parts of the plane, followed while cells move."""
+"""Largest inscribed circles of 2-D parts, updated while cells move."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -12,21 +12,22 @@ from agglo_core.anneal.state import MEASURE
 from agglo_core.compiled.compiling import ONE, helper, kernel
 
 RADIUS, ACROSS, CENTRED, MOMENT = 0, 1, 3, 4
-"""Columns of a part: radius of its circle, its centre, that of the circle about the centroid, moments."""
+"""Columns per part: radius and centre of its circle, radius of the circle about the centroid, first moments.
+"""
 
-_STEPS = 10  # of an ascent, the last one 0.075 times the first
+_STEPS = 10  # steps of an ascent; the last step is 0.075 times the first
 _SHRINK, _START, _BACK = 0.75, 0.35, 0.9
-"""Of an ascent: factor between steps, the first step over the first radius, and the share of the best radius
-below which it goes back to the best point; no step exceeds this share of the radius either."""
+"""Ascent parameters: factor between steps, first step over first radius, and fraction of the best radius
+below which the ascent returns to the best point. This fraction of the radius also limits each step."""
 _DEEP = 0.5
-"""Depth of a centroid, over the largest radius found, above which a circle is sought from it."""
+"""Depth of a cell centroid over the largest radius found, above which it starts a circle search."""
 
 _APART = 0.02
-"""Squared distance of the centroid over squared radius above which a circle is sought from it, too."""
+"""Squared centroid distance over squared radius, above which the centroid also starts a circle search."""
 
 
 class Circles(NamedTuple):
-    """Circles of the parts ``(k, 6)``, and a work array ``(5, e + 1)`` for the edges around one."""
+    """Part circles ``(k, 6)``, and workspace ``(5, e + 1)`` for the edges around a part."""
 
     rings: Any
     room: Any
@@ -34,7 +35,7 @@ class Circles(NamedTuple):
 
 @helper
 def outline(p, parts, edges, circles):
-    """Write the edges around part p to the columns of the work array and return how many there are."""
+    """Write the edges around part p to the workspace columns, and return their number."""
     m, i, room = np.int64(0), parts.first[p], circles.room
     while i >= 0:
         c = np.uint64(i)
@@ -50,7 +51,7 @@ def outline(p, parts, edges, circles):
 
 @helper
 def _nearest(x, y, m, room):
-    """Square of the distance from a point to the nearest edge, and the vector from there to the point."""
+    """Return the squared distance from a point to the nearest edge, and the vector from the edge."""
     best, bx, by = np.inf, 0.0, 0.0
     for k in range(m):
         ex, ey, dx, dy = x - room[0, k], y - room[1, k], room[2, k], room[3, k]
@@ -65,7 +66,7 @@ def _nearest(x, y, m, room):
 
 @helper
 def _within(x, y, m, room):
-    """Return whether a point lies inside the edges: a ray from it crosses an odd number of them."""
+    """Return True if a point lies inside the edges (odd number of ray crossings)."""
     odd = False
     for k in range(m):
         low = room[1, k]
@@ -77,9 +78,9 @@ def _within(x, y, m, room):
 
 @helper
 def _ascended(x, y, m, room):
-    """Circle inside the edges, locally nearly the largest, by steps away from the nearest edge.
+    """Return a locally almost largest circle inside the edges, by steps away from the nearest edge.
 
-    At a ridge, where several edges are equally near, steps that do not shrink would go to and fro.
+    Steps shrink, because at a ridge with several nearest edges constant steps would oscillate.
     """
     square, bx, by = _nearest(x, y, m, room)
     radius = np.sqrt(square)
@@ -87,13 +88,13 @@ def _ascended(x, y, m, room):
     for _ in range(_STEPS):
         if not radius > 1e-14 * best:
             break
-        # 1. A step straight away from the nearest edge; less than the radius, so that no edge is crossed.
+        # 1. Step straight away from the nearest edge, by less than the radius, so that no edge is crossed.
         length = min(step, _BACK * radius)
         x += length * bx / radius
         y += length * by / radius
         square, bx, by = _nearest(x, y, m, room)
         radius = np.sqrt(square)
-        # 2. Note the best point; go back to it if the step led too far beyond the ridge.
+        # 2. Record the best point, and return to it if the step led too far beyond the ridge.
         if radius > best:
             best, at_x, at_y = radius, x, y
         elif radius < _BACK * best:
@@ -106,7 +107,7 @@ def _ascended(x, y, m, room):
 
 @helper
 def centre_of(p, parts, circles):
-    """Centroid of part p."""
+    """Return the centroid of part p."""
     measure = parts.tally[p, MEASURE]
     scale = 1.0 / measure if measure > 0.0 else 0.0
     return circles.rings[p, MOMENT] * scale, circles.rings[p, MOMENT + 1] * scale
@@ -114,7 +115,7 @@ def centre_of(p, parts, circles):
 
 @helper
 def centred_radius(m, centre, room):
-    """Radius of the circle about the centroid, 0 if that lies outside."""
+    """Return the radius of the circle about the centroid, or 0 if the centroid lies outside."""
     if m == 0 or not _within(centre[0], centre[1], m, room):
         return 0.0
     return np.sqrt(_nearest(centre[0], centre[1], m, room)[0])
@@ -122,24 +123,24 @@ def centred_radius(m, centre, room):
 
 @helper
 def circle_inside(p, m, guess, centre, cells, parts, room):
-    """Circle inside the ``m`` edges of part p: radius, centre, and radius of the one about its centroid.
+    """Return a circle inside the ``m`` edges of part p: radius, centre, and radius about its centroid.
 
-    It is sought from the guess, the centroid, and if neither lies inside the deepest centroid of a cell.
+    The search starts at the guess, at the centroid, and if both lie outside at the deepest cell centroid.
     """
     best, x, y = -1.0, guess[0], guess[1]
     if m == 0:
         return 0.0, x, y, 0.0
-    # 1. From the guess, mostly the circle that the part had.
+    # 1. From the guess, usually the previous circle.
     if _within(x, y, m, room):
         best, x, y = _ascended(x, y, m, room)
-    # 2. From the centroid, unless the circle found is about it already.
+    # 2. From the centroid, unless the circle already surrounds it closely.
     centred = centred_radius(m, centre, room)
     elsewhere = best < 0.0 or (x - centre[0]) ** 2 + (y - centre[1]) ** 2 > _APART * best * best
     if centred > 0.0 and elsewhere:
         radius, at_x, at_y = _ascended(centre[0], centre[1], m, room)
         if radius > best:
             best, x, y = radius, at_x, at_y
-    # 3. Both lie outside: from the centroid of a cell farthest from the edges.
+    # 3. Both lie outside: start at the cell centroid farthest from the edges.
     if best < 0.0:
         deepest, i = -1.0, parts.first[p]
         while i >= 0:
@@ -153,7 +154,7 @@ def circle_inside(p, m, guess, centre, cells, parts, room):
 
 @helper
 def touches(i, p, x, y, radius, parts, edges):
-    """Return whether an edge of cell i with part p comes within the radius of a point."""
+    """Return True if an edge between cell i and part p comes within the radius of a point."""
     for h in range(edges.offsets[i], edges.offsets[i + 1]):
         j = edges.beside[h]
         if j < 0 or parts.labels[j] != p:
@@ -169,7 +170,7 @@ def touches(i, p, x, y, radius, parts, edges):
 
 @helper
 def _largest(p, m, centre, cells, parts, room):
-    """Circle inside part p, sought from its centroid and from all deep centroids of its cells."""
+    """Return the circle inside part p, searched from its centroid and from all deep cell centroids."""
     best = circle_inside(p, m, centre, centre, cells, parts, room)
     deepest, i = best[0], parts.first[p]
     while i >= 0:
@@ -185,12 +186,14 @@ def _largest(p, m, centre, cells, parts, room):
 
 @kernel
 def circle_state(cells, edges, parts):
-    """Circles of all parts."""
+    """Return the circles inside all parts."""
     k = len(parts.tally)
     circles = Circles(np.zeros((k, 6)), np.empty((5, len(edges.beside) + 1)))
+    # 1. First moments.
     for i in range(len(parts.labels)):
         for a in range(2):
             circles.rings[parts.labels[i], MOMENT + a] += cells.measures[i] * cells.centroids[i, a]
+    # 2. Largest circle of each part.
     for p in range(k):
         m = outline(p, parts, edges, circles)
         found = _largest(p, m, centre_of(p, parts, circles), cells, parts, circles.room)

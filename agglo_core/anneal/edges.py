@@ -1,4 +1,4 @@
-"""The edges of cells of the plane, as far as vertices and neighbours tell."""
+"""Edges of 2-D cells, reconstructed from vertices and neighbours."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -12,10 +12,10 @@ from agglo_core.compiled.compiling import helper, kernel
 
 
 class Edges(NamedTuple):
-    """Edges of each cell as a CSR.
+    """Cell edges as a CSR.
 
-    ``beside (e,)`` is the cell beyond or −1; ``lines (e, 5)`` are a corner (two columns), the vector from
-    there to the other one (two), and 1/length², or 0.
+    ``beside (e,)`` is the adjacent cell or −1. ``lines (e, 5)`` are one end (two columns), the vector from
+    there to the other end (two), and 1/length², or 0.
     """
 
     offsets: Any
@@ -25,10 +25,10 @@ class Edges(NamedTuple):
 
 @helper
 def _shared_ends(i, j, cells):
-    """Find the two vertices shared by cells i and j that are farthest apart, or −1 twice."""
+    """Find the two farthest vertices that cells i and j share, or −1 twice."""
     one, other, most = np.int32(-1), np.int32(-1), 0.0
     begin, end = cells.offsets[j], cells.offsets[j + 1]
-    # Every pair u, v of vertices of cell i, v listed before u, of which both are vertices of cell j.
+    # Visit all vertex pairs u, v of cell i, v listed before u, that are both vertices of cell j.
     for g in range(cells.offsets[i], cells.offsets[i + 1]):
         u = cells.vertices[g]
         for a in range(begin, end):
@@ -57,13 +57,13 @@ def _write_line(row, u, v, points, lines):
 
 @helper
 def _outer_edges(i, m, ring, cells, pairs, lines, beside, kept):
-    """Write those edges from corner to corner around a cell that no other cell shares.
+    """Write the edges between consecutive corners of a cell that no other cell shares.
 
-    ``pairs[:kept]`` hold the ends of its shared edges in the first two columns; the third one and ``ring``
-    are work arrays. Returns the number of edges written so far, and the length of these.
+    ``pairs[:kept]`` contain the ends of its shared edges in the first two columns. The third column and
+    ``ring`` are workspace. Returns the number of edges written so far, and the total length of the new edges.
     """
     start, count = cells.offsets[i], cells.offsets[i + 1] - cells.offsets[i]
-    # 1. Corners by their angle about the centroid: insertion sort, as they are few.
+    # 1. Sort the corners by their angle about the centroid (insertion sort, as they are few).
     for a in range(count):
         v = cells.vertices[start + a]
         angle = np.arctan2(
@@ -74,7 +74,7 @@ def _outer_edges(i, m, ring, cells, pairs, lines, beside, kept):
             ring[b], pairs[b, 2] = ring[b - 1], pairs[b - 1, 2]
             b -= 1
         ring[b], pairs[b, 2] = angle, v
-    # 2. From each corner to the next one, unless these are the ends of a shared edge.
+    # 2. Write the edge from each corner to the next, unless it is a shared edge.
     length = 0.0
     for a in range(count):
         u, v = np.int32(pairs[a, 2]), np.int32(pairs[(a + 1) % count, 2])
@@ -91,13 +91,13 @@ def _outer_edges(i, m, ring, cells, pairs, lines, beside, kept):
 
 @kernel
 def cell_edges(cells, boundary):
-    """Edges of the cells in the plane, and by which share their lengths differ from the outlines in all.
+    """Return the edges of 2-D cells, and the relative error of the total outline length.
 
-    Neighbours share the edge between the two vertices farthest apart that both have: exact unless their
-    interface is bent. The boundary of a cell is made of its corners in their order about its centroid.
+    Neighbours share the edge between their two farthest common vertices: exact unless the interface is bent.
+    The boundary of a cell connects its corners in order about its centroid.
     """
     n, most = len(boundary), 1
-    # 1. Room: the largest numbers of neighbours and corners of a cell, and of all edges.
+    # 1. Allocate for the largest numbers of neighbours and corners per cell, and for all edges.
     for i in range(n):
         most = max(most, cells.indptr[i + 1] - cells.indptr[i], cells.offsets[i + 1] - cells.offsets[i])
     room = len(cells.indices) + len(cells.vertices)
@@ -105,7 +105,7 @@ def cell_edges(cells, boundary):
     pairs, ring = np.empty((most, 3), np.int64), np.empty(most)
     m, off, whole = 0, 0.0, 0.0
     for i in range(n):
-        # 2. One edge for each neighbour with which two vertices are shared.
+        # 2. Write one edge for each neighbour with two common vertices.
         length, kept = 0.0, 0
         for h in range(cells.indptr[i], cells.indptr[i + 1]):
             j = cells.indices[h]
@@ -115,11 +115,11 @@ def cell_edges(cells, boundary):
                 pairs[kept, 0], pairs[kept, 1], beside[m] = u, v, j
                 kept += 1
                 m += 1
-        # 3. Cells at the boundary of the domain have others.
+        # 3. Write the boundary edges of cells at the domain boundary.
         if boundary[i] > 0.0:
             m, outer = _outer_edges(i, m, ring, cells, pairs, lines, beside, kept)
             length += outer
-        # 4. Were these all edges, and straight? Then their lengths add up to the measure of the cell's
+        # 4. Error: if all edges are found and straight, their lengths add up to the measure of the cell's
         #    faces.
         off += abs(length - cells.surfaces[i])
         whole += cells.surfaces[i]

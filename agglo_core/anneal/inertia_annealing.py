@@ -1,6 +1,6 @@
-"""Annealing for solvers: cells move at random, ever more rarely where inertia and interface grow.
+"""Annealing for solvers: cells move at random, with ever fewer moves that increase inertia and interface.
 
-A move changes two parts only, and of these their weight, centre and interface, so it takes some 30 ns.
+A move changes only two parts' weights, centres and interfaces, so it takes about 30 ns.
 """
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
@@ -28,14 +28,14 @@ from agglo_core.anneal.widths import joined_width, left_width, widest
 from agglo_core.compiled.compiling import ONE, helper, kernel
 
 SIZE, CENTRE, _COLUMNS = 1, 4, 7
-"""Columns of size and centre of a part, and their number; the weight is in that of the measure."""
+"""Columns of part size and centre, and number of columns. The weight uses the column of the measure."""
 
 
 class Pursuit(NamedTuple):
-    """Objective and bounds: inertia · J + interface · L, plus penalties of sizes.
+    """Objective and bounds: inertia · J + interface · L, plus size penalties.
 
-    Weights and sizes of the cells ``(n,)``; factors of the inertia J and the interface L; the largest width
-    of a part; its least and largest size, and the unit of deviations from these.
+    Fields: cell weights and sizes ``(n,)``, factors for the inertia J and the interface L, the largest part
+    width, the smallest and largest part size, and the unit for size deviations.
     """
 
     weights: Any
@@ -50,7 +50,7 @@ class Pursuit(NamedTuple):
 
 @helper
 def _square(i, p, cells, parts):
-    """Square of the distance of cell i from the centre of part p."""
+    """Return the squared distance from cell i to the centre of part p."""
     x = cells.centroids[i, 0] - parts.tally[p, CENTRE]
     y = cells.centroids[i, 1] - parts.tally[p, CENTRE + 1]
     z = cells.centroids[i, 2] - parts.tally[p, CENTRE + 2] if cells.centroids.shape[1] > 2 else 0.0
@@ -59,27 +59,27 @@ def _square(i, p, cells, parts):
 
 @helper
 def _off(size, pursuit):
-    """Square of the deviation of a size from its bounds, in units of the pursuit."""
+    """Return a size's squared deviation from its bounds, in the pursuit's units."""
     off = max(max(size - pursuit.most, pursuit.least - size), 0.0) / pursuit.unit
     return off * off
 
 
 @helper
 def _change(i, p, q, cells, parts, pursuit, penalty):
-    """Change of the objective when cell i goes from part p to part q."""
+    """Return the change in the objective when cell i moves from part p to part q."""
     w, cut, i = pursuit.weights[i], 0.0, np.uint64(i)
     left, joined = parts.tally[p, MEASURE] - w, parts.tally[q, MEASURE] + w
-    # 1. Inertia (Steiner): p loses w m / (m − w) |x − c|², q gains w m / (m + w) |x − c|², with mass m and
-    #    centre c of each before the move.
+    # 1. Inertia (Steiner): p loses w m / (m − w) |x − c|², q gains w m / (m + w) |x − c|², with the mass m
+    #    and centre c of each part before the move.
     lost = _square(i, p, cells, parts) * parts.tally[p, MEASURE] / left if left > 0.0 else 0.0
     won = _square(i, q, cells, parts) * parts.tally[q, MEASURE] / joined if joined > 0.0 else 0.0
-    # 2. Faces with p become interface, those with q cease to be.
+    # 2. Interface: faces with p are added, faces with q are removed.
     for h in range(np.uint64(cells.indptr[i]), np.uint64(cells.indptr[i + ONE])):
         label, length = parts.labels[np.uint32(cells.indices[h])], cells.interface[h]
         cut += length if label == p else 0.0
         cut -= length if label == q else 0.0
     change = pursuit.inertia * w * (won - lost) + pursuit.interface * cut
-    # 3. Squared deviations of both sizes, after less before.
+    # 3. Penalty: difference in the squared size deviations.
     if penalty > 0.0:
         one, other, size = parts.tally[p, SIZE], parts.tally[q, SIZE], pursuit.sizes[i]
         off = (
@@ -94,7 +94,7 @@ def _change(i, p, q, cells, parts, pursuit, penalty):
 
 @helper
 def _take(i, p, sign, cells, parts, weights, sizes):
-    """Update the sums of part p, which wins (sign 1) or loses (−1) cell i."""
+    """Update the sums of part p, which gains (sign 1) or loses (−1) cell i."""
     w = sign * weights[i]
     mass = parts.tally[p, MEASURE] + w
     step = w / mass if mass > 0.0 else 0.0
@@ -107,21 +107,21 @@ def _take(i, p, sign, cells, parts, weights, sizes):
 
 @helper
 def _moved(i, p, q, cells, parts, work, pursuit, stamp):
-    """Move cell i from part p to q if p stays connected and q no wider than the limit.
+    """Move cell i from part p to q if p stays connected and q within the width limit.
 
-    Returns whether it moved.
+    Returns True if the cell moved.
     """
     limited = pursuit.limit < np.inf
     joined = (0.0, np.int32(-1), np.int32(-1))
-    # 1. A part that was too wide before may stay so, but not grow.
+    # 1. A part that was too wide before may stay so, but not become wider.
     if limited:
         joined = joined_width(i, q, cells, parts)
         if joined[0] > pursuit.limit and joined[0] > parts.tally[q, DIAMETER]:
             return False
-    # 2. Part p must stay connected; if it does, the cell has the label q from here on.
+    # 2. Part p must stay connected. If so, the cell has label q from here on.
     if not may_leave(i, p, q, cells, parts, work, stamp):
         return False
-    # 3. Widths, and the lists that they need, are kept up only if they have a limit.
+    # 3. Update widths and cell lists, only if there is a limit.
     if limited:
         left = left_width(p, cells, parts, work, stamp)
         exchange(i, p, q, parts)
@@ -134,23 +134,25 @@ def _moved(i, p, q, cells, parts, work, pursuit, stamp):
 
 @kernel(allocates=False)
 def anneal_inertia(cells, parts, work, shares, start, stop, pursuit, rounds, seed, stamp):
-    """Draw cells of the shares ``start`` to ``stop`` − 1 and move them to neighbours' parts, if they may.
+    """Draw cells from the shares ``start`` to ``stop`` − 1, and move them to adjacent parts if admissible.
 
-    A cell may move if the objective does not grow by more than Metropolis' rule allows. No part is emptied or
-    disconnected; none becomes wider than the limit, or than it was. Penalties are for sizes beyond their
-    bounds. The rest is as in ``anneal``.
+    A move is admissible if the objective increases by no more than the Metropolis criterion allows. No part
+    is emptied or disconnected. No part becomes wider than the limit, or than before. Penalties apply to sizes
+    beyond their bounds. Arguments and marks are as in ``anneal``.
     """
     moved, most = 0, most_draws(rounds)
     for s in range(start, stop):
+        # 1. Random numbers and marks of this share.
         state, count = share_seed(seed, s), shares.starts[s + 1] - shares.starts[s]
         mark = stamp + most * shares.starts[s]
         for r in range(rounds.shape[1]):
             for _ in range(np.int64(rounds[2, r] * count)):
                 mark += 1
+                # 2. Draw a cell and its target part.
                 state, i, p, q = drawn_move(state, s, shares, cells, parts)
                 if p == q:
                     continue
-                # Metropolis' rule comes before the admissibility of the move, as it takes less time here.
+                # 3. Test the Metropolis criterion before the admissibility, because it is cheaper here.
                 state, loss = drawn_loss(state, rounds[0, r])
                 if _change(i, p, q, cells, parts, pursuit, rounds[1, r]) <= -loss:
                     moved += _moved(i, p, q, cells, parts, work, pursuit, mark)
@@ -159,12 +161,12 @@ def anneal_inertia(cells, parts, work, shares, start, stop, pursuit, rounds, see
 
 @kernel
 def solver_state(cells, weights, sizes, labels, count, limited):
-    """State of the parts ``0..count−1``, with widths and lists if ``limited``, and work arrays."""
+    """Return the state of the parts ``0..count−1``, with widths and lists if ``limited``, and workspace."""
     n, m = len(labels), (len(labels) if limited else 0)
     own, tally, ends = np.empty(n, np.int32), np.zeros((count, _COLUMNS)), np.full((count, 2), -1, np.int32)
     first, after, before = np.full(count, -1, np.int32), np.empty(m, np.int32), np.full(m, -1, np.int32)
     parts = Parts(own, tally, ends, first, after, before)
-    # Sums, cell by cell; lists from behind, so that cells ascend in them.
+    # 1. Sums and cell lists, in reverse order, so that the lists ascend.
     for i in range(n - 1, -1, -1):
         p = labels[i]
         own[i] = p
@@ -174,6 +176,7 @@ def solver_state(cells, weights, sizes, labels, count, limited):
             if first[p] >= 0:
                 before[first[p]] = i
             first[p] = i
+    # 2. Workspace, and widths of all parts.
     marks, seen = np.full((n, 2), -1, np.int64), np.full(len(cells.points), -1, np.int64)
     found = np.empty(len(cells.points) + 1, np.int32)
     room = Work(np.empty(n + 1, np.int32), np.empty(n + 1, np.int32), marks, seen, found)

@@ -1,9 +1,8 @@
-"""Annealing: cells move at random between neighbouring parts, ever more rarely where that makes parts worse.
+"""Annealing: cells move at random between adjacent parts, with ever fewer moves that worsen the parts.
 
-The sum of the scores of all parts is to rise. The score of a part is
-evenness · min(d/h, 1) + roundness · ratio − penalty · max(d/h − 1, 0): d is its diameter, exact, h the size,
-and the ratio stands for that of an inscribed circle or ball, 2r/d, with r proportional to measure over
-surface.
+The objective is the sum of part scores, to be maximised. A part's score is evenness · min(d/h, 1) + roundness
+· ratio − penalty · max(d/h − 1, 0), with the exact diameter d and the size h. The ratio replaces the ratio
+2r/d of an inscribed circle or ball, with r proportional to measure over surface.
 """
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
@@ -30,9 +29,9 @@ from agglo_core.compiled.compiling import ONE, helper, kernel
 
 @helper
 def _score(width, measure, surface, how, penalty):
-    """Score of a part.
+    """Return the part score.
 
-    ``how`` is (size h, evenness, roundness, ratio of a part of unit sums).
+    ``how`` is (size h, evenness, roundness, ratio of a part with unit sums).
     """
     size, even, round_, unit = how
     room, excess = surface * width, width / size - 1.0
@@ -47,7 +46,7 @@ def _of_part(p, parts, how, penalty):
 
 @helper
 def _shared(i, p, q, cells, parts):
-    """Measure of the faces of cell i with parts p and q."""
+    """Return the measure of the faces between cell i and the parts p and q."""
     own, there, i = 0.0, 0.0, np.uint64(i)
     for h in range(np.uint64(cells.indptr[i]), np.uint64(cells.indptr[i + ONE])):
         label, length = parts.labels[np.uint32(cells.indices[h])], cells.interface[h]
@@ -58,7 +57,7 @@ def _shared(i, p, q, cells, parts):
 
 @helper
 def _put(i, p, q, widths, surfaces, cells, parts):
-    """Move cell i from part p to part q, which have these widths (diameter, two ends) and surfaces then."""
+    """Move cell i from part p to part q, and set their new widths and surfaces."""
     exchange(i, p, q, parts)
     for part, sign, width, surface in ((p, -1.0, widths[0], surfaces[0]), (q, 1.0, widths[1], surfaces[1])):
         parts.tally[part, MEASURE] += sign * cells.measures[i]
@@ -69,25 +68,25 @@ def _put(i, p, q, widths, surfaces, cells, parts):
 
 @helper
 def _tried(i, p, q, least, how, penalty, cells, parts, work, stamp):
-    """Move cell i from part p to part q unless their scores fall below ``least`` in sum.
+    """Move cell i from part p to part q unless the sum of their scores falls below ``least``.
 
-    Returns whether it moved.
+    Returns True if the cell moved.
     """
-    # 1. The diameter of q with the cell. No score exceeds evenness + roundness: if the penalty of q alone
-    #    takes both below ``least``, nothing else need be known.
+    # 1. Diameter of q with the cell. No score exceeds evenness + roundness: if the penalty of q alone brings
+    #    the sum below ``least``, reject.
     joined = joined_width(i, q, cells, parts)
     excess = joined[0] / how[0] - 1.0
     if excess > 0.0 and 2.0 * (how[1] + how[2]) - penalty * excess < least:
         return False
-    # 2. Part p must stay connected; if it does, the cell has the label q from here on.
+    # 2. Part p must stay connected. If so, the cell has label q from here on.
     if not may_leave(i, p, q, cells, parts, work, stamp):
         return False
-    # 3. Faces of the cell with p become outer ones of p, those with q inner ones of q.
+    # 3. The cell's faces with p become outer faces of p, its faces with q inner faces of q.
     own, there = _shared(i, p, q, cells, parts)
     left = left_width(p, cells, parts, work, stamp)
     measure, surface = cells.measures[i], cells.surfaces[i]
     surfaces = parts.tally[p, SURFACE] - surface + 2.0 * own, parts.tally[q, SURFACE] + surface - 2.0 * there
-    # 4. Metropolis' rule: accepted if the scores after the move reach ``least``. Not a number is refused.
+    # 4. Metropolis criterion: accept if the new scores reach ``least``, reject NaN.
     after = _score(left[0], parts.tally[p, MEASURE] - measure, surfaces[0], how, penalty)
     after += _score(joined[0], parts.tally[q, MEASURE] + measure, surfaces[1], how, penalty)
     if not after >= least:
@@ -99,28 +98,28 @@ def _tried(i, p, q, least, how, penalty, cells, parts, work, stamp):
 
 @kernel(allocates=False)
 def anneal(cells, parts, work, shares, start, stop, how, rounds, seed, stamp):
-    """Draw cells of the shares ``start`` to ``stop`` − 1 and move them to neighbours' parts, if they may.
+    """Draw cells from the shares ``start`` to ``stop`` − 1, and move them to adjacent parts if admissible.
 
-    ``rounds (3, R)`` are temperatures, penalties, and draws for each cell. No part is emptied or
-    disconnected. Returns how many cells moved. Numbers from ``stamp`` on mark searches, for each cell one for
-    each of its draws in all rounds, and one more a round: none of them may have been used in the work arrays.
+    ``rounds (3, R)`` are temperatures, penalties, and draws per cell. No part is emptied or disconnected.
+    Returns the number of moves. Search marks are numbered from ``stamp``, with one number per draw of each
+    cell over all rounds, and one more per round. The numbers must be unused in the workspace.
     """
     moved, most = 0, most_draws(rounds)
     for s in range(start, stop):
-        # 1. Each share has random numbers and marks of its own, whichever thread works at it: results do not
-        #    depend on the number of threads.
+        # 1. Each share has its own random numbers and marks, so results do not depend on the number of
+        #    threads.
         state, count = share_seed(seed, s), shares.starts[s + 1] - shares.starts[s]
         mark = stamp + most * shares.starts[s]
         for r in range(rounds.shape[1]):
             heat, penalty = rounds[0, r], rounds[1, r]
             for _ in range(np.int64(rounds[2, r] * count)):
-                # 2. Draw a cell, and a neighbour whose part q it may join; p = q if nothing can move.
+                # 2. Draw a cell, and a neighbour whose part q it may join; p = q if no move is possible.
                 mark += 1
                 state, i, p, q = drawn_move(state, s, shares, cells, parts)
                 if p == q:
                     continue
-                # 3. Draw by how much the score may fall at this temperature before the move is known, so
-                #    that bounds may refuse it early.
+                # 3. Draw the admissible loss at this temperature before evaluating the move, so that bounds
+                #    can reject it early.
                 state, loss = drawn_loss(state, heat)
                 least = _of_part(p, parts, how, penalty) + _of_part(q, parts, how, penalty) + loss
                 moved += _tried(i, p, q, least, how, penalty, cells, parts, work, mark)

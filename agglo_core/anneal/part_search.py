@@ -21,17 +21,17 @@ from agglo_core.refine.part_sizes import FREE, Balance, checked_size, checked_to
 
 @dataclass(frozen=True)
 class PartSearch:
-    """A search for the parts of connected graphs.
+    """Part search on connected graphs.
 
     Attributes
     ----------
     effort : {"fast", "good", "best"}
     objective : {"solver", "roundness"}
-        Small moments of inertia and short interfaces, which solvers want; or round parts of even width.
+        Small moments of inertia and short interfaces for solvers, or round parts with even widths.
     seconds : float, optional
-        When the search for the parts of a connected graph ends, by a clock on the wall.
+        Wall-clock time limit for the search on a connected graph.
     balance : Balance
-        How even sizes of parts are to be; for solvers, and numbers of parts.
+        Required evenness of part sizes, for solvers and part counts only.
 
     Examples
     --------
@@ -59,12 +59,12 @@ class PartSearch:
         balance: Any = None,
         size: str | None = None,
     ) -> PartSearch | None:
-        """The search that the options of a component ask for; None without an effort.
+        """Return the search for a component's options, or None without an effort.
 
         Raises
         ------
         OptionError
-            If an option is not one of those there are.
+            If an option is unknown or contradicts another option.
         """
         if effort not in (None, "fast", "good", "best"):
             raise OptionError(f"{owner}: effort must be fast, good or best, given {effort!r}")
@@ -83,23 +83,23 @@ class PartSearch:
     def parts(
         self, graph: Graph, target: Target, seed: int, start: Start, rival: Rival = bisected_parts
     ) -> Int:
-        """Labels ``(n,)`` of a connected graph of one block: connected parts that meet the target.
+        """Partition a connected one-block graph into connected parts that meet the target.
 
-        With a size no part but single cells is wider, and the number of parts is free; with a count there
-        are so many. What the ``rival`` finds is returned where nothing better is found. For solvers, also the
-        parts to start from compete, as far as they meet the target.
+        Returns the labels ``(n,)``. With a size only single cells are wider, and the number of parts is free.
+        With a count the number of parts is exact. Without a better result the labels of ``rival`` are
+        returned. For solvers the start parts also compete, if they meet the target.
 
         Parameters
         ----------
         graph : Graph
         target : Target
-            Where it has a size its count is at most a guess.
+            With a size, its count is at most a guess.
         seed : int
         start : callable
-            ``start(graph, k)``: labels of about k parts, connected or not.
+            ``start(graph, k)`` returns labels for about k parts, connected or not.
         rival : callable
-            ``rival(graph, target)``: labels of connected parts that meet the target. Inertial bisections by
-            default.
+            ``rival(graph, target)`` returns labels for connected parts that meet the target. Default:
+            inertial bisections.
         """
         limit = TimeLimit(self.seconds)
         if target.h_star is not None and self.balance.asked:
@@ -119,11 +119,13 @@ class PartSearch:
     def _by_component(
         self, graph: Graph, target: Target, seed: int, start: Start, rival: Rival, limit: TimeLimit
     ) -> Int:
-        """Labels of parts of a size; wider cells stay alone, and what they part falls apart."""
+        """Search parts for a size target in each component that remains without wider cells."""
+        # 1. Separate wide cells, and split the rest into components.
         size = float(target.h_star or 0.0) * (1 + ROUNDING)
         wide = graph.part_diameters(np.arange(graph.n)) > size
         rows = np.repeat(wide, np.diff(graph.indptr))
         pieces, cells = graph.split(graph.without_edges(rows | wide[graph.indices]).components())
+        # 2. Search each component that exceeds the size, and number the parts.
         fits = pieces.diameters() <= size
         seeds = splitmix(np.uint64(seed) + np.arange(pieces.n_blocks, dtype=np.uint64))
         labels, count = np.empty(graph.n, np.int64), 0

@@ -1,4 +1,4 @@
-"""The refiner that anneals: the parts stay, their cells change hands."""
+"""Annealing refiner: move cells between parts at a fixed part count."""
 
 from __future__ import annotations
 
@@ -20,36 +20,35 @@ _RAMPS = Ramps(0.1, 1e-3, 160.0, 400.0)
 _FOR_SOLVERS = Ramps(2.0, 0.02)
 _NEVER = 1e7
 _FILLED = {2: 0.38, 3: 0.13}
-"""Measure of a part over its largest width to the power of the dimension, once annealed."""
+"""Part measure over its largest width to the power of the dimension, for annealed parts."""
 
 
 class AnnealRefiner:
-    """Anneals the labels of each block, at the same number of parts, for solvers or for round parts.
+    """Anneal each block at a fixed part count, for solvers or for round parts.
 
-    Boundary cells move at random to neighbouring parts, ever more rarely where that makes parts worse. No
-    part is emptied or falls into more pieces. If the target is a size, no part becomes wider than it, or than
-    the widest was. A block that does not become better stays as it was. The result follows from the seeds; it
-    also depends on how the mesh is turned and its cells are numbered. For parts found from nothing see the
-    option ``effort`` of ``kmeans``.
+    Boundary cells move at random to adjacent parts, with ever fewer moves that worsen the parts. No part is
+    emptied or falls into more components. With a size target, no part becomes wider than the target, or than
+    the widest part at entry. A block without improvement remains unchanged. The result depends on the seeds,
+    and also on the mesh orientation and cell numbering. To find parts from scratch, use the option ``effort``
+    of ``kmeans``.
 
     Parameters
     ----------
     moves : int
-        Cells drawn for each cell of a block.
+        Number of draws per cell.
     objective : "solver" or "roundness"
-        Small moments of inertia with short interfaces; or round parts of even width.
+        Small moments of inertia with short interfaces, or round parts with even widths.
     roundness, evenness : float
-        With the objective ``roundness``: what round parts, and parts of even width, count. At equal weights
-        widths become even at the expense of the largest inscribed circles.
+        Weights of round shapes and of even widths in the objective ``roundness``. At equal weights widths
+        become even at the expense of the largest inscribed circles.
     seconds : float, optional
-        When annealing ends, by a clock on the wall; the best so far is returned, which then differs from run
-        to run.
+        Wall-clock time limit. After it the best labels so far are returned, which then differ between runs.
 
     Raises
     ------
     OptionError
-        If ``moves`` is not a whole number from 1 on, the objective another, the seconds not above 0, or a
-        weight is negative or not finite, or both are 0.
+        If ``moves`` is not a positive integer, the objective is unknown, ``seconds`` is not positive, or a
+        weight is negative or not finite, or both weights are 0.
 
     Examples
     --------
@@ -78,7 +77,7 @@ class AnnealRefiner:
             raise OptionError("anneal: roundness and evenness are both 0: nothing is left to pursue")
 
     def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target) -> Int:
-        """Labels ``(n,)`` after the moves, block by block."""
+        """Return the labels ``(n,)`` after annealing block by block."""
         result, limit = labels.copy(), TimeLimit(self.seconds)
         for b in range(graph.n_blocks):
             own = slice(int(graph.offsets[b]), int(graph.offsets[b + 1]))
@@ -89,24 +88,26 @@ class AnnealRefiner:
         return frozen_int(result)
 
     def _for_solver(self, graph: Graph, labels: Int, seed: int, target: Target, limit: TimeLimit) -> Int:
-        """Labels 0..k−1 of one block after the moves; those given unless they become better."""
+        """Anneal one block for solvers, and return the better labels, old or new."""
         tool = SolverAnnealing(graph, np.inf if target.h_star is None else target.h_star * (1 + ROUNDING))
         after = tool.outward(tool.annealed(tool.inward(labels), _FOR_SOLVERS, self.moves, seed, limit))
         better = OBJECTIVES[self.objective].value
         return after if better(graph, after) < better(graph, labels) else labels
 
     def _round(self, graph: Graph, labels: Int, seed: int, target: Target, limit: TimeLimit) -> Int:
-        """Labels 0..k−1 of one block after the moves; those given unless they become better."""
+        """Anneal one block for round parts, and return the better labels, old or new."""
         widths = graph.part_diameters(labels)
         most, ramps = float(widths.max()), _RAMPS.for_cells(len(labels) / len(widths))
         if not most > 0.0:
             return labels
+        # 1. Size: from the number of parts, or from the target with an infinite penalty for wider parts.
         tool, weights = Annealing(graph), Weights(self.evenness, self.roundness, 0.0)
         if target.h_star is None:
             size = _size(tool, len(widths), most)
         else:
             size = most if most > target.h_star * (1 + ROUNDING) else float(target.h_star)
             ramps = ramps._replace(soft=_NEVER, stiff=_NEVER)
+        # 2. Anneal, and reject labels that are too wide or not better.
         first = tool.inward(labels)
         after = tool.outward(tool.annealed(first, size, ramps, self.moves, seed, weights, limit)[0])
         if target.h_star is not None and graph.part_diameters(after).max() > size * (1 + ROUNDING):
@@ -122,7 +123,7 @@ class AnnealRefiner:
 
 
 def _size(tool: Annealing, parts: int, most: float) -> float:
-    """Width that so many parts of a block may have; ``most`` if cells have no measure."""
+    """Return the expected width for ``parts`` parts of a block, or ``most`` if cells have no measure."""
     whole = float(tool.graph.measures.sum())
     even = (whole / (_FILLED[tool.graph.dim] * parts)) ** (1.0 / tool.graph.dim)
     return max(even, float(tool.widths.max())) if even > 0.0 else most  # no part is narrower than its cells

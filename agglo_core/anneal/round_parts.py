@@ -1,4 +1,4 @@
-"""Round parts of even width, found by annealing: the best that a given effort allows."""
+"""Round parts with even widths, found by annealing at a given effort."""
 
 from __future__ import annotations
 
@@ -15,45 +15,50 @@ from agglo_core.progress import TimeLimit
 from agglo_core.protocols import Target
 
 _FILLED = {2: (0.40, 0.44), 3: (0.12, 0.14)}
-"""Measure of a part over its size to the power of the dimension: parts of few cells, and of many."""
+"""Part measure over size to the power of the dimension, by dimension: for parts with few cells, and with
+many."""
 
 _COUNTED = {2: (0.38, 0.42), 3: (0.12, 0.14)}
-"""The same where the number of parts is given and the size follows; others are tried, by a factor."""
+"""Ratios for a given number of parts, which determines the size. Other sizes are tried by a factor."""
 
 _FACTOR = 1.06
 _WEIGHTS = {
     "size": (Weights(1.0, 1.05, 0.35), Weights(0.69, 1.0, 0.3)),
     "count": (Weights(1.12, 1.05, 0.35), Weights(0.85, 1.0, 0.3)),
 }
-"""Of parts of few cells, and of many, which fill a size with ease."""
+"""Weights for parts with few cells, and with many cells, which fill a size easily."""
 
 _MANY = 100
 _PIECES = 40
-"""Parts of more cells than the one are found on a graph of so many pieces for each as the other."""
+"""Pieces per part: parts with more than ``_MANY`` cells are found on a graph of pieces first."""
 
 
 def round_parts(
     graph: Graph, target: Target, seed: int, effort: str, start: Start, rival: Rival, limit: TimeLimit
 ) -> Int:
-    """Labels of a connected graph: round parts, as even as may be, or the rival's if they score higher.
+    """Return round, even parts for a connected graph, or the rival's parts if they score higher.
 
-    With a size the number of parts is free and its count is not used; with a count there are so many.
+    With a size the number of parts is free, and the target's count is ignored. With a count the number of
+    parts is exact.
     """
+    # 1. Set up the search. Parts with few and with many cells have different weights.
     size, parts = _size_and_parts(graph, target, False)
     many = graph.n > _MANY * parts
     weights = _WEIGHTS["count" if target.h_star is None else "size"][many]
     search = Search(graph, size, seed, EFFORTS[effort], weights, limit)
+    # 2. Search from a start, on a graph of pieces if parts have many cells.
     if many:
         labels = _from_pieces(search, graph, target, seed, effort, start, rival)
     else:
         labels = _searched(search, graph, target, parts, start, rival)
+    # 3. Compare with the rival.
     other = search.tool.inward(rival(graph, target))
     scores = [search.tool.shapes(each).score(Weights()) for each in (labels, other)]
     return search.tool.outward(labels if scores[0] >= scores[1] else other)
 
 
 def _searched(search: Search, graph: Graph, target: Target, parts: int, start: Start, rival: Rival) -> Int:
-    """Labels, in the order of the search, from those of the start."""
+    """Search from the start, and return labels in search order."""
     first = connected_parts(graph, start(graph, parts))
     if target.h_star is not None:
         labels, shapes = search.thinned(*search.fitted(search.tool.inward(first)))
@@ -64,9 +69,10 @@ def _searched(search: Search, graph: Graph, target: Target, parts: int, start: S
 
 
 def _counted(search: Search, first: Int) -> Int:
-    """The best labels of several sizes with as many parts as at first; the search keeps that size.
+    """Return the best labels over several sizes, with as many parts as ``first``.
 
-    The next size is larger where parts were wider, else smaller. None is below the widest cell.
+    The next size is larger if parts were too wide, otherwise smaller, and at least the width of the widest
+    cell. The search keeps the best size.
     """
     factor, widest = _FACTOR, float(search.tool.widths.max())
     best, result, chosen, before = -np.inf, first, search.size, 0
@@ -74,10 +80,12 @@ def _counted(search: Search, first: Int) -> Int:
         if turn and search.limit.over():
             break
         search.size = max(search.size, widest)
+        # 1. Anneal at this size, and keep the best labels.
         labels, shapes = search.polished(*search.annealed(first), cut=False)
         score = shapes.score(Weights())
         if score > best:
             best, result, chosen = score, labels, search.size
+        # 2. Change the size, by a smaller factor after a change of direction.
         towards = 1 if shapes.widths.max() > search.size * (1 + ROUNDING) else -1
         factor = factor if towards * before >= 0 else factor**0.5
         search.size *= factor**towards
@@ -89,20 +97,25 @@ def _counted(search: Search, first: Int) -> Int:
 def _from_pieces(
     search: Search, graph: Graph, target: Target, seed: int, effort: str, start: Start, rival: Rival
 ) -> Int:
-    """Labels, in the order of the search, from parts of a graph of pieces, of which there are fewer."""
+    """Return labels, in search order, starting from parts on a coarser graph of pieces."""
     size, parts = _size_and_parts(graph, target, True)
+    # 1. Graph of pieces.
     pieces = connected_parts(graph, start(graph, _PIECES * parts))
     coarse = graph.coarsen(pieces)
-    less = replace(EFFORTS[effort], tries=EFFORTS[effort].tries // 2)  # pieces have many corners
+    # 2. Search on this graph.
+    less = replace(
+        EFFORTS[effort], tries=EFFORTS[effort].tries // 2
+    )  # half the tries, because pieces have many corners
     above = Search(coarse, size, seed, less, search.weights, search.limit)
     found = above.tool.outward(_searched(above, coarse, target, parts, start, rival))
+    # 3. Cool and polish on the cells.
     search.size = above.size
     labels, shapes = search.cooled(search.tool.inward(found[pieces]))
     return search.polished(labels, shapes, cut=target.h_star is not None)[0]
 
 
 def _size_and_parts(graph: Graph, target: Target, many: bool) -> tuple[float, int]:
-    """The size of the parts and their number at first: one follows from the other."""
+    """Return the part size and the initial part count, one computed from the other."""
     whole, d = float(graph.measures.sum()), graph.dim
     if target.h_star is not None:
         count = whole / (_FILLED[d][many] * float(target.h_star) ** d)

@@ -1,4 +1,4 @@
-"""The search for round parts on one graph: anneal, cut what is too wide, dissolve what is poor, polish."""
+"""Search for round parts on one graph: anneal, cut wide parts, dissolve poor parts, polish."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from agglo_core.progress import TimeLimit
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is done.
+    """Amount of work.
 
     Attributes
     ----------
     moves, polish : int
-        Draws for each cell at first, and with true circles at last; fewer on larger meshes.
+        Draws per cell, in the first annealing and in the polish with true circles. Larger meshes get fewer.
     tries : int
-        How many parts are dissolved in turn, on meshes of up to 1,536 cells; on larger ones one of
-        each two dozen at a time, as often.
+        Number of parts dissolved one after the other, on meshes with up to 1,536 cells. On larger meshes,
+        number of rounds that dissolve one in 24 parts at a time.
     sizes : int
-        How many sizes are tried where the number of parts is given; of larger meshes half as many.
+        Number of sizes tried for a given number of parts. Larger meshes try half as many.
     """
 
     moves: int
@@ -36,46 +36,46 @@ class Effort:
 
 
 EFFORTS = {"fast": Effort(250, 30), "good": Effort(1200, 300, 4, 3), "best": Effort(3000, 1500, 16, 5)}
-"""By name: below .02, about .1 and below 1 s for 300 cells."""
+"""By name: below 0.02 s, about 0.1 s and below 1 s for 300 cells."""
 
 _FIRST = Ramps(0.5, 1e-3, 40.0, 400.0)
-"""A hot start with a stiff penalty, so that few parts fit; a cold or soft one jams."""
+"""A hot start with a stiff penalty, so that few parts fit. A cold or soft start gets stuck."""
 
 _AGAIN = Ramps(0.1, 1e-3, 160.0, 400.0)
 _LAST = Ramps(0.02, 1e-3, 400.0, 400.0)
 _NEVER = 1e7
-"""Penalty that no move overcomes."""
+"""Penalty that prevents all violating moves."""
 
 _TAIL = 0.35
-"""Share of the draws after parts were cut or dissolved."""
+"""Fraction of the draws after parts were cut or dissolved."""
 
 _NEAR = 24
-"""On larger meshes a part of each so many may be dissolved at the same time."""
+"""Number of parts per simultaneously dissolved part, on larger meshes."""
 
 _MANY = 1536
 _FEWER = 0.25
-"""On meshes of more cells there are fewer draws for each, by the ratio to this power."""
+"""Exponent: on meshes with more than ``_MANY`` cells, draws per cell decrease by this power of the ratio."""
 
 _POLISH = 350
-"""And at most so many, before that, in the polish."""
+"""Maximum number of draws per cell in the polish on larger meshes, before this decrease."""
 
 _ROUNDS, _LATE_ROUNDS = 6, 2
 _CUTS = 60
 
 
 class Search:
-    """Searches a graph of one connected block; labels are in the order of ``tool``.
+    """Search on a connected one-block graph, with labels in the order of ``tool``.
 
     Parameters
     ----------
     graph : Graph
     size : float
-        Largest diameter of a part, or the one that scores refer to.
+        Largest diameter of a part, or the reference size of scores.
     seed : int
     effort : Effort
     weights : Weights
     limit : TimeLimit
-        Once it is over nothing more is tried.
+        After it no further changes are tried.
     """
 
     def __init__(
@@ -90,22 +90,22 @@ class Search:
 
     @property
     def sizes(self) -> int:
-        """How many sizes are to be tried."""
+        """Number of sizes to try."""
         few = self.tool.graph.n <= 2 * _MANY
         return self._effort.sizes if few else max(1, self._effort.sizes // 2)
 
     def annealed(self, labels: Int, ramps: Ramps = _FIRST, share: float = 1.0) -> tuple[Int, Shapes]:
-        """Labels after a share of the draws, and the shapes as the fast kernel sees them."""
+        """Anneal with a share of the draws, and return labels and shapes as in the fast kernel."""
         draws = share * self._moves
         return self.tool.annealed(labels, self.size, ramps, draws, *self._rest())
 
     def cooled(self, labels: Int) -> tuple[Int, Shapes]:
-        """Labels after draws that mend parts of many cells each, which were found on a coarser graph."""
+        """Anneal parts with many cells each, found on a coarser graph, at low temperature."""
         ramps = _AGAIN.for_cells(len(labels) / (int(labels.max()) + 1))
         return self.tool.annealed(labels, self.size, ramps, self._polish, *self._rest())
 
     def fitted(self, labels: Int) -> tuple[Int, Shapes]:
-        """Labels annealed again and again, with parts that were too wide cut in two in between."""
+        """Anneal repeatedly, and cut parts that are too wide between the runs."""
         labels, shapes = self.annealed(labels)
         for _ in range(_ROUNDS if self._small else _LATE_ROUNDS):
             wide = self._wide(labels, shapes)
@@ -116,11 +116,13 @@ class Search:
         return labels, shapes
 
     def thinned(self, labels: Int, shapes: Shapes) -> tuple[Int, Shapes]:
-        """Labels with the worst parts dissolved, one after the other, as long as the score rises."""
+        """Dissolve the worst parts one after the other, as long as the score increases."""
+        # 1. Large meshes: dissolve many parts at a time.
         if not self._small:
             return self._thinned_together(labels, shapes)
         best, failed = self._value(labels, shapes), set[int]()
         for _ in range(self._effort.tries):
+            # 2. Try the worst part that has not failed since the last success.
             worth = shapes.widths / self.size + shapes.ratios
             left = [int(p) for p in np.argsort(worth, kind="stable") if int(p) not in failed]
             if not left or len(worth) < 2 or self.limit.over():
@@ -135,17 +137,19 @@ class Search:
         return labels, shapes
 
     def _thinned_together(self, labels: Int, shapes: Shapes) -> tuple[Int, Shapes]:
-        """Labels with the worst part of each of many shares dissolved; what does not pay there is undone."""
+        """Dissolve the worst part in each share, and undo changes that do not pay."""
         for _ in range(self._effort.tries):
             k = len(shapes.widths)
             if k < 2 * _NEAR or self.limit.over():
                 break
             seed, weights, limit = self._rest()
+            # 1. Divide the parts into shares, dissolve one part per share, and anneal.
             of_part = shared_out(self.tool.graph, labels, k, k // _NEAR, seed)
             left = dissolved_together(self.tool.graph, labels, self._poorest(shapes, of_part), of_part)
             there, fewer = np.unique(left, return_inverse=True)
             given = frozen_int(fewer), self.size, _AGAIN, _TAIL * self._moves, seed, weights, limit
             after, seen = self.tool.annealed(*given, frozen_int(of_part[there]))
+            # 2. Keep the new labels in the shares that improved.
             better = self._worth(after, seen, of_part[there], len(of_part)) > self._worth(
                 labels, shapes, of_part, k
             )
@@ -155,14 +159,14 @@ class Search:
         return labels, shapes
 
     def _poorest(self, shapes: Shapes, of_part: Int) -> Mask:
-        """Which parts ``(k,)`` are the worst of their share."""
+        """Return a mask ``(k,)`` of the worst part in each share."""
         order = np.lexsort((shapes.widths / self.size + shapes.ratios, of_part))
         chosen = np.zeros(len(order), bool)
         chosen[order[np.unique(of_part[order], return_index=True)[1]]] = True
         return chosen
 
     def _worth(self, labels: Int, shapes: Shapes, of_part: Int, count: int) -> Float:
-        """Mean score of the parts of each share ``(count,)``; −∞ where one is too wide."""
+        """Return each share's mean part score ``(count,)``, or −∞ where a part is too wide."""
         own = self.weights.even * shapes.widths / self.size + self.weights.round * shapes.ratios
         own += self.weights.central * shapes.central
         own = np.where(self._wide(labels, shapes), -np.inf, own)
@@ -171,13 +175,14 @@ class Search:
         return result
 
     def polished(self, labels: Int, shapes: Shapes, *, cut: bool = True) -> tuple[Int, Shapes]:
-        """Labels after the polish with true circles; with ``cut`` no part is too wide then."""
+        """Polish with true circles, and with ``cut`` also make all parts narrow enough."""
         wide = self._wide(labels, shapes)
         for _ in range(_CUTS if cut else 0):
             if not wide.any():
                 break
             labels = cut_in_two(self.tool.graph, labels, wide)
             wide = self._wide(labels, self.tool.shapes(labels))
+        # 2. Anneal at low temperature.
         ramps = _LAST.for_cells(len(labels) / (int(labels.max()) + 1))
         ramps = ramps._replace(soft=_NEVER, stiff=_NEVER) if cut else ramps
         return self.tool.polished(labels, self.size, ramps, self._polish, *self._rest())
@@ -193,9 +198,10 @@ class Search:
         return -np.inf if self._wide(labels, shapes).any() else shapes.score(self.weights)
 
     def _wide(self, labels: Int, shapes: Shapes) -> Mask:
+        """Return a mask of the parts wider than the size."""
         return too_wide(shapes, labels, self.size)
 
     def _rest(self) -> tuple[int, Weights, TimeLimit]:
-        """Another seed, and what stays the same."""
+        """Return a new seed, the weights and the limit."""
         self._seed = splitmix(self._seed)
         return int(self._seed[0]), self.weights, self.limit

@@ -1,4 +1,4 @@
-"""Rounds of annealing: temperatures in turn, shares of parts for several threads, a time limit."""
+"""Annealing rounds: decreasing temperatures, shares of parts for several threads, a time limit."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from agglo_core.progress import TimeLimit
 from agglo_core.threads import mapped, thread_count
 
 _CELLS, _PARTS = 1536, 64
-"""A share has at least so many cells, and so many parts."""
+"""Minimum number of cells, and of parts, in a share."""
 
 _ROUNDS = 80
-"""Temperatures at most."""
+"""Maximum number of temperatures."""
 
 _DRAWS = 300_000
-"""So many draws are made before parts are shared out anew, or the time is looked at."""
+"""Number of draws between two divisions into shares, or two time checks."""
 
 _PAUSES = 4
-"""So often the time is looked at where parts stay in their shares, which then stay in the cache."""
+"""Number of time checks when parts stay in their shares, which then stay in the cache."""
 
 _SHARINGS = 10
-"""Parts are shared out at least so often."""
+"""Minimum number of divisions into shares."""
 
 _LAST_ROUNDS, _LAST_DRAWS = 8, 4.0
-"""What is left to do once the time is over."""
+"""Rounds, and draws per cell, after the time limit."""
 
 _Make = Callable[[Any, Any, int, int, Float, Any, int], object]
-"""Makes draws: room, shares, the first of them and the one after the last, rounds, seed and stamp."""
+"""Makes draws: workspace, shares, first share and last share plus 1, rounds, seed and stamp."""
 
 
 class Ramps(NamedTuple):
-    """First and last temperature, first and last penalty of parts that exceed bounds; 0 for none."""
+    """First and last temperature, first and last penalty for violated bounds (0 for none)."""
 
     hot: float
     cold: float
@@ -44,7 +44,7 @@ class Ramps(NamedTuple):
     stiff: float = 0.0
 
     def for_cells(self, cells: float) -> Ramps:
-        """Ramps for parts of so many cells: temperatures fall in proportion beyond ``_USUAL``."""
+        """Return ramps for ``cells`` cells per part: beyond ``_USUAL`` temperatures decrease."""
         scale = min(1.0, _USUAL / cells)
         return self._replace(hot=scale * self.hot, cold=scale * self.cold)
 
@@ -53,18 +53,18 @@ class Ramps(NamedTuple):
         return np.geomspace(self.soft, self.stiff, count) if some else np.zeros(count)
 
     def rounds(self, draws: float) -> Float:
-        """Temperatures, penalties and draws for each cell of all rounds ``(3, R)``."""
+        """Return temperatures, penalties and draws per cell for all rounds ``(3, R)``."""
         count = int(np.clip(draws, 1, _ROUNDS))
         hot, soft = np.geomspace(self.hot, self.cold, count), self._penalties(count)
         return frozen_float(np.stack((hot, soft, np.full(count, draws / count))))
 
 
 _USUAL = 14.0
-"""Cells of a part that temperatures are for: the more there are, the less one of them changes."""
+"""Cells per part for which the temperatures are tuned. In larger parts a single cell changes less."""
 
 
 def rooms_of(room: Any) -> list[Any]:
-    """The room for searches, and as many like it as there are further threads."""
+    """Return the workspace for searches, and one copy for each further thread."""
     return [room, *(type(room)(*(each.copy() for each in room)) for _ in range(thread_count() - 1))]
 
 
@@ -78,22 +78,26 @@ def take_turns(
     limit: TimeLimit,
     of_part: Int | None = None,
 ) -> None:
-    """Make all rounds, with several shares at the same time; labels do not depend on the number of threads.
+    """Run all rounds, with several shares in parallel.
 
-    Parts are shared out again and again unless the share of each, ``of_part``, is given. Where the time is
-    over few draws bring what there is to rest; where it was before there are none.
+    The labels do not depend on the thread count. Parts are divided into shares repeatedly, unless the share
+    of each part, ``of_part``, is given. After the time limit, few draws bring the parts to rest. If the limit
+    is over before the first round, nothing is drawn.
     """
+    # 1. Number of shares, and of rounds between two divisions.
     n, k, done, stamp = len(parts.labels), len(parts.tally), 0, 0
     seeds, count = np.array([seed], np.uint64), max(1, min(n // _CELLS, k // _PARTS))
     most = rounds.shape[1] if count == 1 else max(1, rounds.shape[1] // _SHARINGS)
     at_once = int(np.clip(_DRAWS / (n * rounds[2, 0]), 1, most))
     at_once = at_once if of_part is None else -(-rounds.shape[1] // _PAUSES)
     while done < rounds.shape[1]:
+        # 2. At the time limit, replace the remaining rounds by a short ending.
         if done == 0 and limit.over():
             return
         if limit.over():
             rounds, done = _ending(rounds[:, done:]), 0
             at_once, limit = rounds.shape[1], TimeLimit()
+        # 3. Divide into shares, and run some rounds in all threads.
         now, seeds = frozen_float(rounds[:, done : done + at_once]), splitmix(seeds)
         labels = frozen_int(parts.labels)
         shares = _shares(
@@ -105,7 +109,7 @@ def take_turns(
 
 
 def _ending(rounds: Float) -> Float:
-    """A few of the rounds, the last included, with few draws."""
+    """Return a few of the rounds, including the last, with few draws."""
     chosen = np.unique(np.linspace(0, rounds.shape[1] - 1, _LAST_ROUNDS).round().astype(np.int64))
     few = rounds[:, chosen].copy()
     few[2] = np.minimum(few[2], _LAST_DRAWS)
@@ -126,7 +130,7 @@ def _share_out(make: _Make, shares: Any, rooms: list[Any], rounds: Float, seed: 
 
 
 def shared_out(graph: Graph, labels: Int, k: int, count: int, seed: int) -> Int:
-    """The share ``(k,)`` of each part: ``count`` shares by place, along a curve turned by the seed."""
+    """Divide the parts into ``count`` shares ``(k,)`` along a curve with an orientation from the seed."""
     if count == 1:
         return frozen_int(np.zeros(k))
     cells = np.bincount(labels, minlength=k)
@@ -139,7 +143,7 @@ def shared_out(graph: Graph, labels: Int, k: int, count: int, seed: int) -> Int:
 
 
 def _shares(labels: Int, of_part: Int) -> Any:
-    """Cells share by share."""
+    """Return the cells sorted by share."""
     from agglo_core.anneal.state import Shares
 
     each = frozen_int(of_part[labels])

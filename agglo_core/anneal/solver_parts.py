@@ -1,4 +1,4 @@
-"""Parts of a connected graph for solvers: annealed from several starts, the best kept."""
+"""Parts for solvers: anneal from several starts, and keep the best."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from agglo_core.refine.part_sizes import FREE, Balance
 
 
 class SolverAnnealing(OrderedBlock):
-    """Anneals partitions of one connected block for solvers; labels are in its order.
+    """Annealing on one connected block for solvers, with labels in its order.
 
     Parameters
     ----------
     graph : Graph
-        Of one block.
+        A graph with one block.
     limit : float, optional
-        No part becomes wider, but those that are.
+        Largest width. Only parts wider at entry may stay wider.
     balance : Balance, optional
-        How even the parts are to be.
+        Required evenness.
     """
 
     def __init__(self, graph: Graph, limit: float = np.inf, balance: Balance = FREE) -> None:
@@ -50,12 +50,13 @@ class SolverAnnealing(OrderedBlock):
     def annealed(
         self, labels: Int, ramps: Ramps, draws: float, seed: int, limit: TimeLimit | None = None
     ) -> Int:
-        """Labels after so many draws for each cell: the same for any number of threads.
+        """Return the labels after ``draws`` draws per cell, equal for any number of threads.
 
-        Temperatures are over what a cell of mean size changes.
+        Temperatures are relative to the change by a cell of mean size.
         """
         from agglo_core.anneal.inertia_annealing import Pursuit, anneal_inertia, solver_state
 
+        # 1. Objective and bounds.
         n, k = len(labels), int(labels.max()) + 1
         heavy, long = solver_factors(self.graph, frozen_int([k]))
         bounds = self._balance.bounds(self.sizes, k)
@@ -64,6 +65,7 @@ class SolverAnnealing(OrderedBlock):
         given = self.graph.weights, self.sizes, labels, k, self._limit < np.inf
         parts, work = solver_state(self._cells, *given)
 
+        # 2. Annealing rounds in all threads.
         def make(room: Any, shares: Any, start: int, stop: int, rounds: Float, own: Any, stamp: int) -> None:
             anneal_inertia(self._cells, parts, room, shares, start, stop, pursuit, rounds, own, stamp)
 
@@ -73,18 +75,18 @@ class SolverAnnealing(OrderedBlock):
 
 
 class Effort(NamedTuple):
-    """Draws for each cell, and how often all is annealed, each time by other random numbers."""
+    """Draws per cell, and number of annealing runs with different random numbers."""
 
     draws: int
     times: int = 1
 
 
 EFFORTS = {"fast": Effort(300), "good": Effort(3000), "best": Effort(10_000, 3)}
-"""By name: about 8, 80 and 800 µs for a cell."""
+"""By name: about 8, 80 and 800 µs per cell."""
 
 _RAMPS, _BALANCED = Ramps(2.0, 0.05, 0.0, 0.0), Ramps(2.0, 0.05, 0.3, 3.0)
-"""Temperatures: at first what is there hardly matters, at last nothing is left to chance. Penalties are for
-the squares of how many cells parts are beyond their bounds."""
+"""Temperatures and penalties, dimensionless. At first the initial parts hardly matter, at last almost no move
+worsens the parts. Penalties apply to the squared excess beyond the bounds, in cells."""
 
 
 def solver_parts(
@@ -97,11 +99,12 @@ def solver_parts(
     limit: TimeLimit,
     balance: Balance = FREE,
 ) -> Int:
-    """Labels of a connected graph: the best for solvers that was found, the rival's included.
+    """Return the best parts found for solvers on a connected graph, including the rival's parts.
 
-    With a size there are as many parts as the start has, or the rival if that has fewer; with a count so
-    many, balanced if that is asked for.
+    With a size, the number of parts follows the start, or the rival if it has fewer parts. With a count the
+    number is exact, balanced if requested.
     """
+    # 1. Candidates: the rival, and the start if it meets the target.
     other = rival(graph, target)
     first = _first(graph, target, start, other)
     best, least = other, (True, np.inf)
@@ -110,6 +113,7 @@ def solver_parts(
         worth = _worth(graph, labels, balance)
         if worth < least:
             best, least = labels, worth
+    # 2. Anneal the start several times.
     size = np.inf if target.h_star is None else target.h_star * (1 + ROUNDING)
     tool, much = SolverAnnealing(graph, size, balance), EFFORTS[effort]
     inner, ramps = tool.inward(first), _BALANCED if balance.asked else _RAMPS
@@ -125,7 +129,7 @@ def solver_parts(
 
 
 def _first(graph: Graph, target: Target, start: Start, other: Int) -> Int:
-    """What annealing starts from: the start if it meets the target with no more parts than the other."""
+    """Return the initial labels: the start if it meets the target with no more parts than the other."""
     parts = int(other.max()) + 1
     first = connected_parts(graph, start(graph, min(parts, target.parts or parts)))
     if target.h_star is not None:
@@ -135,20 +139,22 @@ def _first(graph: Graph, target: Target, start: Start, other: Int) -> Int:
 
 
 def _worth(graph: Graph, labels: Int, balance: Balance) -> tuple[bool, float]:
-    """The less the better: those in balance before all others, then by the objective."""
+    """Return a sort key, smaller is better: balanced labels first, then by the objective."""
     off = not balance.holds(graph.node_sizes(balance.size), labels)
     return off, OBJECTIVES["solver"].value(graph, labels)
 
 
 def _finished(graph: Graph, labels: Int, target: Target, balance: Balance) -> Int:
-    """Labels with sizes evened out as far as asked for, else after the default polish.
+    """Even out sizes if requested, else apply the default polish.
 
-    The polish counts where it lowers the objective and keeps to the target.
+    The polish is kept if it lowers the objective and meets the target.
     """
     k = int(labels.max()) + 1
+    # 1. Balanced parts: only even out the sizes.
     if balance.asked:
         even = BalanceRefiner(balance.size, balance.tolerance)
         return even.refine_parts(graph, labels, frozen_int(np.zeros(k)), target)
+    # 2. Otherwise polish, if the result is admissible and better.
     after = CompactnessRefiner().refine_parts(graph, labels, frozen_int(np.zeros(k)), target)
     if len(np.unique(graph.components(after))) > k:
         return labels

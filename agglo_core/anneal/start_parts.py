@@ -1,4 +1,4 @@
-"""Partitions that a search starts from, and changes of whole parts."""
+"""Initial partitions for a search, and changes to whole parts."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from agglo_core.split.geometric import InertialBisection
 
 
 def cut_in_two(graph: Graph, labels: Int, chosen: Mask) -> Int:
-    """Labels ``(n,)`` once each of the ``chosen (k,)`` parts is cut across its principal axis.
+    """Cut each of the ``chosen (k,)`` parts across its principal axis, and return labels ``(n,)``.
 
-    What a cut leaves in several pieces becomes as many parts; the numbers have no gaps.
+    Disconnected halves become several parts. The numbers have no gaps.
     """
     result, order = labels.copy(), label_order(labels)
     stops = np.cumsum(np.bincount(labels))
@@ -34,12 +34,14 @@ def cut_in_two(graph: Graph, labels: Int, chosen: Mask) -> Int:
 
 
 def _far_side(graph: Graph, cells: Int) -> Mask:
-    """Which cells lie beyond the centre along the principal axis: some, and not all."""
+    """Return a mask of the cells beyond the centre along the principal axis, neither none nor all."""
+    # 1. Principal axis of the centroids.
     weights = graph.measures[cells]
     weights = weights if weights.sum() > 0.0 else np.ones(len(cells))
     places = graph.centroids[cells] - np.average(graph.centroids[cells], axis=0, weights=weights)
     axis = np.linalg.eigh((weights[:, None] * places).T @ places)[1][:, -1]
     along = places @ axis
+    # 2. Cells beyond the centre, or the upper half by order.
     side: Mask = along > 0.0
     if side.all() or not side.any():
         side = np.arange(len(cells)) >= len(cells) // 2
@@ -48,9 +50,9 @@ def _far_side(graph: Graph, cells: Int) -> Mask:
 
 
 def dissolved(graph: Graph, labels: Int, part: int) -> Int:
-    """Labels ``(n,)`` once the cells of a part have joined others, each the one it shares most with.
+    """Dissolve a part: its cells join the parts with the longest common interface.
 
-    From the outside in; if the part has no neighbour nothing changes. The numbers have no gaps.
+    Returns the labels ``(n,)`` without gaps. Cells join from the outside in. A part without neighbours stays.
     """
     result = labels.copy()
     rest = np.flatnonzero(labels == part)
@@ -66,7 +68,7 @@ def dissolved(graph: Graph, labels: Int, part: int) -> Int:
 
 
 def _most_shared(graph: Graph, labels: Int, cell: int) -> int:
-    """The part, none negative, with which a cell shares most; −1 if there is none."""
+    """Return the non-negative part with the longest interface with a cell, or −1."""
     row = slice(int(graph.indptr[cell]), int(graph.indptr[cell + 1]))
     beside = labels[graph.indices[row]]
     taken = beside >= 0
@@ -77,9 +79,10 @@ def _most_shared(graph: Graph, labels: Int, cell: int) -> int:
 
 
 def dissolved_together(graph: Graph, labels: Int, chosen: Mask, of_part: Int) -> Int:
-    """Labels ``(n,)`` once the cells of the ``chosen (k,)`` parts have joined others of their share.
+    """Dissolve the ``chosen (k,)`` parts: their cells join other parts in their share.
 
-    Each joins the one it shares most with, from the outside in. A part that cannot be dissolved so stays.
+    Returns the labels ``(n,)``. Each cell joins the part with the longest common interface, from the outside
+    in. A part that cannot be dissolved stays.
     """
     result, rest = labels.copy(), np.flatnonzero(chosen[labels])
     result[rest] = -1
@@ -96,14 +99,17 @@ def dissolved_together(graph: Graph, labels: Int, chosen: Mask, of_part: Int) ->
 
 
 def _most_shared_each(graph: Graph, labels: Int, cells: Int, share: Int, of_part: Int) -> Int:
-    """The part of a share with which each of some cells shares most ``(q,)``; −1 where there is none."""
+    """Return, for each cell ``(q,)``, the part in its share with the longest interface, or −1."""
+    # 1. Graph entries from the cells to parts in their share.
     counts = np.diff(graph.indptr)[cells].astype(np.int64)
     move = np.repeat(np.arange(len(cells)), counts)
     entry = np.arange(len(move)) + np.repeat(graph.indptr[cells] - np.cumsum(counts) + counts, counts)
     beside = labels[graph.indices[entry]]
     fits = (beside >= 0) & (of_part[beside] == share[move])
+    # 2. Sum the interface by cell and part.
     keys, place = np.unique(move[fits] * len(of_part) + beside[fits], return_inverse=True)
     length = np.bincount(place, graph.interface[entry[fits]], len(keys))
+    # 3. Longest interface of each cell.
     order = np.lexsort((-length, keys // len(of_part)))
     cell, first = np.unique((keys // len(of_part))[order], return_index=True)
     goes = np.full(len(cells), -1, np.int64)
@@ -112,19 +118,19 @@ def _most_shared_each(graph: Graph, labels: Int, cells: Int, share: Int, of_part
 
 
 Start = Callable[[Graph, int], Int]
-"""Labels of a connected graph with about so many parts."""
+"""Returns labels of a connected graph with about the given number of parts."""
 
 Rival = Callable[[Graph, Target], Int]
-"""Labels of a connected graph that meet a target."""
+"""Returns labels of a connected graph that meet a target."""
 
 
 def connected_parts(graph: Graph, labels: Int) -> Int:
-    """Labels without gaps, with every part connected."""
+    """Return labels without gaps and with every part connected."""
     return ConnectivityFixer().fix(graph, frozen_int(np.unique(labels, return_inverse=True)[1]))
 
 
 def bisected_parts(graph: Graph, target: Target) -> Int:
-    """Labels that inertial bisections, refined, find for a connected graph."""
+    """Partition a connected graph by refined inertial bisections."""
     given, seeds = ([InterfaceRefiner()], ConnectivityFixer()), np.zeros(1, np.uint64)
     growth: Any = InertialBisection().grow(graph, frozen_int(np.zeros(graph.n)), *given)
     if target.h_star is None:
@@ -133,7 +139,7 @@ def bisected_parts(graph: Graph, target: Target) -> Int:
 
 
 def parts_within(graph: Graph, labels: Int, size: float) -> Int:
-    """Labels once parts wider than a size are cut in two, and these again; cells are not."""
+    """Cut parts wider than a size in two, recursively, except single cells."""
     while True:
         wide = (graph.part_diameters(labels) > size * (1 + ROUNDING)) & (np.bincount(labels) > 1)
         if not wide.any():

@@ -1,4 +1,4 @@
-"""The state of an annealing search, and the random moves that it draws."""
+"""Annealing state and random moves."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -13,15 +13,15 @@ from agglo_core.compiled.ring_search import CROWD, REACH, connected
 
 COLUMNS = 4
 MEASURE, SURFACE, DIAMETER, COUNT = 0, 1, 2, 3
-"""Columns of the sums of a part: measure, measure of its faces, diameter, number of cells."""
+"""Columns of part sums: measure, measure of the faces, diameter, cell count."""
 
 
 class Cells(NamedTuple):
-    """Graph of the cells, their geometry, the vertices of each, and the cells that meet at each vertex.
+    """Cell graph with geometry, vertices per cell, and cells per vertex.
 
-    ``surfaces (n,)`` are the measures of all faces of a cell, ``radii (n,)`` the largest distances of
-    vertices from its centroid, ``spans (n,)`` its diameter. Vertices of cells and cells at vertices are CSRs:
-    ``offsets``, ``vertices`` and ``meeting_offsets``, ``meeting``.
+    ``surfaces (n,)`` are the total face measures of each cell, ``radii (n,)`` the largest vertex distances
+    from the centroid, and ``spans (n,)`` the diameters. Two CSRs contain the vertices of each cell
+    (``offsets``, ``vertices``) and the cells at each vertex (``meeting_offsets``, ``meeting``).
     """
 
     indptr: Any
@@ -40,10 +40,10 @@ class Cells(NamedTuple):
 
 
 class Parts(NamedTuple):
-    """Part of each cell, and sums, ends and lists of the parts.
+    """Part of each cell, and each part's sums, ends and cell list.
 
-    ``tally (k, 4)`` has the columns named above, ``ends (k, 2)`` the two vertices farthest apart. The cells
-    of a part are a list: the ``first (k,)``, and the ones ``after`` and ``before`` each ``(n,)``; −1 ends it.
+    ``tally (k, 4)`` has the columns named above, ``ends (k, 2)`` the two farthest vertices. The cells in a
+    part form a linked list: ``first (k,)``, then ``after`` and ``before``, ``(n,)`` each, terminated by −1.
     """
 
     labels: Any
@@ -55,7 +55,7 @@ class Parts(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Work arrays of searches: cells, their roots, marks of cells, marks of vertices, vertices of a part."""
+    """Workspace for searches: cells, union-find roots, cell marks, vertex marks, vertices of a part."""
 
     queue: Any
     root: Any
@@ -66,20 +66,21 @@ class Work(NamedTuple):
 
 @helper
 def may_leave(i, p, q, cells, parts, work, stamp):
-    """Give cell i the label q if part p stays connected near it without it.
+    """Give cell i the label q if part p stays locally connected without it.
 
-    Returns whether that is so. Sums and lists stay as they are.
+    Returns True in this case. Sums and lists remain unchanged.
     """
     filled, i = np.uint64(0), np.uint64(i)
-    # 1. Neighbours in part p. None: p consists of this cell, or is not connected anyhow.
+    # 1. List the neighbours in part p. If there are none, p consists of this cell, or is already
+    #    disconnected.
     for h in range(np.uint64(cells.indptr[i]), np.uint64(cells.indptr[i + ONE])):
         j = np.uint32(cells.indices[h])
         work.queue[filled] = j  # no branch: it would be mispredicted half the time
         filled += np.uint64(parts.labels[j] == p)
     if filled == 0:
         return False
-    # 2. With one neighbour nothing can break. With several, rings around the cell decide, which is out of
-    #    their way.
+    # 2. A single neighbour is always connected. With several, ring searches around the cell decide. The new
+    #    label hides the cell from them.
     parts.labels[i] = q
     search = (work.queue, work.root, work.marks)
     if filled > ONE and not connected(
@@ -92,7 +93,7 @@ def may_leave(i, p, q, cells, parts, work, stamp):
 
 @helper
 def exchange(i, p, q, parts):
-    """Move cell i from the list of part p to that of part q."""
+    """Move cell i from the list of part p to the list of part q."""
     if parts.before[i] >= 0:
         parts.after[parts.before[i]] = parts.after[i]
     else:
@@ -106,10 +107,9 @@ def exchange(i, p, q, parts):
 
 
 class Shares(NamedTuple):
-    """Cells share by share, where each share starts ``(S + 1,)``, the share of each part ``(k,)``.
+    """Cells sorted by share, start of each share ``(S + 1,)``, and the share of each part ``(k,)``.
 
-    The parts of a share trade cells among themselves and know nothing of the others meanwhile, so that
-    several threads may work at them.
+    The parts in a share trade cells only among themselves, so several threads may process the shares.
     """
 
     cells: Any
@@ -125,7 +125,7 @@ _UNIT = 2.0**-53
 
 @helper
 def _random(state):
-    """Return the next state of the generator splitmix64, and 64 random bits."""
+    """Return the next splitmix64 state, and 64 random bits."""
     state = state + _STEP
     z = (state ^ (state >> _HALF)) * _MIX
     z = (z ^ (z >> _MIDDLE)) * _LAST
@@ -134,7 +134,7 @@ def _random(state):
 
 @helper
 def most_draws(rounds):
-    """Bound of the draws for each cell in all rounds ``(3, R)``: temperatures, penalties, draws."""
+    """Return a bound on the draws per cell over all rounds ``(3, R)``: temperatures, penalties, draws."""
     most = np.int64(0)
     for r in range(rounds.shape[1]):
         most += np.int64(rounds[2, r]) + 1
@@ -143,7 +143,7 @@ def most_draws(rounds):
 
 @helper
 def share_seed(seed, s):
-    """Seed of the random numbers of share s."""
+    """Return the random seed for share s."""
     return np.uint64(seed) ^ np.uint64(s + 1) * _STEP
 
 
@@ -151,15 +151,15 @@ def share_seed(seed, s):
 def drawn_move(state, s, shares, cells, parts):
     """Draw a cell of share s and one of its neighbours.
 
-    Returns the next state of the generator, the cell, and the parts of both. The part of the cell is returned
-    twice if it cannot move.
+    Returns the next generator state, the cell, and the parts of cell and neighbour. If the cell cannot move,
+    its part is returned twice.
     """
     state, bits = _random(state)
-    # 1. The upper 32 bits, times the number of cells over 2³², choose the cell.
+    # 1. The upper 32 bits, times the cell count over 2³², select the cell.
     begin, count = np.uint64(shares.starts[s]), np.uint64(shares.starts[s + 1] - shares.starts[s])
     i = np.uint64(np.uint32(shares.cells[begin + ((bits >> _WORD) * count >> _WORD)]))
-    # 2. The lower 32 bits choose the neighbour alike. A part keeps its last cell, and trades within its
-    #    share alone, as threads work at others.
+    # 2. The lower 32 bits select the neighbour likewise. A part keeps its last cell, and trades only within
+    #    its share, because threads process the other shares.
     first, p = np.uint64(cells.indptr[i]), parts.labels[i]
     beside = np.uint64(cells.indptr[i + ONE]) - first
     if beside == 0 or parts.tally[p, COUNT] < 2.0:
@@ -170,6 +170,6 @@ def drawn_move(state, s, shares, cells, parts):
 
 @helper
 def drawn_loss(state, heat):
-    """Draw by how much the score may fall, heat · log(u) < 0 with u uniform in (0, 1): Metropolis' rule."""
+    """Draw the admissible loss heat · log(u) < 0, with u uniform in (0, 1) (Metropolis criterion)."""
     state, bits = _random(state)
     return state, heat * np.log((np.float64(bits >> _ROUGH) + 0.5) * _UNIT)

@@ -1,4 +1,4 @@
-"""Widths of parts as cells change sides, and the state that a search starts from."""
+"""Part widths while cells move, and the initial annealing state."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -12,15 +12,15 @@ from agglo_core.compiled.compiling import ONE, helper, kernel
 
 @helper
 def square_between(u, v, points):
-    """Square of the distance of two vertices."""
+    """Return the squared distance between two vertices."""
     x, y = points[u, 0] - points[v, 0], points[u, 1] - points[v, 1]
     z = points[u, 2] - points[v, 2] if points.shape[1] > 2 else 0.0
-    return x * x + y * y + z * z  # a loop over two or three takes twice the time
+    return x * x + y * y + z * z  # a loop over the dimensions takes twice the time
 
 
 @helper
 def _apart(i, j, centroids):
-    """Square of the distance of two centroids."""
+    """Return the squared distance between two centroids."""
     x, y = centroids[i, 0] - centroids[j, 0], centroids[i, 1] - centroids[j, 1]
     z = centroids[i, 2] - centroids[j, 2] if centroids.shape[1] > 2 else 0.0
     return x * x + y * y + z * z
@@ -28,9 +28,9 @@ def _apart(i, j, centroids):
 
 @helper
 def _listed_vertices(p, cells, parts, work, stamp):
-    """List the vertices of part p, each once.
+    """List the vertices of part p without duplicates.
 
-    Returns how many, the middle of their bounding box, and its widest side.
+    Returns their number, the centre of their bounding box, and its longest side.
     """
     m, last = np.int64(0), cells.points.shape[1] - 1
     x0, x1, y0, y1, z0, z1 = np.inf, -np.inf, np.inf, -np.inf, np.inf, -np.inf
@@ -38,7 +38,7 @@ def _listed_vertices(p, cells, parts, work, stamp):
     while i >= 0:
         c = np.uint64(i)
         i = parts.after[c]
-        # A cell on its way out is still in the list.
+        # A leaving cell is still in the list.
         if parts.labels[c] != p:
             continue
         for g in range(np.uint64(cells.offsets[c]), np.uint64(cells.offsets[c + ONE])):
@@ -56,14 +56,15 @@ def _listed_vertices(p, cells, parts, work, stamp):
 
 @helper
 def widest(p, cells, parts, work, stamp):
-    """Diameter of part p and the two vertices at its ends.
+    """Return the diameter of part p and the two vertices at its ends.
 
-    Vertices near the middle of its box, from which none is as far as the widest side, are left out.
+    Vertices near the box centre, whose distances to all others are below the longest side, are skipped.
     """
     m, middle, span = _listed_vertices(p, cells, parts, work, stamp)
     last, reach = cells.points.shape[1] - 1, 0.0
-    # 1. Two passes over the vertices. The first finds the largest distance R from the middle. The second
-    #    leaves out those nearer than (widest side) − R: none is as far from them as the widest side.
+    # 1. Two passes over the vertices. The first finds the largest distance R from the centre. The second
+    #    drops vertices nearer than (longest side) − R, because no vertex is as far from them as the longest
+    #    side.
     for turn in range(2):
         inner = span - np.sqrt(reach)
         inner = inner * inner * (1.0 - 1e-12) if inner > 0.0 and turn == 1 else 0.0
@@ -77,7 +78,7 @@ def widest(p, cells, parts, work, stamp):
             work.found[kept] = v
             kept += np.int64(square >= inner)
         m = kept
-    # 2. All pairs of what is left.
+    # 2. Compare all pairs of the remaining vertices.
     most, one, other = 0.0, np.int32(-1), np.int32(-1)
     for k in range(m):
         for j in range(k):
@@ -89,12 +90,12 @@ def widest(p, cells, parts, work, stamp):
 
 @helper
 def joined_width(i, q, cells, parts):
-    """Diameter of part q together with cell i, and the two vertices at its ends."""
+    """Return the diameter of part q together with cell i, and the two vertices at its ends."""
     width, one, other = parts.tally[q, DIAMETER], parts.ends[q, 0], parts.ends[q, 1]
     i, square = np.uint64(i), width * width
     begin, end = np.uint64(cells.offsets[i]), np.uint64(cells.offsets[i + ONE])
-    # The cell itself comes first if it alone is wider than the part; then each cell of the part, with which
-    # it may exceed the width only if centroids and radii allow it.
+    # The cell itself comes first if it alone is wider than the part, then each cell in the part. Vertices are
+    # compared only if centroids and radii allow a larger width.
     j = np.int64(i) if cells.spans[i] > width else np.int64(parts.first[q])
     own = cells.spans[i] > width
     while j >= 0:
@@ -115,7 +116,7 @@ def joined_width(i, q, cells, parts):
 
 @helper
 def _still_there(v, p, cells, parts):
-    """Return whether a cell of part p has the vertex."""
+    """Return True if a cell in part p has the vertex."""
     if v < 0:
         return False
     for g in range(cells.meeting_offsets[v], cells.meeting_offsets[v + 1]):
@@ -126,9 +127,9 @@ def _still_there(v, p, cells, parts):
 
 @helper
 def left_width(p, cells, parts, work, stamp):
-    """Diameter of part p, which a cell has just left, and the two vertices at its ends.
+    """Return the diameter of part p after a cell left, and the two vertices at its ends.
 
-    It is measured anew only if an end is gone.
+    The diameter is recomputed only if an end is gone.
     """
     one, other = parts.ends[p, 0], parts.ends[p, 1]
     if _still_there(one, p, cells, parts) and _still_there(other, p, cells, parts):
@@ -138,16 +139,17 @@ def left_width(p, cells, parts, work, stamp):
 
 @kernel
 def cell_surroundings(indptr, interface, boundary, centroids, offsets, vertices, points):
-    """Measure of the faces, radius and diameter of each cell, and the cells at each vertex (CSR).
+    """Return face measure, radius and diameter of each cell, and the cells at each vertex (CSR).
 
-    The radius is the largest distance of a vertex from the centroid. The CSR is its offsets, then the cells.
+    The radius is the largest vertex distance from the centroid. The CSR consists of its offsets, then the
+    cells.
     """
     n, solid = len(boundary), points.shape[1] > 2
     surfaces, radii, spans = np.empty(n), np.zeros(n), np.zeros(n)
     starts, cells = np.zeros(len(points) + 1, np.int64), np.empty(len(vertices), np.int32)
     for i in range(n):
-        # 1. Faces at the boundary and with neighbours; radius and diameter from the vertices; how many cells
-        #    meet at each.
+        # 1. Faces at the boundary and with neighbours, radius and diameter from the vertices, and cell counts
+        #    per vertex.
         surfaces[i] = boundary[i]
         for h in range(indptr[i], indptr[i + 1]):
             surfaces[i] += interface[h]
@@ -160,15 +162,15 @@ def cell_surroundings(indptr, interface, boundary, centroids, offsets, vertices,
             for h in range(offsets[i], g):
                 square = square_between(np.uint32(v), np.uint32(vertices[h]), points)
                 spans[i] = max(spans[i], np.sqrt(square))
-    # 2. Counting sort of the cells by vertex. Counts stand one place further; filled from behind, with the
-    #    cells in reverse, ``starts[v + 1]`` ends as where vertex v begins.
+    # 2. Counting sort of the cells by vertex. Counts are shifted by one. Filling from behind, with the cells
+    #    in reverse, leaves the start of vertex v in ``starts[v + 1]``.
     for v in range(len(points)):
         starts[v + 1] += starts[v]
     for i in range(n - 1, -1, -1):
         for g in range(offsets[i], offsets[i + 1]):
             starts[vertices[g] + 1] -= 1
             cells[starts[vertices[g] + 1]] = i
-    # 3. Back to the places of a CSR.
+    # 3. Shift back to CSR offsets.
     for v in range(len(points)):
         starts[v] = starts[v + 1]
     starts[len(points)] = len(vertices)
@@ -177,11 +179,12 @@ def cell_surroundings(indptr, interface, boundary, centroids, offsets, vertices,
 
 @kernel
 def part_state(given, labels, count):
-    """State of the parts ``0..count−1`` of the cells, with sums, diameters and lists, and work arrays."""
+    """Return the state of the parts ``0..count−1``, with sums, diameters and lists, and workspace."""
     n, points = len(labels), len(given.points)
     own, tally, ends = np.empty(n, np.int32), np.zeros((count, COLUMNS)), np.full((count, 2), -1, np.int32)
     first, after, before = np.full(count, -1, np.int32), np.empty(n, np.int32), np.full(n, -1, np.int32)
-    # 1. Lists and sums. Faces within a part are not in its surface: each is subtracted from both sides.
+    # 1. Cell lists and sums. Faces within a part do not belong to its surface: each is subtracted from both
+    #    sides.
     for i in range(n - 1, -1, -1):
         p = labels[i]
         own[i], after[i] = p, first[p]
@@ -199,7 +202,7 @@ def part_state(given, labels, count):
     room = Work(
         np.empty(n + 1, np.int32), np.empty(n + 1, np.int32), marks, seen, np.empty(points + 1, np.int32)
     )
-    # 2. Diameters. Marks are negative here: none of a search is.
+    # 2. Diameters, with negative marks, because searches only use other marks.
     for p in range(count):
         tally[p, DIAMETER], ends[p, 0], ends[p, 1] = widest(p, given, parts, room, -2 - p)
     return parts, room

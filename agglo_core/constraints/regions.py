@@ -75,7 +75,7 @@ class Where:
         self.tag, self.values = tag, tuple(values)
 
     def forbidden(self, graph: Graph) -> Mask:
-        """Return a mask ``(m,)`` of the graph entries adjacent to a single cell."""
+        """Return a mask ``(m,)`` of the graph entries adjacent to a cell that stays single."""
         tag = _of_cells(graph, self.tag)
         return beside(graph, ~(np.isin(tag, self.values) if self.values else in_group(tag)))
 
@@ -92,7 +92,7 @@ class SingleCells:
         self.alone = alone
 
     def forbidden(self, graph: Graph) -> Mask:
-        """Return a mask ``(m,)`` of the graph entries adjacent to a single cell."""
+        """Return a mask ``(m,)`` of the graph entries adjacent to a cell that stays single."""
         return beside(graph, self.alone)
 
 
