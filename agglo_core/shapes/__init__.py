@@ -1,1 +1,1 @@
-"""Metrics of the shape of agglomerates, with the geometry they need in the plane and in space."""
+"""Shape metrics of agglomerates, with their geometry in 2-D and 3-D."""

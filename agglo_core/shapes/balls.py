@@ -1,7 +1,7 @@
-"""Largest balls inside agglomerates in space: best-first branch and bound over boxes.
+"""Largest inscribed balls of 3-D agglomerates: best-first branch and bound over boxes.
 
-Cavities, loose parts and pinched edges need no special case. Works in coordinates relative to the
-agglomerate's centroid and along its principal axes, so that boxes around flat agglomerates are flat.
+Cavities, loose parts and pinched edges need no special case. Coordinates are relative to the agglomerate's
+centroid and along its principal axes, so that boxes around flat agglomerates are flat.
 """
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
@@ -29,18 +29,22 @@ from agglo_core.shapes.inscribed_3d import (
 )
 from agglo_core.shapes.solid_triangles import most_triangles, surface
 
-_ACCURACY = 1e-3  # of the radius: boxes that promise less gain are dropped; a smaller value opens more boxes
-_PATIENCE = 20_000  # boxes after each of which that is doubled; bounds the time in thin plates
-_FINEST = 1e-9  # of the diameter: gain that is never looked for, and a radius that counts as none
-_CONVEX = 64  # triangles up to which convexity is tested; the test takes time proportional to their square
-_LARGE = 0.4  # half diagonal of a box over the best radius: planes decide nothing in larger ones, unless thin
-_THIN = 2.2  # ratio of the longest to the shortest side of a box, above which planes are tried at any size
-_LISTED = 6  # blocks of triangles: shorter lists are not worth a copy
+_ACCURACY = (
+    1e-3  # relative to the radius: boxes with less possible gain are dropped; smaller values open more boxes
+)
+_PATIENCE = 20_000  # number of boxes after which the accuracy doubles; bounds the time for thin plates
+_FINEST = 1e-9  # relative to the diameter: smallest gain searched for, and radius that counts as zero
+_CONVEX = 64  # number of triangles up to which convexity is tested, in quadratic time
+_LARGE = (
+    0.4  # half diagonal of a box over the best radius, above which planes are useless, except in thin boxes
+)
+_THIN = 2.2  # ratio of the longest to the shortest box side, above which planes are tried at any size
+_LISTED = 6  # number of triangle blocks up to which lists are not copied
 
 
 @helper
 def _radius_at(solid, x, y, z):
-    """Distance of a point from the surface, negative outside."""
+    """Return the distance from a point to the surface, negative outside."""
     corners, table, m, blocks = solid
     distance = np.sqrt(table[nearest_triangle(table, np.int64(0), blocks, x, y, z) + VALUES])
     return distance if inside_triangles(corners, table, m, x, y, z) else -distance
@@ -48,28 +52,28 @@ def _radius_at(solid, x, y, z):
 
 @helper
 def _polished(solid, at, radius, sides, centre, some, weight, inverse, row):
-    """Radius of the largest ball near by: Newton's method within a trust region.
+    """Return the radius of the largest ball nearby (Newton's method with a trust region).
 
-    ``at (3,)`` is the centre to start from, where the ball has this ``radius``, and receives the new one.
-    The triangles that touch the ball and their λ are left in ``some`` and ``weight``, ``(4,)`` each;
-    ``sides``, ``centre``, ``inverse`` and ``row`` are scratch.
+    ``at (3,)`` is the initial centre of the ball with this ``radius``, and receives the new centre. The
+    triangles that touch the ball and their λ are written to ``some`` and ``weight``, ``(4,)`` each.
+    ``sides``, ``centre``, ``inverse`` and ``row`` are workspace.
     """
     _, table, _, blocks = solid
     trust, none = radius, np.int64(0)
     for _ in range(12):
-        # 1. Linearise all distances at the centre (no box: plain tangents), and maximise r with r ≤ each
-        #    tangent over a cube of half side ``trust``.
+        # 1. Linearise all distances at the centre (without a box: tangents), and maximise r with r ≤ each
+        #    tangent over a cube with half side ``trust``.
         linearised_triangles(table, none, blocks, at[0], at[1], at[2], 0.0, 0.0, 0.0)
         first = lowest_plane(table, none, blocks, 0.0, 0.0, 0.0)
         sides[0], sides[1], sides[2] = trust, trust, trust
         most = ball_in_box(
             table, none, blocks, first, sides, 0.0, 1e-13 * radius, centre, some, weight, inverse, row
         )
-        # 2. Converged: the tangents promise no gain.
+        # 2. Stop when the tangents promise no gain.
         if most <= radius * (1.0 + 1e-10):
             break
-        # 3. Distances from triangles are convex, hence nowhere below their tangents: the step gains what was
-        #    promised unless it leads out of the solid. Then it is tried again in a smaller cube.
+        # 3. Distances to triangles are convex, hence nowhere below their tangents: the step achieves the
+        #    promised gain unless it leaves the solid. Then repeat in a smaller cube.
         better = _radius_at(solid, at[0] + centre[0], at[1] + centre[1], at[2] + centre[2])
         if better > radius:
             for k in range(3):
@@ -82,7 +86,7 @@ def _polished(solid, at, radius, sides, centre, some, weight, inverse, row):
 
 @helper
 def _average(table, some, weight, x, y, z):
-    """Weighted average Σ λ_i d_i of the distances of a point from up to four triangles."""
+    """Return the weighted average Σ λ_i d_i of the distances from a point to up to four triangles."""
     average = 0.0
     for n in range(4):
         if weight[n] > 0.0:
@@ -92,10 +96,10 @@ def _average(table, some, weight, x, y, z):
 
 @helper
 def _highest_average(table, some, weight, x, y, z, sides, enough):
-    """Maximum of an average of distances over a box.
+    """Return the maximum of an average distance over a box: a bound on ball radii.
 
-    Infinite, without further work, if the average exceeds ``enough`` at the centre. No ball with its centre
-    in the box is larger. The average is convex, hence largest at a corner.
+    Infinite, without further work, if the average exceeds ``enough`` at the centre. The average is convex,
+    hence maximal at a corner.
     """
     if _average(table, some, weight, x, y, z) > enough:
         return np.inf
@@ -109,7 +113,7 @@ def _highest_average(table, some, weight, x, y, z, sides, enough):
 
 @helper
 def _box_around_all(corners, m, low, sides):
-    """Write the centre and the half sides of the box around the triangles."""
+    """Write centre and half sides of the bounding box of the triangles."""
     for k in range(3):
         least, most = np.inf, -np.inf
         for i in range(m):
@@ -120,38 +124,38 @@ def _box_around_all(corners, m, low, sides):
 
 @helper(allocates=True)
 def _largest_ball(corners, table, m, blocks, diameter, best, heap):
-    """Radius of the largest ball anywhere, by best-first branch and bound.
+    """Return the radius of the largest ball anywhere, by best-first branch and bound.
 
-    Returns table and heap, too, for reuse. ``best`` is the radius about the origin, 0 if that is outside. See
-    :func:`balls` for the bounds. Columns of boxes are those of :mod:`agglo_core.shapes.box_heap`; their lists
-    are ranges of blocks of the table.
+    Also returns table and heap for reuse. ``best`` is the radius about the origin, 0 if the origin is
+    outside. See :func:`balls` for the bounds. The columns of boxes follow :mod:`agglo_core.shapes.box_heap`,
+    and their lists are block ranges in the table.
     """
     at, centre, sides, own = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
     some, weight, held, share = np.zeros(4, np.int64), np.zeros(4), np.zeros(4, np.int64), np.zeros(4)
     inverse, row, box = np.zeros((4, 4)), np.zeros(4), np.zeros((1, WIDTH))
     none = np.int64(0)
-    # 1. A convex solid: distances are those from the planes, and one linear program finds the maximum. The
-    #    box of that program reaches a diameter from the centroid either way, so that it never binds.
+    # 1. Convex solid: distances are distances to planes, and one linear program finds the maximum. Its box
+    #    extends a diameter from the centroid in all directions, so it never binds.
     if m <= _CONVEX and convex_solid(corners, table, m, blocks, 1e-12 * diameter):
         sides[0], sides[1], sides[2] = diameter, diameter, diameter
         best = ball_in_box(
             table, none, blocks, none, sides, 0.0, 1e-15 * diameter, centre, some, weight, inverse, row
         )
         return best, table, heap
-    # 2. A first ball: that about the origin, moved to a maximum near by. The triangles it touches and their
-    #    λ, in ``held`` and ``share``, serve as a bound below. ``polished`` is the radius they belong to.
+    # 2. Initial ball: the ball about the origin, moved to a nearby maximum. The triangles that touch it and
+    #    their λ, in ``held`` and ``share``, give a bound below. ``polished`` is their radius.
     polished = 0.0
     if best > 0.0:
         best = _polished((corners, table, m, blocks), at, best, own, centre, held, share, inverse, row)
         polished = best
-    # 3. The root: the box around all triangles, with all blocks in its list.
+    # 3. Root: the box around all triangles, with all blocks in its list.
     _box_around_all(corners, m, centre, sides)
     box[0, 0], box[0, 1], box[0, 2], box[0, 3] = np.inf, centre[0], centre[1], centre[2]
     box[0, 4], box[0, 5], box[0, 6], box[0, 7] = sides[0], sides[1], sides[2], 0.0
     box[0, 8], box[0, 9] = 0.0, blocks
     size, top, parts, opened, accuracy, tiny = none, blocks, 1, 0, _ACCURACY, _FINEST * diameter
     while True:
-        # 4. Halve the open box across its longest side; the root is looked at as a whole. R, half the
+        # 4. Halve the open box across its longest side; the root is processed as a whole. R, half the
         #    diagonal, is ``reach``.
         x0, y0, z0 = box[0, 1], box[0, 2], box[0, 3]
         sides[0], sides[1], sides[2], sure = box[0, 4], box[0, 5], box[0, 6], box[0, 7] > 0.0
@@ -165,23 +169,23 @@ def _largest_ball(corners, table, m, blocks, diameter, best, heap):
             x, y, z = x0 + (along == 0) * shift, y0 + (along == 1) * shift, z0 + (along == 2) * shift
             opened += 1
             if opened % _PATIENCE == 0:
-                # After many boxes less accuracy must do. Where they found no ball, as in a solid without
-                # volume, a share of the radius says nothing: look for clearly larger balls only.
+                # After many boxes reduce the accuracy. If no ball was found, as in a solid without volume, a
+                # relative accuracy is meaningless: then only search for clearly larger balls.
                 accuracy *= 2.0
                 tiny *= 10.0 if best <= tiny else 1.0
             enough = best * (1.0 + accuracy) + tiny
-            # 5. The bound d + R needs only the nearest triangle: drop the box before anything dearer.
+            # 5. The bound d + R needs only the nearest triangle: drop the box before more expensive tests.
             d = np.sqrt(table[nearest_triangle(table, start, stop, x, y, z) + VALUES])
             if d + reach <= enough:
                 continue
-            # 6. Keep only the triangles within d + 2R of the centre; others are nearest nowhere in the box.
-            #    The copy lies above all lists in use, and is overwritten unless the box is pushed.
+            # 6. Keep only triangles within d + 2R of the centre; no other triangle is nearest anywhere in the
+            #    box. The copy lies above all lists in use, and is overwritten unless the box is pushed.
             first, last = start, stop
             if stop - start > _LISTED:
                 limit = (d + 2.0 * reach) ** 2 * (1.0 + 1e-9)
                 table, first, last = shorter_list(table, start, stop, limit, top)
-            # 7. The bound R - d where the centre is outside. A box that lies inside as a whole, as d > R,
-            #    spares its halves the test.
+            # 7. The bound R - d for an outside centre. If a box lies completely inside, as d > R, its halves
+            #    need no inside test.
             inside = sure or inside_triangles(corners, table, m, x, y, z)
             if not inside and reach - d <= enough:
                 continue
@@ -189,14 +193,16 @@ def _largest_ball(corners, table, m, blocks, diameter, best, heap):
             if inside and d > best:
                 best, at[0], at[1], at[2] = d, x, y, z
             bound = d + reach if inside else reach - d
-            # 8. Bounds by averages Σ λ_i d_i; they pay only in boxes that are small beside the ball, or thin.
+            # 8. Bounds by averages Σ λ_i d_i; they only pay in boxes that are small relative to the ball, or
+            #    thin.
             longest = max(sides[0], max(sides[1], sides[2]))
             if reach <= _LARGE * best or longest > _THIN * min(sides[0], min(sides[1], sides[2])):
                 # 8a. With the triangles that touch the best ball so far.
                 if polished > 0.0 and _highest_average(table, held, share, x, y, z, sides, enough) <= enough:
                     continue
-                # 8b. With the λ of the linear program over planes above all distances. Where it decides
-                #     nothing, planes of triangles in large flat faces can be lowered, and it is solved again.
+                # 8b. With the λ of the linear program over planes above all distances. If the bound does not
+                #     decide, planes of triangles in large flat faces can be lowered, and the program is
+                #     solved again.
                 linearised_triangles(table, first, last, x, y, z, sides[0], sides[1], sides[2])
                 for _ in range(4):
                     most = ball_in_box(
@@ -207,29 +213,30 @@ def _largest_ball(corners, table, m, blocks, diameter, best, heap):
                         break
                 if most <= enough:
                     continue
-                # The plane bound may be loose where the average of the true distances is not.
+                # The plane bound may be loose where the average of the true distances is tight.
                 bound = min(bound, min(most, _highest_average(table, some, weight, x, y, z, sides, enough)))
                 if bound <= enough:
                     continue
-                # 9. The maximum of the program is a promising centre: compare with the list, then with all.
+                # 9. The maximiser of the program is a promising centre: compare with the list, then with all
+                #    triangles.
                 x1, y1, z1 = x + centre[0], y + centre[1], z + centre[2]
                 if table[nearest_triangle(table, first, last, x1, y1, z1) + VALUES] > best * best:
                     better = _radius_at((corners, table, m, blocks), x1, y1, z1)
                     if better > best:
                         best, at[0], at[1], at[2] = better, x1, y1, z1
-            # 10. Polish a ball that is clearly larger, so that step 8a uses the triangles it touches.
+            # 10. Polish a clearly larger ball, so that step 8a uses the triangles that touch it.
             if best > polished * (1.0 + _ACCURACY):
                 solid = corners, table, m, blocks
                 best = _polished(solid, at, best, own, centre, held, share, inverse, row)
                 polished = best
-            # 11. The box stays open, with its bound, its list and whether all of it is inside.
+            # 11. Push the box with its bound, its list, and whether it lies completely inside.
             box[0, 0], box[0, 1], box[0, 2], box[0, 3] = bound, x, y, z
             box[0, 4], box[0, 5], box[0, 6] = sides[0], sides[1], sides[2]
             box[0, 7], box[0, 8], box[0, 9] = 1.0 if whole else 0.0, first, last
             heap = push(heap, size, box)
             size += 1
             top = max(top, last)
-        # 12. Done once no open box promises a ball that is larger by more than the accuracy.
+        # 12. Stop when no open box can contain a ball that is larger by more than the accuracy.
         if size == 0 or heap[0, 0] <= best * (1.0 + accuracy) + tiny:
             break
         pop(heap, size, box)
@@ -242,24 +249,24 @@ def _largest_ball(corners, table, m, blocks, diameter, best, heap):
 
 @kernel
 def balls(points, first, offsets, faces, face_cells, starts, triangles, centroids, diameters, anywhere):
-    """Radius of the largest ball inside each agglomerate: anywhere, or about the centroid.
+    """Return the radius of the largest ball inside each agglomerate, anywhere or about the centroid.
 
     Agglomerate ``first + c`` has the faces ``faces[offsets[c]:offsets[c + 1]]``, and face f the ``triangles``
-    numbered ``starts[f]:starts[f + 1]``. About a centroid that is outside the radius is 0.
+    numbered ``starts[f]:starts[f + 1]``. About a centroid outside the agglomerate the radius is 0.
 
-    Anywhere: in a convex solid of few triangles a linear program gives the radius. Otherwise boxes are
-    halved, best bound first, until none exceeds the best radius by 1e-3 of it, and steps of Newton's method
-    make each radius found exact where four triangles touch the ball. Where 20,000 boxes do not do, as in
-    plates fifty times as wide as thick, the share is doubled, and again after as many more. Where they find
-    no ball of 1e-9 diameters, the least gain, as small, grows tenfold as well, so that the search ends in a
-    solid without volume, too: its radius is 0, or what rounding leaves.
+    Anywhere: in a convex solid with few triangles a linear program gives the radius. Otherwise boxes are
+    halved, best bound first, until no bound exceeds the best radius by a fraction of 1e-3. Newton steps make
+    each radius exact where four triangles touch the ball. If 20,000 boxes do not suffice, as in plates fifty
+    times as wide as thick, the fraction is doubled, and again after as many more. If no ball with radius 1e-9
+    diameters was found by then, the least gain, initially as small, also increases tenfold, so that the
+    search ends in a solid without volume. Its radius is 0 or at rounding level.
 
     Let c be the centre of a box, R half its diagonal and d the distance from c to the surface. No radius in
-    the box exceeds d + R, nor the largest Σ λ_i d_i there, d_i the distances to any triangles, λ >= 0,
-    Σ λ = 1. Two such choices are tried: the triangles that touch the best ball so far, which discard boxes
-    around it early, and the best λ for planes above the distances. Outside, no radius exceeds R - d; and if
-    d > R, all of a box is where its centre is. Only triangles within d + 2R of c can be nearest to a point
-    of the box: they alone are handed down to its halves.
+    the box exceeds d + R, nor the maximum of Σ λ_i d_i in the box, with distances d_i to any triangles, λ >=
+    0, Σ λ = 1. Two choices are tried: the triangles that touch the best ball so far, which discard boxes
+    around it early, and the best λ for planes above the distances. Outside, no radius exceeds R - d. If d >
+    R, the whole box is on the side of its centre. Only triangles within d + 2R of c can be nearest to a point
+    in the box, and only these are passed to its halves.
     """
     n, most = len(offsets) - 1, most_triangles(offsets, faces, starts)
     found, moments, axes = np.empty((most, 3), np.int64), np.empty((3, 3)), np.empty((3, 3))
@@ -267,10 +274,12 @@ def balls(points, first, offsets, faces, face_cells, starts, triangles, centroid
     heap, centre = np.empty((256, WIDTH)), np.empty(3)
     radius = np.zeros(n)
     for c in range(n):
+        # 1. Table of the triangles in principal axes.
         m = surface(first + c, offsets[c], offsets[c + 1], faces, face_cells, starts, triangles, found)
         for k in range(3):
             centre[k] = centroids[first + c, k]
         table, m, blocks = gathered_triangles(points, found, m, centre, moments, axes, corners, table)
+        # 2. Radius about the centroid, then anywhere.
         radius[c] = max(_radius_at((corners, table, m, blocks), 0.0, 0.0, 0.0), 0.0)
         if anywhere:
             known, width = radius[c], diameters[first + c]

@@ -1,9 +1,9 @@
-"""A heap of boxes, the one with the largest bound on top.
+"""A heap of boxes, ordered by bound, with the largest bound on top.
 
-Its rows are numbers, the bound first. Others in the plane: the centre x, y, both half sides, the signed
-distance of the centre from the boundary (0 if it is not known), the first and the last column of the edges
-that matter, and the axis along which the box is to be halved. In space: the centre x, y, z, three half
-sides, 1 if all of the box is inside (0 if it is not known), the first and the last column.
+The row of a box begins with its bound. In 2-D the other numbers are the centre x, y, both half sides, the
+signed distance from the centre to the boundary (0 if unknown), the first and the last column of the relevant
+edges, and the axis to halve. In 3-D they are the centre x, y, z, three half sides, 1 if the whole box is
+inside (0 if unknown), and the first and the last column.
 """
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
@@ -14,22 +14,22 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper
 
-WIDTH = 10  # numbers in a row
+WIDTH = 10  # numbers per row
 
 
 @helper
 def _move(source, i, target, j):
-    """Copy a row number by number: slices take numba a second longer to compile."""
+    """Copy a row number by number, because slices take numba a second longer to compile."""
     for k in range(WIDTH):
         target[j, k] = source[i, k]
 
 
 @helper
 def pop(heap, size, box):
-    """Move the box with the largest bound, on top, off the heap of ``size``."""
-    i, j = np.int64(0), np.int64(1)  # as constants they would have a version of every kernel compiled
+    """Pop the box with the largest bound from a heap with ``size`` boxes."""
+    i, j = np.int64(0), np.int64(1)  # typed, because literals would compile another version of every kernel
     _move(heap, i, box, i)
-    while j < size - 1:  # the last entry takes the first place and sinks
+    while j < size - 1:  # move the last entry to the top and sift it down
         if j + 1 < size - 1 and heap[j + 1, 0] > heap[j, 0]:
             j += 1
         if heap[j, 0] <= heap[size - 1, 0]:
@@ -41,12 +41,14 @@ def pop(heap, size, box):
 
 @helper(allocates=True)
 def push(heap, size, box):
-    """Put a box on the heap of ``size``, in a longer copy if it is full."""
+    """Push a box on a heap with ``size`` boxes, and return the heap, enlarged if it was full."""
+    # 1. Enlarge a full heap.
     if size == len(heap):
         grown = np.empty((2 * size, WIDTH))
         for i in range(size):
             _move(heap, i, grown, i)
         heap = grown
+    # 2. Sift the new box up.
     i = size
     while i > 0 and heap[(i - 1) // 2, 0] < box[0, 0]:
         _move(heap, (i - 1) // 2, heap, i)

@@ -1,4 +1,4 @@
-"""The flat faces of agglomerates in space, whatever faces of cells they are made of."""
+"""Flat faces of 3-D agglomerates, merged from coplanar cell faces."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -9,12 +9,12 @@ import numpy as np
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.shapes.solid_triangles import most_triangles, surface
 
-_STRAIGHT = 1e-8  # radians; rounded coordinates turn triangles in one plane by less
+_STRAIGHT = 1e-8  # radians; rounding of coordinates tilts coplanar triangles by less
 
 
 @helper
 def _root(joined, t):
-    """The triangle that stands for all that are joined with t (union-find, halving the paths)."""
+    """Return the representative of the triangles joined with t (union-find with path halving)."""
     while joined[t] != t:
         joined[t] = joined[joined[t]]
         t = joined[t]
@@ -25,7 +25,7 @@ def _root(joined, t):
 def _normals(points, corners, m, normals):
     """Write unit normals and, in the last column, areas of triangles.
 
-    The normal of a triangle without area is 0.
+    Degenerate triangles have a zero normal.
     """
     for t in range(m):
         a, b, c = corners[t, 0], corners[t, 1], corners[t, 2]
@@ -44,8 +44,8 @@ def _normals(points, corners, m, normals):
 
 @helper
 def _in_line(normals, s, t):
-    """Return True if two triangles that share an edge lie in one plane, on the same side of the solid."""
-    # The cross product of unit normals is the sine of the angle between them.
+    """Return True if two triangles with a common edge are coplanar, with the solid on the same side."""
+    # The cross product of unit normals has the sine of their angle as its length.
     ax, ay, az = normals[s, 0], normals[s, 1], normals[s, 2]
     bx, by, bz = normals[t, 0], normals[t, 1], normals[t, 2]
     x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
@@ -54,9 +54,9 @@ def _in_line(normals, s, t):
 
 @kernel
 def face_ratios(points, first, offsets, faces, face_cells, starts, triangles):
-    """Area of the smallest over that of the largest flat face of each cell from ``first`` on.
+    """Return the area ratio of the smallest to the largest flat face of each cell, from ``first`` on.
 
-    Triangles that share an edge and lie in one plane are one face. Cell ``first + c`` has the faces
+    Coplanar triangles with a common edge form one face. Cell ``first + c`` has the faces
     ``faces[offsets[c]:offsets[c + 1]]``, and face f the ``triangles`` numbered ``starts[f]:starts[f + 1]``.
     """
     n, most = len(offsets) - 1, most_triangles(offsets, faces, starts)
@@ -64,18 +64,19 @@ def face_ratios(points, first, offsets, faces, face_cells, starts, triangles):
     joined, area, following = np.empty(most, np.int64), np.empty(most), np.empty(3 * most, np.int64)
     latest = np.full(
         len(points), -1, np.int64
-    )  # half-edge of the cell at hand, of which a point is the lower end
+    )  # latest half-edge of the current cell with this point as lower end
     ratio = np.empty(n)
     for c in range(n):
-        # 1. The triangles around the cell; each is a face of its own, and no half-edge has been met.
+        # 1. Triangles around the cell. Initially each triangle is a face, and the half-edge lists are empty.
         m = surface(first + c, offsets[c], offsets[c + 1], faces, face_cells, starts, triangles, corners)
         _normals(points, corners, m, normals)
         for t in range(m):
             joined[t], area[t] = t, 0.0
             for k in range(3):
                 latest[corners[t, k]] = -1
-        # 2. Half-edges by their lower end, in lists from ``latest`` on by ``following``; half-edge h is side
-        #    h % 3 of triangle h // 3. Join triangles that share both ends of a side and lie in one plane.
+        # 2. Half-edges by their lower end, in lists that begin with ``latest`` and continue with
+        #    ``following``. Half-edge h is side h % 3 of triangle h // 3. Join coplanar triangles that share
+        #    both ends of a side.
         for t in range(m):
             for side in range(3):
                 a, b = corners[t, side], corners[t, (side + 1) % 3]
@@ -89,8 +90,8 @@ def face_ratios(points, first, offsets, faces, face_cells, starts, triangles):
                         joined[_root(joined, s)] = _root(joined, t)
                     other = following[other]
                 following[h], latest[low] = latest[low], h
-        # 3. Areas of faces, each at the triangle that stands for all its triangles. Others, and faces of
-        #    degenerate triangles alone, have none and do not count.
+        # 3. Sum the face areas at the representative triangles. Entries of other triangles, and of degenerate
+        #    faces, are 0 and do not count.
         for t in range(m):
             area[_root(joined, t)] += normals[t, 3]
         least, largest = np.inf, 0.0

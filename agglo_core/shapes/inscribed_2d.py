@@ -1,4 +1,4 @@
-"""The largest circle inside a polygon with holes: distances to edges, searches in boxes, slabs and chains."""
+"""Largest circle inside a polygon with holes: edge distances, boxes, slabs and chains."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -10,24 +10,23 @@ from agglo_core.compiled.compiling import helper
 from agglo_core.compiled.sorting import sort_by_keys
 from agglo_core.shapes.box_heap import push
 
-# Table of edges, a column for each edge ab: rows 0 and 1 are a, 2 and 3 are b - a, 4 and 5 are b, 6 is 1 / |b
-# - a|². An axis k = 0, 1 reads a[k] in row k, (b - a)[k] in row 2 + k and b[k] in row 4 + k.
-ROWS = 7  # numbers that describe an edge; the next row takes squares of distances
-DISTANCE, SLOPE, HEIGHT = 8, 9, 11  # rows of planes, value and gradient (two rows); number of all rows
+# Edge table, one column per edge ab: rows 0 and 1 are a, 2 and 3 are b - a, 4 and 5 are b, 6 is 1 / |b - a|².
+# An axis k = 0, 1 uses a[k] in row k, (b - a)[k] in row 2 + k and b[k] in row 4 + k.
+ROWS = 7  # numbers that describe an edge; the next row is for squared distances
+DISTANCE, SLOPE, HEIGHT = 8, 9, 11  # rows of planes, value and gradient (two rows); total number of rows
 FIRST, LAST = 8, 9  # rows of the vertices a and b, until planes are written there
 
 
 @helper(allocates=True)
 def gathered(points, start, stop, faces, face_vertices, x0, y0, edges):
-    """The table of one agglomerate, in ``edges`` if there is room, and the number of its edges.
+    """Return the edge table of one agglomerate, in ``edges`` if it is large enough, and the edge count.
 
-    The origin is (x0, y0), the first axis that of the largest moment of the outline. Edges of no length are
-    left out.
+    The origin is (x0, y0), the first axis is the axis of the largest moment. Edges without length are
+    dropped.
     """
     if edges.shape[1] < stop - start:
         edges = np.empty((HEIGHT, 2 * (stop - start)))
-    # 1. Ends of the edges relative to the origin, and second moments of the outline as a wire of constant
-    #    density.
+    # 1. Edge ends relative to the origin, and second moments of the outline as a wire with constant density.
     sxx, sxy, syy = 0.0, 0.0, 0.0
     m = 0
     for h in range(start, stop):
@@ -43,7 +42,7 @@ def gathered(points, start, stop, faces, face_vertices, x0, y0, edges):
             sxx += length * (ax * ax + ax * bx + bx * bx)
             syy += length * (ay * ay + ay * by + by * by)
             sxy += length * (ax * ay + bx * by + 0.5 * (ax * by + bx * ay))
-    # 2. Rotate by the angle at which the mixed moment is 0, to the principal axes.
+    # 2. Rotate to the principal axes, where the mixed moment is 0.
     angle = 0.5 * np.arctan2(2.0 * sxy, sxx - syy)
     cos, sin = np.cos(angle), np.sin(angle)
     for i in range(m):
@@ -57,7 +56,7 @@ def gathered(points, start, stop, faces, face_vertices, x0, y0, edges):
 
 @helper
 def bounding_box(edges, m):
-    """Centre and half sides of a box around the edges."""
+    """Return centre and half sides of the bounding box of the edges."""
     x_low, x_high, y_low, y_high = np.inf, -np.inf, np.inf, -np.inf
     for i in range(m):
         x, y = edges[0, i], edges[1, i]
@@ -68,8 +67,8 @@ def bounding_box(edges, m):
 
 @helper
 def offset(edges, i, x, y):
-    """Vector to (x, y) from the nearest point of edge i."""
-    # The foot of the perpendicular is a + t (b - a); beyond an end, that end is nearest.
+    """Return the vector from the nearest point of edge i to (x, y)."""
+    # The foot of the perpendicular is a + t (b - a), clamped to the ends.
     wx, wy = x - edges[0, i], y - edges[1, i]
     t = min(max((wx * edges[2, i] + wy * edges[3, i]) * edges[6, i], 0.0), 1.0)
     return wx - t * edges[2, i], wy - t * edges[3, i]
@@ -77,13 +76,13 @@ def offset(edges, i, x, y):
 
 @helper
 def nearest_edge(edges, start, stop, x, y):
-    """The edge nearest to (x, y).
+    """Return the edge nearest to (x, y).
 
-    The squares of all distances are left in row ``ROWS``.
+    The squared distances of all edges are written to row ``ROWS``.
     """
     squares = edges[ROWS]
     for j in range(stop - start):
-        i = np.uint64(start + j)  # no negative index has to be thought of: four at a time
+        i = np.uint64(start + j)  # unsigned, without wraparound of negative indices: allows vectorisation
         dx, dy = offset(edges, i, x, y)
         squares[i] = dx * dx + dy * dy
     nearest = np.uint64(start)
@@ -96,19 +95,20 @@ def nearest_edge(edges, start, stop, x, y):
 
 @helper
 def crosses(edges, start, stop, axis, place, to, other):
-    """Return True if the way from ``place`` to ``to`` along an axis crosses an odd number of edges.
+    """Return True if the path from ``place`` to ``to`` along an axis crosses an odd number of edges.
 
-    Both are coordinates along the axis, ``other`` is the one along the other axis. From infinity this is the
-    even-odd rule.
+    Both are coordinates along the axis, ``other`` is the coordinate along the other axis. From infinity this
+    is the even-odd rule.
     """
     a, b, u = edges[axis], edges[5 - axis], edges[2 + axis]
     c, v = edges[1 - axis], edges[3 - axis]
     crossings = 0
     for j in range(stop - start):  # without branches
         i = np.uint64(start + j)
-        # The line at ``other`` meets the edge at a + (other - c) u / v if the ends are on different sides of
-        # it (half-open, so that a vertex counts once). Is each end of the way before that? The edge is
-        # crossed if the answers differ. Multiplied by v, so that edges along the axis divide by nothing.
+        # The line at ``other`` meets the edge at a + (other - c) u / v if the edge ends are on different
+        # sides of the line (half-open, so that a vertex counts once). The path crosses the edge if exactly
+        # one of its ends lies before that point. Multiplication by v avoids division for edges along the
+        # axis.
         reach = (other - c[i]) * u[i]
         up = v[i] > 0.0
         one = ((place - a[i]) * v[i] < reach) == up
@@ -119,21 +119,21 @@ def crosses(edges, start, stop, axis, place, to, other):
 
 @helper
 def signed_distance(edges, m, x, y):
-    """Distance from (x, y) to the boundary, negative outside."""
+    """Return the distance from (x, y) to the boundary, negative outside."""
     distance = np.sqrt(edges[ROWS, nearest_edge(edges, np.int64(0), m, x, y)])
     return distance if crosses(edges, np.int64(0), m, np.int64(0), np.inf, x, y) else -distance
 
 
 @helper
 def is_inside(edges, m, start, stop, axis, x0, y0, above, tiny, x, y):
-    """Return True if (x, y) is inside, a point that lies along an axis from (x0, y0).
+    """Return True if (x, y), reached along an axis from (x0, y0), is inside.
 
-    The latter is at signed distance ``above``; ``start`` to ``stop`` are the edges near both points. All
-    ``m`` edges are needed where (x0, y0) is within ``tiny`` of the boundary.
+    The point (x0, y0) has signed distance ``above``. ``start`` to ``stop`` are the edges near both points.
+    All ``m`` edges are used if (x0, y0) is within ``tiny`` of the boundary.
     """
     place, to, other = (x0, x, y) if axis == 0 else (y0, y, x)
-    # A way shorter than the distance from the boundary crosses nothing. From a point on the boundary, whose
-    # side is rounding, start at infinity instead, which is outside.
+    # A path shorter than the distance to the boundary crosses nothing. From a point on the boundary, whose
+    # side is lost in rounding, start at infinity instead, which is outside.
     if abs(to - place) < abs(above):
         return above > 0.0
     if abs(above) <= tiny:
@@ -146,7 +146,8 @@ def apart(edges, start, stop, x, y, sx, sy):
     """Return True if no edge meets a box with centre (x, y) and half sides sx, sy."""
     meeting = 0
     for j in range(stop - start):
-        # A box and an edge are disjoint if they are along x, along y or along the normal of the edge.
+        # Separating axes: a box and an edge are disjoint if they are disjoint along x, along y or along the
+        # edge normal.
         i = np.uint64(start + j)
         ux, uy = edges[2, i], edges[3, i]
         wx, wy = 0.5 * (edges[0, i] + edges[4, i]) - x, 0.5 * (edges[1, i] + edges[5, i]) - y
@@ -157,16 +158,19 @@ def apart(edges, start, stop, x, y, sx, sy):
 
 @helper(allocates=True)
 def shortened(edges, start, stop, limit, top):
-    """Copy edges at a squared distance of at most ``limit`` to columns from ``top`` on, if at most half are.
+    """Copy the near edges to columns from ``top`` on, if at most half of the edges are near.
 
-    Squares are those that :func:`nearest_edge` has left. Returns the table, longer if it was full, and the
-    range of columns of the list: the copies, or all edges as before if more than half are that near.
+    Near edges have a squared distance of at most ``limit``, as computed by :func:`nearest_edge`. Returns the
+    table, enlarged if it was full, and the column range of the list: the copies, or all edges as before if
+    more than half are near.
     """
+    # 1. Count the near edges.
     count = 0
     for j in range(stop - start):
         count += 1 if edges[ROWS, np.uint64(start + j)] <= limit else 0
     if 2 * count > stop - start:
         return edges, start, stop
+    # 2. Enlarge a full table, and copy them.
     if top + count > edges.shape[1]:
         grown = np.empty((HEIGHT, 2 * (top + count)))
         for k in range(ROWS + 1):
@@ -182,12 +186,12 @@ def shortened(edges, start, stop, limit, top):
     return edges, top, end
 
 
-_STEPS = 40  # exchanges of a linear program; more than ten are rare
+_STEPS = 40  # maximum number of pivots in a linear program; more than ten are rare
 
 
 @helper
 def linearised(edges, start, stop, x, y):
-    """Leave distances from (x, y) and their gradients, unit vectors, in the table of edges."""
+    """Write the distances to (x, y) and their gradients, unit vectors, to the edge table."""
     for j in range(stop - start):
         i = np.uint64(start + j)
         wx, wy = x - edges[0, i], y - edges[1, i]
@@ -200,14 +204,15 @@ def linearised(edges, start, stop, x, y):
 
 @helper
 def majorised(edges, start, stop, x, y, sx, sy):
-    """Leave planes in the table that are nowhere in the box below the distances, which are convex.
+    """Write planes above the edge distances over a box to the table.
 
-    The value of a plane at the centre (x, y) of the box of half sides sx, sy, and its gradient.
+    The box has centre (x, y) and half sides sx, sy. A plane is stored as its value at the centre and its
+    gradient.
     """
     for j in range(stop - start):
         i = np.uint64(start + j)
-        # A convex function lies below the bilinear one with its values at the corners. That is a plane and a
-        # term in x y, which is largest in modulus at the corners.
+        # A convex function lies below the bilinear interpolant of its corner values: a plane plus a term in x
+        # y, which has its largest modulus at the corners.
         one, two = _distance(edges, i, x - sx, y - sy), _distance(edges, i, x + sx, y - sy)
         three, four = _distance(edges, i, x - sx, y + sy), _distance(edges, i, x + sx, y + sy)
         edges[SLOPE, i] = 0.25 * (two + four - one - three) / sx
@@ -217,26 +222,26 @@ def majorised(edges, start, stop, x, y, sx, sy):
 
 @helper
 def _distance(edges, i, x, y):
-    """Distance from (x, y) to an edge."""
+    """Return the distance from (x, y) to an edge."""
     dx, dy = offset(edges, i, x, y)
     return np.sqrt(dx * dx + dy * dy)
 
 
 @helper
 def convex(edges, m, tiny):
-    """Return True if both ends of all edges are, within ``tiny``, on the origin's side of each edge's line.
+    """Return True if all edge ends lie, within ``tiny``, on the origin's side of every edge line.
 
-    If so, distances of the origin from these lines and their gradients are left in the table.
+    In this case the distances from the origin to these lines and their gradients are written to the table.
     """
     for i in range(m):
-        # Unit normal towards the origin, and the distance of the origin.
+        # 1. Unit normal toward the origin, and the distance to the origin.
         scale = np.sqrt(edges[6, i])
         nx, ny = -edges[3, i] * scale, edges[2, i] * scale
         distance = -(nx * edges[0, i] + ny * edges[1, i])
         if distance < 0.0:
             distance, nx, ny = -distance, -nx, -ny
-        # The lowest end a in that direction must not be beyond the line.
-        # Edges point either way along the outline, so that a vertex may be the second end of both its edges.
+        # 2. The lowest end in that direction must not be beyond the line. Edges may have either orientation
+        #    along the outline, so a vertex may be the second end of both its edges.
         least = 0.0
         for j in range(m):
             least = min(least, distance + nx * edges[0, j] + ny * edges[1, j])
@@ -249,9 +254,9 @@ def convex(edges, m, tiny):
 
 @helper
 def tightest(edges, start, stop, px, py):
-    """The edge whose plane is lowest at p.
+    """Return the edge with the lowest plane at p.
 
-    The values of all planes are left in row ``ROWS``.
+    The values of all planes are written to row ``ROWS``.
     """
     values = edges[ROWS]
     for j in range(stop - start):
@@ -267,19 +272,19 @@ def tightest(edges, start, stop, px, py):
 
 @helper
 def largest_in_box(edges, start, stop, nearest, sx, sy, enough, tiny, some, weight, m):
-    """Maximise the lowest of the edges' planes over a box, by the dual simplex method.
+    """Maximise the minimum of the edge planes over a box, by the dual simplex method.
 
-    The linear program in (p, r): maximise r with r - g_i · p ≤ d_i for each plane (d_i its value at the
-    centre of the box, g_i its gradient), |p_x| ≤ sx and |p_y| ≤ sy. Returns p, relative to the centre, and r;
-    writes up to three edges and their multipliers λ, whose sum is 1, to ``some`` and ``weight``.
+    The linear program in (p, r): maximise r with r - g_i · p ≤ d_i for each plane (d_i its value at the box
+    centre, g_i its gradient), |p_x| ≤ sx and |p_y| ≤ sy. Returns p, relative to the centre, and r. Writes up
+    to three edges and their multipliers λ, with sum 1, to ``some`` and ``weight``.
 
-    Begins with the ``nearest`` edge and a corner of the box; edges and sides of the box that are violated
-    by more than ``tiny`` enter one by one. The radius falls from above, and is enough once it is at most
-    ``enough``. ``m (3, 3)`` is scratch: the inverse of the three constraints that hold with equality.
+    Starts with the ``nearest`` edge and a box corner. Edges and box sides violated by more than ``tiny``
+    enter one by one. The radius decreases monotonically, and the iteration stops early when it is at most
+    ``enough``. ``m (3, 3)`` is workspace: the inverse of the three active constraints.
     """
-    # 1. The plane of one edge is highest at the corner towards its gradient: both sides of the box there and
-    #    the edge hold with equality. Column k of the inverse is the change of (p, r) as the right-hand side
-    #    of constraint k grows; its last entry is the multiplier λ_k ≥ 0.
+    # 1. The plane of one edge is highest at the corner in gradient direction: both box sides there and the
+    #    edge are active. Column k of the inverse is the change in (p, r) per unit of the right-hand side k.
+    #    Its last entry is the multiplier λ_k ≥ 0.
     gx, gy = edges[SLOPE, nearest], edges[SLOPE + 1, nearest]
     m[0, 0], m[0, 1], m[0, 2] = 0.0, 1.0 if gx > 0.0 else -1.0, 0.0
     m[1, 0], m[1, 1], m[1, 2] = 0.0, 0.0, 1.0 if gy > 0.0 else -1.0
@@ -290,7 +295,7 @@ def largest_in_box(edges, start, stop, nearest, sx, sy, enough, tiny, some, weig
     for _ in range(_STEPS):
         if radius <= enough:
             break
-        # 2. The constraint violated most, an edge or a side of the box, enters: row (ax, ay, ar).
+        # 2. The most violated constraint, an edge or a box side, enters: row (ax, ay, ar).
         entering = tightest(edges, start, stop, px, py)
         ax, ay, ar = -edges[SLOPE, entering], -edges[SLOPE + 1, entering], 1.0
         excess = radius - edges[ROWS, entering]
@@ -300,8 +305,8 @@ def largest_in_box(edges, start, stop, nearest, sx, sy, enough, tiny, some, weig
             entering, ax, ay, ar, excess = -1, 0.0, 1.0 if py > 0.0 else -1.0, 0.0, abs(py) - sy
         if excess <= tiny:
             break
-        # 3. Ratio test: the one leaves for which all λ stay ≥ 0. Shares of the new row in the old ones below
-        #    1e-12 count as rounding.
+        # 3. Ratio test: the constraint leaves for which all λ stay ≥ 0. Components of the new row below 1e-12
+        #    count as rounding.
         leaving, ratio, pivot = -1, np.inf, 1.0
         for k in range(3):
             share = ax * m[0, k] + ay * m[1, k] + ar * m[2, k]
@@ -309,7 +314,7 @@ def largest_in_box(edges, start, stop, nearest, sx, sy, enough, tiny, some, weig
                 leaving, ratio, pivot = k, m[2, k] / share, share
         if leaving < 0:
             break
-        # 4. Update the inverse, and move along the column of the new constraint until it holds with equality.
+        # 4. Update the inverse, and move along the column of the new constraint until it is active.
         for row in range(3):
             m[row, leaving] /= pivot
         for k in range(3):
@@ -321,25 +326,25 @@ def largest_in_box(edges, start, stop, nearest, sx, sy, enough, tiny, some, weig
         px -= excess * m[0, leaving]
         py -= excess * m[1, leaving]
         radius -= excess * m[2, leaving]
-    # 5. Edges that hold with equality and their λ; sides of the box have the weight 0.
+    # 5. Active edges and their λ; box sides have weight 0.
     for k in range(3):
         weight[k] = max(m[2, k], 0.0) if some[k] >= 0 else 0.0
         some[k] = max(some[k], 0)
     return px, py, radius
 
 
-_CROWD = 24  # edges beside one another, on average, from which on trapezoids are dearer than boxes
+_CROWD = 24  # average number of edges crossed by a slab, above which trapezoids cost more than boxes
 
 
 @helper
 def _next_slab(edges, order, begins, active, count, begun, left):
-    """Move the sweep line to ``left``: edges that end there leave the active ones, those that begin join.
+    """Move the sweep line to ``left``, and update the active edges.
 
-    ``active[:count]`` are the edges that the line crosses, ``order`` all edges by their left ends
-    ``begins``, of which ``begun`` have been met. Returns how many are active and how many have begun, and
-    the ends of the slab: from ``left``, or where the next edge begins if none is active, to the next vertex.
+    ``active[:count]`` are the edges crossed by the line, ``order`` all edges sorted by their left ends
+    ``begins``, of which ``begun`` were visited. Returns the numbers of active and visited edges, and the ends
+    of the slab: from ``left``, or from the start of the next edge if none is active, to the next vertex.
     """
-    # 1. Edges that go on beyond the line.
+    # 1. Keep the edges that continue beyond the line.
     kept, right = 0, np.inf
     for k in range(count):
         i = active[k]
@@ -347,13 +352,13 @@ def _next_slab(edges, order, begins, active, count, begun, left):
         if end > left:
             active[kept], right = i, min(right, end)
             kept += 1
-    # 2. A gap between loops: go to the next edge. Then take all that begin here.
+    # 2. In a gap between loops, advance to the next edge. Then add all edges that begin here.
     if kept == 0 and begun < len(order):
         left = begins[begun]
     while begun < len(order) and begins[begun] <= left:
         i = order[begun]
         end = max(edges[0, i], edges[4, i])
-        if end > left:  # a vertical edge bounds no trapezoid from above or below
+        if end > left:  # vertical edges do not bound trapezoids from above or below
             active[kept], right = i, min(right, end)
             kept += 1
         begun += 1
@@ -364,8 +369,8 @@ def _next_slab(edges, order, begins, active, count, begun, left):
 def _sort_upwards(edges, active, one, two, count, left, right):
     """Sort the active edges by height, and write their heights at ``left`` and ``right``.
 
-    These are left in ``one`` and ``two``. Edges do not cross within a slab, so the middle of it decides. By
-    insertion: the order changes little from slab to slab.
+    The heights are written to ``one`` and ``two``. Edges do not cross within a slab, so the height at its
+    middle decides. Insertion sort, as the order changes little from slab to slab.
     """
     for k in range(count):
         i, place = active[k], k
@@ -379,14 +384,15 @@ def _sort_upwards(edges, active, one, two, count, left, right):
 
 @helper(allocates=True)
 def slabs(edges, m, best, accuracy, heap, box):
-    """Push the box around each trapezoid in which there may be a larger circle than the best so far.
+    """Push the box around each trapezoid that may contain a circle larger than the best so far.
 
-    Vertical lines through all vertices cut the inside into trapezoids. The best circle so far is that of
-    radius ``best`` about the origin, or one about the middle of the longest vertical side met so far; a
-    circle counts as larger if it is so by a factor of ``1 + accuracy``. Returns the centre and the radius
-    of the best, the heap and its size, and whether it holds all trapezoids: not if there were too many.
+    Vertical lines through all vertices cut the inside into trapezoids. The best circle so far is the circle
+    of radius ``best`` about the origin, or a circle about the middle of the longest vertical side visited so
+    far. A circle counts as larger if its radius is larger by a factor of ``1 + accuracy``. Returns the centre
+    and the radius of the best circle, the heap and its size, and whether the heap contains all trapezoids,
+    which fails if there are too many.
     """
-    # 1. Edges by their left ends.
+    # 1. Sort the edges by their left ends.
     order, begins = np.empty(m, np.int64), np.empty(m)
     for i in range(m):
         order[i], begins[i] = i, min(edges[0, i], edges[4, i])
@@ -395,14 +401,14 @@ def slabs(edges, m, best, accuracy, heap, box):
     best_x, best_y, longest, size = 0.0, 0.0, 0.0, np.int64(0)
     count, begun, work, left = 0, 0, 0, begins[0]
     while work <= _CROWD * m:
-        # 2. The next slab, between two neighbouring vertices, and the edges that cross it, upwards.
+        # 2. Next slab, between two consecutive vertices, and the edges that cross it, sorted upward.
         count, begun, left, right = _next_slab(edges, order, begins, active, count, begun, left)
         if count == 0:
             break
         work += count
         _sort_upwards(edges, active, one, two, count, left, right)
-        # 3. The inside lies above every second edge, by the even-odd rule: a trapezoid of heights from a to b
-        #    at its left side, from c to d at its right. The middle of the longest side is a candidate.
+        # 3. The inside lies above every second edge (even-odd rule): a trapezoid with heights from a to b at
+        #    its left side, and from c to d at its right. The middle of the longest side is a candidate.
         for k in range(0, count - 1, 2):
             a, b, c, d = one[k], one[k + 1], two[k], two[k + 1]
             length = max(b - a, d - c)
@@ -412,7 +418,8 @@ def slabs(edges, m, best, accuracy, heap, box):
                 radius = signed_distance(edges, m, x, y)
                 if radius > best:
                     best, best_x, best_y = radius, x, y
-            # 4. No circle about a point of the trapezoid is higher than its longer side. List: all edges.
+            # 4. No circle about a point in the trapezoid is higher than its longer side. The list contains
+            #    all edges.
             if 0.5 * length > best * (1.0 + accuracy):
                 low, high = min(a, c), max(b, d)
                 box[0, 0], box[0, 1], box[0, 2] = 0.5 * length, 0.5 * (left + right), 0.5 * (low + high)
@@ -427,7 +434,7 @@ def slabs(edges, m, best, accuracy, heap, box):
 
 @helper
 def _append(edges, m, ax, ay, bx, by):
-    """Add the edge ab to the table and return how many edges it has now."""
+    """Append the edge ab to the table and return the new edge count."""
     edges[0, m], edges[1, m], edges[4, m], edges[5, m] = ax, ay, bx, by
     edges[2, m], edges[3, m] = bx - ax, by - ay
     edges[6, m] = 1.0 / (edges[2, m] ** 2 + edges[3, m] ** 2)
@@ -436,26 +443,27 @@ def _append(edges, m, ax, ay, bx, by):
 
 @helper
 def _walk(edges, seed, links, done, tiny, rough, k):
-    """Add straight edges for the chain that begins with ``seed`` to ``rough``, until it branches or closes.
+    """Follow the chain from ``seed``, and append its straight edges to ``rough``.
 
-    A straight edge goes on as long as there is one from its start ``a`` to the next vertex that passes all
-    between by less than ``tiny``: its slope against the first edge has to be from ``low`` to ``high``.
-    ``links`` holds the exclusive or of the two edges at a vertex, hence the one beyond, and how many there
-    are; ``k`` counts the edges written, and its new value is returned.
+    The walk ends where the chain branches or closes. A straight edge grows while the line from its start
+    ``a`` to the next vertex passes all vertices in between by less than ``tiny``: its slope relative to the
+    first edge must lie between ``low`` and ``high``. ``links`` contains the exclusive or of the two edges at
+    a vertex, hence the edge beyond, and the edge count. ``k`` is the number of edges written, and its new
+    value is returned.
     """
     i, v = seed, np.int64(edges[LAST, seed])
     ax, ay, bx, by = edges[0, i], edges[1, i], edges[4, i], edges[5, i]
-    cx, cy, along = ax, ay, -1.0  # nothing yet
+    cx, cy, along = ax, ay, -1.0  # no direction yet
     ex, ey, low, high = 0.0, 0.0, 0.0, 0.0
     while True:
         done[i] = True
-        # 1. The edge ab is the first of a straight one: it gives the direction, and the slopes that pass b by
+        # 1. The edge ab starts a straight edge: it determines the direction, and the slopes that pass b by
         #    less than ``tiny``.
         if along < 0.0:
             along = np.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
             ex, ey = (bx - ax) / along, (by - ay) / along
             low, high = -tiny / along, tiny / along
-        # 2. Go on to the other edge at the vertex v, unless the outline branches there or is closed.
+        # 2. Continue with the other edge at vertex v, unless the outline branches or closes there.
         i ^= links[v, 0]
         if links[v, 1] != 2 or done[i]:
             return _append(rough, k, ax, ay, bx, by)
@@ -463,12 +471,12 @@ def _walk(edges, seed, links, done, tiny, rough, k):
         end = 4 if forward else 0
         v = np.int64(edges[LAST if forward else FIRST, i])
         cx, cy = edges[end, i], edges[end + 1, i]
-        # 3. Its far end c, at t along and n across the first edge, is the new end b if it lies further on and
-        #    the slope n / t passes all vertices before. Narrow the slopes to those that pass c, too.
+        # 3. Its far end c, at t along and n across the first edge, is the new end b if it is farther along,
+        #    and the slope n / t passes all previous vertices. Restrict the slopes to those that also pass c.
         t, n = ex * (cx - ax) + ey * (cy - ay), ex * (cy - ay) - ey * (cx - ax)
         if t > along and low * t <= n <= high * t:
             along, low, high = t, max(low, (n - tiny) / t), min(high, (n + tiny) / t)
-        # 4. Otherwise the straight edge ends at b, and a new one begins there.
+        # 4. Otherwise the straight edge ends at b, and a new straight edge begins there.
         else:
             k = _append(rough, k, ax, ay, bx, by)
             ax, ay, along = bx, by, -1.0
@@ -477,17 +485,17 @@ def _walk(edges, seed, links, done, tiny, rough, k):
 
 @helper(allocates=True)
 def simplified(edges, m, links, tiny):
-    """A table of fewer edges that pass the ``m`` of an outline by less than ``tiny``, and their number.
+    """Return a table with fewer edges that deviate by less than ``tiny``, and the edge count.
 
-    ``links (points, 2)`` is a work array: zeros, before and after.
+    The outline has ``m`` edges. ``links (points, 2)`` is workspace: zeros, before and after.
     """
-    for row in (FIRST, LAST):  # how many edges meet at each vertex, and the exclusive or of their columns
+    for row in (FIRST, LAST):  # edge count at each vertex, and exclusive or of the edge columns
         for i in range(m):
             v = np.int64(edges[row, i])
             links[v, 0] ^= i
             links[v, 1] += 1
-    # Loops without a vertex of more than two edges begin at any edge; where chains branch, later seeds take
-    # up what is left. A seed is followed in the direction of its edge alone.
+    # Loops without branching vertices begin at any edge. At branches, later seeds continue with the remaining
+    # edges. A seed is followed only in the direction of its edge.
     done, rough, k = np.zeros(m, np.bool_), np.empty((HEIGHT, 2 * m)), np.int64(0)
     for seed in range(m):
         if not done[seed]:

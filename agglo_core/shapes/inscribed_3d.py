@@ -1,4 +1,4 @@
-"""The largest ball inside a polyhedron: a table of its triangles, distances to them, searches in boxes."""
+"""Largest ball inside a polyhedron: triangle table, triangle distances, box searches."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -8,25 +8,25 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper
 
-# Table of triangles abc, LANES side by side: ``table`` has one dimension, row k of the triangle at place i is
-# ``table[i + k * LANES]``, and a block of LANES triangles has all its rows before the next block begins. A
-# triangle has a frame: u along the first side ab, f across it within the plane, towards c, and the unit
-# normal n. Rows: 0 to 8 are u, f and n; 9 to 11 the coordinates of a along them; 12 is |b - a|; 13 and 14 are
-# c relative to a along u and f; 15 and 16 are 1 / |c - a|² and 1 / |c - b|², 17 and 18 their square roots; 19
-# is the group of triangles in one plane, -1 if alone; 20 a value (square of a distance, or height of a plane)
-# for all triangles; 21 to 24 a plane, its value at a point and its gradient.
+# Triangle table, with LANES triangles abc side by side: ``table`` is one-dimensional, row k of the triangle
+# at place i is ``table[i + k * LANES]``, and a block of LANES triangles has all its rows before the next
+# block. Each triangle has a frame: u along the first side ab, f perpendicular to it within the plane, toward
+# c, and the unit normal n. Rows: 0 to 8 are u, f and n; 9 to 11 the coordinates of a in this frame; 12 is |b
+# - a|; 13 and 14 are c relative to a along u and f; 15 and 16 are 1 / |c - a|² and 1 / |c - b|², 17 and 18
+# their square roots; 19 is the group of coplanar triangles, -1 if alone; 20 a value (squared distance, or
+# plane height) for all triangles; 21 to 24 a plane, its value at a point and its gradient.
 LANES = 8
 GROUP, VALUES, DISTANCE, SLOPE, BLOCK = 19 * LANES, 20 * LANES, 21 * LANES, 22 * LANES, 25 * LANES
-ROW = tuple(np.uint64(k * LANES) for k in range(25))  # unsigned, as indices of hot loops are
-_SWEEPS = 5  # of Jacobi's method; a third already leaves nothing to see
+ROW = tuple(np.uint64(k * LANES) for k in range(25))  # unsigned, like the indices in hot loops
+_SWEEPS = 5  # sweeps of Jacobi's method; three already converge
 
 
 @helper
 def _turn(moments, axes, p, q):
-    """One rotation of Jacobi's method: the mixed moment of axes p and q becomes 0."""
+    """Apply a Jacobi rotation that makes the mixed moment of axes p and q 0."""
     if abs(moments[p, q]) <= 1e-300:
         return
-    # tan of the smaller of both angles that do, from t² + 2θt - 1 = 0.
+    # tan of the smaller angle, from t² + 2θt - 1 = 0.
     theta = 0.5 * (moments[q, q] - moments[p, p]) / moments[p, q]
     t = (1.0 if theta >= 0.0 else -1.0) / (abs(theta) + np.sqrt(theta * theta + 1.0))
     cos = 1.0 / np.sqrt(t * t + 1.0)
@@ -44,10 +44,10 @@ def _turn(moments, axes, p, q):
 
 @helper
 def _principal_axes(points, corners, m, centre, moments, axes):
-    """Write the principal axes of the corners of triangles about a centre, as rows.
+    """Write the principal axes of the triangle corners about a centre, as rows.
 
-    ``moments`` receives the diagonal matrix of the sums of squares along them, each corner counted once for
-    every triangle.
+    ``moments`` receives the diagonal matrix of the sums of squares along the axes, with each corner counted
+    once per triangle.
     """
     for p in range(3):
         for q in range(3):
@@ -66,8 +66,8 @@ def _principal_axes(points, corners, m, centre, moments, axes):
 
 @helper
 def _describe(corners, t, table, i):
-    """Write a triangle with these corners to the place i of the table, unless it has no area (False)."""
-    # 1. The sides ab and ac and the normal, whose length is twice the area.
+    """Write a triangle with these corners to place i of the table, or return False if degenerate."""
+    # 1. Sides ab and ac, and the normal, whose length is twice the area.
     ax, ay, az = corners[t, 0], corners[t, 1], corners[t, 2]
     ux, uy, uz = corners[t, 3] - ax, corners[t, 4] - ay, corners[t, 5] - az
     vx, vy, vz = corners[t, 6] - ax, corners[t, 7] - ay, corners[t, 8] - az
@@ -75,7 +75,7 @@ def _describe(corners, t, table, i):
     size, length = np.sqrt(nx * nx + ny * ny + nz * nz), np.sqrt(ux * ux + uy * uy + uz * uz)
     if not size > 0.0:
         return False
-    # 2. The frame of the triangle: u, f = n × u, n; and where a lies in it.
+    # 2. Frame of the triangle: u, f = n × u, n, and coordinates of a in it.
     nx, ny, nz, ux, uy, uz = nx / size, ny / size, nz / size, ux / length, uy / length, uz / length
     fx, fy, fz = ny * uz - nz * uy, nz * ux - nx * uz, nx * uy - ny * ux
     table[i], table[i + LANES], table[i + 2 * LANES] = ux, uy, uz
@@ -84,7 +84,7 @@ def _describe(corners, t, table, i):
     table[i + 9 * LANES] = ux * ax + uy * ay + uz * az
     table[i + 10 * LANES] = fx * ax + fy * ay + fz * az
     table[i + 11 * LANES] = nx * ax + ny * ay + nz * az
-    # 3. The triangle in its own plane, from (0, 0) to (|ab|, 0) and (cx, cy); reciprocal lengths of two
+    # 3. The triangle in its plane, from (0, 0) to (|ab|, 0) and (cx, cy), and reciprocal lengths of two
     #    sides.
     cx, cy = ux * vx + uy * vy + uz * vz, fx * vx + fy * vy + fz * vz
     table[i + 12 * LANES], table[i + 13 * LANES], table[i + 14 * LANES] = length, cx, cy
@@ -97,15 +97,15 @@ def _describe(corners, t, table, i):
 
 @helper
 def place(at):
-    """Place in the table of triangle number ``at`` of a list that starts with the first block."""
+    """Return the table place of triangle number ``at`` in a list that starts with the first block."""
     return at // LANES * BLOCK + at % LANES
 
 
 @helper
 def _group(table, count, tiny):
-    """Write which triangles lie in one plane, on the same side of the solid: the number of the first of them.
+    """Write the group of each triangle: the first coplanar triangle on the same side of the solid.
 
-    Planes count as one if their distances from the origin differ by at most ``tiny`` and the cosine of the
+    Planes count as equal if their distances from the origin differ by at most ``tiny`` and the cosine of the
     angle between their normals is at least 1 - 1e-14.
     """
     for t in range(count):
@@ -126,7 +126,7 @@ def _group(table, count, tiny):
 
 @helper
 def fill(table, count):
-    """Fill the last block up with copies of its first triangle and return the number of blocks."""
+    """Fill the last block with copies of its first triangle and return the block count."""
     blocks = (count + LANES - 1) // LANES
     first = place((blocks - 1) * LANES)
     for at in range(count, blocks * LANES):
@@ -138,14 +138,14 @@ def fill(table, count):
 
 @helper(allocates=True)
 def gathered_triangles(points, triangles, m, centre, moments, axes, corners, table):
-    """The table of one agglomerate, in ``table`` if there is room, how many triangles it has, and blocks.
+    """Return the triangle table of one agglomerate, the triangle count and the block count.
 
-    The origin is the centre, the axes are principal ones. Triangles of no area are left out. Their
-    ``corners (m, 9)`` are written, too.
+    The table is ``table`` if it is large enough. The origin is the centre, the axes are principal axes.
+    Degenerate triangles are dropped. The ``corners (m, 9)`` are also written.
     """
     if len(table) < (m + LANES) // LANES * BLOCK:
         table = np.empty(2 * (m + LANES) // LANES * BLOCK)
-    # Corners in the frame of the principal axes, so that boxes around flat agglomerates are flat.
+    # 1. Corners in principal axes, so that boxes around flat agglomerates are flat.
     _principal_axes(points, triangles, m, centre, moments, axes)
     count = 0
     for t in range(m):
@@ -155,14 +155,14 @@ def gathered_triangles(points, triangles, m, centre, moments, axes, corners, tab
             for a in range(3):
                 corners[count, 3 * k + a] = axes[a, 0] * x + axes[a, 1] * y + axes[a, 2] * z
         count += _describe(corners, count, table, place(count))
-    # The tolerance of planes is relative to the root mean square of the corners' distances from the centre.
+    # 2. Groups of coplanar triangles. The tolerance is relative to the root-mean-square corner distance.
     _group(table, count, 1e-9 * np.sqrt((moments[0, 0] + moments[1, 1] + moments[2, 2]) / (3 * m)))
     return table, count, fill(table, count)
 
 
 @helper(inline=True)
 def _own_place(table, i, x, y, z):
-    """Coordinates of a point in the frame of a triangle: along the first side, across it, and the height."""
+    """Return a point's coordinates in a triangle frame: along the first side, across it, and height."""
     s = x * table[i] + y * table[i + ROW[1]] + z * table[i + ROW[2]] - table[i + ROW[9]]
     t = x * table[i + ROW[3]] + y * table[i + ROW[4]] + z * table[i + ROW[5]] - table[i + ROW[10]]
     h = x * table[i + ROW[6]] + y * table[i + ROW[7]] + z * table[i + ROW[8]] - table[i + ROW[11]]
@@ -171,17 +171,17 @@ def _own_place(table, i, x, y, z):
 
 @helper(inline=True)
 def _apart(table, i, s, t):
-    """Vector within the plane from the nearest point of a triangle, and least distance from its sides.
+    """Return the in-plane vector from the nearest triangle point, and the distance to the sides.
 
-    Of the point with coordinates (s, t) in the frame of the triangle. The vector is 0 inside; the distance is
-    one from the lines of the sides, negative outside. Without branches, for vector registers.
+    The point has coordinates (s, t) in the triangle frame. The vector is 0 inside. The distance is the
+    minimum over the side lines, negative outside. Without branches, for vector registers.
     """
-    # 1. On the inner side of ab, ac and bc? Cross products over lengths are distances from their lines.
+    # 1. Distances to the lines ab, ac and bc, positive inside: cross products over lengths.
     length, cx, cy = table[i + ROW[12]], table[i + ROW[13]], table[i + ROW[14]]
     p, ex = s - length, cx - length
     two, three = s * cy - t * cx, t * ex - p * cy
     margin = min(t, min(two * table[i + ROW[17]], three * table[i + ROW[18]]))
-    # 2. The shortest of the vectors from the nearest points of ab, of ac and of bc.
+    # 2. The shortest of the vectors from the nearest points on ab, ac and bc.
     ds, dt = s - min(max(s, 0.0), length), t
     k = min(max((s * cx + t * cy) * table[i + ROW[15]], 0.0), 1.0)
     qs, qt = s - k * cx, t - k * cy
@@ -197,7 +197,7 @@ def _apart(table, i, s, t):
 
 @helper
 def distance_to(table, i, x, y, z):
-    """Distance of a point from the triangle at place i."""
+    """Return the distance from a point to the triangle at place i."""
     i = np.uint64(i)
     s, t, h = _own_place(table, i, x, y, z)
     ds, dt, _ = _apart(table, i, s, t)
@@ -206,9 +206,9 @@ def distance_to(table, i, x, y, z):
 
 @helper
 def nearest_triangle(table, start, stop, x, y, z):
-    """The triangle nearest to a point.
+    """Return the triangle nearest to a point.
 
-    The squares of all distances are left in the table.
+    The squared distances of all triangles are written to the table.
     """
     for block in range(start, stop):
         base = np.uint64(block * BLOCK)
@@ -222,7 +222,7 @@ def nearest_triangle(table, start, stop, x, y, z):
 
 @helper
 def lowest(table, start, stop):
-    """The first triangle of the lowest value."""
+    """Return the first triangle with the lowest value."""
     best, least = start * BLOCK, np.inf
     for block in range(start, stop):
         for lane in range(LANES):
@@ -234,21 +234,21 @@ def lowest(table, start, stop):
 
 @helper
 def linearised_triangles(table, start, stop, x, y, z, sx, sy, sz):
-    """Leave planes above the distances from triangles in the table, valid in a box.
+    """Write planes above the triangle distances, valid in a box, to the table.
 
-    The box has its centre at (x, y, z) and half sides sx, sy, sz; R is half its diagonal. Where R is 0 the
-    planes are tangents: distances and their gradients. Let d be the distance at the centre, q the nearest
-    point of a triangle. In the box the distance is at most that from q, which is at most R² / (2d) above its
-    tangent. If q is m inside the triangle, and the plane of that misses the box, all but R - m of a way along
-    the plane costs nothing; if q is in deep enough, the tangent is exact. Where d is small, the distance is
-    at most d + R.
+    The box has centre (x, y, z) and half sides sx, sy, sz, and R is half its diagonal. For R = 0 the planes
+    are tangents: distances and their gradients. Let d be the distance at the centre, and q the nearest point
+    of a triangle. In the box the distance is at most the distance to q, which exceeds its tangent by at most
+    R² / (2d). If q lies m inside the triangle, and the triangle's plane misses the box, only displacements
+    beyond m along the plane, at most R - m, contribute. If q lies deep enough, the tangent is exact. For
+    small d, the distance is at most d + R.
     """
     reach = np.sqrt(sx * sx + sy * sy + sz * sz)
     for block in range(start, stop):
         base = np.uint64(block * BLOCK)
         for lane in range(np.uint64(LANES)):
             i = base + np.uint64(lane)
-            # 1. Distance d from the nearest point q, and its gradient, the unit vector from q.
+            # 1. Distance d to the nearest point q, and its gradient, the unit vector from q.
             s, t, h = _own_place(table, i, x, y, z)
             ds, dt, margin = _apart(table, i, s, t)
             distance = np.sqrt(ds * ds + dt * dt + h * h)
@@ -257,13 +257,13 @@ def linearised_triangles(table, start, stop, x, y, z, sx, sy, sz):
             gx = ds * table[i] + dt * table[i + ROW[3]] + h * table[i + ROW[6]]
             gy = ds * table[i + ROW[1]] + dt * table[i + ROW[4]] + h * table[i + ROW[7]]
             gz = ds * table[i + ROW[2]] + dt * table[i + ROW[5]] + h * table[i + ROW[8]]
-            # 2. The least height of the box over the plane through q across the gradient, and by how much
-            #    points of the box may lie beyond the rim of the triangle, as seen along the gradient.
+            # 2. The least height of the box over the plane through q perpendicular to the gradient, and the
+            #    largest displacement of box points beyond the triangle's rim, as seen along the gradient.
             over = distance - abs(gx) * sx - abs(gy) * sy - abs(gz) * sz
             beyond = reach - margin if margin >= 0.0 else reach
             beyond = max(beyond, 0.0)
-            # 3. At height h and w beyond, the distance is at most √(h² + w²) ≤ h + w² / (2h). The better of
-            #    this and the bound R² / (2d); a constant plane d + R where neither is of use.
+            # 3. At height h and displacement w, the distance is at most √(h² + w²) ≤ h + w² / (2h). Use the
+            #    better of this and the bound R² / (2d), or a constant plane d + R if neither helps.
             along = 0.5 * beyond * beyond / max(over, 1e-300) if over >= 0.0 else np.inf
             above = min(0.5 * reach * reach * scale, along)
             steep = above <= 2.0 * reach
@@ -275,27 +275,28 @@ def linearised_triangles(table, start, stop, x, y, z, sx, sy, sz):
 
 @helper
 def flattened(table, blocks, some, weight, x, y, z, sides):
-    """Lower the planes of triangles that are part of a large flat face, and return True if any was lowered.
+    """Lower the planes of triangles in large flat faces, and return True if any plane was lowered.
 
-    The distance from a triangle may be replaced by that from the plane of its face if the box, seen along
-    its normal, lies on the face: if the face's rim, where triangles of other planes begin, is at least R from
-    the foot of the centre (x, y, z), R half the diagonal. Looks at triangles with a positive ``weight`` only.
+    The distance to a triangle may be replaced by the distance to its face's plane if the box, seen along the
+    normal, lies on the face: if the face's rim, where triangles in other planes begin, is at least R from the
+    foot of the centre (x, y, z), with R half the diagonal. Only triangles with positive ``weight`` are
+    considered.
     """
     changed, reach = False, sides[0] * sides[0] + sides[1] * sides[1] + sides[2] * sides[2]
     for n in range(4):
         i = some[n]
         if weight[n] <= 0.0 or table[i + GROUP] < 0.0:
             continue
-        # 1. The foot of the centre lies in the triangle, the box on one side of the plane, and the plane in
-        #    the table is not that low already.
+        # 1. The foot of the centre must lie in the triangle, the box on one side of the plane, and the plane
+        #    in the table must not be that low already.
         s, t, h = _own_place(table, np.uint64(i), x, y, z)
         nx, ny, nz = table[i + 6 * LANES], table[i + 7 * LANES], table[i + 8 * LANES]
         over = abs(h) - abs(nx) * sides[0] - abs(ny) * sides[1] - abs(nz) * sides[2]
-        value = abs(h) - min(2.0 * over, 0.0)  # a plane that just touches the box, but for rounding, serves
+        value = abs(h) - min(2.0 * over, 0.0)  # also accept a plane that touches the box up to rounding
         margin = _apart(table, np.uint64(i), s, t)[2]
         if margin < 0.0 or over < -1e-9 * abs(h) or table[i + DISTANCE] <= value:
             continue
-        # 2. All triangles of other planes are at least R from that foot. (``reach`` is R².)
+        # 2. All triangles in other planes must be at least R from that foot. (``reach`` is R².)
         px, py, pz, free = x - h * nx, y - h * ny, z - h * nz, True
         for block in range(blocks):
             for lane in range(LANES):
@@ -304,7 +305,7 @@ def flattened(table, blocks, some, weight, x, y, z, sides):
                     free &= distance_to(table, j, px, py, pz) ** 2 >= reach
             if not free:
                 break
-        # 3. The height over the plane is the distance of all points of the box from the face.
+        # 3. In the whole box, the distance to the face equals the height over the plane.
         if free:
             sign = 1.0 if h >= 0.0 else -1.0
             table[i + DISTANCE], table[i + SLOPE] = value, sign * nx
@@ -315,13 +316,16 @@ def flattened(table, blocks, some, weight, x, y, z, sides):
 
 @helper
 def _crossing(corners, t, p, q, x, y):
-    """+1 or -1 if side pq, as seen along z, crosses the ray from (x, y) to larger x upwards or downwards."""
-    # Half-open: a side crosses if one of its ends is at y or below and the other above.
+    """Return ±1 if side pq, seen along z, crosses the ray from (x, y) to larger x, else 0.
+
+    +1 is an upward crossing, −1 a downward crossing.
+    """
+    # 1. Half-open: a side crosses if one end is at y or below and the other above.
     up = corners[t, p + 1] <= y
     if up == (corners[t, q + 1] <= y):
         return 0
-    low, high = (p, q) if up else (q, p)  # the same for both triangles beside the side
-    # From the lower end: is (x, y) left of the side?
+    low, high = (p, q) if up else (q, p)  # equal for both triangles at this side
+    # 2. (x, y) must be left of the side, seen from the lower end.
     ux, uy = corners[t, high] - corners[t, low], corners[t, high + 1] - corners[t, low + 1]
     if ux * (y - corners[t, low + 1]) - uy * (x - corners[t, low]) <= 0.0:
         return 0
@@ -330,20 +334,20 @@ def _crossing(corners, t, p, q, x, y):
 
 @helper
 def inside_triangles(corners, table, m, x, y, z):
-    """Return True if the ray from a point along z does not enter the solid as often as it leaves it.
+    """Return True if a point is inside: the ray along z enters and leaves the solid unequally often.
 
-    Sides count for the two triangles beside them by one and the same sign, so that a ray that meets an edge
-    or a corner is no special case; nor are cavities, loose parts and pinched edges.
+    Sides count with one sign for both adjacent triangles, so that a ray through an edge or a corner needs no
+    special case. Neither do cavities, loose parts and pinched edges.
     """
     total = 0
     for t in range(m):
-        # 1. How often the triangle, seen along z, winds around the point: 0 or ±1, by the way it faces.
+        # 1. Winding of the triangle, seen along z, around the point: 0 or ±1, by its orientation.
         winds = _crossing(corners, t, 0, 3, x, y) + _crossing(corners, t, 3, 6, x, y)
         winds += _crossing(corners, t, 6, 0, x, y)
         if winds == 0:
             continue
-        # 2. It counts if it is above the point; by its plane only where the heights of its corners do not
-        #    tell.
+        # 2. Count the triangle if it is above the point. Its plane decides only if the heights of its corners
+        #    do not.
         low = min(corners[t, 2], min(corners[t, 5], corners[t, 8]))
         high = max(corners[t, 2], max(corners[t, 5], corners[t, 8]))
         i = place(t)
@@ -357,14 +361,16 @@ def inside_triangles(corners, table, m, x, y, z):
 def shorter_list(table, start, stop, limit, top):
     """Copy the triangles at a squared distance of at most ``limit`` to the blocks from ``top`` on.
 
-    Squares are those that :func:`nearest_triangle` has left. Returns the table, longer if it was full, and
-    the range of the copies, in blocks.
+    The squared distances come from :func:`nearest_triangle`. Returns the table, enlarged if it was full, and
+    the block range of the copies.
     """
+    # 1. Enlarge a full table.
     if len(table) < (top + stop - start) * BLOCK:
         grown = np.empty(2 * (top + stop - start) * BLOCK)
         for i in range(top * BLOCK):
             grown[i] = table[i]
         table = grown
+    # 2. Copy the near triangles.
     count = top * LANES
     for block in range(start, stop):
         for lane in range(LANES):
@@ -377,14 +383,14 @@ def shorter_list(table, start, stop, limit, top):
     return table, top, fill(table, count)
 
 
-_STEPS = 60  # exchanges of a linear program; more than fifteen are rare
+_STEPS = 60  # maximum number of pivots in a linear program; more than fifteen are rare
 
 
 @helper
 def convex_solid(corners, table, m, blocks, tiny):
-    """Return True if all corners are, within ``tiny``, on the inner side of each triangle's plane.
+    """Return True if all corners lie, within ``tiny``, on the inner side of every triangle plane.
 
-    If so, distances of the origin from these planes and their gradients are left in the table.
+    In this case the distances from the origin to these planes and their gradients are written to the table.
     """
     for block in range(blocks):
         for lane in range(LANES):
@@ -402,9 +408,9 @@ def convex_solid(corners, table, m, blocks, tiny):
 
 @helper
 def lowest_plane(table, start, stop, px, py, pz):
-    """The triangle whose plane is lowest at p.
+    """Return the triangle with the lowest plane at p.
 
-    The values of all planes are left in the table.
+    The values of all planes are written to the table.
     """
     for block in range(start, stop):
         base = np.uint64(block * BLOCK)
@@ -417,10 +423,10 @@ def lowest_plane(table, start, stop, px, py, pz):
 
 @helper
 def _begin(table, first, sides, inverse, centre):
-    """Start the dual simplex method: the first triangle and a corner of the box hold with equality.
+    """Start the dual simplex method with the first triangle and a box corner as active constraints.
 
-    The corner is that towards the gradient, where the plane of the triangle is highest. Writes the inverse of
-    the four constraints, and the centre, that corner; returns the radius.
+    The corner lies in gradient direction, where the triangle's plane is highest. Writes the inverse of the
+    four constraints, and this corner as the centre. Returns the radius.
     """
     radius = table[first + DISTANCE]
     for row in range(4):
@@ -438,17 +444,18 @@ def _begin(table, first, sides, inverse, centre):
 
 @helper
 def _share(inverse, row, k):
-    """Product of the row of a constraint with a column of the inverse."""
+    """Return the product of a constraint row with a column of the inverse."""
     return row[0] * inverse[0, k] + row[1] * inverse[1, k] + row[2] * inverse[2, k] + row[3] * inverse[3, k]
 
 
 @helper
 def _exchange(inverse, row):
-    """Let the constraint ``row`` replace one of the four in the inverse.
+    """Replace one of the four constraints in the inverse by ``row``.
 
-    Returns which one, or -1 if none may go.
+    Returns the index of the replaced constraint, or -1 if none may leave.
     """
-    # 1. Ratio test: the multipliers, row 3 of the inverse, stay ≥ 0. Shares below 1e-12 count as rounding.
+    # 1. Ratio test: the multipliers, row 3 of the inverse, stay ≥ 0. Components below 1e-12 count as
+    #    rounding.
     leaving, ratio, pivot = -1, np.inf, 1.0
     for k in range(4):
         share = _share(inverse, row, k)
@@ -469,24 +476,23 @@ def _exchange(inverse, row):
 
 @helper
 def ball_in_box(table, start, stop, first, sides, enough, tiny, centre, some, weight, inverse, row):
-    """Maximise the lowest of the triangles' planes over a box, by the dual simplex method.
+    """Maximise the minimum of the triangle planes over a box, by the dual simplex method.
 
-    The linear program in (p, r): maximise r with r - g_i · p ≤ d_i for each plane (d_i its value at the
-    centre of the box, g_i its gradient) and |p_k| ≤ sides[k]. Returns r, and writes p, relative to the centre
-    of the box, to ``centre``, up to four triangles and their multipliers λ, whose sum is 1, to ``some`` and
-    ``weight``.
+    The linear program in (p, r): maximise r with r - g_i · p ≤ d_i for each plane (d_i its value at the box
+    centre, g_i its gradient) and |p_k| ≤ sides[k]. Returns r. Writes p, relative to the box centre, to
+    ``centre``, and up to four triangles and their multipliers λ, with sum 1, to ``some`` and ``weight``.
 
-    Begins with the ``first`` triangle and a corner of the box; triangles and sides of the box that are
-    violated by more than ``tiny`` enter one by one. The radius falls from above, and is enough once it is
-    at most ``enough``. ``inverse (4, 4)`` and ``row (4,)`` are scratch: the inverse of the four
-    constraints that hold with equality.
+    Starts with the ``first`` triangle and a box corner. Triangles and box sides violated by more than
+    ``tiny`` enter one by one. The radius decreases monotonically, and the iteration stops early when it is at
+    most ``enough``. ``inverse (4, 4)`` and ``row (4,)`` are workspace: the inverse of the four active
+    constraints.
     """
     radius = _begin(table, first, sides, inverse, centre)
     some[0], some[1], some[2], some[3] = first, -1, -1, -1
     for _ in range(_STEPS):
         if radius <= enough:
             break
-        # 1. The constraint violated most, a plane or a side of the box, enters.
+        # 1. The most violated constraint, a plane or a box side, enters.
         entering = lowest_plane(table, start, stop, centre[0], centre[1], centre[2])
         excess = radius - table[entering + VALUES]
         for k in range(3):
@@ -499,7 +505,8 @@ def ball_in_box(table, start, stop, first, sides, enough, tiny, centre, some, we
                 row[k] = 1.0 if centre[k] > 0.0 else -1.0
         if excess <= tiny:
             break
-        # 2. One of the four leaves, and (p, r) moves along the column of the new one until that holds.
+        # 2. One of the four constraints leaves, and (p, r) moves along the column of the new constraint until
+        #    it is active.
         leaving = _exchange(inverse, row)
         if leaving < 0:
             break
@@ -507,7 +514,7 @@ def ball_in_box(table, start, stop, first, sides, enough, tiny, centre, some, we
         for k in range(3):
             centre[k] -= excess * inverse[k, leaving]
         radius -= excess * inverse[3, leaving]
-    # 3. Triangles that hold with equality and their λ; sides of the box have the weight 0.
+    # 3. Active triangles and their λ; box sides have weight 0.
     for k in range(4):
         weight[k] = max(inverse[3, k], 0.0) if some[k] >= 0 else 0.0
         some[k] = max(some[k], 0)

@@ -1,11 +1,11 @@
-"""Quality metrics of sizes, circles and cuts: one value per agglomerate.
+"""Quality metrics for sizes, circles and cuts: one value per agglomerate.
 
-``J`` and ``isoperimetric`` are in ``round_shapes``; ``convexity``, ``star_shapedness`` and the ratios of
+``J`` and ``isoperimetric`` are in ``round_shapes``. ``convexity``, ``star_shapedness`` and the ratios for
 boxes, edges and faces are in ``shape_metrics``.
 
-A metric whose ``shape_only`` is true looks at the agglomerates alone, not at the cells inside: on the
-coarse mesh, with one label per cell, it gives the same values. :func:`agglo_core.quality` coarsens once
-and lets all of these share the coarse mesh and what it caches.
+A metric with ``shape_only = True`` depends only on the agglomerates, not on the cells inside: on the coarse
+mesh, with one label per cell, its values are equal. :func:`agglo_core.quality` coarsens once, and all these
+metrics share the coarse mesh and its caches.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from agglo_core.mesh import Mesh
 from agglo_core.shapes.solid_shapes import ball_radii
 from agglo_core.threads import over_ranges
 
-_FEW = 500  # agglomerates whose circles one thread finds in some ten milliseconds
+_FEW = 500  # number of agglomerates whose circles take one thread some ten milliseconds
 
 Better = Literal["high", "low"]
 
 
 def agglomerates(mesh: Mesh, labels: Int) -> Mesh:
-    """The coarse mesh; ``mesh`` itself if every cell is its own agglomerate, in order."""
+    """Return the coarse mesh, or ``mesh`` itself if each cell is its own agglomerate, in order."""
     labels = mesh.check_labels(labels)
     if labels[-1] == mesh.n_cells - 1 and np.array_equal(labels, np.arange(mesh.n_cells)):
         return mesh
@@ -37,14 +37,14 @@ def agglomerates(mesh: Mesh, labels: Int) -> Mesh:
 
 
 def plane_agglomerates(mesh: Mesh, labels: Int, metric: str) -> Mesh:
-    """The coarse mesh for a metric that exists only in 2-D; MeshError in 3-D."""
+    """Return the coarse mesh for a 2-D metric, or raise MeshError in 3-D."""
     if mesh.dim != 2:
         raise MeshError(f"metric {metric} exists only for 2-D meshes; this one is {mesh.dim}-D")
     return agglomerates(mesh, labels)
 
 
 def _ball_ratios(mesh: Mesh, labels: Int, anywhere: bool) -> Float:
-    """Radius of the largest circle (3-D: ball) inside over half the diameter ``(k,)``."""
+    """Return the largest inscribed circle (3-D: ball) radius over half the diameter ``(k,)``."""
     coarse = agglomerates(mesh, labels)
     radii = _circle_radii(coarse, anywhere) if coarse.dim == 2 else ball_radii(coarse, anywhere)
     ratios: Float = 2.0 * radii / coarse.cell_diameters
@@ -52,7 +52,7 @@ def _ball_ratios(mesh: Mesh, labels: Int, anywhere: bool) -> Float:
 
 
 def _circle_radii(mesh: Mesh, anywhere: bool) -> Float:
-    """Radius of the largest circle inside each cell ``(n_cells,)``."""
+    """Return the radius ``(n_cells,)`` of the largest circle inside each cell."""
     from agglo_core.shapes.circle import circles
 
     points, pairs, (offsets, faces) = mesh.local_points, mesh.face_pairs, mesh.cell_faces
@@ -69,7 +69,7 @@ def _circle_radii(mesh: Mesh, anywhere: bool) -> Float:
 
 
 class UniformityFactor:
-    """Uniformity factor diam(P) / h, with h the largest diameter of the partition (paper, §4)."""
+    """Uniformity factor diam(P) / h, with h the largest diameter in the partition (paper, §4)."""
 
     better: Better = "high"
     bounds = (0.0, 1.0)
@@ -78,14 +78,14 @@ class UniformityFactor:
     relative = True
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
-        """Uniformity factor ``(k,)``."""
+        """Return the uniformity factors ``(k,)``."""
         diameters: Float = agglomerates(mesh, labels).cell_diameters
         factors: Float = diameters / diameters.max()
         return factors
 
 
 class UniformityFactor99:
-    """Diameter over the 99th percentile of the diameters, so that one outlier does not set the scale."""
+    """Diameter over the 99th percentile of all diameters, robust against single outliers."""
 
     better: Better = "high"
     bounds = (0.0, inf)
@@ -94,7 +94,7 @@ class UniformityFactor99:
     relative = True
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
-        """Ratio ``(k,)``; above 1 for the largest hundredth."""
+        """Return the ratios ``(k,)``, above 1 for the largest hundredth."""
         diameters: Float = agglomerates(mesh, labels).cell_diameters
         return diameters / np.percentile(diameters, 99)
 
@@ -108,12 +108,15 @@ class CircleRatio:
     shape_only = True
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
-        """Circle ratio ``(k,)``; the radius is at most 1e-4 diameters (3-D: 1e-3 of it) below the largest."""
+        """Return the circle ratios ``(k,)``.
+
+        The radius is at most 1e-4 diameters (3-D: 1e-3 of the radius) below the maximum.
+        """
         return _ball_ratios(mesh, labels, anywhere=True)
 
 
 class CentredCircleRatio:
-    """Circle ratio with the circle (ball) about the centroid, 0 if that is outside: the paper's tables."""
+    """Circle ratio for the circle (ball) about the centroid, 0 for an outside centroid: the paper's tables."""
 
     better: Better = "high"
     bounds = (0.0, 1.0)
@@ -121,22 +124,22 @@ class CentredCircleRatio:
     shape_only = True
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
-        """Centred circle ratio ``(k,)``, exact."""
+        """Return the exact centred circle ratios ``(k,)``."""
         return _ball_ratios(mesh, labels, anywhere=False)
 
 
 class DiameterRatio:
-    """Diameter over the size asked for.
+    """Diameter over the requested size.
 
     Parameters
     ----------
     h_star : float
-        Positive, in the units of the mesh; as it is fixed, values scale like a length.
+        Positive, in mesh units. As it is fixed, values scale like a length.
 
     Raises
     ------
     OptionError
-        If ``h_star`` is anything else.
+        If ``h_star`` is not a positive, finite number.
     """
 
     better: Better = "low"
@@ -151,12 +154,12 @@ class DiameterRatio:
         self.h_star = float(h_star)
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
-        """diam(P) / h_star ``(k,)``."""
+        """Return diam(P) / h_star ``(k,)``."""
         return agglomerates(mesh, labels).cell_diameters / self.h_star
 
 
 class InterfaceLength:
-    """Measure of the faces towards other agglomerates: a length in 2-D, an area (L²) in 3-D."""
+    """Measure of the faces shared with other agglomerates: a length in 2-D, an area (L²) in 3-D."""
 
     better: Better = "low"
     bounds = (0.0, inf)
@@ -164,15 +167,18 @@ class InterfaceLength:
     shape_only = True
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
-        """Interface ``(k,)``; the boundary of the domain does not count."""
+        """Return the interfaces ``(k,)``, without the domain boundary."""
         coarse = agglomerates(mesh, labels)
         inner = coarse.face_cells[:, 1] >= 0
         pairs, measures = coarse.face_cells[inner], coarse.face_measures[inner]
         lengths = np.bincount(pairs.ravel(), np.repeat(measures, 2), minlength=coarse.n_cells)
-        return lengths.astype(float)  # without any inner face numpy counts in integers
+        return lengths.astype(float)  # without inner faces numpy returns integers
 
     def changes(self, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-        """Changes ``(q,)`` of the sum if one cell moves: a face between parts counts for both."""
+        """Return the change ``(q,)`` in the sum for each single-cell move.
+
+        A face between parts counts for both.
+        """
         return 2.0 * moves.interface_changes(graph, labels, cells, parts)
 
 
@@ -184,41 +190,44 @@ class Cut:
     homogeneity = 0
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
-        """Edges cut ``(k,)``; each counts for both its parts."""
+        """Return the cut edges ``(k,)``, where each edge counts for both its parts."""
         return functionals.part_cuts(mesh.graph, mesh.check_labels(labels))
 
     def changes(self, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-        """Changes ``(q,)`` of the sum if one cell moves: an edge between parts counts for both."""
+        """Return the change ``(q,)`` in the sum for each single-cell move.
+
+        An edge between parts counts for both.
+        """
         return 2.0 * moves.cut_changes(graph, labels, cells, parts)
 
 
 class NormalisedCut:
-    """Edges cut over the volume, the total degree of the cells: cut / vol (paper, §2.1)."""
+    """Cut edges over the volume, the total degree of the cells: cut / vol (paper, §2.1)."""
 
     better: Better = "low"
     bounds = (0.0, 1.0)
     homogeneity = 0
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
-        """cut(S_k, V∖S_k) / vol(S_k, V) ``(k,)``; 0 for a cell without neighbours."""
+        """Return cut(S_k, V∖S_k) / vol(S_k, V) ``(k,)``, 0 for a cell without neighbours."""
         parts = mesh.check_labels(labels)
         cuts = functionals.part_cuts(mesh.graph, parts)
         return functionals.ratio(cuts, functionals.part_volumes(mesh.graph, parts))
 
     def changes(self, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-        """Changes ``(q,)`` of the sum if one cell moves."""
+        """Return the change ``(q,)`` in the sum for each single-cell move."""
         return moves.normalised_cut_changes(graph, labels, cells, parts)
 
 
 class Components:
-    """Number of connected components, cells being connected through faces."""
+    """Number of connected components, where cells are connected through faces."""
 
     better: Better = "low"
     bounds = (1.0, inf)
     homogeneity = 0
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
-        """Components ``(k,)``; 1 where connected."""
+        """Return the component counts ``(k,)``, 1 for connected agglomerates."""
         parts, graph = mesh.check_labels(labels), mesh.graph
         if parts_connected(graph.indptr, graph.indices, parts):
             return np.ones(int(parts.max()) + 1)
@@ -229,12 +238,12 @@ class Components:
 
 
 class Cells:
-    """Number of cells in the agglomerate: how far the mesh is coarsened."""
+    """Number of cells in the agglomerate: the coarsening ratio."""
 
     better: Better = "high"
     bounds = (1.0, inf)
     homogeneity = 0
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
-        """Cells ``(k,)``."""
+        """Return the cell counts ``(k,)``."""
         return np.bincount(mesh.check_labels(labels)).astype(float)

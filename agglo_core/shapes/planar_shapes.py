@@ -1,4 +1,4 @@
-"""Convex hulls of agglomerates, their narrowest boxes, and kernels of star-shaped agglomerates."""
+"""Convex hulls, narrowest boxes and kernels of 2-D agglomerates."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -9,19 +9,19 @@ import numpy as np
 from agglo_core.compiled.compiling import helper, kernel
 
 _TIE = 1e-9  # relative difference below which two widths count as equal, well above rounding
-_SHORT = 1e-8  # of the extent: shorter edges are those between points that rounding set apart
+_SHORT = 1e-8  # relative to the extent: shorter edges are rounding
 
 
 @helper
 def _turn(points, a, b, c):
-    """Twice the signed area of the triangle abc: positive where the path turns left at b."""
+    """Return twice the signed area of the triangle abc: positive for a left turn at b."""
     ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
     return ux * (points[c, 1] - points[a, 1]) - uy * (points[c, 0] - points[a, 0])
 
 
 @helper
 def _sort(points, vertices, start, stop):
-    """Sort ``vertices[start:stop]`` by x, then y (Shell's sort: short to compile, quick on short lists)."""
+    """Sort ``vertices[start:stop]`` by x, then y (Shell sort: short to compile, fast for short lists)."""
     gap = 1
     while 3 * gap < stop - start:
         gap = 3 * gap + 1
@@ -41,15 +41,15 @@ def _sort(points, vertices, start, stop):
 
 @helper
 def one_hull(points, order, start, stop, hull, top):
-    """Append the convex hull of ``order[start:stop]`` to ``hull[:top]``, and return where it ends.
+    """Append the convex hull of ``order[start:stop]`` to ``hull[:top]``, and return its end.
 
-    Sorts that list in place. Andrew's monotone chain: counter-clockwise, without vertices on straight lines.
+    Sorts the list in place. Andrew's monotone chain: counter-clockwise, without collinear vertices.
     """
     _sort(points, order, start, stop)
     base, last = top, stop - 1
     floor = base + 1  # entries below are final
-    # There along the lower side, back along the upper: a vertex goes once the path does not turn left at it.
-    # The lower chain is final when the upper one begins.
+    # Traverse the lower chain forward, then the upper chain backward: a vertex is removed if the path does
+    # not turn left at it. The lower chain is final when the upper chain begins.
     for step in range(2 * (last - start) + 1):
         if step == last - start + 1:
             floor = top
@@ -63,9 +63,9 @@ def one_hull(points, order, start, stop, hull, top):
 
 @kernel
 def convex_hulls(points, offsets, vertices):
-    """Areas of the convex hulls, and the hulls as CSR (offsets, vertices), counter-clockwise.
+    """Return the convex hull areas, and the hulls as CSR (offsets, vertices), counter-clockwise.
 
-    Cell c has ``vertices[offsets[c]:offsets[c + 1]]``, which come in any order and may repeat.
+    Cell c has ``vertices[offsets[c]:offsets[c + 1]]``, in any order, possibly repeated.
     """
     n = len(offsets) - 1
     area = np.zeros(n)
@@ -79,7 +79,7 @@ def convex_hulls(points, offsets, vertices):
         base = top
         top = one_hull(points, order, offsets[c], offsets[c + 1], hull, base)
         hull_offsets[c + 1] = top
-        # The area of a fan of triangles from the first vertex.
+        # Area of the triangle fan from the first vertex.
         for i in range(base + 1, top - 1):
             area[c] += 0.5 * _turn(points, hull[base], hull[i], hull[i + 1])
     return area, hull_offsets, hull[:top].copy()
@@ -87,9 +87,9 @@ def convex_hulls(points, offsets, vertices):
 
 @helper
 def _furthest(points, hull, start, m, at, ux, uy):
-    """Place, from ``at`` on, of the vertex at which the hull stops advancing along (ux, uy).
+    """Return the first position from ``at`` on where the hull stops advancing along (ux, uy).
 
-    Places count on beyond m, around the hull of the m vertices from ``start`` on.
+    Positions continue beyond m, around the hull with m vertices from ``start`` on.
     """
     while True:
         p, q = hull[start + at % m], hull[start + (at + 1) % m]
@@ -100,28 +100,28 @@ def _furthest(points, hull, start, m, at, ux, uy):
 
 @helper
 def narrowest(points, hull, start, m):
-    """Width of the narrowest rectangle around a hull, and short over long side (rotating calipers).
+    """Return width and side ratio of the narrowest rectangle around a hull (rotating calipers).
 
-    The hull is ``hull[start:start + m]``, counter-clockwise. Among rectangles that are equally narrow, except
-    for rounding, that of the largest ratio counts.
+    The hull is ``hull[start:start + m]``, counter-clockwise. Among equally narrow rectangles, up to rounding,
+    the largest ratio of short to long side counts.
     """
-    # 1. The extent along x or y, about the first vertex, against which edges may be too short.
+    # 1. Extent along x or y, about the first vertex, as a scale for edges that are too short.
     right, far, left = 1, 1, 1
     width, best, reach = np.inf, 0.0, 0.0
     for i in range(m):
         reach = max(reach, abs(points[hull[start + i], 0] - points[hull[start], 0]))
         reach = max(reach, abs(points[hull[start + i], 1] - points[hull[start], 1]))
-    # 2. One side of the rectangle lies on an edge ab. As that turns, the vertices farthest along it, across
-    #    it and against it only move on: all edges together take time O(m).
+    # 2. One side of the rectangle lies on an edge ab. As the edge rotates, the farthest vertices along,
+    #    across and against it only advance: O(m) time for all edges.
     for i in range(m):
         a, b = hull[start + i], hull[start + (i + 1) % m]
         ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
-        if max(abs(ux), abs(uy)) <= _SHORT * reach:  # of no direction, by rounding
+        if max(abs(ux), abs(uy)) <= _SHORT * reach:  # direction lost in rounding
             continue
         right = _furthest(points, hull, start, m, max(right, i + 1), ux, uy)
         far = _furthest(points, hull, start, m, max(far, right), -uy, ux)
         left = _furthest(points, hull, start, m, max(left, far), -ux, -uy)
-        # 3. ``height`` is the width across ab times |ab|, as the extent along ab is in the ratio below.
+        # 3. ``height`` is the width across ab times |ab|, like the extent along ab in the ratio below.
         p, q = hull[start + left % m], hull[start + right % m]
         height = _turn(points, a, b, hull[start + far % m])
         value = height / (ux * (points[q, 0] - points[p, 0]) + uy * (points[q, 1] - points[p, 1]))
@@ -134,9 +134,9 @@ def narrowest(points, hull, start, m):
 
 @kernel
 def box_ratios(points, offsets, hull):
-    """Short side over long side of the narrowest rectangle around each hull.
+    """Return the short over long side of the narrowest rectangle around each hull.
 
-    One side of that rectangle lies on an edge of the hull. Among equally narrow ones the shortest counts.
+    One side of the rectangle lies on a hull edge. Among equally narrow rectangles the shortest counts.
     """
     ratio = np.empty(len(offsets) - 1)
     for c in range(len(ratio)):
@@ -146,12 +146,13 @@ def box_ratios(points, offsets, hull):
 
 @helper
 def _clip(source, m, target, ax, ay, ux, uy):
-    """Copy the part of a convex polygon left of the line through a along u, and return its number of corners.
+    """Copy the part of a convex polygon left of a line, and return its number of corners.
 
-    The polygon is ``source[:m]``.
+    The polygon is ``source[:m]``, the line passes through a along u.
     """
     # ``before`` and ``here`` are heights over the line at p and the next vertex q, times |u|. A side that
-    # crosses the line contributes the crossing, a vertex not below it itself (Sutherland and Hodgman).
+    # crosses the line contributes the intersection, a vertex not below the line itself (Sutherland and
+    # Hodgman).
     k = 0
     px, py = source[m - 1, 0], source[m - 1, 1]
     before = ux * (py - ay) - uy * (px - ax)
@@ -171,18 +172,18 @@ def _clip(source, m, target, ax, ay, ux, uy):
 
 @kernel
 def kernel_areas(points, cell_loops, loop_offsets, vertices, hull_offsets, hull):
-    """Area of the kernel of each cell, the points that see all of it.
+    """Return the kernel area of each cell, the set of points that see the whole cell.
 
-    It is 0 where the cell has several loops.
+    The area is 0 for cells with several loops.
 
     Cell c has the loops from ``cell_loops[c]`` to ``cell_loops[c + 1]``, counter-clockwise, with vertices
     ``vertices[loop_offsets[loop]:loop_offsets[loop + 1]]``, and the convex hull
     ``hull[hull_offsets[c]:hull_offsets[c + 1]]``.
 
-    The kernel lies left of every edge; within the hull, only edges at reflex vertices can cut. For a point
-    of the cell that does not see all of it, a reflex vertex blocks the view, and the point lies right of
-    one of its edges. A point of the hull outside the cell lies in a pocket; the pocket's vertex farthest
-    from its lid is reflex, and the point lies right of one of its edges.
+    The kernel lies left of every edge. Within the hull, only edges at reflex vertices can cut. If a point in
+    the cell does not see the whole cell, a reflex vertex blocks the view, and the point lies right of one of
+    its edges. A point in the hull outside the cell lies in a pocket. The pocket's vertex farthest from its
+    lid is reflex, and the point lies right of one of its edges.
     """
     area = np.zeros(len(cell_loops) - 1)
     room = 8
@@ -192,15 +193,15 @@ def kernel_areas(points, cell_loops, loop_offsets, vertices, hull_offsets, hull)
     for c in range(len(area)):
         if cell_loops[c + 1] - cell_loops[c] != 1:
             continue
-        # 1. Begin with the hull, in coordinates relative to a vertex.
+        # 1. Start with the hull, relative to a vertex.
         start, stop = loop_offsets[cell_loops[c]], loop_offsets[cell_loops[c] + 1]
         x0, y0 = points[vertices[start], 0], points[vertices[start], 1]
         m = hull_offsets[c + 1] - hull_offsets[c]
         for i in range(m):
             v = hull[hull_offsets[c] + i]
             polygon[i, 0], polygon[i, 1] = points[v, 0] - x0, points[v, 1] - y0
-        # 2. Cut off what lies right of an edge ab with a reflex vertex at either end. ``reflex`` is that of
-        #    b, ``was`` that of a. Nothing is left once there are fewer than three corners.
+        # 2. Clip at each edge ab with a reflex vertex at either end. ``reflex`` refers to b, ``was`` to a.
+        #    Fewer than three corners mean an empty kernel.
         a, b = vertices[stop - 2], vertices[stop - 1]
         reflex = _turn(points, a, b, vertices[start]) < 0.0
         for i in range(start, stop):
@@ -212,7 +213,7 @@ def kernel_areas(points, cell_loops, loop_offsets, vertices, hull_offsets, hull)
                 polygon, clipped = clipped, polygon
                 if m < 3:
                     break
-        # 3. The area of what is left, by a fan.
+        # 3. Area of the remaining polygon, by a fan.
         for i in range(1, m - 1):
             area[c] += 0.5 * _turn(polygon, 0, i, i + 1)
     return area

@@ -1,6 +1,6 @@
 """Roundness metrics: inertia ratio ``J`` and isoperimetric quotient, in 2-D and 3-D.
 
-Both are 1 for the disc alone and see the whole shape, not two points of it as the diameter does.
+Both are 1 only for a disc or ball, and depend on the whole shape, unlike the diameter with its two points.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ Better = Literal["high", "low"]
 
 
 class InertiaRatio:
-    """Moment of inertia of the disc (3-D: ball) of that measure over its own: ∫ |x − C|² about the centroid.
+    """Moment of inertia of the disc (3-D: ball) with equal measure, divided by the agglomerate's.
 
-    A² / (2π ∫ |x − C|²) in 2-D: 3/π for a square, √3 · 3 / (2π) for an equilateral triangle. It is exact:
-    the integral is over the agglomerate, not a sum over centroids of cells.
+    In 2-D the ratio is A² / (2π ∫ |x − C|²) about the centroid C: 3/π for a square, √3 · 3 / (2π) for an
+    equilateral triangle. It is exact: the integral is over the agglomerate, not a sum over cell centroids.
     """
 
     better: Better = "high"
@@ -31,7 +31,7 @@ class InertiaRatio:
     shape_only = True
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
-        """Ratio ``(k,)``; 1 for a disc or ball."""
+        """Return the ratios ``(k,)``, 1 for a disc or ball."""
         coarse = agglomerates(mesh, labels)
         d, measures = coarse.dim, coarse.cell_measures
         radii = (measures / _unit_ball(d)) ** (1.0 / d)
@@ -41,9 +41,9 @@ class InertiaRatio:
 
 
 class IsoperimetricQuotient:
-    """Isoperimetric quotient: 4π area / perimeter², 36π volume² / surface³; 1 for a disc or ball.
+    """Isoperimetric quotient: 4π area / perimeter², or 36π volume² / surface³.
 
-    Edges of holes count as perimeter.
+    1 for a disc or ball. The perimeter includes hole edges.
     """
 
     better: Better = "high"
@@ -52,21 +52,23 @@ class IsoperimetricQuotient:
     shape_only = True
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
-        """Isoperimetric quotient ``(k,)``."""
+        """Return the isoperimetric quotients ``(k,)``."""
         coarse = agglomerates(mesh, labels)
         offsets, faces = coarse.cell_faces
         surfaces = np.add.reduceat(coarse.face_measures[faces], offsets[:-1])
         return _quotient(coarse.cell_measures, surfaces, coarse.dim)
 
     def changes(self, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-        """Changes ``(q,)`` of the sum if one cell moves, of parts that keep a cell."""
+        """Return the change ``(q,)`` in the sum for each single-cell move that empties no part."""
         k, d = int(labels.max()) + 1, graph.dim
+        # 1. Sums of the parts, and the interface of each cell with both parts.
         shared = moves.links(graph, labels, cells, parts, graph.interface)
         size, own = graph.measures[cells], labels[cells]
         outline = shared.total + graph.boundary[cells]
         sizes = moves.part_sums(labels, graph.measures, k)
         outlines = moves.part_sums(labels, graph.boundary, k)
         outlines += functionals.part_cuts(graph, labels, edge_weights=graph.interface)
+        # 2. Quotients of both parts after and before the move.
         left = _quotient(sizes[own] - size, outlines[own] - outline + 2.0 * shared.own, d)
         joined = _quotient(sizes[parts] + size, outlines[parts] + outline - 2.0 * shared.there, d)
         before = _quotient(sizes, outlines, d)
@@ -74,10 +76,10 @@ class IsoperimetricQuotient:
 
 
 def _unit_ball(d: int) -> float:
-    """Measure of the ball of radius 1: π, 4π/3."""
+    """Return the measure of the unit ball: π, 4π/3."""
     return float(pi ** (d / 2.0) / gamma(d / 2.0 + 1.0))
 
 
 def _quotient(measures: Float, surfaces: Float, d: int) -> Float:
-    """Of surfaces that a ball of the same measure has, to the power d: d^d |ball| V^(d−1) / S^d."""
+    """Return d^d |ball| V^(d−1) / S^d, the surface ratio to the equal-measure ball, to the power d."""
     return functionals.ratio(d**d * _unit_ball(d) * measures ** (d - 1), surfaces**d)

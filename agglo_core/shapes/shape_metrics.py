@@ -1,8 +1,8 @@
-"""Shape metrics of agglomerates: 1 is best, 0 worst, and none depends on the cells inside.
+"""Shape metrics of agglomerates: 1 is best, 0 worst, independent of the cells inside.
 
-M. Attene et al., "Benchmark of polygon quality metrics for polytopal element methods" (2019) compares
-area with perimeter, kernel with area, and shortest with longest edge; convexity and the sides of a
-bounding box are common besides.
+M. Attene et al., "Benchmark of polygon quality metrics for polytopal element methods" (2019) compares area to
+perimeter, kernel to area, and shortest to longest edge. Convexity and bounding-box side ratios are also
+common.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from agglo_core.shapes import solid_shapes
 from agglo_core.shapes.metrics import agglomerates, plane_agglomerates
 from agglo_core.threads import over_ranges
 
-_STRAIGHT = 1e-8  # radians; rounded coordinates turn collinear edges by less
+_STRAIGHT = 1e-8  # radians; rounding of coordinates bends collinear edges by less
 
-_FEW = 2_000  # agglomerates one thread looks at in some milliseconds
+_FEW = 2_000  # number of agglomerates that take one thread some milliseconds
 
 Better = Literal["high", "low"]
 
 
 class Convexity:
-    """Area (3-D: volume) over that of the convex hull; 1 where convex."""
+    """Area (3-D: volume) over convex hull area (volume), 1 for convex agglomerates."""
 
     better: Better = "high"
     bounds = (0.0, 1.0)
@@ -33,17 +33,17 @@ class Convexity:
     shape_only = True
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
-        """Convexity ``(k,)``."""
+        """Return the convexity ``(k,)``."""
         coarse = agglomerates(mesh, labels)
         hulls = _hulls(coarse)[0] if coarse.dim == 2 else solid_shapes.hull_volumes(coarse)
-        return np.minimum(coarse.cell_measures / hulls, 1.0)  # by rounding it may exceed 1
+        return np.minimum(coarse.cell_measures / hulls, 1.0)  # rounding may exceed 1
 
 
 class StarShapedness:
-    """Area (3-D: volume) of the kernel, the points that see the whole agglomerate, over its own.
+    """Kernel area (3-D: volume) over total area, where the kernel sees the whole agglomerate.
 
-    0 where the agglomerate is not star-shaped; holes, cavities, loose parts and parts that only touch make
-    it so.
+    The kernel is the set of points that see all other points. The value is 0 for agglomerates that are not
+    star-shaped, for example due to holes, cavities, loose parts or parts that only touch.
     """
 
     better: Better = "high"
@@ -52,20 +52,21 @@ class StarShapedness:
     shape_only = True
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
-        """Star-shapedness ``(k,)``."""
+        """Return the star-shapedness ``(k,)``."""
         coarse = agglomerates(mesh, labels)
         seeing = _sight_areas(coarse) if coarse.dim == 2 else solid_shapes.sight_volumes(coarse)
-        shares: Float = np.clip(seeing / coarse.cell_measures, 0.0, 1.0)  # rounding may lead beyond
+        shares: Float = np.clip(seeing / coarse.cell_measures, 0.0, 1.0)  # rounding may exceed the bounds
         return shares
 
 
 class BoxRatio:
-    """Short side over long side of the narrowest rectangle (3-D: box), in any direction, around it.
+    """Short over long side of the narrowest enclosing rectangle (3-D: box), in any direction.
 
-    The narrowest, not the one of least area: that one is not unique (for an acute triangle the boxes on
-    all three sides have the same area), so rounding would decide the ratio. Among equally narrow ones the
-    shortest counts. The narrowest box has two sides as close to each other as can be, and the narrowest
-    rectangle around what is seen along these; the shortest side over the longest is what counts.
+    The narrowest rectangle, not the rectangle of least area, because the latter is not unique (for an acute
+    triangle the boxes on all three sides have equal area), so rounding would decide the ratio. Among equally
+    narrow rectangles the shortest counts. The narrowest box has two sides as close to each other as possible,
+    and the narrowest rectangle around the projection along them. The ratio is the shortest side over the
+    longest.
     """
 
     better: Better = "high"
@@ -74,17 +75,17 @@ class BoxRatio:
     shape_only = True
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
-        """Box ratio ``(k,)``."""
+        """Return the box ratios ``(k,)``."""
         coarse = agglomerates(mesh, labels)
         ratios = _rectangles(coarse) if coarse.dim == 2 else solid_shapes.narrowest_boxes(coarse)
         return np.minimum(ratios, 1.0)
 
 
 class EdgeRatio:
-    """Shortest over longest straight edge of the boundary.
+    """Shortest over longest straight boundary edge.
 
-    Fine edges in line (turning by less than 1e-8 rad) count as one edge, so that the value describes the
-    agglomerate and not the cells along its boundary; inner boundaries count too.
+    Collinear fine edges (bent by less than 1e-8 rad) count as one edge, so that the value describes the
+    agglomerate and not the cells along its boundary. Inner boundaries also count.
     """
 
     better: Better = "high"
@@ -93,15 +94,15 @@ class EdgeRatio:
     shape_only = True
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
-        """Edge ratio ``(k,)``. 2-D only: see :class:`FaceRatio`."""
+        """Return the edge ratios ``(k,)``, 2-D only: see :class:`FaceRatio`."""
         return _edge_ratios(plane_agglomerates(mesh, labels, "edge_ratio"))
 
 
 class FaceRatio:
-    """Area of the smallest over that of the largest flat face of the boundary; in 2-D as ``edge_ratio``.
+    """Area ratio of the smallest to the largest flat boundary face (``edge_ratio`` in 2-D).
 
-    Fine faces in one plane that share an edge (turning by less than 1e-8 rad) count as one face; inner
-    boundaries count too. Those of cells that are not flat count as the triangles they are cut in.
+    Coplanar fine faces with a common edge (tilted by less than 1e-8 rad) count as one face. Inner boundaries
+    also count. Non-flat cell faces count as their triangles.
     """
 
     better: Better = "high"
@@ -110,13 +111,13 @@ class FaceRatio:
     shape_only = True
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
-        """Face ratio ``(k,)``."""
+        """Return the face ratios ``(k,)``."""
         coarse = agglomerates(mesh, labels)
         return _edge_ratios(coarse) if coarse.dim == 2 else solid_shapes.face_area_ratios(coarse)
 
 
 def _edge_ratios(mesh: Mesh) -> Float:
-    """Shortest over longest straight edge of each cell ``(n_cells,)``."""
+    """Return the shortest over longest straight edge ``(n_cells,)`` of each cell."""
     corners = _corners(mesh)
     lengths = np.hypot(*_edges(mesh.local_points, corners))
     starts = corners.loop_offsets[corners.cell_offsets[:-1]]
@@ -126,7 +127,7 @@ def _edge_ratios(mesh: Mesh) -> Float:
 
 
 def _sight_areas(mesh: Mesh) -> Float:
-    """Areas ``(n_cells,)`` of the points that see all of their cell."""
+    """Return the kernel areas ``(n_cells,)``: the points that see their whole cell."""
     from agglo_core.shapes.planar_shapes import kernel_areas
 
     points, (first, *loops) = mesh.local_points, mesh.boundary_loops
@@ -141,7 +142,7 @@ def _sight_areas(mesh: Mesh) -> Float:
 
 
 def _rectangles(mesh: Mesh) -> Float:
-    """Short over long side ``(n_cells,)`` of the narrowest rectangle around each cell."""
+    """Return the short over long side ``(n_cells,)`` of the narrowest rectangle around each cell."""
     from agglo_core.shapes.planar_shapes import box_ratios
 
     points, (_, offsets, hulls) = mesh.local_points, _hulls(mesh)
@@ -154,7 +155,7 @@ def _rectangles(mesh: Mesh) -> Float:
 
 
 def _hulls(mesh: Mesh) -> tuple[Float, Int, Int]:
-    """Areas ``(n_cells,)`` of the convex hulls, and their vertices as CSR, counter-clockwise."""
+    """Return the convex hull areas ``(n_cells,)``, and the hull vertices as CSR, counter-clockwise."""
     from agglo_core.shapes.planar_shapes import convex_hulls
 
     points, (corners, vertices) = mesh.local_points, mesh.cell_vertices
@@ -172,7 +173,7 @@ def _hulls(mesh: Mesh) -> tuple[Float, Int, Int]:
 
 
 def _edges(points: Float, loops: Loops) -> tuple[Float, Float]:
-    """Components of the vectors from each vertex of the loops to the next, ``(n,)`` each."""
+    """Return the components ``(n,)`` of the vectors from each loop vertex to the next."""
     following = np.append(loops.vertices[1:], 0)
     following[loops.loop_offsets[1:] - 1] = loops.vertices[loops.loop_offsets[:-1]]
     x, y = points.T
@@ -180,7 +181,7 @@ def _edges(points: Float, loops: Loops) -> tuple[Float, Float]:
 
 
 def _corners(mesh: Mesh) -> Loops:
-    """Boundary loops without the vertices where they go straight on."""
+    """Return the boundary loops without straight vertices."""
     loops = mesh.boundary_loops
     x, y = _edges(mesh.local_points, loops)
     before = np.arange(-1, len(x) - 1)

@@ -1,4 +1,4 @@
-"""Narrowest boxes around agglomerates in space."""
+"""Narrowest boxes around 3-D agglomerates."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -10,13 +10,13 @@ from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.shapes.planar_shapes import narrowest, one_hull
 
 _TIE = 1e-9  # relative difference below which two widths count as equal
-_TIES = 64  # directions of equal width that are looked at; further ones are ignored
-_PARALLEL = 1e-9  # sine of the angle of two edges below which they have no common normal
+_TIES = 64  # maximum number of equal-width directions considered
+_PARALLEL = 1e-9  # sine of the angle between two edges below which they have no common normal
 
 
 @helper
 def _width(points, vertices, m, x, y, z):
-    """Extent of the vertices along a unit vector."""
+    """Return the extent of the vertices along a unit vector."""
     low, high = np.inf, -np.inf
     for i in range(m):
         v = vertices[i]
@@ -27,17 +27,17 @@ def _width(points, vertices, m, x, y, z):
 
 @helper
 def _note(points, vertices, m, x, y, z, width, ties, count):
-    """Keep a direction if the hull is as narrow along it as along any so far.
+    """Keep a direction if the hull is at least as narrow along it as along all previous directions.
 
-    Returns the least width, and how many directions are kept in ``ties``.
+    Returns the least width, and the number of directions in ``ties``.
     """
-    # A narrower one, by more than rounding, makes the list anew; one that is as narrow joins it.
+    # 1. A narrower direction, by more than rounding, restarts the list.
     found = _width(points, vertices, m, x, y, z)
     if found > width * (1.0 + _TIE):
         return width, count
     if found < width * (1.0 - _TIE):
         count = 0
-    # The same direction, or its opposite, may come from several faces and pairs of edges.
+    # 2. Skip a direction already listed, or its opposite: several faces and edge pairs may produce it.
     width = min(width, found)
     for k in range(count):
         if abs(x * ties[k, 0] + y * ties[k, 1] + z * ties[k, 2]) > 1.0 - 0.5 * _TIE:
@@ -50,10 +50,10 @@ def _note(points, vertices, m, x, y, z, width, ties, count):
 
 @helper
 def _edges(triangles, neighbours, start, stop, points, edges, normals):
-    """Write the edges of a hull at which it bends, and normals, and return the number of these edges.
+    """Write the bent edges of a hull, and normals, and return the number of edges.
 
     ``edges (e, 4)``: both ends, and the faces on both sides, counted from ``start``. ``normals``: the unit
-    normals of the faces and, below them, for each edge the cross product of the second and the first normal.
+    face normals and, below them, for each edge the cross product of the second and the first normal.
     """
     # 1. Unit normals of the faces.
     for t in range(start, stop):
@@ -63,8 +63,8 @@ def _edges(triangles, neighbours, start, stop, points, edges, normals):
         x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
         scale = 1.0 / max(np.sqrt(x * x + y * y + z * z), 1e-300)
         normals[t - start, 0], normals[t - start, 1], normals[t - start, 2] = x * scale, y * scale, z * scale
-    # 2. Each edge once, from the face of the lower number. It is overwritten by the next one if its faces are
-    #    in one plane.
+    # 2. List each edge once, from the face with the lower number. An edge between coplanar faces is
+    #    overwritten by the next edge.
     count, crosses = 0, stop - start
     for t in range(start, stop):
         for side in range(3):
@@ -85,19 +85,19 @@ def _edges(triangles, neighbours, start, stop, points, edges, normals):
 
 @helper
 def _dot(a, i, b, j):
-    """Inner product of two rows."""
+    """Return the inner product of two rows."""
     return a[i, 0] * b[j, 0] + a[i, 1] * b[j, 1] + a[i, 2] * b[j, 2]
 
 
 @helper
 def _facing(normals, edges, faces, e, f):
-    """Return True if two parallel planes, one on edge e and one on edge f, have the hull between them.
+    """Return True if parallel planes through edges e and f enclose the hull.
 
-    They do if the arc of normals from face to face of e, on the sphere, crosses the opposite of that of f.
+    This holds if the arc of normals from face to face of e, on the sphere, crosses the opposite arc of f.
     """
-    # The ends of the opposite arc are on different sides of the great circle of e, those of the arc of e on
-    # different sides of the great circle of f, and the arcs cross, not one of them and the far side of the
-    # other.
+    # The ends of the opposite arc lie on different sides of the great circle of e, the ends of the arc of e
+    # on different sides of the great circle of f, and the arcs themselves cross, not an arc and the far side
+    # of the other.
     a, b, c, d = edges[e, 2], edges[e, 3], edges[f, 2], edges[f, 3]
     one, two = -_dot(normals, c, normals, faces + e), -_dot(normals, d, normals, faces + e)
     if one * two >= 0.0:
@@ -108,19 +108,19 @@ def _facing(normals, edges, faces, e, f):
 
 @helper
 def _narrowest(points, edges, count, faces, normals, vertices, m, ties):
-    """Width of the hull, and the number of directions in which it is that narrow.
+    """Return the width of the hull, and the number of directions with this width.
 
-    These are left in ``ties``. Of two parallel planes with the hull between them as close as can be, one lies
-    on a face, or each on an edge (Houle and Toussaint 1988). ``faces`` is the number of faces, ``count`` that
-    of the edges.
+    The directions are written to ``ties``. For the two closest parallel planes around the hull, either one
+    plane lies on a face, or each lies on an edge (Houle and Toussaint 1988). ``faces`` and ``count`` are the
+    numbers of faces and edges.
     """
-    # 1. Directions of the normals of all faces.
+    # 1. Directions of all face normals.
     width, found = np.inf, 0
     for t in range(faces):
         x, y, z = normals[t, 0], normals[t, 1], normals[t, 2]
         width, found = _note(points, vertices, m, x, y, z, width, ties, found)
-    # 2. Common normals of all pairs of edges that support the hull on both sides. Only where the lines of
-    #    both edges are no farther apart than the least width is the hull measured along their normal.
+    # 2. Common normals of all edge pairs that support the hull on both sides. The hull is only measured along
+    #    the normal if the distance between both edge lines does not exceed the least width.
     for e in range(count):
         a, b = edges[e, 0], edges[e, 1]
         ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
@@ -142,9 +142,9 @@ def _narrowest(points, edges, count, faces, normals, vertices, m, ties):
 
 @helper
 def _flattened(points, vertices, m, x, y, z, flat, order):
-    """Write the vertices as seen along a unit vector, in coordinates relative to the first of them."""
-    # An orthonormal basis u, v of the plane: u is across the given vector and the x or y axis, whichever is
-    # farther from it.
+    """Write the vertices projected along a unit vector, relative to the first vertex."""
+    # Orthonormal basis u, v of the plane: u is perpendicular to the given vector and to the x or y axis,
+    # whichever is farther from it.
     if abs(x) < abs(y):
         ux, uy, uz = 0.0, z, -y
     else:
@@ -161,10 +161,10 @@ def _flattened(points, vertices, m, x, y, z, flat, order):
 
 @kernel
 def solid_box_ratios(points, offsets, triangles, neighbours):
-    """Shortest side over longest side of the narrowest box around each hull, as ``solid_hulls`` makes them.
+    """Return the shortest over longest side of the narrowest box around each hull from ``solid_hulls``.
 
-    One pair of sides is as close as can be, the next is around what is seen along those, again as close as
-    can be. Among equally narrow boxes the shortest counts. 0 where there is no hull.
+    The first pair of sides is as close as possible, the second encloses the projection along the first, again
+    as close as possible. Among equally narrow boxes the shortest counts. The value is 0 without a hull.
     """
     n, most = len(offsets) - 1, np.int64(0)
     for c in range(n):
@@ -178,7 +178,7 @@ def solid_box_ratios(points, offsets, triangles, neighbours):
     )
     flat, ties, ratio = np.empty((most + 2, 2)), np.empty((_TIES, 3)), np.zeros(n)
     for c in range(n):
-        # 1. The distinct vertices of the hull; ``stamp`` holds the last cell that met a point.
+        # 1. Distinct vertices of the hull; ``stamp`` stores the last cell that visited a point.
         m, faces = 0, offsets[c + 1] - offsets[c]
         for t in range(offsets[c], offsets[c + 1]):
             for k in range(3):
@@ -186,11 +186,11 @@ def solid_box_ratios(points, offsets, triangles, neighbours):
                 if stamp[v] != c:
                     stamp[v], vertices[m] = c, v
                     m += 1
-        # 2. The width of the hull and all directions in which it is that narrow.
+        # 2. Width of the hull, and all directions with this width.
         count = _edges(triangles, neighbours, offsets[c], offsets[c + 1], points, edges, normals)
         width, found = _narrowest(points, edges, count, faces, normals, vertices, m, ties)
-        # 3. For each of them, the narrowest rectangle around what is seen along it: ``narrow`` by narrow /
-        #    value. The width is the shortest side of the box, narrow / value the longest.
+        # 3. For each direction, the narrowest rectangle around the projection: ``narrow`` by narrow / value.
+        #    The width is the shortest side of the box, narrow / value the longest.
         for k in range(found):
             _flattened(points, vertices, m, ties[k, 0], ties[k, 1], ties[k, 2], flat, order)
             corners = one_hull(flat, order, 0, m, hull, 0)

@@ -1,4 +1,4 @@
-"""Convex hulls of agglomerates in space."""
+"""Convex hulls of 3-D agglomerates."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -8,20 +8,21 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-# A larger value leaves more points out of the hull, a smaller one lets rounding make faces.
-_TINY = 1e-12  # of the extent: points that are no further outside a plane are on it
+# Relative to the extent: points within this distance outside a plane count as on it. A larger value leaves
+# more points out of the hull, with a smaller value rounding creates faces.
+_TINY = 1e-12
 
 
 @helper
 def _height(planes, f, points, p):
-    """Signed distance of a point from the plane of a face."""
+    """Return the signed distance from a face plane to a point."""
     x, y, z = points[p, 0], points[p, 1], points[p, 2]
     return planes[f, 0] * x + planes[f, 1] * y + planes[f, 2] * z - planes[f, 3]
 
 
 @helper
 def _set_face(f, a, b, c, points, corners, planes, head):
-    """Make f the face abc, counter-clockwise from outside, with no points outside of it yet."""
+    """Set face f to abc, counter-clockwise from outside, with an empty list of outside points."""
     corners[f, 0], corners[f, 1], corners[f, 2] = a, b, c
     ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
     vx, vy, vz = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1], points[c, 2] - points[a, 2]
@@ -35,9 +36,10 @@ def _set_face(f, a, b, c, points, corners, planes, head):
 
 @helper
 def _farthest(points, m, a, ux, uy, uz, across):
-    """The point farthest from a along the unit vector u, in either direction, or (``across``) from that line.
+    """Find the point farthest from a along the unit vector u, or (``across``) from the line along u.
 
-    Returns the square of its distance, and the point. With u = 0 and ``across`` it is the distance from a.
+    Along u, both directions count. Returns the squared distance, and the point. With u = 0 and ``across``
+    this is the distance from a.
     """
     best, found = -1.0, 0
     for p in range(m):
@@ -51,11 +53,11 @@ def _farthest(points, m, a, ux, uy, uz, across):
 
 @helper
 def _first_four(points, m, corners, planes, beside, head):
-    """Write a tetrahedron of points far from each other as the first four faces.
+    """Write a tetrahedron of distant points as the first four faces.
 
-    Returns False if all points are in one plane.
+    Returns False if all points are coplanar.
     """
-    # 1. a far from the first point, b from a, c from the line ab, d from the plane abc.
+    # 1. Choose a far from the first point, b far from a, c far from the line ab, d far from the plane abc.
     a = _farthest(points, m, 0, 0.0, 0.0, 0.0, True)[1]
     square, b = _farthest(points, m, a, 0.0, 0.0, 0.0, True)
     scale = 1.0 / max(np.sqrt(square), 1e-300)
@@ -65,7 +67,7 @@ def _first_four(points, m, corners, planes, beside, head):
     height, d = _farthest(points, m, a, planes[0, 0], planes[0, 1], planes[0, 2], False)
     if not height > square * _TINY * _TINY:
         return False
-    # 2. Turn abc so that d is below it; then all four faces look outwards. ``beside[f, k]`` is the face
+    # 2. Orient abc so that d is below it. Then all four faces point outward. ``beside[f, k]`` is the face
     #    across the side from corner k to corner k + 1.
     if _height(planes, 0, points, d) > 0.0:
         b, c = c, b
@@ -82,9 +84,9 @@ def _first_four(points, m, corners, planes, beside, head):
 
 @helper
 def _hand_on(p, first, last, order, tiny, points, planes, head, following):
-    """Put point p on the list of the first of the faces ``order[first:last]`` that it is outside of.
+    """Add point p to the list of the first face in ``order[first:last]`` with p outside.
 
-    A point inside all of them is in the hull, and on no list.
+    A point inside all faces is in the hull, and on no list.
     """
     for k in range(first, last):
         f = order[k]
@@ -95,21 +97,21 @@ def _hand_on(p, first, last, order, tiny, points, planes, head, following):
 
 @helper
 def _grow(f, tiny, points, corners, planes, beside, head, following, state, order, free, start):
-    """Join the farthest of the points outside face f to the hull.
+    """Add the farthest point outside face f to the hull.
 
-    ``state[r]``: 0 a face, 1 one that the point sees, -1 a free row; its last entry counts the free rows, a
-    stack in ``free``. Lists of points begin with ``head`` of a face and go on with ``following`` of a point.
-    Writes to ``order`` the faces that the point saw, then the new ones, and returns how many both are; -1
-    if there are not enough rows.
+    ``state[r]`` is 0 for a face, 1 for a face that the point sees, -1 for a free row. Its last entry counts
+    the free rows, which are a stack in ``free``. Lists of points begin with ``head`` of a face and continue
+    with ``following`` of a point. Writes the visible faces, then the new faces, to ``order``, and returns the
+    number of both, or -1 if there are not enough rows.
     """
-    # 1. The farthest point p outside f.
+    # 1. Find the farthest point p outside f.
     p, best, q = head[f], -1.0, head[f]
     while q >= 0:
         height = _height(planes, f, points, q)
         if height > best:
             best, p = height, q
         q = following[q]
-    # 2. All faces that p is outside of, from neighbour to neighbour: those that it sees.
+    # 2. Collect the visible faces, with p outside, from neighbour to neighbour.
     seen, k = 1, 0
     order[0], state[f] = f, 1
     while k < seen:
@@ -119,7 +121,7 @@ def _grow(f, tiny, points, corners, planes, beside, head, following, state, orde
                 state[g], order[seen] = 1, g
                 seen += 1
         k += 1
-    # 3. The horizon: edges between a face that p sees and one that it does not. Each needs a row.
+    # 3. Count the horizon edges, between a visible and a hidden face. Each edge needs a row.
     made, left = seen, state[len(state) - 1]
     edges = 0
     for k in range(seen):
@@ -127,8 +129,8 @@ def _grow(f, tiny, points, corners, planes, beside, head, following, state, orde
             edges += state[beside[order[k], side]] == 0
     if edges > left:
         return -1
-    # 4. A new face from each edge of the horizon to p. It takes the place of the old face beside the face g
-    #    across that edge, and is noted in ``start`` at the corner where the edge begins.
+    # 4. Create a new face from each horizon edge to p. It replaces the old face next to face g across that
+    #    edge, and is recorded in ``start`` at the first corner of the edge.
     for k in range(seen):
         for side in range(3):
             g = beside[order[k], side]
@@ -144,11 +146,12 @@ def _grow(f, tiny, points, corners, planes, beside, head, following, state, orde
                     beside[g, other] = new
             order[made] = new
             made += 1
-    # 5. New faces beside one another: the horizon is one loop, so one of them begins where another ends.
+    # 5. Link adjacent new faces: the horizon is a single loop, so each new face begins where another ends.
     for k in range(seen, made):
         new, after = order[k], start[corners[order[k], 1]]
         beside[new, 1], beside[after, 2] = after, new
-    # 6. Points outside the old faces go to new ones, or are inside the hull; rows of old faces become free.
+    # 6. Distribute the outside points of old faces to new faces, or drop them if inside the hull. Free the
+    #    rows of old faces.
     for k in range(seen):
         old = order[k]
         q = head[old]
@@ -165,18 +168,19 @@ def _grow(f, tiny, points, corners, planes, beside, head, following, state, orde
 
 @helper
 def _hull(m, points, corners, planes, beside, head, following, state, order, free, start):
-    """Hull of ``points[:m]``: its faces are the rows below the number returned whose ``state`` is 0.
+    """Compute the hull of ``points[:m]``.
 
-    Returns 0 if all points are in one plane, -1 if rounding led to more faces than there is room for.
+    The faces are the rows below the returned number with ``state`` 0. Returns 0 if all points are coplanar,
+    -1 if rounding led to more faces than rows.
     """
-    # 1. All rows are free, the lowest on top of the stack; the first tetrahedron takes four.
+    # 1. All rows are free, the lowest on top of the stack. The first tetrahedron takes four.
     rows = 6 * m + 8
     for r in range(rows):
         state[r], free[r] = -1, rows - 1 - r
     if not _first_four(points, m, corners, planes, beside, head):
         return 0
-    # 2. Each point goes to a face that it is outside of. Coordinates are relative to one of the points, so
-    #    the largest of them measures the extent.
+    # 2. Assign each point to a face with the point outside. Coordinates are relative to one of the points, so
+    #    their maximum measures the extent.
     extent = 0.0
     for p in range(m):
         for k in range(3):
@@ -187,8 +191,8 @@ def _hull(m, points, corners, planes, beside, head, following, state, order, fre
     state[len(state) - 1], used = rows - 4, 4
     for p in range(m):
         _hand_on(p, 0, 4, order, tiny, points, planes, head, following)
-    # 3. Grow the hull while there is a point outside a face. New faces may take rows that this pass has left
-    #    behind: hence the passes.
+    # 3. Grow the hull while a face has outside points. New faces may reuse rows that this pass already
+    #    visited, hence several passes.
     again = True
     while again:
         again = False
@@ -209,20 +213,20 @@ def _hull(m, points, corners, planes, beside, head, following, state, order, fre
 
 @kernel
 def solid_hulls(points, offsets, vertices):
-    """Convex hulls of cells by Quickhull (Barber, Dobkin and Huhdanpaa 1996).
+    """Compute the convex hulls of cells by Quickhull (Barber, Dobkin and Huhdanpaa 1996).
 
     Cell c has the distinct vertices ``vertices[offsets[c]:offsets[c + 1]]``.
 
     Returns
     -------
     volume : (n,) float
-        0 if all vertices are in one plane, and -1 if rounding led to a surface that is none.
+        0 if all vertices are coplanar, and -1 if rounding led to an invalid surface.
     ends : (n + 1,) int
         The hull of cell c has the triangles ``ends[c]:ends[c + 1]``.
     triangles : (t, 3) int
-        Vertices, counter-clockwise as seen from outside.
+        Vertices, counter-clockwise from outside.
     neighbours : (t, 3) int
-        Neighbour k, a row of the same array, has corners k and k + 1 of the triangle as well.
+        Neighbour k, a row in this array, shares corners k and k + 1 of the triangle.
     """
     n, most = len(offsets) - 1, np.int64(4)
     for c in range(n):
@@ -241,14 +245,14 @@ def solid_hulls(points, offsets, vertices):
     triangles, neighbours = np.empty((room, 3), np.int32), np.empty((room, 3), np.int32)
     top = np.int64(0)
     for c in range(n):
-        # 1. The hull of the vertices, relative to the first of them so that cells far out lose no digits.
+        # 1. Hull of the vertices, relative to the first vertex, so that distant cells lose no digits.
         first, m = offsets[c], offsets[c + 1] - offsets[c]
         for i in range(m):
             for k in range(3):
                 near[i, k] = points[vertices[first + i], k] - points[vertices[first], k]
         used = _hull(m, near, corners, planes, beside, head, following, state, order, free, start)
-        # 2. Number its faces in the arrays returned. A closed surface of triangles on m points has at most
-        #    2m - 4 of them; more are not a hull.
+        # 2. Number the faces in the result arrays. A closed triangle surface on m points has at most 2m - 4
+        #    faces, otherwise the hull is invalid.
         faces = 0
         for f in range(used):
             if state[f] == 0:

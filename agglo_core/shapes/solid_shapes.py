@@ -1,4 +1,4 @@
-"""Shapes of solid agglomerates, from the triangles of their surfaces."""
+"""Shapes of 3-D agglomerates, from their surface triangles."""
 
 from __future__ import annotations
 
@@ -12,18 +12,21 @@ from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
 from agglo_core.threads import over_ranges
 
-_FEW_BALLS = 200  # agglomerates for which one thread takes some ten milliseconds
+_FEW_BALLS = 200  # number of agglomerates that take one thread some ten milliseconds
 
 
 def ball_radii(mesh: Mesh, anywhere: bool) -> Float:
-    """Radius of the largest ball inside each cell ``(n_cells,)``, or of that about the centroid (else 0)."""
+    """Return the radius ``(n_cells,)`` of the largest ball inside each cell, anywhere or about the centroid.
+
+    About a centroid outside the cell the radius is 0.
+    """
     from agglo_core.shapes.balls import balls
 
     return over_surfaces(mesh, balls, mesh.local_centroids, mesh.cell_diameters, anywhere)
 
 
 def over_surfaces(mesh: Mesh, kernel: Callable[..., Any], *more: Any) -> Float:
-    """Results ``(n_cells,)`` of a kernel on the triangles around each cell, with several threads."""
+    """Apply a kernel to the triangles around each cell, in several threads, and return ``(n_cells,)``."""
     points, (offsets, faces) = mesh.local_points, mesh.cell_faces
     triangles = _triangles(mesh)
 
@@ -36,7 +39,7 @@ def over_surfaces(mesh: Mesh, kernel: Callable[..., Any], *more: Any) -> Float:
 
 
 def _triangles(mesh: Mesh) -> tuple[Int, Index]:
-    """Triangles of the faces: offsets ``(n_faces + 1,)``, and vertices ``(t, 3)``."""
+    """Return the face triangles: offsets ``(n_faces + 1,)``, and vertices ``(t, 3)``."""
     from agglo_core.shapes.solid_triangles import face_triangles
 
     vectors = frozen_float(mesh.face_normals * mesh.face_measures[:, None])
@@ -46,16 +49,19 @@ def _triangles(mesh: Mesh) -> tuple[Int, Index]:
 
 _Hulls = tuple[Float, Int, Index, Index]
 
-_FEW_HULLS = 500  # agglomerates for which one thread takes some milliseconds
+_FEW_HULLS = 500  # number of agglomerates that take one thread some milliseconds
 
 
 def hull_volumes(mesh: Mesh) -> Float:
-    """Volumes ``(n_cells,)`` of the convex hulls."""
+    """Return the convex hull volumes ``(n_cells,)``."""
     return np.concatenate([volumes for volumes, *_ in _hulls(mesh)])
 
 
 def narrowest_boxes(mesh: Mesh) -> Float:
-    """Shortest over longest side ``(n_cells,)`` of the narrowest box around each cell, in any direction."""
+    """Return the shortest over longest side ``(n_cells,)`` of the narrowest box around each cell.
+
+    The box may have any orientation.
+    """
     from agglo_core.shapes.solid_boxes import solid_box_ratios
 
     points = mesh.local_points
@@ -64,21 +70,21 @@ def narrowest_boxes(mesh: Mesh) -> Float:
 
 
 def sight_volumes(mesh: Mesh) -> Float:
-    """Volumes ``(n_cells,)`` of the points that see all of their cell."""
+    """Return the kernel volumes ``(n_cells,)``: the points that see their whole cell."""
     from agglo_core.shapes.star_kernels import solid_kernel_volumes
 
     return over_surfaces(mesh, solid_kernel_volumes)
 
 
 def face_area_ratios(mesh: Mesh) -> Float:
-    """Area of the smallest over that of the largest flat face of each cell ``(n_cells,)``."""
+    """Return the area ratio ``(n_cells,)`` of the smallest to the largest flat face of each cell."""
     from agglo_core.shapes.flat_faces import face_ratios
 
     return over_surfaces(mesh, face_ratios)
 
 
 def _hulls(mesh: Mesh) -> list[_Hulls]:
-    """Volumes of hulls, and their triangles as ``solid_hulls`` makes them, of cells one after another."""
+    """Return hull volumes and hull triangles from ``solid_hulls``, for consecutive cell ranges."""
     from agglo_core.shapes.solid_hulls import solid_hulls
 
     points, (corners, vertices) = mesh.local_points, mesh.cell_vertices

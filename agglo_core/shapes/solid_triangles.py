@@ -1,7 +1,7 @@
-"""Faces of solids cut in triangles, and the triangles around each cell, seen from inside.
+"""Triangulation of 3-D faces, and the oriented triangles around each cell.
 
-What looks at a solid as a surface knows triangles alone: a flat face is the union of its triangles, and one
-that is not flat is taken to be that, so that surfaces of solids are closed in any case.
+Algorithms on 3-D surfaces use triangles only. A flat face is the union of its triangles, and a non-flat face
+is defined as this union, so that 3-D surfaces are always closed.
 """
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
@@ -12,14 +12,14 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-_FLAT = 1e-9  # of the area of a face: triangles with less are degenerate, such as those of points in line
+_FLAT = 1e-9  # relative to the face area: smaller triangles are degenerate, for example with collinear points
 
 
 @helper
 def _area(points, a, b, c, nx, ny, nz):
-    """Twice the area of a triangle as seen along (nx, ny, nz), times the length of that vector.
+    """Return twice the projected triangle area along (nx, ny, nz), times the length of that vector.
 
-    Negative where the triangle turns the other way.
+    The value is negative for the opposite orientation.
     """
     ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
     vx, vy, vz = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1], points[c, 2] - points[a, 2]
@@ -28,17 +28,17 @@ def _area(points, a, b, c, nx, ny, nz):
 
 @helper
 def _square(points, a, b):
-    """Square of the distance of two points."""
+    """Return the squared distance between two points."""
     x, y, z = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
     return x * x + y * y + z * z
 
 
 @helper
 def _ear(points, ring, m, i, nx, ny, nz, tiny):
-    """Shape of the triangle that corner i of the ring makes with its neighbours, or -1 if it is no ear.
+    """Return the shape of the triangle at corner i of the ring, or -1 if it is no ear.
 
-    The area over the square of the longest side, so that points on straight lines go last. An ear is a
-    triangle of some area, turning as the face does, that contains no other corner.
+    The shape is the area over the squared longest side, so that collinear points come last. An ear is a
+    non-degenerate triangle with the face's orientation that contains no other corner.
     """
     a, b, c = ring[(i + m - 1) % m], ring[i], ring[(i + 1) % m]
     area = _area(points, a, b, c, nx, ny, nz)
@@ -54,13 +54,14 @@ def _ear(points, ring, m, i, nx, ny, nz, tiny):
 
 @helper
 def _cut_ears(points, ring, m, nx, ny, nz, tiny, triangles, top):
-    """Cut a polygon with notches, or with corners on straight lines, in triangles.
+    """Triangulate a polygon with notches or collinear corners by ear clipping.
 
-    ``ring[:m]`` are its vertices, changed. Writes triangles from row ``top`` on, and returns where they end.
+    ``ring[:m]`` are its vertices, and is changed. Writes triangles from row ``top`` on, and returns their
+    end.
     """
     while m > 3:
-        # The ear of the best shape; the first corner if rounding leaves none. Cutting it off leaves a ring of
-        # one corner less.
+        # Clip the ear of the best shape, or the first corner if rounding leaves no ear. The ring loses one
+        # corner.
         best, chosen = -np.inf, 0
         for i in range(m):
             value = _ear(points, ring, m, i, nx, ny, nz, tiny)
@@ -79,10 +80,11 @@ def _cut_ears(points, ring, m, nx, ny, nz, tiny, triangles, top):
 
 @kernel
 def face_triangles(points, offsets, vertices, vectors):
-    """Triangles ``(t, 3)`` of all faces, by their vertices, turning as the faces do.
+    """Triangulate all faces, with the orientation of the faces.
 
-    ``vectors (n, 3)`` are the area vectors of the faces. Fans where no triangle of them is degenerate; ears
-    of the best shape first elsewhere. Returns where the triangles of each face begin ``(n + 1,)``, and them.
+    ``vectors (n, 3)`` are the face area vectors. A face is divided into a fan if no fan triangle is
+    degenerate, otherwise by ear clipping, best shape first. Returns the triangle offsets ``(n + 1,)`` of the
+    faces, and the triangle vertices ``(t, 3)``.
     """
     n = len(offsets) - 1
     starts, triangles = np.zeros(n + 1, np.int64), np.empty((len(vertices) - 2 * n, 3), np.int32)
@@ -91,14 +93,15 @@ def face_triangles(points, offsets, vertices, vectors):
         longest = max(longest, offsets[f + 1] - offsets[f])
     ring, top = np.empty(longest, np.int64), np.int64(0)
     for f in range(n):
-        # 1. Are all triangles of the fan from the first vertex of some area, turning as the face does?
+        # 1. Check that all fan triangles from the first vertex are non-degenerate and have the face's
+        #    orientation.
         first, m = offsets[f], offsets[f + 1] - offsets[f]
         nx, ny, nz = vectors[f, 0], vectors[f, 1], vectors[f, 2]
         tiny = _FLAT * (nx * nx + ny * ny + nz * nz)
         fan = True
         for h in range(first + 1, first + m - 1):
             fan &= m == 3 or _area(points, vertices[first], vertices[h], vertices[h + 1], nx, ny, nz) > tiny
-        # 2. The fan, or ears. A face of m vertices has m - 2 triangles either way.
+        # 2. Write the fan, or clip ears. A face with m vertices has m - 2 triangles in both cases.
         if fan:
             for h in range(first + 1, first + m - 1):
                 triangles[top, 0] = vertices[first]
@@ -114,10 +117,10 @@ def face_triangles(points, offsets, vertices, vectors):
 
 @helper
 def surface(cell, start, stop, faces, face_cells, starts, triangles, corners):
-    """Write the corners of the triangles around a cell, counter-clockwise from outside, and return how many.
+    """Write the triangles around a cell, counter-clockwise from outside, and return their number.
 
-    The cell has the faces ``faces[start:stop]``; triangles turn counter-clockwise as seen from outside the
-    owner of their face, and are turned round for the other cell.
+    The cell has the faces ``faces[start:stop]``. Triangles are counter-clockwise from outside the owner of
+    their face, and are reversed for the other cell.
     """
     m = 0
     for h in range(start, stop):
@@ -133,7 +136,7 @@ def surface(cell, start, stop, faces, face_cells, starts, triangles, corners):
 
 @helper
 def most_triangles(offsets, faces, starts):
-    """Largest number of triangles around a cell."""
+    """Return the largest number of triangles around a cell."""
     most = np.int64(0)
     for c in range(len(offsets) - 1):
         count = np.int64(0)
