@@ -1,9 +1,12 @@
-"""Reading and writing files; the suffix chooses the format, one of agglo's own or of a plugin.
+"""Read and write mesh files.
 
-:func:`read` gives the mesh of a file, :func:`read_hierarchy` also the hierarchy stored with it, and
-:func:`write` writes both; :mod:`agglo_core` offers all three. Formats are components like any other (kind
-``format``, :class:`~agglo_core.protocols.Format`); agglo's own are :class:`Vtu`, :class:`Npz`,
-:class:`Meshlane` and :class:`OpenFoam`.
+The suffix selects the format.
+
+
+:func:`read` returns a mesh, :func:`read_hierarchy` also the stored hierarchy, and :func:`write` writes both;
+:mod:`agglo_core` re-exports all three. Formats are components (kind ``format``,
+:class:`~agglo_core.protocols.Format`), built in or from plugins. The built-in classes are :class:`Vtu`,
+:class:`Npz`, :class:`Meshlane` and :class:`OpenFoam`.
 """
 
 from __future__ import annotations
@@ -42,7 +45,10 @@ _CLASSES = {
 
 
 def __getattr__(name: str) -> object:
-    """Import the class of a format on first use: the registry finds formats without this module."""
+    """Import a format class on first use.
+
+    The registry finds formats without this module.
+    """
     if name not in _CLASSES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(_CLASSES[name]), name)
@@ -56,14 +62,16 @@ def read(
     drop_flat: bool = False,
     registry: Registry | None = None,
 ) -> Mesh:
-    """Mesh of a file; its suffix chooses the format.
+    """Read the mesh in a file.
 
-    Several formats may claim a suffix. The first that accepts the file reads it: agglo's own are asked
-    before those of plugins, and what goes through meshlane is asked last.
+    The suffix selects the format.
 
-    Integer cell data become cell tags. What was left out or normalised (other cell data, orphan
-    points, clockwise cells, lower-dimensional cells, higher-order nodes) is counted in
-    ``mesh.repairs``.
+
+    If several formats claim a suffix, the first to accept the file reads it: built-in formats come before
+    plugins, and meshlane comes last.
+
+    Integer cell data become cell tags. ``mesh.repairs`` counts everything left out or normalised (other cell
+    data, orphan points, clockwise cells, lower-dimensional cells, higher-order nodes).
 
     Parameters
     ----------
@@ -71,29 +79,28 @@ def read(
     merge_points : bool
         Merge exactly equal points. An ``.npz`` written by :func:`write` is never changed.
     allow_gaps : bool
-        Leave outer faces that lie on one another as they are: a crack (with ``merge_points=False`` if
-        it has two points at each place), bodies that touch. By default they are joined as by
-        :meth:`Mesh.conforming <agglo_core.mesh.Mesh.conforming>`; an ``.npz`` written by :func:`write`
-        is warned about.
+        Keep coincident outer faces: a crack (with ``merge_points=False`` if its points are doubled) or
+        touching bodies. By default they are joined as by
+        :meth:`Mesh.conforming <agglo_core.mesh.Mesh.conforming>`; for an ``.npz`` written by :func:`write`
+        they only cause a warning.
     drop_flat : bool
-        Leave out cells of zero area or volume, such as pinched layers; the others are numbered anew, in
-        their order. By default such cells are an error. Formats that are read face by face (OpenFOAM, MRST's
-        ``G``, an ``.npz`` written by :func:`write`) leave out none.
+        Drop cells with zero area or volume, such as pinched layers, and renumber the others in order. By
+        default such cells are an error. Formats stored face by face (OpenFOAM, MRST's ``G``, an ``.npz``
+        written by :func:`write`) drop no cells.
     registry : Registry, optional
-        Where the formats are looked up; by default the installed plugins.
+        Registry with the formats; by default the installed plugins.
 
     Raises
     ------
     FileError
-        Naming the file: missing, empty, truncated, corrupt, of an unknown format, or a folder that no
-        format reads.
+        With the file name, if the file is missing, empty, truncated, corrupt or of unknown format, or is a
+        folder in no known format.
     MeshError
-        For a mesh that breaks a rule, naming file and cells.
+        With file and cells, if the mesh breaks a rule.
     OptionError
-        If ``path`` is not a path, or the format does not know an option given here.
+        If ``path`` is not a path, or the format does not support an option.
     PluginError
-        If a format misbehaves: it returns something other than a mesh, or raises something other
-        than an AggloError.
+        If a format returns no mesh or raises anything except an AggloError.
 
     Examples
     --------
@@ -115,10 +122,10 @@ def read(
 def read_hierarchy(
     path: str | PathLike[str], *, allow_gaps: bool = False, registry: Registry | None = None
 ) -> tuple[Mesh, Hierarchy | None]:
-    """Mesh of a file and the hierarchy stored with it, if any.
+    """Read the mesh in a file and its stored hierarchy, if any.
 
-    An ``.npz`` holds the whole hierarchy; in most other formats it is found in the integer cell data
-    ``level_0``, ``level_1``, … (their targets are not stored there).
+    An ``.npz`` holds the whole hierarchy. Most other formats store it as integer cell data ``level_0``,
+    ``level_1``, …, without the targets.
 
     Parameters
     ----------
@@ -126,7 +133,7 @@ def read_hierarchy(
     allow_gaps : bool
         As in :func:`read`.
     registry : Registry, optional
-        Where the formats are looked up; by default the installed plugins.
+        Registry with the formats; by default the installed plugins.
 
     Raises
     ------
@@ -158,15 +165,21 @@ def write(
     progress: Listener | None = None,
     verbose: bool = False,
 ) -> None:
-    """Write a mesh, and the hierarchy if given; the suffix chooses the format.
+    """Write a mesh and optionally its hierarchy.
 
-    ``.npz`` keeps everything. ``.vtu`` holds the mesh with its tags and the labels of every level as
-    cell data ``level_0``, …, and beside it each coarse mesh as ``NAME_level0.vtu``, …, with label, parent,
-    number of cells, measure and diameter of each agglomerate. Other formats are refused where they would
-    lose something. Files appear whole or not at all. What an earlier hierarchy left is replaced as a
-    whole: tags ``level_<number>`` of the mesh are not written to such
-    files, and coarse meshes of more levels than there are now are removed (only files named
-    ``NAME_level<number>.vtu`` beside the new one that this program wrote).
+    The suffix selects the format.
+
+
+    ``.npz`` keeps everything. ``.vtu`` holds the mesh with its tags and the labels of every level as cell
+    data
+    ``level_0``, …. Each coarse mesh goes into a file ``NAME_level0.vtu``, … beside it, with label, parent,
+    number
+    of cells, measure and diameter per agglomerate. Other formats raise an error instead of losing data.
+
+    Files appear whole or not at all. Remains of an earlier hierarchy are removed: mesh tags
+    ``level_<number>`` are not written to such files, and superfluous coarse meshes are deleted (only files
+    named
+    ``NAME_level<number>.vtu`` beside the new file and written by agglo).
 
     Parameters
     ----------
@@ -174,26 +187,26 @@ def write(
     mesh : Mesh
     hierarchy : Hierarchy, optional
     level_values : sequence of mappings of name to (k,) float, optional
-        More cell data for the coarse meshes, one mapping for each level: what was measured on its k
-        agglomerates, such as ``[level.values for level in measure_levels(mesh, hierarchy)]``. Kept by
-        ``.vtu`` and by formats that say ``keeps_level_values``; others hold no coarse meshes.
+        More cell data for the coarse meshes, one mapping per level with values on its k agglomerates, such
+        as ``[level.values for level in measure_levels(mesh, hierarchy)]``. Stored in ``.vtu`` and in formats
+        that declare ``keeps_level_values``; others hold no coarse meshes.
     compress : bool
-        Smaller ``.vtu`` and ``.npz`` files, which take several times longer to write and to read.
+        Write smaller ``.vtu`` and ``.npz`` files; writing and reading take several times longer.
     registry : Registry, optional
-        Where the formats are looked up; by default the installed plugins.
+        Registry with the formats; by default the installed plugins.
     progress, verbose : optional
         As for :func:`agglo_core.agglomerate`; files are whole or absent if ``progress`` raises.
 
     Raises
     ------
     FileError
-        Naming the file, if it cannot be written.
+        With the file name, if it cannot be written.
     MeshError
-        If the hierarchy belongs to another mesh, or a cell tag has a name that the file cannot hold.
+        If the hierarchy belongs to another mesh, or the file cannot hold the name of a cell tag.
     OptionError
-        If an argument is not of its type, the values do not fit the levels, or the format does not compress.
+        If an argument has a wrong type, the values do not fit the levels, or the format does not compress.
     PluginError
-        If a format misbehaves: it writes nothing, or raises something other than an AggloError.
+        If a format writes nothing or raises anything except an AggloError.
 
     Examples
     --------
@@ -219,9 +232,9 @@ def write(
 
 
 def check_writable(path: str | PathLike[str], *, registry: Registry | None = None) -> None:
-    """Raise FileError unless a file can be written there, as far as can be told in advance.
+    """Raise FileError if a file cannot be written, as far as this can be checked in advance.
 
-    Some format must write its suffix, its folder must exist, and it must not be a folder itself.
+    A format must write this suffix, the folder must exist, and the path must not be a folder.
 
     Examples
     --------
@@ -242,7 +255,7 @@ def _formats(registry: Registry | None, options: dict[str, bool]) -> Formats:
 
 
 def _writer(target: Path, registry: Registry | None, options: dict[str, bool]) -> KnownFormat:
-    """The format that writes the file, which can be put in its place."""
+    """Return the format for the file after checks that the file can be created or replaced."""
     if target.is_dir():
         raise FileError("is a folder, expected a file name")
     known = _formats(registry, options).writer(target)
@@ -255,7 +268,10 @@ def _writer(target: Path, registry: Registry | None, options: dict[str, bool]) -
 
 
 def _existing(path: object) -> Path:
-    """Path of a regular file or a folder; FileError, or OptionError for what is no path."""
+    """Return the path of a regular file or a folder.
+
+    Raises FileError or OptionError otherwise.
+    """
     source = _checked_path("read", path)
     with naming(source):
         if not source.is_dir():  # some formats read folders
@@ -264,7 +280,10 @@ def _existing(path: object) -> Path:
 
 
 def _checked_path(function: str, path: object) -> Path:
-    """Path of a file, once its name can be encoded; FileError or OptionError otherwise."""
+    """Return the path if its name can be encoded.
+
+    Raises FileError or OptionError otherwise.
+    """
     if not isinstance(path, str | PathLike):
         call = "read(path)" if function == "read" else "write(path, mesh, hierarchy)"
         raise OptionError(f"{call}: the path must be a str or a Path, given {type(path).__name__}")

@@ -1,7 +1,7 @@
-"""Files that appear whole or not at all: written in a temporary folder beside them, then renamed.
+"""Write files atomically: in a temporary folder beside the target, then by renaming.
 
-The folder ``.NAME.agglo-XXXXXXXX`` is locked as long as its process lives. So the next write to the same
-place knows what a killed one left behind, whatever became of its process number, and removes it.
+The folder ``.NAME.agglo-XXXXXXXX`` is locked while its process lives. The next write to the same path can
+thus identify and remove folders left by killed processes, independent of process numbers.
 """
 
 from __future__ import annotations
@@ -19,25 +19,29 @@ from pathlib import Path
 from agglo_core.errors import FileError
 
 _log = logging.getLogger("agglo")
-_NAME = 60  # bytes of a target's name in that of its folder: file systems allow some 255
-_FORGOTTEN = 86_400.0  # seconds after which a folder is nobody's where folders cannot be locked
+_NAME = 60  # bytes of the target's name in the folder name: file systems allow about 255
+_FORGOTTEN = 86_400.0  # seconds until an unlockable folder counts as abandoned
 
 
 @contextmanager
 def staging(path: Path) -> Iterator[Path]:
-    """A temporary folder; the files left in it move beside ``path`` when the block ends without error.
+    """Yield a temporary folder.
 
-    None moves before all are written; if an existing target is not a regular file, none moves
-    at all. A symbolic link is followed, an existing file's permissions are kept. Folders that killed
-    processes left for the same ``path`` are removed first.
+    Its files move beside ``path`` when the block ends without error.
 
-    Files in folders inside move to folders of these names. The others are taken for lists of them: old ones
-    are withdrawn before anything moves, so that none ever leads to files of two writings.
+
+    No file moves before all are written, and none at all if an existing target is not a regular file.
+    Symbolic links are followed, permissions of existing files are kept. Folders left for the same ``path`` by
+    killed processes are removed first.
+
+    Files in subfolders move to subfolders of the same name. Files at the top are treated as indices of
+    them: their old versions are removed before any file moves, so that an index never refers to a mixture of
+    old and new files.
 
     Yields
     ------
     Path
-        The folder to write in, under the final file names.
+        Folder for the new files, under their final names.
 
     Raises
     ------
@@ -57,6 +61,7 @@ def staging(path: Path) -> Iterator[Path]:
     """
     with _own_folder(path) as stage, ExitStack() as elsewhere:
         yield stage
+        # Files in subfolders come first, the indices that refer to them last.
         files = sorted(file for file in stage.rglob("*") if file.is_file())
         inner = [file for file in files if file.parent != stage]
         lists = [file for file in files if file.parent == stage]
@@ -64,10 +69,12 @@ def staging(path: Path) -> Iterator[Path]:
             moves = [
                 (file, check_replaceable(path.parent / file.relative_to(stage))) for file in inner + lists
             ]
+            # Copy across file systems before the first target changes.
             ready = [(_beside(target, file, elsewhere), target) for file, target in moves]
             for file, target in ready:
                 if target.exists():
                     shutil.copymode(target, file)
+            # Remove old indices, then rename everything.
             for _, target in ready[len(inner) :] if inner else ():
                 target.unlink(missing_ok=True)
             for file, target in ready:
@@ -76,7 +83,10 @@ def staging(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def new_folders(folders: Iterable[Path]) -> Iterator[None]:
-    """Make the folders that do not exist; if the block fails, remove those that are still empty."""
+    """Create missing folders.
+
+    If the block fails, remove the new folders that are still empty.
+    """
     made: list[Path] = []
     try:
         for folder in dict.fromkeys(folders):
@@ -94,17 +104,17 @@ def new_folders(folders: Iterable[Path]) -> Iterator[None]:
 
 
 def check_replaceable(target: Path) -> Path:
-    """Return where a file is to be put, after all links.
+    """Return the final target of a path, with all links resolved.
 
     Raises
     ------
     FileError
-        If something is there that must not be overwritten, its folder is missing or not writable, or links
-        lead round in a circle.
+        If something there must not be overwritten, the folder is missing or read-only, or links form a
+        cycle.
     """
     try:
         place = target.resolve()
-    except RuntimeError:  # of Python before 3.13, which leaves such links as they are
+    except RuntimeError:  # Python before 3.13 (later versions return such links unchanged)
         place = target
     if place.is_symlink():
         raise FileError(f"{target}: is a symbolic link that leads back to itself")
@@ -120,7 +130,9 @@ def check_replaceable(target: Path) -> Path:
 
 
 def _beside(target: Path, file: Path, elsewhere: ExitStack) -> Path:
-    """The file, or a copy of it where a link leads to another file system: only there it can be renamed."""
+    """Return the file, or a copy beside the target if it lies on another file system (renaming needs the
+    same).
+    """
     if file.stat().st_dev == target.parent.stat().st_dev:
         return file
     return Path(shutil.copy(file, elsewhere.enter_context(_own_folder(target)) / target.name))
@@ -128,7 +140,7 @@ def _beside(target: Path, file: Path, elsewhere: ExitStack) -> Path:
 
 @contextmanager
 def _own_folder(path: Path) -> Iterator[Path]:
-    """A new folder beside ``path``, locked; it is removed when the block ends."""
+    """Yield a new locked folder beside ``path`` and remove it when the block ends."""
     name = path.name
     while len(os.fsencode(name)) > _NAME:
         name = name[:-1]
@@ -143,8 +155,8 @@ def _own_folder(path: Path) -> Iterator[Path]:
 
 
 def _new_folder(parent: Path, prefix: str) -> tuple[Path, int | None]:
-    """A new folder and its lock."""
-    while True:  # until one is locked before another write takes it for abandoned
+    """Create a folder and lock it."""
+    while True:  # retry if another write removed the folder before the lock
         folder = Path(tempfile.mkdtemp(prefix=prefix, dir=parent))
         try:
             lock = _lock(folder)
@@ -156,11 +168,14 @@ def _new_folder(parent: Path, prefix: str) -> tuple[Path, int | None]:
 
 
 def _remove_abandoned(parent: Path, prefix: str) -> None:
-    """Remove the folders whose process has ended; where folders cannot be locked, those of yesterday."""
+    """Remove folders whose process has ended.
+
+    Without locks, remove folders older than a day.
+    """
     pattern = re.compile(re.escape(prefix) + "[a-z0-9_]{8}", re.ASCII)
     try:
         found = [entry for entry in os.scandir(parent) if pattern.fullmatch(entry.name)]
-    except PermissionError:  # one may write to a folder without seeing what is in it
+    except PermissionError:  # a writable folder need not be readable
         return
     for entry in found:
         try:
@@ -176,14 +191,17 @@ def _remove_abandoned(parent: Path, prefix: str) -> None:
 
 
 def _lock(folder: Path) -> int | None:
-    """Lock a folder until :func:`_unlock` or the end of the process; None where that cannot be done.
+    """Lock a folder until :func:`_unlock` or the end of the process.
+
+    Return None if locks are unavailable.
+
 
     Raises
     ------
     BlockingIOError
         If another write has locked it.
     OSError
-        If it is gone, or of another user.
+        If it is gone or belongs to another user.
     """
     try:
         import fcntl

@@ -1,4 +1,7 @@
-"""Checks of what formats are given and return; every error names the file and the format at fault."""
+"""Check the arguments and results of formats.
+
+Every error names the file and the format at fault.
+"""
 
 from __future__ import annotations
 
@@ -24,14 +27,14 @@ _ON_PURPOSE = (AggloError, OSError, MemoryError)
 
 
 def read_by(known: KnownFormat, path: Path) -> Mesh:
-    """Mesh of a file by one format.
+    """Read a mesh with one format.
 
     Raises
     ------
     AggloError
-        Why the format refuses the file.
+        If the format rejects the file.
     PluginError
-        If it raises anything else, or returns no mesh.
+        If it raises anything else or returns no mesh.
     """
     _check_content(known, path)
     with attributed(known.title, spare=_ON_PURPOSE):
@@ -40,7 +43,7 @@ def read_by(known: KnownFormat, path: Path) -> Mesh:
 
 
 def read_hierarchy_by(known: KnownFormat, path: Path) -> tuple[Mesh, Hierarchy | None]:
-    """Mesh and hierarchy of a file by one format, from its cell data where the format keeps no hierarchies.
+    """Read a mesh and its hierarchy with one format, or from cell data if the format stores none.
 
     Raises as :func:`read_by`.
     """
@@ -60,14 +63,17 @@ def write_by(
     tell: Tell,
     level_values: LevelValues | None = None,
 ) -> None:
-    """Write by one format, so that files appear whole or not at all; it gets what it says it takes.
+    """Write with one format, atomically.
+
+    Pass the optional arguments that the format declares.
+
 
     Raises
     ------
     AggloError
-        Why the format refuses the mesh.
+        If the format rejects the mesh.
     PluginError
-        If it raises anything else, or writes nothing.
+        If it raises anything else or writes nothing.
     """
     values = (level_values,) if level_values is not None and known.has("keeps_level_values") else ()
     told = {"tell": tell} if known.has("tells_progress") else {}
@@ -85,7 +91,7 @@ def write_by(
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Put the file's name before the message of whatever goes wrong with it."""
+    """Prefix the file name to the message of any error in the block."""
     try:
         yield
     except OptionError:
@@ -105,7 +111,7 @@ def _check_content(known: KnownFormat, path: Path) -> None:
 
 
 def _stored(known: KnownFormat, path: Path) -> tuple[Mesh, Hierarchy | None]:
-    """Return mesh and hierarchy from a format that keeps hierarchies."""
+    """Read mesh and hierarchy with a format that stores hierarchies."""
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.io.levels import check_belongs
 
@@ -141,7 +147,7 @@ def _checked_mesh(known: KnownFormat, method: str, given: Any) -> Mesh:
 
 
 def _readable(name: str) -> str:
-    """Name without lone surrogates, which stand for bytes of a file name that the locale cannot decode."""
+    """Return the name without lone surrogates (bytes of a file name outside the locale's encoding)."""
     try:
         return name.encode(errors="surrogateescape").decode(errors="replace")
     except UnicodeEncodeError:  # other surrogates

@@ -1,4 +1,4 @@
-"""Formats of a registry, and the choice of the one that reads or writes a file."""
+"""Select the format that reads or writes a file from the formats of a registry."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from agglo_core.registry.records import unusable
 
 T = TypeVar("T")
 _log = logging.getLogger("agglo")
-_HEAD = 512  # bytes by which a format may recognise a file
+_HEAD = 512  # bytes for recognition by content
 
 
 @dataclass(frozen=True)
 class KnownFormat:
-    """A :class:`~agglo_core.protocols.Format` that can be used, with its record and its suffixes."""
+    """A usable :class:`~agglo_core.protocols.Format` with its record and suffixes."""
 
     record: Record
     tool: Any
@@ -34,45 +34,46 @@ class KnownFormat:
 
     @property
     def title(self) -> str:
-        """Its name in error messages."""
+        """Name for error messages."""
         return describe(self.record)
 
     def has(self, attribute: str) -> bool:
-        """Return True if it has this method, or this optional attribute with a true value."""
+        """Return True if the format has this method, or this optional attribute with a true value."""
         return bool(getattr(self.tool, attribute, False))
 
 
 @dataclass(frozen=True)
 class Formats:
-    """The formats of a registry, in the order in which they are asked.
+    """The formats of a registry, in order of precedence.
 
-    Agglo's own come first, then those of plugins, then those of last resort. Only a format that claims the
-    suffix of the file is built, when its turn comes: the modules of the others are not imported.
+    Built-in formats come first, then plugins, then formats of last resort. A format is built only when its
+    turn
+    comes and it claims the suffix, so the modules of the others are not imported.
 
     Attributes
     ----------
     registry : Registry
     options : mapping
-        What the format that reads or writes is built with.
+        Options for the format that reads or writes.
     """
 
     registry: Registry
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def first_accepted(self, path: Path, read: Callable[[KnownFormat, Path], T]) -> T:
-        """Return what ``read`` makes of the file with the first format that claims and accepts it.
+        """Return the result of ``read`` for the first format that claims and accepts the file.
 
-        If none does, those that recognise its content are asked, whatever its name. Of a folder those are
-        tried that recognise it.
+        If none does, formats that recognise the content are tried, whatever the file name. For a folder, the
+        formats that recognise it are tried.
 
         Raises
         ------
         FileError
-            If no format claims the file or folder, or if several do and each refuses it.
+            If no format claims the file or folder, or if several do and each rejects it.
         AggloError
-            Why the only one that claims it refuses it.
+            The reason of the only format that claims the file and rejects it.
         PluginError
-            If one misbehaves; no other is asked then.
+            If a format misbehaves; no other format is tried then.
         """
         refusals: list[tuple[str, AggloError]] = []
         folder = path.is_dir()
@@ -97,12 +98,12 @@ class Formats:
         raise FileError(f"each format for such files refuses it: {reasons}")
 
     def writer(self, path: Path) -> KnownFormat:
-        """The first format that claims the file and writes.
+        """Return the first format that claims and writes the file.
 
         Raises
         ------
         FileError
-            If there is none; lists what is known.
+            If there is none, with a list of the known suffixes.
         """
         readers = []
         for known in self._claiming(path):
@@ -121,7 +122,7 @@ class Formats:
         return replace(known, tool=self.registry.assemble(known.record, self.options))
 
     def _claiming(self, path: Path) -> Iterator[KnownFormat]:
-        """Yield the formats that have the suffix of a file, those of last resort after the others."""
+        """Yield the formats with the suffix of a file, last resorts at the end."""
         late = []
         for record in self._records():
             declared = _declared_suffixes(record)
@@ -137,7 +138,7 @@ class Formats:
         yield from late
 
     def _recognising(self, path: Path) -> Iterator[KnownFormat]:
-        """Yield the formats that do not claim a file by its name, but by how its content begins."""
+        """Yield the formats that recognise the first bytes of a file without claiming its name."""
         with open(path, "rb") as stream:
             head = without_mark(stream.read(_HEAD))
         for record in self._records() if head else ():
@@ -162,30 +163,30 @@ class Formats:
                 yield known
 
     def _all(self) -> Iterator[KnownFormat]:
-        """Yield the formats that can be used, each built when its turn comes."""
+        """Yield the usable formats, each built when its turn comes."""
         built = (self._usable(record) for record in self._records())
         return (known for known in built if known is not None)
 
     def _usable(self, record: Record) -> KnownFormat | None:
-        """Build a format; None if it cannot be used."""
+        """Build a format, or return None if it is unusable."""
         try:
             return self._build(record)
         except AggloError:
             return None
 
     def _records(self) -> list[Record]:
-        """List the records of all formats, agglo's own first."""
+        """List the records of all formats, built-in formats first."""
         return sorted(self.registry.list("format"), key=lambda record: not record.in_tree)
 
     def _build(self, record: Record) -> KnownFormat:
-        """Build a format; raises AggloError with the reason why it cannot be used."""
+        """Build a format, or raise AggloError with the reason why it is unusable."""
         if record.state != "ok":
             raise PluginError(f"{describe(record)}: {unusable(record)}")
         tool = self.registry.assemble(record, {})
         return KnownFormat(record, tool, _declared_suffixes(record) or _suffixes_of(tool, describe(record)))
 
     def _unknown(self, path: Path, *, writing: bool) -> FileError:
-        """Make the error for a file that no format claims; it names all that cannot be used."""
+        """Create the error for a file that no format claims, with all unusable formats and plugins."""
         given = f"unknown suffix {path.suffix!r}" if path.suffix else "no suffix"
         known = None if writing else why_unread(path)
         given = known or given
@@ -198,7 +199,7 @@ class Formats:
         return FileError("; ".join(lines))
 
     def _fault(self, record: Record) -> str:
-        """Say why a format cannot be used; empty if it can."""
+        """Return the reason why a format is unusable, or an empty string."""
         try:
             self._build(record)
         except AggloError as error:
@@ -206,7 +207,7 @@ class Formats:
         return ""
 
     def _expected(self, method: str) -> str:
-        """List the suffixes of all formats that read, or write."""
+        """List the suffixes of all formats with this method (read or write)."""
         usable = [known for known in self._all() if known.has(method)]
         suffixes = dict.fromkeys(suffix for known in usable for suffix in known.suffixes)
         if not suffixes:
@@ -231,7 +232,7 @@ def _has_magic(record: Record, head: bytes) -> bool:
 
 
 def _recognises(known: KnownFormat, head: bytes) -> bool:
-    """Ask a format that declares no suffixes for a file by its method."""
+    """Call ``recognises`` of a format without declared suffixes."""
     if not known.has("recognises"):
         return False
     with attributed(known.title):
@@ -239,7 +240,10 @@ def _recognises(known: KnownFormat, head: bytes) -> bool:
 
 
 def _suffixes_of(tool: Any, title: str) -> tuple[str, ...]:
-    """Suffixes of a format that declares none: its attribute; raises PluginError if that is not valid."""
+    """Return the ``suffixes`` attribute of a format without declared suffixes.
+
+    Raises PluginError if it is invalid.
+    """
     with attributed(title):
         suffixes = getattr(tool, "suffixes", ())
     if not isinstance(suffixes, tuple) or not suffixes:

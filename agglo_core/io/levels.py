@@ -1,4 +1,4 @@
-"""Levels of hierarchies in files: their labels as cell data, and what coarse meshes hold of agglomerates."""
+"""Convert hierarchies to cell data and back, and compute the cell data of coarse meshes."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ from agglo_core.io.tags import is_level
 from agglo_core.mesh import Mesh
 
 LevelValues = Sequence[Mapping[str, ArrayLike]]
-"""For each level, numbers of its agglomerates by name."""
+"""Named values on agglomerates, one mapping per level."""
 
 _log = logging.getLogger("agglo")
 
 
 def split_levels(mesh: Mesh) -> tuple[Mesh, Hierarchy | None]:
-    """Mesh without its tags ``level_0``, ``level_1``, …, and the hierarchy that they are, if any.
+    """Separate the tags ``level_0``, ``level_1``, … from a mesh and return them as a hierarchy, if any.
 
-    Tags of later levels than the first that is missing stay tags, which is logged.
+    Tags after the first missing level remain tags, and a warning is logged.
     """
     tags = dict(mesh.cell_tags)
     levels: list[Int] = []
@@ -57,7 +57,7 @@ def _nests(fine: Int, coarse: Int) -> bool:
 
 
 def check_belongs(mesh: Mesh, hierarchy: Hierarchy) -> None:
-    """Raise MeshError if the hierarchy was made from another mesh."""
+    """Raise MeshError if the hierarchy belongs to another mesh."""
     if hierarchy.fine is not mesh and hierarchy.fingerprint not in ("", mesh.fingerprint):
         raise MeshError(f"the hierarchy belongs to another mesh: {hierarchy.fine!r}, not {mesh!r}")
     for i, labels in enumerate(hierarchy.levels):
@@ -71,11 +71,11 @@ def check_belongs(mesh: Mesh, hierarchy: Hierarchy) -> None:
 def about_agglomerates(
     levels: Sequence[Int], level: int, coarse: Mesh, values: Mapping[str, Float]
 ) -> dict[str, NDArray[Any]]:
-    """Cell data of the coarse mesh of one of the levels, each ``(k,)``.
+    """Return the cell data ``(k,)`` of the coarse mesh on a level.
 
-    ``agglomerate`` is the label, ``parent`` that of the agglomerate of the next coarser level that holds it
-    (−1 if there is no such level, or it lies in several), ``cells`` the number of cells, ``measure`` and
-    ``diameter`` are those of the coarse mesh. ``values`` of other names follow.
+    ``agglomerate`` is the label, ``parent`` the label on the next coarser level (−1 if there is none, or if
+    the agglomerate lies in several), ``cells`` the number of cells; ``measure`` and ``diameter`` come from
+    the coarse mesh. Other names in ``values`` follow.
     """
     labels = levels[level]
     known = {
@@ -98,12 +98,12 @@ def _parents(labels: Int, coarser: Sequence[Int]) -> Int:
 
 
 def check_level_values(hierarchy: Hierarchy | None, values: LevelValues) -> list[dict[str, Float]]:
-    """The values of each level as reals.
+    """Return the values of each level as floats.
 
     Raises
     ------
     OptionError
-        Unless there is one mapping for each level, and in it by name one number for each agglomerate.
+        Unless there is one mapping per level, with one number per agglomerate under each name.
     """
     levels = hierarchy.levels if hierarchy is not None else []
     if len(values) != len(levels):
@@ -121,7 +121,7 @@ def check_level_values(hierarchy: Hierarchy | None, values: LevelValues) -> list
 
 
 def under_free_names(data: Mapping[str, NDArray[Any]], taken: Collection[str]) -> dict[str, NDArray[Any]]:
-    """The data; a name that a tag of the user has, or a mark of our own, gets ``agglo_`` before it."""
+    """Prefix ``agglo_`` to names that a user tag or an internal marker already uses."""
     renamed: dict[str, NDArray[Any]] = {}
     for name, values in data.items():
         free = name

@@ -1,7 +1,7 @@
-"""The native format: an ``.npz`` with every array of a mesh and its hierarchy; nothing is lost, no pickle.
+"""Read and write the native format: an ``.npz`` with all arrays of a mesh and its hierarchy, without pickle.
 
-``meta`` holds JSON: format, version, names, repairs, and of the hierarchy targets, nested,
-statistics. The plain layout ``points, cell_offsets, cell_vertices`` (polygons) is read too.
+``meta`` holds JSON: format, version, names, repairs, and the targets, nesting and statistics of the
+hierarchy. The plain layout ``points, cell_offsets, cell_vertices`` (polygons) is also supported for reading.
 """
 
 from __future__ import annotations
@@ -32,23 +32,23 @@ if TYPE_CHECKING:
 _FORMAT, _VERSION = "agglo", 2
 _PLAIN = ("points", "cell_offsets", "cell_vertices")
 _MESH = ("points", "face_offsets", "face_vertices", "face_cells")
-_META = 1 << 24  # bytes of JSON: thousands of levels
-_LEVEL = 1  # of deflate: higher ones take twice as long for a few per cent
+_META = 1 << 24  # bytes of JSON, enough for thousands of levels
+_LEVEL = 1  # deflate level: higher levels take twice the time and save a few per cent
 
 
 class Npz(Compressing):
-    """npz without pickle: everything a mesh and its hierarchy hold, or polygons in a plain layout.
+    """npz without pickle: a complete mesh with its hierarchy, or polygons in a plain layout.
 
     Parameters
     ----------
     merge_points : bool
         Merge exactly equal points of the plain layout; a file written by agglo is never changed.
     allow_gaps : bool
-        Leave outer faces that lie on one another as they are.
+        Keep coincident outer faces.
     compress : bool
         Deflate the arrays: smaller files, slower to write and to read.
     drop_flat : bool
-        Leave out cells of zero area or volume.
+        Drop cells with zero area or volume.
 
     Examples
     --------
@@ -64,18 +64,21 @@ class Npz(Compressing):
     tells_progress: bool = True
 
     def read(self, path: Path) -> Mesh:
-        """Return the mesh of an archive; raises FileError or MeshError."""
+        """Read the mesh in an archive.
+
+        Raises FileError or MeshError.
+        """
         return self.read_hierarchy(path)[0]
 
     def read_hierarchy(self, path: Path) -> tuple[Mesh, Hierarchy | None]:
-        """Return mesh and hierarchy of an ``.npz``, native or plain.
+        """Read mesh and hierarchy from an ``.npz``, native or plain.
 
         Raises
         ------
         FileError
-            Naming the array that is missing or corrupt.
+            With the name of the missing or corrupt array.
         MeshError
-            For a plain file whose polygons break a rule.
+            For a plain file with invalid polygons.
         """
         arrays = Archive(path)
         if "meta" in arrays.members:
@@ -96,8 +99,12 @@ class Npz(Compressing):
     def write(
         self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None, tell: Tell = to_nobody
     ) -> None:
-        """Write mesh and hierarchy, losslessly, deflated if asked; ``tell`` before each array."""
+        """Write mesh and hierarchy without loss.
+
+        Report each array to ``tell``.
+        """
         arrays: dict[str, NDArray[Any]] = {name: getattr(mesh, name) for name in _MESH}
+        # Collect the arrays and the metadata.
         meta: dict[str, Any] = {
             "format": _FORMAT,
             "version": _VERSION,
@@ -121,6 +128,7 @@ class Npz(Compressing):
             raise FileError(
                 f"names, targets and statistics take {len(text)} bytes as JSON, at most {_META} fit"
             )
+        # Write the arrays one by one to report progress.
         arrays = {"meta": np.frombuffer(text, np.uint8), **arrays}
         method = zipfile.ZIP_DEFLATED if self.compress else zipfile.ZIP_STORED
         with (
@@ -134,7 +142,7 @@ class Npz(Compressing):
 
 
 def _plain(value: Any) -> Any:
-    """Plain data for types that JSON does not know."""
+    """Convert types without a JSON form to plain data."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     if is_dataclass(value) and not isinstance(value, type):

@@ -1,12 +1,12 @@
-"""Linear systems in files: ``.npz``, or MatrixMarket for other programs; nothing is lost but the mesh.
+"""Read and write linear systems as ``.npz`` or MatrixMarket, without loss except the mesh.
 
-An ``.npz`` holds the arrays ``data, indices, indptr`` of A in CSR, ``b``, ``block_offsets`` and, if there is
-one, ``near_null``. MatrixMarket has no place for several matrices: ``name.mtx`` is A, ``name_b.mtx`` b,
-``name_block_offsets.mtx`` and ``name_near_null.mtx`` the others; b of one column is read as ``(n,)``. Files
-appear whole or not at all.
+An ``.npz`` holds the CSR arrays ``data, indices, indptr`` of A, ``b``, ``block_offsets`` and, if present,
+``near_null``. MatrixMarket files hold one matrix each: ``name.mtx`` is A, ``name_b.mtx`` is b,
+``name_block_offsets.mtx`` and ``name_near_null.mtx`` are the others; b with one column is read as ``(n,)``.
+Files appear whole or not at all.
 
-Levels that go with a system are ``level_0``, ``level_1``, … in an ``.npz``, the part of each cell, finest
-first, beside what ``scipy.sparse.load_npz`` needs to read A; and files ``name_level_0.mtx``, ….
+Levels of a system are the arrays ``level_0``, ``level_1``, … in an ``.npz`` (agglomerate of each cell, finest
+level first), together with the entries for ``scipy.sparse.load_npz``; or files ``name_level_0.mtx``, ….
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from agglo_core.problems.real_arrays import real_matrix
 
 _BESIDE = ("b", "block_offsets", "near_null")
 _DIGITS = 17
-"""That tell one float64 from any other."""
+"""Decimal digits that identify a float64."""
 
 
 def write_system(path: str | PathLike[str], system: System) -> None:
@@ -59,19 +59,19 @@ def write_system(path: str | PathLike[str], system: System) -> None:
 
 
 def read_system(path: str | PathLike[str], mesh: Mesh | None = None) -> System:
-    """The system of a file that :func:`write_system` wrote, or of a matrix with a right-hand side beside it.
+    """Read a system from :func:`write_system`, or a matrix with a right-hand side beside it.
 
     Parameters
     ----------
     mesh : Mesh, optional
-        Whose cells the blocks are.
+        Mesh whose cells are the blocks.
 
     Raises
     ------
     FileError
-        For another suffix; if a file is missing or corrupt.
+        For another suffix, or if a file is missing or corrupt.
     OptionError
-        If the arrays make no system, see :class:`~agglo_core.problems.System`; names the file.
+        With the file name, if the arrays form no valid :class:`~agglo_core.problems.System`.
 
     Examples
     --------
@@ -108,7 +108,7 @@ def _arrays(system: System) -> dict[str, NDArray[Any]]:
 def _write_npz(path: Path, system: System) -> None:
     A = sparse.csr_array(system.A)
     arrays: dict[str, Any] = {"data": A.data, "indices": A.indices, "indptr": A.indptr, **_arrays(system)}
-    with path.open("wb") as stream:  # by name numpy would add a suffix to .NPZ
+    with path.open("wb") as stream:  # numpy would add a suffix to the name .NPZ
         np.savez_compressed(stream, **arrays)
 
 
@@ -168,7 +168,7 @@ def _require_file(path: Path) -> None:
 
 @contextmanager
 def _naming(name: object) -> Iterator[None]:
-    """Put the name of a file before what is wrong with it."""
+    """Prefix the file name to the message of any error in the block."""
     try:
         yield
     except (FileError, OptionError) as error:
@@ -183,7 +183,7 @@ _SUFFIXES = (".npz", ".mtx")
 
 
 def check_system_file(path: Path) -> None:
-    """Raise FileError unless a system can be written there, as far as can be told in advance."""
+    """Raise FileError if a system cannot be written, as far as this can be checked in advance."""
     if path.suffix.lower() not in _SUFFIXES:
         raise FileError(f"{path}: a system is written as {' or '.join(_SUFFIXES)}")
     if not path.parent.is_dir():
@@ -192,7 +192,7 @@ def check_system_file(path: Path) -> None:
 
 
 def write_system_and_levels(path: str | PathLike[str], system: System, levels: Sequence[Int]) -> None:
-    """Write a system, and the labels ``(n_cells,)`` of each level, to ``.npz`` or ``.mtx`` files.
+    """Write a system and the labels ``(n_cells,)`` of each level to ``.npz`` or ``.mtx`` files.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Cell tags as the cell data of files: what is written under which name, and what is left out on reading."""
+"""Convert cell tags to the cell data of files and back, with checks of names and values."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from agglo_core.mesh import Mesh
 
 BRIDGES = "agglo_loops"
-"""Cell data of our own VTU files: boundary loops of each cell, where some have several."""
+"""Internal cell data in agglo's VTU files: number of boundary loops per cell, if some cells have several."""
 
 _log = logging.getLogger("agglo")
 _LEVEL = re.compile(r"level_\d+", re.ASCII)
@@ -26,19 +26,19 @@ _NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def is_level(name: str) -> bool:
-    """Return True if cell data of that name are the labels of a level: ``level_0``, ``level_1``, …."""
+    """Return True if the name belongs to level labels: ``level_0``, ``level_1``, …."""
     return _LEVEL.fullmatch(name) is not None
 
 
 def cell_data(mesh: Mesh, hierarchy: Hierarchy | None) -> dict[str, Int]:
-    """Cell tags, and labels of every level: see :func:`tags_and_levels`."""
+    """Return cell tags and the labels of every level, see :func:`tags_and_levels`."""
     return tags_and_levels(mesh.cell_tags, hierarchy.levels if hierarchy is not None else None)
 
 
 def tags_and_levels(tags: Mapping[str, Int], levels: Sequence[Int] | None) -> dict[str, Int]:
-    """Tags, and labels of every level as ``level_0``, …; those of an earlier hierarchy are dropped.
+    """Return tags and the labels of every level as ``level_0``, …, without labels of an earlier hierarchy.
 
-    Only levels take their place: without any, tags of these names are kept as they are.
+    Without levels, tags with such names are kept.
     """
     if levels is None:
         return dict(tags)
@@ -50,7 +50,7 @@ def tags_and_levels(tags: Mapping[str, Int], levels: Sequence[Int] | None) -> di
 
 
 def check_names(names: Iterable[str], what: str = "cell") -> None:
-    """Raise MeshError for tags that no file can hold under their name."""
+    """Raise MeshError for tag names that files cannot hold."""
     for name in names:
         if not name:
             raise MeshError(f"a {what} tag has an empty name; only .npz can hold it")
@@ -61,14 +61,17 @@ def check_names(names: Iterable[str], what: str = "cell") -> None:
 
 
 def tag_values(name: str, values: NDArray[Any]) -> Int:
-    """Integers of a file as a tag, or FileError if they are too large for one."""
+    """Convert integers from a file to a tag.
+
+    Raises FileError if they exceed int64.
+    """
     if values.dtype.kind == "u" and values.size and values.max() > np.iinfo(np.int64).max:
         raise FileError(f"cell data {name!r} holds {values.max()}, more than an int64 can")
     return frozen_int(values)
 
 
 def note_left_out(mesh: Mesh, names: Iterable[str]) -> Mesh:
-    """The mesh with the cell data that could not become tags counted as a repair; they are logged."""
+    """Count the cell data that could not become tags as a repair of the mesh, and log the names."""
     left = list(dict.fromkeys(name or "(without a name)" for name in names))
     if not left:
         return mesh

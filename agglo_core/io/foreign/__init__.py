@@ -1,1 +1,1 @@
-"""Formats that are read and written with meshlane."""
+"""Read and write further formats with meshlane."""

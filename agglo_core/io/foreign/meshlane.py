@@ -1,4 +1,7 @@
-"""Every other format, through the package meshlane, whose failures all become FileErrors."""
+"""Read and write all other formats through the package meshlane.
+
+All its failures become FileErrors.
+"""
 
 from __future__ import annotations
 
@@ -38,24 +41,24 @@ if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
 _log = logging.getLogger("agglo")
-_SECONDS, _BYTES_PER_SECOND = 6, 100_000  # processor time allowed: far above what a whole file needs
-_MEMORY, _MEMORY_PER_BYTE = 1 << 28, 400  # beyond what the program itself takes
+_SECONDS, _BYTES_PER_SECOND = 6, 100_000  # processor time limit, far above the need of an intact file
+_MEMORY, _MEMORY_PER_BYTE = 1 << 28, 400  # bytes in addition to the program itself
 
 
 class Meshlane(Reading):
-    """The files that the package meshlane reads and writes: Abaqus, STL, MED and more.
+    """Files read and written by the package meshlane: Abaqus, STL, MED and more.
 
-    Gmsh's files, and unstructured grids and PolyData of legacy VTK, are read by agglo itself.
-    What is written is read back and compared; what the file would lose is refused.
+    Agglo itself reads Gmsh files and the unstructured grids and PolyData of legacy VTK. A written file is
+    read back and compared; a loss of data is an error.
 
     Parameters
     ----------
     merge_points : bool
         Merge exactly equal points on reading.
     allow_gaps : bool
-        Leave outer faces that lie on one another as they are.
+        Keep coincident outer faces.
     drop_flat : bool
-        Leave out cells of zero area or volume.
+        Drop cells with zero area or volume.
 
     Examples
     --------
@@ -71,12 +74,15 @@ class Meshlane(Reading):
     last_resort: bool = True
 
     def read(self, path: Path) -> Mesh:
-        """Return the mesh of a file that meshlane reads; integer cell data and cell sets become tags.
+        """Read a mesh through meshlane.
+
+        Integer cell data and cell sets become tags.
+
 
         Raises
         ------
         FileError, MeshError
-            For a broken file or mesh; FileError for a layout that is known and not read.
+            For a broken file or mesh; FileError for a known but unsupported layout.
         """
         try:
             return _read(path, self.reading)
@@ -87,14 +93,14 @@ class Meshlane(Reading):
             raise FileError(known) from error
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
-        """Write through meshlane, then read the result back: what differs from the mesh is refused.
+        """Write through meshlane, read the result back and raise an error if it differs from the mesh.
 
         Raises
         ------
         FileError
-            Naming what the format would lose.
+            With the data that the format would lose.
         MeshError
-            For a cell tag whose name files cannot hold.
+            If files cannot hold the name of a cell tag.
         """
         tags = cell_data(mesh, hierarchy)
         check_names(tags)
@@ -120,7 +126,10 @@ def _is_gmsh(path: Path) -> bool:
 
 
 def _soup(path: Path) -> tuple[Soup, set[str], list[str]]:
-    """Cells that meshlane finds, in a separate process; names of tags that are sets, and of data left out."""
+    """Run meshlane in a separate process.
+
+    Return the cells, the names of set tags and of data left out.
+    """
     size = path.stat().st_size
     seconds, memory = _SECONDS + size // _BYTES_PER_SECOND, _MEMORY + _MEMORY_PER_BYTE * size
     with tempfile.TemporaryDirectory(prefix="agglo-") as folder:
@@ -151,9 +160,9 @@ def _soup(path: Path) -> tuple[Soup, set[str], list[str]]:
 
 
 def _without_marks(path: Path, folder: str) -> Path:
-    """Return the path, or that of a copy in a folder if the file begins with a byte order mark.
+    """Return the path, or a copy in ``folder`` if the file begins with a byte order mark.
 
-    Parsers of XML pass over the mark. TetGen's pair of files is copied together.
+    XML parsers accept the mark, so XML files are not copied. TetGen's pair of files is copied together.
     """
     with open(path, "rb") as file:
         head = file.read(64)
@@ -182,7 +191,7 @@ def _load(target: str) -> tuple[Soup, set[str], list[str]]:
 
 
 def _note_sets(mesh: Mesh, sets: set[str]) -> None:
-    """Log the named parts of the mesh and of its boundary, which can be chosen by name."""
+    """Log the named sets of cells and faces, which can be selected by name."""
     for what, tags in (("cells", mesh.cell_tags), ("faces", mesh.face_tags)):
         found = [f"{name} ({(values == 1).sum():,})" for name, values in tags.items() if name in sets]
         if found:
@@ -190,9 +199,10 @@ def _note_sets(mesh: Mesh, sets: set[str]) -> None:
 
 
 def _without_empty_sets(mesh: Mesh, names: set[str]) -> Mesh:
-    """Mesh without tags of sets that hold no cell or no face, and without face tags of −1 alone.
+    """Remove tags of sets without a cell or face, and face tags that are −1 everywhere.
 
-    A set lives in one dimension, so that most are empty in the other. Those empty in both are warned about.
+    A set has cells of one dimension, so most sets are empty in the other. Sets that are empty in both cause a
+    warning.
     """
     cell_tags, face_tags = (
         {name: values for name, values in tags.items() if name not in names or (values == 1).any()}
@@ -206,7 +216,10 @@ def _without_empty_sets(mesh: Mesh, names: set[str]) -> Mesh:
 
 
 def _silently(target: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
-    """Let meshlane write in silence; what a format cannot express may make it raise anything."""
+    """Write through meshlane with its output discarded.
+
+    Any exception becomes a FileError.
+    """
     import meshlane
 
     blocks = _blocks(mesh)
@@ -225,7 +238,7 @@ def _silently(target: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
 
 
 def _blocks(mesh: Mesh) -> list[tuple[str, NDArray[Any]]]:
-    """Blocks of consecutive cells of one type, with their nodes."""
+    """Return blocks of consecutive cells with the same type, with their nodes."""
     names, offsets, vertices = _polygons(mesh) if mesh.dim == 2 else _tetrahedra(mesh)
     sizes = np.diff(offsets)
     cuts = [0, *(np.flatnonzero(np.diff(sizes)) + 1).tolist(), len(sizes)]
@@ -247,7 +260,7 @@ def _polygons(mesh: Mesh) -> tuple[dict[int, str], Int, Int]:
 
 
 def _tetrahedra(mesh: Mesh) -> tuple[dict[int, str], Int, Int]:
-    """Tetrahedra as a face seen from inside and the vertex opposite."""
+    """Return each tetrahedron as one face seen from inside, followed by the opposite vertex."""
     offsets, vertices = mesh.cell_vertices
     cell_offsets, faces = mesh.cell_faces
     other = np.flatnonzero((np.diff(offsets) != 4) | (np.diff(cell_offsets) != 4))
@@ -257,6 +270,7 @@ def _tetrahedra(mesh: Mesh) -> tuple[dict[int, str], Int, Int]:
     base = mesh.face_vertices[gather(mesh.face_offsets, first)[1]].reshape(-1, 3)
     own = mesh.face_cells[first, 0] == np.arange(mesh.n_cells)
     base = np.where(own[:, None], base[:, ::-1], base)
+    # The opposite vertex is the sum of all four minus the sum of the face.
     apex = vertices.reshape(-1, 4).astype(np.int64).sum(axis=1) - base.sum(axis=1)
     nodes = np.concatenate((base, apex[:, None]), axis=1)
     return {4: "tetra"}, frozen_int(np.arange(0, nodes.size + 1, 4)), frozen_int(nodes.ravel())

@@ -1,7 +1,7 @@
-"""Convert what meshlane reads to cells; run in a process of its own by ``agglo_core.io.foreign.meshlane``.
+"""Convert meshlane's result to cells, in a process started by ``agglo_core.io.foreign.meshlane``.
 
-meshlane prints, exits, and on some truncated files never ends. A separate process, with limits on its
-processor time and memory, contains all of that.
+meshlane prints, exits, and on some truncated files never ends. A separate process with limits on processor
+time and memory contains all of this.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from agglo_core.io.to_mesh.soup import Soup
 from agglo_core.mesh.elements import Polyhedra, concatenate
 
 _WEDGE = (0, 2, 1, 3, 5, 4)  # meshlane keeps Gmsh's order, whose first triangle looks inward
-# meshlane's name without digits: VTK type of the linear cell, of one with more nodes, corners
+# meshlane type without digits: VTK type of the linear cell, VTK type with more nodes, number of corners
 _KINDS = {
     "vertex": (1, 1, 1),
     "line": (3, 68, 2),
@@ -47,7 +47,10 @@ _KINDS = {
 
 
 def main(source: str, target: str, seconds: int, memory: int) -> int:
-    """Read ``source`` and save its cells as ``target`` (npz); 1 with the reason on stdout on failure."""
+    """Read ``source`` and save its cells in ``target`` (npz).
+
+    On failure print the reason and return 1.
+    """
     said, result = io.StringIO(), sys.stdout
     try:
         with redirect_stdout(said), redirect_stderr(said), warnings.catch_warnings():
@@ -72,7 +75,7 @@ def main(source: str, target: str, seconds: int, memory: int) -> int:
 
 @contextmanager
 def _only_regular_files(source: str) -> Iterator[None]:
-    """Refuse pipes and devices that meshlane opens beside the first file: they may never end."""
+    """Reject pipes and devices that meshlane opens beside the first file, because they may never end."""
     active = True
 
     def refuse(path: object) -> None:
@@ -82,7 +85,7 @@ def _only_regular_files(source: str) -> Iterator[None]:
                 raise FileError(f"{file.name}: is not a regular file")
 
     sys.addaudithook(lambda event, args: refuse(args[0]) if event == "open" else None)
-    if source.lower().endswith((".xdmf", ".xmf")):  # names HDF5 files, which are not opened by Python
+    if source.lower().endswith((".xdmf", ".xmf")):  # refers to HDF5 files, which Python does not open
         _check_hdf5_files(refuse)
     try:
         yield
@@ -91,7 +94,7 @@ def _only_regular_files(source: str) -> Iterator[None]:
 
 
 def _check_hdf5_files(check: Callable[[object], None]) -> None:
-    """Let h5py check each file before it is opened."""
+    """Make h5py check each file before opening."""
     try:
         import h5py
     except ImportError:
@@ -106,13 +109,13 @@ def _check_hdf5_files(check: Callable[[object], None]) -> None:
 
 
 def _refuse_links(source: str) -> None:
-    """Raise FileError for an HDF5 file (MED, CGNS, H5M) with parts that lie in other files."""
+    """Raise FileError if parts of an HDF5 file (MED, CGNS, H5M) lie in other files."""
     with open(source, "rb") as file:
         if file.read(8) != b"\x89HDF\r\n\x1a\n":
             return
     try:
         import h5py
-    except ImportError:  # then meshlane cannot read it either, and says so
+    except ImportError:  # meshlane cannot read it either and reports this
         return
 
     with h5py.File(source, "r") as file:
@@ -131,10 +134,10 @@ def _refuse_links(source: str) -> None:
 
 
 def _limit(seconds: int, memory: int) -> None:
-    """Bound processor time (s) and the address space still to come (bytes), where the system can."""
+    """Limit processor time (s) and additional address space (bytes), if the system supports it."""
     try:
         import resource
-    except ImportError:  # Windows: the time limit of the caller must do
+    except ImportError:  # Windows: only the caller's time limit applies
         return
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
     memory += _address_space(resource.getpagesize())
@@ -142,7 +145,7 @@ def _limit(seconds: int, memory: int) -> None:
 
 
 def _address_space(page: int) -> int:
-    """Bytes in use by this process; more than it can be where the system does not say."""
+    """Return the bytes in use by this process, or a safe upper bound if the system does not report them."""
     try:
         return page * int(Path("/proc/self/statm").read_text().split()[0])
     except (OSError, ValueError):
@@ -170,7 +173,7 @@ def _save(soup: Soup, sets: list[str], data: list[str], target: str) -> None:
 
 
 def soup_from_meshlane(found: Any) -> Soup:
-    """The blocks of a meshlane mesh as one list of cells."""
+    """Join the blocks of a meshlane mesh into one list of cells."""
     points = np.asarray(found.points, dtype=np.float64)
     if points.ndim == 2 and points.shape[1] == 1:
         raise FileError("it holds a 1-D mesh")
@@ -197,7 +200,7 @@ def soup_from_meshlane(found: Any) -> Soup:
 
 
 def _block(name: str, data: Any) -> tuple[Int, Int, Int, Polyhedra]:
-    """VTK types, offsets, nodes and half-faces of one block of cells."""
+    """Return VTK types, offsets, nodes and half-faces of a block of cells."""
     none = concatenate([])
     if name.startswith("polyhedron"):
         solids = _polyhedra(data)
@@ -229,9 +232,9 @@ def _polyhedra(cells: Any) -> Polyhedra:
 
 
 def _data_tags(found: Any, counts: list[int]) -> dict[str, Int]:
-    """Integer cell data of one component, given for every block.
+    """Return integer cell data with one component, available on every block.
 
-    The data of MDPA files are all real: those that are whole are integers.
+    MDPA files store all data as real numbers; arrays of whole values become integers.
     """
     tags = {}
     real = any(name.startswith("gmsh:") for name in found.cell_data)
@@ -247,14 +250,14 @@ def _data_tags(found: Any, counts: list[int]) -> dict[str, Int]:
 
 
 def _as_whole(arrays: list[Any]) -> list[Any]:
-    """Integers in place of reals that are all whole."""
+    """Convert real arrays to integers if all their values are whole."""
     real = [each for each in arrays if each.dtype.kind == "f"]
     whole = all((np.abs(each) < 2**53).all() and (each == np.floor(each)).all() for each in real)
     return [each.astype(np.int64) for each in arrays] if real and whole else arrays
 
 
 def _set_tags(found: Any, counts: list[int]) -> dict[str, Int]:
-    """Named sets of cells: 1 inside, 0 outside."""
+    """Return named cell sets as tags: 1 inside, 0 outside."""
     tags = {}
     starts = np.cumsum([0, *counts])
     for name, blocks in found.cell_sets.items():
@@ -269,7 +272,7 @@ def _set_tags(found: Any, counts: list[int]) -> dict[str, Int]:
 
 
 def _families(found: Any) -> dict[str, list[int]]:
-    """Numbers of the families of each group: patches of OpenFOAM, groups of MED."""
+    """Return the family numbers of each group (OpenFOAM patches, MED groups)."""
     families: dict[str, list[int]] = {}
     for number, names in (getattr(found, "cell_tags", None) or {}).items():
         for name in names:
@@ -278,7 +281,10 @@ def _families(found: Any) -> dict[str, list[int]]:
 
 
 def _family_tags(found: Any, counts: list[int]) -> dict[str, Int]:
-    """Named groups of cells: 1 inside, 0 outside. The cell data ``cell_tags`` hold the family of each."""
+    """Return named cell groups as tags: 1 inside, 0 outside.
+
+    The cell data ``cell_tags`` hold the family of each cell.
+    """
     blocks = found.cell_data.get("cell_tags", [])
     if len(blocks) != len(counts) or not blocks:
         return {}

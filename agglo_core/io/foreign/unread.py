@@ -1,4 +1,4 @@
-"""Files that look like a known format and are not read yet: what they are, and how to bring them in."""
+"""Recognise known formats that are not supported yet and suggest a remedy."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from pathlib import Path
 _POLYGONS = "polygons are read from .vtu, .vtkhdf, .typ2, .mat, .vtk, .obj, .off, .ply and .npz"
 _UCD_ELEMENTS = ("pt", "line", "tri", "quad", "tet", "pyr", "prism", "hex")
 _GMSH_POLYTOPES = ("34", "35")  # Gmsh's element types polygon and polyhedron
-_LINES = 2000  # looked at; what tells one layout from another is in the first few
+_LINES = 2000  # lines to inspect; the first few determine the layout
 
 
 def why_unread(path: Path) -> str | None:
-    """Name the layout of a file that no format reads, and a remedy: ``is …; …``. None if it is unknown."""
+    """Return layout and remedy (``is …; …``) for a file that no format reads, or None if unknown."""
     look = _LOOKS.get(path.suffix.lower())
     try:
         return look(path) if look is not None else None
-    except (OSError, ValueError):  # gone, or what should be a number is none
+    except (OSError, ValueError):  # missing file, or an invalid number
         return None
 
 
 def _ucd(path: Path) -> str | None:
-    """AVS UCD: five counts, then the points from 1 on."""
+    """Recognise AVS UCD: five counts, then the points numbered from 1."""
     lines = _numbers(path)
     head, point = next(lines, []), next(lines, [])
     if len(head) != 5 or len(point) != 4 or not all(word.isdigit() for word in head):
@@ -34,7 +34,10 @@ def _ucd(path: Path) -> str | None:
 
 
 def _avs(path: Path) -> str | None:
-    """The first kind of cell that is none of AVS UCD's: lines of a number, a material, a kind and points."""
+    """Find the first cell type that AVS UCD does not define.
+
+    Cell lines hold a number, a material, a type and the points.
+    """
     lines = _words(path, comments="#")
     counts = [int(word) for word in next(lines, [])]
     if len(counts) != 5:
@@ -59,7 +62,7 @@ def _gmsh(path: Path) -> str | None:
 
 
 def _gmsh_types(path: Path) -> Iterator[str]:
-    """Types of elements of a Gmsh file: version 4 says them by block, version 2 one by one."""
+    """Yield the element types of a Gmsh file: per block in version 4, per element in version 2."""
     lines = _words(path, comments=None)
     version = next((next(lines, [""])[0] for words in lines if words[0] == "$MeshFormat"), "")
     started = any(words[0] == "$Elements" and next(lines, None) for words in lines)
@@ -74,7 +77,7 @@ def _gmsh_types(path: Path) -> Iterator[str]:
 
 
 def _words(path: Path, comments: str | None) -> Iterator[list[str]]:
-    """The words of each line of a text, without comments and empty lines."""
+    """Yield the words of each line, without comments and empty lines."""
     with open(path, encoding="utf-8", errors="replace") as lines:
         for line in lines:
             words = (line.partition(comments)[0] if comments else line).split()

@@ -1,1 +1,1 @@
-"""Gmsh's .msh files of versions 2 and 4."""
+"""Read and write Gmsh's .msh files, versions 2 and 4."""

@@ -1,4 +1,4 @@
-"""Nodes, entities and elements of Gmsh files, whatever the version."""
+"""Read nodes, entities and elements from Gmsh files of any supported version."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from agglo_core.errors import FileError
 from agglo_core.io.gmsh.sections import Numbers
 from agglo_core.io.text.counted_lists import record_starts
 
-_MOST = 1 << 22  # memberships in groups, beyond one for each byte of the file
-_LONGEST = 1 << 40  # what a record's end is found with, if it claims more tags
+_MOST = 1 << 22  # limit on group memberships, in addition to one per byte of the file
+_LONGEST = 1 << 40  # limit on the number of tags in the search for the end of a record
 _FACTOR = np.uint64(0x9E3779B97F4A7C15)
 
-# Gmsh's numbers of complete elements of order 1, 2, …, by shape, and those of serendipity elements.
+# Gmsh's type numbers of complete elements of order 1, 2, … per shape, and of serendipity elements.
 _ORDERS = {
     "line": (1, 8, 26, 27, 28, 62, 63, 64, 65, 66),
     "triangle": (2, 9, 21, 23, 25, 42, 43, 44, 45, 46),
@@ -45,7 +45,7 @@ _SHAPES = {  # dimension, VTK type
 
 
 def _node_count(shape: str, p: int) -> int:
-    """Nodes of the complete element of order p."""
+    """Return the number of nodes in the complete element of order p."""
     triangle, square = (p + 1) * (p + 2) // 2, (p + 1) ** 2
     return {
         "line": p + 1,
@@ -59,7 +59,7 @@ def _node_count(shape: str, p: int) -> int:
 
 
 def _tables() -> tuple[Int, Int, Int]:
-    """Dimension (−1: not supported), VTK type and number of nodes of each of Gmsh's types."""
+    """Return dimension (−1: unsupported), VTK type and node count of each Gmsh type."""
     dims, types, nodes = np.full(256, -1), np.zeros(256, np.int64), np.ones(256, np.int64)
     dims[15], types[15] = 0, 1
     for shape, numbers in _ORDERS.items():
@@ -73,7 +73,7 @@ DIMS, VTK_TYPES, _NODES = _tables()
 
 
 class Entity(NamedTuple):
-    """Geometrical entity, or the part of one in a partition."""
+    """Geometrical entity, or its part in one partition."""
 
     tag: int  # of the entity itself
     groups: Int  # numbers of its physical groups
@@ -84,7 +84,7 @@ Entities = Mapping[tuple[int, int], Entity]  # by dimension and tag
 
 
 class Elements(NamedTuple):
-    """Elements in the order of the file."""
+    """Elements in file order."""
 
     numbers: Int  # (n,)
     types: Int  # (n,) Gmsh's
@@ -96,7 +96,10 @@ class Elements(NamedTuple):
 
 
 def read_nodes(numbers: Numbers) -> tuple[Int, Float]:
-    """Numbers ``(n,)`` and coordinates ``(n, 3)`` of the nodes; raises FileError."""
+    """Read node numbers ``(n,)`` and coordinates ``(n, 3)``.
+
+    Raises FileError if damaged.
+    """
     version = numbers.header.version
     if version == "2":
         count = numbers.line_count()
@@ -110,6 +113,7 @@ def read_nodes(numbers: Numbers) -> tuple[Int, Float]:
                 f"$Nodes: a block says {parametric} for whether it has parameters, expected 0 or 1"
             )
         count = int(numbers.sizes(1)[0])
+        # Parametric nodes have up to three more columns; only the coordinates are kept.
         width = 3 + parametric * min(max(first if version == "4.1" else second, 0), 3)
         if version == "4.1":
             tags.append(numbers.sizes(count))
@@ -122,7 +126,10 @@ def read_nodes(numbers: Numbers) -> tuple[Int, Float]:
 
 
 def read_entities(numbers: Numbers) -> dict[tuple[int, int], Entity]:
-    """Entities of ``$Entities`` or ``$PartitionedEntities``, by dimension and tag; raises FileError."""
+    """Read ``$Entities`` or ``$PartitionedEntities`` by dimension and tag.
+
+    Raises FileError if damaged.
+    """
     partitioned = numbers.name == "PartitionedEntities"
     if partitioned:
         _, ghosts = numbers.sizes(2).tolist()
@@ -144,13 +151,17 @@ def read_entities(numbers: Numbers) -> dict[tuple[int, int], Entity]:
 
 
 def read_elements(numbers: Numbers, entities: Entities) -> Elements:
-    """Elements of any version; raises FileError."""
+    """Read the elements of any version.
+
+    Raises FileError if damaged.
+    """
     if numbers.header.version != "2":
         parts = list(_by_entity(numbers, entities))
     elif numbers.header.order:
         parts = list(_by_header(numbers, numbers.line_count()))
     else:
         parts = [_one_by_one(numbers, numbers.line_count())]
+    # Join the blocks; element indices in the memberships are shifted by the block starts.
     starts = np.cumsum([0, *(len(part.types) for part in parts)])
     sizes = np.concatenate([np.empty(0, np.int64), *(np.diff(part.offsets) for part in parts)])
     members = [part.members + np.array([start, 0]) for part, start in zip(parts, starts[:-1], strict=True)]
@@ -166,7 +177,7 @@ def read_elements(numbers: Numbers, entities: Entities) -> Elements:
 
 
 def _by_entity(numbers: Numbers, entities: Entities) -> Iterator[Elements]:
-    """Blocks of versions 4.0 and 4.1: elements of one type on one entity."""
+    """Yield the blocks of versions 4.0 and 4.1: elements with one type on one entity."""
     newer = numbers.header.version == "4.1"
     memberships = 0
     for _ in range(int(numbers.sizes(4 if newer else 2)[0])):
@@ -191,7 +202,7 @@ def _by_entity(numbers: Numbers, entities: Entities) -> Iterator[Elements]:
 
 
 def _by_header(numbers: Numbers, n_elements: int) -> Iterator[Elements]:
-    """Blocks of binary files of version 2: elements with one type and number of tags."""
+    """Yield the blocks of binary version 2 files: elements with the same type and number of tags."""
     done = 0
     while done < n_elements:
         kind, n, n_tags = numbers.ints(3).tolist()
@@ -205,7 +216,7 @@ def _by_header(numbers: Numbers, n_elements: int) -> Iterator[Elements]:
 
 
 def _one_by_one(numbers: Numbers, n_elements: int) -> Elements:
-    """Elements of text of version 2: number, type, number of tags, tags, nodes."""
+    """Read elements from version 2 text: number, type, number of tags, tags, nodes."""
     stream = numbers.rest()
 
     def ends(window: Int) -> Int:
@@ -225,10 +236,10 @@ def _one_by_one(numbers: Numbers, n_elements: int) -> Elements:
 
 
 def _with_tags(stream: Int, numbers: Int, kinds: Int, first: Int, n_tags: Int) -> Elements:
-    """Elements of version 2, whose tags begin at ``first`` in a stream and are followed by the nodes.
+    """Build version 2 elements from a stream with tags at ``first``, followed by the nodes.
 
-    Tags are the physical group, the geometrical entity, the number of partitions and these; versions
-    before 2.2 have the partition alone.
+    Tags are the physical group, the geometrical entity, the number of partitions and the partitions; versions
+    before 2.2 have a single partition instead.
     """
 
     def tag(place: int) -> Int:
@@ -251,32 +262,38 @@ def _with_tags(stream: Int, numbers: Int, kinds: Int, first: Int, n_tags: Int) -
 
 
 def _node_count_of(kind: int) -> int:
-    """Number of nodes of an element of one of Gmsh's types; raises FileError if it is not supported."""
+    """Return the node count of a Gmsh element type.
+
+    Raises FileError if it is unsupported.
+    """
     if not 0 <= kind < len(DIMS) or DIMS[kind] < 0:
         raise FileError(f"elements of Gmsh's type {kind} are not supported")
     return int(_NODES[kind])
 
 
 def first_listings(elements: Elements) -> Int:
-    """Element ``(n,)`` that each element repeats, or itself.
+    """Return for each element ``(n,)`` the element that it repeats, or itself.
 
-    Version 2 lists an element once for each of its physical groups. A repetition has the type and nodes
-    of an earlier element and another group. One with a group that was listed before stays an element.
+    Version 2 lists an element once per physical group. A repetition has the type and nodes of an earlier
+    element but a new group. With a group listed before, it remains an element.
     """
     first = np.arange(len(elements.types))
     group = np.zeros(len(first), np.int64)
     group[elements.members[:, 0]] = elements.members[:, 1]
     for kind in np.unique(elements.types):
+        # Hash the nodes; only elements with a repeated hash are compared in full.
         own = np.flatnonzero(elements.types == kind)
         rows = elements.nodes[elements.offsets[own][:, None] + np.arange(_NODES[kind])]
         key = rows.astype(np.uint64) @ (np.arange(rows.shape[1], dtype=np.uint64) * _FACTOR + _FACTOR)
         count = np.unique(key, return_inverse=True, return_counts=True)
-        several = np.flatnonzero(count[2][count[1]] > 1)  # all rows that occur twice, and hardly any others
+        several = np.flatnonzero(count[2][count[1]] > 1)  # all repeated rows, and rarely others
         rows, own = rows[several], own[several]
+        # Sort by nodes, then group, then position, and mark equal neighbours.
         order = np.lexsort((own, group[own], *rows.T))
         rows, own = rows[order], own[order]
         alike = np.concatenate(([False], (rows[1:] == rows[:-1]).all(axis=1)))[: len(own)]
         again = np.concatenate(([False], group[own][1:] == group[own][:-1]))[: len(own)] & alike
+        # Number the classes of equal nodes and find the first element of each.
         number = np.cumsum(~alike) - 1
         earliest = np.full(number.max(initial=-1) + 1, len(first))
         np.minimum.at(earliest, number, own)

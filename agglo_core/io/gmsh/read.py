@@ -1,4 +1,4 @@
-"""Reading Gmsh's .msh files of versions 2.x, 4.0 and 4.1: groups by name, whole numbers of element data."""
+"""Read Gmsh files of versions 2.x, 4.0 and 4.1, with named groups and integer element data."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ _log = logging.getLogger("agglo")
 _NAME = re.compile(rb'[ \t]*(\d+)[ \t]+(-?\d+)[ \t]+"([^\n]*)"[ \t\r]*\n')
 _VTK_WEDGE = 13
 _WEDGE = (0, 2, 1, 3, 5, 4)  # VTK's order of the corners: Gmsh's first triangle looks inward
-_SPARE, _EXPANSION = 1 << 26, 400  # bytes that tags may take, and for each byte of the file
-_LARGEST = 1 << 53  # beyond it doubles are not whole
-_MISSING = -1  # of element data that do not cover all elements
+_SPARE, _EXPANSION = 1 << 26, 400  # bytes allowed for tags: fixed, and per byte of the file
+_LARGEST = 1 << 53  # larger integers are not exact as doubles
+_MISSING = -1  # value of elements without element data
 
 
 class _Data(NamedTuple):
@@ -44,17 +44,19 @@ class _Data(NamedTuple):
 
 
 def soup_of_gmsh(content: bytes) -> tuple[Soup, set[str], list[str]]:
-    """Cells of a file, names of the tags that are groups, and names of element data left out.
+    """Return the cells, the names of group tags, and the names of skipped element data.
 
-    Each named physical group is a tag, 1 inside and 0 outside. The first group of each element is
-    ``gmsh:physical``, its entity ``gmsh:geometrical``, its partition, if there are any, ``gmsh:partition``.
-    Groups without a name that are not the first of all their elements are tags ``gmsh:physical_NUMBER``.
+    Each named physical group is a tag: 1 inside, 0 outside. ``gmsh:physical`` holds the first group of each
+    element, ``gmsh:geometrical`` its entity, and ``gmsh:partition`` its partition, if any. Unnamed groups
+    that
+    are not the first group of all their elements become tags ``gmsh:physical_NUMBER``.
 
     Raises
     ------
     FileError
-        For a broken file, another version, or elements that are not supported.
+        For a broken file, another version, or unsupported elements.
     """
+    # Locate the sections and check that the necessary sections exist.
     parts = [part for part in sections(content) if part[0] != "Comments"]
     places = {name: slice(start, stop) for name, start, stop in parts}
     if not parts or parts[0][0] != "MeshFormat":
@@ -66,6 +68,7 @@ def soup_of_gmsh(content: bytes) -> tuple[Soup, set[str], list[str]]:
             )
             raise FileError(f"has no ${needed}{other}")
     header = gmsh_header(content[places["MeshFormat"]], content[places["Nodes"]])
+    # Parse the sections in file order.
     names: dict[str, list[tuple[int, int]]] = {}
     entities: dict[tuple[int, int], Entity] = {}
     data: list[_Data] = []
@@ -81,10 +84,12 @@ def soup_of_gmsh(content: bytes) -> tuple[Soup, set[str], list[str]]:
             elements = read_elements(numbers, entities)
         elif name == "ElementData":
             data.append(_element_data(numbers))
+    # Version 2 repeats elements per group: merge the repetitions into one cell.
     first = first_listings(elements) if header.version == "2" else frozen_int(np.arange(len(elements.types)))
     kept = frozen_int(np.flatnonzero(first == np.arange(len(first))))
     cell = frozen_int(np.searchsorted(kept, first))  # of each element of the file
     members = np.column_stack((cell[elements.members[:, 0]], elements.members[:, 1]))
+    # Bound the memory of the tags before they are built.
     steps = {each.name: each.step for each in data}
     if (4 + len(names) + len(steps)) * 8 * len(kept) > _SPARE + _EXPANSION * len(content):
         raise FileError(f"{len(names)} groups of {len(kept)} elements take more memory than there can be")
@@ -98,7 +103,7 @@ def soup_of_gmsh(content: bytes) -> tuple[Soup, set[str], list[str]]:
 
 
 def _group_names(body: bytes) -> dict[str, list[tuple[int, int]]]:
-    """Dimension and number of the groups of each name."""
+    """Return dimension and number of the groups with each name."""
     names: dict[str, list[tuple[int, int]]] = {}
     for dim, number, name in _NAME.findall(body.partition(b"\n")[2]):
         names.setdefault(decoded(name), []).append((int(dim), abs(int(number))))
@@ -108,13 +113,14 @@ def _group_names(body: bytes) -> dict[str, list[tuple[int, int]]]:
 def _group_tags(
     dims: Int, members: Int, names: Mapping[str, list[tuple[int, int]]]
 ) -> tuple[dict[str, Int], set[str]]:
-    """Tags of cells by their groups, and the names of those that are one group each."""
+    """Return cell tags for groups, and the names of tags for a single group."""
     tags: dict[str, Int] = {}
     cells, numbers = members.T
     physical = np.zeros(len(dims), np.int64)
     physical[cells[::-1]] = numbers[::-1]  # the first one stays
     if len(members):
         tags["gmsh:physical"] = frozen_int(physical)
+    # Membership of each name: equal number and dimension.
     named = np.zeros(len(members), bool)
     groups = {}
     for name, pairs in names.items():
@@ -123,6 +129,7 @@ def _group_tags(
             inside |= (numbers == number) & (dims[cells] == dim)
         named |= inside
         groups[name] = inside
+    # Unnamed groups that ``gmsh:physical`` does not show.
     hidden = np.unique(numbers[~named & (physical[cells] != numbers)])
     groups |= {f"gmsh:physical_{number}": ~named & (numbers == number) for number in hidden.tolist()}
     for name, inside in groups.items():
@@ -146,11 +153,15 @@ def _element_data(numbers: Numbers) -> _Data:
 def _data_tags(
     data: list[_Data], steps: Mapping[str, int], elements: Elements, cell: Int, n: int
 ) -> dict[str, Int]:
-    """Tags ``(n,)`` by the whole numbers of element data of one component, −1 where there are none."""
+    """Return tags ``(n,)`` from integer element data with one component.
+
+    Missing values are −1.
+    """
     tags = {}
     dims = DIMS[elements.types]
     top = np.unique(cell[dims == dims.max(initial=0)])
     for name, step in steps.items():
+        # Only the last time step is kept.
         own = [each for each in data if each.name == name]
         if any(each.step != step for each in own):
             _log.warning("element data %r: of several time steps the last, %d, is read", name, step)
@@ -159,6 +170,7 @@ def _data_tags(
         whole = all(each.values.shape[1] == 1 for each in last) and (np.abs(values) < _LARGEST).all()
         if not whole or (values != np.floor(values)).any():
             continue
+        # Map element numbers to cells and fill the tag.
         place = _places(elements.numbers, frozen_int(np.concatenate([each.numbers for each in last])))
         tag, covered = np.full(n, _MISSING), np.zeros(n, bool)
         target = cell[place[place >= 0]]
@@ -173,7 +185,7 @@ def _data_tags(
 
 
 def _cells(elements: Elements, kept: Int, nodes: tuple[Int, Float], tags: Mapping[str, Int]) -> Soup:
-    """The elements of the file that are kept, as VTK has them."""
+    """Convert the kept elements to VTK types and node order."""
     offsets, entries = gather(elements.offsets, kept)
     numbers = elements.nodes[entries]
     vertices = np.array(_places(nodes[0], frozen_int(numbers)))
@@ -186,7 +198,7 @@ def _cells(elements: Elements, kept: Int, nodes: tuple[Int, Float], tags: Mappin
 
 
 def _places(known: Int, wanted: Int) -> Int:
-    """Place of each number among the known ones, −1 where it is not among them."""
+    """Return the position of each wanted number in ``known``, or −1 if absent."""
     if not len(known):
         return frozen_int(np.full(len(wanted), -1))
     order = np.argsort(known, kind="stable")

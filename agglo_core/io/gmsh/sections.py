@@ -1,4 +1,4 @@
-"""Sections of Gmsh's .msh files and the numbers in them, as text or binary."""
+"""Split Gmsh files into sections and read their numbers, as text or binary."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from agglo_core.errors import FileError
 from agglo_core.files.text_numbers import line_of, reals
 
 _TITLE = re.compile(rb"\s*\$(\w+)[ \t\r]*(?:\n|\Z)")
-_LARGEST = 1 << 53  # beyond it doubles, as which text is read, are not whole
+_LARGEST = 1 << 53  # larger integers are not exact as doubles, the type for text
 
 
 class Header(NamedTuple):
@@ -37,12 +37,12 @@ class Header(NamedTuple):
 
 
 def sections(content: bytes) -> Iterator[tuple[str, int, int]]:
-    """Name, start and end of the body of each section, in the order of the file.
+    """Yield name, start and end of each section body, in file order.
 
     Raises
     ------
     FileError
-        For a section without its end, or anything but sections.
+        For a section without an end, or content outside sections.
     """
     place = 0
     while content[place:].strip() if len(content) - place < 64 else True:
@@ -58,10 +58,10 @@ def sections(content: bytes) -> Iterator[tuple[str, int, int]]:
 
 
 def gmsh_header(body: bytes, nodes: bytes) -> Header:
-    """Version and encoding of a file, from the bodies of ``$MeshFormat`` and ``$Nodes``.
+    """Determine version and encoding from the bodies of ``$MeshFormat`` and ``$Nodes``.
 
-    Gmsh declares version 4.0 as 4, other programs also 4.1: they differ in the length of the first line
-    of ``$Nodes``.
+    Gmsh writes version 4.0 as 4, other programs write 4.1 as 4. The length of the first line of ``$Nodes``
+    distinguishes them.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def gmsh_header(body: bytes, nodes: bytes) -> Header:
 
 
 def decoded(name: bytes) -> str:
-    """Name in UTF-8, or in Latin-1 as older programs write it."""
+    """Decode a name as UTF-8, or as Latin-1 for older programs."""
     try:
         return name.decode("utf-8")
     except UnicodeDecodeError:
@@ -95,8 +95,7 @@ def decoded(name: bytes) -> str:
 class Numbers:
     """Cursor over the numbers of one section.
 
-    Every method raises FileError where the section ends before the last of the numbers, or one is no
-    whole number where it must be.
+    Every method raises FileError if the section is too short or a value is not an integer where required.
     """
 
     name: str
@@ -107,7 +106,7 @@ class Numbers:
     _text: Float | None = field(default=None, init=False)
 
     def line(self) -> bytes:
-        """Next line of text: titles and counts are text in binary files, too."""
+        """Return the next line of text (titles and counts are text even in binary files)."""
         end = self.content.find(b"\n", self.place, self.stop)
         if end < 0:
             raise self._short()
@@ -116,26 +115,26 @@ class Numbers:
         return line
 
     def line_count(self) -> int:
-        """Whole number on a line of its own."""
+        """Read an integer on its own line."""
         line = self.line()
         if not re.fullmatch(rb"\d{1,18}", line):
             raise FileError(f"${self.name}: expected a count, found {line[:20]!r}")
         return int(line)
 
     def ints(self, n: int) -> Int:
-        """Next n numbers of 4 bytes ``(n,)``."""
+        """Read n 4-byte integers ``(n,)``."""
         return self._whole(self._take("i4", n))
 
     def sizes(self, n: int) -> Int:
-        """Next n numbers of the size of a ``size_t`` ``(n,)``."""
+        """Read n integers of type ``size_t`` ``(n,)``."""
         return self._whole(self._take(f"u{self.header.size}", n))
 
     def reals(self, n: int) -> Float:
-        """Next n doubles ``(n,)``."""
+        """Read n doubles ``(n,)``."""
         return frozen_float(self._take("f8", n))
 
     def rows(self, n: int, width: int) -> tuple[Int, Float]:
-        """Next n rows of a number of 4 bytes ``(n,)`` and doubles ``(n, width)``."""
+        """Read n rows, each a 4-byte integer ``(n,)`` and doubles ``(n, width)``."""
         if not self.header.order:
             table = self._take("f8", n * (1 + width)).reshape(n, 1 + width)
             return self._whole(table[:, 0]), frozen_float(table[:, 1:])
@@ -143,7 +142,7 @@ class Numbers:
         return frozen_int(table["number"]), frozen_float(table["values"])
 
     def rest(self) -> Int:
-        """All numbers left, of 4 bytes each in binary files."""
+        """Read all remaining numbers, 4-byte integers in binary files."""
         if self.header.order:
             return self.ints((self.stop - self.place) // 4)
         return self.ints(len(self._values()))

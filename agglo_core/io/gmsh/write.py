@@ -1,4 +1,4 @@
-"""Writing Gmsh's .msh, version 4.1, as text: groups of cells and faces under their names, tags as data."""
+"""Write Gmsh 4.1 text files: groups as physical names, other tags as element data."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import gather
 
 RESERVED = ("gmsh:physical", "gmsh:geometrical")
-"""Tags with the numbers of groups and entities of the file that was read, which are numbered anew."""
+"""Tags with group and entity numbers of the source file; the written file renumbers them."""
 
 _NO_GROUPS = (*RESERVED, "gmsh:partition")  # tags of faces
 
-_LARGEST = 1 << 53  # beyond it doubles are not whole
+_LARGEST = 1 << 53  # larger integers are not exact as doubles
 _WEDGE = (0, 2, 1, 3, 5, 4)  # Gmsh's first triangle looks inward
 _TYPES = {2: 1, 3: 2, 4: 3}  # corners of a line, triangle, quadrilateral to Gmsh's type
 _SOLIDS = {10: 4, 12: 5, 13: 6, 14: 7}  # VTK's type to Gmsh's
@@ -41,12 +41,15 @@ class _Elements(NamedTuple):
 
 
 def write_gmsh(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
-    """Write a mesh; tags of zeros and ones are physical groups of their name, other cell tags element data.
+    """Write a mesh.
+
+    0/1 tags become physical groups, other cell tags element data.
+
 
     Raises
     ------
     FileError
-        For cells that Gmsh has no element for, a name with quotes, or numbers that a double cannot hold.
+        For cells without a Gmsh element, names with quotes, or integers that a double cannot hold.
     """
     points, number = used_points(mesh)
     own = {name: values for name, values in tags.items() if name not in RESERVED}
@@ -99,7 +102,10 @@ def _cells(mesh: Mesh, number: Int | None, groups: Mapping[str, Int]) -> _Elemen
 
 
 def _faces(mesh: Mesh, number: Int | None) -> _Elements:
-    """Faces with a value above zero in some tag; of tags with several such values each is a group."""
+    """Return the faces with a positive value in some tag.
+
+    A tag with a single positive value is a group; with several values each value is a group.
+    """
     groups: dict[str, Int] = {}
     for name, values in mesh.face_tags.items():
         found = [] if name in _NO_GROUPS else np.unique(values[values > 0]).tolist()
@@ -120,11 +126,15 @@ def _from_one(vertices: Int, number: Int | None) -> Int:
 
 
 def _write_elements(stream: TextIO, points: Float, parts: list[_Elements]) -> None:
-    """Physical names, entities, nodes and elements; each set of groups is an entity of its own."""
+    """Write physical names, entities, nodes and elements.
+
+    Each set of groups is one entity.
+    """
     names = [(part.dim, name) for part in parts for name in part.groups]
     rows = "".join(f'{dim} {i} "{name}"\n' for i, (dim, name) in enumerate(names, 1))
     if names:
         stream.write(f"$PhysicalNames\n{len(names)}\n{rows}$EndPhysicalNames\n")
+    # Group the elements by their set of groups; each distinct set is an entity.
     entities: dict[int, list[str]] = {0: [], 1: [], 2: [], 3: []}
     blocks, first = list[str](), 1
     space = np.zeros((len(points), 3))
@@ -140,6 +150,7 @@ def _write_elements(stream: TextIO, points: Float, parts: list[_Elements]) -> No
             entities[part.dim].append(f"{tag} {box} {len(own)} {' '.join(map(str, own))} 0\n")
         blocks += _blocks(part, entity.ravel() + 1, first)
         first += len(part.types)
+    # Write entities, nodes (one block) and elements.
     counts = " ".join(str(len(entities[dim])) for dim in range(4))
     stream.write(
         f"$Entities\n{counts}\n{''.join(line for dim in range(4) for line in entities[dim])}$EndEntities\n"
@@ -151,7 +162,7 @@ def _write_elements(stream: TextIO, points: Float, parts: list[_Elements]) -> No
 
 
 def _blocks(part: _Elements, entity: NDArray[Any], first: int) -> Iterator[str]:
-    """Elements that follow one another with the same entity and type, so that their order is kept."""
+    """Yield blocks of consecutive elements with equal entity and type, so that the order is kept."""
     turns = np.flatnonzero((np.diff(entity) != 0) | (np.diff(part.types) != 0)) + 1
     for a, b in pairwise([0, *turns.tolist(), len(entity)]):
         size = int(part.offsets[a + 1] - part.offsets[a])
@@ -163,6 +174,6 @@ def _blocks(part: _Elements, entity: NDArray[Any], first: int) -> Iterator[str]:
 
 
 def _write_data(stream: TextIO, name: str, values: NDArray[Any]) -> None:
-    """Values of all elements: readers want them for faces, too."""
+    """Write values for all elements, because readers expect values on faces too."""
     rows = "".join(f"{i} {value}\n" for i, value in enumerate(values.tolist(), 1))
     stream.write(f'$ElementData\n1\n"{name}"\n1\n0.0\n3\n0\n1\n{len(values)}\n{rows}$EndElementData\n')

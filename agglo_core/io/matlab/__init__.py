@@ -1,1 +1,1 @@
-"""MATLAB's .mat files, and what MRST, lymph and others keep in them."""
+"""Read and write MATLAB's .mat files in the layouts of MRST, lymph and others."""

@@ -1,4 +1,4 @@
-"""MATLAB's .mat files of lymph, mVEM and PolyMesher as a format."""
+"""MATLAB files of lymph, mVEM and PolyMesher as a format."""
 
 from __future__ import annotations
 
@@ -15,26 +15,35 @@ if TYPE_CHECKING:
 
 
 class Matlab(Compressing):
-    """Variables of MATLAB: ``region`` of lymph, or ``node`` and ``elem`` of mVEM; both are written.
+    """MATLAB variables: ``region`` of lymph, or ``node`` and ``elem`` of mVEM.
+
+    Both are written.
+
 
     Parameters
     ----------
     merge_points : bool
         Merge exactly equal points on reading.
     allow_gaps : bool
-        Leave outer faces that lie on one another as they are.
+        Keep coincident outer faces.
     compress : bool
         Deflate the variables, as ``save -v7`` does: smaller files, slower to write and to read.
     drop_flat : bool
-        Leave out cells of zero area or volume.
+        Drop cells with zero area or volume.
     """
 
     lossless: bool = False
 
     def read(self, path: Path) -> Mesh:
-        """Return the mesh of a file; raises FileError or MeshError."""
+        """Read a mesh.
+
+        Raises FileError or MeshError.
+        """
         return read_matlab(path, **self.reading)
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
-        """Write the mesh, its tags and labels, and each coarse mesh beside it; raises an AggloError."""
+        """Write the mesh, its tags and labels, and each coarse mesh beside it.
+
+        Raises an AggloError.
+        """
         write_matlab(path, mesh, hierarchy, compress=self.compress)

@@ -1,7 +1,7 @@
-"""Variables of MATLAB files of level 5 (``save -v6`` and ``-v7``): numbers, structs, and cells in bulk.
+"""Read MATLAB level 5 files (``save -v6`` and ``-v7``): numbers, structs, and cell arrays in bulk.
 
-scipy.io reads them, too, but makes an object of every cell and takes memory as a damaged file says. Here
-a cell array of a million lists is one pass over its bytes, and nothing is larger than what was read.
+scipy.io also reads them, but creates an object per cell and allocates memory as a damaged file demands. Here
+a cell array of a million lists is one pass over its bytes, and no array exceeds the size of the input.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from agglo_core.io.text.counted_lists import record_starts
 
 _COMPRESSED = 15
 _CELL, _STRUCT = 1, 2
-_ROOM, _EXPANSION = 1 << 26, 30  # bytes that any file may inflate to, and more for each byte it has
+_ROOM, _EXPANSION = 1 << 26, 30  # bytes allowed after inflation: fixed, and per byte of the file
 
 
 class Variable(NamedTuple):
-    """A matrix of a file, looked into when it is asked for what it holds."""
+    """Matrix of a file, decoded on access."""
 
     name: str
     kind: int  # MATLAB's number of the class
@@ -46,7 +46,10 @@ class Variable(NamedTuple):
 
     @property
     def is_numeric(self) -> bool:
-        """True if it holds numbers; cells, structs and texts do not."""
+        """True for numbers.
+
+        False for cells, structs and texts.
+        """
         return self.kind in NUMBERS
 
     @property
@@ -60,15 +63,21 @@ class Variable(NamedTuple):
         return self.kind == _CELL
 
     def reals(self) -> Float:
-        """Its numbers in its shape; raises FileError if it holds none."""
+        """Return the numbers in their shape.
+
+        Raises FileError if the variable is not numeric.
+        """
         return frozen_float(self._numbers())
 
     def integers(self) -> Int:
-        """Its numbers as integers ``(n,)``; raises FileError if one is none."""
+        """Return the numbers as integers ``(n,)``.
+
+        Raises FileError for other values.
+        """
         return whole_values(self._numbers().ravel(order="F"), self.name)
 
     def _numbers(self) -> NDArray[Any]:
-        """Its numbers in its shape and their own type."""
+        """Return the numbers in their shape and stored type."""
         if not self.is_numeric:
             raise FileError(f"{self.name} holds no numbers")
         kind, place, size = _element(self.words, self.start, self.stop, self.name)
@@ -80,10 +89,14 @@ class Variable(NamedTuple):
         return values.reshape(self.shape, order="F")
 
     def fields(self) -> dict[str, Variable]:
-        """The fields of a struct by name; raises FileError if it is no single struct."""
+        """Return the fields of a single struct by name.
+
+        Raises FileError for other variables.
+        """
         if not self.is_struct or any(side != 1 for side in self.shape):
             raise FileError(f"{self.name} is no single struct")
         _, place, size = _element(self.words, self.start, self.stop, self.name)
+        # Names have a fixed width.
         raw = self.words.reshape(-1).view(np.uint8)
         width = int(raw[place : place + 4].view(f"{self.order}i4")[0]) if size == 4 else 0
         row = _after(self.words, self.start)
@@ -91,6 +104,7 @@ class Variable(NamedTuple):
         if not 0 < width <= 64 or size % width:
             raise FileError(f"{self.name}: the names of its fields are damaged")
         names = [raw[i : i + width].tobytes() for i in range(place, place + size, width)]
+        # The values follow in the same order; unsupported classes are skipped.
         row, found = _after(self.words, row), {}
         for each in names:
             name = f"{self.name}.{each.partition(bytes(1))[0].decode('ascii', 'replace')}"
@@ -101,11 +115,17 @@ class Variable(NamedTuple):
         return found
 
     def lists(self) -> tuple[Int, Int]:
-        """A cell array of lists of whole numbers, as offsets and values; raises FileError."""
+        """Return a cell array of integer lists as offsets and values.
+
+        Raises FileError if damaged.
+        """
         return gathered_lists(self.words, self.order, self._children(), self.name)
 
     def nested_lists(self) -> tuple[Int, Int, Int]:
-        """A cell array of cell arrays of lists, as cell and loop offsets and values; raises FileError."""
+        """Return nested cell arrays of lists as cell offsets, loop offsets and values.
+
+        Raises FileError if damaged.
+        """
         outer = self._children()
         _, kinds, counts = matrix_heads(self.words, outer, self.name)
         if (kinds != _CELL).any():
@@ -113,6 +133,7 @@ class Variable(NamedTuple):
         cell_offsets = np.concatenate(([0], np.cumsum(counts)))
         if cell_offsets[-1] > len(self.words):
             raise FileError(f"{self.name}: its cells claim to hold more than the file does")
+        # Remove the headers of the outer cells; the inner cells then follow one another.
         last = int(outer[-1] + 1 + -(-int(self.words[outer[-1], 1]) // 8)) if len(outer) else 0
         kept = np.ones(last, bool)
         kept[: int(outer[0]) if len(outer) else 0] = False
@@ -124,7 +145,7 @@ class Variable(NamedTuple):
         return frozen_int(cell_offsets), loop_offsets, values
 
     def _children(self) -> Int:
-        """Rows where the cells of a cell array begin."""
+        """Return the first row of each cell in a cell array."""
         if not self.is_cell:
             raise FileError(f"{self.name} is no cell array")
         count = int(np.prod(self.shape, dtype=object))
@@ -133,12 +154,15 @@ class Variable(NamedTuple):
 
 
 def variables(content: bytes) -> dict[str, Variable]:
-    """The variables of a file by name; those of other kinds than numbers, structs and cells are left out.
+    """Return the numeric, struct and cell variables of a file by name.
+
+    Other classes are skipped.
+
 
     Raises
     ------
     FileError
-        For a file of another version, or one that is truncated or damaged.
+        For another version, or a truncated or damaged file.
     """
     if content[:10] == b"MATLAB 7.3" or content[:8] == b"\x89HDF\r\n\x1a\n":
         raise FileError("was saved by MATLAB with -v7.3, which is HDF5; save it with -v7")
@@ -156,11 +180,11 @@ def variables(content: bytes) -> dict[str, Variable]:
 
 
 class _Other(Exception):
-    """A variable of a kind that is not read."""
+    """Variable of an unsupported class."""
 
 
 def _elements(content: bytes, order: Literal["<", ">"]) -> Iterator[NDArray[Any]]:
-    """The rows of eight bytes of each variable, inflated."""
+    """Yield each variable as rows of eight bytes, inflated."""
     place, room = 128, _ROOM + _EXPANSION * len(content)
     while place < len(content):
         if len(content) - place < 8:
@@ -182,14 +206,14 @@ def _elements(content: bytes, order: Literal["<", ">"]) -> Iterator[NDArray[Any]
 
 
 def _rows(data: bytes, order: Literal["<", ">"], place: int, size: int) -> NDArray[Any]:
-    """Some bytes as rows of eight, the last one filled up."""
+    """Return bytes as rows of eight, with the last row padded."""
     if size % 8:
         data, place = data[place : place + size].ljust(-(-size // 8) * 8, b"\0"), 0
     return np.frombuffer(data, f"{order}i4", -(-size // 8) * 2, place).reshape(-1, 2)
 
 
 def _inflated(data: bytes, order: str, room: int) -> bytes:
-    """The variable in a compressed element, of the size that it says itself."""
+    """Inflate a compressed variable to its declared size."""
     codec = zlib.decompressobj()
     try:
         head = codec.decompress(data, 8)
@@ -207,7 +231,7 @@ def _inflated(data: bytes, order: str, room: int) -> bytes:
 
 
 def _element(words: NDArray[Any], row: int, stop: int, name: str) -> tuple[int, int, int]:
-    """Type of the element at a row, the byte where its data begin, and their size."""
+    """Return type, first data byte and size of the element at a row."""
     if row >= stop:
         raise FileError(f"{name} is truncated")
     kind, size = (int(word) for word in words[row])
@@ -221,22 +245,24 @@ def _element(words: NDArray[Any], row: int, stop: int, name: str) -> tuple[int, 
 
 
 def _after(words: NDArray[Any], row: int) -> int:
-    """Row after the element at a row."""
+    """Return the row after the element at ``row``."""
     kind, size = (int(word) for word in words[row])
     return row + 1 if kind >> 16 else row + 1 + -(-size // 8)
 
 
 def _matrix(words: NDArray[Any], order: str, row: int, name: str) -> Variable:
-    """The matrix at a row."""
+    """Parse the matrix at a row."""
     kind, place, size = _element(words, row, len(words), name or "a variable")
     stop = (place + size) // 8
     if kind != MATRIX or size < 8:
         raise _Other
+    # Flags and class.
     _, place, _ = _element(words, row + 1, stop, name or "a variable")
     flags = int(words[place // 8, 0])
     kind = flags & 0xFF
     if kind not in (_CELL, _STRUCT, *NUMBERS):
         raise _Other
+    # Dimensions.
     row = row + 3
     sort, place, size = _element(words, row, stop, name or "a variable")
     raw = words.reshape(-1).view(np.uint8)
@@ -245,6 +271,7 @@ def _matrix(words: NDArray[Any], order: str, row: int, name: str) -> Variable:
     shape = tuple(raw[place : place + size].view(f"{order}i4").tolist())
     if min(shape) < 0:
         raise FileError(f"{name or 'a variable'} has the dimensions {shape}")
+    # Name, after which the data begin.
     row = _after(words, row)
     _, place, size = _element(words, row, stop, name or "a variable")
     own = raw[place : place + size].tobytes().decode("ascii", "replace")

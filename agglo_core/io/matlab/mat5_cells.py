@@ -1,4 +1,4 @@
-"""Cells of MATLAB's cell arrays, looked at together: matrices without names, one after the other."""
+"""Decode the cells of MATLAB cell arrays together: nameless matrices in sequence."""
 
 from __future__ import annotations
 
@@ -11,29 +11,30 @@ from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import FileError
 
 TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
-"""Types of stored numbers."""
+"""Type numbers of stored values and their numpy types."""
 
 NUMBERS = range(6, 16)
-"""Classes of matrices of numbers."""
+"""Class numbers of numeric matrices."""
 
 MATRIX = 14
-"""Type of an element that is a matrix."""
+"""Type number of a matrix element."""
 
 INSIDE = 5
-"""Rows of eight bytes before the content of a matrix without a name."""
+"""Number of eight-byte rows before the content of a nameless matrix."""
 
 
 def matrix_ends(window: NDArray[Any]) -> Int:
-    """Return the places where matrices at each row of a window would end."""
+    """Return the end of the matrix that would begin at each row of a window."""
     size = window[:, 1].astype(np.int64)
     fits = (window[:, 0] == MATRIX) & (size >= 0)
     return frozen_int(np.where(fits, np.arange(1, len(window) + 1) + (size + 7) // 8, 1 << 60))
 
 
 def matrix_heads(words: NDArray[Any], starts: Int, name: str) -> tuple[Int, Int, Int]:
-    """Of matrices without names: the row where their content begins, their class, and how many they hold."""
+    """Return content row, class and number of entries of nameless matrices."""
     empty = words[starts, 1] == 0
     rows = np.minimum(starts, len(words) - 1 - INSIDE)
+    # A plain header: flags of 8 bytes, two dimensions, no name.
     plain = (words[rows, 1] >= 8 * INSIDE) & (words[rows + 5, 1] == 0)
     for shift, tag in ((1, (6, 8)), (3, (5, 8))):
         for column, value in enumerate(tag):
@@ -49,17 +50,19 @@ def matrix_heads(words: NDArray[Any], starts: Int, name: str) -> tuple[Int, Int,
 
 
 def gathered_lists(words: NDArray[Any], order: str, starts: Int, name: str) -> tuple[Int, Int]:
-    """The whole numbers of matrices without names, one after the other."""
+    """Return the integers of consecutive nameless matrices as offsets and values."""
     if not len(starts):
         return frozen_int([0]), frozen_int([])
     rows, kinds, counts = matrix_heads(words, starts, name)
     counts = frozen_int(np.where(np.isin(kinds, NUMBERS), counts, 0))
+    # Data tags; data up to four bytes are stored inside the tag.
     ends = starts + 1 + (words[starts, 1].astype(np.int64) + 7) // 8
     tags = words[np.minimum(rows, len(words) - 1)].astype(np.int64)
     small = tags[:, 0] >> 16 != 0
     types = np.where(small, tags[:, 0] & 0xFFFF, tags[:, 0])
     sizes = np.where(small, tags[:, 0] >> 16, tags[:, 1])
     places = 8 * rows + np.where(small, 4, 8)
+    # Check that the declared sizes match the entry counts and stay inside the cells.
     widths = np.array([np.dtype(TYPES[k]).itemsize if k in TYPES else 0 for k in range(16)])
     width = np.where((types >= 0) & (types < 16), widths[types & 15], 0)
     fits = (counts == 0) | ((width > 0) & (sizes == counts * width) & (places + sizes <= 8 * ends))
@@ -68,6 +71,7 @@ def gathered_lists(words: NDArray[Any], order: str, starts: Int, name: str) -> t
     offsets = np.concatenate(([0], np.cumsum(counts)))
     values = np.empty(offsets[-1], np.int64)
     raw = words.reshape(-1).view(np.uint8)
+    # Copy the values, one stored type at a time.
     for kind in np.unique(types[counts > 0]).tolist():
         own = np.flatnonzero((types == kind) & (counts > 0))
         dtype = np.dtype(TYPES[kind])
@@ -79,7 +83,10 @@ def gathered_lists(words: NDArray[Any], order: str, starts: Int, name: str) -> t
 
 
 def whole_values(values: NDArray[Any], name: str) -> Int:
-    """Numbers as integers; raises FileError if one is none."""
+    """Convert numbers to integers.
+
+    Raises FileError for other values.
+    """
     if values.dtype.kind in "iu":
         return frozen_int(values)
     whole = np.abs(values) < 2**53

@@ -1,4 +1,4 @@
-"""Variables of MATLAB files of level 5, made in bulk: numbers, structs, cell arrays of lists."""
+"""Create variables of MATLAB level 5 files in bulk: numbers, structs, cell arrays of lists."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ Words = NDArray[np.int32]
 _MATRIX, _COMPRESSED, _CELL, _STRUCT = 14, 15, 1, 2
 _DOUBLE, _BYTES, _LONG = 6, 9, 14
 _HEAD = 6  # rows of eight bytes before the data of a matrix without a name: its tag, flags, dimensions, name
-_LARGEST = (1 << 31) - 1  # bytes that MATLAB takes in a variable
-_LEVEL = 1  # of zlib: higher ones take twice as long for a few per cent
+_LARGEST = (1 << 31) - 1  # bytes, MATLAB's limit for a variable
+_LEVEL = 1  # zlib level: higher levels take twice the time and save a few per cent
 
 
 def write_variables(path: Path, variables: Iterable[bytes], *, compress: bool) -> None:
-    """Write matrices, each made by a function of this module, as a file.
+    """Write matrices, created by the functions of this module, to a file.
 
     Raises
     ------
     FileError
-        If one is larger than such files can hold.
+        If a matrix exceeds the limit of the format.
     """
     with open(path, "wb") as stream:
         stream.write(b"MATLAB 5.0 MAT-file, written by agglo".ljust(124) + b"\x00\x01IM")
@@ -44,7 +44,10 @@ def write_variables(path: Path, variables: Iterable[bytes], *, compress: bool) -
 
 
 def numbers(name: str, values: ArrayLike) -> bytes:
-    """A matrix of doubles; whole numbers take 32 bits in the file if they fit, as MATLAB does it."""
+    """Create a matrix of doubles.
+
+    Integers are stored in 32 bits if they fit, as MATLAB does.
+    """
     array = np.asarray(values)
     if array.ndim == 1:
         array = array[:, None]
@@ -60,19 +63,19 @@ def numbers(name: str, values: ArrayLike) -> bytes:
 
 
 def structure(name: str, fields: Mapping[str, bytes]) -> bytes:
-    """A struct of matrices made without a name."""
+    """Create a struct from nameless matrices."""
     names = b"".join(field.encode("ascii").ljust(32, b"\0") for field in fields)
     head = struct.pack("<HHi", 5, 4, 32) + _element(1, names)
     return _matrix(name, _STRUCT, (1, 1), head + b"".join(fields.values()))
 
 
 def cell_array(name: str, shape: tuple[int, int], cells: Words) -> bytes:
-    """A cell array of what :func:`lists`, :func:`matrices` or :func:`nested` made."""
+    """Create a cell array from the result of :func:`lists`, :func:`matrices` or :func:`nested`."""
     return _matrix(name, _CELL, shape, cells.tobytes())
 
 
 def lists(offsets: Int, values: Int) -> Words:
-    """A row vector of whole numbers for each row of a CSR."""
+    """Create a row vector of integers for each CSR row."""
     sizes = np.diff(offsets)
     words, starts = _blank(sizes, (sizes + 1) // 2, 5, 4 * sizes)
     words[starts + 4, 0] = 1
@@ -83,7 +86,7 @@ def lists(offsets: Int, values: Int) -> Words:
 
 
 def matrices(offsets: Int, rows: Float) -> Words:
-    """A matrix for each row of a CSR, whose rows are ``rows[offsets[i]:offsets[i + 1]]`` (two columns)."""
+    """Create a two-column matrix for each CSR row, from ``rows[offsets[i]:offsets[i + 1]]``."""
     sizes = np.diff(offsets)
     words, starts = _blank(sizes, 2 * sizes, 9, 16 * sizes)
     words[starts + 4, 0] = sizes
@@ -96,10 +99,11 @@ def matrices(offsets: Int, rows: Float) -> Words:
 
 
 def nested(cell_offsets: Int, loop_offsets: Int, values: Int) -> Words:
-    """A column of row vectors for each cell of a CSR of lists."""
+    """Create a column of row vectors for each cell of a nested CSR."""
     inner = lists(loop_offsets, values)
     rows = np.concatenate(([0], np.cumsum(1 + _HEAD + (np.diff(loop_offsets) + 1) // 2)))[cell_offsets]
     starts = rows[:-1] + _HEAD * np.arange(len(rows) - 1)
+    # Insert a header before the lists of each cell.
     words = np.zeros((len(inner) + _HEAD * len(starts), 2), "<i4")
     heads = np.zeros(len(words), bool)
     heads[(starts[:, None] + np.arange(_HEAD)).ravel()] = True
@@ -111,7 +115,10 @@ def nested(cell_offsets: Int, loop_offsets: Int, values: Int) -> Words:
 
 
 def _blank(sizes: Int, data_rows: Int, kind: int, data_bytes: Int) -> tuple[Words, Int]:
-    """Matrices of doubles but for their dimensions and data, and the rows where they begin."""
+    """Create double matrices without dimensions and data.
+
+    Return them and their first rows.
+    """
     lengths = 1 + _HEAD + data_rows
     starts = np.concatenate(([0], np.cumsum(lengths)))
     words = np.zeros((int(starts[-1]), 2), "<i4")
@@ -122,7 +129,7 @@ def _blank(sizes: Int, data_rows: Int, kind: int, data_bytes: Int) -> tuple[Word
 
 
 def _fill_heads(words: Words, starts: Int, kind: int, lengths: Int) -> None:
-    """Tag, flags, and the tags of dimensions and name."""
+    """Fill in tag, flags, and the tags of dimensions and name."""
     words[starts, 0] = _MATRIX
     words[starts, 1] = 8 * (lengths - 1)
     words[starts + 1] = (6, 8)

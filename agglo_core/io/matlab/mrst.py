@@ -1,4 +1,4 @@
-"""MRST's grid structure G: faces, the nodes of each, the cells beside it; its coarse grids CG."""
+"""Convert MRST's grid structure G (faces with nodes and neighbours) and its coarse grids CG."""
 
 from __future__ import annotations
 
@@ -17,12 +17,15 @@ from agglo_core.mesh.elements import gather
 
 
 def mesh_of_grid(grid: Variable) -> Mesh:
-    """Mesh of a structure G, face by face as it is; points that no face uses are dropped.
+    """Build a mesh from a structure G, face by face.
+
+    Drop points without a face.
+
 
     Raises
     ------
     FileError, MeshError
-        If fields are missing, or do not form a mesh.
+        If fields are missing or do not form a mesh.
     """
     parts = grid.fields()
     nodes, faces = (
@@ -32,6 +35,7 @@ def mesh_of_grid(grid: Variable) -> Mesh:
     points = nodes["coords"].reals()
     if points.ndim != 2 or points.shape[1] not in (2, 3):
         raise FileError(f"G.nodes.coords has the shape {points.shape}, expected 2 or 3 columns")
+    # MATLAB counts from 1, and 0 stands for the outside.
     offsets, vertices = faces["nodePos"].integers() - 1, faces["nodes"].integers() - 1
     if not len(offsets) or offsets[0] != 0 or (np.diff(offsets) < 1).any() or offsets[-1] != len(vertices):
         raise FileError(f"G.faces.nodePos does not rise from 1 to {len(vertices) + 1}")
@@ -43,6 +47,7 @@ def mesh_of_grid(grid: Variable) -> Mesh:
         raise FileError("G.faces.neighbors names cells that cannot be, or none beside a face")
     if vertices.min(initial=0) < 0 or vertices.max(initial=-1) >= len(points):
         raise FileError(f"G.faces.nodes uses points outside 1..{len(points)}")
+    # Drop unused points and reverse faces whose first neighbour is the outside.
     used = np.zeros(len(points), bool)
     used[vertices] = True
     turned = cells[:, 0] < 0  # the outside comes first
@@ -67,7 +72,7 @@ def _fields(parts: Mapping[str, Variable], name: str, needed: tuple[str, ...]) -
 
 
 def _turned(offsets: Int, vertices: Int, which: Int) -> Int:
-    """The vertices with those of some faces in reverse."""
+    """Reverse the vertices of the faces in ``which``."""
     sizes = np.diff(offsets)
     place = np.arange(len(vertices))
     mirrored = np.repeat(offsets[:-1] + offsets[1:] - 1, sizes) - place
@@ -75,7 +80,7 @@ def _turned(offsets: Int, vertices: Int, which: Int) -> Int:
 
 
 def grid_structure(mesh: Mesh) -> bytes:
-    """The structure G as a matrix of a MATLAB file, without what ``computeGeometry`` adds."""
+    """Return the structure G as a MATLAB matrix, without the fields from ``computeGeometry``."""
     points, number = used_points(mesh)
     vertices = mesh.face_vertices if number is None else frozen_int(number[mesh.face_vertices])
     cell_offsets, faces = mesh.cell_faces
@@ -107,20 +112,23 @@ def grid_structure(mesh: Mesh) -> bytes:
 
 
 def coarse_structure(name: str, mesh: Mesh, labels: Int) -> bytes:
-    """The coarse grid of a partition with the fields that ``generateCoarseGrid`` makes, but for ``parent``.
+    """Build the coarse grid of a partition with the fields from ``generateCoarseGrid`` except ``parent``.
 
-    A coarse face is all faces of the mesh between the same two blocks, or between one and the outside, which
-    is 0: ``fconn(connPos(i) : connPos(i + 1) - 1)`` are those of coarse face i.
+    A coarse face consists of all mesh faces between the same two blocks, or between a block and the outside
+    (block 0). The faces of coarse face i are ``fconn(connPos(i) : connPos(i + 1) - 1)``.
     """
+    # Sort the faces between blocks by block pair, interior pairs first.
     blocks = np.where(mesh.face_cells >= 0, labels[mesh.face_cells] + 1, 0)
     kept = np.flatnonzero(blocks[:, 0] != blocks[:, 1])
     low, high = np.sort(blocks[kept], axis=1).T
     inner = low > 0
     order = np.lexsort((np.where(inner, high, 0), np.where(inner, low, high), ~inner))
     pairs = np.stack((np.where(inner, low, high), np.where(inner, high, 0)), axis=1)[order]
+    # Each run of equal pairs is a coarse face.
     new = np.concatenate(([True], (np.diff(pairs, axis=0) != 0).any(axis=1)))
     starts = np.flatnonzero(new)
     neighbours = pairs[starts]
+    # List the coarse faces of each block.
     face = np.repeat(np.arange(len(starts)), 2)[neighbours.ravel() > 0]
     block = neighbours.ravel()[neighbours.ravel() > 0]
     n = int(labels.max()) + 1

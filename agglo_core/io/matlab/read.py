@@ -1,4 +1,4 @@
-"""Meshes in the variables of MATLAB programs: lymph's struct, points and cells of mVEM and others."""
+"""Read meshes from MATLAB variables: lymph's struct, points and cells of mVEM and others, MRST's grid."""
 
 from __future__ import annotations
 
@@ -39,15 +39,19 @@ class _Cells(NamedTuple):
 
 
 def read_matlab(path: Path, *, merge_points: bool, allow_gaps: bool, drop_flat: bool) -> Mesh:
-    """Mesh of a MATLAB file; numbers with a whole value for each cell become tags.
+    """Read the mesh in a MATLAB file.
+
+    Variables with an integer per cell become tags.
+
 
     Raises
     ------
     FileError, MeshError
-        For a broken file or mesh, or variables of which no mesh is known.
+        For a broken file or mesh, or unknown variables.
     """
     found = variables(path.read_bytes())
     region, lists = found.get("region"), any(pair[0] in found and pair[1] in found for pair in _PAIRS)
+    # MRST's grid lists faces, all other layouts list cells.
     if "G" in found and found["G"].is_struct and region is None and not lists:
         mesh = mesh_of_grid(found["G"])
         mesh = trusted_copy(
@@ -79,12 +83,13 @@ def read_matlab(path: Path, *, merge_points: bool, allow_gaps: bool, drop_flat: 
         drop_flat=drop_flat,
         name=path.stem,
     )
+    # Gaps stay open until the boundary edges are tagged by their points.
     mesh = _with_boundary(mesh, cells.points, fields)
     return mesh if allow_gaps else mesh.conforming(merge_points=merge_points)
 
 
 def _region(fields: Mapping[str, Variable]) -> _Cells:
-    """The struct ``region`` of lymph."""
+    """Read lymph's struct ``region``."""
     for name in ("coord", "connectivity"):
         if name not in fields:
             raise FileError(f"region has no field {name!r}; it has {', '.join(fields) or 'none'}")
@@ -99,7 +104,7 @@ def _region(fields: Mapping[str, Variable]) -> _Cells:
 
 
 def _lists(found: Mapping[str, Variable]) -> _Cells:
-    """Points and cells under the names that programs give them."""
+    """Read points and cells under the variable names of known programs."""
     names = next((pair for pair in _PAIRS if pair[0] in found and pair[1] in found), None)
     if names is None:
         expected = (
@@ -127,7 +132,10 @@ def _points(variable: Variable) -> Float:
 
 
 def _rows(variable: Variable) -> tuple[Int, Int]:
-    """Cells as rows of an array; short rows are filled up with NaN or zeros at their end."""
+    """Read cells as array rows.
+
+    Short rows end with NaN or zeros.
+    """
     rows = variable.reals()
     if rows.ndim != 2:
         raise FileError(f"{variable.name} has the shape {rows.shape}, expected a row for each cell")
@@ -142,7 +150,7 @@ def _rows(variable: Variable) -> tuple[Int, Int]:
 
 
 def _elements(variable: Variable, n_points: int) -> Polyhedra:
-    """Tetrahedra or hexahedra as rows of an array."""
+    """Read tetrahedra or hexahedra as array rows."""
     kinds = {4: "tetra", 8: "hexahedron"}
     rows = _numbered(_rows(variable), n_points, variable.name)[1]
     width = variable.shape[1]
@@ -152,7 +160,7 @@ def _elements(variable: Variable, n_points: int) -> Polyhedra:
 
 
 def _numbered(lists: tuple[Int, Int], n_points: int, name: str) -> tuple[Int, Int]:
-    """The lists with points from 0 on."""
+    """Check the point numbers and shift them to start from 0."""
     offsets, values = lists
     if values.min(initial=1) < 1 or values.max(initial=1) > n_points:
         wrong = int(np.argmax((values < 1) | (values > n_points)))
@@ -164,7 +172,10 @@ def _numbered(lists: tuple[Int, Int], n_points: int, name: str) -> tuple[Int, In
 
 
 def _tags(found: Mapping[str, Variable], count: int) -> dict[str, Int]:
-    """Variables with a whole number for each cell; parts of levels are numbered from 1 on in MATLAB."""
+    """Read variables with an integer per cell as tags.
+
+    Level numbers start from 1 in MATLAB.
+    """
     if NAMES in found:
         names = _own_names(found[NAMES])
     else:
@@ -179,12 +190,12 @@ def _tags(found: Mapping[str, Variable], count: int) -> dict[str, Int]:
 
 
 def _is_list(variable: Variable, count: int) -> bool:
-    """Return True for a row or column with a number for each of several cells."""
+    """Return True for a row or column with one number per cell, for several cells."""
     return count > 1 and sorted(variable.shape) == [1] * (len(variable.shape) - 1) + [count]
 
 
 def _own_names(variable: Variable) -> dict[str, str]:
-    """Tags by variable, as agglo wrote them down."""
+    """Read agglo's table of tag names per variable."""
     try:
         names = json.loads(bytes(variable.integers().astype(np.uint8)))
     except (ValueError, RecursionError):
@@ -195,7 +206,7 @@ def _own_names(variable: Variable) -> dict[str, str]:
 
 
 def _with_boundary(mesh: Mesh, points: Float, fields: Mapping[str, Variable]) -> Mesh:
-    """The mesh with lymph's tags of outer edges as the face tag ``bc_tag``."""
+    """Add lymph's tags of outer edges as the face tag ``bc_tag``."""
     if "connectivity_bc" not in fields or "bc_tag" not in fields:
         return mesh
     ends, values = fields["connectivity_bc"], fields["bc_tag"].integers()
@@ -209,20 +220,21 @@ def _with_boundary(mesh: Mesh, points: Float, fields: Mapping[str, Variable]) ->
 
 
 def _tagged_outside(mesh: Mesh, points: Float, pairs: Int, values: Int) -> Int:
-    """Tag ``(n_faces,)`` of the outer edges of a plane mesh, −1 on all others.
+    """Return a tag ``(n_faces,)`` of the outer edges in 2-D, −1 on all other edges.
 
     Parameters
     ----------
     mesh : Mesh
     points : (n, 2) float
-        The points of the file: those of the mesh may have other numbers.
+        Points of the file; the mesh may number its points differently.
     pairs : (k, 2) int
-        End points of edges, in either order; those that are no outer edges are passed over.
+        End points of edges, in either order; inner edges are ignored.
     values : (k,) int
-        Their tags.
+        Tags of the edges.
     """
     tag = np.full(mesh.n_faces, -1)
     outer = np.flatnonzero(mesh.face_cells[:, 1] < 0)
+    # Match edges by the coordinates of their ends.
     own = _ordered(mesh.points[mesh.face_pairs[outer]])
     given = _ordered(points[pairs])
     order = np.lexsort(own.T)
@@ -236,7 +248,7 @@ def _tagged_outside(mesh: Mesh, points: Float, pairs: Int, values: Int) -> Int:
 
 
 def _ordered(ends: Float) -> Float:
-    """Coordinates of both ends of edges ``(k, 4)``, the lower left one first."""
+    """Return the end coordinates of edges ``(k, 4)``, with the smaller point (by x, then y) first."""
     first, second = ends[:, 0] + 0.0, ends[:, 1] + 0.0
     swap = (first[:, 0] > second[:, 0]) | ((first[:, 0] == second[:, 0]) & (first[:, 1] > second[:, 1]))
     return frozen_float(

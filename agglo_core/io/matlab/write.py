@@ -1,4 +1,4 @@
-"""Meshes as variables of MATLAB: those of mVEM and, in the plane, the structs of lymph beside them."""
+"""Write meshes as MATLAB variables: mVEM's, MRST's and, in 2-D, the structs of lymph."""
 
 from __future__ import annotations
 
@@ -30,26 +30,27 @@ if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
 NAMES = "agglo_names"
-"""Variable with JSON (as bytes) that says which variable is which tag of the mesh."""
+"""Variable with JSON (as bytes) that maps variables to tag names."""
 
 _COARSE = re.compile(r"CG_\d+", re.ASCII)
 _TAKEN = ("node", "elem", "node3", "elem3", "region", "neighbor", "G", NAMES)
-_OUTSIDE = 2  # lymph's tag of an outer edge of which nothing else is known
+_OUTSIDE = 2  # lymph's tag of an outer edge without further information
 
 
 def write_matlab(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compress: bool) -> None:
     """Write a mesh with its tags and labels, and each coarse mesh beside it.
 
-    A plane mesh is written as ``node`` and ``elem`` and as ``region`` and ``neighbor``, a solid one as
-    ``node3`` and ``elem3``; both as MRST's ``G``, too, with a ``CG_0``, … for each level.
-    Points, cells and parts of levels are numbered from 1 on, tags keep their values.
+    A 2-D mesh is written as ``node`` and ``elem`` and as ``region`` and ``neighbor``, a 3-D mesh as ``node3``
+    and
+    ``elem3``. Both are also written as MRST's ``G``, with ``CG_0``, … for the levels. Points, cells and
+    agglomerates are numbered from 1, tags keep their values.
 
     Raises
     ------
     FileError
-        For plane cells with holes, or a mesh larger than such files can hold.
+        For 2-D cells with holes, or a mesh above the size limit of the format.
     MeshError
-        For a cell tag whose name files cannot hold.
+        If files cannot hold the name of a cell tag.
     """
     write_levels(path, mesh, hierarchy, partial(_write, compress=compress))
 
@@ -61,7 +62,7 @@ def _write(path: Path, mesh: Mesh, tags: Mapping[str, Int], *, compress: bool) -
 
 
 def _coarse_grids(mesh: Mesh, tags: Mapping[str, Int]) -> Iterator[bytes]:
-    """MRST's coarse grid of each level, ``CG_0``, ``CG_1``, …."""
+    """Yield MRST's coarse grid of each level, ``CG_0``, ``CG_1``, …."""
     for name, labels in tags.items():
         if is_level(name) and labels.min() == 0 and np.bincount(labels).all():
             yield coarse_structure(f"CG_{name.removeprefix('level_')}", mesh, labels)
@@ -93,7 +94,7 @@ def _plane(mesh: Mesh, tags: Mapping[str, Int]) -> Iterator[bytes]:
 
 
 def _region(mesh: Mesh, loops: Loops, tags: Mapping[str, Int]) -> dict[str, bytes]:
-    """The fields of lymph's struct; ``max_kb`` is left to its function ``MakePolygonProperties``."""
+    """Return the fields of lymph's struct except ``max_kb``, which ``MakePolygonProperties`` computes."""
     n, starts = mesh.n_cells, loops.offsets[:-1]
     corners = loops.points[loops.vertices]
     box = [bound.reduceat(x, starts) for x in corners.T for bound in (np.minimum, np.maximum)]
@@ -113,7 +114,7 @@ def _region(mesh: Mesh, loops: Loops, tags: Mapping[str, Int]) -> dict[str, byte
 
 
 def _boundary(mesh: Mesh, loops: Loops) -> tuple[Int, Int]:
-    """Outer edges by their points, and lymph's tag of each."""
+    """Return the outer edges by their points, and their tags for lymph."""
     outer = np.flatnonzero(mesh.face_cells[:, 1] < 0)
     number = np.cumsum(np.bincount(mesh.face_vertices, minlength=mesh.n_points) > 0) - 1
     tag = mesh.face_tags.get("bc_tag", np.full(mesh.n_faces, _OUTSIDE))[outer]
@@ -121,10 +122,14 @@ def _boundary(mesh: Mesh, loops: Loops) -> tuple[Int, Int]:
 
 
 def _neighbours(loops: Loops) -> tuple[Int, Int]:
-    """For each edge of each cell the cell beyond it and the number it has there, from 1 on; −1 outside."""
+    """Return for each edge of each cell the adjacent cell and its local edge number, from 1.
+
+    The entries are −1 outside.
+    """
     sizes = np.diff(loops.offsets)
     owner = np.repeat(np.arange(len(sizes)), sizes)
     rank = np.arange(len(owner)) - loops.offsets[owner]
+    # Edges of two cells have equal keys and are neighbours after sorting.
     head = np.roll(loops.vertices, -1)
     head[loops.offsets[1:] - 1] = loops.vertices[loops.offsets[:-1]]
     key = np.minimum(loops.vertices, head) * len(loops.points) + np.maximum(loops.vertices, head)
@@ -137,7 +142,10 @@ def _neighbours(loops: Loops) -> tuple[Int, Int]:
 
 
 def _tags(tags: Mapping[str, Int]) -> Iterator[bytes]:
-    """A variable for each tag; one whose name is none in MATLAB gets another."""
+    """Yield a variable per tag.
+
+    Names that are invalid in MATLAB are replaced.
+    """
     names: dict[str, str] = {}
     for name, values in tags.items():
         plain = re.sub(r"[^A-Za-z0-9_]", "_", name)[:40]

@@ -1,1 +1,1 @@
-"""Cases of OpenFOAM, whole or in pieces of processors."""
+"""Read and write OpenFOAM cases, whole or decomposed into processors."""

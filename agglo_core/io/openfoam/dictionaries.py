@@ -1,4 +1,4 @@
-"""Parser for the dictionaries in OpenFOAM's files: comments, strings, nested dictionaries and lists."""
+"""Parse the dictionaries in OpenFOAM files: comments, strings, nested dictionaries and lists."""
 
 from __future__ import annotations
 
@@ -19,9 +19,11 @@ SPACE = rb"(?:\s++|%b)*+" % COMMENT
 """Pattern of white space and comments."""
 
 Table = dict[str, Any]
-"""Entries of a dictionary: a nested one, or the list of words, strings, lists and label arrays of a value."""
+"""Dictionary entries: a nested dictionary, or a list with the words, strings, lists and label arrays of a
+value.
+"""
 
-_DEPTH = 50  # dictionaries and lists inside one another
+_DEPTH = 50  # limit on the nesting of dictionaries and lists
 _SKIPPED = re.compile(SPACE)
 _STRING = re.compile(rb'"(?:[^"\\]++|\\.)*+"', re.S)
 _RUN = re.compile(rb'(?:[^\s";{}/]|/(?![/*])){1,1000}')
@@ -30,7 +32,10 @@ _LABELS = re.compile(rb"((?:[-+\d\s]++|%b)*+)\)" % COMMENT)
 
 
 class FoamParser:
-    """Position in the content of a file, which each method moves past what it returns.
+    """Cursor in the content of a file.
+
+    Each method advances past its result.
+
 
     Parameters
     ----------
@@ -38,11 +43,11 @@ class FoamParser:
         Name of the file in error messages.
     content : bytes
     place : int
-        Where to begin.
+        Start position.
     label : str
         Type of binary labels; empty for text.
     most : int
-        Largest length of a list that is written as its length and one label.
+        Maximum length of a list written as its length and one label.
     """
 
     def __init__(self, name: str, content: bytes, place: int = 0, label: str = "", most: int = 0) -> None:
@@ -51,7 +56,10 @@ class FoamParser:
         self._depth = 0
 
     def token(self) -> bytes:
-        """Next word, quoted string, bracket or semicolon; empty at the end of the file."""
+        """Return the next word, quoted string, bracket or semicolon.
+
+        The result is empty at the end of the file.
+        """
         self._skip()
         mark = self._content[self.place : self.place + 1]
         if mark and mark in b"{}();":
@@ -68,7 +76,10 @@ class FoamParser:
         return word
 
     def table(self) -> Table:
-        """Entries of a dictionary from after its ``{`` on; of equal keywords the last is kept."""
+        """Return the entries of a dictionary after its ``{``.
+
+        For repeated keywords the last is kept.
+        """
         entries: Table = {}
         self._enter()
         while (keyword := self.token()) != b"}":
@@ -83,7 +94,10 @@ class FoamParser:
         return entries
 
     def named_tables(self) -> Iterator[tuple[str, Table]]:
-        """Names and dictionaries of a list ``n ( name {…} … )``; an empty one may be written as ``0``."""
+        """Yield names and dictionaries of a list ``n ( name {…} … )``.
+
+        ``0`` may stand for an empty list.
+        """
         word = self.token()
         declared = int(word) if _COUNT.fullmatch(word) else None
         word = word if declared is None else self.token()
@@ -104,7 +118,7 @@ class FoamParser:
             raise FileError(f"{self._name}: {declared} entries are declared, {count} follow")
 
     def _value(self) -> Any:
-        """Nested dictionary, or the parts of a value up to its semicolon."""
+        """Return a nested dictionary, or the parts of a value up to its semicolon."""
         word = self.token()
         if word == b"{":
             return self.table()
@@ -133,7 +147,7 @@ class FoamParser:
         return word
 
     def _list(self, declared: int | None = None) -> Any:
-        """Label array, or list of other parts, from after its bracket on."""
+        """Return a label array or a list of other parts, after the opening bracket."""
         match = _LABELS.match(self._content, self.place)
         if match is not None:
             labels = integers(re.sub(COMMENT, b" ", match[1]))
@@ -159,7 +173,7 @@ class FoamParser:
         return frozen_int(np.full(count, int(word)))
 
     def _binary_labels(self) -> Int:
-        """Labels of ``n (…)``, or of ``0``."""
+        """Return the labels of ``n (…)``, or of ``0``."""
         word = self.token()
         if not _COUNT.fullmatch(word):
             raise self._expected("a number of labels", word)
@@ -193,19 +207,22 @@ class FoamParser:
 
 
 def word_in(table: Table, key: str) -> str:
-    """Value of an entry that is one word or string; empty if there is none."""
+    """Return an entry with a single word or string, or an empty string."""
     value = table.get(key)
     return _text(value[0]) if isinstance(value, list) and len(value) == 1 and _is_word(value[0]) else ""
 
 
 def number_in(table: Table, key: str) -> int:
-    """Value of an entry that is one whole number, from 0 on; −1 if there is none."""
+    """Return an entry with a single non-negative integer, or −1."""
     word = word_in(table, key).encode()
     return int(word) if _COUNT.fullmatch(word) else -1
 
 
 def labels_in(table: Table, key: str) -> Int | None:
-    """Value of an entry that is one list of labels; None if there is none. ``0`` is the empty list."""
+    """Return an entry with a single list of labels, or None.
+
+    ``0`` is the empty list.
+    """
     value = table.get(key)
     if not isinstance(value, list) or len(value) != 1:
         return None
@@ -219,7 +236,7 @@ def _is_word(part: Any) -> bool:
 
 
 def _balanced(word: bytes) -> bytes:
-    """Begin of a word, before the first bracket that closes none of its own: ``wall(1)`` of ``wall(1))``."""
+    """Return a word up to its first unmatched closing bracket, such as ``wall(1)`` for ``wall(1))``."""
     depth = 0
     for match in re.finditer(rb"[()]", word):
         depth += 1 if match[0] == b"(" else -1
@@ -229,6 +246,6 @@ def _balanced(word: bytes) -> bytes:
 
 
 def _text(word: bytes) -> str:
-    """A word, or the content of a quoted string."""
+    """Return a word, or the content of a quoted string."""
     content = re.sub(rb"\\(.)", rb"\1", word[1:-1]) if word[:1] == b'"' and len(word) > 1 else word
     return content.decode("utf-8", "replace")

@@ -1,4 +1,4 @@
-"""Lists in OpenFOAM's files: text or binary, gzipped or not, labels and scalars of 32 or 64 bits."""
+"""Read lists from OpenFOAM files: text or binary, optionally gzipped, with 32- or 64-bit numbers."""
 
 from __future__ import annotations
 
@@ -19,28 +19,31 @@ from agglo_core.io.text.counted_lists import counted_lists
 _LIST = re.compile(SPACE + rb"(\d{1,18})" + SPACE + rb"([({]?)")
 _COMMENT = re.compile(COMMENT)
 _BRACKETS = bytes.maketrans(b"()", b"  ")
-_ROOM, _EXPANSION = 1 << 26, 40  # bytes that any file may inflate to, and more for each byte it has
+_ROOM, _EXPANSION = 1 << 26, 40  # bytes allowed after inflation: fixed, and per byte of the file
 
 
 class FoamFile(NamedTuple):
-    """A file after its header."""
+    """A file with a parsed header."""
 
     name: str
     content: bytes
     start: int
-    kind: str  # the class it says
+    kind: str  # class in the header
     binary: bool
     label: str
     scalar: str
 
 
 def has_foam(folder: Path, name: str) -> bool:
-    """Return True if a folder has a file of this name, gzipped or not."""
+    """Return True if a folder has a file with this name, gzipped or not."""
     return (folder / name).is_file() or (folder / f"{name}.gz").is_file()
 
 
 def open_foam(folder: Path, name: str) -> FoamFile:
-    """Read a file of a folder, or the gzipped one, and its header; raises FileError."""
+    """Read a file, plain or gzipped, and its header.
+
+    Raises FileError if missing or invalid.
+    """
     plain, packed = folder / name, folder / f"{name}.gz"
     if plain.is_file():
         content = plain.read_bytes()
@@ -63,12 +66,18 @@ def open_foam(folder: Path, name: str) -> FoamFile:
 
 
 def parser_of(file: FoamFile, most: int) -> FoamParser:
-    """Parser of what follows the header; ``most`` is the largest length of a list of equal labels."""
+    """Return a parser for the text after the header.
+
+    ``most`` bounds lists of equal labels.
+    """
     return FoamParser(file.name, file.content, file.start, file.label if file.binary else "", most)
 
 
 def points_of(file: FoamFile) -> Float:
-    """Points ``(n, 3)`` of a file; raises FileError."""
+    """Read points ``(n, 3)``.
+
+    Raises FileError if damaged.
+    """
     n, start, _ = _declared(file, file.start)
     if file.binary:
         values, _ = _raw(file, start, 3 * n, file.scalar)
@@ -80,9 +89,12 @@ def points_of(file: FoamFile) -> Float:
 
 
 def labels_of(file: FoamFile, most: int) -> Int:
-    """Labels of the list in a file; raises FileError.
+    """Read the labels in a file.
 
-    ``most`` is how many there can be: a list of equal labels says its length and one of them.
+    Raises FileError if damaged.
+
+
+    ``most`` bounds the number of labels, because a list of equal labels stores only its length and one label.
     """
     n, start, bracket = _declared(file, file.start, most)
     if not bracket:
@@ -102,7 +114,10 @@ def labels_of(file: FoamFile, most: int) -> Int:
 
 
 def faces_of(file: FoamFile) -> tuple[Int, Int]:
-    """Faces of a file as offsets and points; raises FileError."""
+    """Read faces as offsets and points.
+
+    Raises FileError if damaged.
+    """
     n, start, _ = _declared(file, file.start)
     if not file.binary:
         content, first, last = _text(file, start)
@@ -125,7 +140,10 @@ def faces_of(file: FoamFile) -> tuple[Int, Int]:
 
 
 def _declared(file: FoamFile, place: int, most: int | None = None) -> tuple[int, int, bytes]:
-    """Declared length of a list, the place after its bracket, and the bracket; an empty list may lack it."""
+    """Return length, position after the bracket, and bracket of a list.
+
+    An empty list may lack the bracket.
+    """
     found = _LIST.match(file.content, place)
     n = int(found[1]) if found is not None else 0
     if found is None or (n and not found[2]):
@@ -136,7 +154,10 @@ def _declared(file: FoamFile, place: int, most: int | None = None) -> tuple[int,
 
 
 def _raw(file: FoamFile, start: int, n: int, kind: str) -> tuple[Float | Int, int]:
-    """So many binary values, and the place after the bracket that ends them."""
+    """Read n binary values.
+
+    Return them and the position after the closing bracket.
+    """
     dtype = np.dtype(kind)
     stop = start + n * dtype.itemsize
     if file.content[stop : stop + 1] != b")":
@@ -148,7 +169,7 @@ def _raw(file: FoamFile, start: int, n: int, kind: str) -> tuple[Float | Int, in
 
 
 def _text(file: FoamFile, start: int, stop: int | None = None) -> tuple[bytes, int, int]:
-    """The numbers of a list in text as content, begin and end, without brackets and comments."""
+    """Return the numbers of a text list as content, start and end, without brackets and comments."""
     text = file.content[start : stop if stop is not None and stop >= 0 else None]
     slash = text.find(b"/")
     if slash >= 0:
@@ -161,7 +182,7 @@ def _text(file: FoamFile, start: int, stop: int | None = None) -> tuple[bytes, i
 
 
 def _inflated(data: bytes, name: str) -> bytes:
-    """The content of a gzipped file, as far as one of such a size may be."""
+    """Inflate a gzipped file, with a size limit in proportion to the compressed size."""
     room, parts = _ROOM + _EXPANSION * len(data), []
     try:
         while data:

@@ -1,4 +1,4 @@
-"""Format of OpenFOAM cases, which are folders, often marked by an empty file."""
+"""OpenFOAM cases as a format: folders, often marked by an empty file."""
 
 from __future__ import annotations
 
@@ -15,14 +15,15 @@ if TYPE_CHECKING:
 
 
 class OpenFoam(Compressing):
-    """OpenFOAM cases: ``constant/polyMesh`` beside a file or in a folder; levels for decomposePar, as fields.
+    """OpenFOAM cases: ``constant/polyMesh`` beside a file or in a folder, with levels as fields for
+    decomposePar.
 
     Parameters
     ----------
     merge_points : bool
-        Merge points of outer faces at one place on reading.
+        Merge coincident points of outer faces on reading.
     allow_gaps : bool
-        Leave outer faces that lie on one another as they are.
+        Keep coincident outer faces.
     compress : bool
         Write gzipped files.
 
@@ -48,9 +49,15 @@ class OpenFoam(Compressing):
         return is_foam_folder(folder)
 
     def read(self, path: Path) -> Mesh:
-        """Return the mesh of the case; raises FileError or MeshError."""
+        """Read the mesh of a case.
+
+        Raises FileError or MeshError.
+        """
         return read_foam(path, merge_points=self.merge_points, allow_gaps=self.allow_gaps)
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
-        """Write a solid mesh and the labels of its levels as a case; raises an AggloError."""
+        """Write a 3-D mesh and the labels of its levels as a case.
+
+        Raises an AggloError.
+        """
         write_foam(path, mesh, hierarchy, compress=self.compress)

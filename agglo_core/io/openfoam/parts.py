@@ -1,4 +1,4 @@
-"""Arrays of one ``polyMesh`` of OpenFOAM, with checked indices."""
+"""Read the arrays of an OpenFOAM ``polyMesh`` with checked indices."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ class FoamPart(NamedTuple):
     n_cells: int
     patches: Mapping[str, Int]  # faces by name
     zones: Mapping[str, Int]  # cells by name
-    processors: Mapping[int, Int]  # faces by the processor beyond them
-    whole: Mapping[str, str]  # patches between processors, and the periodic patch each is a part of
+    processors: Mapping[int, Int]  # faces by adjacent processor
+    whole: Mapping[str, str]  # periodic patch by the name of its piece between processors
 
 
 def read_part(poly: Path) -> FoamPart:
-    """Read the files of a folder ``polyMesh``, with all indices checked.
+    """Read the files of a folder ``polyMesh`` and check all indices.
 
     Raises
     ------
     FileError
-        For a file that is missing or broken.
+        For a missing or broken file.
     """
     points = points_of(open_foam(poly, "points"))
     offsets, vertices = faces_of(open_foam(poly, "faces"))
@@ -80,7 +80,7 @@ def _check_ranges(offsets: Int, vertices: Int, n_points: int, owner: Int, neighb
 
 
 def _repeated(offsets: Int, vertices: Int) -> Int:
-    """Faces with a point that they have twice."""
+    """Return the faces with a repeated point."""
     sizes = np.diff(offsets)
     found = [np.empty(0, np.int64)]
     for size in np.unique(sizes).tolist():
@@ -98,7 +98,10 @@ def _repeated(offsets: Int, vertices: Int) -> Int:
 
 
 def _unique(file: str, parser: FoamParser) -> Iterator[tuple[str, Table]]:
-    """Entries of a list of dictionaries, whose names must differ."""
+    """Yield the entries of a list of dictionaries.
+
+    Duplicate names raise FileError.
+    """
     names = set[str]()
     for name, table in parser.named_tables():
         if name in names:
@@ -108,7 +111,7 @@ def _unique(file: str, parser: FoamParser) -> Iterator[tuple[str, Table]]:
 
 
 def _with_patches(part: FoamPart, tables: Mapping[str, Table]) -> FoamPart:
-    """Part with the faces of its patches, which must lie on its boundary."""
+    """Add the faces of the patches, which must lie on the boundary."""
     patches, processors, whole = dict[str, Int](), dict[int, Int](), dict[str, str]()
     n_faces = len(part.sides)
     for name, table in tables.items():
@@ -129,7 +132,7 @@ def _with_patches(part: FoamPart, tables: Mapping[str, Table]) -> FoamPart:
 
 
 def _zones(poly: Path, n_cells: int) -> dict[str, Int]:
-    """Cells of each cell zone by its name."""
+    """Return the cells of each cell zone by name."""
     zones: dict[str, Int] = {}
     if not has_foam(poly, "cellZones"):
         return zones

@@ -1,4 +1,4 @@
-"""Meshes of all processors of a decomposed OpenFOAM case, joined to one."""
+"""Join the processor meshes of a decomposed OpenFOAM case."""
 
 from __future__ import annotations
 
@@ -15,39 +15,42 @@ from agglo_core.io.openfoam.files import has_foam, labels_of, open_foam
 from agglo_core.io.openfoam.parts import FoamPart, read_part
 from agglo_core.mesh.elements import gather
 
-_GAP = 1e-3  # largest distance of points that are one, over the size of the face
+_GAP = 1e-3  # largest distance between merged points, relative to the face size
 
 
 def read_processors(folders: Sequence[Path]) -> tuple[FoamPart, Int]:
-    """Join the meshes of ``processor0``, ``processor1``, … at the faces between them.
+    """Join the meshes of ``processor0``, ``processor1``, … at their common faces.
 
-    Cells are numbered as before the decomposition if all folders have a ``cellProcAddressing``, else
-    processor by processor.
+    Cells keep their numbers from before the decomposition if all folders have a ``cellProcAddressing``;
+    otherwise
+    they are numbered processor by processor.
 
     Parameters
     ----------
     folders : sequence of Path
-        Folders of the processors in their order.
+        Processor folders in order.
 
     Returns
     -------
     part : FoamPart
-        Without the patches between processors. Those of a periodic patch are part of it again.
+        Mesh without the patches between processors; pieces of periodic patches rejoin their patch.
     processor : (n_cells,) int
         Processor of each cell.
 
     Raises
     ------
     FileError
-        Naming the processor whose mesh is missing or broken, or does not fit that of another.
+        With the processor whose mesh is missing, broken or incompatible with another.
     """
     parts = [_read_named(folder) for folder in folders]
     number = _cell_numbers(folders, parts)
+    # Concatenate the parts, then identify points and faces across processors.
     apart = _side_by_side(parts)
     near, far = _pairs(parts)
     vertex = _merged(apart, near, far)
     sides = np.where(apart.sides >= 0, number[apart.sides], -1)
     sides[near, 1] = sides[far, 0]
+    # Keep the face of the lower processor in each pair.
     kept = np.ones(len(sides), bool)
     kept[far] = False
     face = np.cumsum(kept) - 1
@@ -66,7 +69,7 @@ def read_processors(folders: Sequence[Path]) -> tuple[FoamPart, Int]:
 
 
 def _side_by_side(parts: Sequence[FoamPart]) -> FoamPart:
-    """Arrays of all parts one after the other, without the patches between processors."""
+    """Concatenate the arrays of all parts, without the patches between processors."""
     first_point, first_cell = (
         _starts(counts) for counts in ([len(p.points) for p in parts], [p.n_cells for p in parts])
     )
@@ -77,7 +80,7 @@ def _side_by_side(parts: Sequence[FoamPart]) -> FoamPart:
         for part, start in zip(parts, first_face, strict=False)
         for name, faces in part.patches.items()
     )
-    patches.pop("", None)  # faces between processors that are inside the whole mesh
+    patches.pop("", None)  # inner faces of the joined mesh
     return FoamPart(
         frozen_float(np.concatenate([part.points for part in parts])),
         frozen_int(np.concatenate(([0], np.cumsum(sizes)))),
@@ -120,7 +123,7 @@ def _read_named(folder: Path) -> FoamPart:
 
 
 def _pairs(parts: Sequence[FoamPart]) -> tuple[Int, Int]:
-    """Faces between processors, as those of the lower and of the higher processor."""
+    """Return the faces between processors: those on the lower and on the higher processor."""
     first_face = _first_faces(parts)
     near, far = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
     for i, part in enumerate(parts):
@@ -137,7 +140,7 @@ def _pairs(parts: Sequence[FoamPart]) -> tuple[Int, Int]:
 
 
 def _merged(apart: FoamPart, near: Int, far: Int) -> Int:
-    """Number of each point after the two faces of each pair are one.
+    """Return the number of each point after the faces of each pair are merged.
 
     Both loops begin at the same point and run in opposite directions.
     """
@@ -145,10 +148,12 @@ def _merged(apart: FoamPart, near: Int, far: Int) -> Int:
     sizes = np.diff(offsets)
     if (sizes[near] != sizes[far]).any():
         raise FileError("the two faces of a pair between processors have different numbers of points")
+    # Match the k-th vertex of one loop with the (−k)-th of the other.
     starts, places = gather(offsets, near)
     rank = np.arange(len(places)) - np.repeat(starts[:-1], sizes[near])
     opposite = np.repeat(offsets[far], sizes[far]) + -rank % np.repeat(sizes[far], sizes[far])
     one, other = vertices[places], vertices[opposite]
+    # Matched points must coincide up to a fraction of the face size.
     gap = np.linalg.norm(points[one] - points[other], axis=1)
     size = np.linalg.norm(points[one] - points[np.repeat(vertices[offsets[near]], sizes[near])], axis=1)
     if len(near):
@@ -156,13 +161,14 @@ def _merged(apart: FoamPart, near: Int, far: Int) -> Int:
         if wrong.any():
             a, b = points[one][wrong][0].tolist(), points[other][wrong][0].tolist()
             raise FileError(f"a point between two processors lies at {a} in one and at {b} in the other")
+    # Points that are linked through several processors merge into one.
     n = len(points)
     links = sparse.coo_array((np.ones(len(one), bool), (one, other)), shape=(n, n))
     return frozen_int(connected_components(links, directed=False)[1])
 
 
 def _cell_numbers(folders: Sequence[Path], parts: Sequence[FoamPart]) -> Int:
-    """Number of each cell in the joined mesh."""
+    """Return the number of each cell in the joined mesh."""
     n = sum(part.n_cells for part in parts)
     polys = [folder / "constant" / "polyMesh" for folder in folders]
     if not all(has_foam(poly, "cellProcAddressing") for poly in polys):
@@ -174,7 +180,7 @@ def _cell_numbers(folders: Sequence[Path], parts: Sequence[FoamPart]) -> Int:
 
 
 def _joined(groups: Iterable[tuple[str, Int]]) -> dict[str, Int]:
-    """Members of all groups of each name."""
+    """Concatenate the members of groups with equal names."""
     members: dict[str, list[Int]] = {}
     for name, own in groups:
         members.setdefault(name, []).append(own)

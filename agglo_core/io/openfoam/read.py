@@ -1,4 +1,4 @@
-"""Reading OpenFOAM cases: points, faces, owner and neighbour are a mesh as agglo has it."""
+"""Read OpenFOAM cases, whose points, faces, owners and neighbours match agglo's mesh arrays."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ PROCESSOR = "processor"
 """Cell tag with the number of the processor."""
 
 OWN = "agglo"
-"""Folder in ``constant`` with a list of labels for each tag and level."""
+"""Folder in ``constant`` with a list of labels per tag and level."""
 
 _log = logging.getLogger("agglo")
 _PROCESSOR = re.compile(r"processor(\d{1,9})", re.ASCII)
 
 
 def is_foam_folder(folder: Path) -> bool:
-    """Return True for the folder of a case, and for ``polyMesh`` and the folder around it."""
+    """Return True for the folder of a case, for ``polyMesh`` and for its parent folder."""
     return folder.resolve().name == "polyMesh" or any(
         each.name in ("polyMesh", "constant") or _PROCESSOR.fullmatch(each.name)
         for each in folder.iterdir()
@@ -42,30 +42,35 @@ def is_foam_folder(folder: Path) -> bool:
 
 
 def read_foam(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
-    """Mesh of a case; patches and cell zones become tags of their names.
+    """Read the mesh of a case.
+
+    Patches and cell zones become tags with their names.
+
 
     Parameters
     ----------
     path : Path
         A file beside ``constant``, a file of ``polyMesh``, or a folder as in :func:`is_foam_folder`.
     merge_points, allow_gaps : bool
-        As :func:`agglo_core.read` has them.
+        As in :func:`agglo_core.read`.
 
     Raises
     ------
     FileError, MeshError
-        For a case without a mesh, or a broken one.
+        For a case without a mesh, or with a broken mesh.
     """
     path = path.resolve() if path.is_dir() else path  # "." has no name
     poly = _poly(path)
     case = poly.parent.parent if poly.parent.name == "constant" else poly.parent
     name = path.stem if path.is_file() and poly != path.parent else case.resolve().name
+    # A case is either whole or decomposed into processors.
     cell_tags: dict[str, Int] = {}
     if poly.is_dir():
         part = read_part(poly)
     else:
         part, cell_tags[PROCESSOR] = read_processors(_processors(case, poly))
     mesh = _mesh(part, name)
+    # Tags: patches on faces; zones and stored tags on cells.
     patches = dict(_patch_tags(part))
     face_tags = {**patches, PATCH: _numbers(patches, mesh)} if patches and PATCH not in patches else patches
     for zone, cells in part.zones.items():
@@ -80,7 +85,10 @@ def read_foam(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
 
 
 def _poly(path: Path) -> Path:
-    """Folder ``polyMesh`` that a path leads to; it need not exist."""
+    """Return the folder ``polyMesh`` for a path.
+
+    It need not exist.
+    """
     if path.is_file():
         return path.parent if path.parent.name == "polyMesh" else path.parent / "constant" / "polyMesh"
     if path.name == "polyMesh":
@@ -90,7 +98,10 @@ def _poly(path: Path) -> Path:
 
 
 def _processors(case: Path, poly: Path) -> list[Path]:
-    """Folders ``processor0``, … of a case without ``constant/polyMesh``; FileError if there are none."""
+    """Return the folders ``processor0``, … of a decomposed case.
+
+    Raises FileError if there are none.
+    """
     folders = {int(match[1]): each for each in case.iterdir() if (match := _PROCESSOR.fullmatch(each.name))}
     if folders:
         missing = sorted(set(range(max(folders) + 1)) - set(folders))
@@ -107,7 +118,10 @@ def _processors(case: Path, poly: Path) -> list[Path]:
 
 
 def _mesh(part: FoamPart, name: str) -> Mesh:
-    """Mesh of the arrays, checked; points that no face uses are dropped."""
+    """Build and check the mesh.
+
+    Drop points without a face.
+    """
     if not len(part.sides):
         raise FileError("the mesh is empty: it has no faces")
     points, vertices = part.points, part.vertices
@@ -125,7 +139,7 @@ def _mesh(part: FoamPart, name: str) -> Mesh:
 
 
 def _patch_tags(part: FoamPart) -> Iterator[tuple[str, Int]]:
-    """Name and tag of each patch: 1 on its faces, 0 on those of others, −1 on all others."""
+    """Yield name and tag of each patch: 1 on its faces, 0 on other patches, −1 elsewhere."""
     others = np.full(len(part.sides), -1)
     for faces in part.patches.values():
         others[faces] = 0
@@ -137,14 +151,14 @@ def _patch_tags(part: FoamPart) -> Iterator[tuple[str, Int]]:
 
 
 def _inside(cells: Int, n_cells: int) -> Int:
-    """Tag that is 1 in these cells and 0 in all others."""
+    """Return a tag that is 1 in these cells and 0 elsewhere."""
     tag = np.zeros(n_cells, np.int64)
     tag[cells] = 1
     return frozen_int(tag)
 
 
 def _numbers(patches: Mapping[str, Int], mesh: Mesh) -> Int:
-    """The number of the patch of each face, −1 on faces of none."""
+    """Return the patch number of each face, −1 outside all patches."""
     number = np.full(mesh.n_faces, -1)
     for place, tag in enumerate(patches.values()):
         number[tag == 1] = place
@@ -152,7 +166,7 @@ def _numbers(patches: Mapping[str, Int], mesh: Mesh) -> Int:
 
 
 def _own_tags(folder: Path, n_cells: int) -> Iterator[tuple[str, Int]]:
-    """Tags and levels that agglo wrote."""
+    """Yield the tags and levels that agglo wrote."""
     for each in sorted(folder.iterdir()) if folder.is_dir() else ():
         if each.is_file() and not each.name.startswith("."):
             values = labels_of(open_foam(folder, each.name.removesuffix(".gz")), n_cells)

@@ -1,4 +1,4 @@
-"""Writing OpenFOAM cases: the mesh, its levels as lists for decomposePar and as fields to look at."""
+"""Write OpenFOAM cases: the mesh, and its levels for decomposePar and as fields."""
 
 from __future__ import annotations
 
@@ -30,39 +30,41 @@ _log = logging.getLogger("agglo")
 _NO_WORD = re.compile(r"""[\s"'/\\;{}()\[\]$#]+""")
 _REST = "defaultFaces"
 _NOTE = "labels of a level, written by agglo"
-_HEAD = 512  # bytes that hold the header of a field
+_HEAD = 512  # bytes that contain the header of a field
 
 
 class _Faces(NamedTuple):
-    """Faces as OpenFOAM orders them: inner ones by owner and neighbour, then patch by patch."""
+    """Faces in OpenFOAM's order: inner faces by owner and neighbour, then patch by patch."""
 
     order: Int
-    turned: Int  # those whose owner has the larger number
+    turned: Int  # True where the owner has the larger number
     owner: Int
     neighbour: Int
     patches: Mapping[str, tuple[int, int]]  # first face and number of faces
 
 
 def write_foam(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compress: bool) -> None:
-    """Write ``constant/polyMesh`` beside the file, which marks the case, and the labels of all levels.
+    """Write ``constant/polyMesh`` and the labels of all levels beside the file that marks the case.
 
-    ``constant/cellDecomposition`` holds the finest level, as decomposePar reads it, ``constant/agglo`` every
-    level and tag, ``0`` the levels as fields ``level0``, ``level1``, …. The name ``level_0`` would stand for
-    the values of a field ``level`` one time step earlier, which VTK leaves out. Patches take the names of
-    face tags, cell zones those of cell tags. Zones of faces and points, and fields of levels, of an earlier
-    mesh are removed.
+    ``constant/cellDecomposition`` holds the finest level in decomposePar's format, ``constant/agglo`` every
+    level
+    and tag, and ``0`` the levels as fields ``level0``, ``level1``, …. (A field ``level_0`` would hold the
+    old-time
+    values of ``level``, and VTK skips such fields.) Patches are named after face tags, cell zones after cell
+    tags. Face zones, point zones and level fields of an earlier mesh are removed.
 
     Raises
     ------
     FileError
-        For a plane mesh.
+        For a 2-D mesh.
     MeshError
-        For a cell tag whose name files cannot hold.
+        If files cannot hold the name of a cell tag.
     """
     if mesh.dim != 3:
         raise FileError(f"OpenFOAM's meshes are 3-D, this one is {mesh.dim}-D; .vtu and .npz hold both")
     tags = cell_data(mesh, hierarchy)
     check_names(tags)
+    # Prepare the text of all files.
     faces = _sorted(mesh)
     levels = [f"level_{i}" for i in range(len(hierarchy.levels) if hierarchy is not None else 0)]
     case = path.parent
@@ -72,6 +74,7 @@ def write_foam(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compress:
     poly = {**_poly(mesh, faces), **_zones(tags)}
     groups = [(case / "constant" / "polyMesh", poly), (case / "constant" / OWN, own)]
     groups += [(case / "constant", split), (case / "0", fields)]
+    # Stage all folders first; the case changes only if all files could be written.
     with ExitStack() as stages:
         for folder, files in groups:
             if files:
@@ -81,6 +84,7 @@ def write_foam(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compress:
                     _put(stage / name, text, compress and folder.name != "0")
         stage = stages.enter_context(staging(path))
         (stage / path.name).write_bytes(b"")
+    # Remove remains of an earlier mesh.
     _remove_zones(case / "constant" / "polyMesh", kept=poly)
     _remove_fields(case / "0", kept=fields)
     for folder, files in groups[:3]:
@@ -95,7 +99,7 @@ def _put(file: Path, text: str, compress: bool) -> None:
 
 
 def _remove_other_forms(folder: Path, files: Mapping[str, str], compress: bool, *, all_others: bool) -> None:
-    """Remove what an earlier mesh left: the gzipped form of a file, or the plain one; tags it had."""
+    """Remove remains of an earlier mesh: the gzipped or plain twin of a file, and old tags."""
     kept = {f"{name}.gz" if compress else name for name in files}
     old = {name if compress else f"{name}.gz" for name in files}
     for each in sorted(folder.iterdir()) if folder.is_dir() else ():
@@ -104,8 +108,9 @@ def _remove_other_forms(folder: Path, files: Mapping[str, str], compress: bool, 
 
 
 def _poly(mesh: Mesh, faces: _Faces) -> dict[str, str]:
-    """The files of ``polyMesh``."""
+    """Return the files of ``polyMesh`` as text."""
     points, number = used_points(mesh)
+    # Reverse the faces whose owner changes.
     offsets, places = gather(mesh.face_offsets, faces.order)
     ends = np.repeat(offsets[:-1] + offsets[1:] - 1, np.diff(offsets))
     turned = np.repeat(faces.turned, np.diff(offsets))
@@ -133,7 +138,10 @@ def _poly(mesh: Mesh, faces: _Faces) -> dict[str, str]:
 
 
 def _zones(tags: Mapping[str, Int]) -> dict[str, str]:
-    """Tags of zeros and ones as zones of their name, those that share no cell with one before."""
+    """Return 0/1 tags as cell zones.
+
+    Tags that overlap an earlier zone are skipped.
+    """
     entries, taken = list[str](), np.zeros(len(next(iter(tags.values()), ())), bool)
     for name, values in tags.items():
         inside = values == 1
@@ -149,7 +157,7 @@ def _zones(tags: Mapping[str, Int]) -> dict[str, str]:
 
 
 def _remove_zones(folder: Path, kept: Collection[str]) -> None:
-    """Remove what names cells, faces and points of an earlier mesh by numbers, which are others now."""
+    """Remove old zones of cells, faces and points, whose numbers are no longer valid."""
     for zones in sorted({"cellZones", "faceZones", "pointZones"} - set(kept)):
         for name in (zones, f"{zones}.gz"):
             if not (folder / name).is_file():
@@ -159,7 +167,7 @@ def _remove_zones(folder: Path, kept: Collection[str]) -> None:
 
 
 def _remove_fields(folder: Path, kept: Collection[str]) -> None:
-    """Remove the fields of levels that an earlier hierarchy had, known by their note."""
+    """Remove the level fields of an earlier hierarchy, recognised by their note."""
     for file in sorted(folder.glob("level*")) if folder.is_dir() else ():
         if file.name in kept or not file.is_file():
             continue
@@ -199,9 +207,9 @@ def _sorted(mesh: Mesh) -> _Faces:
 
 
 def _patches(mesh: Mesh, outer: Int) -> tuple[list[str], Int]:
-    """Names of patches, and the number of that of each outer face.
+    """Return the patch names and the patch number of each outer face.
 
-    A tag of zeros and ones is a patch of its name; of others each value is one, ``TAG_VALUE``.
+    A 0/1 tag is a patch with its name; for other tags each value is a patch ``TAG_VALUE``.
     """
     names: list[str] = []
     patch = np.full(len(outer), -1)
@@ -227,7 +235,7 @@ def _labels(values: Int, place: str) -> str:
 
 
 def _field(name: str, labels: Int, patches: Mapping[str, tuple[int, int]]) -> str:
-    """Labels as a field of scalars."""
+    """Return labels as a scalar field."""
     rows = "".join(f"    {patch}\n    {{\n        type zeroGradient;\n    }}\n" for patch in patches)
     return (
         _header("volScalarField", "0", name, _NOTE)

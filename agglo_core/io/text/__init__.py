@@ -1,1 +1,1 @@
-"""Formats that list points and cells as text, one file each."""
+"""Text formats with lists of points and cells, one module per format."""

@@ -1,4 +1,4 @@
-"""Tags of cells, labels of levels among them, in text that other programs pass over."""
+"""Store cell tags and level labels as text that other programs ignore."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from agglo_core.errors import FileError
 from agglo_core.files.text_numbers import integer_lines, integers, line_of
 
 _TITLE = "cell data"
-_ROW = 16  # values in a line
+_ROW = 16  # values per line
 
 
 def tag_lines(tags: Mapping[str, Int], prefix: str = "") -> str:
-    """A title ``cell data "NAME"``, the number of values, and the values, for each tag.
+    """Return for each tag a title ``cell data "NAME"``, the number of values, and the values.
 
-    ``prefix`` begins every line, so that it is a comment to other programs.
+    ``prefix`` begins every line, so that other programs treat it as a comment.
     """
     parts = []
     for name, values in tags.items():
@@ -32,12 +32,12 @@ def tag_lines(tags: Mapping[str, Int], prefix: str = "") -> str:
 
 
 def find_tags(content: bytes, n_cells: int, prefix: str = "") -> dict[str, Int]:
-    """The tags that :func:`tag_lines` wrote into a text.
+    """Read the tags written by :func:`tag_lines` from a text.
 
     Raises
     ------
     FileError
-        If one is broken, or has another number of values than there are cells.
+        If a tag is broken, or its number of values differs from the number of cells.
     """
     mark = re.escape(prefix.encode())
     values_of = re.compile(rb"(?:\n%b[-0-9 \t\r]*+(?=\n|\Z))*+" % mark)
@@ -59,7 +59,7 @@ def find_tags(content: bytes, n_cells: int, prefix: str = "") -> dict[str, Int]:
 
 
 def tags_begin(content: bytes, prefix: str = "", start: int = 0) -> int:
-    """Return the place of the first title of cell data in a text, or its end."""
+    """Return the position of the first cell data title in a text, or the end of the text."""
     place = content.find(f'\n{prefix}{_TITLE} "'.encode(), max(start - 1, 0))
     return place + 1 if place >= 0 else len(content)
 

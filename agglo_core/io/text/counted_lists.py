@@ -1,7 +1,8 @@
-"""Find the records of a stream of numbers in which each record states its length.
+"""Find the records in a number stream where each record states its length.
 
-They can only be found one after the other. The stream is taken by windows that stay in the processor's
-cache: there the end of a record is looked up for all places as if one began at each, and steps are doubled.
+The start of a record depends on all records before it. The stream is processed in windows that fit into the
+processor cache. In each window the end of a record is computed for every possible start, and pointer doubling
+then finds the actual chain of records.
 """
 
 from __future__ import annotations
@@ -15,35 +16,35 @@ from numpy.typing import NDArray
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import FileError
 
-_WINDOW = 1 << 15  # numbers looked at together
-_NEVER = 1 << 60  # where a record ends that can be none
+_WINDOW = 1 << 15  # numbers per window
+_NEVER = 1 << 60  # end of a record with an invalid length
 
 
 def counted_lists(stream: Int, n: int, ahead: int = 0, behind: int = 0) -> tuple[Int, Int, int]:
-    """The lists ``k, v1, …, vk`` that a stream consists of.
+    """Locate the lists ``k, v1, …, vk`` in a stream.
 
     Parameters
     ----------
     stream : int
     n : int
-        How many there should be; no memory is taken by it.
+        Expected number of lists; allocates no memory.
     ahead : int
-        How many numbers stand before each k (names of cells).
+        Number of values before each k (cell names).
     behind : int
-        How many numbers follow each list (colours).
+        Number of values after each list (colours).
 
     Returns
     -------
     offsets : (n + 1,) int
     places : int
-        Those of all v in the stream.
+        Positions of all v in the stream.
     used : int
-        How many numbers the lists take.
+        Length of the lists in the stream.
 
     Raises
     ------
     FileError
-        Naming the list that is cut short, or has no or fewer entries.
+        With the number of the first list that is truncated or has no positive length.
     """
 
     def ends(window: Int) -> Int:
@@ -58,16 +59,16 @@ def counted_lists(stream: Int, n: int, ahead: int = 0, behind: int = 0) -> tuple
 
 
 def counted_solids(stream: Int, n: int, ahead: int) -> tuple[Int, Int, Int, int]:
-    """Lists of lists: ``f``, then f lists ``k, v1, …, vk``, with ``ahead`` numbers before each f and k.
+    """Locate nested lists: ``f``, then f lists ``k, v1, …, vk``, with ``ahead`` values before each f and k.
 
     Returns
     -------
     cell_offsets : (n + 1,) int
     loop_offsets : (n_loops + 1,) int
     places : int
-        Those of all v in the stream.
+        Positions of all v in the stream.
     used : int
-        How many numbers the cells take.
+        Length of the cells in the stream.
 
     Raises
     ------
@@ -81,7 +82,7 @@ def counted_solids(stream: Int, n: int, ahead: int) -> tuple[Int, Int, Int, int]
     starts, used = record_starts(stream, n, ends)
     counts = stream[starts + ahead]
     cell_offsets = np.concatenate(([0], np.cumsum(counts)))
-    heads = np.zeros(used, bool)  # the numbers that begin a cell, which are left out
+    heads = np.zeros(used, bool)  # heads of cells, removed before the inner lists are located
     for shift in range(ahead + 1):
         heads[starts + shift] = True
     kept = np.flatnonzero(~heads)
@@ -90,20 +91,20 @@ def counted_solids(stream: Int, n: int, ahead: int) -> tuple[Int, Int, Int, int]
 
 
 def record_starts(stream: NDArray[Any], n: int, ends: Callable[[NDArray[Any]], Int]) -> tuple[Int, int]:
-    """Find the start of each of n records, and the end of the last one.
+    """Return the start of each of n records, and the end of the last record.
 
     Parameters
     ----------
     stream : (N, …) array
     n : int
     ends : callable
-        Given a window of the stream, where a record at each of its places would end, counted from its begin.
-        What cannot be told within the window is one more than its length.
+        Function of a window that returns, for each position, the end of a record that would start there,
+        relative to the window. Ends outside the window are at least its length plus one.
 
     Raises
     ------
     FileError
-        Naming the first record that does not end in the stream.
+        With the number of the first record that does not end in the stream.
     """
     found: list[Int] = []
     count, place, size = 0, 0, _WINDOW
@@ -114,6 +115,7 @@ def record_starts(stream: NDArray[Any], n: int, ends: Callable[[NDArray[Any]], I
         if len(chain):
             found.append(frozen_int(chain + place))
             count, place, size = count + len(chain), place + after, _WINDOW
+        # The record is longer than the window: enlarge the window.
         elif len(stops) and stops[0] <= len(stream) - place:
             size *= 2
         else:
@@ -122,19 +124,20 @@ def record_starts(stream: NDArray[Any], n: int, ends: Callable[[NDArray[Any]], I
 
 
 def _chain(ends: Int, size: int, most: int) -> tuple[Int, int]:
-    """Records of a window one after the other from 0 on, as far as they end in it, and where the last ends.
+    """Return the starts of consecutive records that end in a window, and the end of the last one.
 
-    ``ends[i]`` is where a record at i would end; ``size + 1`` stands for one that does not end here, and
-    follows itself, as the end of the window does.
+    ``ends[i]`` is the end of a record that would start at i; ``size + 1`` marks a record that does not end
+    here. Both ends are fixed points of the iteration.
     """
+    # First guess: all records have the same length.
     chain = np.arange(0, size, max(int(ends[0]), 1)) if size else np.zeros(1, np.int64)
-    if not np.array_equal(ends[chain[:-1]], chain[1:]):  # else they are all of one length
+    if not np.array_equal(ends[chain[:-1]], chain[1:]):  # otherwise follow the chain by doubling
         step = np.concatenate((ends, [size, size + 1]))
         chain = np.zeros(1, np.int64)
         while chain[-1] < size and len(chain) <= most:
             chain = np.concatenate((chain, step[chain]))
             step = step[step]
-    whole = int(np.searchsorted(chain, size))  # those that begin in the window
+    whole = int(np.searchsorted(chain, size))  # records that start in the window
     whole = min(whole, most)
     if whole and ends[chain[whole - 1]] > size:
         whole -= 1
@@ -152,7 +155,7 @@ def _list_ends(window: Int, ahead: int, behind: int = 0) -> Int:
 
 
 def _solid_ends(window: Int, ahead: int) -> Int:
-    """The ends of lists are stepped to as many times as the record at each place says, by powers of two."""
+    """Return the end of each possible cell: step over as many lists as its head states, by powers of two."""
     size = len(window)
     step = np.concatenate((np.minimum(_list_ends(window, ahead), size + 1), [size + 1, size + 1]))
     place = np.full(size, size + 1)
@@ -161,6 +164,7 @@ def _solid_ends(window: Int, ahead: int) -> Int:
     place[: len(counts)] = np.where(fits, np.arange(1 + ahead, 1 + ahead + len(counts)), size + 1)
     rest = np.zeros(size, np.int64)
     rest[: len(counts)] = np.where(fits, counts, 0)
+    # Binary expansion of the number of lists; ``step`` is squared in each round.
     while rest.any():
         odd = (rest & 1).astype(bool)
         place[odd] = step[place[odd]]

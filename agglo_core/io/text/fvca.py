@@ -1,7 +1,8 @@
-"""Reading and writing the meshes of the FVCA benchmarks: titles, each followed by a count and its rows.
+"""Read and write FVCA benchmark meshes: titles, each followed by a count and its rows.
 
-``.typ2`` has the points under ``Vertices`` and all cells, each with its number of points, under ``cells`` or
-``Control volumes``. ``.typ1`` has a title for each kind of cell. Points are numbered from 1.
+``.typ2`` lists the points under ``Vertices`` and all cells under ``cells`` or ``Control volumes``, each with
+its
+number of points. ``.typ1`` has a title for each cell type. Points are numbered from 1.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ _KINDS = {
     **{"octagons": 8, "enneagons": 9, "ennagons": 9, "nonagons": 9, "decagons": 10, "hendecagons": 11},
     **{"dodecagons": 12},
 }
-_LONGEST = 40  # characters of a title that are looked at
+_LONGEST = 40  # compared characters of a title
 _OTHERS = ("centers", "centres", "edges of the boundary", "all edges", "boundary edges")
 
 
@@ -45,12 +46,18 @@ class _Section(NamedTuple):
 
 
 class Fvca(Reading):
-    """Plane meshes of the FVCA benchmarks, as HArDCore2D and DISK++ read them; written as ``.typ2``."""
+    """2-D meshes of the FVCA benchmarks, as used by HArDCore2D and DISK++.
+
+    They are written as ``.typ2``.
+    """
 
     lossless: bool = False
 
     def read(self, path: Path) -> Mesh:
-        """Return the mesh of a ``.typ1`` or ``.typ2`` file; cell data of agglo's own files become tags again.
+        """Read a ``.typ1`` or ``.typ2`` file.
+
+        Cell data in agglo's own files become tags again.
+
 
         Raises
         ------
@@ -67,14 +74,14 @@ class Fvca(Reading):
         )
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
-        """Write a plane mesh with its tags and labels, and each coarse mesh beside it.
+        """Write a 2-D mesh with its tags and labels, and each coarse mesh beside it.
 
         Raises
         ------
         FileError
-            For a mesh in space, or cells with holes.
+            For a 3-D mesh, or cells with holes.
         MeshError
-            For a cell tag whose name files cannot hold.
+            If files cannot hold the name of a cell tag.
         """
         if path.suffix.lower() == ".typ1":
             raise FileError("a .typ1 file is read, not written; .typ2 holds the same")
@@ -82,7 +89,7 @@ class Fvca(Reading):
 
 
 def _parsed(content: bytes) -> tuple[Float, tuple[Int, Int], dict[str, Int]]:
-    """Points, cells as a CSR, and tags."""
+    """Return points, cells as a CSR, and tags."""
     sections = _sections(content)
     points = _points(content, sections)
     parts = [part for each in sections if (part := _cells(content, each, len(points))) is not None]
@@ -98,9 +105,9 @@ def _parsed(content: bytes) -> tuple[Float, tuple[Int, Int], dict[str, Int]]:
 
 
 def _sections(content: bytes) -> list[_Section]:
-    """All titles with what follows them, up to the cell data of agglo."""
+    """Return all titles with the range that follows, up to agglo's cell data."""
     end = tags_begin(content)
-    found: list[tuple[str, int, int, int]] = []  # title, line, where it begins, where its line ends
+    found: list[tuple[str, int, int, int]] = []  # title, line, start of the title, end of its line
     for start, stop in _wordy_lines(content[:end]):
         title = " ".join(
             content[start : min(stop, start + _LONGEST)].decode("ascii", "replace").lower().split()
@@ -116,7 +123,7 @@ def _sections(content: bytes) -> list[_Section]:
 
 
 def _wordy_lines(content: bytes) -> Iterator[tuple[int, int]]:
-    """Begin and end of the lines with a word in them that begins with a letter."""
+    """Yield start and end of the lines that contain a word with an initial letter."""
     codes = np.frombuffer(content, np.uint8)
     letters = np.flatnonzero(codes > ord("9"))
     begins = letters[(letters == 0) | (codes[letters - 1] <= ord(" "))]
@@ -129,7 +136,7 @@ def _wordy_lines(content: bytes) -> Iterator[tuple[int, int]]:
 
 
 def _points(content: bytes, sections: list[_Section]) -> Float:
-    """Points under the first title; what stands before it would be lost."""
+    """Read the points, which must be the first section of the file."""
     if not sections or sections[0].title != "vertices" or not content.lstrip()[:8].isalpha():
         raise FileError("it does not begin with the title 'Vertices'")
     first = sections[0]
@@ -143,7 +150,7 @@ def _points(content: bytes, sections: list[_Section]) -> Float:
 
 
 def _cells(content: bytes, section: _Section, n_points: int) -> tuple[Int, Int] | None:
-    """Offsets and vertices (from 0 on) of the cells of a section; None if it holds none."""
+    """Return offsets and vertices (from 0) of the cells in a section, or None for other sections."""
     if section.title not in (*_ALL_KINDS, *_KINDS):
         return None
     numbers = integers(content, section.start, section.stop)

@@ -1,4 +1,4 @@
-"""Reading and writing cinolib's .hedra: three counts, then points, faces, and cells as lists of faces."""
+"""Read and write cinolib's .hedra: three counts, then points, faces, and cells as lists of faces."""
 
 from __future__ import annotations
 
@@ -29,7 +29,10 @@ class Hedra(Reading):
     lossless: bool = False
 
     def read(self, path: Path) -> Mesh:
-        """Return the mesh of a file; cell data of agglo's own files become tags again.
+        """Read a mesh.
+
+        Cell data in agglo's own files become tags again.
+
 
         Raises
         ------
@@ -37,6 +40,7 @@ class Hedra(Reading):
             For a broken file or mesh.
         """
         content = text_bytes(path)
+        # Read the counts and the points.
         numbers = reals(content, 0, tags_begin(content))
         counts = numbers[:3].tolist()
         if len(counts) < 3 or not all(0 <= n < 2**53 and n == int(n) for n in counts):
@@ -45,6 +49,7 @@ class Hedra(Reading):
         rows = numbers[3 : 3 + 3 * n_points]
         if len(rows) != 3 * n_points:
             raise FileError(f"{n_points} points are declared, {len(rows)} coordinates follow")
+        # Read the faces, then the cells; the orientation of faces is determined later.
         rest = numbers[3 + 3 * n_points :]
         if (np.abs(rest) >= 2**53).any() or (rest != np.floor(rest)).any():
             raise FileError("its faces and cells are not all whole numbers")
@@ -64,20 +69,20 @@ class Hedra(Reading):
         )
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
-        """Write a solid mesh with its tags and labels, and each coarse mesh beside it.
+        """Write a 3-D mesh with its tags and labels, and each coarse mesh beside it.
 
         Raises
         ------
         FileError
-            For a plane mesh.
+            For a 2-D mesh.
         MeshError
-            For a cell tag whose name files cannot hold.
+            If files cannot hold the name of a cell tag.
         """
         write_levels(path, mesh, hierarchy, _write)
 
 
 def _lists(stream: Int, n: int, most: int, what: str, of: str) -> tuple[Int, Int, int]:
-    """Lists of numbers from 1 on, of which the sign is passed over, as from 0 on."""
+    """Read lists of numbers from 1, without their signs, and shift them to start from 0."""
     try:
         offsets, places, used = counted_lists(stream, n)
     except FileError as error:

@@ -1,4 +1,4 @@
-"""Reading and writing plane polygons as .off and .obj; tags and labels are comments there."""
+"""Read and write 2-D polygons as .off and .obj, with tags and labels as comments."""
 
 from __future__ import annotations
 
@@ -27,18 +27,22 @@ _OFF = re.compile(rb"\s*(?:((?:ST)?C?N?)OFF)?\s+(?=\d)")
 
 
 class Off(Reading):
-    """OFF: points and polygons; a constant z makes a plane mesh, surfaces are refused."""
+    """OFF: points and polygons.
+
+    The coordinate z must be constant (2-D); surfaces are rejected.
+    """
 
     lossless: bool = False
 
     def read(self, path: Path) -> Mesh:
-        """Return the mesh of an OFF file, without normals, textures and colours.
+        """Read an OFF file, without normals, textures and colours.
 
         Raises
         ------
         FileError, MeshError
-            For a broken file or mesh, one in binary or of four dimensions, or a surface.
+            For a broken file or mesh, a binary or four-dimensional file, or a surface.
         """
+        # Header and counts.
         content = text_bytes(path)
         text = re.sub(rb"#[^\n]*", b"", content)
         head = _OFF.match(text)
@@ -50,6 +54,7 @@ class Off(Reading):
         if len(counts) < 3 or not all(0 <= n < 2**53 and n == int(n) for n in counts.tolist()):
             raise FileError(f"it declares {counts.tolist()} points, faces and edges")
         n_points, n_faces = (int(n) for n in counts[:2])
+        # One line per point and face if possible, otherwise a free stream of numbers.
         rows = _off_rows(numbers, words_per_line(body), n_points, n_faces)
         if rows is None:
             if head[1]:
@@ -61,14 +66,14 @@ class Off(Reading):
         return _mesh(path, content, *rows, self.reading)
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
-        """Write a plane mesh with its tags and labels, and each coarse mesh beside it.
+        """Write a 2-D mesh with its tags and labels, and each coarse mesh beside it.
 
         Raises
         ------
         FileError
             For a mesh in 3-D, or cells with holes.
         MeshError
-            For a cell tag whose name files cannot hold.
+            If files cannot hold the name of a cell tag.
         """
         write_levels(path, mesh, hierarchy, _write_off)
 
@@ -76,9 +81,9 @@ class Off(Reading):
 def _off_rows(
     numbers: Float, widths: Int, n_points: int, n_faces: int
 ) -> tuple[Float, tuple[Int, Int]] | None:
-    """Points and faces of a file with a line for each: what follows in a line is left out.
+    """Read points and faces from one line each, without additional values at the line ends.
 
-    None if lines are broken in another way.
+    Return None if the lines are broken differently.
     """
     points, faces = widths[1 : 1 + n_points], widths[1 + n_points :]
     if len(faces) != n_faces or len(points) != n_points or widths[0] != 3:
@@ -97,7 +102,7 @@ def _off_rows(
 
 
 def _off_stream(numbers: Float, n_points: int, n_faces: int) -> tuple[Float, tuple[Int, Int]]:
-    """Points and faces of a file with lines broken anywhere, which holds nothing else."""
+    """Read points and faces from a stream with arbitrary line breaks and no other values."""
     rows, rest = numbers[: 3 * n_points], numbers[3 * n_points :]
     if len(rows) != 3 * n_points:
         raise FileError(f"{n_points} points are declared, {len(rows)} coordinates follow")
@@ -109,18 +114,21 @@ def _off_stream(numbers: Float, n_points: int, n_faces: int) -> tuple[Float, tup
 
 
 def _whole(numbers: Float) -> Int:
-    """Numbers as integers, −1 for those that are none."""
+    """Convert numbers to integers, −1 for other values."""
     whole = np.where(np.abs(numbers) < 2**53, numbers, -1).astype(np.int64)
     return frozen_int(np.where(whole == numbers, whole, -1))
 
 
 class Obj(Reading):
-    """Wavefront OBJ: points and polygons; a constant z makes a plane mesh, surfaces are refused."""
+    """Wavefront OBJ: points and polygons.
+
+    The coordinate z must be constant (2-D); surfaces are rejected.
+    """
 
     lossless: bool = False
 
     def read(self, path: Path) -> Mesh:
-        """Return the mesh of an OBJ file, without normals, textures and groups.
+        """Read an OBJ file, without normals, textures and groups.
 
         Raises
         ------
@@ -128,6 +136,7 @@ class Obj(Reading):
             For a broken file or mesh, or a surface.
         """
         content = text_bytes(path)
+        # Points: lines "v x y z"; backslashes continue lines.
         text = content.replace(b"\\\n", b" ")
         rows = b"\n".join(re.findall(rb"(?m)^v[ \t]+([^\n#]*)", text))
         widths = words_per_line(rows)
@@ -137,30 +146,34 @@ class Obj(Reading):
                 f"its points (lines 'v x y z') have {given} coordinates, expected 3 or more of each"
             )
         points = frozen_float(reals(rows).reshape(-1, int(widths[0]))[:, :3])
+        # Faces: lines "f v/vt/vn …", of which only v is kept.
         lines = b"\n".join(re.findall(rb"(?m)^f[ \t]+([^\n#]*)", text))
         lines = re.sub(rb"/[^\s]*", b"", lines)
         offsets = frozen_int(np.concatenate(([0], np.cumsum(words_per_line(lines)))))
         _check_own_counts(content, len(points), len(offsets) - 1)
         values = integers(lines)
-        vertices = np.where(values > 0, values - 1, values + len(points))  # those below 0 count from the end
+        vertices = np.where(values > 0, values - 1, values + len(points))  # negative: counted from the end
         vertices[values == 0] = -1
         return _mesh(path, content, points, (offsets, frozen_int(vertices)), self.reading)
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
-        """Write a plane mesh with its tags and labels, and each coarse mesh beside it.
+        """Write a 2-D mesh with its tags and labels, and each coarse mesh beside it.
 
         Raises
         ------
         FileError
             For a mesh in 3-D, or cells with holes.
         MeshError
-            For a cell tag whose name files cannot hold.
+            If files cannot hold the name of a cell tag.
         """
         write_levels(path, mesh, hierarchy, _write_obj)
 
 
 def _check_own_counts(content: bytes, n_points: int, n_faces: int) -> None:
-    """Refuse a file of agglo that was cut: others do not say how much they hold."""
+    """Reject truncated files of agglo.
+
+    Files of other programs do not declare their size.
+    """
     said = re.match(rb"# agglo: (\d{1,18}) points, (\d{1,18}) polygons\n", content)
     if said is None:
         return

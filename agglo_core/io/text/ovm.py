@@ -1,7 +1,8 @@
-"""Reading and writing OpenVolumeMesh's .ovm as text: points, edges, faces of half-edges, cells of half-faces.
+"""Read and write OpenVolumeMesh's text format .ovm: points, edges, half-edges, half-faces.
 
-Half-edge 2 e runs from the first to the second point of edge e, 2 e + 1 the other way; half-face 2 f has the
-half-edges of face f in their order, 2 f + 1 is seen from the other side.
+Half-edge 2 e runs from the first to the second point of edge e, 2 e + 1 in the opposite direction. Half-face
+2 f
+has the half-edges of face f in order, 2 f + 1 is seen from the other side.
 """
 
 from __future__ import annotations
@@ -43,17 +44,20 @@ class _Section(NamedTuple):
 
 
 class Ovm(Reading):
-    """OpenVolumeMesh as text: points, edges, faces of half-edges, and polyhedra of half-faces."""
+    """OpenVolumeMesh as text: points, edges, faces with half-edges, and polyhedra with half-faces."""
 
     lossless: bool = False
 
     def read(self, path: Path) -> Mesh:
-        """Return the mesh of a file; properties of other programs are passed over.
+        """Read a mesh.
+
+        Properties of other programs are ignored.
+
 
         Raises
         ------
         FileError, MeshError
-            For a broken file or mesh, or one in binary.
+            For a broken file or mesh, or a binary file.
         """
         content = text_bytes(path)
         text = re.sub(rb"#[^\n]*", b"", content)
@@ -63,11 +67,12 @@ class Ovm(Reading):
             raise FileError(
                 f"line {points.line}: {count} points are declared, {len(rows)} coordinates follow"
             )
+        # Expand the half-faces of each cell to vertex loops.
         loop_offsets, loops = _faces(text, faces, _edges(text, edges, count))
         cell_offsets, halves = _lists(text, cells, 2 * (len(loop_offsets) - 1))
         sides, places = gather(loop_offsets, frozen_int(halves >> 1))
         ends = np.repeat(sides[:-1] + sides[1:] - 1, np.diff(sides))
-        turned = np.repeat(halves & 1 == 0, np.diff(sides))  # half-faces look inward by this convention
+        turned = np.repeat(halves & 1 == 0, np.diff(sides))  # even half-faces look inward by this convention
         rank = np.arange(len(places))
         vertices = loops[places][np.where(turned, ends - rank, rank)]
         solids = Polyhedra(cell_offsets, sides, frozen_int(vertices))
@@ -80,20 +85,20 @@ class Ovm(Reading):
         )
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
-        """Write a solid mesh with its tags and labels, and each coarse mesh beside it.
+        """Write a 3-D mesh with its tags and labels, and each coarse mesh beside it.
 
         Raises
         ------
         FileError
-            For a plane mesh.
+            For a 2-D mesh.
         MeshError
-            For a cell tag whose name files cannot hold.
+            If files cannot hold the name of a cell tag.
         """
         write_levels(path, mesh, hierarchy, _write)
 
 
 def _sections(content: bytes) -> dict[str, _Section]:
-    """The four parts of a file by title."""
+    """Return the four sections of a file by title."""
     if content.split(maxsplit=2)[:2] != [b"OVM", b"ASCII"]:
         raise FileError("it does not begin with 'OVM ASCII'; OpenVolumeMesh's binary files are not read")
     other = _PROPERTY.search(content)
@@ -124,7 +129,7 @@ def _whole(content: bytes, section: _Section) -> tuple[int, Int]:
 
 
 def _edges(content: bytes, section: _Section, n_points: int) -> Int:
-    """First point of each half-edge."""
+    """Return the first point of each half-edge."""
     count, ends = _whole(content, section)
     if len(ends) != 2 * count:
         raise FileError(f"line {section.line}: {count} edges are declared, {len(ends)} ends follow")
@@ -150,7 +155,7 @@ def _lists(content: bytes, section: _Section, most: int) -> tuple[Int, Int]:
 
 
 def _faces(content: bytes, section: _Section, first: Int) -> tuple[Int, Int]:
-    """Points of each face in the order of its half-edges."""
+    """Return the points of each face in the order of its half-edges."""
     offsets, halves = _lists(content, section, len(first))
     if (np.diff(offsets) < 3).any():
         raise FileError(f"line {section.line}: face {int(np.argmax(np.diff(offsets) < 3))} has under 3 edges")

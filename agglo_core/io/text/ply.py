@@ -1,4 +1,4 @@
-"""PLY files, as text or binary: their elements, and plane meshes in them."""
+"""Read and write PLY files, as text or binary, with 2-D meshes."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
 _NEEDED = ("vertex", "face")
-_LONGEST = 1 << 30  # bytes of a record that can be
+_LONGEST = 1 << 30  # bytes, bound on the length of a valid record
 
 
 class Property(NamedTuple):
-    """A number of each row, or a list of numbers."""
+    """A number per row, or a list of numbers per row."""
 
     name: str
     type: str  # of numpy, without the byte order
@@ -37,7 +37,7 @@ class Property(NamedTuple):
 
 
 class Element(NamedTuple):
-    """Rows of one kind."""
+    """Rows of one element type."""
 
     name: str
     n: int
@@ -45,7 +45,7 @@ class Element(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Contents of all rows of an element: numbers by name, and the list of each as CSR."""
+    """Contents of all rows of an element: numbers by name, and the lists as CSR."""
 
     values: Mapping[str, NDArray[Any]]
     listed: str
@@ -54,12 +54,15 @@ class Rows(NamedTuple):
 
 
 def read_elements(content: bytes, start: int, order: str, elements: list[Element]) -> dict[str, Rows]:
-    """All elements up to the last of points and faces; ``order`` is the byte order, empty for text.
+    """Read all elements up to points and faces.
+
+    ``order`` is the byte order, empty for text.
+
 
     Raises
     ------
     FileError
-        For elements that are cut short, or have several lists.
+        For truncated elements, or several lists per row.
     """
     last = max((i for i, each in enumerate(elements) if each.name in _NEEDED), default=-1)
     data = np.frombuffer(content, np.uint8, offset=start) if order else reals(content, start)
@@ -78,7 +81,7 @@ def read_elements(content: bytes, start: int, order: str, elements: list[Element
 
 
 def _split(element: Element) -> tuple[list[Property], list[Property], list[Property]]:
-    """Properties before the list, the list, and those after it."""
+    """Return the properties before the list, the list, and the properties after it."""
     kinds = [bool(p.counted) for p in element.properties]
     place = kinds.index(True) if True in kinds else len(kinds)
     return element.properties[:place], element.properties[place : place + 1], element.properties[place + 1 :]
@@ -98,6 +101,7 @@ def _text(numbers: NDArray[Any], _: str, element: Element) -> tuple[Rows, int]:
         return Rows(_typed(before, table), "", frozen_int([0]), frozen_int([])), used
     stream = np.where(np.abs(numbers) < 2**53, numbers, -1).astype(np.int64)
     stream[stream != numbers] = -1
+    # Locate the lists, then the fixed columns before and after each list.
     offsets, places, used = counted_lists(frozen_int(stream), element.n, len(before), len(after))
     width = len(before) + 1 + len(after)
     starts = offsets[:-1] + width * np.arange(element.n)
@@ -127,6 +131,7 @@ def _binary(data: NDArray[Any], order: str, element: Element) -> tuple[Rows, int
             raise _short(element)
         table = data[:used].view(head)
         return Rows(_fields(before, table), "", frozen_int([0]), frozen_int([])), used
+    # Find the record starts by the list lengths, then read all columns at once.
     length, item = (np.dtype(order + kind) for kind in (listed[0].counted, listed[0].type))
     if "f" in (length.kind, item.kind):
         raise FileError(f"the list {listed[0].name!r} is not one of whole numbers")
@@ -153,7 +158,7 @@ def _binary(data: NDArray[Any], order: str, element: Element) -> tuple[Rows, int
 
 
 def _at(data: NDArray[Any], places: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Values of a type that begin at places of bytes, whole numbers as int64."""
+    """Return values of a type at byte positions, integers as int64."""
     if not dtype.itemsize:
         return np.empty(len(places), dtype)
     found = data[places[:, None] + np.arange(dtype.itemsize)].view(dtype)[:, 0]
@@ -179,7 +184,7 @@ _COLOURS = ("red", "green", "blue", "alpha", "flags")
 
 
 class _Header(NamedTuple):
-    """Header of a file: byte order of the data (empty for text), elements, and its end."""
+    """Header of a file: byte order (empty for text), elements, and end position."""
 
     order: str
     elements: list[Element]
@@ -187,12 +192,18 @@ class _Header(NamedTuple):
 
 
 class Ply(Reading):
-    """PLY: points and polygons with whole numbers for each, as text or binary; surfaces are refused."""
+    """PLY: points and polygons with integers per polygon, as text or binary.
+
+    Surfaces are rejected.
+    """
 
     lossless: bool = False
 
     def read(self, path: Path) -> Mesh:
-        """Return the mesh of a PLY file; whole numbers of faces become cell tags, colours are passed over.
+        """Read a PLY file.
+
+        Integer properties of faces become cell tags, colours are ignored.
+
 
         Raises
         ------
@@ -212,14 +223,14 @@ class Ply(Reading):
         return note_left_out(mesh, [name for name, values in rows.items() if values.dtype.kind == "f"])
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
-        """Write a plane mesh with its tags and labels, and each coarse mesh beside it.
+        """Write a 2-D mesh with its tags and labels, and each coarse mesh beside it.
 
         Raises
         ------
         FileError
-            For a mesh in space, cells with holes, or a tag with numbers of more than 32 bits.
+            For a 3-D mesh, cells with holes, or a tag with values beyond 32 bits.
         MeshError
-            For a cell tag whose name files cannot hold.
+            If files cannot hold the name of a cell tag.
         """
         write_levels(path, mesh, hierarchy, _write)
 
@@ -276,6 +287,7 @@ def _write(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
     wide = [name for name, values in tags.items() if not fits_in_index(values)]
     if wide:
         raise FileError(f".ply holds numbers of 32 bits, cell tag {wide[0]!r} has larger ones")
+    # Each row holds the corners of a polygon, followed by its tags.
     sizes = np.diff(loops.offsets)
     names = "".join(f"property int {quote(name, safe='')}\n" for name in tags)
     rows = np.empty(len(loops.vertices) + len(sizes) * len(tags), np.int64)

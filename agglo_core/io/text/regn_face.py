@@ -1,7 +1,7 @@
-"""Pairs of a file of points and one of cells: polyhedra by their faces (REGN_FACE), Triangle's and TetGen's.
+"""Read and write pairs of a point file and a cell file: REGN_FACE polyhedra, Triangle, TetGen.
 
-Lines may be broken anywhere, so files with the points of a face on a line of their own are read, too. Points
-are numbered from 0, or from where the file of points begins.
+Line breaks are arbitrary, so files with one line per face are also read. Points are numbered from 0, or
+from the first number in the point file.
 """
 
 from __future__ import annotations
@@ -37,18 +37,25 @@ _log = logging.getLogger("agglo")
 
 
 class RegnFace(Reading):
-    """Polyhedra as lists of faces in ``NAME.ele``, points in ``NAME.node``: either name stands for both.
+    """Polyhedra as lists of faces in ``NAME.ele`` with points in ``NAME.node``.
 
-    Triangle's triangles and TetGen's tetrahedra in files of these suffixes are read, too.
+    Either name is accepted.
+
+
+    Triangle's triangles and TetGen's tetrahedra with the same suffixes are also read.
     """
 
     lossless: bool = False
 
     def read(self, path: Path) -> Mesh:
-        """Return the mesh of ``NAME.node`` and ``NAME.ele``; cell data of agglo's files become tags again.
+        """Read ``NAME.node`` and ``NAME.ele``.
 
-        Whole numbers that Triangle and TetGen give as attributes of cells are tags ``triangle:ref`` and
-        ``tetgen:ref``, further ones ``triangle:ref2``, ….
+        Cell data in agglo's own files become tags again.
+
+
+        Integer cell attributes of Triangle and TetGen become tags ``triangle:ref`` and ``tetgen:ref``,
+        further
+        attributes ``triangle:ref2``, ….
 
         Raises
         ------
@@ -74,14 +81,14 @@ class RegnFace(Reading):
         return Mesh.from_polyhedra(points, solids, cell_tags=tags, **self.reading, name=path.stem)
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
-        """Write ``NAME.node`` and ``NAME.ele``; of each level ``NAME_level0.node``, ``.ele``, ``.partition``.
+        """Write ``NAME.node`` and ``NAME.ele``, and ``NAME_level0.node``, ``.ele``, ``.partition`` per level.
 
         Raises
         ------
         FileError
-            For a plane mesh.
+            For a 2-D mesh.
         MeshError
-            For a cell tag whose name files cannot hold.
+            If files cannot hold the name of a cell tag.
         """
         write_levels(path, mesh, hierarchy, _write)
         for level, labels in enumerate(hierarchy.levels if hierarchy is not None else ()):
@@ -101,7 +108,7 @@ def _content(path: Path, suffix: str) -> bytes:
 
 
 def _head(content: bytes, file: Path) -> tuple[Int, bytes]:
-    """The numbers of the first line, and what follows it, without comments."""
+    """Return the numbers in the first line, and the text after it, without comments."""
     text = re.sub(rb"#[^\n]*", b"", content).lstrip()
     line, _, body = text.partition(b"\n")
     try:
@@ -111,7 +118,7 @@ def _head(content: bytes, file: Path) -> tuple[Int, bytes]:
 
 
 def _points(content: bytes, file: Path) -> tuple[int, Float]:
-    """The number of the first point, and all points."""
+    """Return the number of the first point, and all points."""
     head, body = _head(content, file)
     if len(head) != 4 or head[1] not in (2, 3) or head.min() < 0:
         raise FileError(
@@ -134,7 +141,7 @@ def _points(content: bytes, file: Path) -> tuple[int, Float]:
 
 
 def _simplices(body: bytes, head: Int, first: int, points: Float, file: str) -> tuple[Soup, list[str]]:
-    """Triangles or tetrahedra with their attributes, and names of those that are not whole numbers."""
+    """Return triangles or tetrahedra with their attributes, and the names of non-integer attributes."""
     n, width, n_attributes = head.tolist()
     dim = points.shape[1]
     if width not in (dim + 1, (dim + 1) * (dim + 2) // 2) or n_attributes < 0:
@@ -142,6 +149,7 @@ def _simplices(body: bytes, head: Int, first: int, points: Float, file: str) -> 
             f"{file} begins with {head.tolist()}; cells in {dim}-D have {dim + 1} or "
             f"{(dim + 1) * (dim + 2) // 2} nodes"
         )
+    # Read the rows: number, nodes, attributes.
     try:
         numbers = reals(body)
     except FileError as error:
@@ -154,6 +162,7 @@ def _simplices(body: bytes, head: Int, first: int, points: Float, file: str) -> 
     wrong = np.flatnonzero(~((nodes >= 0) & (nodes < len(points)) & (nodes == np.floor(nodes))).all(axis=1))
     if len(wrong):
         raise FileError(f"{file}: cell {wrong[0]} uses points outside {first}..{len(points) - 1 + first}")
+    # Integer attributes become tags.
     tags, left = {}, []
     for k, values in enumerate(rows[:, 1 + width :].T, 1):
         name = f"{'triangle' if dim == 2 else 'tetgen'}:ref{k if k > 1 else ''}"
@@ -195,6 +204,7 @@ def _write(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
     numbered = "".join(f"{i} {row}\n" for i, row in enumerate(rows))
     text = f"# points of {path.stem}.ele\n{n} 3 0 0\n{numbered}"
     path.with_suffix(".node").write_text(text, encoding="utf-8", errors="surrogateescape")
+    # Insert the head (number, size) before each face, then the head before each cell.
     counts, sizes = np.diff(solids.cell_offsets), np.diff(solids.loop_offsets)
     rank = np.arange(len(sizes)) - np.repeat(solids.cell_offsets[:-1], counts)
     heads = np.stack((rank, sizes), axis=1).ravel()

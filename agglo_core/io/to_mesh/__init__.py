@@ -1,1 +1,1 @@
-"""Turn the points and cells of a file into a mesh, and a mesh into lists of cells and faces."""
+"""Convert the points and cells of a file to a mesh, and back to lists of cells and faces."""

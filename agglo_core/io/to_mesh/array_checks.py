@@ -1,4 +1,4 @@
-"""Check that the shells of stored cells look outward: another program may have written the file."""
+"""Check that the shells of stored cells look outward, because other programs may have written the file."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from agglo_core.mesh.geometry.solid_cells import face_moments
 
 
 def check_directions(mesh: Mesh) -> None:
-    """Raise FileError for a solid cell with a shell whose faces look into the cell, such as that of a cavity.
+    """Raise FileError if a shell of a 3-D cell, such as a cavity, has faces that look into the cell.
 
-    The arrays are checked already, so that only a cell with several shells can have one.
+    The arrays are already checked, so only cells with several shells can be wrong.
     """
     if mesh.dim == 2 or not (np.diff(mesh.cell_faces[0]) >= TWO_SHELLS).any():
         return

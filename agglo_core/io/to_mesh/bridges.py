@@ -1,4 +1,7 @@
-"""Polygons with holes as single loops: a bridge edge, traversed both ways, joins two boundary loops."""
+"""Convert polygons with holes to single loops.
+
+A bridge edge, traversed both ways, joins two boundary loops.
+"""
 
 from __future__ import annotations
 
@@ -11,21 +14,21 @@ from agglo_core.mesh import Mesh
 
 
 def single_loops(mesh: Mesh) -> tuple[Int, Int, Int]:
-    """One closed vertex loop per cell, the cell on its left, of the same area as the cell.
+    """Return a closed vertex loop per cell, counter-clockwise, with the same area as the cell.
 
-    Loops that share a vertex (a pinch) are joined there, others by a bridge between near vertices.
+    Loops with a common vertex (a pinch) are joined there, others by a bridge between close vertices.
 
     Returns
     -------
     offsets : (n_cells + 1,) int
     vertices : int
     loops : (n_cells,) int
-        Boundary loops of each cell; where it is 1 the polygon is the boundary as it is.
+        Number of boundary loops per cell; for 1 the polygon is the boundary itself.
 
     Raises
     ------
     FileError
-        If no bridge is free: an edge of the mesh cannot be one.
+        If every possible bridge is an edge of the mesh.
     """
     found = mesh.boundary_loops
     loops = np.diff(found.cell_offsets)
@@ -48,7 +51,7 @@ def single_loops(mesh: Mesh) -> tuple[Int, Int, Int]:
 
 
 class _Edges:
-    """Edges that cannot be bridges: those of the mesh, and bridges already used."""
+    """Edges that cannot be bridges: mesh edges and bridges already in use."""
 
     def __init__(self, mesh: Mesh) -> None:
         self._n = mesh.n_points
@@ -69,17 +72,22 @@ class _Edges:
 
 
 def _join(points: Float, parts: list[Int], edges: _Edges) -> Int | None:
-    """The loops as one, nearest first, or None if no bridge is free."""
+    """Join the loops into one, nearest first.
+
+    Return None if no bridge is free.
+    """
     vertices = np.concatenate(parts)
     part = np.repeat(np.arange(len(parts)), [len(loop) for loop in parts])
     near, distance = np.full(len(vertices), -1), np.full(len(vertices), np.inf)
     ring, newest = parts[0].tolist(), 0
     waiting = part != 0
     while waiting.any():
+        # Update the distance of every waiting vertex to the loops joined so far (Prim's algorithm).
         rest = np.flatnonzero(waiting)
         anchor, gap = _nearest(points, frozen_int(vertices[rest]), parts[newest], edges)
         closer = gap < distance[rest]
         near[rest[closer]], distance[rest[closer]] = anchor[closer], gap[closer]
+        # Insert the nearest loop at its closest vertex.
         best = int(rest[np.argmin(distance[rest])])
         if not np.isfinite(distance[best]):
             return None
@@ -96,7 +104,7 @@ def _join(points: Float, parts: list[Int], edges: _Edges) -> Int | None:
 
 
 def _nearest(points: Float, rest: Int, loop: Int, edges: _Edges) -> tuple[Int, Float]:
-    """For each vertex of ``rest`` the nearest of ``loop`` that may be joined to it, and its distance."""
+    """Return for each vertex in ``rest`` the nearest admissible vertex in ``loop``, and its distance."""
     from scipy.spatial import cKDTree
 
     tree = cKDTree(points[loop])
@@ -104,7 +112,7 @@ def _nearest(points: Float, rest: Int, loop: Int, edges: _Edges) -> tuple[Int, F
         gap, place = tree.query(points[rest], k=range(1, k + 1))
         anchor = loop[place]
         own = np.repeat(rest[:, None], k, axis=1)
-        apart = (gap == 0) & (anchor != own)  # two points at one place: no edge between them
+        apart = (gap == 0) & (anchor != own)  # two coincident points: no edge between them
         gap = np.where(apart | ((anchor != own) & edges.taken(anchor, own)), np.inf, gap)
         if np.isfinite(gap).any():
             break

@@ -1,4 +1,4 @@
-"""Faces that a file lists by their points: which faces of the mesh they are, and the tags that they carry."""
+"""Match faces that a file lists by points with mesh faces, and transfer their tags."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _TAG = "agglo_face_tag "
 
 
 class ListedFaces(NamedTuple):
-    """Faces that differ from most in some tag, as files of agglo's own list them beside the mesh."""
+    """Faces with an uncommon value in some tag, listed beside the mesh in agglo's own files."""
 
-    cells: Int  # (k,) the smaller number of the cells beside
+    cells: Int  # (k,) smaller number of the adjacent cells
     offsets: Int  # (k + 1,)
-    vertices: Int  # numbers of the points in the file
-    tags: Mapping[str, Int]  # name -> (k + 1,) the value of all other faces, then that of each
+    vertices: Int  # point numbers in the file
+    tags: Mapping[str, Int]  # name -> (k + 1,) value of all other faces, then the value of each listed face
 
 
 def face_fields(
@@ -33,22 +33,26 @@ def face_fields(
     cells: Int | None = None,
     usual: Mapping[str, int] | None = None,
 ) -> dict[str, Int]:
-    """Arrays that hold the face tags of a mesh; none if it has no tags.
+    """Return the arrays that hold the face tags of a mesh.
+
+    The mapping is empty without tags.
+
 
     Parameters
     ----------
     mesh : Mesh
     number : (n_points,) int or None
-        The number of each point in the file, where it differs.
+        Point numbers in the file, if they differ.
     cells : (k,) int, optional
-        The cells that the file holds, in its order, if not all; faces beside none of them are not listed.
+        Cells in the file, in its order, if not all; faces without such a cell are not listed.
     usual : mapping of str to int, optional
-        The value of all faces that are not listed, by tag; by default the most common one.
+        Value of all unlisted faces, by tag; by default the most common value.
     """
     if not mesh.face_tags:
         return {}
     usual = usual_values(mesh) if usual is None else usual
     beside = _smaller_cell(mesh) if cells is None else _smaller_among(mesh, cells)
+    # List the faces with an uncommon value in some tag.
     chosen = np.zeros(mesh.n_faces, bool)
     for name, values in mesh.face_tags.items():
         chosen |= values != usual[name]
@@ -66,7 +70,7 @@ def face_fields(
 
 
 def usual_values(mesh: Mesh) -> dict[str, int]:
-    """The most common value of each face tag."""
+    """Return the most common value of each face tag."""
     return {name: int(_most_common(values)) for name, values in mesh.face_tags.items()}
 
 
@@ -81,15 +85,18 @@ def _smaller_cell(mesh: Mesh) -> Int:
 
 
 def _smaller_among(mesh: Mesh, cells: Int) -> Int:
-    """The smaller place among ``cells`` of the two cells beside each face, −1 where neither is one."""
-    place = np.full(mesh.n_cells + 1, len(cells))  # the last one is what lies outside
+    """Return the smaller position in ``cells`` of the two cells at each face, −1 if neither is listed."""
+    place = np.full(mesh.n_cells + 1, len(cells))  # the last entry stands for the outside
     place[cells] = np.arange(len(cells))
     smaller = place[mesh.face_cells].min(axis=1)
     return frozen_int(np.where(smaller < len(cells), smaller, -1))
 
 
 def listed_faces(fields: Mapping[str, NDArray[Any]], n_points: int, n_cells: int) -> ListedFaces | None:
-    """Read the arrays of :func:`face_fields`; None if there are none.
+    """Parse the arrays of :func:`face_fields`.
+
+    Return None if there are none.
+
 
     Raises
     ------
@@ -118,9 +125,12 @@ def listed_faces(fields: Mapping[str, NDArray[Any]], n_points: int, n_cells: int
 
 
 def joined_faces(listed: Sequence[ListedFaces | None], cells: Int, points: Int) -> ListedFaces | None:
-    """The faces that pieces list, whose cells and points begin with those numbers; None unless all agree.
+    """Join the listed faces of pieces, with offsets of cells and points.
 
-    They do if they list faces by the same tags, with the same value for all others.
+    Return None if the pieces disagree.
+
+
+    They agree if their tags have the same names, and the same value on all other faces.
     """
     given = [each for each in listed if each is not None]
     alike = [{name: int(values[0]) for name, values in each.tags.items()} for each in given]
@@ -141,7 +151,7 @@ def joined_faces(listed: Sequence[ListedFaces | None], cells: Int, points: Int) 
 
 
 def tags_of_faces(mesh: Mesh, points: Float, listed: ListedFaces) -> dict[str, Int]:
-    """Tags of a mesh ``(n_faces,)`` by faces that are listed by the given points ``(n, d)`` of the file."""
+    """Return the tags ``(n_faces,)`` of faces listed by file points ``(n, d)``."""
     face = faces_with(mesh, points, listed.offsets, listed.vertices, listed.cells)
     kept = np.flatnonzero(face >= 0)
     tags = {}
@@ -153,12 +163,15 @@ def tags_of_faces(mesh: Mesh, points: Float, listed: ListedFaces) -> dict[str, I
 
 
 def faces_with(mesh: Mesh, points: Float, offsets: Int, vertices: Int, cells: Int | None = None) -> Int:
-    """The face with the same points as each of k loops ``(k,)``, −1 where there is none.
+    """Return for each of k loops the face with the same points ``(k,)``, or −1.
 
-    Points are compared by their coordinates, because building a mesh renumbers them, and those that follow
-    themselves count once: triangles that are stored as quadrilaterals. With ``cells`` a face
-    must also lie beside that cell, and beside none of a smaller number.
+    Points are compared by coordinates, because the construction of a mesh renumbers them. Repeated
+    consecutive
+    points count once (triangles stored as quadrilaterals). With ``cells``, the smaller number of the cells at
+    the
+    face must also agree.
     """
+    # Number the points of mesh and file by coordinates.
     given = points[:, : mesh.dim]
     point = _row_numbers(np.concatenate((mesh.points, given)) + 0.0)
     face_offsets, own = simple_loops(mesh.face_offsets, point[mesh.face_vertices])
@@ -167,6 +180,7 @@ def faces_with(mesh: Mesh, points: Float, offsets: Int, vertices: Int, cells: In
     beside = np.zeros(mesh.n_faces, np.int64) if cells is None else _smaller_cell(mesh)
     cells = frozen_int(np.zeros(len(sizes))) if cells is None else cells
     face = np.full(len(sizes), -1)
+    # Compare the faces of equal size by their sorted points.
     for size in np.intersect1d(sizes[sizes >= mesh.dim], face_sizes):
         loops, faces = np.flatnonzero(sizes == size), np.flatnonzero(face_sizes == size)
         rows = (
@@ -181,13 +195,13 @@ def faces_with(mesh: Mesh, points: Float, offsets: Int, vertices: Int, cells: In
 
 
 def _keys(cells: Int, offsets: Int, vertices: Int, which: Int, size: int) -> Int:
-    """Of loops of one size the cell and the sorted points ``(k, 1 + size)``."""
+    """Return cell and sorted points ``(k, 1 + size)`` of loops with equal size."""
     points = np.sort(vertices[gather(offsets, which)[1]].reshape(-1, size), axis=1)
     return frozen_int(np.column_stack((cells[which], points)))
 
 
 def _row_numbers(rows: Float | Int) -> Int:
-    """A number for each distinct row."""
+    """Return a number for each distinct row."""
     order = np.lexsort(rows.T)
     new = np.concatenate(([True], (np.diff(rows[order], axis=0) != 0).any(axis=1)))[: len(rows)]
     number = np.empty(len(rows), np.int64)

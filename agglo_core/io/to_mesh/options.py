@@ -6,7 +6,7 @@ from typing import TypedDict
 
 
 class ReadOptions(TypedDict):
-    """Options of building a mesh from the contents of a file."""
+    """Options for the construction of a mesh from a file."""
 
     merge_points: bool
     allow_gaps: bool
@@ -14,16 +14,16 @@ class ReadOptions(TypedDict):
 
 
 class Reading:
-    """The part of a format that has the options of reading.
+    """Base class for formats: options for reading.
 
     Parameters
     ----------
     merge_points : bool
         Merge exactly equal points on reading.
     allow_gaps : bool
-        Leave outer faces that lie on one another as they are.
+        Keep coincident outer faces.
     drop_flat : bool
-        Leave out cells of zero area or volume.
+        Drop cells with zero area or volume.
     """
 
     def __init__(self, merge_points: bool = True, allow_gaps: bool = False, drop_flat: bool = False) -> None:
@@ -33,7 +33,7 @@ class Reading:
 
     @property
     def reading(self) -> ReadOptions:
-        """The options, for the function that reads."""
+        """Options as keyword arguments for the reading function."""
         return {
             "merge_points": self.merge_points,
             "allow_gaps": self.allow_gaps,
@@ -42,7 +42,7 @@ class Reading:
 
 
 class Compressing(Reading):
-    """The part of a format that also compresses.
+    """Base class for formats that also compress.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Meshes as lists of polygons or polyhedra, for formats that hold nothing else; levels in files beside."""
+"""Convert meshes to plain lists of polygons or polyhedra, and write levels to files beside them."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
 _log = logging.getLogger("agglo")
-_CHUNK = 8192  # cells looked at together: what is made for them stays in a cache, and needs little room
+_CHUNK = 8192  # cells per chunk: temporary arrays stay in cache and need little memory
 
 
 class Loops(NamedTuple):
-    """Plane cells: cell c has the points ``vertices[offsets[c]:offsets[c + 1]]``, counter-clockwise."""
+    """2-D cells: cell c has the points ``vertices[offsets[c]:offsets[c + 1]]``, counter-clockwise."""
 
     points: Float
     offsets: Int
@@ -31,12 +31,12 @@ class Loops(NamedTuple):
 
 
 def loops_of(mesh: Mesh, suffix: str) -> Loops:
-    """Cells of a plane mesh, each one polygon, with the points they use.
+    """Return the cells of a 2-D mesh as polygons, with the points in use.
 
     Raises
     ------
     FileError
-        For a mesh in space, or a cell with a hole or a boundary that meets itself.
+        For a 3-D mesh, or a cell with a hole or a self-touching boundary.
     """
     if mesh.dim != 2:
         raise FileError(f"{suffix} holds plane meshes, this one is {mesh.dim}-D; .vtu and .npz hold both")
@@ -50,12 +50,12 @@ def loops_of(mesh: Mesh, suffix: str) -> Loops:
 
 
 def solids_of(mesh: Mesh, suffix: str) -> tuple[Float, Polyhedra]:
-    """Points in use and the faces of every cell, counter-clockwise seen from outside it.
+    """Return the points in use and the faces of every cell, counter-clockwise from outside.
 
     Raises
     ------
     FileError
-        For a plane mesh.
+        For a 2-D mesh.
     """
     if mesh.dim != 3:
         raise FileError(f"{suffix} holds solid meshes, this one is {mesh.dim}-D; .vtu and .npz hold both")
@@ -67,7 +67,9 @@ def solids_of(mesh: Mesh, suffix: str) -> tuple[Float, Polyhedra]:
 
 
 def used_points(mesh: Mesh) -> tuple[Float, Int | None]:
-    """Points that faces use (a coarse mesh keeps all), and the new number of each point unless all stay."""
+    """Return the points of faces (coarse meshes keep unused points) and the new point numbers, None if
+    unchanged.
+    """
     used = np.zeros(mesh.n_points, bool)
     used[mesh.face_vertices] = True
     if used.all():
@@ -76,7 +78,7 @@ def used_points(mesh: Mesh) -> tuple[Float, Int | None]:
 
 
 def half_faces(mesh: Mesh) -> Polyhedra:
-    """Faces of every cell in the order of ``cell_faces``, each counter-clockwise seen from outside it."""
+    """Return the faces of every cell in the order of ``cell_faces``, counter-clockwise from outside."""
     offsets, faces = mesh.cell_faces
     loop_offsets = np.concatenate(([0], np.cumsum(np.diff(mesh.face_offsets)[faces])))
     vertices = np.empty(loop_offsets[-1], np.int64)
@@ -89,7 +91,7 @@ def half_faces(mesh: Mesh) -> Polyhedra:
 
 
 def _seen_from(mesh: Mesh, cells: Int, faces: Int) -> Int:
-    """Vertices of the faces, one after the other, each counter-clockwise as seen from outside its cell."""
+    """Concatenate the vertices of the faces, each counter-clockwise from outside its cell."""
     loop_offsets, places = gather(mesh.face_offsets, faces)
     sizes = np.diff(loop_offsets)
     ends = np.repeat(mesh.face_offsets[faces] + mesh.face_offsets[faces + 1] - 1, sizes)
@@ -105,17 +107,17 @@ def write_levels(
 ) -> None:
     """Write a mesh with its tags and labels, and each coarse mesh beside it as ``NAME_level0.SUFFIX``, ….
 
-    A coarse mesh that the format cannot hold (agglomerates with holes) is left out with a warning: the labels
-    say all of it.
+    A coarse mesh that the format cannot hold (agglomerates with holes) is skipped with a warning; the labels
+    contain the same information.
 
     Parameters
     ----------
     path : Path
-        In a folder of its own, all files of which are put in place together.
+        Path in a staging folder, whose files are put in place together.
     mesh : Mesh
     hierarchy : Hierarchy or None
     write : callable
-        Writes one mesh with tags; a FileError says what cannot be held.
+        Function that writes a mesh with tags, and raises FileError for unsupported data.
     """
     tags = cell_data(mesh, hierarchy)
     check_names(tags)

@@ -1,12 +1,13 @@
 """Build a Mesh from the cells of a file: a list of VTK types with nodes.
 
-A cell of the file is one cell of the mesh, or a face tag, or counted as left out. Tags, global ids and
-listed faces refer to cells: a type that stands for several cells has to be split with all of these, before
-pieces are joined (``soup_of_pieces`` in ``io/vtk/pieces.py``).
+A cell of the file becomes a mesh cell, a face tag, or is counted as dropped. Tags, global ids and listed
+faces refer to cells; a type that stands for several cells must be split with all of them, before pieces are
+joined (``soup_of_pieces`` in ``io/vtk/pieces.py``).
 
-To add a type: an element that ``mesh/elements.py`` knows needs its number in ``_SHAPES``; another 3-D shape
-needs its faces there, too; a plane shape needs a row in ``_dimensions_and_corners`` and, if its nodes are not
-in the order of its boundary, a case in ``_loops``.
+To add a type: an element of ``mesh/elements.py`` needs its number in ``_SHAPES``; another 3-D shape also
+needs
+its faces there; a 2-D shape needs a row in ``_dimensions_and_corners`` and, if its nodes do not follow its
+boundary, a case in ``_loops``.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from agglo_core.mesh.elements import (
 
 _log = logging.getLogger("agglo")
 
-# VTK types by shape. Nodes beyond the corners (quadratic, Lagrange, Bézier cells) come after them.
+# VTK types by shape. Additional nodes (quadratic, Lagrange, Bézier cells) follow the corners.
 _SHAPES: Mapping[str, tuple[int, ...]] = {
     "tetra": (10, 24, 71, 78),
     "hexahedron": (12, 25, 29, 33, 72, 79),
@@ -47,14 +48,14 @@ _STRIP, _POINT_SET = 6, 41
 _POLYGON, _PIXEL, _QUADRATIC_POLYGON, _POLYHEDRON = 7, 8, 36, 42
 _TRIANGLES, _QUADS = (5, 22, 34, 69, 76), (9, 23, 28, 30, 70, 77)
 _LINES, _OTHER_LINES, _POINTS = (3, 21, 35, 68, 75), (4,), (0, 1, 2)
-_VOXEL = (0, 1, 3, 2, 4, 5, 7, 6)  # as a hexahedron
+_VOXEL = (0, 1, 3, 2, 4, 5, 7, 6)  # voxel corners in hexahedron order
 
 
 class Soup(NamedTuple):
-    """Cells of any kinds in the order of the file.
+    """Cells of any type in file order.
 
     Cell c has the VTK type ``types[c]`` and the nodes ``vertices[offsets[c]:offsets[c + 1]]``;
-    polyhedra (type 42) take the rows of ``solids`` in turn instead.
+    polyhedra (type 42) use the rows of ``solids`` in turn instead.
     """
 
     points: Float  # (n_points, 2 or 3)
@@ -64,22 +65,28 @@ class Soup(NamedTuple):
     solids: Polyhedra
     tags: Mapping[str, Int]  # name -> (n,)
     listed: ListedFaces | None = None
-    point_ids: Int | None = None  # numbers in the mesh of which this is a piece
+    point_ids: Int | None = None  # numbers in the whole mesh, if this is a piece
     cell_ids: Int | None = None
 
 
 def mesh_from_soup(
     soup: Soup, *, merge_points: bool, allow_gaps: bool, drop_flat: bool, weak: bool, name: str
 ) -> Mesh:
-    """Mesh of the cells of the highest dimension; those one lower become face tags, the rest are dropped.
+    """Build a mesh from the cells of highest dimension.
+
+    Cells of one dimension less become face tags.
+
+
+    Cells of lower dimensions are dropped.
 
     Raises
     ------
     FileError
-        For cells of a type that is not supported or that have too few nodes.
+        For unsupported cell types or too few nodes.
     MeshError
         As :meth:`Mesh.from_polygons` and :meth:`Mesh.from_polyhedra`.
     """
+    # Dimension and corners of each cell.
     dims, corners = _dimensions_and_corners()
     kind = np.where((soup.types >= 0) & (soup.types < 256), soup.types, 255)
     unknown = np.flatnonzero(dims[kind] < 0)
@@ -87,6 +94,7 @@ def mesh_from_soup(
         raise FileError(f"{name_cells(unknown)}: VTK cell type {soup.types[unknown[0]]} is not supported")
     sizes = _corner_counts(soup, corners[kind])
     dim = int(max(dims[kind].max(initial=0), 2))
+    # Build the mesh from the cells of highest dimension, with gaps open.
     cells = np.flatnonzero(dims[kind] == dim)
     if not len(cells):
         raise MeshError(f"the mesh is empty: it has no 2-D or 3-D cells ({len(soup.types)} of other kinds)")
@@ -113,11 +121,13 @@ def mesh_from_soup(
             drop_flat=drop_flat,
             name=name,
         )
+    # Match cells of one dimension less with faces.
     facets = np.flatnonzero(dims[kind] == dim - 1) if soup.tags else np.empty(0, np.int64)
     facets = facets[~np.isin(soup.types[facets], _OTHER_LINES)]
     face_tags, kept = _face_tags(mesh, soup, _loops(soup, sizes, facets), facets)
     if soup.listed is not None and mesh.n_cells == len(soup.types):
         face_tags |= tags_of_faces(mesh, soup.points, soup.listed)
+    # Record the repairs, then close the gaps.
     straightened = int((sizes < np.diff(soup.offsets))[cells].sum())
     repairs = {
         "higher-order cells reduced to their corners": straightened,
@@ -125,11 +135,11 @@ def mesh_from_soup(
         "lower-dimensional cells kept as face tags": kept,
     }
     mesh = with_repairs(trusted_copy(mesh, face_tags=check_tags("face", face_tags, mesh.n_faces)), repairs)
-    return mesh if allow_gaps else mesh.conforming(merge_points=merge_points)  # now that faces have tags
+    return mesh if allow_gaps else mesh.conforming(merge_points=merge_points)  # after the face tags
 
 
 def with_repairs(mesh: Mesh, repairs: Mapping[str, int]) -> Mesh:
-    """The mesh with more repairs recorded, those that happened at all; each is logged."""
+    """Record and log additional repairs with a positive count."""
     found = {text: count for text, count in repairs.items() if count}
     for text, count in found.items():
         _log.info("%s: %d", text, count)
@@ -137,7 +147,7 @@ def with_repairs(mesh: Mesh, repairs: Mapping[str, int]) -> Mesh:
 
 
 def _dimensions_and_corners() -> tuple[Int, Int]:
-    """Dimension (−1: not supported) and corner count (0: all nodes) of each VTK type 0..255."""
+    """Return dimension (−1: unsupported) and corner count (0: all nodes) of the VTK types 0..255."""
     dims, corners = np.full(256, -1), np.zeros(256, np.int64)
     for types, dim, count in (
         (_POINTS, 0, 0),
@@ -154,7 +164,10 @@ def _dimensions_and_corners() -> tuple[Int, Int]:
 
 
 def _corner_counts(soup: Soup, corners: Int) -> Int:
-    """Number of corners of each cell; FileError for a cell with fewer nodes than corners."""
+    """Return the number of corners per cell.
+
+    Raises FileError for cells with fewer nodes.
+    """
     sizes = np.diff(soup.offsets)
     few = np.flatnonzero(sizes < corners)
     if len(few):
@@ -167,7 +180,7 @@ def _corner_counts(soup: Soup, corners: Int) -> Int:
 
 
 def _loops(soup: Soup, sizes: Int, cells: Int) -> tuple[Int, Int]:
-    """Corner loops of the chosen 2-D cells (or lines) as CSR."""
+    """Return the corner loops of 2-D cells (or lines) as CSR."""
     plain = not np.isin(soup.types, (_PIXEL, _STRIP)).any()
     if len(cells) == len(sizes) and np.array_equal(sizes, np.diff(soup.offsets)) and plain:
         return soup.offsets, soup.vertices
@@ -183,7 +196,7 @@ def _loops(soup: Soup, sizes: Int, cells: Int) -> tuple[Int, Int]:
 
 
 def _solids(soup: Soup, cells: Int) -> Polyhedra:
-    """The 3-D cells as half-faces, in the order of the file."""
+    """Return the 3-D cells as half-faces, in file order."""
     parts, found = [soup.solids], [np.flatnonzero(soup.types == _POLYHEDRON)]
     for shape, types in _SHAPES.items():
         own = np.flatnonzero(np.isin(soup.types, types))
@@ -204,9 +217,9 @@ def _solids(soup: Soup, cells: Int) -> Polyhedra:
 
 
 def _face_tags(mesh: Mesh, soup: Soup, loops: tuple[Int, Int], facets: Int) -> tuple[dict[str, Int], int]:
-    """Tags of the cells that lie on faces of the mesh (−1 on all other faces), and how many lie there.
+    """Return tags of cells on mesh faces (−1 on other faces), and the number of such cells.
 
-    Points are matched by coordinates, because building the mesh renumbers them.
+    Points are matched by coordinates, because the construction of the mesh renumbers them.
     """
     if not len(facets):
         return {}, 0
@@ -216,7 +229,7 @@ def _face_tags(mesh: Mesh, soup: Soup, loops: tuple[Int, Int], facets: Int) -> t
         return {}, 0
     tags = {}
     for name, values in soup.tags.items():
-        order = kept[np.argsort(values[facets[kept]], kind="stable")]  # of several values the largest stays
+        order = kept[np.argsort(values[facets[kept]], kind="stable")]  # the largest of several values is kept
         tags[name] = np.full(mesh.n_faces, -1)
         tags[name][face[order]] = values[facets[order]]
         lost = int((tags[name][face[kept]] != values[facets[kept]]).sum())

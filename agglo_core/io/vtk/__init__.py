@@ -1,1 +1,1 @@
-"""Files of VTK: .vtu, .pvtu, .vtp, VTKHDF and legacy .vtk."""
+"""Read and write VTK files: .vtu, .pvtu, .vtp, VTKHDF and legacy .vtk."""

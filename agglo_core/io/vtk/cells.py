@@ -1,4 +1,4 @@
-"""Cells as VTK knows them: its own elements where a cell is exactly one, else polygons and polyhedra."""
+"""Represent cells in VTK: as VTK elements where a cell is exactly one, otherwise as polygons or polyhedra."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ from agglo_core.mesh.elements import (
 
 _TRIANGLE, _POLYGON, _QUAD = 5, 7, 9
 POLYHEDRON = 42
-_CHUNK = 8192  # cells looked at together: what is made for them stays in a cache, and needs little room
-_CONVEX = 1e-9  # least triangle at a corner of a convex quadrilateral, over its area
+_CHUNK = 8192  # cells per chunk: temporary arrays stay in cache and need little memory
+_CONVEX = 1e-9  # minimum corner triangle of a convex quadrilateral, relative to its area
 
 
 class _Element(NamedTuple):
-    """One of VTK's solids."""
+    """One of VTK's 3-D elements."""
 
     number: int
-    sizes: tuple[int, ...]  # of its faces, those first on which it stands the same way however it is turned
-    turns: tuple[tuple[int, ...], ...]  # orders of its corners that generate all in which it is the same
+    sizes: tuple[int, ...]  # of its faces; the first sizes are those of faces equivalent under rotation
+    turns: tuple[tuple[int, ...], ...]  # corner permutations that generate its rotation group
 
 
 _ELEMENTS: Mapping[str, _Element] = {
@@ -45,7 +45,7 @@ _ELEMENTS: Mapping[str, _Element] = {
 
 
 class Cells(NamedTuple):
-    """Cells of a mesh as VTK holds them.
+    """Cells of a mesh in VTK's representation.
 
     Cell c has the type ``types[c]`` and the points ``vertices[offsets[c]:offsets[c + 1]]``, in VTK's order.
     """
@@ -54,15 +54,16 @@ class Cells(NamedTuple):
     offsets: Int  # (n_cells + 1,)
     vertices: Int
     solids: Polyhedra  # faces of every cell of a 3-D mesh, counter-clockwise from outside
-    loops: Int  # (n_cells,) boundary loops that a polygon joins by bridges
+    loops: Int  # (n_cells,) number of boundary loops that a polygon joins by bridges
 
 
 def cells_of(mesh: Mesh) -> Cells:
-    """Cells with the type that says exactly what they are.
+    """Return the cells, each with its most specific VTK type.
 
-    Triangles and convex quadrilaterals are VTK's own, other plane cells polygons: VTK takes any
-    quadrilateral for convex. Tetrahedra, hexahedra, wedges and pyramids are VTK's own if they have the
-    faces of one and no face is a quadrilateral that is not convex; other solids are polyhedra.
+    Triangles and convex quadrilaterals are VTK elements, other 2-D cells polygons, because VTK assumes that
+    quadrilaterals are convex. Tetrahedra, hexahedra, wedges and pyramids are VTK elements if their faces
+    match
+    and no quadrilateral face is non-convex; other 3-D cells are polyhedra.
     """
     if mesh.dim == 2:
         return _plane(mesh)
@@ -70,6 +71,7 @@ def cells_of(mesh: Mesh) -> Cells:
     offsets, used = mesh.cell_vertices
     types, vertices = np.full(mesh.n_cells, POLYHEDRON, np.uint8), np.array(used, np.int64)
     bent = np.logical_or.reduceat(_bent(mesh)[mesh.cell_faces[1]], solids.cell_offsets[:-1])
+    # Test candidates by counts first, then by topology.
     for kind, element in _ELEMENTS.items():
         perhaps = np.flatnonzero(_may_be(kind, solids, offsets) & ~bent)
         for start in range(0, len(perhaps), _CHUNK):
@@ -80,7 +82,7 @@ def cells_of(mesh: Mesh) -> Cells:
 
 
 def these_cells(cells: Cells, chosen: Int) -> Cells:
-    """Some of the cells, in the given order."""
+    """Return some of the cells, in the given order."""
     offsets, places = gather(cells.offsets, chosen)
     solid = len(cells.solids.cell_offsets) > 1
     return Cells(
@@ -104,7 +106,7 @@ def _plane(mesh: Mesh) -> Cells:
 
 
 def _convex(corners: Float) -> Mask:
-    """Mask of the quadrilaterals ``(q, 4, d)`` that turn one way at each corner, along their area vector."""
+    """Return the mask of quadrilaterals ``(q, 4, d)`` that are convex with respect to their area vector."""
     a, b, c, d = (corners[:, k] for k in range(4))
     area = _cross(c - a, d - b)
     least = _CONVEX * (area * area).sum(axis=1)
@@ -115,14 +117,14 @@ def _convex(corners: Float) -> Mask:
 
 
 def _cross(u: Float, v: Float) -> Float:
-    """Vector products ``(q, 3)``; in the plane their third component ``(q, 1)``."""
+    """Return vector products ``(q, 3)``, in 2-D their third component ``(q, 1)``."""
     if u.shape[1] == 3:
         return np.cross(u, v)
     return (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])[:, None]
 
 
 def _bent(mesh: Mesh) -> Mask:
-    """Mask of the faces of a 3-D mesh that are non-convex quadrilaterals."""
+    """Return the mask of faces of a 3-D mesh that are non-convex quadrilaterals."""
     bent = np.zeros(mesh.n_faces, bool)
     quads = np.flatnonzero(np.diff(mesh.face_offsets) == 4)
     corners = mesh.face_vertices[mesh.face_offsets[quads][:, None] + np.arange(4)]
@@ -131,7 +133,7 @@ def _bent(mesh: Mesh) -> Mask:
 
 
 def _may_be(kind: str, solids: Polyhedra, vertex_offsets: Int) -> Mask:
-    """Mask of the cells with as many vertices, faces and corners of faces as the element."""
+    """Return the mask of cells whose numbers of vertices, faces and face corners match the element."""
     sizes = _ELEMENTS[kind].sizes
     corners = np.diff(solids.loop_offsets[solids.cell_offsets])
     alike = (np.diff(vertex_offsets) == CORNERS[kind]) & (np.diff(solids.cell_offsets) == len(sizes))
@@ -139,11 +141,12 @@ def _may_be(kind: str, solids: Polyhedra, vertex_offsets: Int) -> Mask:
 
 
 def _elements(mesh: Mesh, solids: Polyhedra, kind: str, cells: Int) -> tuple[Int, Int]:
-    """Find the cells that are such an element ``(n,)``, and their corners in VTK's order ``(n, k)``.
+    """Return the cells that are such elements ``(n,)``, and their corners in VTK's order ``(n, k)``.
 
-    The corners are found from the loop of one face and the edges that leave it, then every face is
-    compared with those of the element.
+    One face and the edges that leave it determine the corners; then all faces are compared with the faces of
+    the element.
     """
+    # Sort the faces of each cell by size and compare the sizes.
     sizes = frozen_int(_ELEMENTS[kind].sizes)
     _, loops = gather(solids.cell_offsets, frozen_int(cells))
     owner = np.repeat(np.arange(len(cells)), len(sizes))
@@ -151,10 +154,12 @@ def _elements(mesh: Mesh, solids: Polyhedra, kind: str, cells: Int) -> tuple[Int
     order = np.lexsort((size != sizes[0], owner))
     fits = (size[order].reshape(-1, len(sizes)) == sizes).all(axis=1)
     cells, loops = cells[fits], loops[order].reshape(-1, len(sizes))[fits].ravel()
+    # Number the corners along the first face and across its edges.
     around = solids.vertices[gather(solids.loop_offsets, frozen_int(loops))[1]].reshape(-1, sizes.sum())
     reference = _reference(kind)
     corners = np.empty((len(cells), CORNERS[kind]), np.int64)
     corners[:, _walk(reference, sizes)[0]] = _walk(around, sizes)
+    # Compare all faces with the reference element.
     expected = _triples(reference, frozen_int([range(CORNERS[kind])]), sizes)
     same = (_triples(around, corners, sizes) == expected).all(axis=1)
     found, corners = frozen_int(cells[same]), frozen_int(corners[same])
@@ -163,7 +168,7 @@ def _elements(mesh: Mesh, solids: Polyhedra, kind: str, cells: Int) -> tuple[Int
 
 @cache
 def _reference(kind: str) -> Int:
-    """Loops of the faces of the element itself ``(1, c)``, in the order of its sizes."""
+    """Return the face loops of the reference element ``(1, c)``, in the order of its sizes."""
     table = polyhedra_from_elements({kind: [range(CORNERS[kind])]})
     sizes = np.diff(table.loop_offsets)
     order = np.argsort(sizes != _ELEMENTS[kind].sizes[0], kind="stable")
@@ -171,7 +176,7 @@ def _reference(kind: str) -> Int:
 
 
 def _neighbours(sizes: Int) -> tuple[Int, Int]:
-    """Column of the corner before, and of that after, each corner of faces of such sizes."""
+    """Return the columns of the previous and the next corner for faces of these sizes."""
     ends = np.cumsum(sizes)
     before, after = np.arange(ends[-1]) - 1, np.arange(ends[-1]) + 1
     before[ends - sizes], after[ends - 1] = ends - 1, ends - sizes
@@ -179,7 +184,7 @@ def _neighbours(sizes: Int) -> tuple[Int, Int]:
 
 
 def _walk(around: Int, sizes: Int) -> Int:
-    """Vertices of the first face of each cell, then the other end of the edge that leaves it at each."""
+    """Return the vertices of each first face, then the opposite ends of the edges that leave it."""
     before, after = _neighbours(sizes)
     base, rows, tops = around[:, : sizes[0]], np.arange(len(around)), []
     for here, there in zip(base.T, np.roll(base, -1, axis=1).T, strict=True):
@@ -189,14 +194,14 @@ def _walk(around: Int, sizes: Int) -> Int:
 
 
 def _triples(around: Int, corners: Int, sizes: Int) -> Int:
-    """A number for each corner of the faces of each cell and the corners before and after it, sorted."""
+    """Encode each face corner with its two neighbours as a number, sorted per cell."""
     local = _local(around, corners)
     before, after = _neighbours(sizes)
     return frozen_int(np.sort((local[:, before] * 8 + local) * 8 + local[:, after], axis=1))
 
 
 def _local(vertices: Int, corners: Int) -> Int:
-    """Place of each vertex ``(n, c)`` among the corners of its cell ``(n, k)``."""
+    """Return the position of each vertex ``(n, c)`` among the corners of its cell ``(n, k)``."""
     local = np.zeros(vertices.shape, np.int64)
     for place, corner in enumerate(corners.T):
         local[vertices == corner[:, None]] = place
@@ -204,9 +209,10 @@ def _local(vertices: Int, corners: Int) -> Int:
 
 
 def _as_they_were(mesh: Mesh, kind: str, cells: Int, corners: Int) -> Int:
-    """The corners in the order from which the faces are read as they are: same sequence, same first vertex.
+    """Rotate the corners so that the faces read back with the same sequence and first vertex.
 
-    A mesh of elements then comes back to the last bit. Where no order does that, they stay as they are.
+    A mesh of elements then survives a round trip bit by bit. Without such a rotation the corners are
+    unchanged.
     """
     table = polyhedra_from_elements({kind: [range(CORNERS[kind])]})
     rank = np.full((8, 8), -1)
@@ -223,7 +229,7 @@ def _as_they_were(mesh: Mesh, kind: str, cells: Int, corners: Int) -> Int:
 
 @cache
 def _turns(kind: str) -> tuple[tuple[int, ...], ...]:
-    """All orders of the corners in which the element is the same."""
+    """Return all corner permutations that map the element to itself."""
     found = [tuple(range(CORNERS[kind]))]
     for order in found:  # grows while it is walked through
         for turn in _ELEMENTS[kind].turns:

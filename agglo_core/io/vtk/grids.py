@@ -1,4 +1,4 @@
-"""Grids as VTK has them: pieces of meshes, and files of the mesh and of each coarse mesh beside it."""
+"""Create VTK pieces from meshes, and write a mesh and its coarse meshes to separate files."""
 
 from __future__ import annotations
 
@@ -32,22 +32,22 @@ if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
 FaceArrays = Callable[[Cells, Int | None], dict[str, NDArray[Any]]]
-"""Arrays by name with the faces of polyhedra, given the cells and the numbers of points in the file."""
+"""Function of cells and file point numbers that returns named arrays with the faces of polyhedra."""
 
 
 class Share(NamedTuple):
-    """Cells of a mesh that are a piece of a larger one.
+    """Cells of a mesh that form a piece of a larger mesh.
 
     Attributes
     ----------
     cells : (n_own,) int
-        Which cells of the mesh they are, in their order there.
+        Numbers of these cells in the given mesh, in its order.
     cell_ids : (n_own,) int
-        Their numbers in the larger mesh.
+        Numbers of these cells in the larger mesh.
     point_ids : (n_points,) int
-        Those of all points.
+        Numbers of all points in the larger mesh.
     usual : mapping of str to int
-        For each face tag the value of all faces that no piece lists.
+        Value of all unlisted faces, by face tag.
     """
 
     cells: Int
@@ -63,7 +63,7 @@ def piece_of(
     derived: Mapping[str, NDArray[Any]],
     share: Share | None = None,
 ) -> Piece:
-    """The cells of a mesh with tags and derived data of its own, or those of a share with data of theirs."""
+    """Return the cells of a mesh with tags and derived data, or the cells of a share with its data."""
     cells = cells_of(mesh) if share is None else these_cells(cells_of(mesh), share.cells)
     data = dict(tags)
     if (cells.loops > 1).any():
@@ -84,14 +84,14 @@ def piece_of(
 
 
 def _points_of(cells: Cells, n_points: int) -> tuple[Int, Int]:
-    """The points of cells, and the number of each point of the mesh among them."""
+    """Return the points of cells, and the number of each mesh point among them."""
     used = np.zeros(n_points, bool)
     used[cells.vertices] = used[cells.solids.vertices] = True
     return frozen_int(np.flatnonzero(used)), frozen_int(np.cumsum(used) - 1)
 
 
 def numbered(vertices: Int, number: Int | None) -> Int:
-    """Points by their numbers in the file."""
+    """Convert vertices to point numbers in the file."""
     return vertices if number is None else frozen_int(number[vertices])
 
 
@@ -99,10 +99,10 @@ _log = logging.getLogger("agglo")
 
 
 class WritePiece(Protocol):
-    """Writes one piece to a file."""
+    """Function that writes one piece to a file."""
 
     def __call__(self, path: Path, piece: Piece, *, compress: bool, tell: Tell) -> None:
-        """Write it."""
+        """Write the piece."""
 
 
 class Storage(NamedTuple):
@@ -112,9 +112,9 @@ class Storage(NamedTuple):
     ----------
     write : callable
     faces : callable
-        Arrays by name with the faces of polyhedra, given the cells and the numbers of points in the file.
+        Function of cells and file point numbers that returns named arrays with the faces of polyhedra.
     ours : callable
-        Whether a file was written by agglo in this way; may raise OSError.
+        Function that returns True for files written by agglo in this format; may raise OSError.
     """
 
     write: WritePiece
@@ -134,17 +134,20 @@ def write_grids(
 ) -> None:
     """Write ``path``, and with a hierarchy each coarse mesh beside it as ``NAME_level0.SUFFIX``, ….
 
-    The fine mesh carries its cell tags and the labels of every level (``level_0``, …), a coarse mesh its
-    tags and what is known of each agglomerate: ``agglomerate``, ``parent``, ``cells``, ``measure``,
-    ``diameter`` and the ``level_values``. These are marked as derived, so that reading does not take
-    them for tags; one whose name a tag has is written with ``agglo_`` before it. Field data hold face tags.
+    The fine mesh has its cell tags and the labels of every level (``level_0``, …). A coarse mesh has its tags
+    and
+    data on each agglomerate: ``agglomerate``, ``parent``, ``cells``, ``measure``, ``diameter`` and the
+    ``level_values``. These data are marked as derived, so that they do not become tags on reading; a name
+    already
+    used by a tag gets the prefix ``agglo_``. Field data hold face tags.
 
-    A cell of several boundary loops (a hole) is one polygon that traverses a bridge between them both ways;
-    then integer cell data ``agglo_loops`` say how many loops each cell has. VTK reads such polygons but
-    its triangulation does not fill them: colour the fine mesh by ``level_i`` to see a level whole.
+    A cell with several boundary loops (a hole) is one polygon with a bridge traversed in both directions.
+    Integer
+    cell data ``agglo_loops`` then hold the number of loops per cell. VTK reads such polygons, but its
+    triangulation does not fill them: colour the fine mesh by ``level_i`` to see the whole level.
 
-    With a hierarchy of k levels, tags ``level_<number>`` of an earlier one are not written, and files
-    ``NAME_level<number>.SUFFIX`` with a number of k or more are removed from the folder if agglo wrote them.
+    With a hierarchy of k levels, old tags ``level_<number>`` are not written, and files
+    ``NAME_level<number>.SUFFIX`` with a number of at least k are removed from the folder if agglo wrote them.
 
     Parameters
     ----------
@@ -153,7 +156,7 @@ def write_grids(
     mesh : Mesh
     hierarchy : Hierarchy or None
     level_values : sequence of mappings of name to (k,) float, or None
-        What was measured on the k agglomerates of each level, finest first; NaN and infinities are kept.
+        Values on the k agglomerates of each level, finest first; NaN and infinities are kept.
     tell : callable
     compress : bool
         Store compressed arrays.
@@ -161,7 +164,7 @@ def write_grids(
     Raises
     ------
     MeshError
-        For a cell tag of the name ``agglo_loops``, or a name that XML cannot hold.
+        For a cell tag named ``agglo_loops``, or a name that XML cannot hold.
     OptionError
         If the values do not fit the levels.
     """
@@ -176,7 +179,7 @@ def write_grids(
             own = part(tell, i, 1 + len(levels), f"level {i}")
             piece = _coarse_piece(storage, mesh.coarsen(labels), levels, i, values[i], taken)
             storage.write(folder / f"{path.stem}_level{i}{path.suffix}", piece, compress=compress, tell=own)
-            del piece  # or it would be there while the next one is made
+            del piece  # free it before the next piece is created
         own = part(tell, len(levels), 1 + len(levels))
         piece = piece_of(mesh, storage.faces, tags, {})
         storage.write(folder / path.name, piece, compress=compress, tell=own)
@@ -185,7 +188,7 @@ def write_grids(
 
 
 def _remove_stale(storage: Storage, path: Path, count: int) -> None:
-    """Remove the coarse meshes of an earlier, deeper hierarchy, which would pass for levels of this one."""
+    """Remove the coarse meshes of an earlier, deeper hierarchy, so that they are not mistaken for levels."""
     pattern = re.compile(re.escape(f"{path.stem}_level") + r"(0|[1-9]\d*)" + re.escape(path.suffix), re.ASCII)
     for file in sorted(path.parent.iterdir()):
         found = pattern.fullmatch(file.name)
@@ -195,7 +198,7 @@ def _remove_stale(storage: Storage, path: Path, count: int) -> None:
             if storage.ours(file):
                 file.unlink()
                 _log.info("removed %s, a level of an earlier hierarchy", file)
-        except OSError as error:  # the mesh and its levels are written: this is not a reason to fail
+        except OSError as error:  # the mesh and its levels are written, so this is no failure
             _log.warning("cannot remove %s, a level of an earlier hierarchy: %s", file, error.strerror)
 
 

@@ -1,4 +1,4 @@
-"""Names of the arrays of VTKHDF files, and the arrays of one partition, read with care."""
+"""Define the arrays of VTKHDF files and read the arrays of one partition safely."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from agglo_core.errors import FileError
 
 GROUP = "VTKHDF"
 DERIVED = "agglo"
-"""Attribute of datasets that follow from the mesh or its hierarchy."""
+"""Attribute of datasets derived from the mesh or its hierarchy."""
 
 NAMES = {
     **{"connectivity": "Connectivity", "offsets": "Offsets", "types": "Types"},
     **{"face_connectivity": "FaceConnectivity", "face_offsets": "FaceOffsets"},
     **{"polyhedron_to_faces": "PolyhedronToFaces", "polyhedron_offsets": "PolyhedronOffsets"},
 }
-"""Of the arrays as VTU files name them; offsets begin with 0 here."""
+"""VTKHDF names of arrays by their VTU names; in VTKHDF, offsets begin with 0."""
 
 COUNTS = {
     **{"connectivity": "NumberOfConnectivityIds", "face_connectivity": "NumberOfFaceConnectivityIds"},
     **{"face_offsets": "NumberOfFaces", "polyhedron_to_faces": "NumberOfPolyhedronToFaceIds"},
 }
-"""Datasets with the lengths of the arrays that do not have one entry for each cell."""
+"""Datasets with the lengths of arrays that are not per cell."""
 
 
 def hdf5() -> Any:
-    """The module h5py.
+    """Return the module h5py.
 
     Raises
     ------
@@ -46,12 +46,12 @@ def hdf5() -> Any:
 
 
 def member(group: Any, name: str) -> Any:
-    """Dataset of numbers stored in the file itself, or None if the group has no such member.
+    """Return a numeric dataset stored in the file itself, or None if absent.
 
     Raises
     ------
     FileError
-        For a link into another place or file, a dataset stored elsewhere, or one without numbers.
+        For a link to another location or file, external storage, or non-numeric data.
     """
     found = _stored_here(group, name, "dataset")
     if found is None:
@@ -64,7 +64,10 @@ def member(group: Any, name: str) -> Any:
 
 
 def subgroup(group: Any, name: str) -> Any:
-    """Group stored in the file itself, or None if there is no such member; raises FileError."""
+    """Return a group stored in the file itself, or None if absent.
+
+    Raises FileError for other members.
+    """
     found = _stored_here(group, name, "group")
     if found is not None and not isinstance(found, hdf5().Group):
         raise FileError(f"{name!r} is not a group")
@@ -72,13 +75,19 @@ def subgroup(group: Any, name: str) -> Any:
 
 
 def datasets(group: Any) -> dict[str, Any]:
-    """Datasets of any type that a group holds, by name; none for None. Links raise FileError."""
+    """Return the datasets of a group by name (none for None).
+
+    Raises FileError for links.
+    """
     members = {} if group is None else {name: _stored_here(group, name, "dataset") for name in group}
     return {name: found for name, found in members.items() if isinstance(found, hdf5().Dataset)}
 
 
 def _stored_here(group: Any, name: str, kind: str) -> Any:
-    """Member reached by a hard link: soft and external links may lead into other files."""
+    """Return a member behind a hard link.
+
+    Soft and external links may lead to other files.
+    """
     link = group.get(name, getlink=True)
     if link is None:
         return None
@@ -89,18 +98,21 @@ def _stored_here(group: Any, name: str, kind: str) -> Any:
 
 @dataclass(frozen=True)
 class Partition:
-    """The arrays of whole numbers of one partition, by the names of VTU files."""
+    """Integer arrays of one partition, by their VTU names."""
 
     group: Any
     cells: tuple[int, int]  # first and last cell in the file
-    counts: Mapping[str, tuple[int, int]]  # where the arrays of other lengths begin and end
-    place: int  # which partition it is: each of those before has one more offset than cells or faces
+    counts: Mapping[str, tuple[int, int]]  # start and end of arrays with other lengths
+    place: int  # partition number; each earlier partition has one offset more than cells or faces
 
     def __contains__(self, name: str) -> bool:
         return name in NAMES and NAMES[name] in self.group
 
     def take(self, name: str, declared: int) -> Int:
-        """Values of an array that should have ``declared`` ones; raises FileError."""
+        """Return an array of the declared length.
+
+        Raises FileError if damaged.
+        """
         start, stop = self.counts.get(name, self.cells)
         if NAMES[name].endswith("Offsets"):
             start, stop = start + self.place, stop + self.place + 1

@@ -17,7 +17,7 @@ _SOLID = 42
 
 
 def without_ghosts(soup: Soup) -> tuple[Soup, int]:
-    """Without the cells that other pieces repeat, and how many these are."""
+    """Drop the cells that other pieces repeat, and return their number."""
     tags = dict(soup.tags)
     ghost = tags.pop("vtkGhostType", frozen_int(np.zeros(len(soup.types)))) & _GHOST != 0
     soup = soup._replace(tags=tags)
@@ -25,10 +25,13 @@ def without_ghosts(soup: Soup) -> tuple[Soup, int]:
 
 
 def _taken(soup: Soup, cells: Int) -> Soup:
-    """Some of the cells in the given order; faces that are listed stay only if all cells do."""
+    """Return some cells in the given order.
+
+    Listed faces are kept only with all cells.
+    """
     offsets, places = gather(soup.offsets, cells)
     solid = soup.types == _SOLID
-    number = np.cumsum(solid) - 1  # of each solid among them
+    number = np.cumsum(solid) - 1  # rank among the polyhedra
     listed = soup.listed
     if listed is not None and len(cells) < len(soup.types):
         listed = None
@@ -48,12 +51,16 @@ def _taken(soup: Soup, cells: Int) -> Soup:
 
 
 def joined(pieces: Sequence[Soup]) -> Soup:
-    """All pieces as one, those without cells left out; tags that some piece lacks are left out, too."""
+    """Concatenate all pieces with cells.
+
+    Tags missing in some piece are dropped.
+    """
     if not pieces:
         raise FileError("there is no Piece in it")
     pieces = [piece for piece in pieces if len(piece.types)] or pieces[:1]
     if len(pieces) == 1:
         return pieces[0]
+    # Offsets of points, cells and vertices.
     shift = np.cumsum([0, *(len(piece.points) for piece in pieces)])[:-1]
     cells = np.cumsum([0, *(len(piece.types) for piece in pieces)])[:-1]
     ends = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])[:-1]
@@ -81,9 +88,12 @@ def _all_or_none(arrays: Sequence[Int | None]) -> Int | None:
 
 
 def in_global_order(soup: Soup) -> Soup:
-    """Cells by their global ids, each point once; raises FileError if ids contradict one another.
+    """Sort the cells by global ids and merge points by theirs.
 
-    What has no ids stays as it is.
+    Raises FileError for contradictory ids.
+
+
+    Cells and points without ids are unchanged.
     """
     if soup.point_ids is not None:
         soup = _each_point_once(soup, soup.point_ids)
@@ -98,7 +108,10 @@ def in_global_order(soup: Soup) -> Soup:
 
 
 def _each_point_once(soup: Soup, point_ids: Int) -> Soup:
-    """Keep one point of each global id; FileError if such points lie in different places."""
+    """Keep one point per global id.
+
+    Raises FileError if its coordinates differ.
+    """
     ids, first, number = np.unique(point_ids, return_index=True, return_inverse=True)
     points = frozen_float(soup.points[first])
     elsewhere = np.flatnonzero(_differ(points[number], soup.points))
@@ -115,5 +128,8 @@ def _each_point_once(soup: Soup, point_ids: Int) -> Soup:
 
 
 def _differ(one: Float, other: Float) -> Mask:
-    """Mask of the points that differ; those that are not finite are found elsewhere."""
+    """Return the mask of different points.
+
+    Non-finite points are reported elsewhere.
+    """
     return np.asarray(((one != other) & ~(np.isnan(one) & np.isnan(other))).any(axis=1))

@@ -1,4 +1,4 @@
-"""Reading legacy VTK files: unstructured grids with polyhedra and PolyData, text and binary, any version."""
+"""Read legacy VTK files: unstructured grids with polyhedra and PolyData, text and binary, any version."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _TEXTS = ("string", "variant", "utf8_string", "unicode_string")
 
 
 def legacy_kind(path: Path) -> str:
-    """Kind of the data set of a legacy VTK file that is read here, or an empty text."""
+    """Return the dataset type of a supported legacy VTK file, or an empty string."""
     with open(path, "rb") as file:
         head = file.read(1024).split(b"\n")
     if not head[0].lower().startswith(b"# vtk datafile version"):
@@ -52,12 +52,12 @@ def legacy_kind(path: Path) -> str:
 
 
 def stored_legacy(path: Path) -> Stored:
-    """Cells of a file and its whole numbers for each of them.
+    """Read the cells of a file and their integer data.
 
     Raises
     ------
     FileError
-        For a file that is cut, or holds what the format does not know.
+        For a truncated file, or unknown content.
     """
     with open(path, "rb") as file:
         return _Reader(file, os.fstat(file.fileno()).st_size).stored()
@@ -74,8 +74,8 @@ class _Reader:
     lists: dict[str, tuple[Int, Int]] = field(default_factory=dict)
     types: Int | None = None
     data: dict[str, NDArray[Any]] = field(default_factory=dict)  # of cells
-    ours: bool = False  # whether the arrays that follow are cell data
-    count: int = 0  # of values in them
+    ours: bool = False  # True if the following arrays are cell data
+    count: int = 0  # number of values in these arrays
 
     def stored(self) -> Stored:
         """Read all sections."""
@@ -90,6 +90,7 @@ class _Reader:
                 self._section(words)
         if self.points is None:
             raise FileError("there are no POINTS in it")
+        # Assemble the cells and attach integer cell data as tags.
         arrays = polydata_cells(self.lists) if self.types is None else self._grid(self.types)
         n = len(arrays["types"])
         check_counts(len(self.points), n)
@@ -125,7 +126,7 @@ class _Reader:
             self._attribute(title, words)
 
     def _attribute(self, title: str, words: list[str]) -> None:
-        """Array with a value for each cell or point."""
+        """Read an array with values per cell or point."""
         colour = "float" if self.text else "unsigned_char"
         if title == "LOOKUP_TABLE":
             self._array(colour, 4 * _count(words, 2))
@@ -146,7 +147,7 @@ class _Reader:
         self._keep(_word(words, 1), self._array(kind, self.count * width), width)
 
     def _field(self) -> None:
-        """Next array of a FIELD."""
+        """Read the next array of a FIELD."""
         words = self._next_line()
         if words[0].upper() == "METADATA":
             self._section(words)
@@ -174,7 +175,9 @@ class _Reader:
             self.data[unquote(name)] = values.reshape(-1, max(width, 1))
 
     def _lists(self, n: int, size: int) -> tuple[Int, Int]:
-        """Ends and entries of lists: offsets apart since version 5.1, before that a count ahead of each."""
+        """Read ends and entries of lists: separate offsets since version 5.1, a count before each list
+        earlier.
+        """
         place = self.file.tell()
         words = self.file.readline().decode("ascii", "replace").split()
         if words[:1] != ["OFFSETS"]:
@@ -194,7 +197,10 @@ class _Reader:
         return frozen_int(offsets[1:]), entries
 
     def _grid(self, types: Int) -> StoredArrays:
-        """Arrays of an unstructured grid; the lists of polyhedra are their faces."""
+        """Return the arrays of an unstructured grid.
+
+        The lists of polyhedra are their faces.
+        """
         ends, entries = self.lists.get("CELLS", (frozen_int([]), frozen_int([])))
         if len(ends) != len(types):
             raise FileError(f"there are {len(ends)} CELLS and {len(types)} CELL_TYPES")
@@ -209,7 +215,7 @@ class _Reader:
         )
 
     def _array(self, kind: str, n: int) -> NDArray[Any]:
-        """Next n numbers of a type."""
+        """Read n numbers of a type."""
         kind = kind.lower()
         if kind not in _NUMBERS and kind != "bit":
             raise FileError(f"numbers of the type {kind[:30]!r} are not known")
@@ -227,9 +233,9 @@ class _Reader:
         return np.unpackbits(values)[:n] if packed else values
 
     def _numbers(self, dtype: np.dtype[Any], n: int) -> NDArray[Any]:
-        """Next n numbers of a text; fewer if something else comes before."""
+        """Read n numbers of a text, or fewer if other content comes first."""
         with warnings.catch_warnings():
-            warnings.simplefilter("error", DeprecationWarning)  # of numpy before 2.4 for what is no number
+            warnings.simplefilter("error", DeprecationWarning)  # numpy before 2.4 warns about invalid numbers
             try:
                 return np.fromfile(self.file, dtype, n, sep=" ")
             except (ValueError, DeprecationWarning):

@@ -1,4 +1,4 @@
-"""Turn the stored arrays of VTK's pieces (UnstructuredGrid, PolyData) into cells, and these into a mesh."""
+"""Convert stored VTK pieces (UnstructuredGrid, PolyData) to cells, and these to a mesh."""
 
 from __future__ import annotations
 
@@ -17,32 +17,32 @@ from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import Polyhedra, concatenate, gather
 
 KINDS = ("Verts", "Lines", "Polys", "Strips")
-"""Kinds of cells in the order in which VTK numbers them."""
+"""Cell types of PolyData in VTK's numbering order."""
 
 _TYPES = {"Verts": 2, "Lines": 4, "Polys": 7, "Strips": 6}
 _LINE, _POLYLINE, _POLYHEDRON = 3, 4, 42
-_WITH_BRIDGES = (5, 7, 9)  # triangles, polygons and quadrilaterals: the plane cells that agglo writes
-# Bounds that only damaged or forged files exceed: cells per point, and how often one cell lists a point
-# (bridges and pinches included).
+_WITH_BRIDGES = (5, 7, 9)  # types of 2-D cells that agglo writes
+# Bounds that only damaged or forged files exceed: number of cells per point, and number of visits of one cell
+# to a point (including bridges and pinches).
 _VISITS = 32
-_FEW = 1 << 15  # a piece of fewer points may have as many cells as one of this many
+_FEW = 1 << 15  # pieces with fewer points may have as many cells as a piece of this size
 
 
 class StoredArrays(dict[str, Int]):
-    """Arrays of whole numbers of a piece that are in memory already."""
+    """Integer arrays of a piece, already in memory."""
 
     def take(self, name: str, declared: int) -> Int:
-        """Values of an array."""
+        """Return an array."""
         return self[name]
 
 
 def polydata_cells(lists: Mapping[str, tuple[Int, Int]]) -> StoredArrays:
-    """Types, offsets and points of the cells of a PolyData, by the names of VTU files.
+    """Return types, offsets and points of PolyData cells, by their VTU names.
 
     Parameters
     ----------
     lists : mapping of kind to (ends, points)
-        For each of :data:`KINDS` that there is, where the points of each cell end, and the points.
+        For each available type in :data:`KINDS`, the end of each cell's points, and the points.
     """
     types, offsets, points = [], [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
     for kind in KINDS:
@@ -60,13 +60,16 @@ def polydata_cells(lists: Mapping[str, tuple[Int, Int]]) -> StoredArrays:
 
 
 class CellArrays(Protocol):
-    """The arrays of whole numbers of a piece, by the names that VTU files give them."""
+    """Integer arrays of a piece, by their VTU names."""
 
     def __contains__(self, name: str) -> bool:
         """Return True if there is such an array."""
 
     def take(self, name: str, declared: int) -> Int:
-        """Values of an array that should have ``declared`` ones; raises FileError."""
+        """Return an array of the declared length.
+
+        Raises FileError if damaged.
+        """
 
 
 class Stored(NamedTuple):
@@ -76,9 +79,9 @@ class Stored(NamedTuple):
     ----------
     pieces : list of Soup
     left_out : list of str
-        Names of cell data that are no tags, one for each piece.
+        Names of cell data that are no tags, one entry per piece.
     ours : bool
-        Whether agglo wrote it: then global ids are those of the mesh.
+        True if agglo wrote the file; global ids are then those of the mesh.
     """
 
     pieces: list[Soup]
@@ -87,13 +90,16 @@ class Stored(NamedTuple):
 
 
 def check_counts(n_points: int, n: int) -> None:
-    """Raise FileError for a piece with more cells than its points can have."""
+    """Raise FileError for a piece with more cells than its points allow."""
     if n > _VISITS * max(n_points, _FEW):
         raise FileError(f"a Piece of {n} cells has only {n_points} points")
 
 
 def soup_of_piece(arrays: CellArrays, points: Float, n: int) -> Soup:
-    """The n cells of a piece, without tags; raises FileError."""
+    """Return the n cells of a piece, without tags.
+
+    Raises FileError if damaged.
+    """
     n_points = len(points)
     if n == 0:
         none = frozen_int(np.empty(0))
@@ -120,7 +126,10 @@ def _offsets(ends: Int, size: int, name: str) -> Int:
 
 
 def _polyhedra(arrays: CellArrays, solids: Int, n: int, visits: int) -> Polyhedra:
-    """Faces of the polyhedra ``solids`` among n cells; no array is far longer than ``visits``."""
+    """Return the faces of the polyhedra ``solids`` among n cells.
+
+    Array lengths are bounded by ``visits``.
+    """
     if not len(solids):
         return concatenate([])
     if "polyhedron_to_faces" not in arrays:
@@ -128,6 +137,7 @@ def _polyhedra(arrays: CellArrays, solids: Int, n: int, visits: int) -> Polyhedr
         if len(stops) != n:
             raise FileError(f"array 'faceoffsets' has {len(stops)} values for {n} cells")
         return _face_stream(arrays.take("faces", min(int(stops.max()), visits)), frozen_int(stops[solids]))
+    # New layout: polyhedra refer to faces, faces to points.
     ends = arrays.take("polyhedron_offsets", n)
     if len(ends) != n:
         raise FileError(f"array 'polyhedron_offsets' has {len(ends)} values for {n} cells")
@@ -143,9 +153,9 @@ def _polyhedra(arrays: CellArrays, solids: Int, n: int, visits: int) -> Polyhedr
 
 
 def _face_stream(stream: Int, stops: Int) -> Polyhedra:
-    """Faces of polyhedra stored as ``n_faces, size, v…, size, v…`` one after the other, up to ``stops[c]``.
+    """Decode the faces ``n_faces, size, v…, size, v…`` of consecutive polyhedra, which end at ``stops[c]``.
 
-    The stream is walked face by face for all cells at once.
+    The loop runs over face ranks and handles all cells at once.
     """
     starts = np.concatenate(([0], stops[:-1]))
     if (starts >= stops).any() or starts[0] < 0 or stops[-1] > len(stream):
@@ -171,14 +181,20 @@ def _face_stream(stream: Int, stops: Int) -> Polyhedra:
 
 
 def mesh_from_pieces(stored: Stored, *, name: str, **options: Unpack[ReadOptions]) -> Mesh:
-    """Mesh of pieces, joined without the ghost cells that repeat each other; raises an AggloError."""
+    """Build a mesh from pieces, joined without duplicate ghost cells.
+
+    Raises an AggloError.
+    """
     soup, ghosts = soup_of_pieces(stored.pieces)
     soup, left_out = in_global_order(soup) if stored.ours else soup, stored.left_out
     return mesh_of_soup(soup, ghosts, left_out, name=name, **options)
 
 
 def soup_of_pieces(pieces: Sequence[Soup]) -> tuple[Soup, int]:
-    """The cells of all pieces one after the other, and how many ghosts were left out; raises FileError."""
+    """Concatenate the cells of all pieces.
+
+    Return them and the number of dropped ghosts. Raises FileError.
+    """
     own = [without_ghosts(piece) for piece in pieces]
     return joined([piece for piece, _ in own]), sum(count for _, count in own)
 
@@ -186,7 +202,10 @@ def soup_of_pieces(pieces: Sequence[Soup]) -> tuple[Soup, int]:
 def mesh_of_soup(
     soup: Soup, ghosts: int, left_out: Iterable[str], *, name: str, **options: Unpack[ReadOptions]
 ) -> Mesh:
-    """Mesh of joined cells; repairs count the ghosts and cell data left out. Raises an AggloError."""
+    """Build a mesh from joined cells.
+
+    Repairs count dropped ghosts and cell data. Raises an AggloError.
+    """
     weak = BRIDGES in soup.tags and bool(np.isin(soup.types, _WITH_BRIDGES).all())
     if weak:
         soup = soup._replace(tags={key: values for key, values in soup.tags.items() if key != BRIDGES})

@@ -1,4 +1,4 @@
-"""Files .pvtu, which list the .vtu files of a mesh in pieces."""
+"""Read and write .pvtu files, which list the .vtu files of a mesh in pieces."""
 
 from __future__ import annotations
 
@@ -18,20 +18,23 @@ from agglo_core.mesh import Mesh
 
 
 class Pvtu(Reading):
-    """The pieces of a parallel unstructured grid as one mesh, without ghost cells.
+    """Pieces of a parallel unstructured grid as one mesh, without ghost cells.
 
-    Without merged points, pieces stay apart where they meet.
+    Without merged points, adjacent pieces remain separate.
     """
 
     lossless: bool = False
 
     def read(self, path: Path) -> Mesh:
-        """Return the mesh of a PVTU file and the VTU files beside it, its cells piece by piece.
+        """Read a PVTU file and the VTU files beside it.
+
+        Cells are in piece order.
+
 
         Raises
         ------
         FileError, MeshError
-            Naming the piece that is missing or broken; for a piece that lies elsewhere or is named twice.
+            With the missing or broken piece, or for a piece in another location or listed twice.
         """
         files = [stored_piece(path.parent, source) for source in sources_of(file_bytes(path))]
         if not files:
@@ -49,7 +52,10 @@ def stored_together(files: Sequence[Stored]) -> Stored:
 
 
 def sources_of(content: bytes) -> list[str]:
-    """The files that are named, each once and none outside the folder of the list."""
+    """Return the listed files.
+
+    Raises FileError for duplicates and paths outside the folder.
+    """
     root = vtk_root(content, "PUnstructuredGrid")
     sources = []
     for number, piece in enumerate(root.iterfind("PUnstructuredGrid/Piece")):
@@ -66,7 +72,10 @@ def sources_of(content: bytes) -> list[str]:
 
 
 def stored_piece(folder: Path, source: str) -> Stored:
-    """The pieces of one VTU file, or FileError naming it."""
+    """Read the pieces of one VTU file.
+
+    Errors name the file.
+    """
     try:
         content = file_bytes(folder / source)
     except FileError as error:
@@ -85,16 +94,16 @@ _START = (
     ' agglo="{kind}">\n<PUnstructuredGrid GhostLevel="0">\n'
 )
 PIECES = _START.format(kind="mesh").encode()
-"""First bytes of a list of pieces of a mesh written by agglo."""
+"""First bytes of a piece list for a mesh written by agglo."""
 
 
 def piece_name(stem: str, rank: int) -> str:
-    """Return the path of the piece of a rank relative to ``STEM.pvtu``, as ParaView has it."""
+    """Return the path of a rank's piece relative to ``STEM.pvtu``, in ParaView's layout."""
     return f"{stem}/{stem}_{rank}.vtu"
 
 
 def pvtu_list(piece: Piece, sources: Sequence[str]) -> bytes:
-    """The list of these files, each of which holds a piece with arrays like those of ``piece``."""
+    """Return the list of these files, each with a piece whose arrays match ``piece``."""
     arrays = list(stored_arrays(piece))
     lines = []
     for section in ("PointData", "CellData", "Points"):

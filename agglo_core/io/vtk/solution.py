@@ -1,4 +1,4 @@
-"""Writing a solution as VTU: a function sampled cell by cell, with its jumps."""
+"""Write a solution as VTU: a function sampled cell by cell, with its jumps."""
 
 from __future__ import annotations
 
@@ -20,21 +20,22 @@ from agglo_core.io.vtk.xml_write import Piece, write_document
 from agglo_core.mesh import Mesh
 from agglo_core.problems.discretisation import Samples
 
-_SIMPLICES = {3: 5, 4: 10}  # corners to VTK's number of triangles and tetrahedra
+_SIMPLICES = {3: 5, 4: 10}  # number of corners -> VTK type of triangles and tetrahedra
 
 
 def write_solution(path: str | PathLike[str], mesh: Mesh, samples: Samples, *, name: str = "u") -> None:
-    """Write a sampled function to a ``.vtu`` file that ParaView and VTK open.
+    """Write a sampled function to a ``.vtu`` file for ParaView and VTK.
 
-    No two cells share points, so jumps stay visible and holes empty. Cell data: ``cell``, the number of the
-    cell in the mesh, and the mesh's cell tags; ``agglo_cell`` if one of them is called ``cell``.
+    Cells share no points, so jumps are visible and holes are empty. Cell data: ``cell``, the cell number in
+    the
+    mesh (``agglo_cell`` if a tag is called ``cell``), and the cell tags of the mesh.
 
     Raises
     ------
     FileError
         For another suffix, or a file that cannot be written.
     MeshError
-        For a cell tag whose name files cannot hold.
+        If files cannot hold the name of a cell tag.
     """
     path = Path(path)
     if path.suffix.lower() != ".vtu":
@@ -47,22 +48,22 @@ def write_solution(path: str | PathLike[str], mesh: Mesh, samples: Samples, *, n
 def solution_piece(
     samples: Samples, tags: Mapping[str, Int], *, name: str = "u", cell_ids: Int | None = None
 ) -> Piece:
-    """Contents of a file for a sampled function.
+    """Return the file contents for a sampled function.
 
     Parameters
     ----------
     samples : Samples
     tags : mapping of str to (n_cells,) int
-        Of the cells of the mesh.
+        Cell tags of the mesh.
     name : str
-        Of the function.
+        Name of the function.
     cell_ids : (n_cells,) int, optional
-        Numbers of the cells in the file; by default those in the mesh.
+        Cell numbers in the file; by default those in the mesh.
 
     Raises
     ------
     MeshError
-        For a cell tag whose name files cannot hold.
+        If files cannot hold the name of a cell tag.
     """
     check_names(tags)
     owners = samples.cells[samples.simplices[:, 0]]

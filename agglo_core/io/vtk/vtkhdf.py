@@ -1,4 +1,4 @@
-"""VTKHDF, unstructured grids in HDF5, of one partition or several, without time steps."""
+"""Read and write VTKHDF: unstructured grids in HDF5 with one or more partitions, without time steps."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ from agglo_core.progress import Tell, part, to_nobody
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
-_SPARE, _EXPANSION = 1 << 24, 400  # bytes that arrays may take, and for each byte of the file
+_SPARE, _EXPANSION = 1 << 24, 400  # bytes allowed for arrays: fixed, and per byte of the file
 
 
 class VtkHdf(Compressing):
-    """Unstructured grids of VTKHDF: any mesh, its tags and the labels of all levels, as in ``.vtu``."""
+    """VTKHDF unstructured grids: any mesh with its tags and the labels of all levels, as in ``.vtu``."""
 
     lossless: bool = False
     atomic: bool = True
@@ -50,12 +50,15 @@ class VtkHdf(Compressing):
     keeps_level_values: bool = True
 
     def read(self, path: Path) -> Mesh:
-        """Return the mesh of a file; its partitions are joined, integer cell data become cell tags.
+        """Read a mesh.
+
+        Partitions are joined, integer cell data become cell tags.
+
 
         Raises
         ------
         FileError, MeshError
-            If h5py is not installed; for other kinds of data sets, time steps, or a broken file or mesh.
+            If h5py is not installed; for other dataset types, time steps, or a broken file or mesh.
         """
         h5py = hdf5()
         try:
@@ -75,12 +78,12 @@ class VtkHdf(Compressing):
         level_values: LevelValues | None = None,
         tell: Tell = to_nobody,
     ) -> None:
-        """Write ``path``, and with a hierarchy each coarse mesh beside it: see :func:`write_grids`.
+        """Write ``path``, and with a hierarchy each coarse mesh beside it, see :func:`write_grids`.
 
         Raises
         ------
         FileError
-            If h5py is not installed, or for a tag whose name HDF5 cannot hold.
+            If h5py is not installed, or HDF5 cannot hold the name of a tag.
         """
         hdf5()
         write_grids(
@@ -108,7 +111,7 @@ def _stored(file: Any, room: int) -> Stored:
 
 
 def _check_sizes(group: Any, room: int) -> None:
-    """Refuse arrays that take far more memory than the file does, which compressed or missing blocks may."""
+    """Reject arrays far larger than the file, which compressed or missing blocks allow."""
     total = 0
     for section in (group, subgroup(group, "CellData"), subgroup(group, "FieldData")):
         for name, dataset in datasets(section).items():
@@ -119,7 +122,7 @@ def _check_sizes(group: Any, room: int) -> None:
 
 
 def _tags(group: Any) -> tuple[dict[str, NDArray[Any]], list[str]]:
-    """Integer cell data of one component, and the names of others that are not derived."""
+    """Return integer cell data with one component, and the names of other cell data that are not derived."""
     section = subgroup(group, "CellData")
     tags, left = {}, []
     for name, dataset in datasets(section).items():
@@ -141,6 +144,7 @@ def _fields(group: Any) -> dict[str, NDArray[Any]]:
 def _pieces(group: Any, tags: dict[str, NDArray[Any]]) -> Iterator[Soup]:
     n_points, n_cells = (_counts(group, f"NumberOf{what}") for what in ("Points", "Cells"))
     others = {name: _counts(group, COUNTS[name]) for name in COUNTS if COUNTS[name] in group}
+    # Check all array lengths before the first array is read.
     for name, counts in {"NumberOfPoints": n_points, **others}.items():
         if len(counts) != len(n_cells):
             raise FileError(f"{name!r} is given for {len(counts)} partitions, the cells for {len(n_cells)}")
@@ -150,6 +154,7 @@ def _pieces(group: Any, tags: dict[str, NDArray[Any]]) -> Iterator[Soup]:
     for name, values in tags.items():
         if len(values) < n_cells.sum():
             raise FileError(f"cell data {name!r} has {len(values)} values for {n_cells.sum()} cells")
+    # Read partition by partition.
     for i, (m, n) in enumerate(zip(n_points.tolist(), n_cells.tolist(), strict=True)):
         check_counts(m, n)
         first, start = int(n_points[:i].sum()), int(n_cells[:i].sum())
@@ -172,8 +177,8 @@ def _counts(group: Any, name: str) -> Int:
     return counts
 
 
-_VERSION, _WITH_FACES = (2, 0), (2, 5)  # of the format: the first for such files, the first with polyhedra
-_LEVEL = 1  # of deflate: higher ones take twice as long for a few per cent
+_VERSION, _WITH_FACES = (2, 0), (2, 5)  # format versions: for such files in general, and with polyhedra
+_LEVEL = 1  # deflate level: higher levels take twice the time and save a few per cent
 
 
 def _ours(file: Path) -> bool:
@@ -183,7 +188,10 @@ def _ours(file: Path) -> bool:
 
 
 def _faces(cells: Cells, number: Int | None) -> dict[str, NDArray[Any]]:
-    """Faces of polyhedra one after the other, each cell its own; other cells have none."""
+    """Return the faces of polyhedra, stored separately per cell.
+
+    Other cells have none.
+    """
     own = cells.types == POLYHEDRON
     offsets, loop_offsets, vertices = take_cells(cells.solids, frozen_int(np.flatnonzero(own)))
     counts = np.zeros(len(own), np.int64)

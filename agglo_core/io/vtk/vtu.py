@@ -1,4 +1,4 @@
-"""VTU and VTP, VTK's XML files: read in every encoding, with several pieces and both layouts of polyhedra."""
+"""Read and write VTU and VTP (VTK's XML files): all encodings, several pieces, both polyhedron layouts."""
 
 from __future__ import annotations
 
@@ -39,22 +39,22 @@ from agglo_core.progress import Tell, to_nobody
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
-_FACES = 64  # numbers about faces for each cell, beyond which an array is looked at before it is decoded
+_FACES = 64  # face entries per cell above which an array is checked before it is decoded
 
 
 class Vtu(Compressing):
-    """VTU by agglo's own reader and writer: any mesh, its cell tags, the labels of all levels.
+    """VTU with agglo's own reader and writer: any mesh with its cell tags and the labels of all levels.
 
     Parameters
     ----------
     merge_points : bool
         Merge exactly equal points on reading.
     allow_gaps : bool
-        Leave outer faces that lie on one another as they are.
+        Keep coincident outer faces.
     compress : bool
-        Write zlib of the arrays: smaller files, slower to write and to read.
+        Compress the arrays with zlib: smaller files, slower to write and to read.
     drop_flat : bool
-        Leave out cells of zero area or volume.
+        Drop cells with zero area or volume.
 
     Examples
     --------
@@ -71,7 +71,10 @@ class Vtu(Compressing):
     keeps_level_values: bool = True
 
     def read(self, path: Path) -> Mesh:
-        """Return the mesh of a VTU file; its pieces are joined, integer cell data become cell tags.
+        """Read a VTU file.
+
+        Pieces are joined, integer cell data become cell tags.
+
 
         Raises
         ------
@@ -88,23 +91,35 @@ class Vtu(Compressing):
         level_values: LevelValues | None = None,
         tell: Tell = to_nobody,
     ) -> None:
-        """Write the mesh, and each coarse mesh with its values beside it; raises an AggloError."""
+        """Write the mesh, and each coarse mesh with its values beside it.
+
+        Raises an AggloError.
+        """
         storage = Storage(write_document, face_stream, written_by_agglo)
         write_grids(storage, path, mesh, hierarchy, level_values, tell, compress=self.compress)
 
 
 class Vtp(Reading):
-    """Polygons and strips of VTK XML PolyData; a constant z makes a plane mesh, surfaces are refused."""
+    """Polygons and strips of VTK XML PolyData.
+
+    The coordinate z must be constant (2-D); surfaces are rejected.
+    """
 
     lossless: bool = False
 
     def read(self, path: Path) -> Mesh:
-        """Return the mesh of the polygons and strips of a VTP file; raises as :meth:`Vtu.read`."""
+        """Read the polygons and strips of a VTP file.
+
+        Raises as :meth:`Vtu.read`.
+        """
         return mesh_from_pieces(stored_pieces(path.read_bytes(), "PolyData"), **self.reading, name=path.stem)
 
 
 def stored_pieces(content: bytes, kind: str = "UnstructuredGrid") -> Stored:
-    """Pieces of a file of that kind; raises FileError."""
+    """Read the pieces of a file of this type.
+
+    Raises FileError if damaged.
+    """
     document = parse(content, kind)
     grid = document.root.find(kind)
     if grid is None:
@@ -114,20 +129,20 @@ def stored_pieces(content: bytes, kind: str = "UnstructuredGrid") -> Stored:
     left = [each.get("Name", "") for each in data if not _is_tag(each) and not is_derived(each)]
     pieces = [_piece(document, piece) for piece in grid.findall("Piece")]
     ours = document.root.get("agglo") == "mesh"
-    if len(pieces) == 1 and ours:  # in files of others it may be out of date
+    if len(pieces) == 1 and ours:  # files of other programs may contain outdated lists
         pieces = [pieces[0]._replace(listed=_listed(document, grid, pieces[0]))]
     return Stored(pieces, left, ours)
 
 
 def _listed(document: Document, grid: ElementTree.Element, piece: Soup) -> ListedFaces | None:
-    """Faces with tags, from the field data."""
+    """Return the tagged faces from the field data."""
     n, elements = len(piece.types), grid.findall("FieldData/DataArray")
     fields = {each.get("Name", ""): document.array(each, _FACES * n) for each in elements}
     return listed_faces(fields, len(piece.points), n)
 
 
 def _check_places(elements: Iterable[ElementTree.Element]) -> None:
-    """Refuse arrays that share their bytes: a small file could say the same thing a million times."""
+    """Reject arrays that share bytes, because a small file could then expand without bound."""
     names: dict[int, str] = {}
     for element in elements:
         if element.get("format") != "appended":
@@ -135,7 +150,7 @@ def _check_places(elements: Iterable[ElementTree.Element]) -> None:
         name = element.get("Name", "Points")
         try:
             place = int(element.get("offset", ""))
-        except ValueError:  # refused if it is read
+        except ValueError:  # reported when the array is read
             continue
         if place in names:
             raise FileError(f"arrays {names[place]!r} and {name!r} begin at the same appended byte, {place}")
@@ -143,7 +158,10 @@ def _check_places(elements: Iterable[ElementTree.Element]) -> None:
 
 
 def _piece(document: Document, piece: ElementTree.Element) -> Soup:
-    """Cells of a Piece with their points, tags and global ids; raises FileError."""
+    """Return the cells of a Piece with points, tags and global ids.
+
+    Raises FileError if damaged.
+    """
     kinds = [kind for kind in KINDS if piece.find(kind) is not None]
     counted = ["Points", *(kinds or ["Cells"])]
     try:
@@ -166,7 +184,7 @@ def _piece(document: Document, piece: ElementTree.Element) -> Soup:
 
 
 def _list(document: Document, piece: ElementTree.Element, kind: str, n: int) -> tuple[Int, Int]:
-    """Ends and points of n cells of a PolyData."""
+    """Return ends and points of n PolyData cells."""
     arrays = _Arrays(document, piece, kind)
     ends = arrays.take("offsets", n)
     if len(ends) != n or (np.diff(ends, prepend=0) < 0).any():
@@ -178,7 +196,7 @@ def _list(document: Document, piece: ElementTree.Element, kind: str, n: int) -> 
 
 
 def _ids(document: Document, section: ElementTree.Element | None, n: int) -> Int | None:
-    """The n integers that a section declares to be its global ids, if it does."""
+    """Return the n integers declared as global ids of a section, or None."""
     name = "" if section is None else section.get("GlobalIds", "")
     for element in () if section is None or not name else section.iterfind("DataArray"):
         if element.get("Name") != name or not element.get("type", "").startswith(("Int", "UInt")):
@@ -191,7 +209,10 @@ def _ids(document: Document, section: ElementTree.Element | None, n: int) -> Int
 
 
 def _points(document: Document, piece: ElementTree.Element, n: int) -> Float:
-    """Points ``(n, 3)`` of a Piece; raises FileError if there are not n."""
+    """Return the points ``(n, 3)`` of a Piece.
+
+    Raises FileError for another number.
+    """
     element = piece.find("Points/DataArray")
     values = document.array(element, 3 * n) if element is not None else np.empty(0)
     if values.size != 3 * n:
@@ -200,7 +221,7 @@ def _points(document: Document, piece: ElementTree.Element, n: int) -> Float:
 
 
 def _tags(document: Document, piece: ElementTree.Element, n: int) -> dict[str, Int]:
-    """Integer cell data of one component."""
+    """Return integer cell data with one component."""
     tags = {}
     for element in piece.iterfind("CellData/DataArray"):
         if not _is_tag(element):
@@ -213,7 +234,7 @@ def _tags(document: Document, piece: ElementTree.Element, n: int) -> dict[str, I
 
 
 def _is_tag(element: ElementTree.Element) -> bool:
-    """Return True for named integers of one component that agglo did not derive from the mesh."""
+    """Return True for named integers with one component that agglo did not derive from the mesh."""
     if is_derived(element):
         return False
     kind = element.get("type", "")
@@ -223,7 +244,7 @@ def _is_tag(element: ElementTree.Element) -> bool:
 
 @dataclass(frozen=True)
 class _Arrays:
-    """Arrays of whole numbers of a section of a piece."""
+    """Integer arrays in a section of a piece."""
 
     document: Document
     piece: ElementTree.Element
@@ -237,7 +258,7 @@ class _Arrays:
         return name in self._elements
 
     def take(self, name: str, declared: int) -> Int:
-        """Integers of an array that should have ``declared`` values."""
+        """Return the integers of an array with ``declared`` values."""
         if name not in self._elements:
             known = ", ".join(self._elements) or "none"
             raise FileError(f"array {name!r} is missing from {self.section}; found {known}")
@@ -248,21 +269,24 @@ class _Arrays:
 
 
 def written_by_agglo(file: Path, *, solutions: bool = False) -> bool:
-    """Return True if a file begins as our meshes do, or also as our solutions; may raise OSError."""
+    """Return True if a file begins like agglo's meshes (or solutions).
+
+    May raise OSError.
+    """
     heads = (MESH, SOLUTION) if solutions else (MESH,)
     with open(file, "rb") as stream:
         return stream.read(max(map(len, heads))).startswith(heads)
 
 
 def face_stream(cells: Cells, number: Int | None) -> dict[str, NDArray[Any]]:
-    """Per polyhedron: number of faces, then each face's size and vertices, seen from outside the cell.
+    """Return per polyhedron the number of faces, then size and vertices of each face, seen from outside.
 
-    Other cells end nowhere in the stream, which is -1.
+    Other cells have the end −1 in the stream.
     """
     own = np.flatnonzero(cells.types == POLYHEDRON)
     offsets, loop_offsets, vertices = take_cells(cells.solids, frozen_int(own))
     counts, sizes = np.diff(offsets), np.diff(loop_offsets)
-    starts = loop_offsets[offsets] + offsets + np.arange(len(offsets))  # of each cell, and the end
+    starts = loop_offsets[offsets] + offsets + np.arange(len(offsets))  # start of each cell, and the end
     loops = loop_offsets[:-1] + np.arange(len(sizes)) + np.repeat(np.arange(1, len(counts) + 1), counts)
     stream = np.empty(starts[-1], np.int64)
     rest = np.ones(len(stream), bool)

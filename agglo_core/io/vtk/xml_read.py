@@ -1,4 +1,7 @@
-"""DataArrays of VTK XML files: ascii, base64 and raw; plain, zlib and lzma; either byte order."""
+"""Decode the DataArrays of VTK XML files: ascii, base64 and raw.
+
+Compression is zlib, lzma or none; the byte order is arbitrary.
+"""
 
 from __future__ import annotations
 
@@ -17,16 +20,16 @@ from numpy.typing import NDArray
 from agglo_core.errors import FileError
 
 DERIVED = 'agglo="derived"'
-"""Attribute of our own DataArrays that follow from the mesh or its hierarchy; VTK passes over it."""
+"""Attribute of DataArrays that agglo derives from the mesh or its hierarchy; VTK ignores it."""
 
 TYPES = {f"{kind}{8 * size}": f"{kind[0].lower()}{size}" for kind in ("Int", "UInt") for size in (1, 2, 4, 8)}
 TYPES |= {"Float32": "f4", "Float64": "f8"}
 _COMPRESSORS = {"": "", "vtkZLibDataCompressor": "zlib", "vtkLZMADataCompressor": "lzma"}
-_EXPANSION = 10_000  # more than lzma's largest ratio on real data: bounds what a forged header can claim
-_SPARE = 1 << 20  # values beyond the declared ones that are decoded, for the caller to say what is wrong
-_LZMA_MEMORY = 1 << 27  # bytes; its largest preset needs half of that
+_EXPANSION = 10_000  # above lzma's best ratio on real data; bounds the claims of forged headers
+_SPARE = 1 << 20  # values decoded beyond the declared number, so that the caller can report the error
+_LZMA_MEMORY = 1 << 27  # bytes, twice the need of the largest preset
 _DOCTYPES = tuple("<!DOCTYPE".encode(code) for code in ("ascii", "utf-16-le", "utf-16-be"))
-_WORDS = 1 << 16  # numbers in text that are converted at once
+_WORDS = 1 << 16  # text numbers per conversion
 
 
 def is_derived(element: ElementTree.Element) -> bool:
@@ -36,7 +39,7 @@ def is_derived(element: ElementTree.Element) -> bool:
 
 @dataclass(frozen=True)
 class Document:
-    """A parsed file: its XML tree, and how its binary arrays are encoded."""
+    """A parsed file: its XML tree and the encoding of its binary arrays."""
 
     root: ElementTree.Element
     order: Literal["<", ">"]
@@ -46,19 +49,19 @@ class Document:
     raw: bool  # the appended bytes are not base64
 
     def array(self, element: ElementTree.Element, declared: int) -> NDArray[Any]:
-        """Values of a DataArray ``(n,)`` in its own type, native byte order.
+        """Decode the values of a DataArray ``(n,)`` in their own type and native byte order.
 
         Parameters
         ----------
         element : Element
         declared : int
-            How many values there should be by what the file says elsewhere. Many more are refused before
-            they are decoded; whether the number is right to the last value is for the caller to say.
+            Expected number of values according to the rest of the file. Arrays with many more values are
+            rejected before decoding; the caller checks the exact number.
 
         Raises
         ------
         FileError
-            Naming the array: unknown type or format, broken encoding, too short, far too long.
+            With the array name, for an unknown type or format, a broken encoding, or a wrong length.
         """
         name = element.get("Name", "Points")
         try:
@@ -67,7 +70,10 @@ class Document:
             raise FileError(f"array {name!r}: {error}") from None
 
     def _array(self, element: ElementTree.Element, declared: int) -> NDArray[Any]:
-        """Decode a DataArray by its format (ascii, binary or appended); raises ValueError."""
+        """Decode a DataArray by its format (ascii, binary or appended).
+
+        Raises ValueError if damaged.
+        """
         kind, form = element.get("type", ""), element.get("format", "ascii")
         if kind not in TYPES:
             raise ValueError(f"unknown type {kind!r}")
@@ -89,7 +95,7 @@ class Document:
         return np.frombuffer(content, native.newbyteorder(self.order)).astype(native)
 
     def _binary(self, data: bytes | memoryview, start: int, room: _Room, *, raw: bool) -> bytes | memoryview:
-        """Decode the bytes that follow their length, raw or in base64, from ``start`` on."""
+        """Decode bytes after their length, raw or base64, from ``start``."""
         if len(data) <= start:
             return b""
         if self.compression:
@@ -98,14 +104,12 @@ class Document:
         prefix, after = _take(data, start, width, raw)
         size = int(np.frombuffer(prefix, self.header)[0])
         room.check(size)
-        if (
-            raw or len(base64.b64decode(data[start:after])) == width
-        ):  # the length is encoded apart from the data
+        if raw or len(base64.b64decode(data[start:after])) == width:  # separate encodings
             return _take(data, after, size, raw)[0]
         return _take(data, start, width + size, raw)[0][width:]
 
     def _compressed(self, data: bytes | memoryview, start: int, room: _Room, raw: bool) -> bytes:
-        """Decode the blocks that follow their header: number, size, size of the last, compressed sizes."""
+        """Decode blocks after their header: number, size, size of the last block, compressed sizes."""
         width = self.header.itemsize
         prefix, _ = _take(data, start, 3 * width, raw)
         n, size, last = (int(value) for value in np.frombuffer(prefix, self.header))
@@ -121,7 +125,7 @@ class Document:
         return b"".join(pieces)
 
     def _inflate(self, block: bytes | memoryview, size: int) -> bytes:
-        """Decompress a block that must hold ``size`` bytes."""
+        """Decompress a block with exactly ``size`` bytes."""
         if size > _EXPANSION * (len(block) + 64):
             raise ValueError(f"a block of {len(block)} bytes claims to hold {size}")
         zipped = self.compression == "zlib"
@@ -134,13 +138,13 @@ class Document:
 
 
 class _Room(NamedTuple):
-    """Number of values that an array may hold, and the bytes of each."""
+    """Limit on the size of an array: declared number of values, and bytes per value."""
 
     declared: int
     width: int
 
     def check(self, size: int) -> None:
-        """Raise ValueError if that many bytes are far more than the declared values take."""
+        """Raise ValueError for many more bytes than the declared values need."""
         if size > self.width * (max(self.declared, 0) + _SPARE):
             raise ValueError(
                 f"it holds {size // self.width} values ({size} bytes), but the file declares {self.declared} "
@@ -149,7 +153,10 @@ class _Room(NamedTuple):
 
 
 def _numbers(text: str, dtype: np.dtype[Any], declared: int) -> NDArray[Any]:
-    """Numbers of a text; raises ValueError for many more than are declared, or a word that is none."""
+    """Parse the numbers in a text.
+
+    Raises ValueError for far too many numbers or invalid words.
+    """
     most = max(declared, 0) + _SPARE
     words = text.split(maxsplit=most)
     if not words:
@@ -157,7 +164,7 @@ def _numbers(text: str, dtype: np.dtype[Any], declared: int) -> NDArray[Any]:
     if len(words) > most:
         raise ValueError(f"it holds more than {most} values, but the file declares {declared}")
     longest = max(words, key=len)
-    if len(longest) > 64:  # a numpy string array gives every word the room of the longest
+    if len(longest) > 64:  # a numpy string array allocates the longest word's length for every word
         raise ValueError(f"{longest[:20]}… is not a number")
     values = np.empty(len(words), dtype)
     for i in range(0, len(words), _WORDS):
@@ -166,7 +173,7 @@ def _numbers(text: str, dtype: np.dtype[Any], declared: int) -> NDArray[Any]:
 
 
 def _take(data: bytes | memoryview, start: int, size: int, raw: bool) -> tuple[bytes | memoryview, int]:
-    """``size`` bytes encoded from ``start`` on, and the place after them."""
+    """Return ``size`` decoded bytes from ``start``, and the position after them."""
     stop = start + (size if raw else (size + 2) // 3 * 4)
     if stop > len(data):
         raise ValueError(f"truncated: {stop - start} bytes expected at {start}, {len(data) - start} found")
@@ -179,12 +186,12 @@ def _take(data: bytes | memoryview, start: int, size: int, raw: bool) -> tuple[b
 
 
 def parse(content: bytes, kind: str = "UnstructuredGrid") -> Document:
-    """Read the XML of a VTK file, its appended data apart.
+    """Parse the XML of a VTK file and separate its appended data.
 
     Raises
     ------
     FileError
-        For anything but a whole VTKFile of that type.
+        For anything except a complete VTKFile of this type.
     """
     text, appended, raw = _split_appended(content)
     root = vtk_root(text, kind)
@@ -202,8 +209,11 @@ def parse(content: bytes, kind: str = "UnstructuredGrid") -> Document:
 
 
 def vtk_root(text: bytes, kind: str) -> ElementTree.Element:
-    """Root of the XML of a VTKFile of some type; FileError for anything else."""
-    if any(mark in text for mark in _DOCTYPES):  # where entities are declared that grow without end
+    """Return the root element of a VTKFile of this type.
+
+    Raises FileError for other content.
+    """
+    if any(mark in text for mark in _DOCTYPES):  # a declaration may define entities that expand without bound
         raise FileError("it has a document type declaration, which no VTK file has; it is not read")
     try:
         root = ElementTree.fromstring(text)
@@ -215,7 +225,10 @@ def vtk_root(text: bytes, kind: str) -> ElementTree.Element:
 
 
 def _split_appended(content: bytes) -> tuple[bytes, bytes | memoryview, bool]:
-    """XML without its AppendedData, that data, and whether it is raw (then it breaks XML's rules)."""
+    """Separate the AppendedData from the XML.
+
+    Return both, and True if the data are raw (invalid in XML).
+    """
     tag = re.search(rb"<AppendedData([^>]*)>\s*_", content)
     if tag is None:
         return content, b"", False

@@ -1,7 +1,7 @@
-"""A VTU file as it is written: the XML, then the bytes of all arrays as they are, or zlib of them.
+"""Write VTU files: XML, then the raw or zlib-compressed bytes of all arrays.
 
-Raw appended data cost nothing to encode, and integers take 32 bits where they fit. VTK opens such files
-since version 6.
+Raw appended data need no encoding, and integers take 32 bits if they fit. VTK supports such files since
+version 6.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from agglo_core.io.vtk.xml_read import DERIVED
 from agglo_core.progress import Tell, part, to_nobody
 
 _NAMES = {"i4": "Int32", "i8": "Int64", "u1": "UInt8", "f8": "Float64"}
-_BLOCK = 1 << 20  # bytes written or compressed at once
-_LEVEL = 1  # of zlib: higher ones take twice as long for a few per cent
+_BLOCK = 1 << 20  # bytes per write or compression
+_LEVEL = 1  # zlib level: higher levels take twice the time and save a few per cent
 _ZLIB = 'compressor="vtkZLibDataCompressor"'
 _FILE = '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64"'
 _START = f'<?xml version="1.0"?>\n{_FILE} '
@@ -30,32 +30,32 @@ MESH = f'{_START}agglo="mesh"'.encode()
 SOLUTION = f'{_START}agglo="solution"'.encode()
 """First bytes of a solution written by agglo."""
 _END = b"\n</AppendedData>\n</VTKFile>\n"
-_FAR = 10**19  # no file is longer
+_FAR = 10**19  # larger than any file offset
 IDS = {"PointData": "GlobalPointIds", "CellData": "GlobalCellIds"}
-"""The names that VTK gives to numbers of points and cells that hold across files."""
+"""VTK's names of global point and cell numbers, valid across files."""
 
 
 class Piece(NamedTuple):
-    """Contents of a file: arrays by name, reals or integers.
+    """Contents of a file: arrays by name, real or integer.
 
     Attributes
     ----------
     points : (n_points, d) float
-        In a plane mesh, 0 is added as the third coordinate.
+        For 2-D meshes, 0 is added as the third coordinate.
     cells : mapping
-        ``connectivity``, ``offsets``, ``types``; of polyhedra ``faces`` and ``faceoffsets``, too.
+        ``connectivity``, ``offsets``, ``types``; with polyhedra also ``faces`` and ``faceoffsets``.
     point_data, cell_data : mapping
     derived : mapping
-        More cell data, which get the attribute ``mark``.
+        More cell data, with the attribute ``mark``.
     mark : str
     field_data : mapping
         Arrays that belong to no point or cell.
     kind : str
-        Stands in the first line, so that a program knows what it has before it.
+        Written to the first line to identify the contents.
     point_ids, cell_ids : (n,) int or None
-        Numbers of points and cells in the mesh of which this is a piece, as VTK's global ids.
+        Numbers of points and cells in the whole mesh if this is a piece (VTK's global ids).
     wide : collection of str
-        Cell data stored in 64 bits also if they fit in 32, as other pieces store theirs.
+        Cell data always stored in 64 bits, to match other pieces.
     """
 
     points: NDArray[Any]
@@ -72,7 +72,7 @@ class Piece(NamedTuple):
 
 
 class StoredArray(NamedTuple):
-    """One array and how it is stored."""
+    """An array and its storage."""
 
     section: str
     name: str
@@ -83,17 +83,17 @@ class StoredArray(NamedTuple):
 
     @property
     def attributes(self) -> str:
-        """Type, name and all that is to be known of it, but not where it is."""
+        """XML attributes except the position: type, name, components, mark."""
         kind = f'type="{_NAMES[self.dtype.str[1:]]}" Name={quoteattr(self.name)}'
         width = f' NumberOfComponents="{self.components}"' if self.components > 1 else ""
         return f"{kind}{width}{self.mark}"
 
     def element(self, offset: int) -> str:
-        """The XML that says where its bytes are."""
+        """Return the XML element with the position of the bytes."""
         return f'<DataArray {self.attributes} format="appended" offset="{offset}"/>'
 
     def blocks(self) -> Iterator[memoryview]:
-        """Its bytes, some at a time."""
+        """Yield the bytes in blocks."""
         rows = self.values if self.values.ndim > 1 else self.values[:, None]
         missing = np.zeros((_BLOCK // self.row, self.components - rows.shape[1]))
         for start in range(0, len(rows), len(missing)):
@@ -104,7 +104,7 @@ class StoredArray(NamedTuple):
 
     @property
     def row(self) -> int:
-        """Bytes for each point or cell."""
+        """Bytes per point or cell."""
         return self.components * self.dtype.itemsize
 
 
@@ -116,11 +116,12 @@ def write_document(path: Path, piece: Piece, *, compress: bool = False, tell: Te
     path : Path
     piece : Piece
     compress : bool
-        Store zlib of the bytes: smaller, but slower to write and to read.
+        Compress with zlib: smaller, but slower to write and to read.
     tell : callable
-        Told before each array.
+        Called before each array.
     """
     arrays = list(stored_arrays(piece))
+    # Reserve space for the XML, whose offsets are known only after the arrays.
     room = len(_xml(piece, arrays, [_FAR] * len(arrays), compress))
     with open(path, "wb") as stream:
         stream.write(bytes(room))
@@ -135,7 +136,7 @@ def write_document(path: Path, piece: Piece, *, compress: bool = False, tell: Te
 
 
 def stored_arrays(piece: Piece) -> Iterator[StoredArray]:
-    """The arrays of a piece in the order in which they are stored."""
+    """Yield the arrays of a piece in storage order."""
     yield StoredArray("Points", "Points", piece.points, np.dtype("<f8"), 3)
     for section, data, mark in (
         ("Cells", piece.cells, ""),
@@ -162,7 +163,7 @@ def _stored_type(values: NDArray[Any]) -> np.dtype[Any]:
 def _xml(
     piece: Piece, arrays: Sequence[StoredArray], offsets: Sequence[int], compress: bool, room: int = 0
 ) -> bytes:
-    """All before the bytes of the arrays, filled up with spaces to ``room`` bytes."""
+    """Return everything before the array bytes, padded with spaces to ``room`` bytes."""
 
     def section(name: str) -> list[str]:
         own = [a.element(offset) for a, offset in zip(arrays, offsets, strict=True) if a.section == name]
@@ -182,20 +183,20 @@ def _xml(
 
 
 def global_ids(piece: Piece, section: str) -> str:
-    """The attribute of a section that says which of its arrays are global ids, if any are."""
+    """Return the attribute that declares the global ids of a section, or an empty string."""
     there = {"PointData": piece.point_ids, "CellData": piece.cell_ids}.get(section) is not None
     return f' GlobalIds="{IDS[section]}"' if there else ""
 
 
 def _store(stream: IO[bytes], array: StoredArray) -> None:
-    """The number of bytes, and the bytes."""
+    """Write the number of bytes, then the bytes."""
     stream.write((len(array.values) * array.row).to_bytes(8, "little"))
     for block in array.blocks():
         stream.write(block)
 
 
 def _deflate(stream: IO[bytes], array: StoredArray) -> None:
-    """The number and sizes of blocks, and the blocks."""
+    """Write the number and sizes of the blocks, then the blocks."""
     blocks = [zlib.compress(block, _LEVEL) for block in array.blocks()]
     whole = _BLOCK // array.row * array.row
     sizes = (len(blocks), whole, len(array.values) * array.row % whole, *map(len, blocks))
