@@ -1,4 +1,7 @@
-"""Meshes: points, faces and the cells beside them; how they are built and checked, and their geometry."""
+"""Polytopal meshes: construction, checks, geometry.
+
+A mesh consists of points, faces and the two cells at each face.
+"""
 
 from agglo_core.mesh.checks import box_centre, check_labels
 from agglo_core.mesh.geometry.diameters import compared_diameters, diameters_of, wide_parts

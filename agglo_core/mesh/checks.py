@@ -1,4 +1,4 @@
-"""Checks and repairs of arrays before they become a mesh, shared by everything that builds one."""
+"""Check and repair arrays before the construction of a mesh."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from agglo_core.errors import MeshError
 
 _log = logging.getLogger("agglo")
 
-_SMALLEST, _LARGEST = 1e-50, 1e50  # fifth powers of lengths (moments of volume) stay exact
+_SMALLEST, _LARGEST = 1e-50, 1e50  # fifth powers of lengths (moments of volume) are exact in this range
 
 
 def box_centre(points: Float) -> Float:
-    """Centre ``(d,)`` of the bounding box of ``points (n, d)``.
+    """Return the centre ``(d,)`` of the bounding box of ``points (n, d)``.
 
     Examples
     --------
@@ -32,7 +32,9 @@ def box_centre(points: Float) -> Float:
 
 
 def last_place(points: Float) -> float:
-    """Unit in the last place of the largest coordinate, in single precision if all are such numbers."""
+    """Return the unit in the last place of the largest coordinate, for float32 if all values are float32
+    numbers.
+    """
     largest = np.abs(points).max()
     with np.errstate(over="ignore", under="ignore"):
         single = (points == points.astype(np.float32)).all()
@@ -40,7 +42,7 @@ def last_place(points: Float) -> float:
 
 
 def name_cells(cells: ArrayLike) -> str:
-    """``cell 3`` or ``cells 3, 8, 12, … (40 in all)`` for messages."""
+    """Return ``cell 3`` or ``cells 3, 8, 12, … (40 in all)`` for messages."""
     array = np.atleast_1d(cells)
     shown = ", ".join(str(int(cell)) for cell in array[:5])
     if len(array) == 1:
@@ -49,7 +51,10 @@ def name_cells(cells: ArrayLike) -> str:
 
 
 def check_points(points: ArrayLike) -> Float:
-    """Return ``(n, 2 or 3)`` floats that the caller cannot change; :func:`check_finite` checks the values."""
+    """Return points as ``(n, 2 or 3)`` floats that the caller cannot change.
+
+    :func:`check_finite` checks the values.
+    """
     given = plain_array(points, "points")
     array = owned(frozen_float(exact_cast(given, np.float64, "points")))
     if array.ndim != 2 or array.shape[1] not in (2, 3):
@@ -58,7 +63,7 @@ def check_points(points: ArrayLike) -> Float:
 
 
 def check_finite(points: Float, vertices: Int | None = None) -> None:
-    """Raise MeshError if a point is not finite, of those in ``vertices`` if given, else of all."""
+    """Raise MeshError if a point in ``vertices`` (by default any point) is not finite."""
     finite = np.isfinite(points)
     if finite.all():
         return
@@ -71,7 +76,7 @@ def check_finite(points: Float, vertices: Int | None = None) -> None:
 
 
 def check_faces(points: Float, offsets: Int, vertices: Int, cells: Int) -> None:
-    """Raise MeshError unless the arrays of a mesh have shapes and ranges that fit together."""
+    """Raise MeshError unless shapes and ranges of the mesh arrays are consistent."""
     if points.ndim != 2 or points.shape[1] not in (2, 3):
         raise MeshError(f"points must have shape (n_points, 2) or (n_points, 3), not {points.shape}")
     check_finite(points)
@@ -89,7 +94,7 @@ def check_faces(points: Float, offsets: Int, vertices: Int, cells: Int) -> None:
     if len(wrong):
         wanted = "two vertices in 2-D" if dim == 2 else "at least three vertices in 3-D"
         raise MeshError(f"face_offsets: a face has {wanted}, face {wrong[0]} has {sizes[wrong[0]]}")
-    if vertices.view(np.uint64).max() >= len(points):  # in one pass: numbers below 0 become large ones
+    if vertices.view(np.uint64).max() >= len(points):  # single pass: negative numbers become large
         raise MeshError(f"face_vertices must lie in 0..{len(points) - 1}")
     if cells[:, 0].min() < 0 or cells[:, 1].min() < -1:
         raise MeshError("face_cells: every face needs an owner cell, and a neighbour cell or -1")
@@ -102,7 +107,7 @@ def check_faces(points: Float, offsets: Int, vertices: Int, cells: Int) -> None:
 
 
 def check_extent(points: Float) -> None:
-    """Raise MeshError if the points in use span more or less than computing with their squares allows."""
+    """Raise MeshError if the extent of the points is outside the range of safe squares."""
     extent = max((float(column.max()) - float(column.min()) for column in points.T), default=0.0)
     if extent > _LARGEST or 0 < extent < _SMALLEST:
         raise MeshError(
@@ -112,13 +117,13 @@ def check_extent(points: Float) -> None:
 
 
 def check_offsets(offsets: Int, total: int, what: str) -> None:
-    """Raise MeshError unless offsets rise from 0 to ``total``."""
+    """Raise MeshError unless the offsets increase from 0 to ``total``."""
     if len(offsets) == 0 or offsets[0] != 0 or offsets[-1] != total or (np.diff(offsets) < 0).any():
         raise MeshError(f"{what} offsets must rise from 0 to {total}, the number of entries they cut")
 
 
 def check_indices(offsets: Int, vertices: Int, n_points: int) -> None:
-    """Raise MeshError unless every vertex of cell c, ``offsets[c]:offsets[c + 1]``, is in 0..n_points−1."""
+    """Raise MeshError unless all vertices are in 0..n_points−1; cell c has ``offsets[c]:offsets[c + 1]``."""
     if vertices.min(initial=0) < 0 or vertices.max(initial=-1) >= n_points:
         bad = np.flatnonzero((vertices < 0) | (vertices >= n_points))
         owner = int(np.searchsorted(offsets, bad[0], side="right")) - 1
@@ -126,7 +131,7 @@ def check_indices(offsets: Int, vertices: Int, n_points: int) -> None:
 
 
 def compact_points(points: Float, vertices: Int, merge: bool) -> tuple[Int, Int, dict[str, int]]:
-    """Numbers of the points in use (equal ones merged if asked), vertices renumbered to them, repairs."""
+    """Return the used points (equal points merged if requested), renumbered vertices, and repairs."""
     merged = 0
     if merge:
         vertices, merged = merge_equal(points, vertices)
@@ -140,11 +145,12 @@ def compact_points(points: Float, vertices: Int, merge: bool) -> tuple[Int, Int,
 
 
 def merge_equal(points: Float, vertices: Int) -> tuple[Int, int]:
-    """Vertices renumbered so that exactly equal points are one, and the number of points left unused."""
+    """Renumber the vertices so that equal points coincide, and return the number of superfluous points."""
     points = points + 0.0  # -0.0 equals 0.0
     some = _perhaps_equal(points)
     if not len(some):
         return vertices, 0
+    # Sort the candidates and map each class of equal points to its smallest number.
     order = some[np.lexsort(points[some].T)]
     new = np.concatenate(([True], (np.diff(points[order], axis=0) != 0).any(axis=1)))
     first = np.minimum.reduceat(order, np.flatnonzero(new))
@@ -156,7 +162,7 @@ def merge_equal(points: Float, vertices: Int) -> tuple[Int, int]:
 
 
 def _perhaps_equal(points: Float) -> Int:
-    """The points that have the hash of another: equal ones, and few others."""
+    """Return the points whose hash occurs twice: all equal points, and rarely others."""
     bits = np.ascontiguousarray(points).view(np.uint64)
     key = bits[:, 0]
     for column in bits.T[1:]:
@@ -168,7 +174,7 @@ def _perhaps_equal(points: Float) -> Int:
 
 
 def note_repairs(repairs: Mapping[str, int]) -> dict[str, int]:
-    """The repairs that happened, each logged."""
+    """Return the repairs with a positive count, and log them."""
     found = {text: count for text, count in repairs.items() if count}
     for text, count in found.items():
         _log.info("%s: %d", text, count)
@@ -176,7 +182,7 @@ def note_repairs(repairs: Mapping[str, int]) -> dict[str, int]:
 
 
 def warn_of_overlaps(pairs: Int) -> None:
-    """Warn of pairs of plane cells ``(k, 2)`` on the same side of an edge; none for no pairs."""
+    """Log a warning for pairs of 2-D cells ``(k, 2)`` on the same side of an edge, if there are any."""
     if len(pairs):
         _log.warning(
             "%d pairs of cells overlap at an edge, such as cells %d and %d: their common area is counted "
@@ -187,7 +193,7 @@ def warn_of_overlaps(pairs: Int) -> None:
 
 
 def whole_numbers(values: Any, what: str, dimensions: int = 1) -> Int:
-    """Integers in an array of so many dimensions, or MeshError."""
+    """Return an integer array with the given number of dimensions, or raise MeshError."""
     array = plain_array(values, what)
     if array.size and array.dtype.kind not in "iu":
         raise MeshError(f"{what} must hold integers, not {array.dtype}")
@@ -198,7 +204,7 @@ def whole_numbers(values: Any, what: str, dimensions: int = 1) -> Int:
 
 
 def check_labels(labels: ArrayLike, n: int) -> Int:
-    """Labels as ``(n,)`` int64 covering 0..k−1, or MeshError.
+    """Return labels as ``(n,)`` int64 that cover 0..k−1, or raise MeshError.
 
     Examples
     --------
@@ -216,14 +222,14 @@ def check_labels(labels: ArrayLike, n: int) -> Int:
     array = frozen_int(exact_cast(array, np.int64, "labels"))
     if array.min() < 0:
         raise MeshError(f"label of cell {int(array.argmin())} is negative")
-    missing = np.flatnonzero(np.bincount(np.minimum(array, n)) == 0)  # labels above n leave gaps below
+    missing = np.flatnonzero(np.bincount(np.minimum(array, n)) == 0)  # labels above n leave gaps
     if len(missing):
         raise MeshError(f"labels leave gaps: no cell is labelled {int(missing[0])} (of 0..{array.max()})")
     return array
 
 
 def check_tags(kind: str, tags: Mapping[str, ArrayLike], count: int) -> dict[str, Int]:
-    """Tags as ``(count,)`` int64 that the caller cannot change, or MeshError naming the tag."""
+    """Return tags as immutable ``(count,)`` int64, or raise MeshError with the tag name."""
     checked = {}
     for name, values in tags.items():
         array = plain_array(values, f"{kind} tag {name!r}")

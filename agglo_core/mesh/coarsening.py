@@ -1,4 +1,4 @@
-"""Faces and tags of agglomerates: what remains when interior faces are dropped."""
+"""Compute faces and tags of agglomerates: interior faces are dropped."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from agglo_core.threads import over_ranges
 
 
 class CoarseFaces(NamedTuple):
-    """Faces between agglomerates as CSR, the two agglomerates of each, and its number among all faces."""
+    """Faces between agglomerates as CSR, their two agglomerates, and their numbers in the fine mesh."""
 
     offsets: Int
     vertices: Int
@@ -21,7 +21,7 @@ class CoarseFaces(NamedTuple):
 
 
 def coarse_faces(labels: Int, face_offsets: Int, face_vertices: Int, face_cells: Int) -> CoarseFaces:
-    """Faces that agglomerates ``labels (n_cells,)`` keep.
+    """Return the faces between agglomerates, or between an agglomerate and the outside.
 
     Parameters
     ----------
@@ -47,6 +47,6 @@ def coarse_faces(labels: Int, face_offsets: Int, face_vertices: Int, face_cells:
 
 
 def surviving_tags(tags: Mapping[str, Int], labels: Int) -> dict[str, Int]:
-    """Cell tags that are constant on every agglomerate, by agglomerate."""
+    """Return the cell tags that are constant on every agglomerate, per agglomerate."""
     first = first_of_each(labels)
     return {name: values[first] for name, values in tags.items() if (values[first][labels] == values).all()}

@@ -1,4 +1,4 @@
-"""Quantities derived from the arrays of a mesh, each computed once: sizes, measures, centroids, loops."""
+"""Quantities derived from mesh arrays, each computed once: sizes, measures, centroids, loops."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from agglo_core.mesh.geometry.solid_cells import face_moments, polyhedron_moment
 
 
 class Derived:
-    """The part of :class:`~agglo_core.mesh.Mesh` that is computed from its arrays when it is asked for."""
+    """Base class of :class:`~agglo_core.mesh.Mesh`: quantities computed on first access."""
 
     points: Float
     face_offsets: Int
@@ -53,16 +53,18 @@ class Derived:
     # -- geometry ------------------------------------------------------------------------------
     @cached_property
     def origin(self) -> Float:
-        """Bounding-box centre ``(d,)``; computations use coordinates relative to it."""
+        """Bounding-box centre ``(d,)``, the origin of local coordinates."""
         used = np.zeros(self.n_points, bool)
         used[self.face_vertices] = True
         return box_centre(self.points if used.all() else self.points[used])
 
     @cached_property
     def outer_faces(self) -> Mask:
-        """Faces on the boundary of the domain ``(n_faces,)``.
+        """Mask of faces on the boundary of the domain ``(n_faces,)``.
 
-        Those with one cell; of a mesh that a rank has of a larger one only those that are so there.
+        These are the faces with one cell. In a rank's part of a larger mesh they are the faces on the
+        boundary of the
+        larger mesh.
         """
         return frozen(self.face_cells[:, 1] < 0, np.bool_)
 
@@ -73,7 +75,7 @@ class Derived:
 
     @cached_property
     def cell_faces(self) -> tuple[Int, Int]:
-        """Face ids of each cell as CSR: offsets ``(n_cells + 1,)`` and faces."""
+        """Faces of each cell as CSR: offsets ``(n_cells + 1,)`` and face numbers."""
         return faces_of_cells(self.face_cells, self.n_cells)
 
     @cached_property
@@ -101,12 +103,12 @@ class Derived:
 
     @property
     def face_pairs(self) -> Int:
-        """``(n_faces, 2)`` vertices of each 2-D face.
+        """Vertices of each 2-D face ``(n_faces, 2)``.
 
         Raises
         ------
         MeshError
-            In 3-D, where faces have any number of vertices.
+            In 3-D, where the number of vertices varies.
         """
         if self.dim != 2:
             raise MeshError("face_pairs exists only for 2-D meshes; use face_offsets and face_vertices")
@@ -114,7 +116,7 @@ class Derived:
 
     @property
     def cell_measures(self) -> Float:
-        """Areas or volumes ``(n_cells,)``, by the divergence theorem: exact for any shape."""
+        """Areas or volumes ``(n_cells,)`` by the divergence theorem, exact for any shape."""
         return self._moments[0]
 
     @property
@@ -124,12 +126,12 @@ class Derived:
 
     @cached_property
     def cell_centroids(self) -> Float:
-        """Centroids of the cells ``(n_cells, d)``."""
+        """Cell centroids ``(n_cells, d)``."""
         return frozen_float(self.local_centroids + self.origin)
 
     @cached_property
     def cell_inertias(self) -> Float:
-        """Moments of inertia ``∫ |x − C|²`` of the cells about their centroids C ``(n_cells,)``: exact."""
+        """Moments of inertia ``∫ |x − C|²`` of the cells about their centroids C ``(n_cells,)``, exact."""
         if self.dim == 2:
             return plane_inertias(
                 self.local_points, self.face_pairs, self.face_cells, *self.cell_faces, self.local_centroids
@@ -139,25 +141,28 @@ class Derived:
 
     @cached_property
     def face_measures(self) -> Float:
-        """Lengths or areas of the faces ``(n_faces,)``."""
+        """Face lengths or areas ``(n_faces,)``."""
         return frozen_float(np.linalg.norm(self._face_vectors, axis=1))
 
     @cached_property
     def face_centroids(self) -> Float:
-        """Centroids of the faces ``(n_faces, d)``, in 2-D the midpoints of the edges."""
+        """Face centroids ``(n_faces, d)``, in 2-D the edge midpoints."""
         if self.dim == 3:
             return frozen_float(self._face_moments[1] + self.origin)
         return frozen_float(self.points.take(self.face_pairs, axis=0).mean(axis=1))
 
     @cached_property
     def face_normals(self) -> Float:
-        """Unit normals outward from the owner ``(n_faces, d)``; 0 for faces of no measure."""
+        """Unit normals ``(n_faces, d)``, outward from the owner.
+
+        Faces without measure have 0.
+        """
         length = self.face_measures[:, None]
         return frozen_float(self._face_vectors / np.where(length > 0, length, 1.0))
 
     @cached_property
     def cell_vertices(self) -> tuple[Int, Any]:
-        """Vertices of each cell as CSR (offsets int64, vertices int32), in no particular order."""
+        """Vertices of each cell as CSR (offsets int64, vertices int32), in arbitrary order."""
         if self.dim == 3:
             faces = self.cell_faces
             return polyhedron_vertices(self.face_offsets, self.face_vertices, *faces, self.n_points)
@@ -165,7 +170,7 @@ class Derived:
 
     @cached_property
     def cell_neighbours(self) -> Neighbours:
-        """Cells that share faces with each cell, as CSR, and the measure of what is shared."""
+        """Cells with common faces as CSR, and the measure of these faces."""
         if self.dim == 2:
             return self._plane.neighbours
         from agglo_core.compiled.graphs import dual_graph
@@ -202,12 +207,12 @@ class Derived:
         return loops_of_cells(self.local_points, *self.cell_faces, self.face_pairs, self.face_cells)
 
     def check_labels(self, labels: ArrayLike) -> Int:
-        """Labels as ``(n_cells,)`` int64 covering 0..k−1, or MeshError."""
+        """Return labels as ``(n_cells,)`` int64 that cover 0..k−1, or raise MeshError."""
         return check_labels(labels, self.n_cells)
 
     @cached_property
     def fingerprint(self) -> str:
-        """Hash of points and faces; a hierarchy remembers the mesh it belongs to by it."""
+        """Hash of points and faces, by which a hierarchy identifies its mesh."""
         digest = hashlib.sha256()  # in hardware on most machines
         for array in (self.points, self.face_offsets, self.face_vertices, self.face_cells):
             digest.update(repr(array.shape).encode())

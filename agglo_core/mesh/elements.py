@@ -1,4 +1,4 @@
-"""Standard 3-D elements (VTK node order) as polyhedra: tables of their faces, applied to whole blocks."""
+"""Convert standard 3-D elements (VTK node order) to polyhedra with tables of their faces."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ CORNERS: Mapping[str, int] = {
     "pentagonal prism": 10,
     "hexagonal prism": 12,
 }
-_FOLDED_TETRA = (0, 1, 2, 2, 3, 3, 3, 3)  # its nodes, from those of a hexahedron 0, 1, 2, 3, 3, 3, 3, 3
+_FOLDED_TETRA = (0, 1, 2, 2, 3, 3, 3, 3)  # hexahedron nodes 0, 1, 2, 3, 3, 3, 3, 3 as a folded hexahedron
 
 
 class Polyhedra(NamedTuple):
@@ -45,15 +45,15 @@ class Polyhedra(NamedTuple):
 
 
 def polyhedra_from_elements(blocks: Mapping[str, ArrayLike]) -> Polyhedra:
-    """Half-faces of blocks of elements, outward, in the order of the blocks.
+    """Return outward half-faces of element blocks, in block order.
 
     Parameters
     ----------
     blocks : mapping of kind to (n, k) int
         Kinds "tetra" (k = 4), "hexahedron" (8), "wedge" (6), "pyramid" (5), "pentagonal prism" (10),
-        "hexagonal prism" (12); point numbers in VTK order (a wedge's first triangle is seen
-        counter-clockwise from outside). Repeated nodes stay: ``Mesh.from_polyhedra`` drops the faces
-        that have no area. A hexahedron whose last five nodes are one is a tetrahedron, as LS-DYNA has it.
+        "hexagonal prism" (12); point numbers in VTK order (a wedge's first triangle is counter-clockwise
+        from outside). Repeated nodes are kept: ``Mesh.from_polyhedra`` drops faces without area. A
+        hexahedron with five equal nodes at the end is a tetrahedron, as in LS-DYNA.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def polyhedra_from_elements(blocks: Mapping[str, ArrayLike]) -> Polyhedra:
 
 
 def _block(kind: str, cells: ArrayLike) -> Polyhedra:
-    """Half-faces of a block of elements of one kind; a hexahedron folded to a tetrahedron is one."""
+    """Return the half-faces of a block of equal elements, with folded hexahedra as tetrahedra."""
     if kind not in _FACES:
         raise MeshError(f"unknown element {kind!r}; known: {', '.join(_FACES)}")
     table, nodes = _FACES[kind], np.asarray(cells, dtype=np.int64)
@@ -89,7 +89,7 @@ def _block(kind: str, cells: ArrayLike) -> Polyhedra:
 
 
 def concatenate(parts: Iterable[Polyhedra]) -> Polyhedra:
-    """The cells of all parts, one after the other."""
+    """Concatenate the cells of all parts."""
     given = list(parts)
     return Polyhedra(
         _join_offsets([part.cell_offsets for part in given]),
@@ -99,32 +99,32 @@ def concatenate(parts: Iterable[Polyhedra]) -> Polyhedra:
 
 
 def take_cells(polyhedra: Polyhedra, cells: Int) -> Polyhedra:
-    """The given cells in the given order."""
+    """Return the given cells in the given order."""
     cell_offsets, loops = gather(polyhedra.cell_offsets, cells)
     loop_offsets, places = gather(polyhedra.loop_offsets, loops)
     return Polyhedra(cell_offsets, loop_offsets, frozen_int(polyhedra.vertices[places]))
 
 
 def gather(offsets: Int, rows: Int) -> tuple[Int, Int]:
-    """Offsets of the chosen rows of a CSR, and the places of their entries."""
+    """Return the offsets of the chosen CSR rows, and the positions of their entries."""
     sizes = offsets[rows + 1] - offsets[rows]
     new = np.concatenate(([0], np.cumsum(sizes)))
     return frozen_int(new), frozen_int(np.arange(new[-1]) + np.repeat(offsets[rows] - new[:-1], sizes))
 
 
 def turns_as_listed(first: Int, second: Int, own: Mask, turns: Int, ranks: Int) -> Int:
-    """The first of the ``turns (T, k)`` of each cell that lists its own faces as the element does, or −1.
+    """Return for each cell the first of the ``turns (T, k)`` that lists its faces like the element, or −1.
 
     Parameters
     ----------
     first, second : (n, F) int
-        The corners, of the k, with which each face of a cell begins.
+        Local corners (of k) that begin each face of a cell.
     own : (n, F) bool
-        Whether the cell is the owner of the face; others may come in any order.
+        True if the cell owns the face; other faces may come in any order.
     turns : (T, k) int
-        Orders of the corners.
+        Corner permutations.
     ranks : (8, 8) int
-        The face of the element that begins with two corners, or −1.
+        Face of the element that begins with two corners, or −1.
     """
     from agglo_core.mesh.kernels.solid_cells import first_turns
 

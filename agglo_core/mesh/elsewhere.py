@@ -1,4 +1,4 @@
-"""Functions of later packages that methods such as ``mesh.plot`` call: imported when they are used."""
+"""Import functions of later packages for methods such as ``mesh.plot``, on first use."""
 
 from __future__ import annotations
 

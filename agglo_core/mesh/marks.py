@@ -1,4 +1,4 @@
-"""Groups and weights of cells or faces that a user gives: by tags, by tags with values, or by an array."""
+"""Evaluate groups and weights of cells or faces: tags, tags with values, or arrays."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from agglo_core.errors import OptionError
 
 
 def in_group(values: NDArray[Any]) -> Mask:
-    """Mask ``(n,)`` of the members of the group that a tag names: its value is neither 0 nor −1.
+    """Return the mask ``(n,)`` of the group members of a tag: values other than 0 and −1.
 
     Readers set −1 on faces that the file does not list, and 0 on listed faces of other groups.
 
@@ -28,11 +28,13 @@ def in_group(values: NDArray[Any]) -> Mask:
 
 
 def marked(word: str, given: Any, tags: Mapping[str, NDArray[Any]], n: int, what: str) -> Mask:
-    """Mask ``(n,)`` of the cells or faces that ``given`` selects.
+    """Return the mask ``(n,)`` of cells or faces selected by ``given``.
 
-    A name selects the members of that group (see :func:`in_group`), ``name=value`` those with that value,
-    several names those of any of them. A mapping has values or lists of values by name. An array of
-    booleans is returned as it is.
+    A name selects the members of that group (see :func:`in_group`), ``name=value`` the members with that
+    value, and
+    several names select their union. A mapping holds values or lists of values by name. A boolean array is
+    returned
+    unchanged.
 
     Parameters
     ----------
@@ -47,7 +49,7 @@ def marked(word: str, given: Any, tags: Mapping[str, NDArray[Any]], n: int, what
     Raises
     ------
     OptionError
-        If there is no such tag, or an array does not fit.
+        For an unknown tag, or an unsuitable array.
     """
     if isinstance(given, str):
         return _by_name(word, given, tags, n, what)
@@ -66,7 +68,7 @@ def marked(word: str, given: Any, tags: Mapping[str, NDArray[Any]], n: int, what
 
 
 def values_of(word: str, name: str, tags: Mapping[str, NDArray[Any]], n: int, what: str) -> NDArray[Any]:
-    """Values ``(n,)`` of a tag; an OptionError lists the tags if there is none of that name."""
+    """Return the values ``(n,)`` of a tag, or raise OptionError with the known tags."""
     if name not in tags:
         known = f"there are {', '.join(tags)}" if tags else "the mesh has none"
         raise OptionError(f"{word}: no {what} tag is named {name!r}; {known}")
@@ -77,12 +79,12 @@ def values_of(word: str, name: str, tags: Mapping[str, NDArray[Any]], n: int, wh
 
 
 def weights_of(given: Any, data: Mapping[str, NDArray[Any]], n: int) -> Float:
-    """Weights ``(n,)`` of cells, by the name of cell data or as numbers.
+    """Return cell weights ``(n,)``, from cell data or numbers.
 
     Raises
     ------
     OptionError
-        If there are no such data, or they are not a finite number of at least 0 for each cell.
+        For unknown data, or values that are not finite and non-negative, one per cell.
     """
     values = values_of("weights", given, data, n, "cell") if isinstance(given, str) else given
     weights = plain_array(values, "weights", OptionError)
@@ -110,7 +112,7 @@ def _by_name(word: str, text: str, tags: Mapping[str, NDArray[Any]], n: int, wha
 
 
 def _any(masks: Sequence[Mask], n: int) -> Mask:
-    """Union of the masks."""
+    """Return the union of the masks."""
     result = np.zeros(n, bool)
     for mask in masks:
         result |= mask

@@ -1,4 +1,7 @@
-"""Mesh: points, faces and the two cells beside each face. Everything else is derived."""
+"""Mesh class: points, faces and the two cells at each face.
+
+All other quantities are derived.
+"""
 
 from __future__ import annotations
 
@@ -35,9 +38,10 @@ if TYPE_CHECKING:
 class Mesh(FieldState, Derived, Tagged):
     """A polygonal (d = 2) or polyhedral (d = 3) mesh, face by face.
 
-    Build one with :meth:`from_polygons`, :meth:`from_polyhedra`, :func:`agglo_core.read` or
-    :mod:`agglo_core.samples`, or face by face from the arrays below, which are copied unless nobody can
-    write to them. An agglomerate is just a bigger cell, so :meth:`coarsen` gives a Mesh again.
+    Create meshes with :meth:`from_polygons`, :meth:`from_polyhedra`, :func:`agglo_core.read` or
+    :mod:`agglo_core.samples`, or from the arrays below, which are copied unless they are immutable. An
+    agglomerate
+    is simply a larger cell, so :meth:`coarsen` returns a Mesh.
 
     Attributes
     ----------
@@ -46,24 +50,24 @@ class Mesh(FieldState, Derived, Tagged):
     face_offsets : (n_faces + 1,) int
         Face f has the vertices ``face_vertices[face_offsets[f]:face_offsets[f + 1]]``.
     face_vertices : (v,) int
-        In 2-D two per face, the owner on the left; in 3-D counter-clockwise seen from outside the owner.
+        In 2-D two per face, the owner on the left; in 3-D counter-clockwise from outside the owner.
     face_cells : (n_faces, 2) int
         Owner and neighbour cell; −1 is outside the domain.
     cell_tags, face_tags : mapping of name to (n_cells,) or (n_faces,) int
         Materials, boundary patches.
     repairs : mapping of text to count
-        What was normalised when the mesh was built.
+        Normalisations during the construction.
     name : str
         For reports.
     simplification : Simplification, optional
-        What :meth:`simplified` changed, if the mesh was made by it.
+        Changes by :meth:`simplified`, if it created the mesh.
 
     Raises
     ------
     MeshError
-        If the arrays do not have these shapes or hold masked entries, points that are not finite, fractions
-        or numbers out of range; if cells have no faces, faces that do not close, or no positive measure.
-        Cells that cross themselves or overlap are refused by :meth:`from_polygons` alone.
+        If the arrays have other shapes or hold masked entries, non-finite points, fractions or numbers out
+        of range; if cells have no faces, open surfaces, or no positive measure. Only :meth:`from_polygons`
+        detects cells that cross themselves or overlap.
     """
 
     points: Float
@@ -86,7 +90,7 @@ class Mesh(FieldState, Derived, Tagged):
         self.__dict__["face_tags"] = check_tags("face", self.face_tags, self.n_faces)
 
     def check(self) -> None:
-        """Raise MeshError unless the arrays form a mesh: what the constructor checks."""
+        """Raise MeshError unless the arrays form a mesh, as in the constructor."""
         check_faces(self.points, self.face_offsets, self.face_vertices, self.face_cells)
         check_cells(self)
 
@@ -104,39 +108,40 @@ class Mesh(FieldState, Derived, Tagged):
         strict: bool = False,
         name: str = "",
     ) -> Mesh:
-        """Mesh from polygons given as vertex loops.
+        """Build a mesh from polygons given as vertex loops.
 
-        Overlapping cells are left as they are, with a warning: by how much their total measure exceeds the
-        measure of their union. It costs some per cent of the construction, as only outer faces are examined.
+        Overlapping cells cause a warning with the difference between total measure and measure of the union.
+        This check
+        takes a few per cent of the construction time, because it examines outer faces only.
 
         Parameters
         ----------
         points : (n_points, 2) float
-            Coordinates; a third column is accepted if it is constant.
+            Coordinates; a constant third column is accepted.
         cells : list of index loops, (n, k) integers, or a tuple of two 1-D arrays (offsets, vertices)
-            Loops in either direction (clockwise ones are reversed and counted). A vertex that follows
-            itself, as in closed and padded loops, counts once. Masked entries at the end of a row are
+            Loops in either direction (clockwise loops are reversed and counted). Repeated consecutive
+            vertices, as in closed and padded loops, count once. Masked entries at the end of a row are
             padding.
         cell_tags : mapping of name to (n,) integers, optional
         merge_points : bool, optional
-            True merges all exactly equal points first, False merges no points at all. By default points
-            at one place are merged where outer edges lie on one another, as :meth:`conforming` does.
+            True merges all exactly equal points first, False merges no points. By default coincident points
+            are merged where outer edges coincide, as in :meth:`conforming`.
         allow_gaps : bool
-            Leave outer edges that lie on one another as they are: a crack, bodies that touch. By default
-            they are joined, and vertices that hang on a neighbour's edge are inserted there.
+            Keep coincident outer edges: a crack, touching bodies. By default they are joined, and hanging
+            vertices are inserted into the edges of neighbours.
         drop_flat : bool
-            Leave out cells of zero area or volume; the others are numbered anew, in their order.
+            Drop cells with zero area or volume, and renumber the others in order.
         weak : bool
-            Accept polygons that touch themselves; an edge traversed both ways is a bridge to a hole
-            and is dropped.
+            Accept self-touching polygons; an edge traversed in both directions is a bridge to a hole and is
+            dropped.
         strict : bool
-            Also refuse cells that overlap and vertices that lie unlisted on a neighbour's edge.
+            Also reject overlapping cells and unlisted vertices on the edge of a neighbour.
 
         Raises
         ------
         MeshError
-            Naming cells or faces: non-finite coordinates, too few vertices, a vertex met again, zero area,
-            self-intersection, duplicates, more than two cells on a face, no cells, a surface in 3-D, masked
+            With cells or faces: non-finite coordinates, too few vertices, a revisited vertex, zero area,
+            self-intersection, duplicates, more than two cells at a face, no cells, a surface in 3-D, masked
             entries that are no padding.
         """
         built = build_polygons(points, cells, bool(merge_points), weak, strict, drop_flat)
@@ -158,24 +163,24 @@ class Mesh(FieldState, Derived, Tagged):
         drop_flat: bool = False,
         name: str = "",
     ) -> Mesh:
-        """Mesh from polyhedra given as lists of faces (vertex loops).
+        """Build a mesh from polyhedra given as lists of faces (vertex loops).
 
-        Cells that overlap without sharing a face are not found, other than by :meth:`from_polygons`.
+        Unlike in :meth:`from_polygons`, cells that overlap without a common face are not detected.
 
         Parameters
         ----------
         points : (n_points, 3) float
         cells : list of cells, each a list of loops; or (cell_offsets, loop_offsets, vertices)
             Cell c owns loops ``cell_offsets[c]:cell_offsets[c + 1]``, each in either direction. Shells
-            inside a shell bound cavities. Faces that repeated vertices leave without area are dropped.
+            inside a shell bound cavities. Faces without area due to repeated vertices are dropped.
         cell_tags, merge_points, allow_gaps, drop_flat, name
             As in :meth:`from_polygons`.
 
         Raises
         ------
         MeshError
-            Naming cells or faces, as in :meth:`from_polygons`; also a cell whose faces do not close, and
-            outer faces that overlap in part (unless ``allow_gaps=True``).
+            With cells or faces, as in :meth:`from_polygons`; also for cells with open surfaces, and for outer
+            faces that overlap partially (unless ``allow_gaps=True``).
         """
         mesh = cls._of(*build_polyhedra(points, cells, bool(merge_points), drop_flat), cell_tags, name)
         return mesh if allow_gaps else mesh.conforming(merge_points=merge_points is not False)
@@ -199,10 +204,11 @@ class Mesh(FieldState, Derived, Tagged):
         return f"Mesh({name}{self.dim}-D, {self.n_cells} cells, {self.n_faces} faces, {self.n_points} points)"
 
     def coarsen(self, labels: ArrayLike) -> Mesh:
-        """Mesh whose cells are the agglomerates of this one's.
+        """Return the mesh whose cells are the agglomerates.
 
-        Points are kept, interior faces dropped. A cell tag survives if it is constant on every
-        agglomerate; face tags survive.
+        Points are kept, interior faces dropped. Cell tags are kept if they are constant on every agglomerate;
+        face tags
+        are always kept.
 
         Parameters
         ----------
@@ -222,32 +228,36 @@ class Mesh(FieldState, Derived, Tagged):
         return trusted(Mesh, self.points, *faces, cell_tags, face_tags, name=self.name)
 
     def conforming(self, *, tolerance: float = TOLERANCE, merge_points: bool = True) -> Mesh:
-        """This mesh with outer faces that lie on one another joined; itself if there are none.
+        """Return this mesh with coincident outer faces joined (unchanged if there are none).
 
-        In 2-D every vertex that lies on the interior of a neighbour's outer edge is inserted there, so that
-        cells of different size are neighbours. Points at one place become one where a face is joined.
-        Cells keep their numbers. Both parts of a split face have its tags; a joined face has those of
-        the first of the two, where that is −1 those of the other. Everything is counted in ``repairs``.
-        What lies on one another without fitting (cells that overlap) is left apart with a warning.
+        In 2-D, vertices on the interior of a neighbour's outer edge are inserted there, so that cells of
+        different size
+        become neighbours. Coincident points are merged at joined faces. Cells keep their numbers. Both parts
+        of a split
+        face inherit its tags; a joined face has the tags of its first face, or of the second where the first
+        has −1.
+        ``repairs`` counts all changes. Faces that coincide without fitting (overlapping cells) stay separate,
+        with a
+        warning.
 
-        Building and reading meshes does this by itself unless told ``allow_gaps=True``.
+        Construction and reading include this step unless ``allow_gaps=True``.
 
         Parameters
         ----------
         tolerance : float
-            How far from one another faces may lie, relative to length and height of the smaller cell
-            there. The default leaves room for rounding and is far below any gap that is meant;
-            coordinates with few digits may need more.
+            Distance within which faces coincide, relative to length and height of the smaller cell. The
+            default is above rounding errors and far below intended gaps; coordinates with few digits may
+            need more.
         merge_points : bool
-            Whether points at one place are merged; otherwise only faces that have the same points once
-            vertices are inserted are joined.
+            Merge coincident points; otherwise only faces with identical points, after the insertion of
+            vertices, are joined.
 
         Raises
         ------
         OptionError
             If the tolerance is not a number from 0 to 0.01.
         MeshError
-            In 3-D for outer faces that overlap in part, naming cells: they are not split.
+            With cells, for outer faces in 3-D that overlap partially, because these are not split.
 
         Examples
         --------
@@ -271,17 +281,22 @@ class Mesh(FieldState, Derived, Tagged):
         return trusted(Mesh, points, offsets, vertices, cells, self.cell_tags, tags, known, self.name)
 
     def simplified(self, tolerance: float = 0.0) -> Mesh:
-        """This mesh with fewer faces: straight runs of edges between the same two cells as one edge.
+        """Return this mesh with straight edge runs between the same two cells merged into single edges.
 
-        In 3-D flat patches of faces become one face, if it is a single loop. Nothing but rounding changes.
-        With a tolerance (2-D) interfaces are straightened: vertices at which nothing else ends go if they are
-        within that part of the diameter of the smaller cell from the new edge. The boundary of the domain
-        stays, and so does the total measure. Cells stay polygons without crossings and keep half their
-        measure: interfaces that would break that keep more vertices. Such a mesh is no coarsening of the one
-        before, and says so: ``simplification.exact`` is False.
+        In 3-D, flat face patches are merged into one face if its boundary is a single loop. Without tolerance
+        the
+        geometry changes by rounding only. With a tolerance (2-D), interfaces are straightened: a vertex
+        without other
+        edges is removed if its distance from the new edge is within this fraction of the smaller cell's
+        diameter. The
+        domain boundary and the total measure are preserved. Cells remain polygons without crossings and keep
+        at least
+        half their measure; interfaces keep more vertices where this would fail. The result is not a
+        coarsening of the
+        old mesh, and ``simplification.exact`` is False.
 
-        Faces with different tags stay apart. Cells keep their numbers, points and faces get new ones:
-        ``simplification`` has the old ones, counts, and the change of each cell's measure.
+        Faces with different tags are not merged. Cells keep their numbers; points and faces are renumbered.
+        ``simplification`` holds the old numbers, counts, and the change of each cell's measure.
 
         Raises
         ------
@@ -316,19 +331,22 @@ class Mesh(FieldState, Derived, Tagged):
         return trusted_copy(made, simplification=recorded(self, made, fewer, tolerance))
 
     def renumbered(self, cells: ArrayLike) -> Mesh:
-        """This mesh with its cells in another order, faces as the cells meet them, points as the faces do.
+        """Return this mesh with another cell order.
 
-        Tags go with cells and faces; points that no face has are left out.
+        Faces and points are numbered as they are encountered.
+
+
+        Tags are permuted with cells and faces; points without faces are dropped.
 
         Parameters
         ----------
         cells : (n_cells,) int
-            The cell of this mesh that becomes cell 0, 1, ….
+            Numbers of the cells that become cells 0, 1, ….
 
         Raises
         ------
         MeshError
-            If it does not hold each cell once.
+            If ``cells`` is not a permutation.
         """
         new = renumbered_arrays(self, cells)
         cell_tags = {name: values[new.old_cells] for name, values in self.cell_tags.items()}
@@ -346,19 +364,19 @@ class Mesh(FieldState, Derived, Tagged):
         strict: bool = False,
         name: str = "",
     ) -> Mesh:
-        """Make a mesh whose cell i is polygon i; see :func:`agglo_core.interchange.mesh_from_shapely`."""
+        """Create a mesh whose cell i is polygon i, see :func:`agglo_core.interchange.mesh_from_shapely`."""
         from agglo_core.interchange import mesh_from_shapely
 
         return mesh_from_shapely(polygons, cell_tags=cell_tags, tolerance=tolerance, strict=strict, name=name)
 
     def to_shapely(self) -> NDArray[np.object_]:
-        """Each cell as a valid Polygon or MultiPolygon ``(n_cells,)``, holes and pinches included."""
+        """Return each cell as a valid Polygon or MultiPolygon ``(n_cells,)``, holes and pinches included."""
         from agglo_core.interchange import mesh_to_shapely
 
         return mesh_to_shapely(self)
 
     def to_pyvista(self, hierarchy: Any = None) -> Any:
-        """``pyvista.UnstructuredGrid`` with tags, and labels of every level of a hierarchy, as cell data."""
+        """Return a ``pyvista.UnstructuredGrid`` with tags and the labels of all levels as cell data."""
         from agglo_core.interchange import to_pyvista
 
         return to_pyvista(self, hierarchy)
@@ -371,22 +389,23 @@ class Mesh(FieldState, Derived, Tagged):
         cmap: str = "viridis",
         section: Sequence[float] | None = None,
     ) -> Any:
-        """Draw the mesh on axes of matplotlib.
+        """Draw the mesh on matplotlib axes.
 
-        Plane meshes are drawn in their own coordinates, so that more can be drawn upon them; solids as a
-        picture from above and a side.
+        2-D meshes are drawn in their own coordinates, so that more can be drawn on top; 3-D meshes are drawn
+        as a
+        picture seen obliquely from above.
 
         Parameters
         ----------
         ax : matplotlib.axes.Axes, optional
-            By default those of a new figure of pyplot, which notebooks and ``plt.show()`` show.
+            By default the axes of a new pyplot figure, displayed by notebooks and ``plt.show()``.
         values : str or (n_cells,) float, optional
-            What cells are coloured by: the name of a cell tag, with a legend (a colour bar if it has more
-            than nine values), or numbers, with a colour bar; grey where they are not finite.
+            Cell colours: the name of a cell tag, with a legend (a colour bar for more than nine values), or
+            numbers, with a colour bar; grey for non-finite values.
         cmap : str
-            Colour map of matplotlib for numbers.
+            Matplotlib colour map for numbers.
         section : (3,) float, optional
-            In 3-D: cells beyond the plane with this normal through the middle are left out.
+            In 3-D: hide cells beyond the plane with this normal through the middle.
 
         Returns
         -------
@@ -395,7 +414,7 @@ class Mesh(FieldState, Derived, Tagged):
         Raises
         ------
         OptionError
-            Without matplotlib, or for an argument that is not as above.
+            Without matplotlib, or for invalid arguments.
 
         Examples
         --------

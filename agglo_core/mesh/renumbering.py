@@ -1,4 +1,4 @@
-"""The arrays of a mesh in another order."""
+"""Renumber the arrays of a mesh."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from agglo_core.mesh.derived import Derived
 
 
 class Renumbered(NamedTuple):
-    """Arrays of a mesh, and the old numbers of its cells and faces."""
+    """Mesh arrays, with the old numbers of cells and faces."""
 
     points: Float
     face_offsets: Int
@@ -24,12 +24,12 @@ class Renumbered(NamedTuple):
 
 
 def renumbered_arrays(mesh: Derived, cells: ArrayLike) -> Renumbered:
-    """Cells in the given order, faces as the cells meet them, points as the faces do.
+    """Return the arrays for a cell order, with faces and points numbered as they are encountered.
 
     Raises
     ------
     MeshError
-        If ``cells (n_cells,)`` does not hold each number once.
+        If ``cells (n_cells,)`` is not a permutation.
     """
     from agglo_core.compiled.graphs import numbered_as_met, take_rows
 
@@ -49,7 +49,10 @@ def renumbered_arrays(mesh: Derived, cells: ArrayLike) -> Renumbered:
 
 
 def _numbers(cells: ArrayLike, n: int) -> tuple[Int, Int]:
-    """The order, and the new number of each cell, those outside (−1) included."""
+    """Return the order, and the new number of each cell.
+
+    The last entry is the outside (−1).
+    """
     order = plain_array(cells, "cells")
     number = np.full(n + 1, -1)
     if order.shape == (n,) and order.dtype.kind in "iu" and order.min() >= 0 and order.max() < n:

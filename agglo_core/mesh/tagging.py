@@ -1,4 +1,4 @@
-"""Tags of cells and faces by functions of where they are, and what kinds of numbers tags hold."""
+"""Tag cells and faces by functions of position, and list the combinations of tag values."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class BoundaryKinds(NamedTuple):
     Attributes
     ----------
     component : (k,) int
-        The component of the domain, by its first cell.
+        Component of the domain, by its first cell.
     tags : mapping of name to (k,) int
         Values of the tags.
     """
@@ -30,7 +30,7 @@ class BoundaryKinds(NamedTuple):
 
 
 def distinct(columns: Sequence[Int]) -> list[Int]:
-    """The rows of a table, each once, in any order.
+    """Return the distinct rows of a table, in arbitrary order.
 
     Examples
     --------
@@ -52,7 +52,7 @@ TagValues = ArrayLike | Callable[[Float], ArrayLike]
 
 
 class Tagged:
-    """The part of :class:`~agglo_core.mesh.Mesh` that knows its tags, and makes meshes with more of them."""
+    """Base class of :class:`~agglo_core.mesh.Mesh`: tags, and meshes with additional tags."""
 
     cell_tags: Mapping[str, Int]
     face_tags: Mapping[str, Int]
@@ -64,17 +64,17 @@ class Tagged:
 
     @cached_property
     def cell_kinds(self) -> Mapping[str, Int]:
-        """Values of the cell tags that occur together: ``(k,)`` of each.
+        """Combinations of cell tag values in the mesh: ``(k,)`` per tag.
 
-        Those of the whole mesh, where this one is the part of it that a rank has.
+        A rank's part of a larger mesh holds the combinations of the whole mesh.
         """
         return dict(zip(self.cell_tags, distinct(list(self.cell_tags.values())), strict=True))
 
     @cached_property
     def boundary_kinds(self) -> BoundaryKinds:
-        """Values of the face tags that occur together on the boundary of each component of the domain.
+        """Combinations of face tag values on the boundary of each component of the domain.
 
-        Those of the whole mesh, where this one is the part of it that a rank has.
+        A rank's part of a larger mesh holds the combinations of the whole mesh.
         """
         component = self.graph.components()
         first = np.unique(component, return_index=True)[1]
@@ -84,18 +84,22 @@ class Tagged:
         return BoundaryKinds(found, dict(zip(self.face_tags, tags, strict=True)))
 
     def with_tags(self, /, **tags: TagValues) -> Self:
-        """This mesh with more cell tags; those of the same name are replaced, all others stay.
+        """Return this mesh with additional cell tags.
+
+        Tags with these names are replaced.
+
 
         Parameters
         ----------
         **tags : function of x, or (n_cells,) int or bool
-            By name. A function gets the centroids x ``(n_cells, d)`` and returns a value for each row;
-            True becomes 1, False 0.
+            By name. A function gets the centroids x ``(n_cells, d)`` and returns a value per row; True
+            becomes
+            1, False 0.
 
         Raises
         ------
         MeshError
-            Naming the tag, if it is not one integer or boolean for each cell.
+            With the tag name, if the values are not integers or booleans, one per cell.
 
         Examples
         --------
@@ -108,18 +112,21 @@ class Tagged:
         return trusted_copy(self, cell_tags={**self.cell_tags, **given})
 
     def with_face_tags(self, /, **tags: TagValues) -> Self:
-        """This mesh with more face tags; those of the same name are replaced, all others stay.
+        """Return this mesh with additional face tags.
+
+        Tags with these names are replaced.
+
 
         Parameters
         ----------
         **tags : function of x, or (n_faces,) int or bool
-            As for :meth:`with_tags`, with the centroids x of all faces ``(n_faces, d)``, those inside the
-            domain included: in 2-D the midpoints of the edges. Compare with a tolerance in 3-D.
+            As for :meth:`with_tags`, with the centroids x of all faces ``(n_faces, d)``, inner faces included
+            (edge midpoints in 2-D). Compare with a tolerance in 3-D.
 
         Raises
         ------
         MeshError
-            Naming the tag, if it is not one integer or boolean for each face.
+            With the tag name, if the values are not integers or booleans, one per face.
 
         Examples
         --------
@@ -133,7 +140,7 @@ class Tagged:
 
 
 def _evaluated(kind: str, tags: Mapping[str, TagValues], where: Float) -> dict[str, Int]:
-    """The values of each tag as ``(n,)`` integers, or MeshError naming it."""
+    """Return the values of each tag as ``(n,)`` integers, or raise MeshError with the tag name."""
     arrays = {}
     for name, values in tags.items():
         given = values(where) if callable(values) else values

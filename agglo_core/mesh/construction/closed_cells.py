@@ -1,4 +1,4 @@
-"""Checks that faces given one by one enclose cells of positive measure."""
+"""Check that faces enclose cells with positive measure."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from agglo_core.mesh.checks import check_extent, name_cells
 from agglo_core.mesh.derived import Derived
 from agglo_core.mesh.geometry.solid_cells import sum_by
 
-#: Area over the sum of its absolute terms, far above rounding: the bound of that is 2e-16 for each face
+#: Area relative to the sum of its absolute terms, far above the rounding bound of 2e-16 per face
 _CERTAIN = 1e-11
-_CLOSED = 1e-6  # a gap in the surface of a cell, over its area
+_CLOSED = 1e-6  # largest gap in the surface of a cell, relative to its area
 
 
 def check_cells(mesh: Derived) -> None:
-    """Raise MeshError unless the faces of every cell close and enclose a positive measure.
+    """Raise MeshError unless the faces of every cell are closed and enclose a positive measure.
 
-    Shapes and ranges of the arrays must have been checked before.
+    Shapes and ranges of the arrays must be valid.
     """
     open_, flat = _plane(mesh) if mesh.dim == 2 else _solid(mesh)
     if len(flat):
@@ -34,9 +34,9 @@ def check_cells(mesh: Derived) -> None:
 
 
 def _plane(mesh: Derived) -> tuple[Int, Int]:
-    """Plane cells that are not closed, and cells whose area is not positive beyond rounding.
+    """Return 2-D cells that are not closed, and cells without positive area beyond rounding.
 
-    The vertices of a cell that is not closed pass as closed by chance once in 2^64.
+    The closedness test uses hashes: an open cell passes with probability 2^−64.
     """
     from agglo_core.mesh.kernels.face_sums import add_faces
 
@@ -47,7 +47,7 @@ def _plane(mesh: Derived) -> tuple[Int, Int]:
 
 
 def _solid(mesh: Derived) -> tuple[Int, Int]:
-    """Solid cells that are not closed, and all cells, whose volumes are yet to be computed."""
+    """Return 3-D cells that are not closed, and all cells (their volumes are not yet computed)."""
     used = np.zeros(mesh.n_points, bool)
     used[mesh.face_vertices] = True
     check_extent(mesh.points if used.all() else mesh.points[used])
@@ -55,7 +55,7 @@ def _solid(mesh: Derived) -> tuple[Int, Int]:
 
 
 def _gaping(mesh: Derived) -> Int:
-    """Solid cells whose outward face vectors do not sum to zero."""
+    """Return the 3-D cells whose outward area vectors do not sum to zero."""
     owner, neighbour = mesh.face_cells.T
     inner = neighbour >= 0
     vector = mesh.face_normals * mesh.face_measures[:, None]

@@ -1,4 +1,4 @@
-"""Join outer faces that lie on one another: insert hanging vertices, merge points at one place."""
+"""Join coincident outer faces: insert hanging vertices, merge points."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from agglo_core.mesh.elements import gather
 
 _log = logging.getLogger("agglo")
 
-TOLERANCE = 1e-6  # relative to the cells: above rounding, below any gap that is meant
-_NEAR = 1e-2  # tolerance up to which faces that are not joined are named in a warning
+TOLERANCE = 1e-6  # relative to the cells: above rounding, below intended gaps
+_NEAR = 1e-2  # tolerance up to which unjoined faces cause a warning
 _ROUNDING = 8  # units in the last place of the largest coordinate
 
 _CUT = {2: "hanging vertices inserted", 3: "faces split like those of neighbours"}
@@ -28,27 +28,31 @@ _NARROW = f"mesh.conforming(tolerance={_NEAR:g}) joins them; allow_gaps=True say
 
 
 class Joined(NamedTuple):
-    """A mesh after joining, face by face as :class:`~agglo_core.mesh.Mesh` holds it."""
+    """A mesh after joining, in the arrays of :class:`~agglo_core.mesh.Mesh`."""
 
     points: Float
     face_offsets: Int
     face_vertices: Int
     face_cells: Int
-    sources: Int  # (2, n_faces) the faces of the given mesh that each one was part of, often one twice
+    sources: Int  # (2, n_faces) faces of the given mesh behind each face, often the same face twice
     repairs: dict[str, int]
 
 
 class _Pieces(NamedTuple):
-    """The outer faces, cut where points of others lie on them, in order."""
+    """Outer faces cut at the points of other faces, in order."""
 
-    face: Int  # number in Outer of each piece
+    face: Int  # face number in Outer
+    # CSR of the pieces; vertices are numbered as in Outer
     offsets: Int
     vertices: Int  # numbers in Outer
-    partner: Int  # the piece that each one is joined to, or −1
+    partner: Int  # piece on the other side, or −1
 
 
 def join_outer_faces(mesh: Derived, tolerance: float, merge: bool) -> Joined | None:
-    """A mesh whose outer faces lie on one another with these joined; None if there are none.
+    """Join the coincident outer faces of a mesh.
+
+    Return None if there are none.
+
 
     Parameters
     ----------
@@ -56,23 +60,25 @@ def join_outer_faces(mesh: Derived, tolerance: float, merge: bool) -> Joined | N
     tolerance : float
         Relative to length and height of the smaller face's cell.
     merge : bool
-        Whether points at one place become one.
+        Merge coincident points.
 
     Raises
     ------
     MeshError
-        For solids whose faces overlap in part.
+        For 3-D faces that overlap partially.
     """
+    # Find the contacts, cut the faces and pair the pieces.
     outer, contacts = _contacts(mesh, tolerance)
     if not len(contacts.pairs):
         return None
     owner = frozen_int(mesh.face_cells[outer.faces, 0])
     place = _places(len(outer.used), contacts.same)
     pieces = _cut(outer, contacts, place, owner, merge) if mesh.dim == 2 else _tiled(outer, contacts, merge)
+    # Report contacts without a joined piece.
     inner = np.flatnonzero(pieces.partner >= 0)
     done = np.stack((pieces.face[inner], pieces.face[pieces.partner[inner]]), axis=1)
     apart = ~_among(contacts.pairs, done, len(outer.faces))
-    if mesh.dim == 2:  # an edge shorter than the tolerance, now a point, is not missed
+    if mesh.dim == 2:  # edges shorter than the tolerance have become points
         ends = place[outer.vertices].reshape(-1, 2)
         apart &= (ends[:, 0] != ends[:, 1])[contacts.pairs].all(axis=1)
     if apart.any():
@@ -88,7 +94,7 @@ def join_outer_faces(mesh: Derived, tolerance: float, merge: bool) -> Joined | N
 
 
 def warn_of_gaps(mesh: Derived) -> None:
-    """Warn if outer faces of a mesh that must not be changed lie on one another."""
+    """Log a warning if outer faces of an immutable mesh coincide."""
     outer, contacts = _contacts(mesh, TOLERANCE)
     if len(contacts.pairs):
         found = _in_words(mesh.face_cells[outer.faces[contacts.pairs], 0])
@@ -96,7 +102,7 @@ def warn_of_gaps(mesh: Derived) -> None:
 
 
 def _contacts(mesh: Derived, tolerance: float) -> tuple[Outer, Contacts]:
-    """The outer faces, and which of different cells lie on one another; warns of those that almost do."""
+    """Return the outer faces and the contacts between different cells, with a warning for near contacts."""
     outer = outer_faces(mesh)
     pairs = facing_pairs(outer)
     owner = mesh.face_cells[outer.faces, 0]
@@ -111,17 +117,17 @@ def _contacts(mesh: Derived, tolerance: float) -> tuple[Outer, Contacts]:
 
 
 def _in_words(cells: Int) -> str:
-    """Message about outer faces of pairs of cells ``(k, 2)``."""
+    """Return a message about outer faces of cell pairs ``(k, 2)``."""
     first, second = np.sort(cells[0]).tolist()
     return f"{len(cells)} pairs of outer faces, such as of cells {first} and {second}, lie on one another"
 
 
 def reach(mesh: Derived, outer: Outer, pairs: Int, tolerance: float) -> Float:
-    """Largest distance at which two faces lie on one another: a length for each pair."""
+    """Return for each pair of faces the largest distance at which they coincide."""
     if not len(pairs):
         return frozen_float([])
     size = outer.measure if mesh.dim == 2 else np.sqrt(outer.measure)
-    area = np.where(outer.measure > 0, outer.measure, 1.0)  # faces without any are in no pair
+    area = np.where(outer.measure > 0, outer.measure, 1.0)  # faces without area occur in no pair
     height = mesh.cell_measures[mesh.face_cells[outer.faces, 0]] / area
     small = np.minimum(size, height)[pairs].min(axis=1)
     rounding = _ROUNDING * last_place(mesh.points[outer.used])
@@ -129,7 +135,7 @@ def reach(mesh: Derived, outer: Outer, pairs: Int, tolerance: float) -> Float:
 
 
 def _places(n: int, same: Int) -> Int:
-    """The lowest of all points at the place of each of n points."""
+    """Return for each of n points the smallest number among all points at its location."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -139,18 +145,21 @@ def _places(n: int, same: Int) -> Int:
 
 
 def _cut(outer: Outer, contacts: Contacts, place: Int, owner: Int, merge: bool) -> _Pieces:
-    """Edges cut at the points inside them, and joined where just two run opposite ways."""
+    """Cut edges at the points inside them, and join opposite pieces in pairs."""
     ends = outer.vertices.reshape(-1, 2)
+    # Keep each cut point once per edge, in order along the edge.
     edge, point = contacts.inside.T
     new = (place[point][:, None] != place[ends[edge]]).all(axis=1)
     edge, point, along = edge[new], point[new], contacts.along[new]
     first = np.unique(np.stack((edge, place[point])), axis=1, return_index=True)[1]
     first = first[np.lexsort((along[first], edge[first]))]
     edge, point = edge[first], point[first]
+    # Split the edges at these points.
     count = np.bincount(edge, minlength=len(ends)) + 1
     face = frozen_int(np.repeat(np.arange(len(ends)), count))
     tails = np.insert(ends[:, 0], edge + 1, point)
     heads = np.insert(ends[:, 1], edge, point)
+    # Join pieces; without merging only those with identical points.
     partner = _opposite(place[tails], place[heads], owner[face])
     if not merge:
         own = partner < 0
@@ -166,7 +175,9 @@ def _cut(outer: Outer, contacts: Contacts, place: Int, owner: Int, merge: bool) 
 
 
 def _opposite(tails: Int, heads: Int, owner: Int) -> Int:
-    """For each piece the only other one between its ends, if that runs the other way, else −1."""
+    """Return for each piece the only other piece between its ends if it runs in the opposite direction, else
+    −1.
+    """
     order = np.lexsort((np.maximum(tails, heads), np.minimum(tails, heads)))
     ends = np.sort(np.stack((tails, heads))[:, order], axis=0)
     start = np.flatnonzero(np.concatenate(([True], (np.diff(ends, axis=1) != 0).any(axis=0))))
@@ -179,16 +190,18 @@ def _opposite(tails: Int, heads: Int, owner: Int) -> Int:
 
 
 def _tiled(outer: Outer, contacts: Contacts, merge: bool) -> _Pieces:
-    """Faces joined where just two have the same vertices, or split where others tile them."""
+    """Join faces with equal vertices in pairs, and split faces that other faces tile."""
     n = len(outer.faces)
     fits = merge | ~contacts.distinct
     times = np.bincount(contacts.pairs.ravel(), minlength=n)
+    # Each tiled face is replaced by the mirrored loops of its tiles.
     large, small = _tiles(outer, contacts, fits, times)
     whole = np.setdiff1d(np.arange(n), large)
     face, loop = np.concatenate((whole, large)), np.concatenate((whole, small))
     order = np.argsort(face, kind="stable")
     piece = np.empty(len(face), np.int64)
     piece[order] = np.arange(len(face))
+    # Pair identical faces, and each tile with its copy.
     twins = contacts.pairs[fits & contacts.alike & (times[contacts.pairs] == 1).all(axis=1)]
     own = np.full(n, -1)
     own[whole] = piece[: len(whole)]
@@ -203,12 +216,13 @@ def _tiled(outer: Outer, contacts: Contacts, merge: bool) -> _Pieces:
 
 
 def _tiles(outer: Outer, contacts: Contacts, fits: Mask, times: Int) -> tuple[Int, Int]:
-    """Faces that others, each on this one alone, cover without rest: the face and each of the others."""
+    """Return pairs of a face and each of its tiles, faces in no other contact that cover it completely."""
     both = np.concatenate((contacts.pairs, contacts.pairs[:, ::-1]))
     share, slack = np.concatenate((contacts.share, contacts.share[:, ::-1])), np.tile(contacts.slack, 2)
     tile = (share[:, 1] > 1 - slack) & np.tile(fits & ~contacts.alike, 2) & (times[both[:, 1]] == 1)
     large, small = both[tile].T
     n = len(times)
+    # A face is tiled if the shares of its contacts sum to 1 within their tolerance.
     cover = np.bincount(large, weights=share[tile, 0], minlength=n)
     rest = np.bincount(large, weights=(slack * share[:, 0])[tile], minlength=n)
     full = (np.abs(cover - 1) <= 2 * rest) & (np.bincount(large, minlength=n) == times)
@@ -216,10 +230,11 @@ def _tiles(outer: Outer, contacts: Contacts, fits: Mask, times: Int) -> tuple[In
 
 
 def _joined(mesh: Derived, outer: Outer, pieces: _Pieces, place: Int, apart: int) -> Joined:
-    """The mesh with the pieces of those outer faces of which some piece is joined."""
+    """Build the mesh in which the outer faces with a joined piece are replaced by their pieces."""
     inner = pieces.partner >= 0
     split = np.zeros(len(outer.faces), bool)
     split[pieces.face[inner]] = True
+    # Keep the other faces, and one piece of each joined pair.
     untouched = np.ones(len(mesh.face_cells), bool)
     untouched[outer.faces[split]] = False
     old = np.flatnonzero(untouched)
@@ -229,6 +244,7 @@ def _joined(mesh: Derived, outer: Outer, pieces: _Pieces, place: Int, apart: int
     sources = outer.faces[np.stack((pieces.face, other), axis=1)[new]]
     cells = mesh.face_cells[sources, 0]
     cells[~inner[new], 1] = -1
+    # Sort by original face number and renumber the points.
     order = np.argsort(np.concatenate((old, sources[:, 0])), kind="stable")
     many = np.bincount(pieces.face)[split]
     point, kept = _renumbered(mesh.n_points, outer, pieces, place)
@@ -252,7 +268,9 @@ def _joined(mesh: Derived, outer: Outer, pieces: _Pieces, place: Int, apart: int
 
 
 def _renumbered(n: int, outer: Outer, pieces: _Pieces, place: Int) -> tuple[Int, Int]:
-    """New number of each of n points, those at one place of a joined piece being one; the points kept."""
+    """Return the new number of each of n points, with coincident points of joined pieces merged, and the kept
+    points.
+    """
     ends = np.zeros(len(place), bool)
     joined = gather(pieces.offsets, frozen_int(np.flatnonzero(pieces.partner >= 0)))[1]
     ends[place[pieces.vertices[joined]]] = True
@@ -265,6 +283,6 @@ def _renumbered(n: int, outer: Outer, pieces: _Pieces, place: Int) -> tuple[Int,
 
 
 def _among(pairs: Int, others: Int, n: int) -> Mask:
-    """Mask of the pairs of numbers below n that are among the others, in either order."""
+    """Return the mask of pairs of numbers below n that occur among the others, in either order."""
     key, known = (np.sort(each, axis=1) @ [n, 1] for each in (pairs, others))
     return np.isin(key, known)

@@ -1,4 +1,4 @@
-"""Search for plane cells that overlap anywhere, by the outer faces of their mesh alone."""
+"""Detect overlaps of 2-D cells from the outer faces of the mesh alone."""
 
 from __future__ import annotations
 
@@ -15,15 +15,17 @@ from agglo_core.mesh.elsewhere import made_by
 
 _log = logging.getLogger("agglo")
 
-_BITS = 44  # of coordinates in the union: without rounding to a grid GEOS loses cells of some unions
+_BITS = 44  # bits of coordinates in the union: without a grid, GEOS loses cells of some unions
 
 
 def warn_of_double_cover(mesh: Derived) -> None:
-    """Warn if plane cells overlap, so that their total measure exceeds the measure of their union.
+    """Log a warning if 2-D cells overlap, so that their total measure exceeds that of their union.
 
-    The winding number of the outer faces counts the cells at a point (Stokes), so the cost grows with the
-    number of outer faces. These may lie beyond one another by the tolerance of :meth:`Mesh.conforming`.
-    Cells on the same side of an edge were reported when edges were matched. Solids are not examined.
+    The winding number of the outer faces counts the cells at a point (Stokes), so the cost depends on the
+    number
+    of outer faces only. Overlaps within the tolerance of :meth:`Mesh.conforming` are accepted. Cells on the
+    same
+    side of an edge are already reported during edge matching. 3-D meshes are not examined.
     """
     if mesh.dim != 2 or "overlapping edges left apart" in mesh.repairs:
         return
@@ -48,10 +50,10 @@ def warn_of_double_cover(mesh: Derived) -> None:
 
 
 def _covers_twice(points: Float, faces: Int) -> bool:
-    """Return whether the winding number of ``faces (m, 2)``, cells on their left, exceeds 1 somewhere."""
+    """Return True if the winding number of ``faces (m, 2)``, cells on their left, exceeds 1 somewhere."""
     import shapely
 
-    # The region within each loop; its measure is positive around cells and negative around a hole.
+    # Region within each loop; its measure is positive around cells and negative around a hole.
     order, starts = _loops(_followers(points, faces))
     tail, head = points[faces[order]].transpose(1, 0, 2)
     centre = box_centre(tail)
@@ -59,7 +61,7 @@ def _covers_twice(points: Float, faces: Int) -> bool:
     measure = 0.5 * np.add.reduceat(x * v - u * y, starts)
     slack = TOLERANCE * np.add.reduceat((u - x) ** 2 + (v - y) ** 2, starts)
     sizes = np.diff(starts, append=len(order))
-    kept = sizes > 2  # a loop of two faces encloses nothing
+    kept = sizes > 2  # two faces enclose nothing
     ring = np.repeat(np.where(kept, np.cumsum(kept) - 1, -1), sizes)
     corners = np.stack((x, y), axis=1)[ring >= 0]
     regions = shapely.polygons(shapely.linearrings(corners, indices=ring[ring >= 0]))
@@ -68,12 +70,12 @@ def _covers_twice(points: Float, faces: Int) -> bool:
     if len(starts) == 1 and not crossed.any():
         return False
 
-    # Cracks are no boundary of what is covered.
+    # Cracks are no boundary of the covered region.
     merged, fewer = _without_cracks(points, faces)
     if len(fewer) < len(faces):
         return _covers_twice(merged, fewer)
 
-    # A loop that meets itself winds more than once if its region, by parity, has another measure.
+    # A self-touching loop winds more than once if its even-odd region has a different measure.
     if crossed.any():
         regions[crossed] = shapely.make_valid(regions[crossed])
         excess = np.abs(np.abs(measure) - shapely.area(regions))
@@ -86,7 +88,7 @@ def _covers_twice(points: Float, faces: Int) -> bool:
 
 
 def _nest_twice(regions: Any, measure: Float, slack: Float) -> bool:
-    """Return whether two loops overlap in part, or a loop around cells lies within cells."""
+    """Return True if two loops overlap partially, or a loop around cells lies within cells."""
     import shapely
 
     outside, inside = shapely.STRtree(regions).query(regions, predicate="intersects")
@@ -94,7 +96,7 @@ def _nest_twice(regions: Any, measure: Float, slack: Float) -> bool:
     within = shapely.contains_properly(regions[outside], regions[inside])
     nested = np.stack((outside, inside), axis=1)[within]
 
-    # The other pairs touch, cross or are equal: their common area decides.
+    # Other pairs touch, cross or are equal, which their common area decides.
     key, n = np.sort(nested, axis=1) @ [len(regions), 1], len(regions)
     unsure = (outside < inside) & ~np.isin(outside * n + inside, key)
     a, b = outside[unsure], inside[unsure]
@@ -105,18 +107,18 @@ def _nest_twice(regions: Any, measure: Float, slack: Float) -> bool:
         return True
     pairs = np.concatenate((nested, np.stack((b, a), axis=1)[rest[0]], np.stack((a, b), axis=1)[rest[1]]))
 
-    # The winding number on the left of a loop around cells: its own turn and those of the loops around it.
+    # Winding number on the left of a loop around cells: its own turn and those of the enclosing loops.
     turns = np.bincount(pairs[:, 1], np.sign(measure)[pairs[:, 0]], n)
     return bool((turns[measure > 0] > 0).any())
 
 
 def _without_cracks(points: Float, faces: Int) -> tuple[Float, Int]:
-    """Points and faces without pairs of faces that run opposite ways between equal points."""
+    """Remove pairs of faces that run in opposite directions between equal points."""
     used, ends = np.unique(faces, return_inverse=True)
     points = frozen_float(points[used])
     ends = merge_equal(points, frozen_int(ends.ravel()))[0].reshape(-1, 2)
 
-    # Number the edges, and the faces that run one way along each.
+    # Number the edges, and the faces in each direction along an edge.
     edge = np.unique(np.sort(ends, axis=1) @ [len(points), 1], return_inverse=True)[1]
     side = 2 * edge + (ends[:, 0] < ends[:, 1])
     count = np.bincount(side, minlength=2 * len(faces))
@@ -124,13 +126,16 @@ def _without_cracks(points: Float, faces: Int) -> tuple[Float, Int]:
     rank = np.empty(len(faces), np.int64)
     rank[order] = np.arange(len(faces)) - (np.cumsum(count) - count)[side[order]]
 
-    # As many of them go as run the other way.
+    # Remove as many faces as run in the opposite direction.
     kept = (rank >= count[side ^ 1]) & (ends[:, 0] != ends[:, 1])
     return points, frozen_int(ends[kept])
 
 
 def _followers(points: Float, faces: Int) -> Int:
-    """Next face of each along its loop; where loops touch, the one that keeps to the cells of the sector."""
+    """Return the next face of each face along its loop.
+
+    Where loops touch, the successor stays at the cells of the sector.
+    """
     tail, head = faces.T
     number = np.arange(len(faces))
     first = np.empty(len(points), np.int64)
@@ -140,7 +145,7 @@ def _followers(points: Float, faces: Int) -> Int:
     if not len(shared):
         return frozen_int(follower)
 
-    # Ends of faces at each shared vertex, clockwise; where a crack ends, the face that leaves comes first.
+    # Face ends at each shared vertex, clockwise; at the end of a crack, the leaving face comes first.
     leaving, arriving = np.flatnonzero(np.isin(tail, shared)), np.flatnonzero(np.isin(head, shared))
     vertex = np.concatenate((tail[leaving], head[arriving]))
     beyond = np.concatenate((head[leaving], tail[arriving]))
@@ -148,27 +153,27 @@ def _followers(points: Float, faces: Int) -> Int:
     x, y = (points[beyond] - points[vertex]).T
     order = np.lexsort((arrives, -np.arctan2(y, x), vertex))
 
-    # Cells fill the sector from a face that arrives clockwise to one that leaves: pair these.
+    # Cells fill the sector from an arriving face clockwise to a leaving face: pair these.
     arrives = arrives[order]
     face = np.concatenate((leaving, arriving))[order]
     leaving, arriving, vertex = face[~arrives], face[arrives], vertex[order][arrives]
     start = np.searchsorted(vertex, vertex)
     count = np.searchsorted(vertex, vertex, side="right") - start
-    shift = ~arrives[2 * start]  # the first one leaves: it belongs to the last one that arrives
+    shift = ~arrives[2 * start]  # the first leaving face belongs to the last arriving face
     follower[arriving] = leaving[start + (np.arange(len(vertex)) - start + shift) % count]
     return frozen_int(follower)
 
 
 def _loops(follower: Int) -> tuple[Int, Int]:
-    """Faces in the order of their loops, and the place where each loop starts; by pointer doubling."""
+    """Return the faces in loop order, and the start of each loop, by pointer doubling."""
     number = np.arange(len(follower))
 
-    # The lowest face of each loop names it.
+    # The smallest face number identifies a loop.
     name, jump = np.minimum(number, follower), follower[follower]
     while (name != name[jump]).any():
         name, jump = np.minimum(name, name[jump]), jump[jump]
 
-    # Steps from each face to the end of its loop, which is cut before its lowest face.
+    # Number of steps from each face to the end of its loop, which is cut before its smallest face.
     last = name == follower
     steps, jump = (~last).astype(np.int64), np.where(last, number, follower)
     while steps[jump].any():

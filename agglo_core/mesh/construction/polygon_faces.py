@@ -1,4 +1,4 @@
-"""Faces of polygons by pairing half-edges: sorted in buckets, or one by one where edges are unusual."""
+"""Build polygon faces by pairing half-edges: sorted in buckets, or one by one for unusual edges."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from agglo_core.mesh.checks import warn_of_overlaps
 from agglo_core.mesh.counting_sort import counting_sort
 from agglo_core.threads import mapped, over_ranges, ranges
 
-_FEW_BUCKETS = 10  # of some 2,000 points
+_FEW_BUCKETS = 10  # buckets of about 2,000 points, below which one thread is used
 
 
 def polygon_faces(
@@ -26,26 +26,27 @@ def polygon_faces(
     offsets, vertices : int
         Vertices of each cell as CSR.
     used, own : int
-        Numbers of points and cells, by which messages name them.
+        Numbers of points and cells in messages.
     weak : bool
         Accept a cell that traverses an edge twice.
     strict : bool
-        Refuse two cells on the same side of an edge.
+        Reject two cells on the same side of an edge.
 
     Returns
     -------
     face_vertices, face_cells : (n_faces, 2) int
         In the order in which the cells meet the faces.
     overlaps : int
-        Number of pairs of cells on the same side of an edge.
+        Number of cell pairs on the same side of an edge.
 
     Raises
     ------
     MeshError
-        For more than two cells at an edge, a cell that is there twice, or an edge that a cell has twice.
+        For more than two cells at an edge, duplicate cells, or a cell that has an edge twice.
     """
     from agglo_core.mesh.kernels.faces import match_half_edges
 
+    # Ordinary edges are paired in parallel, unusual edges with complete checks.
     plain = plain_faces(offsets, vertices, len(used))
     if plain is not None:
         return *plain, 0
@@ -69,7 +70,7 @@ def polygon_faces(
 
 
 def _refuse_duplicates(offsets: Int, vertices: Int, own: Int, pairs: Iterable[Sequence[int]]) -> None:
-    """Raise MeshError if a pair of cells is one cell twice, or a cell traverses an edge twice."""
+    """Raise MeshError if a pair is a duplicate cell, or a cell traverses an edge twice."""
     for first, second in pairs:
         if first == second:
             raise MeshError(f"cell {own[first]}: a repeated vertex (it traverses an edge twice)")
@@ -81,9 +82,10 @@ def _refuse_duplicates(offsets: Int, vertices: Int, own: Int, pairs: Iterable[Se
 
 
 def plain_faces(offsets: Int, vertices: Int, n_points: int) -> tuple[Int, Int] | None:
-    """Face vertices and face cells ``(n_faces, 2)`` of counter-clockwise loops, each below.
+    """Return face vertices and face cells ``(n_faces, 2)`` of counter-clockwise loops.
 
-    None if an edge has more than two cells, two on the same side, or one cell on both sides. Faces come in
+    Return None if an edge has more than two cells, two on the same side, or one cell on both sides. Faces are
+    in
     the order in which the cells meet them.
     """
     n = len(vertices)
@@ -94,7 +96,7 @@ def plain_faces(offsets: Int, vertices: Int, n_points: int) -> tuple[Int, Int] |
 
 
 def _beyond(offsets: Int, vertices: Int, n_points: int) -> Index | None:
-    """Cell beyond each half-edge: −1 outside, −2 at the later of two."""
+    """Return the cell across each half-edge: −1 outside, −2 at the second half-edge of a face."""
     from agglo_core.mesh.kernels.pairing import BITS, pair_half_edges, to_buckets
 
     buckets = ((n_points - 1) >> BITS) + 1
@@ -111,11 +113,12 @@ def _beyond(offsets: Int, vertices: Int, n_points: int) -> Index | None:
 
 
 def _numbered(offsets: Int, vertices: Int, beyond: Index) -> tuple[Int, Int]:
-    """Face vertices and face cells."""
+    """Return face vertices and face cells."""
     from agglo_core.mesh.kernels.pairing import number_faces
 
     spans = ranges(len(offsets) - 1)
 
+    # Each thread numbers the faces of a cell range, after the faces of the ranges before.
     def counted(start: int, stop: int) -> int:
         return int(np.count_nonzero(beyond[offsets[start] : offsets[stop]] >= -1))
 

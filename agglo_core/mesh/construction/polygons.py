@@ -1,4 +1,4 @@
-"""Build the faces of a 2-D mesh from polygons; repairs are counted, faults name their cells."""
+"""Build the faces of a 2-D mesh from polygons, with counted repairs and errors that name cells."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _FAULTS = {
 
 
 class Faces(NamedTuple):
-    """A checked mesh, face by face, as :class:`~agglo_core.mesh.Mesh` holds it; repairs are counted."""
+    """A checked mesh in the arrays of :class:`~agglo_core.mesh.Mesh`, with counted repairs."""
 
     points: Float
     face_offsets: Int
@@ -45,9 +45,9 @@ class Faces(NamedTuple):
 
 
 def loops_as_csr(cells: Any) -> tuple[Int, Int]:
-    """Offsets and vertices of loops given as a list, an (n, k) array or such a pair.
+    """Return offsets and vertices of loops given as a list, an (n, k) array or such a pair.
 
-    Masked entries at the end of a row are padding, as UGRID files have it.
+    Masked entries at the end of a row are padding, as in UGRID files.
     """
     if isinstance(cells, tuple) and len(cells) == 2 and any(isinstance(part, np.ndarray) for part in cells):
         return whole_numbers(cells[0], "cell offsets"), whole_numbers(cells[1], "cells")
@@ -75,7 +75,10 @@ def loops_as_csr(cells: Any) -> tuple[Int, Int]:
 
 
 def without_padding(loop: Any) -> Any:
-    """A loop without the masked vertices at its end, or MeshError for others that are masked."""
+    """Return a loop without masked vertices at its end.
+
+    Raises MeshError for other masked vertices.
+    """
     if not is_masked_array(loop) or loop.ndim != 1:
         return loop
     kept = loop.compressed()
@@ -85,7 +88,10 @@ def without_padding(loop: Any) -> Any:
 
 
 def _plane(points: Float) -> Float:
-    """Points ``(n, 2)`` without a constant z; MeshError for a surface in 3-D."""
+    """Return points ``(n, 2)`` without a constant z.
+
+    Raises MeshError for a surface in 3-D.
+    """
     if points.shape[1] == 2:
         return points
     z = points[:, 2]
@@ -100,10 +106,14 @@ def _plane(points: Float) -> Float:
 def build_polygons(
     points: ArrayLike, cells: Any, merge_points: bool, weak: bool, strict: bool, drop_flat: bool
 ) -> tuple[Faces, Int, int]:
-    """Faces of polygons given as vertex loops, the cells that are left, and the number of cells given.
+    """Build the faces of polygons given as vertex loops.
+
+    Return them, the kept cells, and the number of given cells.
+
 
     Arguments and errors are those of ``Mesh.from_polygons``.
     """
+    # Check the arrays.
     offsets, vertices = loops_as_csr(cells)
     points = check_points(points)
     check_offsets(offsets, len(vertices), "cell")
@@ -115,6 +125,7 @@ def build_polygons(
         raise MeshError(f"{name_cells(few)}: fewer than 3 vertices")
     check_indices(offsets, vertices, len(points))
     check_finite(points, vertices)
+    # Drop unused points, check the coordinates, orient the loops.
     used, vertices, repairs = compact_points(points, vertices, merge_points)
     points = _plane(points if len(used) == len(points) else frozen_float(points[used]))
     check_extent(points)
@@ -122,10 +133,11 @@ def build_polygons(
     repairs["cells with repeated vertices simplified"] = simplified
     repairs["cells without area dropped"] = n - len(own)
     repairs["clockwise cells reversed"] = reversed_
-    if len(own) < n:  # points of dropped cells alone
+    if len(own) < n:  # some points belong to dropped cells only
         again, vertices, more = compact_points(points, vertices, False)
         used, points = used[again], frozen_float(points[again])
         repairs["orphan points dropped"] += more["orphan points dropped"]
+    # Pair the half-edges.
     face_vertices, face_cells, overlaps = polygon_faces(
         offsets, vertices, used, own, weak=weak, strict=strict
     )
@@ -143,7 +155,7 @@ def build_polygons(
 
 
 def kept_cells(flat: Mask, measure: str, drop_flat: bool, own: Int | None = None) -> Int:
-    """Numbers of the cells that are not flat.
+    """Return the numbers of cells that are not flat.
 
     Parameters
     ----------
@@ -151,14 +163,14 @@ def kept_cells(flat: Mask, measure: str, drop_flat: bool, own: Int | None = None
     measure : str
         Area or volume, for the message.
     drop_flat : bool
-        Whether flat cells may be left out.
+        Accept flat cells, and drop them.
     own : (n,) int, optional
-        Numbers of the cells for the message, if not 0, 1, ….
+        Cell numbers in messages, if not 0, 1, ….
 
     Raises
     ------
     MeshError
-        For flat cells, unless they may be left out and are not all.
+        For flat cells, unless they may be dropped and other cells remain.
     """
     if flat.any() and not drop_flat:
         cells = np.flatnonzero(flat)
@@ -172,12 +184,15 @@ def kept_cells(flat: Mask, measure: str, drop_flat: bool, own: Int | None = None
 def _oriented(
     points: Float, offsets: Int, vertices: Int, weak: bool, drop_flat: bool
 ) -> tuple[Int, Int, Int, int, int]:
-    """Cells that have an area, their loops counter-clockwise, how many were simplified, how many reversed."""
+    """Return cells with area, their counter-clockwise loops, and the numbers of simplified and reversed
+    cells.
+    """
     from agglo_core.mesh.kernels.polygon_faults import check_polygons
 
     local, simplified = frozen_float(points - box_centre(points)), 0
     own = frozen_int(np.arange(len(offsets) - 1))
     area, fault = check_polygons(local, offsets, vertices, weak)
+    # Remove repeated vertices, then cells without area.
     if (fault == _REPEATED).any():
         sizes, (offsets, vertices) = np.diff(offsets), simple_loops(offsets, vertices)
         simplified = int((np.diff(offsets) < sizes).sum())
@@ -193,6 +208,7 @@ def _oriented(
     if fault.any():
         code = int(fault[np.argmax(fault > 0)])
         raise MeshError(f"{name_cells(own[fault == code])}: {_FAULTS[code]}")
+    # Reverse clockwise loops.
     clockwise = area < 0
     count = int(clockwise.sum())
     if count:
@@ -204,7 +220,7 @@ def _oriented(
 
 
 def _check_coverage(points: Float, offsets: Int, vertices: Int, own: Int) -> None:
-    """Strict check: no two cells overlap, no vertex hangs on a neighbour's edge without being listed."""
+    """Raise MeshError for overlapping cells and for unlisted vertices on the edge of a neighbour."""
     import shapely
 
     centre = box_centre(points)
@@ -223,5 +239,5 @@ def _check_coverage(points: Float, offsets: Int, vertices: Int, own: Int) -> Non
 
 
 def _closed(offsets: Int, vertices: Int) -> Int:
-    """Vertices of each loop with the first repeated at the end."""
+    """Return the vertices of each loop with the first repeated at the end."""
     return frozen_int(np.insert(vertices, offsets[1:], vertices[offsets[:-1]]))

@@ -29,16 +29,20 @@ from agglo_core.mesh.construction.shells import outward_signs
 from agglo_core.mesh.elements import Polyhedra, take_cells
 from agglo_core.mesh.geometry.solid_cells import face_moments
 
-_ROUNDING = 8  # units in the last place that points may be off an edge or a face that they lie on
+_ROUNDING = 8  # units in the last place by which points may be off the edge or face that contains them
 
 
 def build_polyhedra(
     points: ArrayLike, cells: Any, merge_points: bool, drop_flat: bool
 ) -> tuple[Faces, Int, int]:
-    """Faces of polyhedra given as loops, the cells that are left, and the number of cells given.
+    """Build the faces of polyhedra given as loops.
+
+    Return them, the kept cells, and the number of given cells.
+
 
     Arguments and errors are those of ``Mesh.from_polyhedra``.
     """
+    # Check the arrays.
     points = check_points(points)
     if points.shape[1] != 3:
         raise MeshError(f"polyhedra need points of shape (n_points, 3), not {points.shape}")
@@ -47,6 +51,7 @@ def build_polyhedra(
     _check_counts(solids)
     check_indices(solids.loop_offsets[solids.cell_offsets], solids.vertices, len(points))
     check_finite(points, solids.vertices)
+    # Drop unused points and repeated vertices, then turn the faces outward.
     used, vertices, repairs = compact_points(points, solids.vertices, merge_points)
     solids, repairs["cells with repeated vertices simplified"] = _simple(
         solids._replace(vertices=vertices), len(used)
@@ -56,13 +61,14 @@ def build_polyhedra(
     own, solids, vector, sign = _oriented(points, solids, drop_flat)
     repairs["cells without volume dropped"] = n - len(own)
     repairs["faces turned outward"] = int((sign < 0).sum())
+    # Pair the half-faces.
     loop_offsets, vertices = solids.loop_offsets, solids.vertices
     cell_of = frozen_int(np.repeat(own, np.diff(solids.cell_offsets)))
     owner, neighbour = _match(cell_of, loop_offsets, vertices, used)
     _refuse_overlaps(cell_of, owner, neighbour, vector * sign[:, None])
     keep_offsets, keep_vertices = _take_loops(loop_offsets, vertices, owner, sign[owner] > 0)
     sides = np.stack((cell_of[owner], np.where(neighbour >= 0, cell_of[neighbour], -1)), axis=1)
-    if len(own) < n:  # cells numbered anew, without the points of dropped ones
+    if len(own) < n:  # renumber the cells and drop the points of removed cells
         sides = np.where(sides >= 0, np.searchsorted(own, sides), -1)
         again, keep_vertices, more = compact_points(points, keep_vertices, False)
         points = frozen_float(points[again])
@@ -72,7 +78,7 @@ def build_polyhedra(
 
 
 def _oriented(points: Float, solids: Polyhedra, drop_flat: bool) -> tuple[Int, Polyhedra, Float, Float]:
-    """Cells that have a volume, their half-faces, with area vectors and the signs that turn them outward."""
+    """Return cells with volume, their half-faces, area vectors, and the signs that turn these outward."""
     own = kept_cells(np.diff(solids.cell_offsets) == 0, "volume", drop_flat)
     if len(own) < len(solids.cell_offsets) - 1:
         solids = take_cells(solids, own)
@@ -104,9 +110,9 @@ def _oriented(points: Float, solids: Polyhedra, drop_flat: bool) -> tuple[Int, P
 
 
 def _simple(solids: Polyhedra, n_points: int) -> tuple[Polyhedra, int]:
-    """Polyhedra without vertices that follow themselves, and the number of cells that had any.
+    """Remove repeated consecutive vertices and return the number of changed cells.
 
-    Raises MeshError for a face that meets a vertex again later.
+    Raises MeshError for a face that returns to a vertex.
     """
     from agglo_core.mesh.kernels.face_loops import repeated_points
 
@@ -122,7 +128,7 @@ def _simple(solids: Polyhedra, n_points: int) -> tuple[Polyhedra, int]:
 
 
 def solids_as_csr(cells: Any) -> tuple[Int, Int, Int]:
-    """Cell offsets, loop offsets and vertices of cells given as nested lists or as these three."""
+    """Return cell offsets, loop offsets and vertices of cells given as nested lists or as these three."""
     if isinstance(cells, tuple) and len(cells) == 3 and any(isinstance(part, np.ndarray) for part in cells):
         a, b, c = cells
         return whole_numbers(a, "cell offsets"), whole_numbers(b, "face offsets"), whole_numbers(c, "cells")
@@ -141,7 +147,10 @@ def solids_as_csr(cells: Any) -> tuple[Int, Int, Int]:
 
 
 def _check_counts(solids: Polyhedra, own: Int | None = None) -> None:
-    """Raise MeshError for too few cells, faces or vertices; ``own`` are the numbers of the cells."""
+    """Raise MeshError for too few cells, faces or vertices.
+
+    ``own`` are cell numbers in messages.
+    """
     cell_offsets, loop_offsets, vertices = solids
     check_offsets(cell_offsets, len(loop_offsets) - 1, "cell")
     check_offsets(loop_offsets, len(vertices), "face")
@@ -157,7 +166,10 @@ def _check_counts(solids: Polyhedra, own: Int | None = None) -> None:
 
 
 def _match(cell_of: Int, loop_offsets: Int, vertices: Int, used: Int) -> tuple[Int, Int]:
-    """Half-faces paired by vertex set: owner half-face of each face, and its partner or −1."""
+    """Pair half-faces by vertex set.
+
+    Return the owner half-face of each face, and its partner or −1.
+    """
     from agglo_core.mesh.kernels.solid_cells import pair_half_faces
 
     found = pair_half_faces(loop_offsets, vertices, len(used))
@@ -172,13 +184,16 @@ def _match(cell_of: Int, loop_offsets: Int, vertices: Int, used: Int) -> tuple[I
 
 
 def _sorted_pairs(cell_of: Int, loop_offsets: Int, vertices: Int, used: Int) -> tuple[Int, Int]:
-    """As ``_match``, by sorting; raises MeshError that says why three have the same vertices."""
+    """Pair half-faces by sorting, as a replacement for the kernel in case of errors.
+
+    Raises MeshError with the reason if three half-faces have equal vertices.
+    """
     sizes = np.diff(loop_offsets)
     owners, partners = [], []
     for size in np.unique(sizes):
         loops = np.flatnonzero(sizes == size)
         keys = np.sort(vertices[loop_offsets[loops][:, None] + np.arange(size)], axis=1)
-        order = np.lexsort(keys.T[::-1])  # stable: equal faces stay in the order of their cells
+        order = np.lexsort(keys.T[::-1])  # stable: equal faces stay in cell order
         new = np.concatenate(([True], (np.diff(keys[order], axis=0) != 0).any(axis=1)))
         start = np.flatnonzero(new)
         count = np.diff(np.append(start, len(order)))
@@ -197,7 +212,7 @@ def _sorted_pairs(cell_of: Int, loop_offsets: Int, vertices: Int, used: Int) -> 
 def _refuse_shared_face(
     cell_of: Int, loop_offsets: Int, vertices: Int, cells: list[int], face: list[int]
 ) -> NoReturn:
-    """Raise MeshError that says why a face cannot have these three or more cells."""
+    """Raise MeshError with the reason why a face cannot have these three or more cells."""
     for cell in cells:
         if cells.count(cell) > 1:
             raise MeshError(f"cell {cell}: the same face twice")
@@ -212,7 +227,7 @@ def _refuse_shared_face(
 
 
 def _refuse_overlaps(cell_of: Int, owner: Int, partner: Int, outward: Float) -> None:
-    """Two cells must lie on different sides of the face they share."""
+    """Raise MeshError if two cells lie on the same side of their common face."""
     inner = partner >= 0
     a, b = owner[inner], partner[inner]
     wrong = np.flatnonzero((outward[a] * outward[b]).sum(axis=1) > 0)

@@ -1,4 +1,4 @@
-"""Loops in which a vertex follows itself: closed and padded rings, elements with repeated nodes."""
+"""Remove repeated consecutive vertices: closed and padded rings, elements with repeated nodes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from agglo_core.mesh.elements import Polyhedra, gather
 
 
 def simple_loops(offsets: Int, vertices: Int) -> tuple[Int, Int]:
-    """Loops (CSR) without each vertex that the next one repeats; the first vertex is next to the last.
+    """Remove from loops (CSR) each vertex that equals its successor, cyclically.
 
     Examples
     --------
@@ -28,10 +28,11 @@ def simple_loops(offsets: Int, vertices: Int) -> tuple[Int, Int]:
 
 
 def simple_solids(solids: Polyhedra) -> Polyhedra:
-    """Polyhedra without repeated vertices, and without the faces that have no area for that reason.
+    """Remove repeated vertices from polyhedra, with the faces that lose their area.
 
-    Faces left with fewer than three vertices are dropped, and so are, of the cells that change, pairs of
-    faces with equal vertices: the two sides of a part without thickness.
+    Faces with fewer than three vertices are dropped. In changed cells, pairs of faces with equal vertices
+    (the two
+    sides of a part without thickness) are also dropped.
     """
     loop_offsets, vertices = simple_loops(solids.loop_offsets, solids.vertices)
     cell = np.repeat(np.arange(len(solids.cell_offsets) - 1), np.diff(solids.cell_offsets))
@@ -39,6 +40,7 @@ def simple_solids(solids: Polyhedra) -> Polyhedra:
     changed = np.zeros(len(solids.cell_offsets) - 1, bool)
     changed[cell[sizes < np.diff(solids.loop_offsets)]] = True
     kept = sizes >= 3
+    # In changed cells, find the pairs of faces with equal vertices.
     for size in np.unique(sizes[kept & changed[cell]]):
         loops = np.flatnonzero((sizes == size) & changed[cell])
         rows = np.sort(vertices[loop_offsets[loops][:, None] + np.arange(size)], axis=1)

@@ -1,4 +1,4 @@
-"""Orientation of the faces of polyhedra: shells, shells inside one another, separate lumps."""
+"""Orient the faces of polyhedra, with nested shells (cavities) and separate lumps."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
 from agglo_core.mesh.elements import gather
 
 _CLOSED = 1e-9  # sum of the area vectors of a closed cell, relative to its surface
-_SLIT = 1e-4  # the same for cells that are small compared to the rounding of their coordinates
+_SLIT = 1e-4  # the same for cells that are small relative to the rounding of their coordinates
 _FLAT = 3e-15  # volume of a flat cell, relative to its surface to the power 3/2
 _INSET = 1e-3  # distance of a test point from the edge of its face, relative to the height of the face
-_TOUCH = 1e-12  # distance of a test point from a face that it lies on, relative to the mesh
+_TOUCH = 1e-12  # distance of a test point from a face that contains it, relative to the mesh
 
 TWO_SHELLS = 8
-"""Least number of faces of a cell with two shells."""
+"""Smallest number of faces in a cell with two shells."""
 
-# a direction along no usual face, and two more that span the plane across it (a right-handed frame)
+# a generic direction, and two directions that span the plane across it (a right-handed frame)
 _PLANE = np.array([[0.9, -0.22], [0.36, 0.85], [-0.24, 0.48]])
 _PLANE = np.linalg.qr(_PLANE)[0]
 _LINE = np.cross(*_PLANE.T)
 
 
 class _Surface(NamedTuple):
-    """Half-faces, and the sign that turns each away from the inside of its shell."""
+    """Half-faces, with the sign that turns each away from the interior of its shell."""
 
     loop_offsets: Int
     vertices: Int
@@ -38,38 +38,40 @@ class _Surface(NamedTuple):
 def outward_signs(
     cell_of: Int, loop_offsets: Int, vertices: Int, points: Float, vector: Float, centre: Float, off: float
 ) -> tuple[Float, Int, Mask]:
-    """Sign of each half-face: −1 where its loop as listed is clockwise seen from outside the cell.
+    """Return the sign of each half-face: −1 where its loop is clockwise seen from outside the cell.
 
     Parameters
     ----------
     cell_of : (n,) int
-        Cell of each half-face, 0 to k − 1, rising, without gaps.
+        Cell of each half-face, 0 to k − 1, increasing, without gaps.
     loop_offsets, vertices
         Loops of the half-faces as CSR.
     points : (n_points, 3) float
-        Near the origin, to limit rounding.
+        Coordinates near the origin, to limit rounding.
     vector, centre : (n, 3) float
         Area vectors and centroids of the half-faces.
     off : float
-        Distance of hanging points from the edge that they lie on. The tiles of a split face and the faces
-        beside it leave such a slit.
+        Distance of hanging points from their edge. The tiles of a split face and the adjacent faces leave a
+        slit of this width.
 
     Returns
     -------
     sign : (n,) float
     open_ : int
-        Cells whose faces do not close, or cannot be oriented.
+        Cells whose faces are not closed or cannot be oriented.
     flat : (k,) bool
-        Whether a cell has no volume.
+        True for cells without volume.
 
     Notes
     -----
-    A cell that is star-shaped about the mean of its face centres is oriented by the direction of its faces
-    alone. In all other cells the faces that share an edge are oriented alike, and each shell outward if an
-    even number of other shells of the cell encloses it, else inward: it bounds a cavity.
+    A cell that is star-shaped about the mean of its face centres is oriented by its face directions alone. In
+    other cells, faces with a common edge are oriented consistently. Each shell is then oriented outward if an
+    even
+    number of other shells of the cell encloses it, otherwise inward, because it bounds a cavity.
     """
     from agglo_core.mesh.kernels.solid_cells import surfaces
 
+    # Star-shaped cells: all faces look away from the middle, or all towards it.
     offsets = frozen_int(np.concatenate(([0], np.cumsum(np.bincount(cell_of)))))
     area, gap, least, most, total, *middle = surfaces(offsets, vector, centre).T
     slit = np.minimum(off * np.sqrt(area), _SLIT * area)
@@ -80,6 +82,7 @@ def outward_signs(
         eyes = np.stack(middle, axis=1)[perhaps] @ _PLANE
         count, halves = gather(offsets, perhaps)
         plain[perhaps] = _star_shaped(count, halves, loop_offsets, vertices, points, vector, eyes)
+    # Other cells: orient shell by shell.
     doubtful = frozen_int(np.flatnonzero(~plain[cell_of]))
     sign = np.ones(len(cell_of))
     if len(doubtful):
@@ -103,10 +106,11 @@ def outward_signs(
 def _star_shaped(
     offsets: Int, halves: Int, loop_offsets: Int, vertices: Int, points: Float, vector: Float, eyes: Float
 ) -> Mask:
-    """Cells of which a line through the middle meets one face on either side.
+    """Return the mask of cells where a line through the middle meets exactly one face on either side.
 
-    All faces of the cells look away from the middle, or all towards it: the line meets every shell around
-    it. Cell c has the faces ``halves[offsets[c]:offsets[c + 1]]``; ``eyes`` are the middles across the line.
+    All faces of these cells look away from the middle, or all towards it, so the line meets every shell
+    around the middle. Cell c has the faces ``halves[offsets[c]:offsets[c + 1]]``; ``eyes`` are the projected
+    middles.
     """
     cell = np.repeat(np.arange(len(eyes)), np.diff(offsets))
     met = np.abs(_turns(loop_offsets, vertices, points @ _PLANE, halves, eyes[cell]))
@@ -116,9 +120,10 @@ def _star_shaped(
 
 
 def _turns(offsets: Int, vertices: Int, seen: Float, loops: Int, eyes: Float) -> Int:
-    """Winding number of each of the ``loops`` about a point of its own, ``eyes``, as seen along the line."""
+    """Return the winding number of each loop about its own point in ``eyes``, seen along the line."""
     starts, places = gather(offsets, loops)
     loop = np.repeat(np.arange(len(loops)), np.diff(starts))
+    # Edges that cross the height of the point, closing edges included.
     vertex = vertices[places]
     above = seen[:, 1][vertex] > eyes[:, 1][loop]
     changes = above[1:] != above[:-1]
@@ -127,6 +132,7 @@ def _turns(offsets: Int, vertices: Int, seen: Float, loops: Int, eyes: Float) ->
     closing = np.flatnonzero(above[last] != above[starts[:-1]])
     tail = np.concatenate((np.flatnonzero(changes), last[closing]))
     head = np.concatenate((np.flatnonzero(changes) + 1, starts[:-1][closing]))
+    # Count those to the right of the point, +1 upwards and −1 downwards.
     around = loop[tail]
     (x, y), (u, v) = ((seen[vertex[ends]] - eyes[around]).T for ends in (tail, head))
     way = np.where(v > y, 1, -1)
@@ -137,12 +143,12 @@ def _turns(offsets: Int, vertices: Int, seen: Float, loops: Int, eyes: Float) ->
 def _by_shells(
     cell_of: Int, loop_offsets: Int, vertices: Int, points: Float, vector: Float, centre: Float
 ) -> Float:
-    """Signs of half-faces that turn each shell of a cell away from its inside."""
+    """Return signs of half-faces that turn each shell of a cell away from its interior."""
     links, loose = _links(cell_of, loop_offsets, vertices, points, vector)
     patch, side = _two_sides(*links, len(cell_of))
     shell = _shells(patch, cell_of, *loose)
     first, shell = np.unique(shell, return_index=True, return_inverse=True)[1:]
-    # each patch outward: it has a positive flux of the position about the middle of its shell
+    # Orient each patch outward: the flux of the position about the middle of its shell is positive.
     count = np.bincount(shell)
     middle = np.stack([np.bincount(shell, column) / count for column in centre.T], axis=1)
     flux = ((centre - middle[shell]) * vector).sum(axis=1) * side
@@ -158,11 +164,13 @@ def _by_shells(
 def _links(
     cell_of: Int, loop_offsets: Int, vertices: Int, points: Float, vector: Float
 ) -> tuple[tuple[Int, Int, Mask], tuple[Int, Int]]:
-    """Pairs of half-faces of a cell that follow one another around an edge, and whether one must turn.
+    """Return pairs of adjacent half-faces around cell edges, and a mask of pairs with opposite orientation.
 
-    Also the half-faces and the vertices of edges that an odd number of faces of the cell has: hanging
-    vertices that only some of them list.
+    Also return half-faces and vertices of edges with an odd number of faces, which occur at hanging vertices
+    that
+    only some faces list.
     """
+    # Group the half-edges of each cell by edge.
     loop = np.repeat(np.arange(len(cell_of)), np.diff(loop_offsets))
     head = np.roll(vertices, -1)
     head[loop_offsets[1:] - 1] = vertices[loop_offsets[:-1]]
@@ -174,7 +182,7 @@ def _links(
     group = np.repeat(np.arange(len(start)), size)
     way = np.where(vertices == low, 1, -1)
     many = np.flatnonzero((size > 2)[group])
-    if len(many):  # faces of several shells, or one that touches itself: by their angle about the edge
+    if len(many):  # several shells, or a shell that touches itself: sort by angle around the edge
         edges = order[many]
         along = _units(points[high[edges]] - points[low[edges]])
         inward = np.cross(_units(vector[loop[edges]]), along) * way[edges, None]
@@ -183,6 +191,7 @@ def _links(
         other = np.cross(along, axis)
         angle = np.arctan2((inward * other).sum(axis=1), (inward * axis).sum(axis=1))
         order[many] = edges[np.lexsort((angle, group[many]))]
+    # Pair consecutive half-faces at edges with an even number of faces.
     even = size % 2 == 0
     pairs = np.flatnonzero((np.diff(group) == 0) & even[group[:-1]])
     f, g = order[pairs], order[pairs + 1]
@@ -194,16 +203,20 @@ def _links(
 
 
 def _units(vectors: Float) -> Float:
-    """Vectors ``(n, 3)`` of length one; zeros stay."""
+    """Return vectors ``(n, 3)`` scaled to length 1.
+
+    Zero vectors stay zero.
+    """
     length = np.linalg.norm(vectors, axis=1)
     return frozen_float(vectors / np.where(length > 0, length, 1.0)[:, None])
 
 
 def _two_sides(f: Int, g: Int, clash: Mask, n: int) -> tuple[Int, Float]:
-    """Patch of each of n faces, and the sign that orients it like the first face of the patch.
+    """Return the patch of each of n faces, and the sign that orients it like the first face of the patch.
 
-    Faces f and g share an edge; if they ``clash``, one of them must turn. Every face stands for two
-    nodes, as listed and turned; joining what belongs together leaves the two orientations of a patch.
+    Faces f and g share an edge; where ``clash`` is True, one of them must turn. Each face is represented by
+    two
+    nodes, as listed and turned. The connected components are then the two orientations of each patch.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -217,7 +230,7 @@ def _two_sides(f: Int, g: Int, clash: Mask, n: int) -> tuple[Int, Float]:
 
 
 def _shells(patch: Int, cell_of: Int, loops: Int, vertices: Int) -> Int:
-    """Shell of each face: its patch, or several that share vertices of edges that do not close them."""
+    """Return the shell of each face: its patch, joined with patches that share vertices of open edges."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -231,10 +244,11 @@ def _shells(patch: Int, cell_of: Int, loops: Int, vertices: Int) -> Int:
 
 
 def _depths(surface: _Surface, shell: Int, cells: Int) -> Float:
-    """Number of shells of the same cell around each shell, of cells with several.
+    """Return for each shell the number of other shells of its cell around it.
 
-    It is the sum of the windings of the faces of other shells that a ray from a point of the shell meets, and
-    NaN where the point lies on such a face: shells have a part of a face in common.
+    The number is the sum of the windings of other shells' faces along a ray from a point of the shell. It is
+    NaN
+    if the point lies on such a face, because the shells then share a part of a face.
     """
     offsets, vertices, points, vector, centre, side = surface
     test = _test_points(surface, shell, len(cells))
@@ -250,13 +264,13 @@ def _depths(surface: _Surface, shell: Int, cells: Int) -> Float:
 
 
 def _in_line(surface: _Surface, test: Float, shell: Int, cells: Int) -> tuple[Int, Int]:
-    """Pairs of a shell and a face of another shell of its cell whose box a line through its point meets."""
+    """Return pairs of a shell and a face of another shell in the cell, whose box the shell's line meets."""
     import shapely
 
     several = np.bincount(cells)[cells] > 1
     shells, faces = np.flatnonzero(several), np.flatnonzero(several[shell])
     corners = surface.points @ _PLANE
-    # cells side by side, so that no line meets the faces of another
+    # place the cells side by side, so that no line meets the faces of another cell
     shift = 3 * np.abs(corners).max() * np.unique(cells, return_inverse=True)[1]
     slack = 1e-14 * np.abs(shift).max() + 1e-9 * np.abs(corners).max()
     offsets, places = gather(surface.loop_offsets, frozen_int(faces))
@@ -273,10 +287,11 @@ def _in_line(surface: _Surface, test: Float, shell: Int, cells: Int) -> tuple[In
 
 
 def _test_points(surface: _Surface, shell: Int, n: int) -> Float:
-    """A point ``(n, 3)`` of the largest face of each shell, near the middle of its longest edge."""
+    """Return a point ``(n, 3)`` in the largest face of each shell, near the middle of its longest edge."""
     area = np.linalg.norm(surface.vector, axis=1)
     order = np.lexsort((area, shell))
     last = np.append(np.flatnonzero(np.diff(shell[order])), len(order) - 1)
+    # Loops of the largest faces, and their longest edges.
     face = frozen_int(order[last])
     offsets, places = gather(surface.loop_offsets, face)
     ahead = np.roll(places, -1)
@@ -287,7 +302,7 @@ def _test_points(surface: _Surface, shell: Int, n: int) -> Float:
     order = np.lexsort((length, rows))
     longest = order[offsets[1:] - 1]
     along = (head - tail)[longest]
-    # into the face, across the edge: by a small part of its height
+    # move into the face, across the edge, by a small part of its height
     height = area[face] / np.where(length > 0, length, 1.0)[longest]
     inward = np.cross(_units(surface.vector[face]), _units(along)) * height[:, None]
     return frozen_float(0.5 * (head + tail)[longest] + _INSET * inward)

@@ -1,4 +1,4 @@
-"""Outer faces that lie on one another: candidates by centre and normal, then compared vertex by vertex."""
+"""Find coincident outer faces: candidates by centre and normal, then comparison by vertices."""
 
 from __future__ import annotations
 
@@ -13,42 +13,45 @@ from agglo_core.mesh.derived import Derived
 from agglo_core.mesh.elements import gather
 from agglo_core.mesh.geometry.solid_cells import face_moments
 
-_CHUNK = 50_000  # faces whose candidates are held at once
-_OVERLAP = 1e-6  # of the smaller face: what faces must share to overlap, and may lack to lie within
-_BESIDE = 8, 1e-3  # the same in units of the reach over the size of the smaller face, and at most
-_LIFT = 0.3  # of the smaller radius: how far a centre may be off the plane of the other, as faces are warped
-_LAID = 3  # vertices of a tile of a warped face that lie on its edges
+_CHUNK = 50_000  # faces per chunk of candidates
+_OVERLAP = 1e-6  # share of the smaller face: minimum overlap, and tolerance for containment
+_BESIDE = 8, 1e-3  # tolerance in units of reach over size of the smaller face, and its maximum
+_LIFT = 0.3  # relative to the smaller radius: distance of a centre from the other plane (warped faces)
+_LAID = 3  # vertices of a tile that must lie on the edges of a warped face
 
 
 class Outer(NamedTuple):
-    """The m outer faces of a mesh; points are those on them, relative to the middle of their box."""
+    """The m outer faces of a mesh, with their points relative to the centre of their bounding box."""
 
     faces: Int  # (m,) numbers in the mesh
-    used: Int  # points of the mesh that they use
+    used: Int  # numbers of their points in the mesh
     points: Float
     offsets: Int
     vertices: Int  # numbers into used
     centre: Float  # (m, d)
     normal: Float  # (m, d), 0 where the face has no measure
     measure: Float
-    radius: Float  # no vertex is farther from the centre
+    radius: Float  # largest distance of a vertex from the centre
 
 
 class Contacts(NamedTuple):
-    """Contacts of outer faces; faces and points are numbered as in :class:`Outer`."""
+    """Contacts of outer faces.
 
-    pairs: Int  # (k, 2) faces that lie on one another, at least in part
-    share: Float  # (k, 2) how much of either lies on the other (3-D only)
-    slack: Float  # (k,) by how much that may be off, as points are rounded (3-D only)
-    alike: Mask  # (k,) whether their vertices are at the same places (3-D only)
-    distinct: Mask  # (k,) whether some points of theirs at one place are not the same point (3-D only)
-    same: Int  # (p, 2) points that are one
+    Faces and points are numbered as in :class:`Outer`.
+    """
+
+    pairs: Int  # (k, 2) faces that coincide, at least partially
+    share: Float  # (k, 2) share of each face covered by the other (3-D only)
+    slack: Float  # (k,) tolerance of the shares due to rounding (3-D only)
+    alike: Mask  # (k,) True if their vertices coincide (3-D only)
+    distinct: Mask  # (k,) True if some coincident vertices have different numbers (3-D only)
+    same: Int  # (p, 2) coincident points
     inside: Int  # (q, 2) an edge and a point in its interior (2-D only)
-    along: Float  # (q,) how far that point is from the tail of the edge
+    along: Float  # (q,) distance of this point from the tail of the edge
 
 
 def outer_faces(mesh: Derived) -> Outer:
-    """The faces of a mesh with a cell on one side only."""
+    """Return the faces of a mesh with a cell on one side only."""
     faces = frozen_int(np.flatnonzero(mesh.face_cells[:, 1] < 0))
     start = mesh.face_offsets[faces]
     sizes = mesh.face_offsets[faces + 1] - start
@@ -84,24 +87,25 @@ def _lengths(vectors: Float) -> Float:
 
 
 def facing_pairs(outer: Outer) -> Int:
-    """Pairs ``(k, 2)`` of outer faces that look at each other and may lie on one another.
+    """Return pairs ``(k, 2)`` of outer faces that face each other and may coincide.
 
-    The normal is part of the coordinates of the trees, turned round in one of them: convex domains have
-    no candidates at all. Faces are taken by powers of two of their size, each with all smaller ones.
+    The normal is part of the tree coordinates, negated in one of the trees, so convex domains have no
+    candidates.
+    Faces are grouped by powers of two of their size, and each group is compared with all smaller faces.
     """
     found = [np.empty((0, 2), np.int64), *_candidates(outer)]
     return frozen_int(np.unique(np.sort(np.concatenate(found), axis=1), axis=0))
 
 
 def _candidates(outer: Outer) -> Iterator[Int]:
-    """Yield pairs of near outer faces with opposite normals, from trees of centre and scaled normal."""
+    """Yield pairs of close outer faces with opposite normals, from trees of centre and scaled normal."""
     from scipy.spatial import cKDTree
 
     real = np.flatnonzero(outer.measure > 0)
     power = np.frexp(outer.radius[real])[1]
     for level in np.unique(power):
         own, others = real[power == level], real[power <= level]
-        size = np.ldexp(1.0, int(level))  # no radius of these is larger
+        size = np.ldexp(1.0, int(level))  # upper bound of these radii
         turn = 2 * size * outer.normal
         here = np.concatenate((outer.centre, turn), axis=1)[own]
         there = cKDTree(np.concatenate((outer.centre, -turn), axis=1)[others])
@@ -116,12 +120,13 @@ def _candidates(outer: Outer) -> Iterator[Int]:
 
 
 def find_contacts(outer: Outer, pairs: Int, reach: Float) -> Contacts:
-    """Mask of the pairs that lie on one another within ``reach (k,)``, a length for each pair."""
+    """Return the contacts of pairs that coincide within ``reach (k,)``, a length per pair."""
     return _edges(outer, pairs, reach) if outer.points.shape[1] == 2 else _plates(outer, pairs, reach)
 
 
 def _edges(outer: Outer, pairs: Int, reach: Float) -> Contacts:
-    """Edges whose common stretch is longer than twice the reach and within reach at both its ends."""
+    """Return edge contacts: a common stretch longer than twice the reach, within reach at both ends."""
+    # Common stretch in the coordinates of the first edge, and the gap at its ends.
     ends = outer.vertices.reshape(-1, 2)
     i, j = pairs.T
     far, off = _beside(outer, i, ends[j][:, ::-1])
@@ -131,6 +136,7 @@ def _edges(outer: Outer, pairs: Int, reach: Float) -> Contacts:
     gap = [np.abs(off[:, 0] + slope * (at - far[:, 0])) for at in (low, high)]
     on = (high - low > 2 * reach) & (np.maximum(*gap) <= reach)
     pairs, reach = pairs[on], reach[on]
+    # End points of each edge: at an end of the other edge, or in its interior.
     same, inside, along = [], [], []
     for edge, other in (pairs.T, pairs.T[::-1]):
         far, off = _beside(outer, edge, ends[other])
@@ -156,7 +162,7 @@ def _edges(outer: Outer, pairs: Int, reach: Float) -> Contacts:
 
 
 def _beside(outer: Outer, edge: Int, vertices: Int) -> tuple[Float, Float]:
-    """Coordinates of the points ``vertices (k, n)`` along each edge, and distances from its line."""
+    """Return coordinates of the points ``vertices (k, n)`` along each edge, and distances from its line."""
     normal = outer.normal[edge][:, None]
     step = outer.points[vertices] - outer.points[outer.vertices[2 * edge]][:, None]
     far = step[..., 1] * normal[..., 0] - step[..., 0] * normal[..., 1]
@@ -164,7 +170,8 @@ def _beside(outer: Outer, edge: Int, vertices: Int) -> tuple[Float, Float]:
 
 
 def _plates(outer: Outer, pairs: Int, reach: Float) -> Contacts:
-    """Faces with the same vertices, plane faces in one plane that share an area, tiles of warped faces."""
+    """Return face contacts: equal vertices, coplanar faces with a common area, tiles of warped faces."""
+    # Count the vertices at a common location.
     row, first, second = _all_vertex_pairs(outer, pairs)
     gap = np.linalg.norm(outer.points[first] - outer.points[second], axis=1)
     near = gap <= reach[row]
@@ -173,6 +180,7 @@ def _plates(outer: Outer, pairs: Int, reach: Float) -> Contacts:
     alike = (hits == sizes[:, 0]) & (hits == sizes[:, 1])
     size = outer.measure[pairs]
     ordered = frozen_int(np.where((size[:, 0] < size[:, 1])[:, None], pairs[:, ::-1], pairs))  # large, small
+    # Coplanar faces, and tiles of a warped face, are compared by area.
     high, warp = _lifts(outer, ordered, row, first, second)
     flat = high <= reach
     bent = np.flatnonzero(~alike & ~flat & (high <= 1.01 * warp))
@@ -180,6 +188,7 @@ def _plates(outer: Outer, pairs: Int, reach: Float) -> Contacts:
     flat &= ~alike
     share = np.repeat(alike[:, None].astype(float), 2, axis=1)
     share[flat] = _shares(outer, frozen_int(pairs[flat]), outer.normal[ordered[flat, 0]])
+    # Accept pairs whose common area exceeds the tolerance.
     slack = np.minimum(_BESIDE[0] * reach / np.sqrt(size.min(axis=1)), _BESIDE[1])
     slack = np.maximum(slack, _OVERLAP)
     over = share.max(axis=1, initial=0) > slack
@@ -197,7 +206,9 @@ def _plates(outer: Outer, pairs: Int, reach: Float) -> Contacts:
 
 
 def _lifts(outer: Outer, ordered: Int, row: Int, first: Int, second: Int) -> tuple[Float, Float]:
-    """Largest distances of the vertices of both faces, and of the large one, from its mean plane."""
+    """Return the largest vertex distances from the larger face's mean plane: for both faces, and for it
+    alone.
+    """
     large = ordered[row, 0]
     high, warp = np.zeros(len(ordered)), np.zeros(len(ordered))
     for vertices in (first, second):
@@ -211,6 +222,7 @@ def _lifts(outer: Outer, ordered: Int, row: Int, first: Int, second: Int) -> tup
 
 def _on_edges(outer: Outer, ordered: Int, reach: Float) -> Int:
     """Count the vertices of the second of two faces that lie on edges of the first."""
+    # Pair each edge of the first face with each vertex of the second.
     following = np.arange(1, len(outer.vertices) + 1)
     following[outer.offsets[1:] - 1] = outer.offsets[:-1]
     offsets, edge = gather(outer.offsets, frozen_int(ordered[:, 0]))
@@ -218,6 +230,7 @@ def _on_edges(outer: Outer, ordered: Int, reach: Float) -> Int:
     ends, vertex = gather(outer.offsets, frozen_int(ordered[row, 1]))
     times = np.diff(ends)
     row, edge = np.repeat(row, times), np.repeat(edge, times)
+    # Distance from the edge as a segment.
     tail, head = (outer.points[outer.vertices[places]] for places in (edge, following[edge]))
     along, step = head - tail, outer.points[outer.vertices[vertex]] - tail
     at = (step * along).sum(axis=1) / np.maximum((along * along).sum(axis=1), np.finfo(float).tiny)
@@ -227,7 +240,7 @@ def _on_edges(outer: Outer, ordered: Int, reach: Float) -> Int:
 
 
 def _all_vertex_pairs(outer: Outer, pairs: Int) -> tuple[Int, Int, Int]:
-    """Each vertex of the first face of a pair with each of the second: pair and the two vertices."""
+    """Combine all vertices of both faces in each pair: pair number, first vertex, second vertex."""
     offsets, places = gather(outer.offsets, frozen_int(pairs[:, 0]))
     row = np.repeat(np.arange(len(pairs)), np.diff(offsets))
     ends, others = gather(outer.offsets, frozen_int(pairs[row, 1]))
@@ -240,7 +253,7 @@ def _all_vertex_pairs(outer: Outer, pairs: Int) -> tuple[Int, Int, Int]:
 
 
 def _shares(outer: Outer, pairs: Int, normal: Float) -> Float:
-    """Shares ``(k, 2)`` of two faces that the other covers, seen along ``normal (k, 3)``."""
+    """Return the shares ``(k, 2)`` of two faces that the other covers, seen along ``normal (k, 3)``."""
     import shapely
 
     if not len(pairs):

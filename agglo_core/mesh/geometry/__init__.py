@@ -1,1 +1,1 @@
-"""Geometry of cells from their faces: measures, centroids, inertia, diameters, boundary loops."""
+"""Compute cell geometry from faces: measures, centroids, inertia, diameters, boundary loops."""

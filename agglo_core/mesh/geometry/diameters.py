@@ -1,4 +1,4 @@
-"""Diameters of blocks of cells: the largest distance of two of their vertices."""
+"""Compute diameters of cell blocks: the largest distance between two of their vertices."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ import numpy as np
 from agglo_core.arrays import Float, Index, Int, Mask, frozen_float, frozen_index, frozen_int
 from agglo_core.threads import over_ranges
 
-_FEW = 2_000  # blocks one thread looks at in some milliseconds
-_NEAR = 1e-12  # bounds this close to a limit may be off by rounding
+_FEW = 2_000  # blocks that a thread processes in some milliseconds
+_NEAR = 1e-12  # relative distance from a limit within which bounds may be wrong by rounding
 
 
 def diameters_of(offsets: Int, cells: Int, vertex_offsets: Int, vertices: Index, points: Float) -> Float:
-    """Diameter ``(B,)`` of each block; block b is ``cells[offsets[b]:offsets[b + 1]]``.
+    """Return the diameter ``(B,)`` of each block.
+
+    Block b is ``cells[offsets[b]:offsets[b + 1]]``.
+
 
     Parameters
     ----------
@@ -43,9 +46,11 @@ def diameters_of(offsets: Int, cells: Int, vertex_offsets: Int, vertices: Index,
 def compared_diameters(
     offsets: Int, cells: Int, vertex_offsets: Int, vertices: Index, points: Float, limits: Float
 ) -> Float:
-    """As :func:`diameters_of`, but only on the right side of each of the ascending ``limits (k,)``.
+    """Return values on the same side of each increasing limit in ``limits (k,)`` as the diameters.
 
-    Exact where a limit is near, a lower bound elsewhere, or infinite beyond the last one: many times faster.
+    The values are exact near a limit, lower bounds elsewhere, and infinite beyond the last limit. This is
+    many
+    times faster than :func:`diameters_of`.
 
     Examples
     --------
@@ -70,9 +75,12 @@ def compared_diameters(
 def wide_parts(
     labels: Int, asked: Mask, limit: float, vertex_offsets: Int, vertices: Index, points: Float
 ) -> Mask:
-    """Mask of the parts ``asked (k,)`` that are wider than ``limit``; the labels ``(n,)`` are below k.
+    """Return the mask of the parts ``asked (k,)`` wider than ``limit``.
 
-    Bounds of all come from one pass over the cells, in any order; few are so near that they are measured.
+    The labels ``(n,)`` are below k.
+
+
+    One pass over the cells bounds all parts; only parts close to the limit are measured exactly.
 
     Examples
     --------
@@ -92,11 +100,13 @@ def wide_parts(
         extend_parts(start, stop, labels, asked, vertex_offsets, vertices, points, own)
         return own
 
+    # Extents of each part along fixed directions, from all threads.
     first, *others = over_ranges(bounds, len(labels), shares=1)
     least, most = first[:, :4], first[:, 4:]
     for each in others:
         np.minimum(least, each[:, :4], out=least)
         np.maximum(most, each[:, 4:], out=most)
+    # Bounds of the diameter from the extents.
     extents = most - least
     if points.shape[1] == 2:  # a farthest pair lies within 22.5 degrees of one of the four directions
         x, y, u, v = extents.T
@@ -104,6 +114,7 @@ def wide_parts(
         upper = lower / np.cos(np.pi / 8)
     else:
         lower, upper = extents.max(axis=1), np.sqrt((extents[:, :3] ** 2).sum(axis=1))
+    # Measure the parts whose bounds do not decide.
     wide = asked & (lower > limit * (1 + _NEAR))
     near = np.flatnonzero(asked & ~wide & (upper >= limit * (1 - _NEAR)))
     if len(near):
@@ -112,7 +123,7 @@ def wide_parts(
         if points.shape[1] == 2:
             centres = frozen_float(least[near, :2] + 0.5 * extents[near, :2])
             wide[near] = _wider(offsets, frozen_index(listed), *shape, centres, limit)
-        else:  # a vertex is in many cells, and should be looked at once
+        else:  # a vertex belongs to many cells and should be visited once
             wide[near] = diameters_of(offsets, frozen_int(listed), *shape) > limit
     return np.asarray(wide)
 
@@ -126,7 +137,7 @@ def _wider(
     centres: Float,
     limit: float,
 ) -> Mask:
-    """Mask of the blocks with ``centres (blocks, 2)`` that are wider than ``limit``."""
+    """Return the mask of blocks with ``centres (blocks, 2)`` wider than ``limit``."""
     from agglo_core.compiled.widths import wide_blocks
 
     def found(start: int, stop: int) -> Mask:

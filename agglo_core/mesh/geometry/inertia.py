@@ -1,4 +1,4 @@
-"""Moments of inertia of cells from their faces, by the divergence theorem: exact for any shape."""
+"""Compute moments of inertia of cells from their faces by the divergence theorem, exact for any shape."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from agglo_core.arrays import Float, Int, frozen_float
 from agglo_core.threads import mapped
 
 _CELLS = 4096
-"""Cells at a time, so that what is computed on the way stays in the cache."""
+"""Cells per chunk, so that temporary arrays stay in the cache."""
 
 
 def plane_inertias(
     points: Float, face_pairs: Int, face_cells: Int, offsets: Int, faces: Int, centroids: Float
 ) -> Float:
-    """∫ |x − C|² ``(n,)`` of polygons: the triangles between the ``faces`` of each and its centroid C.
+    """Return ∫ |x − C|² ``(n,)`` of polygons, by triangles between their faces and the centroid C.
 
-    Faces of cell c are ``faces[offsets[c]:offsets[c + 1]]``; that of C, a, b has a × b (a² + a·b + b²) / 12.
+    Cell c has ``faces[offsets[c]:offsets[c + 1]]``; the triangle C, a, b has a × b (a² + a·b + b²) / 12.
     """
     starts = np.arange(0, len(centroids), _CELLS)
 
@@ -46,24 +46,26 @@ def polyhedron_inertias(
     faces: Int,
     centroids: Float,
 ) -> Float:
-    """∫ |x − C|² ``(n,)`` of polyhedra: the pyramids between the ``faces`` of each and its centroid C.
+    """Return ∫ |x − C|² ``(n,)`` of polyhedra, by pyramids between their faces and the centroid C.
 
-    A face of area S, centroid m and moment ∫ |x − m|² = M, at the distance h from C, has
-    h (S |m − C|² + M) / 5. Area vectors and centroids ``(n_faces, 3)`` are those of the faces.
+    A face with area S, centroid m and moment ∫ |x − m|² = M, at distance h from C, contributes
+    h (S |m − C|² + M) / 5. ``vectors`` and ``centres`` are the area vectors and centroids ``(n_faces, 3)`` of
+    the
+    faces.
     """
     areas = np.linalg.norm(vectors, axis=1)
     spread = _face_inertias(points, face_offsets, face_vertices, vectors, centres)
     spread /= np.where(areas > 0.0, areas, 1.0)
     cells = np.repeat(np.arange(len(centroids)), np.diff(offsets))
     arm = centres[faces] - centroids[cells]
-    height = _dots(arm, vectors[faces])  # times the area
+    height = _dots(arm, vectors[faces])  # multiplied by the area
     height[face_cells[faces, 0] != cells] *= -1.0
     pyramids = height * (_dots(arm, arm) + spread[faces])
     return frozen_float(np.add.reduceat(pyramids, offsets[:-1]) / 5.0)
 
 
 def _face_inertias(points: Float, offsets: Int, vertices: Int, vectors: Float, centres: Float) -> Float:
-    """∫ |x − m|² ``(n_faces,)`` of plane faces about their centroids m, by triangles from there."""
+    """Return ∫ |x − m|² ``(n_faces,)`` of plane faces about their centroids m, by triangles from m."""
     sizes = np.diff(offsets)
     following = np.arange(1, len(vertices) + 1)
     following[offsets[1:] - 1] = offsets[:-1]
@@ -78,6 +80,6 @@ def _face_inertias(points: Float, offsets: Int, vertices: Int, vectors: Float, c
 
 
 def _dots(a: Float, b: Float) -> Float:
-    """Inner products of rows ``(n,)``; many times faster than sums over an axis of two or three."""
+    """Return inner products of rows ``(n,)``, many times faster than sums over a short axis."""
     found: Float = np.einsum("ij,ij->i", a, b)
     return found

@@ -1,4 +1,4 @@
-"""Boundary loops of the cells of a plane mesh."""
+"""Compute the boundary loops of cells in 2-D meshes."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Loops(NamedTuple):
 
 
 def faces_of_cells(face_cells: Int, n_cells: int) -> tuple[Int, Int]:
-    """Faces of each cell as CSR, in ascending order."""
+    """Return the faces of each cell as CSR, in ascending order."""
     from agglo_core.mesh.kernels.faces import cell_faces
 
     faces = np.empty(len(face_cells) + np.count_nonzero(face_cells[:, 1] >= 0), np.int64)
@@ -46,7 +46,7 @@ def faces_of_cells(face_cells: Int, n_cells: int) -> tuple[Int, Int]:
 
 
 def loops_of_cells(points: Float, offsets: Int, faces: Int, face_pairs: Int, face_cells: Int) -> Loops:
-    """Loops of the cells of a 2-D mesh, whose arrays these are."""
+    """Return the loops of the cells of a 2-D mesh with these arrays."""
     from agglo_core.mesh.kernels.faces import chain_loops
 
     vertices = np.empty(len(faces), np.int64)
@@ -58,13 +58,13 @@ def loops_of_cells(points: Float, offsets: Int, faces: Int, face_pairs: Int, fac
 
     found = over_ranges(chained, len(offsets) - 1, shares=1, work=len(faces))
     cells, loops, used = zip(*found, strict=True)
-    if sum(map(len, used)) < len(vertices):  # a face with the same cell on both sides
+    if sum(map(len, used)) < len(vertices):  # some face has one cell on both sides
         vertices = np.concatenate(used)
     return Loops(_joined(cells), _joined(loops), frozen_int(vertices))
 
 
 def _joined(offsets: Sequence[Int]) -> Int:
-    """Offsets of lists that follow each other."""
+    """Join the offsets of consecutive lists."""
     before = np.cumsum([0, *(each[-1] for each in offsets)])
     later = [each[1:] + start for each, start in zip(offsets[1:], before[1:], strict=False)]
     return frozen_int(np.concatenate((offsets[0], *later)) if later else offsets[0])

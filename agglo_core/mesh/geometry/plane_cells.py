@@ -1,4 +1,4 @@
-"""Geometry of plane cells and what they share, in one pass; what a pass over cells costs is cache misses."""
+"""Compute geometry and neighbours of 2-D cells in one pass, because cache misses dominate such passes."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from agglo_core.threads import over_ranges
 
 
 class Neighbours(NamedTuple):
-    """Cells that share faces, both directions, and what is shared with nobody.
+    """Cells with common faces, in both directions, and the measure of outer faces.
 
-    The neighbours of cell c are ``indices[indptr[c]:indptr[c + 1]]``, each once, and ``interface`` is the
-    measure of all faces shared with that neighbour; ``boundary (n_cells,)`` that of the outer faces.
+    The neighbours of cell c are ``indices[indptr[c]:indptr[c + 1]]``, each once. ``interface`` is the
+    measure of all faces shared with that neighbour, ``boundary (n_cells,)`` the measure of outer faces.
     """
 
     indptr: Int
@@ -26,7 +26,7 @@ class Neighbours(NamedTuple):
 
 
 class PlaneCells(NamedTuple):
-    """Areas, centroids, vertices (CSR) and neighbours of plane cells."""
+    """Areas, centroids, vertices (CSR) and neighbours of 2-D cells."""
 
     measures: Float
     centroids: Float
@@ -36,9 +36,10 @@ class PlaneCells(NamedTuple):
 
 
 def plane_cells(points: Float, face_pairs: Int, face_cells: Int, n_cells: int) -> PlaneCells:
-    """Geometry of the cells of a 2-D mesh, whose arrays these are."""
+    """Compute the geometry of the cells of a 2-D mesh with these arrays."""
     from agglo_core.mesh.kernels import plane_cells as kernels
 
+    # Allocate for all half-edges; each thread fills the ranges of its cells.
     offsets, edges = _half_edges(face_pairs, face_cells, n_cells)
     count = int(offsets[-1])
     area, centroid, boundary = np.empty(n_cells), np.empty((n_cells, 2)), np.empty(n_cells)
@@ -52,14 +53,15 @@ def plane_cells(points: Float, face_pairs: Int, face_cells: Int, n_cells: int) -
         found = kernels.plane_cells(points, offsets[start : stop + 1], edges, n_cells, *of_cells, *of_edges)
         return int(offsets[start]), int(found)
 
+    # Compact the neighbours of the ranges.
     used = 0
     for start, found in over_ranges(measured, n_cells, work=count):
-        if used < start:  # close the gap that the outer faces of cells before have left
+        if used < start:  # outer faces of earlier ranges left a gap
             indices[used : used + found] = indices[start : start + found]
             interface[used : used + found] = interface[start : start + found]
         used += found
     np.cumsum(indptr, out=indptr)
-    if used < 0.75 * count:  # many faces between the same cells: do not hold on to the rest
+    if used < 0.75 * count:  # many faces between the same cells: release the rest
         indices, interface = indices[:used].copy(), interface[:used].copy()
     return PlaneCells(
         frozen_float(area),
@@ -76,7 +78,10 @@ def plane_cells(points: Float, face_pairs: Int, face_cells: Int, n_cells: int) -
 
 
 def _half_edges(face_pairs: Int, face_cells: Int, n_cells: int) -> tuple[Int, NDArray[np.int32]]:
-    """Sort half-edges by cell: start of each cell; tail, head, cell beyond and ownership of each."""
+    """Sort half-edges by cell.
+
+    Return the cell starts, and tail, head, opposite cell and ownership of each.
+    """
     from agglo_core.mesh.kernels.plane_cells import half_edges
 
     edges = np.empty((2 * len(face_cells), 4), np.int32)

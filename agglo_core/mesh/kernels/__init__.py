@@ -1,1 +1,1 @@
-"""Kernels of meshes: faces, loops, chains of edges, geometry of cells."""
+"""Mesh kernels: faces, loops, edge chains, cell geometry."""

@@ -1,4 +1,4 @@
-"""Test plane cells, given by segments with the cell on their left, for overlap and inversion."""
+"""Test 2-D cells, given by segments with the cell on their left, for overlap and inversion."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-_FEW = 64  # segments: cells of fewer have one row, so that each segment is compared with all others
-_FLAT = 1e-12  # of the product of two lengths: what counts as no area
+_FEW = 64  # segments; cells with fewer segments have one row, so that all pairs are compared
+_FLAT = 1e-12  # relative to the product of two lengths: tolerance for zero area
 
 
 @helper
 def _side(points, a, b, c):
-    """Side of ab on which the point c lies: 1 left, −1 right, 0 on the line except for rounding."""
+    """Return the side of ab that contains c: 1 left, −1 right, 0 on the line up to rounding."""
     ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
     vx, vy = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1]
     area = ux * vy - uy * vx
@@ -40,7 +40,7 @@ def _between(points, a, b, c):
 @helper
 def _meet(points, a, b, c, d):
     """Return True if the segments ab and cd have more in common than an end of both."""
-    # 1. Both ends in common: the same segment. One end in common: more if the other ends lie the same way.
+    # 1. Two common ends: the same segment. One common end: check if the other ends lie in the same direction.
     if (a == c and b == d) or (a == d and b == c):
         return True
     if a == c:
@@ -51,7 +51,7 @@ def _meet(points, a, b, c, d):
         return _same_way(points, b, a, d)
     if b == d:
         return _same_way(points, b, a, c)
-    # 2. No end in common: the ends of each are on different sides of the other, or an end lies on the other.
+    # 2. No common end: each segment separates the ends of the other, or an end lies on the other segment.
     sides = _side(points, a, b, c), _side(points, a, b, d), _side(points, c, d, a), _side(points, c, d, b)
     if sides[0] * sides[1] < 0 and sides[2] * sides[3] < 0:
         return True
@@ -65,15 +65,15 @@ def _meet(points, a, b, c, d):
 
 @helper
 def _row(y, low, height, n_rows):
-    """Row of the height y, of ``n_rows`` between ``low`` and ``low + height``."""
+    """Return the row of height y among ``n_rows`` rows between ``low`` and ``low + height``."""
     return min(max(np.int64((y - low) / height * n_rows), 0), n_rows - 1) if height > 0.0 else 0
 
 
 @helper(allocates=True)
 def _in_rows(points, tails, heads, begin, end):
-    """Segments of a cell by the rows that they reach into, as CSR, and the lowest point and height of all.
+    """Return the segments of a cell per row as CSR, and the lowest point and height of the cell.
 
-    n segments are in √n rows, or all in one if they are few: about √n in each if they are short.
+    n segments use √n rows (one row for few segments), so that rows of short segments have about √n entries.
     """
     n = end - begin
     n_rows = 1 if n < _FEW else np.int64(np.sqrt(n))
@@ -82,8 +82,8 @@ def _in_rows(points, tails, heads, begin, end):
         low, high = min(low, points[tails[k], 1]), max(high, points[tails[k], 1])
     starts = np.zeros(n_rows + 1, np.int64)
     members = np.empty(0, np.int64)
-    # Count the segments of each row, then write them from the end of the row backwards: ``starts[row]`` is
-    # where the row ends at first, where it begins in the end.
+    # Count the segments of each row, then fill the rows from their ends backwards: ``starts[row]`` is first
+    # the end, finally the start of the row.
     for filling in range(2):
         for k in range(begin, end):
             a, b = points[tails[k], 1], points[heads[k], 1]
@@ -103,29 +103,28 @@ def _in_rows(points, tails, heads, begin, end):
 
 @helper
 def _winding(points, tails, heads, members, begin, end, own):
-    """Count how often the boundary winds around the points just left of the middle of its segment ``own``.
+    """Return the winding number of the boundary around points just left of the middle of segment ``own``.
 
-    Crossings of a ray to the right, +1 upwards and −1 downwards; the segments that it may cross are
+    It counts crossings of a ray to the right, +1 upwards and −1 downwards, among the segments
     ``members[begin:end]``.
     """
     a, b = tails[own], heads[own]
     x, y = 0.5 * (points[a, 0] + points[b, 0]), 0.5 * (points[a, 1] + points[b, 1])
     rise, below = points[b, 1] - points[a, 1], points[b, 0] < points[a, 0]
-    total = 1 if rise > 0.0 else 0  # a ray to the right crosses it
+    total = 1 if rise > 0.0 else 0  # the ray to the right crosses the segment itself
     for m in range(begin, end):
         k = members[m]
         if k == own:
             continue
         px, py = points[tails[k], 0], points[tails[k], 1]
         qx, qy = points[heads[k], 0], points[heads[k], 1]
-        # The ray runs just above the middle, so that ends at its height count as below; or just below it
-        # where the segment goes to the left, with what is on its left below.
+        # The ray runs just above the middle, so ends at its height count as below. For a segment that runs to
+        # the left, its left side is below, and the ray runs just below the middle.
         if rise == 0.0 and below:
             low, high = py < y, qy < y
         else:
             low, high = py <= y, qy <= y
-        # The segment crosses the ray if the middle lies on its left, going upwards, or right, going
-        # downwards.
+        # A crossing: the middle lies left of an upward segment, or right of a downward segment.
         if low != high:
             area = (qx - px) * (y - py) - (qy - py) * (x - px)
             if low and area > 0.0:
@@ -137,7 +136,7 @@ def _winding(points, tails, heads, members, begin, end, own):
 
 @helper(allocates=True)
 def _turned(points, tails, heads, begin, end):
-    """Return True unless the boundary of a cell winds once around all that is on its left."""
+    """Return True unless the boundary winds exactly once around the points on its left."""
     starts, members, low, height = _in_rows(points, tails, heads, begin, end)
     for k in range(begin, end):
         row = _row(0.5 * (points[tails[k], 1] + points[heads[k], 1]), low, height, len(starts) - 1)
@@ -148,15 +147,17 @@ def _turned(points, tails, heads, begin, end):
 
 @kernel
 def mark_crossings(points, offsets, tails, heads, chains, cells, bad):
-    """Mark the chains of segments that meet others of their cell, or all of a cell turned inside out.
+    """Mark segment chains that cross others of their cell, or all chains of an inverted cell.
 
-    Cell c has the segments from ``offsets[c]`` to ``offsets[c + 1]``, by ascending smallest x, each from a
-    point ``tails`` to a point ``heads`` with the cell on its left, and part of one of the ``chains``. Looks
-    at ``cells`` alone; ``bad`` is the mask of chains.
+    Cell c has the segments ``offsets[c]`` to ``offsets[c + 1]``, sorted by their smallest x, each from a
+    point in
+    ``tails`` to a point in ``heads`` with the cell on its left. Each segment belongs to one of the
+    ``chains``. Only
+    ``cells`` are examined; ``bad`` is the mask of chains.
     """
     for c in cells:
         begin, end = offsets[c], offsets[c + 1]
-        # 1. Pairs of segments whose boxes meet: the sweep along x ends at the right end of segment i.
+        # 1. Pairs of segments with overlapping boxes: the sweep along x ends at the right end of segment i.
         crossed = False
         for i in range(begin, end):
             a, b = tails[i], heads[i]
@@ -172,7 +173,7 @@ def mark_crossings(points, offsets, tails, heads, chains, cells, bad):
                     bad[chains[i]] = True
                     bad[chains[j]] = True
                     crossed = True
-        # 2. Loops that meet nowhere may still turn the wrong way, or not enclose one another as they should.
+        # 2. Loops without crossings may still have a wrong orientation or a wrong nesting.
         if not crossed and _turned(points, tails, heads, begin, end):
             for k in range(begin, end):
                 bad[chains[k]] = True

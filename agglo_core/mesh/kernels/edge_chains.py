@@ -1,4 +1,4 @@
-"""Chains of edges through vertices that only two edges have, and which of their vertices can be left out."""
+"""Trace edge chains through vertices of degree two, and select the vertices that can be removed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from agglo_core.compiled.compiling import helper, kernel
 
 @helper
 def _bend(points, a, b, c):
-    """Cosine of the turn at b on the way from a to c: 1 on a straight line, −1 where it turns back."""
+    """Return the cosine of the turn at b between ab and bc: 1 for a straight line, −1 for a reversal."""
     product, first, second = 0.0, 0.0, 0.0
     for k in range(points.shape[1]):
         u, v = points[b, k] - points[a, k], points[c, k] - points[b, k]
@@ -26,8 +26,8 @@ def _other_end(ends, e, v):
 
 @helper
 def _sharpest(points, ends, at, e, v):
-    """Vertex at which a closed chain, which leaves v by edge e, turns most."""
-    # ``at[w]`` are both edges at w: the one that is not e leads on.
+    """Return the vertex with the sharpest turn on a closed chain that leaves v by edge e."""
+    # ``at[w]`` are the two edges at w: the edge other than e continues the chain.
     first, best, least = e, v, 2.0
     while True:
         w = _other_end(ends, e, v)
@@ -44,8 +44,9 @@ def _sharpest(points, ends, at, e, v):
 def _walk(ends, at, joint, e, v, used, edges, vertices, n_edges, n_chains):
     """Write a chain that begins at v with edge e, and return the number of edges written so far.
 
-    A chain has one vertex more than edges, so that vertices are ``n_chains`` ahead. It ends at a vertex that
-    is no joint, or back at its first edge.
+    A chain has one vertex more than edges, so vertices are ``n_chains`` positions ahead. The chain ends at a
+    vertex
+    that is no joint, or at its first edge.
     """
     while True:
         used[e] = True
@@ -61,25 +62,27 @@ def _walk(ends, at, joint, e, v, used, edges, vertices, n_edges, n_chains):
 
 @kernel
 def walk_chains(points, ends, joint, at):
-    """Chains of edges ``ends (E, 2)`` that go on at the vertices ``joint``, whose two edges are ``at``.
+    """Trace chains of edges ``ends (E, 2)`` through the vertices ``joint``, whose two edges are ``at``.
 
-    ``joint (n_points,)`` is a mask, ``at`` has a row for each point.
-    Chain c has ``edges[offsets[c]:offsets[c + 1]]`` and one vertex more; a closed one begins and ends where
-    it turns most. Returns offsets, edges and vertices, those of chain c from ``offsets[c] + c`` on.
+    ``joint (n_points,)`` is a mask, ``at`` has a row per point. Chain c has ``edges[offsets[c]:offsets[c +
+    1]]``
+    and one vertex more; a closed chain begins and ends at its sharpest turn. Returns offsets, edges and
+    vertices;
+    the vertices of chain c begin at ``offsets[c] + c``.
     """
     n = len(ends)
     used = np.zeros(n, np.bool_)
     edges, vertices = np.empty(n, np.int64), np.empty(2 * n, np.int64)
     offsets = np.zeros(n + 1, np.int64)
     n_edges, n_chains = 0, 0
-    # Open chains first, from edges with an end that is no joint; what is left are closed ones.
+    # First open chains, from edges with an end that is no joint; the remaining edges form closed chains.
     for closed in range(2):
         for e in range(n):
             first, second = ends[e, 0], ends[e, 1]
             if used[e] or (closed == 0 and joint[first] and joint[second]):
                 continue
-            # An open chain begins at an end that is no joint, a closed one where it turns most: that vertex
-            # is kept when chains are thinned.
+            # An open chain begins at an end that is no joint, a closed chain at its sharpest turn, because
+            # thinning keeps this vertex.
             v = second if joint[first] and not joint[second] else first
             if closed == 1:
                 v = _sharpest(points, ends, at, e, first)
@@ -92,7 +95,7 @@ def walk_chains(points, ends, joint, at):
 
 @helper
 def _distance(points, p, a, b):
-    """Squared distance of p from the segment ab, in any dimension."""
+    """Return the squared distance of p from the segment ab, in any dimension."""
     length, along = 0.0, 0.0
     for k in range(points.shape[1]):
         u = points[b, k] - points[a, k]
@@ -108,7 +111,7 @@ def _distance(points, p, a, b):
 
 @helper
 def _farthest(points, vertices, i, j):
-    """Place of the vertex between i and j that is farthest from the segment, and its distance squared."""
+    """Return position and squared distance of the vertex between i and j farthest from the segment."""
     place, most = -1, -1.0
     for k in range(i + 1, j):
         d = _distance(points, vertices[k], vertices[i], vertices[j])
@@ -119,10 +122,11 @@ def _farthest(points, vertices, i, j):
 
 @helper
 def _split(points, vertices, i, j, limit, keep, stack):
-    """Keep vertices between the places i and j by the rule of Douglas and Peucker.
+    """Mark vertices between positions i and j by the Douglas-Peucker algorithm.
 
-    The vertex farthest from the segment between both ends is kept if the square of its distance exceeds
-    ``limit``, and both halves are looked at in turn; ``stack`` holds those still to come.
+    The vertex farthest from the segment is kept if its squared distance exceeds ``limit``; both halves are
+    then
+    processed. ``stack`` holds the pending intervals.
     """
     stack[0, 0], stack[0, 1], size = i, j, 1
     while size > 0:
@@ -138,9 +142,9 @@ def _split(points, vertices, i, j, limit, keep, stack):
 
 @helper
 def _sweep(points, vertices, i, j, limit, keep):
-    """Leave out vertices kept between i and j that need not be, as on straight runs that were met midway."""
-    # ``own`` is kept for now, between the last one that stays, ``before``, and the next one kept, k: it goes
-    # if the segment from ``before`` to k passes all between within the limit.
+    """Remove marked vertices between i and j that are superfluous, as on straight runs entered midway."""
+    # ``own`` is the last marked vertex, between its marked predecessor ``before`` and the next marked vertex
+    # k. It is removed if the segment from ``before`` to k stays within the limit of all vertices between.
     before, own = i, -1
     for k in range(i + 1, j + 1):
         if keep[k]:
@@ -154,7 +158,7 @@ def _sweep(points, vertices, i, j, limit, keep):
 
 @helper
 def _without(points, vertices, i, j, own, limit, keep):
-    """Leave out the vertex at ``own`` of a closed chain if it need not be kept, and three are left."""
+    """Remove the vertex at ``own`` of a closed chain if it is superfluous and three vertices remain."""
     before, after, count = own - 1, own + 1, 0
     while not keep[before]:
         before -= 1
@@ -170,9 +174,11 @@ def _without(points, vertices, i, j, own, limit, keep):
 def thinned(points, offsets, vertices, limits, chains, keep):
     """Mark in ``keep`` the vertices that chains need to stay within ``limits`` of all their vertices.
 
-    The vertices of chain c are those from ``offsets[c] + c`` to ``offsets[c + 1] + c``. A closed one keeps
-    three at least. ``limits (n,)`` are lengths, one for each chain; ``keep`` is written for ``chains`` alone,
-    and has an entry for each place in ``vertices``.
+    The vertices of chain c are at ``offsets[c] + c`` to ``offsets[c + 1] + c``. A closed chain keeps at least
+    three.
+    ``limits (n,)`` are lengths, one per chain; ``keep`` has an entry per position in ``vertices`` and is
+    written
+    only for ``chains``.
     """
     longest = 0
     for c in chains:
@@ -180,7 +186,7 @@ def thinned(points, offsets, vertices, limits, chains, keep):
     stack = np.empty((longest + 2, 2), np.int64)
     for c in chains:
         i, j, limit = offsets[c] + c, offsets[c + 1] + c, limits[c] * limits[c]
-        # 1. Both ends stay. All of an open chain is between them.
+        # 1. Both ends stay. An open chain is a single piece between them.
         for k in range(i, j + 1):
             keep[k] = False
         keep[i], keep[j] = True, True
@@ -188,12 +194,13 @@ def thinned(points, offsets, vertices, limits, chains, keep):
             _split(points, vertices, i, j, limit, keep, stack)
             _sweep(points, vertices, i, j, limit, keep)
             continue
-        if j - i < 3:  # an edge there and back
+        if j - i < 3:  # an edge and its reversal
             for k in range(i, j):
                 keep[k] = True
             continue
-        # 2. A closed chain: three corners, the vertex farthest from its first, and that farthest from the
-        #    segments to it and back. The three pieces between them are like open chains.
+        # 2. A closed chain has three corners: its first vertex, the vertex farthest from it, and the vertex
+        #   farthest from the segments between these two. The three pieces between corners are treated like
+        #   open chains.
         middle = _farthest(points, vertices, i, j)[0]
         a, first = _farthest(points, vertices, i, middle)
         b, second = _farthest(points, vertices, middle, j)
@@ -203,5 +210,5 @@ def thinned(points, offsets, vertices, limits, chains, keep):
         for start, stop in ((i, low), (low, high), (high, j)):
             _split(points, vertices, start, stop, limit, keep, stack)
             _sweep(points, vertices, start, stop, limit, keep)
-        # 3. The third corner was kept in any case, so that the loop does not collapse: it may not be needed.
+        # 3. The third corner was kept to prevent a collapse of the loop; it may be superfluous.
         _without(points, vertices, i, j, third, limit, keep)

@@ -1,4 +1,4 @@
-"""Faces of solids, loops of points in space: their moments, and whether they meet a point twice."""
+"""Compute moments of polygonal faces in 3-D, and detect loops that repeat a point."""
 
 from __future__ import annotations
 
@@ -21,16 +21,17 @@ def _half_cross(points, a, b, c, out):
 
 @kernel
 def loop_moments(points, offsets, vertices):
-    """Area vectors and centroids of loops ``(n, 3)``, by fans of triangles from their first points.
+    """Compute area vectors and centroids of loops ``(n, 3)``, by triangle fans from their first points.
 
-    Loop f has ``vertices[offsets[f]:offsets[f + 1]]``. The area vector is the area times the normal; one
-    without area has its first point for a centroid.
+    Loop f has ``vertices[offsets[f]:offsets[f + 1]]``. The area vector is the area times the normal. The
+    centroid of
+    a loop without area is its first point.
     """
     n = len(offsets) - 1
     total, centre = np.zeros((n, 3)), np.zeros((n, 3))
     part, unit = np.empty(3), np.empty(3)
     for f in range(n):
-        # 1. The area vector is the sum of those of the triangles.
+        # 1. The area vector is the sum of the triangle area vectors.
         a = vertices[offsets[f]]
         for h in range(offsets[f] + 1, offsets[f + 1] - 1):
             _half_cross(points, a, vertices[h], vertices[h + 1], part)
@@ -41,8 +42,8 @@ def loop_moments(points, offsets, vertices):
             for k in range(3):
                 centre[f, k] = points[a, k]
             continue
-        # 2. The centroid: the mean of those of the triangles, weighted by areas as seen along the normal, so
-        #    that triangles of loops with notches that turn the other way count negatively.
+        # 2. The centroid is the mean of the triangle centroids, weighted by the areas projected along the
+        #   normal, so that the reversed triangles of loops with notches count negatively.
         for k in range(3):
             unit[k] = total[f, k] / size
         for h in range(offsets[f] + 1, offsets[f + 1] - 1):
@@ -58,8 +59,8 @@ def loop_moments(points, offsets, vertices):
 
 @kernel
 def repeated_points(offsets, vertices, n_points):
-    """Mask of the loops that meet a point twice."""
-    latest = np.full(n_points, -1, np.int64)  # loop that met a point
+    """Return the mask of loops that repeat a point."""
+    latest = np.full(n_points, -1, np.int64)  # last loop with this point
     repeated = np.zeros(len(offsets) - 1, np.bool_)
     for f in range(len(repeated)):
         for h in range(offsets[f], offsets[f + 1]):

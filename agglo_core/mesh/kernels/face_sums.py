@@ -1,4 +1,4 @@
-"""Sums over the faces of plane cells, in one pass: all that the check of closed cells needs."""
+"""Sum over the faces of 2-D cells in one pass, for the check of closed cells."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _SHIFT_1, _SHIFT_2, _SHIFT_3 = np.uint64(30), np.uint64(27), np.uint64(31)
 
 @helper
 def _random_number(vertex):
-    """Hash of a vertex number, as :func:`agglo_core.arrays.splitmix`."""
+    """Return the hash of a vertex number, as :func:`agglo_core.arrays.splitmix`."""
     z = np.uint64(vertex) + _STEP
     z = (z ^ (z >> _SHIFT_1)) * _MIX
     z = (z ^ (z >> _SHIFT_2)) * _LAST
@@ -21,7 +21,7 @@ def _random_number(vertex):
 
 @kernel
 def add_faces(points, face_vertices, face_cells, gap, area):
-    """Add the faces of a 2-D mesh to the sums of their cells and return the box of their vertices.
+    """Add the faces of a 2-D mesh to the sums of their cells and return the bounding box of their vertices.
 
     Parameters
     ----------
@@ -29,9 +29,9 @@ def add_faces(points, face_vertices, face_cells, gap, area):
     face_vertices : (2 * n_faces,) int
     face_cells : (n_faces, 2) int
     gap : (n_cells,) uint64
-        Receives hashes of heads minus hashes of tails along the boundary, modulo 2^64: 0 where it closes.
+        Output: sum of head hashes minus tail hashes along the boundary, modulo 2^64; 0 if closed.
     area : (n_cells, 2) float
-        Receives twice the area, and the absolute values of the products that were added to it.
+        Output: twice the area, and the sum of the absolute values of its terms.
 
     Returns
     -------
@@ -41,7 +41,7 @@ def add_faces(points, face_vertices, face_cells, gap, area):
     x0, y0 = points[face_vertices[0], 0], points[face_vertices[0], 1]
     low_x, low_y, high_x, high_y = 0.0, 0.0, 0.0, 0.0
     for f in range(len(face_cells)):
-        # Ends of the face, relative to the first vertex so that meshes far from 0 lose no digits.
+        # Ends of the face, relative to the first vertex, so that meshes far from 0 lose no digits.
         tail, head = np.uint64(face_vertices[2 * f]), np.uint64(face_vertices[2 * f + 1])
         px, py = points[tail, 0] - x0, points[tail, 1] - y0
         qx, qy = points[head, 0] - x0, points[head, 1] - y0
@@ -52,7 +52,7 @@ def add_faces(points, face_vertices, face_cells, gap, area):
         step = _random_number(head) - _random_number(tail)
         positive, negative = px * qy, qx * py
         cross, magnitude = positive - negative, abs(positive) + abs(negative)
-        # The owner has the face on its left, the neighbour traverses it from head to tail.
+        # The face is counter-clockwise for the owner; the neighbour traverses it from head to tail.
         owner, neighbour = np.uint64(face_cells[f, 0]), face_cells[f, 1]
         gap[owner] += step
         area[owner, 0] += cross

@@ -1,4 +1,4 @@
-"""Topology kernels of a 2-D mesh: from cell loops to faces, and from faces to cells."""
+"""Topology kernels of 2-D meshes: from cell loops to faces, and from faces to cells."""
 
 from __future__ import annotations
 
@@ -6,16 +6,17 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-FEW = 24  # edges of a cell up to which the next one is found by looking at each, in quadratic time
+FEW = 24  # edges per cell up to which the next edge is found by linear search
 
 
 @kernel
 def match_half_edges(offsets, vertices, n_points):
     """Pair the directed edges of counter-clockwise cells into faces.
 
-    Returns face vertices (F, 2), face cells (F, 2), the pairs of cells (D, 2) that traverse an edge the
-    same way (they overlap; each keeps a face of its own) and the first edge met by a third cell as
-    (a, b, its three cells), else −1. An edge that one cell traverses both ways is a bridge and dropped.
+    Returns face vertices (F, 2), face cells (F, 2), the cell pairs (D, 2) that traverse an edge in the same
+    direction (they overlap; each keeps its own face), and the first edge with a third cell as (a, b, its
+    three
+    cells), else −1. An edge that one cell traverses in both directions is a bridge and dropped.
     """
     n_half = len(vertices)
     head = np.full(n_points, -1, np.int64)
@@ -30,8 +31,8 @@ def match_half_edges(offsets, vertices, n_points):
             a = vertices[h]
             b = vertices[h + 1] if h + 1 < stop else vertices[start]
             low, high = min(a, b), max(a, b)
-            # 1. Faces on the same two vertices, in the list of the lower one: ``partner`` was traversed the
-            #    other way, ``rival`` the same way. A third cell is an error.
+            # 1. Search faces with these two vertices in the list of the lower vertex: ``partner`` has the
+            #   opposite direction, ``rival`` the same direction. A third cell is an error.
             f, partner, rival = head[low], -1, -1
             while f >= 0:
                 if max(face_vertices[f, 0], face_vertices[f, 1]) == high:
@@ -44,7 +45,8 @@ def match_half_edges(offsets, vertices, n_points):
                     else:
                         rival = f
                 f = link[f]
-            # 2. The cell is the second one of a face, or gets a new face; cells that overlap get one each.
+            # 2. Make the cell the second cell of a face, or create a face; overlapping cells get separate
+            #   faces.
             if partner >= 0:
                 face_cells[partner, 1] = c
                 continue
@@ -74,9 +76,9 @@ def match_half_edges(offsets, vertices, n_points):
 
 @kernel
 def cell_faces(face_cells, first, places, faces):
-    """Write the numbers of faces ``first``, ... to their cells, or only count them if ``faces`` is empty.
+    """Write face numbers from ``first`` on to their cells, or only count them if ``faces`` is empty.
 
-    The next one of cell c is written to ``faces[places[c]]``, and ``places[c]`` is counted up.
+    The next face of cell c is written to ``faces[places[c]]``, and ``places[c]`` is incremented.
     """
     only_count = len(faces) == 0
     for f in range(len(face_cells)):
@@ -90,17 +92,18 @@ def cell_faces(face_cells, first, places, faces):
 
 @helper
 def _next_edge(points, start, end, first, other, used, h, seed):
-    """Edge that goes on from edge h: the leftmost one, so that the same corner of the cell is followed.
+    """Return the edge that continues edge h: the leftmost edge, so that the loop stays at the same corner of
+    the cell.
 
-    Where several start at the end of h, one that is not used, or the ``seed``, which closes the loop.
+    Candidates at the end of h are unused edges, and the ``seed``, which closes the loop.
     """
-    # At most vertices one edge starts; the caller sees whether it is used.
+    # One edge starts at most vertices; the caller checks whether it is used.
     g = first[end[h]]
     if g < 0 or other[g] < 0:
         return g
     ux, uy = points[end[h], 0] - points[start[h], 0], points[end[h], 1] - points[start[h], 1]
     best, best_angle = -1, -10.0
-    # Angle of the turn from h to g, from -π to π, positive to the left.
+    # Angle of the turn from h to g, between −π and π, positive to the left.
     while g >= 0:
         if not used[g] or g == seed:
             vx, vy = points[end[g], 0] - points[start[g], 0], points[end[g], 1] - points[start[g], 1]
@@ -113,7 +116,7 @@ def _next_edge(points, start, end, first, other, used, h, seed):
 
 @helper
 def _around(start, end, size, walk):
-    """Return True if the edges are one loop that meets no vertex twice, and write its vertices."""
+    """Return True if the edges are one loop without repeated vertices, and write its vertices."""
     h = 0
     for k in range(size):
         walk[k] = start[h]
@@ -127,34 +130,35 @@ def _around(start, end, size, walk):
 
 @kernel
 def chain_loops(points, offsets, faces, face_vertices, face_cells, first_cell, loops):
-    """Closed loops of the cells ``first_cell``, ..., each on the left.
+    """Chain the edges of the cells ``first_cell``, ... to closed loops, each with the cell on its left.
 
-    No loop meets a vertex twice. Cell ``first_cell + c`` has ``faces[offsets[c]:offsets[c + 1]]``. Writes
-    vertices to ``loops``, which has room for one of each face; returns loop counts per cell (n + 1,) as
-    offsets, and vertex offsets per loop.
+    No loop repeats a vertex. Cell ``first_cell + c`` has ``faces[offsets[c]:offsets[c + 1]]``. Vertices are
+    written to ``loops``, with space for one per face. Returns the number of loops per cell (n + 1,) as
+    offsets, and
+    vertex offsets per loop.
     """
     n = len(offsets) - 1
     most = 0
     for c in range(n):
         most = max(most, offsets[c + 1] - offsets[c])
     start, end = np.empty(most, np.int64), np.empty(most, np.int64)
-    other = np.empty(most, np.int64)  # the edge before that starts at the same vertex
+    other = np.empty(most, np.int64)  # previous edge with the same start
     used = np.empty(most, np.bool_)
     walk = np.empty(most, np.int64)
-    first = np.empty(0, np.int64)  # latest edge of this cell that starts at a vertex
-    place = np.empty(0, np.int64)  # where in the walk a vertex stands
+    first = np.empty(0, np.int64)  # last edge of this cell that starts at a vertex
+    place = np.empty(0, np.int64)  # position of a vertex in the walk
     cell_loops = np.zeros(n + 1, np.int64)
     loop_ends = np.zeros(offsets[n] - offsets[0] + 1, np.int64)
     n_loops, filled = 0, 0
     for c in range(n):
         size = offsets[c + 1] - offsets[c]
-        # 1. Edges with the cell on their left: faces of which it is the neighbour are turned round.
+        # 1. Edges with the cell on their left: faces are reversed for their neighbour.
         for h in range(size):
             f = faces[offsets[c] + h]
             flip = 0 if face_cells[f, 0] == first_cell + c else 1
             start[h], end[h] = face_vertices[f, flip], face_vertices[f, 1 - flip]
             used[h] = False
-        # 2. Most cells: few edges, which are one simple loop.
+        # 2. Most cells have few edges that form one simple loop.
         if size <= FEW and _around(start, end, size, walk):
             for k in range(size):
                 loops[filled + k] = walk[k]
@@ -163,17 +167,17 @@ def chain_loops(points, offsets, faces, face_vertices, face_cells, first_cell, l
             loop_ends[n_loops] = filled
             cell_loops[c + 1] = n_loops
             continue
-        if len(first) == 0:  # most meshes need neither
+        if len(first) == 0:  # rarely necessary
             first, place = np.empty(len(points), np.int64), np.full(len(points), -1, np.int64)
-        # 3. All others: lists of the edges that start at each vertex.
+        # 3. Other cells: list the edges that start at each vertex.
         for h in range(size):
             first[start[h]] = -1
             first[end[h]] = -1
         for h in range(size):
             other[h] = first[start[h]]
             first[start[h]] = h
-        # 4. Walk from each edge that is left, until it is met again. Wherever the walk returns to a vertex
-        #    that is on it, the part since then is cut off as a loop: none meets a vertex twice.
+        # 4. Walk from each unused edge until the walk returns to it. At each repeated vertex the part since
+        #   its first visit is split off as a loop, so no loop repeats a vertex.
         for seed in range(size):
             h, length = seed, 0
             while h >= 0 and (not used[h] or (h == seed and length > 0)):

@@ -1,7 +1,8 @@
-"""Half-edges of plane cells paired into faces, where every edge has one cell or two that fit.
+"""Pair half-edges of 2-D cells into faces, for meshes where every edge has one or two consistent cells.
 
-``match_half_edges`` finds what is wrong elsewhere. Here the half-edges are first moved to buckets of
-points that fit a cache. The largest arrays are the caller's: see :mod:`agglo_core.mesh.kernels.plane_cells`.
+``match_half_edges`` handles all other meshes. Here the half-edges are first sorted into buckets of points
+that
+fit into a cache. The caller allocates the largest arrays, see :mod:`agglo_core.mesh.kernels.plane_cells`.
 """
 
 from __future__ import annotations
@@ -11,19 +12,21 @@ import numpy as np
 from agglo_core.compiled.compiling import kernel
 
 BITS = 11
-"""Points of a bucket, as a power of two. More of them do not fit a cache, fewer make more buckets."""
+"""Number of points per bucket, as a power of two; larger buckets exceed the cache, smaller buckets are more.
+"""
 
 
 @kernel
 def to_buckets(offsets, vertices, first, places, edges):
     """Write (lower end, upper end, half-edge, cell) of cells ``first``, ... to buckets of lower ends.
 
-    The next one in bucket b is written to ``edges[places[b]]``, and ``places[b]`` is counted up; where
-    ``edges`` is empty they are counted only. The upper end is ~upper where the half-edge starts there.
+    The next entry of bucket b is written to ``edges[places[b]]``, and ``places[b]`` is incremented. If
+    ``edges`` is
+    empty, entries are only counted. The upper end is stored as ~upper if the half-edge starts there.
     """
     c, count_only = 0, len(edges) == 0
     for h in range(offsets[0], offsets[len(offsets) - 1]):
-        c += h == offsets[c + 1]  # no loop over cells: its end would be mispredicted
+        c += h == offsets[c + 1]  # no loop over cells, whose end would be mispredicted
         a, b = vertices[h], vertices[h + 1 if h + 1 < offsets[c + 1] else offsets[c]]
         low, high = min(a, b), max(a, b)
         i = places[low >> BITS]
@@ -35,12 +38,13 @@ def to_buckets(offsets, vertices, first, places, edges):
 
 @kernel
 def pair_half_edges(edges, bounds, first, beyond):
-    """Write the cell beyond each half-edge of counter-clockwise cells: −1 outside, −2 at the later of two.
+    """Write the cell across each half-edge of counter-clockwise cells: −1 outside, −2 at the second of a
+    pair.
 
-    Those of bucket ``first + k`` are ``edges[bounds[k]:bounds[k + 1]]``. Returns the number of pairs, or
-    −1 if an edge has more than two cells, two on the same side, or one cell on both sides; what is written
-    is then of no use. Rows of ``edges`` are (lower end, upper end, half-edge, cell), as :func:`to_buckets`
-    writes them.
+    The entries of bucket ``first + k`` are ``edges[bounds[k]:bounds[k + 1]]``, with rows (lower end, upper
+    end,
+    half-edge, cell) from :func:`to_buckets`. Returns the number of pairs, or −1 if an edge has more than two
+    cells, two cells on the same side, or one cell on both sides; the output is then invalid.
     """
     most = 0
     for k in range(len(bounds) - 1):
@@ -48,18 +52,19 @@ def pair_half_edges(edges, bounds, first, beyond):
     head, link = np.empty(1 << BITS, np.int32), np.empty(most, np.int32)
     pairs = 0
     for k in range(len(bounds) - 1):
-        # 1. Empty lists, one for each lower end in the bucket.
+        # 1. Empty lists, one per lower end in the bucket.
         start = bounds[k]
         for v in range(len(head)):
             head[v] = -1
         for i in range(start, bounds[k + 1]):
-            # 2. A half-edge before on the same edge: its key is ~key, or key if it has the same direction.
+            # 2. Search an earlier half-edge of the same edge: its key is ~key, or key for the same direction.
             low, key = edges[i, 0] - ((first + k) << BITS), edges[i, 1]
             j = head[low]
             while j >= 0 and edges[j, 1] != key and edges[j, 1] != ~key:
                 j = link[j - start]
-            # 3. The first half-edge of an edge is outside so far. The second is its pair if it has the other
-            #    direction and another cell. It gets −2, as the first one makes the face; a third is an error.
+            # 3. The first half-edge of an edge is outside for now. The second must have the opposite
+            #   direction and another cell. It gets −2, because the first one creates the face; a third is an
+            #   error.
             if j < 0:
                 beyond[edges[i, 2]] = -1
                 link[i - start] = head[low]
@@ -74,15 +79,17 @@ def pair_half_edges(edges, bounds, first, beyond):
 
 @kernel
 def number_faces(offsets, vertices, beyond, first, face_vertices, face_cells):
-    """Write the vertices and cells of faces of cells ``first``, ..., in the order in which cells meet them.
+    """Write vertices and cells of the faces of cells ``first``, ..., in the order in which the cells meet
+    them.
 
-    Cell ``first + c`` has the half-edges ``offsets[c]:offsets[c + 1]``, of which those with ``beyond`` of at
-    least −1 are faces; there is room for these alone.
+    Cell ``first + c`` has the half-edges ``offsets[c]:offsets[c + 1]``. Half-edges with ``beyond`` ≥ −1 are
+    faces;
+    the output has space for these only.
     """
     f, c = 0, 0
     for h in range(offsets[0], offsets[len(offsets) - 1]):
         c += h == offsets[c + 1]
-        if f < len(face_cells):  # what is no face is written, too, and then overwritten
+        if f < len(face_cells):  # entries that are no face are overwritten later
             face_vertices[f, 0] = vertices[h]
             face_vertices[f, 1] = vertices[h + 1 if h + 1 < offsets[c + 1] else offsets[c]]
             face_cells[f, 0], face_cells[f, 1] = first + c, beyond[h]

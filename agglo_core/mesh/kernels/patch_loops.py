@@ -1,4 +1,4 @@
-"""Outlines of flat patches of faces: the edges around each as one loop, where they are one."""
+"""Trace the outlines of flat face patches: the boundary edges of each patch as one loop, if possible."""
 
 from __future__ import annotations
 
@@ -9,17 +9,18 @@ from agglo_core.compiled.compiling import kernel
 
 @kernel
 def outlines(offsets, tails, heads, n_points):
-    """Vertices of each patch in order, and whether its edges are one loop that meets no vertex twice.
+    """Return the boundary vertices of each patch in order, and whether the boundary is a simple loop.
 
-    The edges of patch p, in any order, are those from ``offsets[p]`` to ``offsets[p + 1]``, each from a point
-    ``tails`` to a point ``heads``; a patch without any is no such loop, and the vertices of one that is none
-    are of no use.
+    The edges of patch p, in any order, are ``offsets[p]`` to ``offsets[p + 1]``, each from a point in
+    ``tails`` to a
+    point in ``heads``. A patch without edges is no simple loop, and the vertices of such patches are
+    undefined.
     """
     n = len(offsets) - 1
     vertices, whole = np.empty(len(tails), np.int64), np.zeros(n, np.bool_)
-    leaving = np.full(n_points, -1, np.int64)  # edge of the patch at hand that leaves a point
+    leaving = np.full(n_points, -1, np.int64)  # edge of the current patch that leaves a point
     for p in range(n):
-        # 1. At most one edge leaves each point. Numbers below ``begin`` are of patches before.
+        # 1. At most one edge may leave each point. Numbers below ``begin`` belong to earlier patches.
         begin, end = offsets[p], offsets[p + 1]
         once = end > begin
         for h in range(begin, end):
@@ -27,7 +28,8 @@ def outlines(offsets, tails, heads, n_points):
             leaving[tails[h]] = h
         if not once:
             continue
-        # 2. Follow the edges: they are one loop if they return to the first one after all, not before.
+        # 2. Follow the edges: they form one loop if the walk returns to the first edge after all edges, not
+        #   earlier.
         h = begin
         for k in range(begin, end):
             vertices[k] = tails[h]

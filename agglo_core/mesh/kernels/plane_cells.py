@@ -1,7 +1,7 @@
-"""Geometry and neighbours of plane cells, in one pass over their half-edges.
+"""Compute geometry and neighbours of 2-D cells in one pass over their half-edges.
 
-The largest arrays are the caller's, made by numpy: it asks the system for huge pages, numba does not, and
-then filling them takes twice as long.
+The caller allocates the largest arrays with numpy, which requests huge pages; numba does not, and filling its
+arrays takes twice as long.
 """
 
 from __future__ import annotations
@@ -10,16 +10,17 @@ import numpy as np
 
 from agglo_core.compiled.compiling import kernel
 
-_ROOM = 1024  # half-edges whose points are fetched at once (32 KiB), so that cache misses overlap
-_SHORT = 16  # edges of a cell whose neighbours are compared one by one; more use a table of all cells
+_ROOM = 1024  # half-edges whose points are fetched together (32 KiB), so that cache misses overlap
+_SHORT = 16  # edges per cell up to which neighbours are compared one by one; above, a table is used
 
 
 @kernel
 def half_edges(face_vertices, face_cells, places, edges):
-    """Write (tail, head, cell beyond, whether the cell owns the face) of each cell's faces in their order.
+    """Write (tail, head, opposite cell, ownership flag) for the faces of each cell, in face order.
 
-    The next one of cell c is written to ``edges[places[c]]``, and ``places[c]`` is counted up; where
-    ``edges`` is empty they are counted only.
+    The next entry of cell c is written to ``edges[places[c]]``, and ``places[c]`` is incremented. If
+    ``edges`` is
+    empty, entries are only counted.
     """
     count_only = len(edges) == 0
     for f in range(len(face_cells)):
@@ -35,11 +36,13 @@ def half_edges(face_vertices, face_cells, places, edges):
 
 @kernel
 def _moments(ends, own, start, stop):
-    """Area and centroid of a cell by the divergence theorem.
+    """Return area and centroid of a cell by the divergence theorem.
 
-    ``ends[start:stop]`` are (tail x, y, head x, y) of its edges, counter-clockwise. Coordinates are taken
-    relative to a vertex of the cell, so small cells far out lose no digits: the tail of the first edge if the
-    cell owns it (``own``), else its head, which is the first vertex of that face.
+    ``ends[start:stop]`` are (tail x, y, head x, y) of its edges, counter-clockwise. Coordinates are relative
+    to a
+    vertex of the cell, so that small cells far from 0 lose no digits: the tail of the first edge if the cell
+    owns it
+    (``own``), else the head, which is then the first vertex of that face.
     """
     side = 0 if own else 2
     x0, y0 = ends[start, side], ends[start, side + 1]
@@ -58,21 +61,23 @@ def _moments(ends, own, start, stop):
 def plane_cells(
     points, offsets, edges, n_cells, area, centroid, boundary, sizes, vertices, indices, interface
 ):
-    """Moments, vertices and neighbours of some cells, with half-edges ``edges[offsets[c]:offsets[c + 1]]``.
+    """Compute moments, vertices and neighbours of cells with half-edges ``edges[offsets[c]:offsets[c + 1]]``.
 
-    Writes the area, centroid, exposed length and number of neighbours of each, its vertices, and its
-    neighbours with the length shared with each (``indices``, ``interface``), one cell after the other,
-    parallel faces summed. Returns how many neighbours that are. ``edges`` are those of :func:`half_edges`.
+    Writes area, centroid, boundary length and number of neighbours per cell, and consecutively for all cells
+    their
+    vertices, neighbours (``indices``) and shared lengths (``interface``), with parallel faces summed. Returns
+    the
+    total number of neighbours. ``edges`` come from :func:`half_edges`.
     """
     n, start_of_all = len(offsets) - 1, offsets[0]
     most = 0
     for c in range(n):
         most = max(most, offsets[c + 1] - offsets[c])
     ends = np.empty((max(_ROOM, most), 4))
-    slot = np.full(n_cells if most > _SHORT else 0, -1, np.int64)  # where in a long row a neighbour stands
+    slot = np.full(n_cells if most > _SHORT else 0, -1, np.int64)  # position of a neighbour in a long row
     first, last, m = 0, 0, 0
     for c in range(n):
-        # 1. Fetch the ends of the edges of the next cells, as many as fit; ``vertices`` are the tails.
+        # 1. Fetch the edge ends of as many cells as fit; ``vertices`` are the tails.
         if c == last:
             first = last
             while last < n and offsets[last + 1] - offsets[first] <= len(ends):
@@ -82,11 +87,11 @@ def plane_cells(
                 ends[i, 0], ends[i, 1] = points[tail, 0], points[tail, 1]
                 ends[i, 2], ends[i, 3] = points[head, 0], points[head, 1]
                 vertices[h - start_of_all] = tail
-        # 2. Moments, from the ends at hand.
+        # 2. Moments from the fetched ends.
         start, stop = offsets[c] - offsets[first], offsets[c + 1] - offsets[first]
         area[c], centroid[c, 0], centroid[c, 1] = _moments(ends, edges[offsets[c], 3], start, stop)
-        # 3. Lengths go to the boundary of the domain, or to the neighbour: to its place in the row if it has
-        #    one already. ``slot`` need not be emptied, as places in rows before are below ``row``.
+        # 3. Add lengths to the domain boundary or to the neighbour, at its position in the row if it has one.
+        #   ``slot`` is never cleared, because positions in earlier rows are below ``row``.
         boundary[c] = 0.0
         row = m
         for i in range(start, stop):

@@ -1,4 +1,4 @@
-"""Faults of polygons: repeated or touching vertices, no area, edges that cross."""
+"""Detect faults of polygons: repeated or touching vertices, zero area, crossing edges."""
 
 from __future__ import annotations
 
@@ -8,30 +8,31 @@ from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.threads import over_ranges
 
-# Faults: a vertex met twice, no area, edges that cross, an edge that folds back onto the one before.
+# Faults: repeated vertex, zero area, crossing edges, edge that folds back onto the previous edge.
 OK, REPEATED, ZERO, CROSSED, FOLDED = 0, 1, 2, 3, 4
-_BENT, _BENT_ZERO = 5, 6  # not convex: faults still to be sought; and its area is zero
+_BENT, _BENT_ZERO = 5, 6  # non-convex, still to be examined; the same with zero area
 
 
 @helper
 def _crosses(points, a, b, c, d):
     """Return True if the open segments ab and cd meet, or one passes through an end of the other."""
-    # All relative to a, which is the origin below.
+    # Coordinates relative to a.
     ax, ay = points[a, 0], points[a, 1]
     bx, by = points[b, 0] - ax, points[b, 1] - ay
     cx, cy = points[c, 0] - ax, points[c, 1] - ay
     dx, dy = points[d, 0] - ax, points[d, 1] - ay
-    # Segments with separate boxes do not meet; of those nearly on one line the signs below are rounding.
+    # Segments with disjoint boxes do not meet; for nearly collinear segments the signs below are rounding
+    # errors.
     if min(cx, dx) > max(bx, 0.0) or max(cx, dx) < min(bx, 0.0):
         return False
     if min(cy, dy) > max(by, 0.0) or max(cy, dy) < min(by, 0.0):
         return False
-    # Sides of ab on which c and d lie, and sides of cd on which a and b lie.
+    # Sides of ab that contain c and d, and sides of cd that contain a and b.
     s1 = bx * cy - by * cx
     s2 = bx * dy - by * dx
     t1 = (dx - cx) * (0.0 - cy) - (dy - cy) * (0.0 - cx)
     t2 = (dx - cx) * (by - cy) - (dy - cy) * (bx - cx)
-    if s1 == 0.0 and s2 == 0.0:  # on one line: do the intervals overlap?
+    if s1 == 0.0 and s2 == 0.0:  # collinear: compare the intervals
         bb = bx * bx + by * by
         pc, pd = cx * bx + cy * by, dx * bx + dy * by
         return min(pc, pd) < bb and max(pc, pd) > 0.0 and bb > 0.0
@@ -40,9 +41,11 @@ def _crosses(points, a, b, c, d):
 
 @helper
 def _is_convex(points, vertices, start, stop):
-    """Return True if all turns go one way and the boundary winds once (so it cannot cross itself)."""
-    # Turns at v, from the edge pv to vw; a straight one may not fold back. In one winding the direction
-    # changes twice between left and right (a vertical edge counts by its own direction).
+    """Return True if all turns have the same direction and the boundary winds once (it then cannot cross
+    itself).
+    """
+    # Turns at v from edge pv to vw; a straight turn must not fold back. In a single winding the x-direction
+    # changes its sign twice (vertical edges count by their y-direction).
     sign, previous, flips = 0.0, 0.0, 0
     p, v = vertices[stop - 2], vertices[stop - 1]
     for i in range(start, stop):
@@ -66,21 +69,21 @@ def _is_convex(points, vertices, start, stop):
 
 @helper
 def _loop_fault(points, loop):
-    """Fault of a non-convex loop: a vertex met twice, edges that cross or fold back."""
+    """Return the fault of a non-convex loop: repeated vertex, crossing edges, fold."""
     m = len(loop)
-    # 1. Vertices met twice.
+    # 1. Repeated vertices.
     for i in range(m):
         for j in range(i + 1, m):
             if loop[i] == loop[j]:
                 return REPEATED
-    # 2. Edges that go back the way the one before came.
+    # 2. Edges that reverse the previous edge.
     for i in range(m):
         a, b, c = loop[i - 1], loop[i], loop[(i + 1) % m]
         ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
         vx, vy = points[c, 0] - points[b, 0], points[c, 1] - points[b, 1]
         if ux * vy - uy * vx == 0.0 and ux * vx + uy * vy < 0.0:
             return FOLDED
-    # 3. All pairs of edges that share no vertex.
+    # 3. Crossings among all pairs of edges without a common vertex.
     for i in range(m):
         a, b = loop[i - 1], loop[i]
         for j in range(i + 1, m - 1 if i == 0 else m):  # edges (i-1, i) and (j, j+1)
@@ -92,16 +95,20 @@ def _loop_fault(points, loop):
 
 @kernel
 def plain_faults(points, offsets, vertices, weak):
-    """Signed area and a fault code of each polygon, of those that are not convex only that they are not.
+    """Return signed area and fault code of each polygon.
+
+    Non-convex polygons are only marked as such.
+
 
     Polygon c has ``vertices[offsets[c]:offsets[c + 1]]``. If ``weak``, it may touch itself, and convexity is
-    not tested.
+    not
+    tested.
     """
     n = len(offsets) - 1
     area = np.zeros(n)
     fault = np.zeros(n, np.int64)
     for c in range(n):
-        # 1. The area about the first vertex, the farthest squared distance from it, and edges without length.
+        # 1. Area and largest squared distance, relative to the first vertex, and edges without length.
         start, stop = offsets[c], offsets[c + 1]
         x0, y0 = points[vertices[start], 0], points[vertices[start], 1]
         extent, dx, dy = 0.0, 0.0, 0.0
@@ -113,7 +120,7 @@ def plain_faults(points, offsets, vertices, weak):
             area[c] += 0.5 * (dx * ey - dy * ex)
             extent = max(extent, ex * ex + ey * ey)
             dx, dy = ex, ey
-        # 2. Triangles are convex. An area below 1e-15 of the squared extent is rounding.
+        # 2. Triangles are convex. An area below 1e-15 of the squared extent is a rounding error.
         if fault[c] == OK:
             bent = stop - start > 3 and not weak and not _is_convex(points, vertices, start, stop)
             if abs(area[c]) > 1e-15 * extent:
@@ -125,7 +132,7 @@ def plain_faults(points, offsets, vertices, weak):
 
 @kernel
 def loop_faults(points, offsets, vertices, cells):
-    """Fault code of each of ``cells``, polygons that are not convex."""
+    """Return the fault code of each polygon in ``cells``, which are not convex."""
     fault = np.empty(len(cells), np.int64)
     for k in range(len(cells)):
         fault[k] = _loop_fault(points, vertices[offsets[cells[k]] : offsets[cells[k] + 1]])
@@ -133,13 +140,13 @@ def loop_faults(points, offsets, vertices, cells):
 
 
 def check_polygons(points: Float, offsets: Int, vertices: Int, weak: bool) -> tuple[Float, Int]:
-    """Signed area and a fault code of each polygon of 3 or more vertices (weak: it may touch itself)."""
+    """Return signed area and fault code per polygon with 3 or more vertices (weak: it may touch itself)."""
     found = over_ranges(
         lambda start, stop: plain_faults(points, offsets[start : stop + 1], vertices, weak), len(offsets) - 1
     )
     area, fault = found[0] if len(found) == 1 else map(np.concatenate, zip(*found, strict=True))
     bent = np.flatnonzero(fault >= _BENT)
-    if len(bent):  # the search for crossings is compiled only where a polygon needs it
+    if len(bent):  # compiled only if necessary
         faults = loop_faults(points, offsets, vertices, frozen_int(bent))
         harmless = (faults == OK) | (faults == FOLDED)
         fault[bent] = np.where(harmless & (fault[bent] == _BENT_ZERO), ZERO, faults)

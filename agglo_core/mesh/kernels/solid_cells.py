@@ -1,4 +1,4 @@
-"""Kernels for solids given by faces: vertices, closed surfaces, shared faces, turns of elements."""
+"""Kernels for polyhedra given by faces: vertices, closed surfaces, shared faces, element rotations."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from agglo_core.compiled.compiling import helper, kernel
 
 @helper
 def _sort(values, start, stop):
-    """Sort ``values[start:stop]`` (Shell's sort)."""
+    """Sort ``values[start:stop]`` by Shell sort."""
     gap = (stop - start) // 2
     while gap > 0:
         for i in range(start + gap, stop):
@@ -23,7 +23,7 @@ def _sort(values, start, stop):
 
 @kernel
 def vertices_of_solids(face_offsets, face_vertices, offsets, faces, n_points):
-    """Distinct vertices of each cell, ascending, as CSR.
+    """Return the distinct vertices of each cell, ascending, as CSR.
 
     Cell c has ``faces[offsets[c]:offsets[c + 1]]``.
     """
@@ -31,7 +31,7 @@ def vertices_of_solids(face_offsets, face_vertices, offsets, faces, n_points):
     for h in range(len(faces)):
         room += face_offsets[faces[h] + 1] - face_offsets[faces[h]]
     ends, vertices, m = np.zeros(n + 1, np.int64), np.empty(room, np.int32), 0
-    latest = np.full(n_points, -1, np.int32)  # cell that met a point
+    latest = np.full(n_points, -1, np.int32)  # last cell with this point
     for c in range(n):
         for h in range(offsets[c], offsets[c + 1]):
             for g in range(face_offsets[faces[h]], face_offsets[faces[h] + 1]):
@@ -48,15 +48,17 @@ def vertices_of_solids(face_offsets, face_vertices, offsets, faces, n_points):
 def surfaces(offsets, vector, centre):
     """Sum areas, area vectors and fluxes over the half-faces of each cell.
 
-    Cell c has those numbered ``offsets[c]:offsets[c + 1]``. ``vector`` and ``centre (h, 3)`` are the area
-    vector a and the centre x of each half-face. With M the mean of the centres of a cell, the flux of x - M
-    through a half-face is a · (x - M).
+    Cell c has the half-faces ``offsets[c]:offsets[c + 1]``. ``vector`` and ``centre (h, 3)`` are the area
+    vector a
+    and the centre x of each half-face. With M the mean of a cell's centres, the flux of x - M through a
+    half-face
+    is a · (x - M).
 
     Returns
     -------
     found : (n, 8) float
-        Area; |Σ a|, 0 where the surface is closed; the least, the largest and the sum of the fluxes, the sum
-        being thrice the volume; M.
+        Area; |Σ a|, 0 for closed surfaces; the smallest flux, the largest flux, and their sum, which is
+        three times the volume; M.
     """
     found = np.empty((len(offsets) - 1, 8))
     for c in range(len(found)):
@@ -67,8 +69,8 @@ def surfaces(offsets, vector, centre):
             y += centre[h, 1]
             z += centre[h, 2]
         x, y, z = x / count, y / count, z / count
-        # 2. Sums of areas, of area vectors (u, v, w) and of fluxes. All fluxes have one sign only where all
-        #    faces look away from M, or all towards it.
+        # 2. Sums of areas, area vectors (u, v, w) and fluxes. All fluxes have the same sign only if all faces
+        #   look away from M, or all towards it.
         area, u, v, w, least, most, total = 0.0, 0.0, 0.0, 0.0, np.inf, -np.inf, 0.0
         for h in range(offsets[c], offsets[c + 1]):
             a, b, d = vector[h, 0], vector[h, 1], vector[h, 2]
@@ -87,10 +89,11 @@ def surfaces(offsets, vector, centre):
 
 @kernel
 def pair_half_faces(offsets, vertices, n_points):
-    """Pair loops that have the same set of vertices: the later one at the first of them, −2 at the later.
+    """Pair loops with the same vertex set: the first gets the number of the second, the second gets −2.
 
-    −1 where no other loop has these vertices. Where three loops have the same vertices the answer is empty.
-    Loops meet no point twice; loop f has ``vertices[offsets[f]:offsets[f + 1]]``.
+    A loop without partner gets −1. If three loops have the same vertices, the result is empty. Loops repeat
+    no point;
+    loop f has ``vertices[offsets[f]:offsets[f + 1]]``.
     """
     n, slots = len(offsets) - 1, 1
     while slots < n:
@@ -98,15 +101,14 @@ def pair_half_faces(offsets, vertices, n_points):
     head, link = np.full(slots, -1, np.int64), np.empty(n, np.int64)
     partner, stamp = np.empty(n, np.int64), np.full(n_points, -1, np.int64)
     for f in range(n):
-        # 1. A hash of the vertices: a sum, which is the same in whatever order they come. Points of loop f
-        #    are stamped with f.
+        # 1. Hash of the vertices: a sum, independent of their order. The points of loop f are stamped with f.
         key = np.uint64(0)
         for h in range(offsets[f], offsets[f + 1]):
             x = (np.uint64(vertices[h]) + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
             x = (x ^ (x >> np.uint64(29))) * np.uint64(0xBF58476D1CE4E5B9)
             key += x ^ (x >> np.uint64(32))
             stamp[vertices[h]] = f
-        # 2. Among loops before, in the list of that slot, one of as many vertices, all of which are stamped.
+        # 2. Search the slot for an earlier loop with the same number of vertices, all stamped.
         slot = np.int64(key & np.uint64(slots - 1))
         g = head[slot]
         while g >= 0:
@@ -118,7 +120,7 @@ def pair_half_faces(offsets, vertices, n_points):
             if same:
                 break
             g = link[g]
-        # 3. Only the first loop of a pair is in the list; a third one finds it paired.
+        # 3. Only the first loop of a pair is in the list; a third loop finds it already paired.
         if g < 0:
             partner[f], link[f], head[slot] = -1, head[slot], f
         elif partner[g] == -1:
@@ -130,24 +132,24 @@ def pair_half_faces(offsets, vertices, n_points):
 
 @kernel
 def first_turns(first, second, own, places, ranks):
-    """First turn of each cell that lists its own faces in the order of the element, or −1 if none does.
+    """Return the first rotation of each cell that lists its own faces in element order, or −1.
 
     Parameters
     ----------
     first, second : (n, F) int
-        The corners with which each face of a cell begins.
+        Local corners that begin each face of a cell.
     own : (n, F) bool
-        Whether the cell is the owner of the face; others may come in any order.
+        True if the cell owns the face; other faces may come in any order.
     places : (T, 8) int
-        Where each turn puts the corners.
+        Position of each corner after each rotation.
     ranks : (8, 8) int
-        The face of the element that begins with two corners, or −1.
+        Face of the element that begins with two corners, or −1.
     """
     chosen = np.full(len(first), -1, np.int64)
     for c in range(len(first)):
         for t in range(len(places)):
-            # Ranks of the faces that the cell owns, in the order in which it lists them, have to ascend; a
-            # face that the element does not have has the rank −1, which is never above the highest so far.
+            # The ranks of the owned faces must increase in their listed order. Faces that the element does
+            # not have get rank −1, which never exceeds the highest rank so far.
             highest, rises = -1, True
             for f in range(first.shape[1]):
                 if own[c, f]:

@@ -1,1 +1,1 @@
-"""Simplify meshes: one face instead of straight runs of edges and flat patches of faces."""
+"""Simplify meshes: merge straight edge chains and flat face patches into single faces."""

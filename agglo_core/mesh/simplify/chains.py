@@ -1,4 +1,4 @@
-"""Runs of edges that go on through vertices at which nothing else ends, and what is left of them."""
+"""Chains of edges through vertices without other edges, and their thinning."""
 
 from __future__ import annotations
 
@@ -10,10 +10,14 @@ from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
 
 
 class Chains(NamedTuple):
-    """Chain c has ``edges[offsets[c]:offsets[c + 1]]``, and one vertex more, in order.
+    """Edge chains.
 
-    Its vertices are ``vertices[offsets[c] + c:offsets[c + 1] + c + 1]``; those of a closed one begin and end
-    with the same.
+    Chain c has ``edges[offsets[c]:offsets[c + 1]]`` and one vertex more, in order.
+
+
+    Its vertices are ``vertices[offsets[c] + c:offsets[c + 1] + c + 1]``; the first and last vertex of a
+    closed chain
+    are equal.
     """
 
     offsets: Int
@@ -27,28 +31,30 @@ class Chains(NamedTuple):
 
     @property
     def of_edges(self) -> Int:
-        """Chain of each place in ``edges``."""
+        """Chain of each position in ``edges``."""
         return frozen_int(np.repeat(np.arange(self.n), np.diff(self.offsets)))
 
     @property
     def before(self) -> Int:
-        """Place in ``vertices`` of the vertex before each edge."""
+        """Position in ``vertices`` of the vertex before each edge."""
         return frozen_int(np.arange(len(self.edges)) + self.of_edges)
 
     def thin(self, points: Float, limits: Float, chains: Int, keep: Mask) -> None:
-        """Mark the vertices that chains need, so that all stay within ``limits (n,)`` of what is left."""
+        """Mark the vertices that chains need to stay within ``limits (n,)`` of their removed vertices."""
         from agglo_core.mesh.kernels.edge_chains import thinned
 
         thinned(points, self.offsets, self.vertices, frozen_float(limits), frozen_int(chains), keep)
 
     def runs(self, keep: Mask) -> Int:
-        """Number of the new edge that each place in ``edges`` is part of, if vertices are left out."""
+        """Return for each position in ``edges`` the number of its new edge after vertices are removed."""
         begins = keep[self.before]
         return frozen_int(np.cumsum(begins) - 1)
 
 
 def ends_at(ends: Int, n_points: int) -> tuple[Mask, Int]:
-    """Find the vertices that exactly two of the edges ``(E, 2)`` have, and these two ``(n_points, 2)``."""
+    """Return the mask of vertices with exactly two of the edges ``(E, 2)``, and these edges ``(n_points,
+    2)``.
+    """
     order = np.argsort(ends.ravel(), kind="stable")
     count = np.bincount(ends.ravel(), minlength=n_points)
     first = np.cumsum(count) - count
@@ -59,7 +65,7 @@ def ends_at(ends: Int, n_points: int) -> tuple[Mask, Int]:
 
 
 def chains_of(points: Float, ends: Int, joint: Mask, at: Int) -> Chains:
-    """Chains of edges ``(E, 2)`` that go on at the vertices ``joint``, whose two edges are ``at``."""
+    """Trace chains of edges ``(E, 2)`` through the vertices ``joint``, whose two edges are ``at``."""
     from agglo_core.mesh.kernels.edge_chains import walk_chains
 
     return Chains(*map(frozen_int, walk_chains(points, ends, joint, at)))

@@ -1,4 +1,4 @@
-"""Plane meshes with fewer edges: chains between two cells thinned, as far as all cells stay polygons."""
+"""Simplify 2-D meshes by thinning edge chains between two cells while all cells remain polygons."""
 
 from __future__ import annotations
 
@@ -13,18 +13,20 @@ from agglo_core.mesh.simplify.chains import Chains, chains_of, ends_at
 from agglo_core.mesh.simplify.record import Fewer, packed, rounding_of
 
 MAX_TOLERANCE = 0.5
-"""Largest tolerance, over the diameter of a cell: beyond it next to no interface keeps a vertex."""
+"""Largest tolerance, relative to the cell diameter; beyond it almost no interface keeps a vertex."""
 
-_STEPS = (1.0, 0.5, 0.25, 0.125, 0.0)  # of the tolerance, one after the other where cells become invalid
-_LEAST = 0.5  # of its measure: what a cell keeps
+_STEPS = (1.0, 0.5, 0.25, 0.125, 0.0)  # fractions of the tolerance, tried in turn if cells become invalid
+_LEAST = 0.5  # fraction of its measure that a cell keeps
 
 
 def fewer_edges(mesh: Derived, tags: Mapping[str, Int], tolerance: float) -> Fewer:
-    """Edges of a plane mesh with those vertices left out that are not needed within ``tolerance`` of h.
+    """Remove vertices of a 2-D mesh that are unnecessary within ``tolerance`` times h.
 
-    Chains end where more than two edges meet and where a tag changes; those on the boundary are thinned only
-    where they are straight, all others within the tolerance times the diameter of the smaller cell.
+    Chains end where more than two edges meet and where a tag changes. Chains on the boundary are thinned only
+    where
+    they are straight, others within the tolerance times the diameter of the smaller cell.
     """
+    # Chains between two cells, thinned exactly, then within the tolerance.
     tails, heads = _directed(mesh)
     joint, at = _joints(mesh, tails, heads, tags)
     chains = chains_of(mesh.local_points, mesh.face_pairs, joint, at)
@@ -32,11 +34,12 @@ def fewer_edges(mesh: Derived, tags: Mapping[str, Int], tolerance: float) -> Few
     keep = np.ones(len(chains.vertices), bool)
     chains.thin(mesh.local_points, limits, frozen_int(np.arange(chains.n)), keep)
     held_back = _thin_within(mesh, chains, tolerance, limits, keep, tails) if tolerance > 0 else 0
+    # Number the new edges, with the smallest old edge as their representative.
     faces = np.empty(mesh.n_faces, np.int64)
     faces[chains.edges] = runs = chains.runs(keep)
     lead = np.full(int(runs[-1]) + 1, mesh.n_faces)
     np.minimum.at(lead, runs, chains.edges)
-    forward = np.empty(mesh.n_faces, bool)  # whether the chain runs as the face does
+    forward = np.empty(mesh.n_faces, bool)  # True if the chain has the direction of the face
     forward[chains.edges] = mesh.face_pairs[chains.edges, 0] == chains.vertices[chains.before]
     ends = np.stack(_ends(chains, keep), axis=1)
     pairs = np.where(forward[lead][:, None], ends, ends[:, ::-1])
@@ -44,14 +47,14 @@ def fewer_edges(mesh: Derived, tags: Mapping[str, Int], tolerance: float) -> Few
 
 
 def _directed(mesh: Derived) -> tuple[Int, Int]:
-    """Tail and head of each edge such that the cell of the larger number is on its left."""
+    """Return tail and head of each edge such that the cell with the larger number is on its left."""
     owner, other = mesh.face_cells.T
     pairs = np.where((owner > other)[:, None], mesh.face_pairs, mesh.face_pairs[:, ::-1])
     return frozen_int(pairs[:, 0]), frozen_int(pairs[:, 1])
 
 
 def _joints(mesh: Derived, tails: Int, heads: Int, tags: Mapping[str, Int]) -> tuple[Mask, Int]:
-    """Vertices at which just two edges meet that have the same cells on the same sides, and equal tags."""
+    """Return vertices where exactly two edges with equal cells on each side and equal tags meet."""
     joint, at = ends_at(mesh.face_pairs, mesh.n_points)
     points = np.flatnonzero(joint)
     first, second = at[points].T
@@ -65,7 +68,7 @@ def _joints(mesh: Derived, tails: Int, heads: Int, tags: Mapping[str, Int]) -> t
 
 
 def _ends(chains: Chains, keep: Mask) -> tuple[Int, Int]:
-    """First and last vertex of each run of edges that became one."""
+    """Return the first and last vertex of each run of merged edges."""
     begins = np.flatnonzero(keep[chains.before])
     last = np.append(begins[1:], len(chains.edges)) - 1
     return (
@@ -77,7 +80,7 @@ def _ends(chains: Chains, keep: Mask) -> tuple[Int, Int]:
 def _thin_within(
     mesh: Derived, chains: Chains, tolerance: float, exact: Float, keep: Mask, tails: Int
 ) -> int:
-    """Thin chains between two cells within a tolerance; returns how many needed a smaller one."""
+    """Thin chains between two cells within a tolerance, and count the chains with a reduced tolerance."""
     first = chains.edges[chains.offsets[:-1]]
     cells = mesh.face_cells[first]
     inner = cells[:, 1] >= 0
@@ -85,6 +88,7 @@ def _thin_within(
     width = np.where(inner, tolerance * np.minimum(h[cells[:, 0]], h[cells[:, 1]]), 0.0)
     step = np.where(inner, 0, len(_STEPS) - 1)
     changed = np.flatnonzero(inner & (np.diff(chains.offsets) > 1))
+    # Reduce the tolerance of the chains of invalid cells until all cells are valid.
     while len(changed):
         limits = np.maximum(width * np.take(_STEPS, step), exact)
         chains.thin(mesh.local_points, limits, frozen_int(changed), keep)
@@ -96,9 +100,12 @@ def _thin_within(
 
 
 def _in_bad_cells(mesh: Derived, chains: Chains, keep: Mask, tails: Int, doubtful: Int) -> Mask:
-    """Mask of the chains that make a cell cross itself, invert or lose more than half its measure."""
+    """Return the mask of chains that make a cell self-intersecting, inverted or smaller than half its
+    measure.
+    """
     from agglo_core.mesh.kernels.cell_crossings import mark_crossings
 
+    # Directed edges of each cell, sorted by their smallest x.
     begin, end = _ends(chains, keep)
     starts = np.flatnonzero(keep[chains.before])
     chain, edge = chains.of_edges[starts], chains.edges[starts]
@@ -111,9 +118,11 @@ def _in_bad_cells(mesh: Derived, chains: Chains, keep: Mask, tails: Int, doubtfu
     own = own[np.lexsort((np.minimum(points[tail, 0], points[head, 0])[own], cell))]
     left = sides[own, 0] == cell
     tail, head = np.where(left, tail[own], head[own]), np.where(left, head[own], tail[own])
+    # Crossings and inversions.
     bad = np.zeros(chains.n, bool)
     of_cells = frozen_int(tail), frozen_int(head), frozen_int(chain[own])
     mark_crossings(points, offsets, *of_cells, doubtful, bad)
+    # Cells that lost too much area.
     middle = mesh.local_centroids[cell]
     a, b = points[tail] - middle, points[head] - middle
     area = 0.5 * np.bincount(cell, a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], mesh.n_cells)

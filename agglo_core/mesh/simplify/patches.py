@@ -1,4 +1,4 @@
-"""Polyhedral meshes with fewer faces: those of the same two cells in one plane made one polygon."""
+"""Simplify 3-D meshes: merge coplanar faces between the same two cells into one polygon."""
 
 from __future__ import annotations
 
@@ -13,11 +13,14 @@ from agglo_core.mesh.geometry.solid_cells import sum_by
 from agglo_core.mesh.simplify.chains import chains_of, ends_at
 from agglo_core.mesh.simplify.record import Fewer, packed, rounding_of
 
-_SLACK = 4.0  # times rounding: what a plane through rounded points may be off
+_SLACK = 4.0  # tolerance of planes through rounded points, in units of rounding
 
 
 class _Loops(NamedTuple):
-    """Faces as loops: loop l has ``vertices[offsets[l]:offsets[l + 1]]``; ``faces`` are those it was."""
+    """Faces as loops: loop l has ``vertices[offsets[l]:offsets[l + 1]]``.
+
+    ``faces`` maps old faces to loops.
+    """
 
     offsets: Int
     vertices: Int
@@ -25,9 +28,9 @@ class _Loops(NamedTuple):
 
 
 def fewer_faces(mesh: Derived, tags: Mapping[str, Int]) -> Fewer:
-    """Faces of solids: flat patches between two cells, with equal tags, as one; straight edges, too.
+    """Merge flat face patches between two cells with equal tags, and straight edges.
 
-    A patch stays as it is if it has a hole, or touches itself, as faces are single loops.
+    Patches with holes and self-touching patches are not merged, because faces are single loops.
     """
     loops = _merged(mesh, tags)
     keep = _bends(mesh, loops)[loops.vertices]
@@ -36,16 +39,17 @@ def fewer_faces(mesh: Derived, tags: Mapping[str, Int]) -> Fewer:
 
 
 def _heads(offsets: Int, vertices: Int) -> Int:
-    """The vertex after each one of a loop."""
+    """Return the next vertex of each loop vertex."""
     heads = np.roll(vertices, -1)
     heads[offsets[1:] - 1] = vertices[offsets[:-1]]
     return frozen_int(heads)
 
 
 def _merged(mesh: Derived, tags: Mapping[str, Int]) -> _Loops:
-    """Patches as loops, where they are such, and all other faces."""
+    """Return patches as loops where possible, and all other faces."""
     from agglo_core.mesh.kernels.patch_loops import outlines
 
+    # Group the faces into patches; edges between faces of a patch are inner.
     face = np.repeat(np.arange(mesh.n_faces), np.diff(mesh.face_offsets))
     tails, heads = mesh.face_vertices, _heads(mesh.face_offsets, mesh.face_vertices)
     a, b = _twins(tails, heads, mesh.n_points)
@@ -53,9 +57,10 @@ def _merged(mesh: Derived, tags: Mapping[str, Int]) -> _Loops:
     inner = np.zeros(len(face), bool)
     within = patch[face[a]] == patch[face[b]]
     inner[a[within]] = inner[b[within]] = True
-    lead = np.unique(patch, return_index=True)[1]  # the first face of each patch
+    lead = np.unique(patch, return_index=True)[1]  # first face of each patch
     turned = (mesh.face_cells[:, 0] != mesh.face_cells[lead[patch], 0])[face]
     tails, heads = np.where(turned, heads, tails), np.where(turned, tails, heads)
+    # Boundary edges of patches with several faces, oriented like the first face.
     several = np.bincount(patch)[patch[face]] > 1
     outer = np.flatnonzero(several & ~inner)
     outer = outer[np.argsort(patch[face[outer]], kind="stable")]
@@ -67,7 +72,7 @@ def _merged(mesh: Derived, tags: Mapping[str, Int]) -> _Loops:
 
 
 def _twins(tails: Int, heads: Int, n_points: int) -> tuple[Int, Int]:
-    """The two half-edges of each edge that just two faces have."""
+    """Return the two half-edges of each edge with exactly two faces."""
     key = np.minimum(tails, heads) * n_points + np.maximum(tails, heads)
     order = np.argsort(key, kind="stable")
     start = np.flatnonzero(np.append(True, np.diff(key[order]) != 0))
@@ -76,7 +81,7 @@ def _twins(tails: Int, heads: Int, n_points: int) -> tuple[Int, Int]:
 
 
 def _put_together(mesh: Derived, patch: Int, around: Int, found: Int, whole: Mask) -> _Loops:
-    """The outlines of whole patches, and the faces of all others."""
+    """Join the outlines of merged patches and all other faces."""
     alone = np.flatnonzero(~whole[patch])
     sizes = np.diff(mesh.face_offsets)
     own = np.zeros(mesh.n_faces, bool)
@@ -94,16 +99,21 @@ def _put_together(mesh: Derived, patch: Int, around: Int, found: Int, whole: Mas
 
 
 def _patches(mesh: Derived, tags: Mapping[str, Int], f: Int, g: Int, ways: Mask) -> Int:
-    """Patch of each face: faces f and g share an edge, which both traverse the same way where ``ways``."""
+    """Return the patch of each face.
+
+    Faces f and g share an edge, traversed in the same direction if ``ways``.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
+    # Candidates: equal cells, consistent orientation, equal tags.
     cells = np.sort(mesh.face_cells, axis=1)
     joined = (f != g) & (cells[f] == cells[g]).all(axis=1)
     joined &= ways == (mesh.face_cells[f, 0] != mesh.face_cells[g, 0])
     for values in tags.values():
         joined &= values[f] == values[g]
     f, g = f[joined], g[joined]
+    # Both faces must lie in the plane of the larger face.
     large = mesh.face_measures[f] >= mesh.face_measures[g]
     f, g = np.where(large, f, g), np.where(large, g, f)
     slack = _SLACK * rounding_of(mesh)
@@ -119,7 +129,11 @@ def _patches(mesh: Derived, tags: Mapping[str, Int], f: Int, g: Int, ways: Mask)
 
 
 def _flat_ones(mesh: Derived, patch: Int, slack: float) -> Int:
-    """The patches, those that bend little by little taken apart into their faces."""
+    """Split patches that bend gradually into their faces.
+
+    Return all patches.
+    """
+    # Mean plane of each patch.
     lead = np.unique(patch, return_index=True)[1][patch]
     sign = np.where(mesh.face_cells[:, 0] == mesh.face_cells[lead, 0], 1.0, -1.0)[:, None]
     weight, n = mesh.face_measures, int(patch.max(initial=-1)) + 1
@@ -127,6 +141,7 @@ def _flat_ones(mesh: Derived, patch: Int, slack: float) -> Int:
     area = np.bincount(patch, weight, n)[:, None]
     safe = np.where(area > 0, area, 1.0)
     normal, centre = total / safe, sum_by(patch, _centres(mesh) * weight[:, None], n) / safe
+    # Split patches with a vertex off this plane.
     every = np.arange(mesh.n_faces)
     off = _off(mesh, every, normal[patch], centre[patch])
     wrong = np.zeros(n, bool)
@@ -136,14 +151,14 @@ def _flat_ones(mesh: Derived, patch: Int, slack: float) -> Int:
 
 
 def _centres(mesh: Derived) -> Float:
-    """Means of the vertices of the faces ``(n_faces, 3)``."""
+    """Return the vertex means of the faces ``(n_faces, 3)``."""
     sizes = np.diff(mesh.face_offsets)
     face = frozen_int(np.repeat(np.arange(mesh.n_faces), sizes))
     return frozen_float(sum_by(face, mesh.local_points[mesh.face_vertices], mesh.n_faces) / sizes[:, None])
 
 
 def _off(mesh: Derived, faces: Int, normals: Float, centres: Float) -> Float:
-    """Largest distance of the vertices of each face from a plane, one for each."""
+    """Return the largest vertex distance of each face from its given plane."""
     sizes = np.diff(mesh.face_offsets)[faces]
     row = np.repeat(np.arange(len(faces)), sizes)
     start = np.cumsum(sizes) - sizes
@@ -154,7 +169,7 @@ def _off(mesh: Derived, faces: Int, normals: Float, centres: Float) -> Float:
 
 
 def _bends(mesh: Derived, loops: _Loops) -> Mask:
-    """Mask of the corners: all points except those inside a straight line on which nothing else ends."""
+    """Return the mask of corners: all points except those inside a straight line without other edges."""
     heads = _heads(loops.offsets, loops.vertices)
     ends = np.sort(np.stack((loops.vertices, heads), axis=1), axis=1)
     ends = np.unique(ends, axis=0)

@@ -1,4 +1,4 @@
-"""Meshes with fewer vertices: straight runs of faces made one, and interfaces replaced by simpler ones."""
+"""Records of simplified meshes, and the assembly of their faces."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ class Simplification:
     Attributes
     ----------
     tolerance : float
-        How far from its place a vertex that was left out may lie, relative to the smaller of the two cells.
+        Largest distance of a removed vertex from the new edge, relative to the smaller of the two cells.
     exact : bool
-        Whether the cells are those of the mesh before; otherwise the mesh is none of its coarsenings.
+        True if the cells are unchanged; otherwise the mesh is not a coarsening of the old mesh.
     vertices_saved, faces_saved : int
-        Vertices of faces, and faces, that there were more before.
+        Number of removed face vertices and faces.
     points : (n_points,) int
-        Number of each point in the mesh before.
+        Old number of each point.
     faces : (n_faces before,) int
-        Face that each face of the mesh before is part of, or has been replaced by.
+        New face that contains or replaces each old face.
     measure_change : (n_cells,) float
-        Measure of each cell now, less that before: rounding where ``exact``.
+        New minus old measure of each cell; rounding errors if ``exact``.
     held_back : int
-        Interfaces that kept more vertices than the tolerance asks for, as cells would have become invalid.
+        Interfaces that kept more vertices than necessary for the tolerance, to keep cells valid.
 
     Examples
     --------
@@ -53,30 +53,30 @@ class Simplification:
 
 
 class Fewer(NamedTuple):
-    """A mesh with fewer faces, as :class:`~agglo_core.mesh.Mesh` holds it, and which faces became which."""
+    """Arrays of a mesh with fewer faces, and the relation of old and new faces."""
 
-    points: Int  # those kept, by their numbers in the mesh before
+    points: Int  # old numbers of the kept points
     face_offsets: Int
     face_vertices: Int
-    leads: Int  # (n_faces,) the first of the faces before that each one was
+    leads: Int  # (n_faces,) first old face of each new face
     faces: Int  # (n_faces before,)
     held_back: int = 0
 
 
 def rounding_of(mesh: Derived) -> float:
-    """Distance by which rounding may have moved the points of a mesh."""
+    """Return the distance by which rounding may have moved the points of a mesh."""
     return _ROUNDING * float(np.spacing(np.abs(mesh.points[mesh.face_vertices]).max()))
 
 
 def packed(sizes: Int, vertices: Int, faces: Int, held_back: int = 0) -> Fewer:
-    """Faces of so many of the ``vertices`` each, in the order of the first face that each one was.
+    """Assemble faces with ``sizes`` vertices each, sorted by their first old face.
 
     Parameters
     ----------
     sizes : (k,) int
     vertices : (v,) int
     faces : (n_faces before,) int
-        Which of the k faces each face before is part of.
+        New face (of k) of each old face.
     """
     leads = np.full(len(sizes), len(faces))
     np.minimum.at(leads, faces, np.arange(len(faces)))
@@ -93,7 +93,7 @@ def packed(sizes: Int, vertices: Int, faces: Int, held_back: int = 0) -> Fewer:
 
 
 def recorded(mesh: Derived, after: Derived, fewer: Fewer, tolerance: float) -> Simplification:
-    """The record of a mesh ``after`` it was simplified."""
+    """Create the record for the simplified mesh ``after``."""
     used = len(np.unique(mesh.face_vertices))
     return Simplification(
         tolerance,
