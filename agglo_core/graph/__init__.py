@@ -1,4 +1,4 @@
-"""Dual graphs with cell geometry; blocks, orders, cuts and sweeps on them."""
+"""Dual graphs with cell geometry, and their blocks, orders, cuts and sweeps."""
 
 from agglo_core.graph.dual import Graph, dual_graph
 

@@ -1,4 +1,4 @@
-"""Blocks of a graph: sizes, one or several of them as graphs, parts as blocks, diameters, components."""
+"""Graphs with blocks: sizes, selection of blocks, split into parts, diameters, components."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from agglo_core.mesh import check_labels, diameters_of, wide_parts
 from agglo_core.threads import together
 
 _LATER = ("boundary", "vertex_offsets", "vertices")
-"""What a subgraph takes from the graph it is part of only when asked: few bisectors want it."""
+"""Arrays that a subgraph copies only on access, because few bisectors need them."""
 
 
 @dataclass(frozen=True, eq=False)
 class BlockGraph(FieldState, Loaded):
-    """Arrays of a :class:`~agglo_core.graph.Graph`, which documents them, and operations on its blocks."""
+    """Arrays of a :class:`~agglo_core.graph.Graph` (documented there) and operations on its blocks."""
 
     indptr: Int
     indices: Index
@@ -55,7 +55,7 @@ class BlockGraph(FieldState, Loaded):
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
-            """Take an array of ``_LATER``, on first use, from the graph that this is a subgraph of."""
+            """Copy an array of ``_LATER`` from the parent graph on first access."""
             if name not in _LATER or "_whole" not in self.__dict__:
                 raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
             whole, nodes = self.__dict__["_whole"]
@@ -66,7 +66,7 @@ class BlockGraph(FieldState, Loaded):
             return self.__dict__[name]
 
     def __getstate__(self) -> dict[str, Any]:
-        """All arrays, and nothing of the graph that this is a part of."""
+        """Return all arrays, without a reference to the parent graph."""
         loads = {"_loads": self.__dict__["_loads"]} if "_loads" in self.__dict__ else {}
         return super().__getstate__() | loads
 
@@ -87,7 +87,7 @@ class BlockGraph(FieldState, Loaded):
 
     @cached_property
     def sizes(self) -> Int:
-        """Number of nodes of each block ``(B,)``."""
+        """Number of nodes per block ``(B,)``."""
         return frozen_int(np.diff(self.offsets))
 
     @cached_property
@@ -96,7 +96,7 @@ class BlockGraph(FieldState, Loaded):
         return frozen_int(np.repeat(np.arange(self.n_blocks), self.sizes))
 
     def __getitem__(self, block: int) -> Self:
-        """One block as a graph of its own: indices rebased, the rest viewed."""
+        """Return a block as a separate graph, with shifted indices and views of the other arrays."""
         b = block + self.n_blocks if block < 0 else block
         if not 0 <= b < self.n_blocks:
             raise IndexError(f"block {block} of a graph with {self.n_blocks} blocks")
@@ -121,7 +121,7 @@ class BlockGraph(FieldState, Loaded):
         return made.with_loads(self.loads and self.loads.take(nodes))
 
     def subgraph(self, nodes: ArrayLike, offsets: ArrayLike) -> Self:
-        """Graph of ``nodes`` in that order, cut into blocks ``offsets``; edges between blocks are dropped."""
+        """Return the graph of ``nodes`` in this order, with blocks ``offsets`` and no edges between them."""
         order, blocks = frozen_int(nodes), frozen_int(offsets)
         if len(order) and (order.min() < 0 or order.max() >= self.n):
             raise MeshError(f"nodes must lie in 0..{self.n - 1}, given {order.min()}..{order.max()}")
@@ -132,7 +132,7 @@ class BlockGraph(FieldState, Loaded):
         rows, (centroids, measures, nodes_of_whole) = together(
             len(order),
             lambda: _permuted(*edges, order, blocks),
-            # take is ten times faster than indexing where items are rows
+            # take is ten times faster than indexing for rows
             lambda: (
                 frozen_float(self.centroids.take(order, axis=0)),
                 frozen_float(self.measures.take(order)),
@@ -157,16 +157,16 @@ class BlockGraph(FieldState, Loaded):
         return made
 
     def split(self, labels: ArrayLike) -> tuple[Self, Int]:
-        """Parts as blocks, labels 0..k−1: the graph, and the node of ``self`` at each of its nodes."""
+        """Return the graph with parts (labels 0..k−1) as blocks, and its nodes as numbers in ``self``."""
         array = check_labels(labels, self.n)
-        if self.n_blocks == 1 and not array.any():  # one part: a connected mesh, most of the time
+        if self.n_blocks == 1 and not array.any():  # single part: the usual case of a connected mesh
             return self, frozen_int(np.arange(self.n))
         order = label_order(array)
         offsets = np.concatenate(([0], np.cumsum(np.bincount(array))))
         return self.subgraph(order, offsets), order
 
     def take(self, blocks: ArrayLike) -> Self:
-        """The chosen blocks, in that order."""
+        """Return the chosen blocks in this order."""
         chosen = frozen_int(blocks)
         sizes = self.sizes[chosen]
         offsets = np.concatenate(([0], np.cumsum(sizes)))
@@ -174,7 +174,8 @@ class BlockGraph(FieldState, Loaded):
         return self.subgraph(nodes, offsets)
 
     def without_edges(self, removed: ArrayLike) -> Self:
-        """Graph without the CSR entries of the mask ``removed (m,)``, which holds both directions of an edge.
+        """Return the graph without the CSR entries ``removed (m,)``, a mask with both directions of each
+        edge.
 
         Their interfaces become boundary of the cells on both sides, so that perimeters do not change.
         """
@@ -198,22 +199,23 @@ class BlockGraph(FieldState, Loaded):
         return made.with_loads(self.loads)
 
     def diameters(self) -> Float:
-        """Exact largest vertex distance of each block ``(B,)``."""
+        """Return the exact largest vertex distance of each block ``(B,)``."""
         cells = frozen_int(np.arange(self.n))
         return diameters_of(self.offsets, cells, self.vertex_offsets, self.vertices, self.points)
 
     def part_diameters(self, labels: ArrayLike) -> Float:
-        """Exact largest vertex distance of each part ``(k,)``, labels 0..k−1."""
+        """Return the exact largest vertex distance of each part ``(k,)``, labels 0..k−1."""
         array = check_labels(labels, self.n)
-        alone = len(array) > 0 and bool((np.diff(array) == 1).all())  # each a part of its own, in turn
+        alone = len(array) > 0 and bool((np.diff(array) == 1).all())  # each cell is a part, in order
         cells = frozen_int(np.arange(self.n)) if alone else label_order(array)
         offsets = frozen_int(np.concatenate(([0], np.cumsum(np.bincount(array)))))
         return diameters_of(offsets, cells, self.vertex_offsets, self.vertices, self.points)
 
     def wide_parts(self, labels: ArrayLike, limit: float, asked: Mask | None = None) -> Mask:
-        """Mask ``(k,)`` of the parts, labels 0..k−1, wider than ``limit``: faster than all diameters.
+        """Return the mask ``(k,)`` of parts (labels 0..k−1) wider than ``limit``, faster than with all
+        diameters.
 
-        With ``asked (k,)`` others than those parts are not looked at, and not wide.
+        With ``asked (k,)`` only these parts are examined; others are reported as not wide.
         """
         array = frozen_int(labels)
         k = int(array.max(initial=-1)) + 1 if asked is None else len(asked)
@@ -223,7 +225,9 @@ class BlockGraph(FieldState, Loaded):
         return wide_parts(array, which, limit, self.vertex_offsets, self.vertices, self.points)
 
     def components(self, labels: ArrayLike | None = None) -> Int:
-        """Connected component of each node ``(n,)``, within ``labels`` if given; numbered by first node."""
+        """Return the connected component of each node ``(n,)``, within ``labels`` if given, numbered by first
+        node.
+        """
         from agglo_core.compiled.graphs import components
 
         parts = frozen_int(np.zeros(self.n, np.int64) if labels is None else labels)
@@ -241,9 +245,9 @@ class BlockGraph(FieldState, Loaded):
 def _permuted(
     indptr: Int, indices: Index, interface: Float, order: Int, offsets: Int
 ) -> tuple[Int, Index, Float]:
-    """CSR of the nodes ``order``, cut into blocks: see ``permute_graph``.
+    """Return the CSR of the nodes ``order``, cut into blocks, see ``permute_graph``.
 
-    Large arrays are made by numpy, which asks for large pages: they cost less than what kernels make.
+    numpy allocates large arrays with large pages, which makes them cheaper than arrays allocated in kernels.
     """
     from agglo_core.compiled.graphs import permute_graph
 
@@ -257,7 +261,7 @@ def _permuted(
 
 
 def _rows_of(whole: BlockGraph, nodes: Int) -> dict[str, Any]:
-    """Vertices of some nodes of a graph."""
+    """Return the vertices of some nodes of a graph."""
     from agglo_core.compiled.graphs import take_rows
 
     vertex_offsets, vertices = take_rows(whole.vertex_offsets, whole.vertices, nodes)

@@ -1,7 +1,7 @@
-"""Geometry of the blocks of a graph: extents, sums, principal frames, weighted medians.
+"""Compute geometry of graph blocks: extents, sums, principal frames, weighted medians.
 
-All blocks of a recursion depth at once. Sums go through ``np.bincount`` and cumulated weights are integers,
-so that the result of a block does not depend, to the last bit, on the blocks beside it.
+All blocks of a recursion depth are processed together. Sums use ``np.bincount`` and cumulated weights are
+integers, so that the result for a block does not depend on other blocks, to the last bit.
 """
 
 from __future__ import annotations
@@ -15,17 +15,20 @@ from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.graph import Graph
 
 TIE = 1e-7
-"""Fraction of a block's extent that counts as zero: meshes shifted by 1e6 diameters carry such noise."""
+"""Fraction of a block's extent below which differences count as zero; shifts by 1e6 diameters cause such
+noise.
+"""
 
-_ISOTROPIC = 0.9  # ratio of second moments above which their axes say little about the shape
-_SHARE_BITS = 40  # for shares of a block in integers: the sum over 2**23 blocks fits in an int64
+_ISOTROPIC = 0.9  # ratio of second moments above which principal axes carry little shape information
+_SHARE_BITS = 40  # bits of integer shares: the sum over 2**23 blocks fits into int64
 
 
 def split_at_median(level: Graph, projection: Float, tie: Float, shares: Float | None = None) -> Int:
     """Split each block at the weighted median of ``projection``, or at a share of the mass.
 
-    Projections closer than 1e-7 of their extent in the block count as equal; the ``tie`` columns
-    decide among them, not the numbering of the cells.
+    Projections closer than 1e-7 of their extent in the block count as equal; the ``tie`` columns, not the
+    cell
+    numbers, decide between them.
 
     Parameters
     ----------
@@ -33,12 +36,12 @@ def split_at_median(level: Graph, projection: Float, tie: Float, shares: Float |
     tie : (n, t) float
         Further coordinates, the most important first.
     shares : (B,) float, optional
-        Share of the ``mass`` of each block that is to lie below the cut, in place of half the weight.
+        Share of each block's ``mass`` below the cut, instead of half the weight.
 
     Returns
     -------
     (n,) int64
-        0 below the cut, 1 above; both occur in every block of at least two nodes.
+        0 below the cut, 1 above; both occur in every block with at least two nodes.
 
     Examples
     --------
@@ -49,10 +52,12 @@ def split_at_median(level: Graph, projection: Float, tie: Float, shares: Float |
     array([0, 1, 0, 1])
     """
     order = _order(level, projection, tie)
+    # Integer weights below each node, in the order of the projection.
     amounts = integer_shares(level.weights if shares is None else level.mass, level.block_ids)[order]
     before = np.cumsum(amounts) - amounts
     starts = level.offsets[:-1]
     below = before - before[starts][level.block_ids]  # blocks keep their places in the order
+    # A node is above if its midpoint lies above the cut; both sides stay non-empty.
     totals = np.bincount(level.block_ids, amounts, minlength=level.n_blocks)
     cut = totals if shares is None else np.floor(2.0 * shares * totals)
     upper = 2 * below + amounts > cut[level.block_ids]
@@ -64,16 +69,18 @@ def split_at_median(level: Graph, projection: Float, tie: Float, shares: Float |
 
 
 def principal_frames(level: Graph) -> tuple[Float, Float]:
-    """Principal axes of the weighted centroids of each block, and the centroids in them.
+    """Compute principal axes of the weighted centroids of each block, and the centroids in these axes.
 
-    Axes with second moments within a factor 0.9 are turned within their plane to where the fourth
-    moments are least (along the sides of a square). Each axis points to its heavier tail (positive
-    third moment), so that frames follow the mesh when it is rotated.
+    Axes with second moments within a factor 0.9 are rotated in their plane to the smallest fourth moments
+    (along
+    the sides of a square). Each axis points to its heavier tail (positive third moment), so that frames
+    rotate with
+    the mesh.
 
     Returns
     -------
     frames : (B, d, d) float
-        Orthonormal rows, that of the largest second moment first.
+        Orthonormal rows, largest second moment first.
     coordinates : (n, d) float
         Relative to the centre of mass of the block.
 
@@ -87,6 +94,7 @@ def principal_frames(level: Graph) -> tuple[Float, Float]:
     >>> np.abs(coordinates[:, 0])
     array([0.375, 0.125, 0.125, 0.375])
     """
+    # Second moments about the centres of mass, and their eigenvectors.
     blocks = level.block_ids
     weights = block_shares(level.weights, blocks)
     centres = block_sums(level, weights[:, None] * level.centroids) / block_sums(level, weights[:, None])
@@ -98,6 +106,7 @@ def principal_frames(level: Graph) -> tuple[Float, Float]:
         moments[:, j, i] = np.bincount(blocks, weights * local[:, j] * local[:, i], level.n_blocks)
     values, vectors = np.linalg.eigh(moments)
     values, frames = values[:, ::-1], np.swapaxes(vectors[:, :, ::-1], 1, 2)
+    # Resolve nearly equal moments, then sort the axes and fix their signs.
     frames = _turned(level, weights, local, values, frames)
     coordinates = np.stack([_along(frames[:, k], blocks, local.T) for k in range(level.dim)], axis=1)
     seconds = block_sums(level, weights[:, None] * coordinates**2)
@@ -108,7 +117,7 @@ def principal_frames(level: Graph) -> tuple[Float, Float]:
 
 
 def block_extents(level: Graph, values: Float) -> Float:
-    """Largest minus smallest of each column ``(n, t)`` in each block, ``(B, t)``.
+    """Return the range (maximum minus minimum) of each column ``(n, t)`` in each block, ``(B, t)``.
 
     Examples
     --------
@@ -125,10 +134,10 @@ def block_extents(level: Graph, values: Float) -> Float:
 
 
 def _order(level: Graph, projection: Float, tie: Float) -> Int:
-    """Nodes of each block by ``projection``; those that count as equal by the columns of ``tie``."""
+    """Sort the nodes of each block by ``projection``, with ties resolved by the columns of ``tie``."""
     order = np.lexsort((projection, level.block_ids))
     blocks = level.block_ids
-    apart = np.ones(level.n + 1, bool)  # whether each value differs from the one before it
+    apart = np.ones(level.n + 1, bool)  # True where a value differs from its predecessor
     extents = block_extents(level, projection[:, None])[:, 0]
     apart[1:-1] = (np.diff(projection[order]) > TIE * extents[blocks[1:]]) | (blocks[1:] != blocks[:-1])
     tied = np.flatnonzero(~(apart[:-1] & apart[1:]))
@@ -142,7 +151,10 @@ def _order(level: Graph, projection: Float, tie: Float) -> Int:
 
 
 def _ranks(values: Float, groups: Int, extents: Float) -> Int:
-    """Rank of each value in its group, the same for values connected by a chain of tiny steps."""
+    """Return the rank of each value in its group.
+
+    Values connected by a chain of tiny steps have equal ranks.
+    """
     order = np.lexsort((values, groups))
     steps = np.diff(values[order]) > TIE * extents[1:]
     ranks = np.zeros(len(values), np.int64)
@@ -151,7 +163,10 @@ def _ranks(values: Float, groups: Int, extents: Float) -> Int:
 
 
 def block_ranks(level: Graph, values: Float, extents: Float) -> Int:
-    """Rank of each value in its block, the same for values connected by a chain of tiny steps.
+    """Return the rank of each value in its block.
+
+    Values connected by a chain of tiny steps have equal ranks.
+
 
     Examples
     --------
@@ -164,7 +179,7 @@ def block_ranks(level: Graph, values: Float, extents: Float) -> Int:
 
 
 def block_sums(level: Graph, values: NDArray[np.float64]) -> Float:
-    """Sum of ``values`` (n, …) over each block, (B, …).
+    """Return the sum of ``values`` (n, …) over each block, (B, …).
 
     Examples
     --------
@@ -182,7 +197,7 @@ def block_sums(level: Graph, values: NDArray[np.float64]) -> Float:
 
 
 def block_shares(values: Float, blocks: Int) -> Float:
-    """Share of each value ``(n,)`` in the sum of its block; even shares where all values are zero.
+    """Return the share of each value ``(n,)`` in its block sum, or equal shares if all values are zero.
 
     Examples
     --------
@@ -198,7 +213,7 @@ def block_shares(values: Float, blocks: Int) -> Float:
 
 
 def integer_shares(values: Float, blocks: Int) -> Int:
-    """:func:`block_shares` times 2**40, rounded: sums over any number of blocks are exact.
+    """Return :func:`block_shares` times 2**40, rounded, so that sums over any number of blocks are exact.
 
     Examples
     --------
@@ -211,10 +226,11 @@ def integer_shares(values: Float, blocks: Int) -> Int:
 
 
 def _turned(level: Graph, weights: Float, local: Float, moments: Float, frames: Float) -> Float:
-    """Frames turned to the least fourth moments in the planes whose second moments nearly agree.
+    """Rotate frames to the smallest fourth moments, in planes with nearly equal second moments.
 
-    With z = x + iy, turning by θ leaves x⁴ + y⁴ = (3|z|⁴ + Re z⁴ exp(−4iθ)) / 4: one closed angle per
-    plane; in 3-D sweeps over the three planes converge quadratically, as Jacobi's rotations do.
+    With z = x + iy, a rotation by θ gives x⁴ + y⁴ = (3|z|⁴ + Re z⁴ exp(−4iθ)) / 4, hence a closed formula for
+    the
+    angle per plane. In 3-D, sweeps over the three planes converge quadratically, like Jacobi rotations.
     """
     frames = frames.copy()
     planes = []
@@ -240,7 +256,7 @@ def _turned(level: Graph, weights: Float, local: Float, moments: Float, frames: 
 
 
 def _along(axes: Float, blocks: Int, columns: Float) -> Float:
-    """Coordinate ``(n,)`` along the axis ``(B, d)`` of its block of each node, ``columns (d, n)``."""
+    """Return each node's coordinate ``(n,)`` along its block axis ``(B, d)``, from ``columns (d, n)``."""
     along: Float = axes[:, 0].take(blocks) * columns[0]
     for k in range(1, len(columns)):
         along += axes[:, k].take(blocks) * columns[k]

@@ -1,7 +1,8 @@
-"""Quotients of graphs: the edges between parts, and the vertices of the cells of a part, each once.
+"""Kernels for quotient graphs: edges between parts, and the distinct vertices of each part.
 
-Cells are read in their order, and what they have is moved to the place of their part: part by part, every
-cell would be a cache miss.
+The cells are read in storage order and their data moved to the position of their part, because a traversal
+part
+by part would cause a cache miss per cell.
 """
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
@@ -15,25 +16,25 @@ from agglo_core.compiled.compiling import helper, kernel
 
 @helper(allocates=True)
 def _edges_by_part(labels, n_parts, indptr, indices, interface):
-    """Edges that leave a part, part by part: ranges ``first``, ``last`` of parts, cells beyond, interfaces.
+    """Return the edges that leave each part: ranges ``first``, ``last`` of parts, outer cells, interfaces.
 
-    Every part has one place to spare: an edge that stays inside is written, too, and then overwritten.
+    Every part has one spare position, because inner edges are also written and then overwritten.
     """
     first = np.ones(n_parts + 1, np.int64)
-    # 1. Number of edges that leave each part, plus one.
+    # 1. Number of outer edges per part, plus one.
     for c in range(len(labels)):
         own, outer = labels[c], 0
         for h in range(indptr[c], indptr[c + 1]):
             outer += labels[indices[h]] != own
         first[own] += outer
-    # 2. Numbers become places, and ``last`` moves along as edges are written.
+    # 2. Convert counts to positions; ``last`` advances as edges are written.
     filled = 0
     for p in range(n_parts + 1):
         size = first[p]
         first[p] = filled
         filled += size
     last = first.copy()
-    # 3. Edges, cell by cell; one that stays inside is overwritten by the next.
+    # 3. Write the edges cell by cell; the next edge overwrites an inner one.
     beyond, share = np.empty(filled, np.int32), np.empty(filled)
     for c in range(len(labels)):
         own = labels[c]
@@ -41,28 +42,29 @@ def _edges_by_part(labels, n_parts, indptr, indices, interface):
         for h in range(indptr[c], indptr[c + 1]):
             beyond[at] = indices[h]
             share[at] = interface[h]
-            at += labels[indices[h]] != own  # no branch: it would be mispredicted a third of the time
+            at += labels[indices[h]] != own  # a branch would often be mispredicted
         last[own] = at
     return first, last, beyond, share
 
 
 @kernel
 def quotient_edges(labels, n_parts, indptr, indices, interface):
-    """CSR of the quotient graph without loops; the neighbours in a row are in no particular order.
+    """Return the CSR of the quotient graph without loops, with neighbours in arbitrary order.
 
-    Interfaces are added as in the product of sparse matrices G A Gᵀ, to the same last bit: first those of
-    the part with a cell beyond, then those of cells of one neighbour, the cell met last first.
+    Interfaces are added in the order of the sparse product G A Gᵀ, with bitwise equal results: first the
+    interfaces
+    of the part with one outer cell, then those of the cells of one neighbour, the last cell first.
     """
     first, last, beyond, share = _edges_by_part(labels, n_parts, indptr, indices, interface)
-    place = np.full(len(labels), -1, np.int64)  # of a cell beyond
-    slot = np.full(n_parts, -1, np.int64)  # of a neighbour
+    place = np.full(len(labels), -1, np.int64)  # position of an outer cell
+    slot = np.full(n_parts, -1, np.int64)  # position of a neighbour
     rows = np.zeros(n_parts + 1, np.int64)
     columns, values = np.empty(len(beyond), np.int32), np.empty(len(beyond))
     m = 0
     for p in range(n_parts):
         end = first[p]
-        # 1. Edges of the part to one cell beyond are added up, in place. Places of earlier parts lie before
-        #    its first one, so that nothing need be cleared.
+        # 1. Sum the edges of the part to each outer cell, in place. Positions of earlier parts lie before the
+        #   first position of this part, so nothing must be cleared.
         for s in range(first[p], last[p]):
             if place[beyond[s]] >= first[p]:
                 share[place[beyond[s]]] += share[s]
@@ -70,7 +72,7 @@ def quotient_edges(labels, n_parts, indptr, indices, interface):
                 place[beyond[s]] = end
                 beyond[end], share[end] = beyond[s], share[s]
                 end += 1
-        # 2. What is left, the last cell first, is added up by part beyond: an entry of the row each.
+        # 2. Sum the results, last cell first, by adjacent part: one entry of the row each.
         for s in range(end - 1, first[p] - 1, -1):
             other = labels[beyond[s]]
             if slot[other] >= rows[p]:
@@ -85,10 +87,13 @@ def quotient_edges(labels, n_parts, indptr, indices, interface):
 
 @kernel
 def union_of_rows(labels, n_parts, offsets, values, n_values):
-    """CSR of the values of the rows of each part, each once; values are below ``n_values``."""
+    """Return the distinct values in the rows of each part as CSR.
+
+    Values are below ``n_values``.
+    """
     starts = np.zeros(n_parts + 2, np.int64)
-    # 1. Counting sort of all rows by part. Counts stand two places further: ``starts[p + 1]`` is where part
-    #    p begins, and moves to its end as rows are written.
+    # 1. Counting sort of all rows by part. Counts are shifted by two: ``starts[p + 1]`` is the start of part
+    #   p, and advances to its end as rows are written.
     for c in range(len(labels)):
         starts[labels[c] + 2] += offsets[c + 1] - offsets[c]
     for p in range(n_parts):
@@ -100,9 +105,9 @@ def union_of_rows(labels, n_parts, offsets, values, n_values):
             found[at] = values[h]
             at += 1
         starts[labels[c] + 1] = at
-    # 2. Values met before in the part are dropped. The list is written over itself.
+    # 2. Drop repeated values of each part, in place.
     rows = np.zeros(n_parts + 1, np.int64)
-    latest = np.full(n_values, -1, np.int32)  # part that had a value
+    latest = np.full(n_values, -1, np.int32)  # last part with a value
     m = 0
     for p in range(n_parts):
         for s in range(starts[p], starts[p + 1]):

@@ -1,4 +1,4 @@
-"""Test whether the parts of a graph are connected; fast where they are."""
+"""Test if the parts of a graph are connected, fast if they are."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def all_connected(indptr: Int, indices: Index) -> bool:
 
 
 def parts_connected(indptr: Int, indices: Index, labels: Int) -> bool:
-    """Return True if the nodes of each label ``(n,)``, none negative, are connected among themselves.
+    """Return True if the nodes of each label ``(n,)``, all non-negative, are connected.
 
     Examples
     --------
@@ -39,9 +39,12 @@ def parts_connected(indptr: Int, indices: Index, labels: Int) -> bool:
 
 
 def broken_parts(indptr: Int, indices: Index, labels: Int | Index, asked: Mask) -> Mask:
-    """Mask of the parts among ``asked (k,)`` that are not connected; the labels ``(n,)`` are below k.
+    """Return the mask of the parts in ``asked (k,)`` that are not connected.
 
-    Several threads share the pass over all nodes; what is left to look at is little.
+    The labels ``(n,)`` are below k.
+
+
+    Several threads share the pass over all nodes, after which few nodes remain.
 
     Examples
     --------
@@ -54,6 +57,7 @@ def broken_parts(indptr: Int, indices: Index, labels: Int | Index, asked: Mask) 
 
     given = frozen_index(labels)
 
+    # Cells that may begin a separate component, per thread.
     def lone(start: int, stop: int) -> Index:
         listed = np.empty(stop - start, np.int32)
         room = np.zeros(len(given), np.int32), np.empty(len(given) + 1, np.int32)

@@ -1,4 +1,4 @@
-"""Keys along a space-filling curve."""
+"""Compute keys along a space-filling curve."""
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
 
@@ -29,20 +29,20 @@ def _spread_by_two(x):
 
 @kernel
 def curve_keys(points, keys):
-    """Write the places of points on a Morton curve, times 2^32 plus their numbers, to ``keys (n,)``.
+    """Write the positions on a Morton curve, times 2^32 plus the point numbers, to ``keys (n,)``.
 
     The curve has 2^16 (2-D) or 2^10 (3-D) steps along each axis.
     """
     n, d = points.shape
     low, extent, steps = np.empty(d), 0.0, 2.0**16 - 1.0 if d == 2 else 2.0**10 - 1.0
-    # 1. Bounding cube: one scale, that of the longest side, for all axes.
+    # 1. Bounding cube: the scale of the longest side for all axes.
     for c in range(d):
         least, most = np.inf, -np.inf
         for i in range(n):
             least, most = min(least, points[i, c]), max(most, points[i, c])
         low[c], extent = least, max(extent, most - least)
     rate = steps / (extent if extent > 0.0 else 1.0)
-    # 2. Steps along each axis, their bits interleaved. The number of the point makes keys distinct.
+    # 2. Steps along each axis with interleaved bits. Point numbers make the keys distinct.
     for i in range(n):
         key = np.uint64(0)
         for c in range(d):

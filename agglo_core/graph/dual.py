@@ -1,4 +1,4 @@
-"""Graph: the dual graph of a mesh with cell geometry; all that agglomeration needs."""
+"""Graph class: the dual graph of a mesh with the cell geometry for agglomeration."""
 
 from __future__ import annotations
 
@@ -38,10 +38,11 @@ _DTYPES = {
 
 @dataclass(frozen=True, eq=False)
 class Graph(BlockGraph):
-    """Dual graph of a mesh; one block per piece.
+    """Dual graph of a mesh, with one block per piece.
 
-    Block b owns the nodes ``offsets[b]:offsets[b + 1]`` and no edge joins two blocks. A mesh is one block;
-    all pieces of one depth of a recursion are one block-diagonal Graph, which bisectors call a *level*.
+    Block b owns the nodes ``offsets[b]:offsets[b + 1]`` and no edge joins two blocks. A mesh is one block.
+    All
+    pieces at one depth of a recursion form one block-diagonal Graph, called a *level* in bisectors.
 
     Attributes
     ----------
@@ -58,15 +59,15 @@ class Graph(BlockGraph):
     offsets : (B + 1,) int64
         Blocks.
     data : mapping of name to (n, …) array
-        Carried through every split: tags, indicators, features.
+        Passed on to all subgraphs: tags, indicators, features.
     origin : (d,) float
-        What was subtracted from user coordinates.
+        Offset subtracted from user coordinates.
 
     Raises
     ------
     MeshError
         From the constructor, as :meth:`from_arrays`; also for an edge between blocks. Arrays are copied
-        unless nobody can write to them.
+        unless they are immutable.
 
     Examples
     --------
@@ -79,7 +80,10 @@ class Graph(BlockGraph):
 
     @classmethod
     def from_mesh(cls, mesh: Mesh) -> Graph:
-        """Dual graph of ``mesh``; cell tags become ``data``."""
+        """Build the dual graph of ``mesh``.
+
+        Cell tags become ``data``.
+        """
         beside, (vertex_offsets, vertices) = mesh.cell_neighbours, mesh.cell_vertices
         return trusted(
             cls,
@@ -111,10 +115,12 @@ class Graph(BlockGraph):
         boundary: ArrayLike | None = None,
         data: Mapping[str, NDArray[Any]] | None = None,
     ) -> Graph:
-        """Graph of one block from a symmetric CSR and centroids alone; the arrays are copied.
+        """Build a graph with one block from a symmetric CSR and centroids.
 
-        Interfaces and measures default to 1. Without cell vertices a diameter is that of the
-        centroids.
+        The arrays are copied.
+
+
+        Interfaces and measures default to 1. Without cell vertices, diameters are those of the centroids.
 
         Raises
         ------
@@ -146,7 +152,7 @@ class Graph(BlockGraph):
         )
 
     def __post_init__(self) -> None:
-        known: dict[int, NDArray[Any]] = {}  # weights may be the measures, and stay so
+        known: dict[int, NDArray[Any]] = {}  # weights may be the same array as measures, and remain so
         for name, dtype in _DTYPES.items():
             given = getattr(self, name)
             if id(given) not in known:
@@ -157,9 +163,9 @@ class Graph(BlockGraph):
         self.check()
 
     def check(self) -> None:
-        """Raise MeshError unless shapes agree, values make sense and the CSR is symmetric.
+        """Raise MeshError unless shapes agree, values are valid and the CSR is symmetric.
 
-        The constructor does this.
+        The constructor calls this method.
         """
         check_graph(self)
 
@@ -167,7 +173,7 @@ class Graph(BlockGraph):
         return f"Graph({self.dim}-D, {self.n} nodes, {len(self.indices) // 2} edges, {self.n_blocks} blocks)"
 
     def to_scipy(self) -> sparse.csr_array[Any, Any]:
-        """Adjacency ``(n, n)`` weighted by interface measure, in arrays of its own: scipy sorts in place."""
+        """Return the adjacency ``(n, n)`` weighted by interface measure, as a copy (scipy sorts in place)."""
         most = max(self.n, len(self.indices))
         indices, indptr = (index_cast(each, most) for each in (self.indices, self.indptr))
         return sparse.csr_array((self.interface.copy(), indices, indptr), shape=(self.n, self.n))
@@ -184,7 +190,7 @@ class Graph(BlockGraph):
         boundary: str = "boundary",
         data: Iterable[str] | None = None,
     ) -> Graph:
-        """Graph of a networkx graph; see :func:`agglo_core.interchange.graph_from_networkx`."""
+        """Convert a networkx graph, see :func:`agglo_core.interchange.graph_from_networkx`."""
         from agglo_core.interchange import graph_from_networkx
 
         return graph_from_networkx(
@@ -198,16 +204,17 @@ class Graph(BlockGraph):
         )
 
     def to_networkx(self) -> Any:
-        """Graph of networkx with all of this one's attributes."""
+        """Convert to a networkx graph with all attributes."""
         from agglo_core.interchange import graph_to_networkx
 
         return graph_to_networkx(self)
 
     def coarsen(self, labels: ArrayLike) -> Graph:
-        """Quotient graph: one node per agglomerate, labels 0..k−1 without gaps.
+        """Return the quotient graph: one node per agglomerate, labels 0..k−1 without gaps.
 
-        Interfaces, measures, boundaries and weights add up, centroids are averaged by measure,
-        vertices are collected. ``data`` is not carried: what it means on an agglomerate is not known.
+        Interfaces, measures, boundaries and weights are summed, centroids averaged by measure, and vertices
+        collected.
+        ``data`` are dropped, because their meaning on agglomerates is unknown.
 
         Raises
         ------
@@ -221,7 +228,10 @@ class Graph(BlockGraph):
 
 
 def dual_graph(mesh: Mesh) -> Graph:
-    """Dual graph of a mesh; ``mesh.graph`` is this, made once.
+    """Build the dual graph of a mesh.
+
+    ``mesh.graph`` caches it.
+
 
     Examples
     --------

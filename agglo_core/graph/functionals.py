@@ -1,7 +1,7 @@
-"""Cut, volume and normalised cut of a partition, and their expected values on probabilities (paper, §2.1).
+"""Cut, volume and normalised cut of a partition, and their expected values for probabilities (paper, §2.1).
 
-Edges count 1 and nodes their degree, as in the paper, unless weights are given: ``graph.interface`` as
-edge weights makes cuts lengths, ``graph.measures`` as node weights makes volumes areas.
+As in the paper, edges have weight 1 and nodes their degree, unless weights are given: ``graph.interface`` as
+edge weights turns cuts into lengths, ``graph.measures`` as node weights turns volumes into areas.
 
 >>> from agglo_core import functionals, samples
 >>> graph = samples.squares(2).graph
@@ -38,7 +38,7 @@ __all__ = [
 
 
 def degrees(graph: Graph, *, edge_weights: Float | None = None) -> Float:
-    """Sum of the edge weights at each node ``(n,)``: D in the paper, the degree if unweighted.
+    """Return the sum of edge weights at each node ``(n,)``: D in the paper, the degree if unweighted.
 
     Examples
     --------
@@ -49,7 +49,7 @@ def degrees(graph: Graph, *, edge_weights: Float | None = None) -> Float:
 
 
 def part_cuts(graph: Graph, labels: ArrayLike, *, edge_weights: Float | None = None) -> Float:
-    """cut(S_k, V∖S_k) of each part ``(k,)``: the weight of the edges that leave it.
+    """Return cut(S_k, V∖S_k) of each part ``(k,)``: the weight of its outgoing edges.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def part_volumes(
     edge_weights: Float | None = None,
     node_weights: Float | None = None,
 ) -> Float:
-    """vol(S_k, V) of each part ``(k,)``: its sum of node weights ``(n,)``, by default the degrees.
+    """Return vol(S_k, V) of each part ``(k,)``: the sum of node weights ``(n,)``, by default the degrees.
 
     Examples
     --------
@@ -92,7 +92,7 @@ def part_volumes(
 
 
 def cut(graph: Graph, labels: ArrayLike, *, edge_weights: Float | None = None) -> float:
-    """cut(S_1, …, S_M) = ½ Σ_k cut(S_k, V∖S_k): the weight of the edges between parts, each once.
+    """Return cut(S_1, …, S_M) = ½ Σ_k cut(S_k, V∖S_k): the weight of the edges between parts, each once.
 
     Examples
     --------
@@ -110,7 +110,10 @@ def normalised_cut(
     edge_weights: Float | None = None,
     node_weights: Float | None = None,
 ) -> float:
-    """Ncut(S_1, …, S_M) = Σ_k cut(S_k, V∖S_k) / vol(S_k, V); a part of no volume adds 0.
+    """Return Ncut(S_1, …, S_M) = Σ_k cut(S_k, V∖S_k) / vol(S_k, V).
+
+    Parts without volume add 0.
+
 
     Examples
     --------
@@ -124,7 +127,7 @@ def normalised_cut(
 
 
 def expected_cuts(graph: Graph, Y: ArrayLike, *, edge_weights: Float | None = None) -> Float:
-    """E[cut(S_k, V∖S_k)] = Σ_ij Y_ik (1 − Y_jk) A_ij of each part ``(M,)``.
+    """Return E[cut(S_k, V∖S_k)] = Σ_ij Y_ik (1 − Y_jk) A_ij of each part ``(M,)``.
 
     ``Y`` is ``(n, M)``: Y_ik is the probability that node i belongs to part k, drawn independently.
 
@@ -147,7 +150,7 @@ def expected_cuts(graph: Graph, Y: ArrayLike, *, edge_weights: Float | None = No
 def expected_volumes(
     graph: Graph, Y: ArrayLike, *, edge_weights: Float | None = None, node_weights: Float | None = None
 ) -> Float:
-    """E[vol(S_k, V)] = (Yᵀ D)_k = Γ_k of each part ``(M,)``; D the degrees, or ``node_weights``.
+    """Return E[vol(S_k, V)] = (Yᵀ D)_k = Γ_k of each part ``(M,)``, with D the degrees or ``node_weights``.
 
     Examples
     --------
@@ -163,10 +166,11 @@ def expected_volumes(
 def expected_normalised_cut(
     graph: Graph, Y: ArrayLike, *, edge_weights: Float | None = None, node_weights: Float | None = None
 ) -> float:
-    """Σ_ij [(Y ⊘ Γ)(1 − Y)ᵀ ⊙ A]_ij: the expected cuts over the expected volumes, summed.
+    """Return Σ_ij [(Y ⊘ Γ)(1 − Y)ᵀ ⊙ A]_ij: the sum of expected cuts over expected volumes.
 
-    The paper calls it the expected normalised cut; it is the ratio of expectations, which is the
-    normalised cut itself where Y is 0 or 1.
+    The paper calls this value the expected normalised cut. It is a ratio of expectations, and equals the
+    normalised
+    cut where Y is 0 or 1.
 
     Examples
     --------
@@ -181,13 +185,13 @@ def expected_normalised_cut(
 
 
 def ratio(cuts: Float, volumes: Float) -> Float:
-    """``cuts / volumes``, 0 where the volume is."""
+    """Return ``cuts / volumes``, 0 where the volume is 0."""
     return np.divide(cuts, volumes, out=np.zeros_like(cuts), where=volumes > 0)
 
 
 def _sums(parts: Int, weights: Float, k: int) -> Float:
     sums = np.bincount(parts, weights, minlength=k)
-    return sums.astype(np.float64)  # numpy gives integers if there is nothing to add
+    return sums.astype(np.float64)  # numpy returns integers for empty input
 
 
 def _edge_weights(graph: Graph, edge_weights: Float | None) -> Float:

@@ -1,4 +1,4 @@
-"""Quantities by which a run shares out a number of parts, one value per node."""
+"""Quantities by which a run distributes a number of parts, one value per node."""
 
 from __future__ import annotations
 
@@ -14,18 +14,21 @@ Kind = Literal["cells", "measure", "weights"]
 
 
 class Loads(NamedTuple):
-    """Quantities that a run balances; subgraphs select from them, quotients add them up.
+    """Quantities that a run balances.
+
+    Subgraphs select from them, quotients add them up.
+
 
     Attributes
     ----------
     kind : "cells", "measure" or "weights"
-        What the run balances.
+        Quantity that the run balances.
     mass : (n,) float, optional
-        This quantity with a small share of the measure added, which breaks ties. Default: the measures.
+        This quantity plus a small share of the measure, to break ties. Default: the measures.
     cells : (n,) float, optional
         Number of mesh cells in each node. Default: 1.
     weights : (n,) float, optional
-        Weights that were given to the run. Default: those of the graph.
+        Weights given to the run. Default: those of the graph.
     """
 
     kind: Kind = "cells"
@@ -34,18 +37,18 @@ class Loads(NamedTuple):
     weights: Float | None = None
 
     def take(self, nodes: Any) -> Loads:
-        """Loads of these nodes."""
+        """Return the loads of these nodes."""
         return Loads(self.kind, *(None if each is None else frozen_float(each[nodes]) for each in self[1:]))
 
     def added(self, labels: Int) -> Loads:
-        """Loads of agglomerates ``labels (n,)``."""
+        """Return the loads of agglomerates ``labels (n,)``."""
         counted = self._replace(cells=np.ones(len(labels)) if self.cells is None else self.cells)
         sums = (None if each is None else frozen_float(np.bincount(labels, each)) for each in counted[1:])
         return Loads(self.kind, *sums)
 
 
 class Loaded:
-    """Quantities balanced by a run, as a part of :class:`~agglo_core.graph.Graph`."""
+    """Base class of :class:`~agglo_core.graph.Graph`: quantities balanced by a run."""
 
     if TYPE_CHECKING:
         measures: Float
@@ -56,38 +59,41 @@ class Loaded:
 
     @property
     def mass(self) -> Float:
-        """Quantity ``(n,)`` by which a number of parts is shared out among pieces and the sides of splits.
+        """Quantity ``(n,)`` by which parts are distributed among pieces and sides of splits.
 
-        By default the measures; a run may set another one (:meth:`with_mass`).
+        By default the measures; a run may set another quantity (:meth:`with_mass`).
         """
         return self.measures if self.loads is None or self.loads.mass is None else self.loads.mass
 
     @property
     def loads(self) -> Loads | None:
-        """Quantities that a run by count balances; None in other runs, and outside of runs."""
+        """Quantities balanced by a run by count.
+
+        The value is None in other runs, and outside of runs.
+        """
         return self.__dict__.get("_loads")
 
     def with_mass(self, mass: ArrayLike) -> Self:
-        """The graph with another :attr:`mass`; subgraphs and quotients have theirs of it."""
+        """Return the graph with another :attr:`mass`, which subgraphs and quotients inherit."""
         given = owned(exact_cast(plain_array(mass, "mass"), np.float64, "mass"))
         if given.shape != (self.n,) or not 0.0 <= given.min(initial=0.0) <= given.max(initial=0.0) < np.inf:
             raise MeshError(f"mass must be {self.n} numbers, finite and not negative; given {given.shape}")
         return self.with_loads(Loads(mass=frozen_float(given)))
 
     def with_loads(self, loads: Loads | None) -> Self:
-        """The graph with other :attr:`loads`; subgraphs and quotients have theirs of them."""
+        """Return the graph with other :attr:`loads`, which subgraphs and quotients inherit."""
         made = trusted_copy(self)
         made.__dict__["_loads"] = loads
         return made
 
     def node_sizes(self, kind: Kind | None = None) -> Float:
-        """Contribution of each node ``(n,)`` to the size of its part.
+        """Return the contribution of each node ``(n,)`` to the size of its part.
 
         Parameters
         ----------
         kind : "cells", "measure" or "weights", optional
-            Number of cells, measure, or the weights of the run, else of the graph. Default: what the run
-            balances, cells outside of runs by count.
+            Number of cells, measure, or the weights of the run (else of the graph). Default: the quantity
+            balanced by the run, or cells outside of runs by count.
         """
         loads = self.loads or Loads()
         kind = kind or loads.kind

@@ -1,8 +1,8 @@
-"""Changes of the objectives if one cell moves to another part, for many moves at once.
+"""Compute changes of the objectives for single-cell moves, many at once.
 
 Each function takes a graph, labels ``(n,)`` that number the parts of all blocks consecutively, and moves:
-cell ``cells[i]`` alone goes to part ``parts[i]``. It returns by how much the sum over all parts changes,
-``(q,)``.
+cell
+``cells[i]`` alone goes to part ``parts[i]``. It returns the change of the sum over all parts, ``(q,)``.
 """
 
 from __future__ import annotations
@@ -16,15 +16,16 @@ from agglo_core.graph.dual import Graph
 from agglo_core.graph.functionals import ratio
 
 SHORTNESS = 0.3
-"""Exponent of L, the length of the interfaces, in the objective ``shape``, J · L^0.3.
+"""Exponent of L, the interface length, in the objective ``shape``, J · L^0.3.
 
 The polish (the refiner ``compactness``) lowers the objective with this exponent; docs/reference/shapes.md
-compares other values, measured by tests/benchmarks/polish.py."""
+compares other values, measured by tests/benchmarks/polish.py.
+"""
 
 
 @dataclass(frozen=True)
 class Links:
-    """Weight of the edges of each moving cell, ``(q,)`` each: all, to its own part, to the part it joins."""
+    """Edge weights of each moving cell, ``(q,)`` each: all edges, to its own part, to its new part."""
 
     total: Float
     own: Float
@@ -32,19 +33,22 @@ class Links:
 
 
 def part_sums(labels: Int, values: Float | Int | Mask, k: int = 0) -> Float:
-    """Sum of the values ``(n,)`` of each label 0..k−1 or more."""
+    """Return the sum of the values ``(n,)`` per label 0..k−1 or more."""
     return np.bincount(labels, values, k).astype(np.float64)
 
 
 def mass_centres(graph: Graph, labels: Int, k: int = 0) -> tuple[Float, Float]:
-    """Weight ``(k,)`` and centre of weight ``(k, d)`` of each part."""
+    """Return weight ``(k,)`` and centre of weight ``(k, d)`` of each part."""
     mass = part_sums(labels, graph.weights, k)
     moments = [part_sums(labels, graph.weights * x, k) for x in graph.centroids.T]
     return mass, np.stack([ratio(moment, mass) for moment in moments], axis=1)
 
 
 def links(graph: Graph, labels: Int, cells: Int, parts: Int, edge_weights: Float | None = None) -> Links:
-    """Edges of the moving cells; ``edge_weights`` is ``(m,)``, one per CSR entry, 1 by default."""
+    """Return the edge weights of moving cells.
+
+    ``edge_weights`` is ``(m,)``, one per CSR entry, 1 by default.
+    """
     move, entry = _entries(graph, cells)
     weights = np.ones(len(entry)) if edge_weights is None else edge_weights[entry]
     beside = labels[graph.indices[entry]]
@@ -57,7 +61,7 @@ def links(graph: Graph, labels: Int, cells: Int, parts: Int, edge_weights: Float
 
 
 def boundary_moves(graph: Graph, labels: Int) -> tuple[Int, Int]:
-    """Every move of a boundary cell to a neighbouring part, once: cells and parts ``(q,)``."""
+    """Return every move of a boundary cell to an adjacent part, once: cells and parts ``(q,)``."""
     rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
     beside = labels[graph.indices]
     crossing = np.flatnonzero(labels[rows] != beside)
@@ -67,19 +71,19 @@ def boundary_moves(graph: Graph, labels: Int) -> tuple[Int, Int]:
 
 
 def interface_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-    """Changes of the measure of the faces between parts ``(q,)``."""
+    """Return the changes of the face measure between parts ``(q,)``."""
     shared = links(graph, labels, cells, parts, graph.interface)
     return shared.own - shared.there
 
 
 def cut_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-    """Changes of the number of edges between parts ``(q,)``."""
+    """Return the changes of the number of edges between parts ``(q,)``."""
     shared = links(graph, labels, cells, parts)
     return shared.own - shared.there
 
 
 def normalised_cut_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-    """Changes of the sum over the parts of edges cut over volume ``(q,)``."""
+    """Return the changes of the sum over parts of cut edges over volume ``(q,)``."""
     shared = links(graph, labels, cells, parts)
     rows = np.repeat(labels, np.diff(graph.indptr))
     k = int(labels.max(initial=0)) + 1
@@ -93,7 +97,7 @@ def normalised_cut_changes(graph: Graph, labels: Int, cells: Int, parts: Int) ->
 
 
 def inertia_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-    """Changes of the moment of inertia of the parts about their centroids ``(q,)``."""
+    """Return the changes of the parts' moment of inertia about their centroids ``(q,)``."""
     k = int(labels.max(initial=0)) + 1
     mass, means = mass_centres(graph, labels, k)
     own, weight, place = labels[cells], graph.weights[cells], graph.centroids[cells]
@@ -104,9 +108,10 @@ def inertia_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
 
 
 def shapes(graph: Graph, labels: Int) -> Float:
-    """Moment of inertia of each part times the interface in its block to the power ``SHORTNESS``, ``(k,)``.
+    """Return the moment of inertia of each part times its block's interface to the power ``SHORTNESS``,
+    ``(k,)``.
 
-    In any unit of length the sum has its minimum at the same labels.
+    The minimiser of the sum does not depend on the unit of length.
     """
     inertia, interface, block = _inertia_and_interface(graph, labels)
     values: Float = inertia * (interface**SHORTNESS)[block]
@@ -114,17 +119,19 @@ def shapes(graph: Graph, labels: Int) -> Float:
 
 
 def shape_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-    """Changes of the sum of the ``shapes`` of the parts ``(q,)``."""
+    """Return the changes of the sum of the parts' ``shapes`` ``(q,)``."""
     inertia, interface, block = _inertia_and_interface(graph, labels)
     total, b = part_sums(block, inertia, graph.n_blocks), graph.block_ids[cells]
     moved = total[b] + inertia_changes(graph, labels, cells, parts)
-    left = np.maximum(interface[b] + interface_changes(graph, labels, cells, parts), 0.0)  # but for rounding
+    left = np.maximum(interface[b] + interface_changes(graph, labels, cells, parts), 0.0)  # 0 up to rounding
     changes: Float = moved * left**SHORTNESS - total[b] * interface[b] ** SHORTNESS
     return np.where(labels[cells] == parts, 0.0, changes)
 
 
 def _inertia_and_interface(graph: Graph, labels: Int) -> tuple[Float, Float, Int]:
-    """Inertia of each part ``(k,)``, interface of each block ``(B,)``, and block of each part ``(k,)``."""
+    """Return inertia of each part ``(k,)``, interface of each block ``(B,)``, and block of each part
+    ``(k,)``.
+    """
     _, means = mass_centres(graph, labels)
     inertia = part_sums(labels, graph.weights * ((graph.centroids - means[labels]) ** 2).sum(axis=1))
     rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
@@ -135,7 +142,7 @@ def _inertia_and_interface(graph: Graph, labels: Int) -> tuple[Float, Float, Int
 
 
 def squared_weight_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-    """Changes of the sum of the squared weights of the parts ``(q,)``."""
+    """Return the changes of the sum of squared part weights ``(q,)``."""
     weights = graph.node_sizes("weights")
     sums, weight = part_sums(labels, weights), weights[cells]
     changes: Float = 2.0 * weight * (sums[parts] - sums[labels[cells]] + weight)
@@ -145,7 +152,7 @@ def squared_weight_changes(graph: Graph, labels: Int, cells: Int, parts: Int) ->
 def edge_difference(
     graph: Graph, before: Int, after: Int, edge_weights: Float | None = None
 ) -> tuple[float, float]:
-    """By how much the weight of the edges between parts grew, and that of all edges of the cells that moved.
+    """Return the growth of the edge weight between parts, and the total edge weight of the moved cells.
 
     Labels ``(n,)`` may number the parts of each block from 0.
     """
@@ -153,14 +160,14 @@ def edge_difference(
     move, entry = _entries(graph, cells)
     here, there = cells[move], graph.indices[entry]
     weights = np.ones(len(entry)) if edge_weights is None else edge_weights[entry]
-    counted_twice = before[there] != after[there]  # from either end
+    counted_twice = before[there] != after[there]  # from both ends
     shares = np.where(counted_twice, 0.5, 1.0) * weights
     joined = (before[here] == before[there]).astype(float) - (after[here] == after[there])
     return float(shares @ joined), float(shares.sum())
 
 
 def _entries(graph: Graph, cells: Int) -> tuple[Int, Int]:
-    """The CSR entries of some cells, one after the other, and the place in ``cells`` each belongs to."""
+    """Return the CSR entries of some cells, concatenated, and the position in ``cells`` of each entry."""
     counts = np.diff(graph.indptr)[cells]
     move = np.repeat(np.arange(len(cells)), counts)
     first = np.cumsum(counts) - counts

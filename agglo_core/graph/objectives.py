@@ -1,4 +1,4 @@
-"""Objectives of a partition, lower is better: what refiners minimise, laws check and comparisons list.
+"""Objectives of partitions (lower is better) for refiners, laws and comparisons.
 
 >>> from agglo_core import samples
 >>> from agglo_core.graph.objectives import OBJECTIVES
@@ -23,27 +23,28 @@ from agglo_core.graph.functionals import part_cuts, part_volumes, ratio
 from agglo_core.graph.loads import Kind
 from agglo_core.graph.solver_shape import solver_shapes
 
-_ROUNDING = 1e-9  # of the value before: growth below it does not count as worse
+_ROUNDING = 1e-9  # relative growth below this value does not count as worse
 
 
 @dataclass(frozen=True)
 class Objective:
-    """One number of a partition; lower is better.
+    """Scalar objective of a partition, to be minimised.
+
 
     Attributes
     ----------
     name : str
     summary : str
-        What it is, in one line.
+        One-line description.
     of_parts : callable
-        Value of each part ``(k,)``, given a graph and labels 0..k−1 of it.
+        Function of a graph and labels 0..k−1 that returns the value of each part ``(k,)``.
     combined : "sum" or "max"
-        How the values of the parts make one.
+        Reduction of the part values to a scalar.
     changes : callable, optional
-        Its incremental form, as :class:`~agglo_core.protocols.IncrementalMetric` describes it.
+        Incremental form, see :class:`~agglo_core.protocols.IncrementalMetric`.
     difference : callable, optional
-        By how much it grew from one labelling to another, and the size of what was added up; for objectives
-        of which that is found faster than by evaluating it twice.
+        Growth between two labellings, and the size of the summed terms; for objectives with a faster way
+        than two evaluations.
     """
 
     name: str
@@ -54,7 +55,7 @@ class Objective:
     difference: Callable[[Graph, Int, Int], tuple[float, float]] | None = None
 
     def worse_by(self, graph: Graph, before: Int, after: Int) -> float:
-        """By how much ``after (n,)`` is worse than ``before (n,)``; 0 if it is not, but for rounding.
+        """Return by how much ``after (n,)`` is worse than ``before (n,)``, or 0 if it is not, up to rounding.
 
         Labels may number the parts of each block from 0.
         """
@@ -68,7 +69,10 @@ class Objective:
         return grown if grown > _ROUNDING * abs(size) else 0.0
 
     def value(self, graph: Graph, labels: ArrayLike) -> float:
-        """Value of the partition ``labels (n,)``, which may number the parts of each block from 0."""
+        """Return the value of a partition ``labels (n,)``.
+
+        Labels may number the parts of each block from 0.
+        """
         values = self.of_parts(graph, numbered_parts(graph, labels))
         return float(values.sum() if self.combined == "sum" else values.max())
 
@@ -76,7 +80,7 @@ class Objective:
 
 
 def numbered_parts(graph: Graph, labels: ArrayLike) -> Int:
-    """Number the parts of all blocks consecutively: labels ``(n,)`` without gaps, rising with the block.
+    """Number the parts of all blocks consecutively: labels ``(n,)`` without gaps, increasing with the block.
 
     Examples
     --------
@@ -90,7 +94,7 @@ def numbered_parts(graph: Graph, labels: ArrayLike) -> Int:
     through = graph.block_ids * stride + local
     if graph.n_blocks * stride > 4 * graph.n:
         return frozen_int(np.unique(through, return_inverse=True)[1])
-    present = np.bincount(through, minlength=graph.n_blocks * stride) > 0  # without sorting the cells
+    present = np.bincount(through, minlength=graph.n_blocks * stride) > 0  # no sort of the cells
     return frozen_int((np.cumsum(present) - 1)[through])
 
 
@@ -120,10 +124,12 @@ def _diameters(graph: Graph, labels: Int) -> Float:
 
 
 def _roundness(graph: Graph, labels: Int) -> Float:
-    """By how much each part ``(k,)`` is less round than a disc or ball, and narrower than the widest one.
+    """Return how far each part ``(k,)`` is from round, plus how much narrower than the widest part of its
+    block.
 
-    Both are between 0 and 1. A part is as round as 2 r / diameter says, with 0.95 · dimension · measure /
-    surface for r: a disc has 0.95, real parts about the ratio of their inscribed circle.
+    Both terms are between 0 and 1. The roundness of a part is 2 r / diameter, with r = 0.95 · dimension ·
+    measure /
+    surface: 0.95 for a disc, and about the ratio of the inscribed circle for real parts.
     """
     widths = graph.part_diameters(labels)
     block, most = np.zeros(len(widths), np.int64), np.zeros(graph.n_blocks)
@@ -193,4 +199,4 @@ _TABLE = (
     ),
 )
 OBJECTIVES: Final[Mapping[str, Objective]] = MappingProxyType({each.name: each for each in _TABLE})
-"""Every objective by name."""
+"""All objectives by name."""

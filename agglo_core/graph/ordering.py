@@ -1,4 +1,4 @@
-"""Orders of cells along a space-filling curve: neighbours in space become neighbours in memory."""
+"""Order cells along a space-filling curve, so that neighbours in space are close in memory."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 
 
 def curve_order(centroids: Float) -> Int:
-    """Order ``(n,)`` of points ``(n, d)`` along a Morton curve of 2^16 (2-D) or 2^10 (3-D) steps.
+    """Return the order ``(n,)`` of points ``(n, d)`` along a Morton curve with 2^16 (2-D) or 2^10 (3-D)
+    steps.
 
     Examples
     --------
@@ -21,6 +22,6 @@ def curve_order(centroids: Float) -> Int:
 
     keys = np.empty(len(centroids), np.uint64)
     curve_keys(frozen_float(centroids), keys)
-    keys.sort()  # far faster than an order of keys; equal ones are in the order of their numbers
+    keys.sort()  # far faster than argsort; equal keys are in the order of their point numbers
     keys &= np.uint64(0xFFFFFFFF)
     return frozen_int(keys.view(np.int64))

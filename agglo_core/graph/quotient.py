@@ -1,4 +1,4 @@
-"""Quotient of a graph: one node per agglomerate, with the geometry of the agglomerates."""
+"""Compute quotient graphs: one node per agglomerate, with its geometry."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from agglo_core.graph.block_graph import BlockGraph
 
 
 class Quotient(NamedTuple):
-    """Arrays of a quotient graph, one node per agglomerate: those of ``Graph`` of the same names."""
+    """Arrays of a quotient graph, one node per agglomerate, named as in ``Graph``."""
 
     indptr: Int
     indices: Index
@@ -27,9 +27,9 @@ class Quotient(NamedTuple):
 
 
 def quotient(labels: Int, fine: BlockGraph) -> Quotient:
-    """Interfaces and measures of agglomerates ``labels (n,)`` add up, centroids are averaged by measure.
+    """Sum interfaces and measures of agglomerates ``labels (n,)``, and average centroids by measure.
 
-    Neighbours and vertices of an agglomerate come in ascending order.
+    Neighbours and vertices of agglomerates are in ascending order.
     """
     from agglo_core.graph.coarse_graphs import quotient_edges, union_of_rows
 
@@ -61,7 +61,7 @@ def quotient(labels: Int, fine: BlockGraph) -> Quotient:
 def _sorted_rows(
     offsets: Int, columns: Index, values: NDArray[Any], n_columns: int
 ) -> sparse.csr_array[Any, Any]:
-    """A CSR with the columns of every row in ascending order."""
+    """Return a CSR with the columns of every row in ascending order."""
     rows = sparse.csr_array((values, columns, offsets), shape=(len(offsets) - 1, n_columns))
     rows.sort_indices()
     return rows

@@ -1,8 +1,9 @@
-"""Objective ``solver``: small moments of inertia and short interfaces, as one number F.
+"""Objective ``solver``: inertia plus interface length, as a single number F.
 
-F is the moment of inertia of the parts, over that of as many regular hexagons of the same measure, plus 0.2
-times their interface, over that of these hexagons; in space truncated octahedra, Kelvin's cells, take their
-place. F has no unit and hardly depends on the number of parts.
+F is the moment of inertia of the parts, relative to equally many regular hexagons of the same measure, plus
+0.2
+times their interface, relative to that of these hexagons. In 3-D, truncated octahedra (Kelvin cells) replace
+hexagons. F has no unit and hardly depends on the number of parts.
 """
 
 from __future__ import annotations
@@ -15,16 +16,16 @@ from agglo_core.graph.functionals import part_cuts
 from agglo_core.graph.moves import mass_centres, part_sums
 
 INTERFACE_WEIGHT = 0.2
-"""How much the interface counts: what is measured about it is in docs/reference/annealing.md."""
+"""Weight of the interface; docs/reference/annealing.md reports the measurements."""
 
 _HEXAGON = {2: (5.0 / (18.0 * 3.0**0.5), (2.0 * 3.0**0.5) ** 0.5), 3: (0.2356299, 2.6573970)}
-"""Moment of inertia about the centre and half the surface of such a cell of measure 1."""
+"""Moment of inertia about the centre, and half the surface, of such a cell with measure 1, by dimension."""
 
 
 def solver_factors(graph: Graph, counts: Int) -> tuple[Float, Float]:
-    """Factors of inertia and of interface in F, for each block ``(B,)`` of ``counts`` parts.
+    """Return the factors of inertia and interface in F, for each block ``(B,)`` with ``counts`` parts.
 
-    Without measures, or weights, inertia does not count, and the interface is over that of all cells.
+    Without measures or weights, inertia does not count, and the interface is relative to that of all cells.
     """
     blocks, inertia, half_surface = graph.block_ids, *_HEXAGON[graph.dim]
     measure, weight = part_sums(blocks, graph.measures), part_sums(blocks, graph.weights)
@@ -39,7 +40,10 @@ def solver_factors(graph: Graph, counts: Int) -> tuple[Float, Float]:
 
 
 def solver_shapes(graph: Graph, labels: Int) -> Float:
-    """Contribution of each part ``(k,)`` to the F of its block; labels number the parts of all blocks."""
+    """Return the contribution of each part ``(k,)`` to the F of its block.
+
+    Labels number the parts of all blocks.
+    """
     _, means = mass_centres(graph, labels)
     inertia = part_sums(labels, graph.weights * ((graph.centroids - means[labels]) ** 2).sum(axis=1))
     interface = 0.5 * part_cuts(graph, labels, edge_weights=graph.interface)

@@ -1,4 +1,4 @@
-"""Sweep rounding: turn the scores of a model, or any coordinate, into two sides."""
+"""Sweep rounding: convert model scores, or any coordinate, to two sides."""
 
 from __future__ import annotations
 
@@ -15,25 +15,27 @@ if TYPE_CHECKING:
 
 
 def sweep(level: Graph, scores: ArrayLike) -> Int:
-    """Sides of each block by the best of 31 thresholds of each score.
+    """Split each block at the best of 31 thresholds of each score.
 
-    Thresholds lie evenly between the extremes of the score, no farther than two standard deviations
-    from its mean. With measure A = A₁ + A₂ of the two sides, cut length and the share B/T of the
-    inertia that lies between the sides (the energy that 2-means maximises) the cost of a threshold is
+    Thresholds are equidistant between the extremes of the score, at most two standard deviations from its
+    mean.
+    With measure A = A₁ + A₂ of the two sides, cut length, and the share B/T of the inertia between the sides
+    (the
+    energy maximised by 2-means), the cost of a threshold is
 
         cut · √A (1/A₁ + 1/A₂) + max(15, 4 √n) (1 − B/T)
 
-    with n cells in the block (in 3-D ∛A in place of √A, so that the cost has no unit): a longer cut harms
-    two parts, unequal sides harm all the parts that they are split into. One pass over the edges finds all
-    cuts. Neither side is ever empty, whatever the scores: probabilities that all lie on one side of ½
-    are rounded as well as any.
+    for a block with n cells (in 3-D ∛A replaces √A, so that the cost has no unit). A longer cut harms two
+    parts,
+    unequal sides harm all parts of later splits. One pass over the edges computes all cuts. Neither side is
+    ever empty, whatever the scores, even for probabilities on one side of ½.
 
     Parameters
     ----------
     level : Graph
     scores : (n,) or (n, C) float
-        Logits, probabilities or coordinates; of several columns each block takes its best, the first
-        of equals. Only differences within a block count.
+        Logits, probabilities or coordinates; each block uses its best column (the first of equal
+        columns). Only differences within a block matter.
 
     Returns
     -------
@@ -68,7 +70,7 @@ def sweep(level: Graph, scores: ArrayLike) -> Int:
 
 
 def sweep_arrays(level: Graph) -> tuple[Int, Int, Index, Float, Float, Float, Float]:
-    """Arguments of the kernels of the sweep: blocks, CSR, interfaces, centroids, weights, measures.
+    """Return the arguments of the sweep kernels: blocks, CSR, interfaces, centroids, weights, measures.
 
     Examples
     --------

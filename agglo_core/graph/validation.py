@@ -1,4 +1,4 @@
-"""Checks of graphs made by hand: shapes, values, symmetry."""
+"""Check user-defined graphs: shapes, values, symmetry."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _DIMENSIONS = {
 
 
 class GraphArrays(Protocol):
-    """The arrays of a :class:`~agglo_core.graph.Graph`, which this module does not import."""
+    """Arrays of a :class:`~agglo_core.graph.Graph`, which this module does not import."""
 
     @property
     def n(self) -> int: ...
@@ -43,12 +43,15 @@ class GraphArrays(Protocol):
 
 
 def copied(name: str, values: ArrayLike, dtype: Any) -> NDArray[Any]:
-    """Numbers of ``dtype`` that the caller cannot change; whole numbers must be given as integers.
+    """Return values as immutable ``dtype`` numbers.
+
+    Integer types require integer input.
+
 
     Raises
     ------
     MeshError
-        If they are not numbers of that kind, do not fit in ``dtype``, or are masked.
+        If the values have another kind, do not fit into ``dtype``, or are masked.
     """
     array = plain_array(values, name)
     kinds = "iu" if np.issubdtype(dtype, np.integer) else "iufb"
@@ -59,7 +62,8 @@ def copied(name: str, values: ArrayLike, dtype: Any) -> NDArray[Any]:
 
 
 def check_graph(graph: GraphArrays) -> None:
-    """Raise MeshError unless shapes agree, values make sense and the CSR is symmetric."""
+    """Raise MeshError unless shapes agree, values are valid and the CSR is symmetric."""
+    # Dimensions and shapes.
     for key, count in _DIMENSIONS.items():
         if getattr(graph, key).ndim != count:
             raise MeshError(f"{key} must have {count} dimensions, not the shape {getattr(graph, key).shape}")
@@ -80,6 +84,7 @@ def check_graph(graph: GraphArrays) -> None:
             where = tuple(bad[0].tolist())
             wanted = "finite" if place else "finite and not negative"
             raise MeshError(f"{key}{list(where)} is {values[where]}: it must be {wanted}")
+    # Data and connectivity.
     for key, values in graph.data.items():
         if values.ndim == 0:
             raise MeshError(f"data {key!r} is a single value, expected {n} rows")
