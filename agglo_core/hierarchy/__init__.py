@@ -1,4 +1,4 @@
-"""The tree of splits, the coarse levels cut from it, and cuts through the trees of the levels."""
+"""The split tree, its coarse levels, and cuts through the trees of nested levels."""
 
 from agglo_core.hierarchy.cuts import Change, Cut
 from agglo_core.hierarchy.forest import Forest

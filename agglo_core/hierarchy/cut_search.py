@@ -1,4 +1,4 @@
-"""The best cut of a given size, and cuts whose neighbours are of nearly the same level."""
+"""Search the best cut of a given size, and graded cuts."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ OBJECTIVES = ("largest", "squares")
 def best_nodes(
     forest: Forest, graph: Graph, indicator: ArrayLike | None, n_parts: int, objective: str, grade: int | None
 ) -> Int:
-    """Nodes of the best cut of at most ``n_parts``; arguments are those of ``Hierarchy.cut``."""
+    """Return the nodes of the best cut with at most ``n_parts`` parts, with arguments as in
+    ``Hierarchy.cut``.
+    """
     from agglo_core.hierarchy.tree_cuts import refine_largest
 
     if objective not in OBJECTIVES:
@@ -36,7 +38,7 @@ def best_nodes(
 
 
 def graded(forest: Forest, graph: Graph, nodes: Int, grade: int) -> Int:
-    """The coarsest refinement of a cut in which the levels of neighbours differ by at most ``grade``."""
+    """Return the coarsest refinement of a cut in which adjacent levels differ by at most ``grade``."""
     from agglo_core.hierarchy.tree_cuts import make_graded
 
     at = np.empty(graph.n, np.int64)
@@ -47,7 +49,7 @@ def graded(forest: Forest, graph: Graph, nodes: Int, grade: int) -> Int:
 
 
 def check_grade(grade: int | None) -> None:
-    """Refuse what is neither None nor a whole number from 1 on."""
+    """Raise OptionError unless the grade is None or a positive integer."""
     if grade is not None and (
         isinstance(grade, bool) or not isinstance(grade, int | np.integer) or grade < 1
     ):
@@ -68,7 +70,7 @@ def _least_squares(forest: Forest, value: Float, n_parts: int, grade: int | None
 
 
 def _shape(forest: Forest, graph: Graph, grade: int | None) -> tuple[Any, Any, int]:
-    """What the kernels are told of forest and graph, and the grade, −1 for none."""
+    """Return forest and graph arrays for the kernels, and the grade (−1 for none)."""
     trees = (
         forest.cells,
         forest.start,
@@ -82,7 +84,10 @@ def _shape(forest: Forest, graph: Graph, grade: int | None) -> tuple[Any, Any, i
 
 
 def _checked(indicator: ArrayLike | None, graph: Graph) -> Float:
-    """The indicator ``(n,)``, by default the measures; finite and not negative."""
+    """Return the checked indicator ``(n,)``, by default the measures.
+
+    It must be finite and non-negative.
+    """
     if indicator is None:
         return graph.measures
     given = plain_array(indicator, "the indicator", OptionError)

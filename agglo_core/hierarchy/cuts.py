@@ -1,4 +1,4 @@
-"""Cuts through the trees of a nested hierarchy: coarse meshes that are fine only where that is wanted."""
+"""Cuts through the trees of a nested hierarchy: coarse meshes with locally fine parts."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ from agglo_core.mesh import Mesh
 
 
 class Change(NamedTuple):
-    """A cut made from another one, and what became of the parts.
+    """A new cut, and the relation of its parts to those of the old cut.
 
     Attributes
     ----------
     cut : Cut
         The new cut.
     same : (n_parts of the old cut,) int
-        New number of each part that is as it was, −1 for those that changed.
+        New number of each unchanged part, −1 for changed parts.
     pairs : (k, 2) int
-        Old and new number of parts that changed: a refined part stands there with each new one, parts
-        that became one with that.
+        Old and new numbers of changed parts: a refined part occurs with each of its new parts, and joined
+        parts occur with their union.
 
     Examples
     --------
@@ -58,7 +58,7 @@ class Change(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """A coarse mesh of parts of several levels, made by :meth:`~agglo_core.hierarchy.Hierarchy.cut`.
+    """A coarse mesh with parts from several levels, created by :meth:`~agglo_core.hierarchy.Hierarchy.cut`.
 
     Attributes
     ----------
@@ -69,9 +69,9 @@ class Cut:
     forest : Forest
         The levels of the hierarchy as trees.
     nodes : (n_parts,) int
-        Node of the forest that each part is.
+        Forest node of each part.
     grade : int or None
-        By how many levels neighbouring parts may differ; None for any number.
+        Maximum level difference of adjacent parts; None for no limit.
 
     Examples
     --------
@@ -109,7 +109,10 @@ class Cut:
 
     @property
     def levels(self) -> Int:
-        """Level of each part ``(n_parts,)``, the coarsest one that has it; −1 for single cells."""
+        """Coarsest level of each part ``(n_parts,)``.
+
+        Single cells have −1.
+        """
         return frozen_int(self.forest.coarsest[self.nodes])
 
     @cached_property
@@ -124,7 +127,7 @@ class Cut:
         Raises
         ------
         MeshError
-            If a bare Graph was agglomerated.
+            If a Graph without mesh was agglomerated.
         """
         if self.fine is None:
             raise MeshError("this cut belongs to a graph: it has no mesh")
@@ -132,12 +135,15 @@ class Cut:
 
     # -- local changes -------------------------------------------------------------------------
     def refine(self, parts: ArrayLike) -> Change:
-        """Split parts into those of the finer level; with a grade, neighbours as far as it asks.
+        """Split parts into those of the finer level.
+
+        With a grade, neighbours are split as necessary.
+
 
         Parameters
         ----------
         parts : (k,) int or (n_parts,) bool
-            Single cells stay as they are.
+            Single cells are unchanged.
         """
         chosen = self._mask(parts) & (self.forest.n_children[self.nodes] > 0)
         split = self.nodes[chosen]
@@ -145,10 +151,11 @@ class Cut:
         return self._changed(np.concatenate((self.nodes[~chosen], children)))
 
     def coarsen(self, parts: ArrayLike) -> Change:
-        """Join parts to those of the coarser level, where all parts of such a one are given.
+        """Join parts to those of the coarser level if all their siblings are given.
 
-        Others stay as they are; with a grade, so do those whose neighbours would be too fine. What
-        :meth:`refine` has split, and nothing but that, becomes one again if all its pieces are given.
+        Other parts are unchanged, as are, with a grade, parts with too fine neighbours. The pieces of a part
+        split by
+        :meth:`refine` become this part again if all of them are given.
 
         Parameters
         ----------
@@ -189,14 +196,15 @@ class Cut:
 
     # -- transfer ------------------------------------------------------------------------------
     def prolongation(self, finer: Cut) -> sparse.csr_array[Any, Any]:
-        """Constants on these parts on those of a finer cut: a matrix ``(finer.n_parts, n_parts)`` of ones.
+        """Return the prolongation of piecewise constants to a finer cut: ones, ``(finer.n_parts, n_parts)``.
 
-        From one cut to a third it is the product of those over any cut between them.
+        Prolongations between three cuts compose: the product over an intermediate cut is the direct
+        prolongation.
 
         Raises
         ------
         OptionError
-            If a part of ``finer`` is no subset of a part of this cut, or it belongs to another hierarchy.
+            If a part of ``finer`` is no subset of a part of this cut, or belongs to another hierarchy.
         """
         self._check_same_forest(finer)
         columns = self.labels[first_of_each(finer.labels)]
@@ -205,22 +213,22 @@ class Cut:
         return ones_by_row(columns, self.n_parts)
 
     def restriction(self, coarser: Cut) -> sparse.csr_array[Any, Any]:
-        """Mean by measure on the parts of a coarser cut, ``(coarser.n_parts, n_parts)``.
+        """Return the mean by measure on the parts of a coarser cut, ``(coarser.n_parts, n_parts)``.
 
-        It undoes :meth:`prolongation`: R P is the identity.
+        It is the left inverse of :meth:`prolongation`: R P is the identity.
 
         Raises
         ------
         OptionError
-            If a part of this cut is no subset of one of ``coarser``, or it belongs to another hierarchy.
+            If a part of this cut is no subset of a part of ``coarser``, or belongs to another hierarchy.
         """
         coarser.prolongation(self)
         return self.projection(coarser)
 
     def projection(self, other: Cut) -> sparse.csr_array[Any, Any]:
-        """Mean by measure on the parts of any other cut, finer here and coarser there.
+        """Return the mean by measure on the parts of any other cut, locally finer or coarser.
 
-        It is the projection in L2 of what is constant on these parts, and keeps its integral.
+        It is the L2 projection of piecewise constants, and preserves the integral.
 
         Raises
         ------
@@ -242,13 +250,13 @@ class Cut:
 
 
 def ones_by_row(columns: Int, n_columns: int) -> sparse.csr_array[Any, Any]:
-    """Matrix ``(n, n_columns)`` with a one in ``columns[i]`` of each row i."""
+    """Return a matrix ``(n, n_columns)`` with a one in ``columns[i]`` of each row i."""
     n = len(columns)
     indices, indptr = (index_cast(each, max(n, n_columns)) for each in (columns, np.arange(n + 1)))
     return sparse.csr_array((np.ones(n), indices, indptr), shape=(n, n_columns))
 
 
 def _ranges(first: Int, count: Int) -> Int:
-    """The numbers ``first[i]``, …, ``count[i]`` of them, for each i."""
+    """Return ``count[i]`` consecutive numbers from ``first[i]``, for each i."""
     ends = np.cumsum(count)
     return frozen_int(np.arange(ends[-1] if len(ends) else 0) + np.repeat(first - ends + count, count))

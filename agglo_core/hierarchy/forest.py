@@ -1,4 +1,4 @@
-"""The nested levels of a hierarchy as trees, whose cuts are coarse meshes."""
+"""Nested levels of a hierarchy as trees, whose cuts are coarse meshes."""
 
 from __future__ import annotations
 
@@ -16,12 +16,15 @@ from agglo_core.mesh.checks import name_cells
 
 @dataclass(frozen=True, eq=False)
 class Forest(FieldState):
-    """Parts of all levels and the cells as nodes; parts of several levels with the same cells are one node.
+    """Parts of all levels and cells as nodes.
+
+    Equal parts of several levels are one node.
+
 
     Attributes
     ----------
     cells : (n,) int
-        Cell ids in tree order, so that every node is a slice of them.
+        Cell ids in tree order, so that every node is a slice.
     start, stop : (N,) int
         Node i owns ``cells[start[i]:stop[i]]``.
     parent : (N,) int
@@ -29,9 +32,9 @@ class Forest(FieldState):
     first_child, n_children : (N,) int
         The children of node i are numbered ``first_child[i]``, …; single cells have none.
     finest, coarsest : (N,) int
-        Finest and coarsest level of which the node is a part; −1 stands for the cells.
+        Finest and coarsest level with this part; −1 stands for the cells.
     rounds : (r,) int
-        Number of the first node of each coarsest level, from above; the roots are the first round.
+        First node of each coarsest level, from above; the roots are the first round.
 
     Examples
     --------
@@ -53,12 +56,12 @@ class Forest(FieldState):
 
     @classmethod
     def of(cls, levels: Sequence[Int], n: int) -> Forest:
-        """Forest of nested levels ``(n,)``, finest first.
+        """Build the forest of nested levels ``(n,)``, finest first.
 
         Raises
         ------
         OptionError
-            If a part of a level lies in two parts of the next coarser one.
+            If a part of a level lies in two parts of the next coarser level.
         """
         check_nested(levels)
         order = np.arange(n)
@@ -73,7 +76,7 @@ class Forest(FieldState):
         return cls(*map(frozen_int, arrays))
 
     def matches(self, other: Forest) -> bool:
-        """Whether both are the trees of equal levels, as those of an unpickled hierarchy are."""
+        """Return True if both forests belong to equal levels, as after unpickling."""
         if self is other:
             return True
         names = [field.name for field in fields(self)]
@@ -81,11 +84,13 @@ class Forest(FieldState):
 
     @property
     def n_roots(self) -> int:
-        """Number of roots: parts of the coarsest level."""
+        """Number of roots (parts of the coarsest level)."""
         return int(self.rounds[1]) if len(self.rounds) > 1 else len(self.parent)
 
     def sums(self, values: Float) -> Float:
-        """Sum over the cells ``(n,)`` of each node; never less than that of a child if none is negative."""
+        """Return the sum of cell values ``(n,)`` over each node, for non-negative values at least that of a
+        child.
+        """
         total = np.zeros(len(self.parent))
         single = np.flatnonzero(self.n_children == 0)
         total[single] = values[self.cells[self.start[single]]]
@@ -95,11 +100,11 @@ class Forest(FieldState):
         return frozen_float(total)
 
     def level(self, level: int) -> Int:
-        """Nodes that are the parts of a level, −1 for the cells."""
+        """Return the nodes of a level, −1 for the cells."""
         return frozen_int(np.flatnonzero((self.finest <= level) & (level <= self.coarsest)))
 
     def labelled(self, nodes: Int) -> tuple[Int, Int]:
-        """Labels ``(n,)`` of disjoint nodes that own all cells, and the nodes in the order of labels."""
+        """Return labels ``(n,)`` of disjoint nodes that own all cells, and the nodes in label order."""
         nodes = nodes[np.argsort(self.start[nodes])]
         at = np.empty(len(self.cells), np.int64)
         at[self.cells] = np.repeat(np.arange(len(nodes)), self.stop[nodes] - self.start[nodes])
@@ -110,10 +115,11 @@ class Forest(FieldState):
 
 
 def _nodes(levels: Sequence[Int], order: Int) -> tuple[Int, ...]:
-    """Start, stop, parent, finest and coarsest level of the nodes, and the first node of each round."""
+    """Return start, stop, parent, finest and coarsest level per node, and the first node per round."""
     nodes = np.empty((5, 0), np.int64)
     rounds: list[int] = []
-    holder = np.full(len(order), -1)  # node of the level above at each place
+    holder = np.full(len(order), -1)  # node of the level above at each position
+    # From the coarsest level to the cells: a part equal to its parent extends it, other parts are new nodes.
     for level in range(len(levels) - 1, -2, -1):
         ordered = levels[level][order] if level >= 0 else order
         first = np.flatnonzero(np.append(True, ordered[1:] != ordered[:-1]))
@@ -129,7 +135,7 @@ def _nodes(levels: Sequence[Int], order: Int) -> tuple[Int, ...]:
 
 
 def check_nested(levels: Sequence[Int]) -> None:
-    """Raise OptionError if a part of a level ``(n,)`` lies in two parts of the next coarser one."""
+    """Raise OptionError if a part of a level ``(n,)`` lies in two parts of the next coarser level."""
     for level, (fine, coarse) in enumerate(pairwise(levels)):
         holder = np.empty(int(fine.max(initial=-1)) + 1, np.int64)
         holder[fine] = coarse

@@ -1,4 +1,4 @@
-"""The hierarchy of coarse levels: labels, coarse meshes, and the maps between levels."""
+"""Hierarchy of coarse levels: labels, coarse meshes, and maps between levels."""
 
 from __future__ import annotations
 
@@ -34,21 +34,21 @@ class Hierarchy(FieldState):
     graph : Graph
         Its dual graph.
     levels : list of (n_cells,) int
-        ``levels[0]`` is the finest coarse level; labels 0..k−1 numbered by smallest cell id. One per
+        ``levels[0]`` is the finest coarse level; labels 0..k−1 numbered by smallest cell id. One level per
         target; equal levels are kept.
     targets : list of mapping
-        The target of each level, e.g. ``{"h_star": 0.3}``.
+        Target of each level, e.g. ``{"h_star": 0.3}``.
     nested : bool
-        Whether each level is a coarsening of the one before.
+        True if each level is a coarsening of the previous level.
     statistics : mapping
-        How the run went: plain data.
+        Statistics of the run as plain data.
 
     Raises
     ------
     MeshError
-        For labels that are masked, no integers or of another shape, or that leave gaps.
+        For labels that are masked, not integers, of another shape, or that leave gaps.
     OptionError
-        If there is not one target for each level, or levels that should be nested are not.
+        If the numbers of targets and levels differ, or levels declared as nested are not.
 
     Examples
     --------
@@ -83,12 +83,15 @@ class Hierarchy(FieldState):
 
     @cached_property
     def parts(self) -> list[int]:
-        """Number of agglomerates of each level."""
+        """Number of agglomerates per level."""
         return [int(labels.max()) + 1 for labels in self.levels]
 
     @property
     def fingerprint(self) -> str:
-        """Fingerprint of the mesh this hierarchy belongs to; empty for a graph."""
+        """Fingerprint of the mesh.
+
+        The value is empty for a graph.
+        """
         return self.fine.fingerprint if self.fine is not None else ""
 
     def _level(self, level: int) -> Int:
@@ -97,7 +100,8 @@ class Hierarchy(FieldState):
         return self.levels[level]
 
     def parents(self, level: int) -> Int:
-        """Agglomerate of level + 1 that holds each agglomerate of ``level``, shape ``(n_level,)``.
+        """Return the agglomerate of level + 1 that contains each agglomerate of ``level``, shape
+        ``(n_level,)``.
 
         Raises
         ------
@@ -112,14 +116,14 @@ class Hierarchy(FieldState):
         return frozen_int(parents)
 
     def overlap(self, level: int) -> sparse.csr_array[Any, Any]:
-        """Measure of the common cells, ``(n_{level+1}, n_level)``; defined for any hierarchy."""
+        """Return the measures of common cells, ``(n_{level+1}, n_level)``, for any hierarchy."""
         fine, coarse = self._level(level), self._level(level + 1)
         places = tuple(index_cast(labels, self.graph.n) for labels in (coarse, fine))
         shape = (self.parts[level + 1], self.parts[level])
         return sparse.csr_array(sparse.coo_array((self.graph.measures, places), shape=shape))
 
     def prolongation(self, level: int) -> sparse.csr_array[Any, Any]:
-        """Injection of ones from ``level`` to the next finer one, ``(n_{level−1}, n_level)``.
+        """Return the injection of ones from ``level`` to the next finer level, ``(n_{level−1}, n_level)``.
 
         The next finer level of level 0 is the mesh itself.
 
@@ -133,12 +137,12 @@ class Hierarchy(FieldState):
         return ones_by_row(columns, self.parts[level])
 
     def mesh(self, level: int) -> Mesh:
-        """Mesh of the agglomerates of ``level``.
+        """Return the mesh of the agglomerates of ``level``.
 
         Raises
         ------
         MeshError
-            If a bare Graph was agglomerated.
+            If a Graph without mesh was agglomerated.
         """
         if self.fine is None:
             raise MeshError("this hierarchy belongs to a graph: it has no mesh")
@@ -152,7 +156,7 @@ class Hierarchy(FieldState):
         section: Sequence[float] | None = None,
         path: str | PathLike[str] | None = None,
     ) -> None:
-        """Show a level of a solid in a window or a picture: :func:`agglo_core.draw.solids.scene.view`."""
+        """Show a level in 3-D, in a window or as a picture, see :func:`agglo_core.draw.solids.scene.view`."""
         made_by("agglo_core.draw.solids.scene:view")(self, level, explode=explode, section=section, path=path)
 
     def plot(
@@ -166,7 +170,7 @@ class Hierarchy(FieldState):
         section: Sequence[float] | None = None,
         registry: Any = None,
     ) -> Any:
-        """Draw the agglomerates of a level on axes of matplotlib; neighbours differ in colour.
+        """Draw the agglomerates of a level on matplotlib axes, with different colours for neighbours.
 
         Parameters
         ----------
@@ -175,13 +179,13 @@ class Hierarchy(FieldState):
         ax, cmap, section : optional
             As for :meth:`agglo_core.Mesh.plot`.
         values : str or (n_level,) float, optional
-            What agglomerates are coloured by: the name of a metric, or numbers, with a colour bar; grey where
-            they are not finite.
+            Colours: the name of a metric, or numbers, with a colour bar; grey for non-finite values.
         explode : float, optional
-            In 3-D: agglomerates are moved by so many times the way from the middle of the mesh to theirs,
-            from 0 to 10; by default 0.35.
+            In 3-D: shift of each agglomerate away from the middle of the mesh, relative to their distance,
+            from
+            0 to 10; by default 0.35.
         registry : Registry, optional
-            Where metrics are looked up; by default the installed plugins.
+            Registry with the metrics; by default the installed plugins.
 
         Returns
         -------
@@ -190,7 +194,7 @@ class Hierarchy(FieldState):
         Raises
         ------
         OptionError, PluginError
-            Without matplotlib, or for an argument that is not as above.
+            Without matplotlib, or for invalid arguments.
         MeshError
             If the hierarchy has no mesh.
         IndexError
@@ -214,7 +218,7 @@ class Hierarchy(FieldState):
     # -- cuts ----------------------------------------------------------------------------------
     @cached_property
     def forest(self) -> Forest:
-        """The levels as trees, whose cuts are coarse meshes.
+        """Levels as trees, whose cuts are coarse meshes.
 
         Raises
         ------
@@ -235,37 +239,41 @@ class Hierarchy(FieldState):
         objective: str = "largest",
         grade: int | None = None,
     ) -> Cut:
-        """The best coarse mesh of at most ``n_parts`` parts, each of any level or a single cell.
+        """Return the best coarse mesh with at most ``n_parts`` parts, each from any level or a single cell.
 
-        The indicator of a part is the sum over its cells. With objective ``largest`` the largest one is as
-        small as that of any cut of so many parts, graded alike if there is a grade; the next largest are
-        split as long as they fit, until nothing is left to split, or only parts of indicator 0. With
-        ``squares`` no cut of so many parts has a smaller sum of squared indicators (which for a given number
-        is smallest where all are equal), in time that grows with cells times parts. Sizes are met from below,
-        as a part can only be split into all of its children.
+        The indicator of a part is the sum over its cells. Objective ``largest`` minimises the largest part
+        indicator over all cuts of this size (with the same grade, if any). The parts with the next largest
+        indicators are then split while they fit, until no part can be split or the rest have indicator 0.
+        Objective ``squares`` minimises the sum of squared indicators (for a given number of parts, equal
+        indicators
+        are optimal), in time proportional to cells times parts. The number of parts may stay below
+        ``n_parts``, because
+        a part is always split into all of its children.
 
         Parameters
         ----------
         n_parts : int
-            Largest number of parts; the coarsest level has the fewest.
+            Maximum number of parts; the coarsest level has the fewest.
         indicator : (n,) float, optional
-            Of each fine cell, 0 or more: an estimated error, a speed, what is near a well. By default its
-            measure, so that parts are as even as the levels allow.
+            Non-negative value per fine cell: an estimated error, a speed, the vicinity of a well. By default
+            the
+            measure, so that parts are as equal as the levels allow.
         objective : {"largest", "squares"}
         grade : int, optional
-            By how many levels parts that share a face may differ (1 is usual); by default any number. A part
-            of several levels differs from others by the least of the differences. Not with ``squares``.
+            Maximum level difference of parts that share a face (1 is usual); by default unlimited. For a part
+            of
+            several levels the smallest difference counts. Not available with ``squares``.
 
         Raises
         ------
         OptionError
-            If the hierarchy is not nested, an argument is not as above, or the coarsest level has more parts.
+            If the hierarchy is not nested, an argument is invalid, or the coarsest level has more parts.
         """
         nodes = best_nodes(self.forest, self.graph, indicator, n_parts, objective, grade)
         return Cut(self.fine, self.graph, self.forest, nodes, grade)
 
     def cut_at(self, level: int, *, grade: int | None = None) -> Cut:
-        """The parts of one level as a cut, −1 for the cells: a start for ``refine`` and ``coarsen``."""
+        """Return the parts of a level (−1: cells) as a cut, a start for ``refine`` and ``coarsen``."""
         if not -1 <= level < len(self.levels):
             raise IndexError(
                 f"level {level} of a hierarchy with levels 0..{len(self.levels) - 1}, and -1: cells"
@@ -274,12 +282,12 @@ class Hierarchy(FieldState):
         return Cut(self.fine, self.graph, self.forest, self.forest.level(level), grade)
 
     def above(self, cut: Cut) -> Hierarchy:
-        """The levels that are coarser than a cut somewhere, on its mesh: what multigrid on a cut needs.
+        """Return the levels that are coarser than a cut somewhere, on its mesh, for multigrid on a cut.
 
         Raises
         ------
         OptionError
-            If the cut is none of this hierarchy.
+            If the cut belongs to another hierarchy.
         """
         if not cut.forest.matches(self.forest):
             raise OptionError("the cut belongs to another hierarchy")

@@ -11,7 +11,7 @@ from agglo_core.arrays import Float, Int, frozen_int
 
 
 def by_first_cell(labels: ArrayLike) -> Int:
-    """Labels renumbered 0..k−1 in the order of their smallest cell ids.
+    """Renumber labels to 0..k−1 in the order of their smallest cell ids.
 
     Examples
     --------
@@ -21,7 +21,7 @@ def by_first_cell(labels: ArrayLike) -> Int:
     """
     array = frozen_int(labels)
     first = np.full(int(array.max()) + 1, -1, np.int64)
-    first[array[::-1]] = np.arange(len(array) - 1, -1, -1)  # the last write, the smallest id, stays
+    first[array[::-1]] = np.arange(len(array) - 1, -1, -1)  # the last write is the smallest id
     used = np.flatnonzero(first >= 0)
     number = np.empty(len(first), np.int64)
     number[used[np.argsort(first[used])]] = np.arange(len(used))
@@ -30,7 +30,7 @@ def by_first_cell(labels: ArrayLike) -> Int:
 
 @dataclass(frozen=True, eq=False)
 class Tree:
-    """Tree of splits. Cells stand in tree order, so every node is a slice of them.
+    """Tree of splits, with cells in tree order, so that every node is a slice.
 
     Attributes
     ----------
@@ -41,8 +41,8 @@ class Tree:
     start, stop : (N,) int
         Node i owns ``cells[start[i]:stop[i]]``.
     diameter : (N,) float
-        Diameter, exact where a target is near, elsewhere a number on the same side of every target;
-        NaN where no target asked for it.
+        Diameter, exact near a target, elsewhere a number on the same side of every target; NaN if no
+        target needs it.
 
     Examples
     --------
@@ -61,7 +61,7 @@ class Tree:
     diameter: Float
 
     def labels(self, nodes: ArrayLike) -> Int:
-        """Labels ``(n,)`` of the level made of these disjoint nodes, which together own all cells."""
+        """Return labels ``(n,)`` of the level with these disjoint nodes, which together own all cells."""
         chosen = frozen_int(nodes)
         chosen = chosen[np.argsort(self.start[chosen])]
         sizes = self.stop[chosen] - self.start[chosen]
@@ -70,7 +70,7 @@ class Tree:
         return by_first_cell(labels)
 
     def cut(self, h_star: float) -> Int:
-        """First node on each path with ``diameter <= h_star`` (leaves count as such)."""
+        """Return the first node on each path with ``diameter <= h_star`` (leaves always qualify)."""
         leaf = np.ones(len(self.parent), bool)
         leaf[self.parent[self.parent >= 0]] = False
         meets = leaf | (self.diameter <= h_star)

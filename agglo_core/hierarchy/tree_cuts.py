@@ -1,8 +1,8 @@
-"""Cuts through a forest: the nodes of largest value refined first, and cuts made graded.
+"""Kernels for cuts through a forest: refinement of the largest values first, and grading.
 
-``trees`` are the cells in the order of the forest, the range ``start[p]:stop[p]`` of them in each node p, its
-first child and number of children, the finest and the coarsest level that it is a part of. The children of p
-are ``first[p]``, …, ``count[p]`` of them; ``at`` holds the node of each cell.
+``trees`` are the cells in forest order, the range ``start[p]:stop[p]`` of each node p, its first child and
+number of children, and its finest and coarsest level. The children of p are ``count[p]`` nodes from
+``first[p]``; ``at`` holds the node of each cell.
 """
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
@@ -34,18 +34,19 @@ def _join(p, trees, at):
 
 @helper
 def _grade_around(begin, end, trees, near, grade, at, log, n_log, room):
-    """Split nodes that are too coarse for the cells at places ``begin`` to ``end`` adjacent to them.
+    """Split nodes that are too coarse for adjacent cells at positions ``begin`` to ``end``.
 
-    ``room`` is how many more parts there may be. Nodes split are added to the log. Returns its length and the
-    room left, which is negative if it was too small.
+    ``room`` is the number of parts that may be added. Split nodes are appended to the log. Returns the log
+    length
+    and the remaining room, which is negative if it was too small.
     """
     cells, count, finest, coarsest = trees[0], trees[4], trees[5], trees[6]
     for k in range(begin, end):
         x = cells[k]
         for h in range(near[0][x], near[0][x + 1]):
             y = near[1][h]
-            # The node of a neighbour is split until its finest level is at most ``grade`` above the coarsest
-            # level of the node here. One split may not be enough.
+            # Split the node of a neighbour until its finest level is at most ``grade`` above the coarsest
+            # level of the node here, which may take several splits.
             while finest[at[y]] - coarsest[at[x]] > grade:
                 q = at[y]
                 room -= count[q] - 1
@@ -59,7 +60,7 @@ def _grade_around(begin, end, trees, near, grade, at, log, n_log, room):
 
 @helper
 def _settle(done, trees, near, grade, at, log, n_log, room):
-    """Grade around the nodes of the log from ``done`` on, and around those split on the way."""
+    """Grade around the log entries from ``done`` on, and around the nodes split in the process."""
     start, stop = trees[1], trees[2]
     while done < n_log and room >= 0:
         p = log[done]
@@ -70,11 +71,14 @@ def _settle(done, trees, near, grade, at, log, n_log, room):
 
 @kernel
 def refine_largest(trees, near, grade, value, roots, most):
-    """Node of each cell ``(n,)`` in the cut of at most ``most`` parts that splits the largest value first.
+    """Return the node of each cell ``(n,)`` in the cut with at most ``most`` parts that splits the largest
+    value first.
 
-    ``value (N,)`` is that of each node; the first ``roots`` nodes are the roots. Nodes that have no children,
-    or no value, stay, as do those that would make too many. With a grade of 0 or more neighbours are split
-    until their levels differ by no more than that.
+    ``value (N,)`` is given per node; the first ``roots`` nodes are the roots. Nodes without children or value
+    are
+    not split, nor are nodes that would create too many parts. With ``grade`` ≥ 0, neighbours are split until
+    their
+    levels differ by at most ``grade``.
     """
     cells, start, _, first, count = trees[:5]
     at = np.empty(len(cells), np.int64)
@@ -82,28 +86,28 @@ def refine_largest(trees, near, grade, value, roots, most):
     place = np.full(len(start), -1, np.int64)
     log = np.empty(len(start), np.int64)
     size, room = 0, most - roots
-    # 1. The cut begins with the roots; those that can be split go into the heap.
+    # 1. The cut begins with the roots; divisible roots enter the heap.
     for p in range(roots):
         _join(p, trees, at)
         if count[p] > 0 and value[p] > 0.0:
             size = put_in(heap, keys, place, size, p, value[p])
     while size > 0 and room > 0:
-        # 2. The largest value, unless grading has split the node already or its children are too many.
+        # 2. Take the largest value, unless grading has already split the node or it has too many children.
         p, size = take_out(heap, keys, place, size)
         if at[cells[start[p]]] != p or count[p] - 1 > room:
             continue
-        # 3. Split it, and grade around what was split. All nodes split are in the log.
+        # 3. Split the node, and grade around the split. The log contains all split nodes.
         _split(p, trees, at)
         log[0] = p
         n_log, left = 1, room - (count[p] - 1)
         if grade >= 0:
             n_log, left = _settle(0, trees, near, grade, at, log, n_log, left)
-        # 4. Too many parts: the log is undone, those below before those above, and the node stays.
+        # 4. Too many parts: undo the log in reverse order, so the node is not split.
         if left < 0:
             for i in range(n_log - 1, -1, -1):
                 _join(log[i], trees, at)
             continue
-        # 5. Kept: all new nodes that can be split go into the heap.
+        # 5. Accepted: divisible new nodes enter the heap.
         room = left
         for i in range(n_log):
             for child in range(first[log[i]], first[log[i]] + count[log[i]]):

@@ -1,11 +1,12 @@
-"""The cut of a forest with at most so many parts whose costs add up to the least: a knapsack on trees.
+"""Find the forest cut with minimum total cost and bounded number of parts: a knapsack on trees.
 
-Tables hold the least cost of each number of parts beyond the fewest. The children of a node are added up two
-by two, and so are those sums, so that each sum knows what it was made of and no choice need be stored.
+Tables hold the minimum cost for each number of parts above the minimum. Children of a node are summed in
+pairs,
+and so are these sums, so that the choices follow from the tables and need no storage.
 
-Nodes are numbered from the roots down, pairs of them after all nodes. The table of each is a range of
-``tables``, from ``offsets[p]`` to ``offsets[p + 1]``: entry k is the least cost with k parts more than the
-fewest.
+Nodes are numbered from the roots down, pairs follow after all nodes. The table of node p is the range
+``offsets[p]`` to ``offsets[p + 1]`` of ``tables``: entry k is the minimum cost with k parts above the
+minimum.
 """
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
@@ -19,16 +20,17 @@ from agglo_core.compiled.compiling import helper, kernel
 
 @helper
 def _pair_up(begin, end, n_pairs, left, right, lengths, most, queue):
-    """Pair the nodes from ``begin`` to ``end``, then the pairs, until one is left; return it.
+    """Pair the nodes from ``begin`` to ``end``, then the pairs, until one remains, and return it.
 
-    Pairs are numbered after the nodes; ``left`` and ``right`` are their halves. Returns the number of pairs
-    of all calls, too.
+    Pairs are numbered after the nodes; ``left`` and ``right`` are their halves. Also returns the number of
+    pairs in
+    all calls.
     """
     n_nodes = len(left)
     for p in range(begin, end):
         queue[p - begin] = p
-    # The two that have waited longest become a pair, which waits behind the others: the tree is balanced.
-    # Tables are no longer than ``most``: entries beyond are never used.
+    # A queue: the two oldest entries become a pair at the end, so the tree is balanced. Tables have at most
+    # ``most`` entries, because later entries are never used.
     head, tail = 0, end - begin
     while tail - head > 1:
         a, b = queue[head], queue[head + 1]
@@ -42,7 +44,7 @@ def _pair_up(begin, end, n_pairs, left, right, lengths, most, queue):
 
 @helper
 def _add_up(a, b, made, offsets, tables):
-    """Fill the table of a pair with the least cost over all ways to share parts out to a and b."""
+    """Fill the table of a pair with the minimum cost over all distributions of parts to a and b."""
     begin, length = offsets[made], offsets[made + 1] - offsets[made]
     for k in range(length):
         tables[begin + k] = np.inf
@@ -57,7 +59,7 @@ def _add_up(a, b, made, offsets, tables):
 
 @helper
 def _share(a, b, k, offsets, tables):
-    """Return how many of the k parts of a pair beyond the fewest belong to a."""
+    """Return the number of a's parts among the k additional parts of a pair."""
     best, least = 0, np.inf
     for i in range(min(offsets[a + 1] - offsets[a], k + 1)):
         if k - i < offsets[b + 1] - offsets[b]:
@@ -69,7 +71,7 @@ def _share(a, b, k, offsets, tables):
 
 @helper
 def _node_table(p, count, cost, top, offsets, tables):
-    """Fill the table of a node: itself as one part, or its children together."""
+    """Fill the table of a node: the node itself as one part, or its children together."""
     begin, fewest = offsets[p], count[p] - 1
     for k in range(1, offsets[p + 1] - begin):
         tables[begin + k] = tables[offsets[top[p]] + k - fewest] if k >= fewest else np.inf
@@ -78,7 +80,7 @@ def _node_table(p, count, cost, top, offsets, tables):
 
 @helper
 def _fewest_of_least(begin, end, tables):
-    """Index of the least cost of a table, the first of equal ones."""
+    """Return the index of the smallest cost in a table, the first of equal values."""
     best = begin
     for k in range(begin, end):
         if tables[k] < tables[best]:
@@ -94,8 +96,8 @@ def _trace(whole, best, count, top, left, right, offsets, tables, queue, many, c
     while size > 0:
         size -= 1
         p, k = queue[size], many[size]
-        # A pair shares its k parts out to both halves, as its table did. A node with none beyond the fewest
-        # is a part itself; with more, its children are, the fewest of which are count − 1 more than one.
+        # A pair distributes its k parts to both halves as in its table. A node without additional parts is a
+        # part itself; otherwise its children are parts, whose minimum number is count − 1 above one.
         if p >= n_nodes:
             a, b = left[p - n_nodes], right[p - n_nodes]
             i = _share(a, b, k, offsets, tables)
@@ -110,17 +112,18 @@ def _trace(whole, best, count, top, left, right, offsets, tables, queue, many, c
 
 @kernel
 def least_cut(first, count, cost, roots, most):
-    """Mark the nodes ``(N,)`` of the cut of least cost with at most ``most`` parts.
+    """Mark the nodes ``(N,)`` of the minimum-cost cut with at most ``most`` parts.
 
-    ``cost (N,)`` is that of each node as a part; costs of a cut are added. Of equal cuts the one of fewest
+    ``cost (N,)`` is the cost of each node as a part; costs add up over a cut. Of equal cuts, the cut with the
+    fewest
     parts is marked.
     """
     n_nodes = len(first)
     left, right = np.empty(n_nodes, np.int64), np.empty(n_nodes, np.int64)
     lengths, queue = np.ones(2 * n_nodes, np.int64), np.empty(2 * n_nodes, np.int64)
     top, pairs = np.full(n_nodes, -1, np.int64), np.zeros(n_nodes + 1, np.int64)
-    # 1. Lengths of all tables, from the leaves up: children have larger numbers. ``pairs`` counts the pairs
-    #    made up to each node, for the order of step 3.
+    # 1. Lengths of all tables, from the leaves up (children have larger numbers). ``pairs`` counts the pairs
+    #   up to each node, for the order in step 3.
     room, n_pairs = most - roots + 1, 0
     for p in range(n_nodes - 1, -1, -1):
         if count[p] > 0:
@@ -128,13 +131,13 @@ def least_cut(first, count, cost, roots, most):
             top[p], n_pairs = _pair_up(begin, end, n_pairs, left, right, lengths, room, queue)
             lengths[p] = min(lengths[top[p]] + count[p] - 1, room)
         pairs[n_nodes - p] = n_pairs
-    # 2. The roots are paired, too; then tables get their places.
+    # 2. Pair the roots, then compute the table positions.
     whole, n_pairs = _pair_up(0, roots, n_pairs, left, right, lengths, room, queue)
     offsets = np.zeros(n_nodes + n_pairs + 1, np.int64)
     for p in range(n_nodes + n_pairs):
         offsets[p + 1] = offsets[p] + lengths[p]
-    # 3. Tables from the leaves up: those of the pairs of a node's children, then its own; at last those of
-    #    the roots.
+    # 3. Fill the tables from the leaves up: pairs of children, then the node itself, finally the pairs of
+    #   roots.
     tables = np.empty(offsets[n_nodes + n_pairs])
     for p in range(n_nodes - 1, -1, -1):
         for k in range(pairs[n_nodes - 1 - p], pairs[n_nodes - p]):
@@ -142,7 +145,7 @@ def least_cut(first, count, cost, roots, most):
         _node_table(p, count, cost, top, offsets, tables)
     for k in range(pairs[n_nodes], n_pairs):
         _add_up(left[k], right[k], n_nodes + k, offsets, tables)
-    # 4. The least cost of the whole forest, traced back to the nodes that add up to it.
+    # 4. Take the minimum cost of the whole forest and trace it back to its nodes.
     best = _fewest_of_least(offsets[whole], offsets[whole + 1], tables)
     chosen, many = np.zeros(n_nodes, np.bool_), np.empty(2 * n_nodes, np.int64)
     _trace(whole, best, count, top, left, right, offsets, tables, queue, many, chosen)
