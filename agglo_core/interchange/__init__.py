@@ -1,4 +1,4 @@
-"""Conversion of meshes, graphs and levels to objects of other packages, and back.
+"""Convert meshes, graphs and levels to objects of other packages, and back.
 
 Each function imports the other package when it is called.
 

@@ -1,4 +1,4 @@
-"""GeoJSON: a FeatureCollection of cells whose properties are tags, levels and measured values."""
+"""GeoJSON: a FeatureCollection of cells with tags, levels and measured values as properties."""
 
 from __future__ import annotations
 
@@ -31,20 +31,21 @@ def to_geojson(
     level: int | None = None,
     properties: Mapping[str, ArrayLike] | None = None,
 ) -> dict[str, Any]:
-    """FeatureCollection (RFC 7946) of the cells of a 2-D mesh, ready for :func:`json.dump`.
+    """Convert the cells of a 2-D mesh to a FeatureCollection (RFC 7946) for :func:`json.dump`.
 
-    Every feature has the cell number as ``id`` and as properties the cell tags and, with a hierarchy,
-    its agglomerate on each level as ``level_0``, ``level_1``, …, in place of older tags of that kind.
-    Coordinates are the mesh's own: no reference system is implied.
+    Each feature has the cell number as ``id``. Its properties are the cell tags and, with a hierarchy, its
+    agglomerate on each level as ``level_0``, ``level_1``, …, which replace older tags with such names.
+    Coordinates are
+    those of the mesh, without a reference system.
 
     Parameters
     ----------
     mesh : Mesh
     hierarchy : Hierarchy, optional
     level : int, optional
-        Of the hierarchy: the features are its agglomerates, with ``agglomerate`` (the label), ``parent`` (the
-        agglomerate of the next coarser level that holds it, −1 if there is none), ``cells`` (of the mesh),
-        ``measure`` and ``diameter``.
+        Level of the hierarchy. The features are then its agglomerates, with ``agglomerate`` (the label),
+        ``parent`` (the agglomerate of the next coarser level, −1 if there is none), ``cells`` (number of
+        cells), ``measure`` and ``diameter``.
     properties : mapping of name to numbers, one for each feature, optional
         More properties, such as the values of :func:`agglo_core.quality`; NaN is written as null.
 
@@ -53,7 +54,7 @@ def to_geojson(
     MeshError
         For a 3-D mesh, a hierarchy of another mesh, or values of another shape.
     OptionError
-        For a level that the hierarchy does not have.
+        For a level outside the hierarchy.
 
     Examples
     --------
@@ -86,7 +87,7 @@ def to_geojson(
 
 
 def _agglomerates(hierarchy: Hierarchy | None, level: int) -> tuple[Mesh, dict[str, NDArray[Any]]]:
-    """The mesh of a level, its tags, and what is known of each agglomerate."""
+    """Return the mesh of a level, and its tags and data per agglomerate."""
     count = 0 if hierarchy is None else len(hierarchy.levels)
     if hierarchy is None or not 0 <= level < count:
         raise OptionError(f"to_geojson: level {level!r} of a hierarchy of {count} levels")
@@ -97,7 +98,7 @@ def _agglomerates(hierarchy: Hierarchy | None, level: int) -> tuple[Mesh, dict[s
 
 
 def _plain(name: str, values: ArrayLike, count: int) -> list[Any]:
-    """``(count,)`` numbers as a list, None where they are not finite."""
+    """Return ``(count,)`` numbers as a list, with None for non-finite values."""
     array = plain_array(values, f"property {name!r}")
     if array.shape != (count,) or array.dtype.kind not in "iubf":
         raise MeshError(
@@ -109,22 +110,27 @@ def _plain(name: str, values: ArrayLike, count: int) -> list[Any]:
 
 
 def from_geojson(collection: Mapping[str, Any], *, tolerance: float = 0.0, strict: bool = False) -> Mesh:
-    """Mesh of a FeatureCollection of polygons; feature i is cell i.
+    """Build a mesh from a FeatureCollection of polygons.
 
-    Properties that are integers in every feature become cell tags (``level_0``, … among them); the
-    names of others are logged.
+    Feature i is cell i.
+
+
+    Properties that are integers in every feature become cell tags (including ``level_0``, …); the names of
+    other
+    properties are logged.
 
     Parameters
     ----------
     collection : mapping
-        What :func:`json.load` gives.
+        Result of :func:`json.load`.
     tolerance, strict
         As in :func:`mesh_from_shapely`.
 
     Raises
     ------
     MeshError
-        If it is not a FeatureCollection, or a feature is not a polygon (named); as :func:`mesh_from_shapely`.
+        If it is not a FeatureCollection, or a feature (named) is not a polygon; also as
+        :func:`mesh_from_shapely`.
 
     Examples
     --------
@@ -151,7 +157,7 @@ def from_geojson(collection: Mapping[str, Any], *, tolerance: float = 0.0, stric
 
 
 def _geometries(members: Iterable[Any]) -> Any:
-    """Shapely geometries, or MeshError naming the feature."""
+    """Return shapely geometries, or raise MeshError with the feature number."""
     import shapely
 
     texts = [_text(i, member) for i, member in enumerate(members)]
@@ -175,7 +181,7 @@ def _text(i: int, member: Any) -> str:
 
 
 def _tags(rows: Sequence[Mapping[str, Any]]) -> dict[str, ArrayLike]:
-    """Columns that are integers of 64 bits in every row."""
+    """Return the columns that are 64-bit integers in every row."""
     first = rows[0] if rows else {}
     tags: dict[str, ArrayLike] = {
         name: np.array([row[name] for row in rows], dtype=np.int64)

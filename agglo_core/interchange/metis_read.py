@@ -1,4 +1,4 @@
-"""Reading graphs, the places of their vertices and partitions from METIS' text files."""
+"""Read graphs, vertex coordinates and partitions from METIS text files."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from agglo_core.mesh.elements import gather
 
 
 class _Head(NamedTuple):
-    """What the first line says: counts, and what a line holds of a vertex before its neighbours."""
+    """Header counts, and the values per vertex line before the neighbours."""
 
     vertices: int
     edges: int
     sizes: int  # 1 if a size comes first
-    weights: int  # so many weights come next
+    weights: int  # number of weights that follow
     by_edge: int  # 1 if each neighbour has a weight
 
 
 class _Rows(NamedTuple):
-    """Neighbours of each vertex as CSR, and weights where the file has some."""
+    """Neighbours of each vertex as CSR, and weights if present."""
 
     indptr: Int
     indices: Int
@@ -37,22 +37,22 @@ class _Rows(NamedTuple):
 
 
 def graph_from_metis(path: str | Path, coordinates: ArrayLike | str | Path) -> Graph:
-    """Graph of a ``.graph`` file, with weights of vertices and edges if it has any.
+    """Read a ``.graph`` file with its vertex and edge weights, if any.
 
     Parameters
     ----------
     path : path
         A first line ``n m [fmt [ncon]]``, then for each vertex ``[size] [weights] (neighbour [weight])…``,
-        from 1 on. Lines that begin with ``%`` are comments. Of several weights the first is taken. Chaco's
-        files are the same, but what METIS takes for sizes are names there: lines whose sizes are the
-        numbers from 1 to n in another order are sorted by them.
+        numbered from 1. Lines that begin with ``%`` are comments. Of several weights the first is used. In
+        Chaco's files the sizes of METIS are names: if the sizes are a permutation of 1 to n, the lines are
+        sorted by them.
     coordinates : (n, 2 or 3) float, or path
-        Centroids of the vertices; a text file has a line for each.
+        Centroids of the vertices, or a text file with a line per vertex.
 
     Raises
     ------
     FileError
-        Naming the file: missing, or not of that form.
+        With the file name, if it is missing or has another layout.
     MeshError
         If the graph is not symmetric, or the coordinates do not fit.
 
@@ -78,11 +78,11 @@ def graph_from_metis(path: str | Path, coordinates: ArrayLike | str | Path) -> G
 
 
 def _numbers(content: bytes) -> tuple[Int, Int]:
-    """All numbers of a text, and how many each of its lines holds; comments are passed over."""
+    """Return all numbers of a text, and their number per line, without comments."""
     lines = content.split(b"\n")
     comments = [i for i, line in enumerate(lines) if line.lstrip().startswith(b"%")]
     for i in comments:
-        lines[i] = b""  # so that errors name the right lines
+        lines[i] = b""  # keep the line numbers in errors
     words = np.delete([len(line.split()) for line in lines], comments)
     return integers(b"\n".join(lines) if comments else content), frozen_int(words)
 
@@ -102,7 +102,10 @@ def _head(line: Int) -> _Head:
 
 
 def _vertex_lines(words: Int, n: int) -> Int:
-    """The lines of the vertices: blank ones after the last vertex are passed over."""
+    """Return the word counts of the vertex lines.
+
+    Blank lines after the last vertex are ignored.
+    """
     used = np.flatnonzero(words)
     last = max(n, int(used[-1]) + 1 if len(used) else 0)
     if len(words) < n or last > n:
@@ -111,17 +114,19 @@ def _vertex_lines(words: Int, n: int) -> Int:
 
 
 def _rows(head: _Head, numbers: Int, words: Int) -> _Rows:
-    """Neighbours and weights of lines with so many words each, whose numbers follow one another."""
+    """Decode neighbours and weights of consecutive lines with these word counts."""
     first, step = head.sizes + head.weights, 1 + head.by_edge
     counts = words - first
     if (counts < 0).any() or (counts % step).any() or counts.sum() != 2 * head.edges * step:
         raise FileError(
             f"{head.edges} edges are declared, the lines hold {counts.sum() // step} ends of some"
         )
+    # Separate the values per vertex from the edge entries.
     starts = np.cumsum(words) - words
     own = np.arange(len(numbers)) - np.repeat(starts, words) < first
     entries = numbers[~own].reshape(-1, step)
     offsets = frozen_int(np.concatenate(([0], np.cumsum(counts // step))))
+    # Chaco: sort the lines by their names.
     order = np.argsort(numbers[starts]) if head.sizes else np.arange(len(starts))
     if head.sizes and np.array_equal(numbers[starts[order]], np.arange(1, len(starts) + 1)):
         offsets, places = gather(offsets, frozen_int(order))
@@ -145,7 +150,10 @@ def _coordinates(given: ArrayLike | str | Path, n: int) -> ArrayLike:
 
 
 def places_of(numbers: Float, n: int) -> Float:
-    """Coordinates ``(n, 2 or 3)`` of vertices that follow one another; raises FileError."""
+    """Return vertex coordinates ``(n, 2 or 3)`` from consecutive numbers.
+
+    Raises FileError.
+    """
     if len(numbers) not in (2 * n, 3 * n):
         raise FileError(f"{len(numbers)} coordinates for {n} vertices, expected 2 or 3 of each")
     places: Float = numbers.reshape(n, -1)
@@ -156,12 +164,15 @@ def places_of(numbers: Float, n: int) -> Float:
 
 
 def parts_from_metis(path: str | Path) -> Int:
-    """Labels of a ``.part.K`` file, a part for each vertex; raises FileError.
+    """Read labels from a ``.part.K`` file, one part per vertex.
+
+    Raises FileError.
+
 
     Examples
     --------
     >>> from agglo_core.interchange import parts_from_metis
-    >>> _ = open("mesh.graph.part.2", "w").write("0\\n0\\n1\\n")
+    >>> _ = open("mesh.graph.part.2", "w").write("0\n0\n1\n")
     >>> parts_from_metis("mesh.graph.part.2")
     array([0, 0, 1])
     """

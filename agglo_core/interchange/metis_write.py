@@ -1,4 +1,4 @@
-"""Writing graphs and partitions to the text files of METIS, which KaHIP and Chaco share."""
+"""Write graphs and partitions to METIS text files, which KaHIP and Chaco also read."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from agglo_core.graph import Graph
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.io.atomic import staging
 
-_SCALE = 10_000  # of weights, which are whole numbers there: the largest becomes this one
+_SCALE = 10_000  # largest integer weight after scaling
 
 
 def graph_to_metis(path: str | Path, graph: Graph) -> None:
-    """Write a graph with weights of vertices and interfaces, each as whole numbers up to 10,000.
+    """Write a graph with vertex weights and interfaces as integers up to 10,000.
 
-    Beside it ``PATH.xyz`` has the centroids, a line for each vertex, as ParMETIS and Chaco take them.
+    The file ``PATH.xyz`` beside it holds the centroids, one line per vertex, for ParMETIS and Chaco.
 
     Examples
     --------
@@ -44,14 +44,14 @@ def graph_to_metis(path: str | Path, graph: Graph) -> None:
 
 
 def _whole(values: ArrayLike) -> Int:
-    """Positive whole numbers in proportion to the values, as nearly as they go."""
+    """Return positive integers approximately proportional to the values."""
     array = np.asarray(values, np.float64)
     largest = float(array.max(initial=0.0))
     return frozen_int(np.maximum(1, np.rint(array * (_SCALE / largest)) if largest > 0 else 1))
 
 
 def parts_to_metis(path: str | Path, hierarchy: Hierarchy) -> list[Path]:
-    """Write the labels of each level as ``PATH.part.K``, K being the number of parts; return the files.
+    """Write the labels of each level as ``PATH.part.K`` with K parts, and return the files.
 
     Examples
     --------

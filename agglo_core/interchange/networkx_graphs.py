@@ -1,4 +1,4 @@
-"""Graphs as networkx graphs and back, every array kept."""
+"""Convert graphs to networkx graphs and back, with all arrays."""
 
 from __future__ import annotations
 
@@ -20,17 +20,18 @@ _RESERVED = ("centroid", "measure", "boundary", "weight", "vertices")
 
 
 def graph_to_networkx(graph: Graph) -> nx.Graph:
-    """Undirected networkx graph of plain Python values, which any networkx writer for JSON accepts.
+    """Convert to an undirected networkx graph of plain Python values, for any networkx JSON writer.
 
-    Node i, 0..n−1, has the attributes ``centroid`` (relative to ``G.graph["origin"]``; good as
-    ``pos=`` for drawing), ``measure``, ``boundary``, ``weight``, ``vertices`` (rows of
-    ``G.graph["points"]``) and one for each entry of ``graph.data``; each edge has ``interface``.
-    ``G.graph`` holds ``origin``, ``points``, block ``offsets``, and the dtypes of ``data``.
+    Node i, 0..n−1, has the attributes ``centroid`` (relative to ``G.graph["origin"]``, usable as ``pos=`` for
+    drawing), ``measure``, ``boundary``, ``weight``, ``vertices`` (rows of ``G.graph["points"]``) and one
+    attribute
+    per entry of ``graph.data``. Each edge has ``interface``. ``G.graph`` holds ``origin``, ``points``, block
+    ``offsets``, and the dtypes of ``data``.
 
     Raises
     ------
     MeshError
-        If an entry of ``data`` is named like one of those attributes.
+        If an entry of ``data`` has the name of such an attribute.
 
     Examples
     --------
@@ -76,25 +77,27 @@ def graph_from_networkx(
     boundary: str = "boundary",
     data: Iterable[str] | None = None,
 ) -> Graph:
-    """Graph of a networkx graph; nodes are numbered in the order of ``network.nodes``.
+    """Convert a networkx graph, with nodes numbered in the order of ``network.nodes``.
 
-    What :func:`graph_to_networkx` made comes back bit by bit, neighbours in ascending order. In any
-    other graph only centroids are needed: interfaces and measures default to 1, weights to the
-    measures, boundaries to 0, and diameters are those of the centroids.
+    Results of :func:`graph_to_networkx` are restored bit by bit, with neighbours in ascending order. Other
+    graphs
+    need centroids only: interfaces and measures default to 1, weights to the measures, boundaries to 0, and
+    diameters
+    are those of the centroids.
 
     Parameters
     ----------
     centroid, interface, measure, weight, boundary : str
-        Names of the node attributes (``interface``: edge attribute) to take; ``centroid`` holds 2 or 3
-        coordinates, relative to ``network.graph["origin"]`` if there is one.
+        Names of the node attributes (``interface``: edge attribute); ``centroid`` holds 2 or 3 coordinates,
+        relative to ``network.graph["origin"]`` if present.
     data : names, optional
-        Node attributes to carry as ``data``; default: those listed in ``network.graph["data"]``.
+        Node attributes for ``data``; default: those listed in ``network.graph["data"]``.
 
     Raises
     ------
     MeshError
-        For a directed graph, for attributes that some nodes or edges lack (naming the first), and for
-        values that make no sense, as :meth:`Graph.from_arrays`.
+        For a directed graph, for attributes missing in some nodes or edges (with the first), and for invalid
+        values, as :meth:`Graph.from_arrays`.
 
     Examples
     --------
@@ -130,7 +133,10 @@ def graph_from_networkx(
 
 
 def _column(nodes: Mapping[Any, Mapping[str, Any]], name: str, dtype: str | None) -> NDArray[Any] | None:
-    """Attribute of every node as an array; None if no node has it, MeshError if only some have."""
+    """Return an attribute of all nodes as an array, or None if no node has it.
+
+    Raises MeshError if only some nodes have it.
+    """
     lacking = [node for node, attributes in nodes.items() if name not in attributes]
     if len(lacking) == len(nodes):
         return None
@@ -143,7 +149,7 @@ def _column(nodes: Mapping[Any, Mapping[str, Any]], name: str, dtype: str | None
 
 
 def _data(nodes: Mapping[Any, Mapping[str, Any]], name: str, dtype: str | None) -> NDArray[Any]:
-    """Carried data in the dtype given, else integers if all values are, else reals."""
+    """Return data in the given dtype, else as integers if possible, else as reals."""
     whole = all(isinstance(attributes.get(name), int) for attributes in nodes.values())
     values = _column(nodes, name, dtype or ("i8" if whole else "f8"))
     if values is None:
@@ -152,7 +158,7 @@ def _data(nodes: Mapping[Any, Mapping[str, Any]], name: str, dtype: str | None) 
 
 
 def _adjacency(network: nx.Graph, name: str) -> sparse.csr_array[Any, Any]:
-    """Symmetric CSR of the interfaces (1 if no edge has one), parallel edges summed."""
+    """Return the symmetric CSR of the interfaces (1 if no edge has one), with parallel edges summed."""
     number = {node: i for i, node in enumerate(network)}
     edges = [(number[a], number[b], value) for a, b, value in network.edges(data=name)]
     lacking = [edge for edge in edges if edge[2] is None]
@@ -170,7 +176,7 @@ def _adjacency(network: nx.Graph, name: str) -> sparse.csr_array[Any, Any]:
 
 
 def _geometry(network: nx.Graph, nodes: Mapping[Any, Mapping[str, Any]], centroids: Float) -> dict[str, Any]:
-    """Coordinates, cell vertices and blocks: as stored, or made from the centroids alone."""
+    """Return coordinates, cell vertices and blocks, stored or derived from the centroids."""
     n, d = centroids.shape
     stored = network.graph
     if "points" not in stored or any("vertices" not in attributes for attributes in nodes.values()):

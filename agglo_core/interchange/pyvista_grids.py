@@ -1,4 +1,4 @@
-"""To pyvista: the grid that ParaView opens."""
+"""Convert to pyvista, with the grid that ParaView opens."""
 
 from __future__ import annotations
 
@@ -18,18 +18,20 @@ if TYPE_CHECKING:
 
 
 def to_pyvista(mesh: Mesh, hierarchy: Hierarchy | None = None) -> Any:
-    """``pyvista.UnstructuredGrid`` of the cells in their order, of VTK's own types where they are exact.
+    """Convert to a ``pyvista.UnstructuredGrid`` in cell order, with VTK elements where they are exact.
 
-    Cell data are the cell tags and, with a hierarchy, the labels ``level_0``, ``level_1``, …. It goes
-    through a VTU file in a temporary folder, so it is the grid that ParaView opens: a cell with holes
-    is a polygon with bridges, which VTK does not fill; colour the fine mesh by ``level_i`` instead.
+    Cell data are the cell tags and, with a hierarchy, the labels ``level_0``, ``level_1``, …. The conversion
+    uses a
+    VTU file in a temporary folder, so the grid is the one that ParaView opens: a cell with holes is a polygon
+    with
+    bridges, which VTK does not fill; colour the fine mesh by ``level_i`` instead.
 
     Raises
     ------
     OptionError
         If pyvista is not installed.
     MeshError
-        If the hierarchy belongs to another mesh, or a cell tag has a name that VTU cannot hold.
+        If the hierarchy belongs to another mesh, or VTU cannot hold the name of a cell tag.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Reading graphs, the places of their vertices and mappings from Scotch's text files."""
+"""Read graphs, vertex coordinates and mappings from Scotch text files."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from agglo_core.io.file_checks import naming
 from agglo_core.io.text.counted_lists import record_starts
 from agglo_core.mesh.elements import gather
 
-_HEAD = 5  # numbers before the vertices: version, vertices, arcs, base, flags
+_HEAD = 5  # header length: version, vertices, arcs, base, flags
 
 
 def graph_from_scotch(path: str | Path, coordinates: ArrayLike | str | Path) -> Graph:
-    """Graph of a ``.grf`` or ``.src`` file, with loads of vertices and edges if it has any.
+    """Read a ``.grf`` or ``.src`` file with its vertex and edge loads, if any.
 
     Parameters
     ----------
     path : path
-        Version 0, numbers of vertices and arcs, the first number and three flags; then for each vertex
-        ``[name] [load] degree ([load] neighbour)…``, in any lines.
+        Version 0, number of vertices, number of arcs, first number and three flags; then for each vertex
+        ``[name] [load] degree ([load] neighbour)…``, with arbitrary line breaks.
     coordinates : (n, 2 or 3) float, or path
         Centroids of the vertices; Scotch's ``.xyz`` (dimension, number of vertices, then a vertex and its
-        coordinates in each line), or a line of coordinates for each vertex.
+        coordinates per line), or a line of coordinates per vertex.
 
     Raises
     ------
     FileError
-        Naming the file: missing, or not of that form.
+        With the file name, if it is missing or has another layout.
     MeshError
         If the graph is not symmetric, or the coordinates do not fit.
 
@@ -71,7 +71,7 @@ def graph_from_scotch(path: str | Path, coordinates: ArrayLike | str | Path) -> 
 
 
 def _head(numbers: Int) -> tuple[int, int, int, int, int]:
-    """Number of vertices, first number, and whether there are names, edge loads and vertex loads."""
+    """Return number of vertices, first number, and flags for names, edge loads and vertex loads."""
     head = numbers[:_HEAD].tolist()
     if len(head) < _HEAD or head[0] != 0:
         raise FileError(f"begins with {head}, expected 0, the numbers of vertices and arcs, base and flags")
@@ -84,7 +84,7 @@ def _head(numbers: Int) -> tuple[int, int, int, int, int]:
 
 
 def _rows(numbers: Int, n: int, named: int, loaded: int, weighed: int) -> tuple[Int, Int, Int, Int, Int]:
-    """Names and loads of vertices, and as CSR neighbours with the loads of edges, as far as there are any."""
+    """Return vertex names, vertex loads, and the neighbours as CSR with edge loads."""
     stream, ahead, step = numbers[_HEAD:], named + loaded, 1 + weighed
 
     def ends(window: Int) -> Int:
@@ -99,6 +99,7 @@ def _rows(numbers: Int, n: int, named: int, loaded: int, weighed: int) -> tuple[
         starts, used = record_starts(stream, n, ends)
     except FileError as error:
         raise FileError(str(error).replace("cell", "vertex")) from None
+    # Locate the arcs of each vertex in the stream.
     degrees = stream[starts + ahead]
     arcs = int(numbers[2])
     if used != len(stream) or degrees.sum() != arcs:
@@ -135,18 +136,18 @@ def _places(given: ArrayLike | str | Path, n: int, base: int) -> ArrayLike:
 
 
 def parts_from_scotch(path: str | Path, *, base: int = 0) -> Int:
-    """Labels ``(n,)`` of a ``.map`` file: the number of vertices, then a vertex and its part in each line.
+    """Read labels ``(n,)`` from a ``.map`` file: the number of vertices, then a vertex and its part per line.
 
     Parameters
     ----------
     path : path
     base : int
-        Number of the first vertex, as in the file of the graph.
+        Number of the first vertex, as in the graph file.
 
     Raises
     ------
     FileError
-        Naming the file: missing, or not of that form.
+        With the file name, if it is missing or has another layout.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""From shapely polygons to a mesh: rings of numbered vertices, made to share vertices with neighbours."""
+"""Convert shapely polygons to a mesh: rings of numbered vertices that are shared between neighbours."""
 
 from __future__ import annotations
 
@@ -28,7 +28,10 @@ _POLYGON, _MULTIPOLYGON = 3, 6  # shapely.GeometryType
 
 
 class _Rings(NamedTuple):
-    """Ring r of cell ``cells[r]`` is ``vertices[offsets[r]:offsets[r + 1]]``, the cell on its left."""
+    """Rings with the cell on their left.
+
+    Ring r of cell ``cells[r]`` is ``vertices[offsets[r]:offsets[r + 1]]``.
+    """
 
     offsets: Int
     vertices: Int
@@ -41,13 +44,13 @@ class _Rings(NamedTuple):
 
     @property
     def followers(self) -> Int:
-        """Next vertex along the ring of each one."""
+        """Next vertex along the ring for each vertex."""
         place = np.arange(1, len(self.vertices) + 1)
         place[self.offsets[1:] - 1] = self.offsets[:-1]
         return frozen_int(self.vertices[place])
 
     def with_vertices(self, vertices: ArrayLike, owners: ArrayLike) -> _Rings:
-        """The same rings with other vertices, given with the ring of each (ascending)."""
+        """Return the rings with other vertices, given with their (ascending) ring numbers."""
         count = np.bincount(np.asarray(owners), minlength=len(self.cells))
         return _Rings(frozen_int(np.concatenate(([0], np.cumsum(count)))), frozen_int(vertices), self.cells)
 
@@ -60,10 +63,11 @@ def mesh_from_shapely(
     strict: bool = False,
     name: str = "",
 ) -> Mesh:
-    """Mesh whose cell i is polygon i, holes and all.
+    """Build a mesh whose cell i is polygon i, holes included.
 
-    A MultiPolygon is one cell of several pieces, as :func:`mesh_to_shapely` writes a disconnected
-    agglomerate. To make each piece a cell, split first and keep its origin as a tag::
+    A MultiPolygon is one cell with several pieces, like a disconnected agglomerate in
+    :func:`mesh_to_shapely`. To
+    make each piece a cell, split first and keep its origin as a tag::
 
         pieces, item = shapely.get_parts(polygons, return_index=True)
         mesh = mesh_from_shapely(pieces, cell_tags={"item": item})
@@ -71,19 +75,19 @@ def mesh_from_shapely(
     Parameters
     ----------
     polygons : n polygons
-        A list, an array, a geopandas column. Vertices at equal coordinates become one; vertices that
-        lie on a neighbour's edge without being listed there are inserted, and counted in ``repairs``.
+        A list, an array, a geopandas column. Vertices with equal coordinates are merged; unlisted vertices
+        on a neighbour's edge are inserted, and counted in ``repairs``.
     cell_tags : mapping of name to (n,) integers, optional
     tolerance : float
-        Distance, in the units of the coordinates, within which two vertices are one, and a vertex
-        lies on an edge. Rounding of the last few binary digits is always allowed for.
+        Distance, in coordinate units, within which two vertices coincide, and a vertex lies on an edge.
+        Rounding errors in the last few binary digits are always tolerated.
     strict : bool
-        Also refuse polygons that overlap, and narrow gaps that the tolerance did not close.
+        Also reject overlapping polygons, and narrow gaps beyond the tolerance.
 
     Raises
     ------
     MeshError
-        Naming items: not a polygon, empty, invalid (with shapely's reason), in 3-D, equal to another,
+        With item numbers: not a polygon, empty, invalid (with shapely's reason), in 3-D, equal to another,
         an edge with more than two cells, a ring smaller than the tolerance.
 
     Examples
@@ -93,12 +97,14 @@ def mesh_from_shapely(
     Mesh(2-D, 2 cells, 7 faces, 6 points)
     """
     items = _checked_items(polygons)
+    # Rings of points; nearly equal points merge, hanging vertices are inserted.
     points, rings = _rings(items)
     reach = max(float(tolerance), 16 * float(np.spacing(np.abs(points).max())))
     used, vertices, _ = compact_points(points, rings.vertices, True)
     points, rings = frozen_float(points[used]), rings._replace(vertices=vertices)
     rings, merged = _merge_near(points, rings, reach)
     rings, hanging = _insert_hanging(points, rings, reach)
+    # Pair the half-edges of the rings.
     used, vertices, _ = compact_points(points, rings.vertices, False)
     points, rings = frozen_float(points[used]), rings._replace(vertices=vertices)
     face_vertices, face_cells, overlaps = _faces(rings, points, items)
@@ -127,7 +133,7 @@ def mesh_from_shapely(
 
 
 def _checked_items(polygons: Any) -> NDArray[np.object_]:
-    """The polygons as an object array, or MeshError naming the first that is not one."""
+    """Return the polygons as an object array, or raise MeshError with the first invalid item."""
     import shapely
 
     if isinstance(polygons, shapely.Geometry):
@@ -154,7 +160,7 @@ def _checked_items(polygons: Any) -> NDArray[np.object_]:
 
 
 def _rings(items: NDArray[np.object_]) -> tuple[Float, _Rings]:
-    """A point for each vertex of each ring, and the rings: shells counter-clockwise, holes clockwise."""
+    """Return a point per ring vertex, and the rings: shells counter-clockwise, holes clockwise."""
     import shapely
 
     solid = shapely.has_z(items)
@@ -170,13 +176,13 @@ def _rings(items: NDArray[np.object_]) -> tuple[Float, _Rings]:
     parts, item = shapely.get_parts(tidy, return_index=True)
     loops, part = shapely.get_rings(parts, return_index=True)
     points, owner = shapely.get_coordinates(loops, return_index=True)
-    inner = np.append(owner[1:] == owner[:-1], False)  # the last point of a ring repeats its first
+    inner = np.append(owner[1:] == owner[:-1], False)  # the last point of a ring repeats the first
     rings = _Rings(frozen_int([0]), frozen_int([]), frozen_int(item[part]))
     return frozen_float(points[inner]), rings.with_vertices(np.arange(inner.sum()), owner[inner])
 
 
 def _merge_near(points: Float, rings: _Rings, reach: float) -> tuple[_Rings, int]:
-    """Rings whose vertices closer than ``reach`` are one, and how many points that makes unused."""
+    """Merge vertices closer than ``reach``, and return the number of superfluous points."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
@@ -198,9 +204,9 @@ def _merge_near(points: Float, rings: _Rings, reach: float) -> tuple[_Rings, int
 
 
 def _insert_hanging(points: Float, rings: _Rings, reach: float) -> tuple[_Rings, int]:
-    """Rings that list every vertex on their edges, and how many they missed.
+    """Insert unlisted vertices into ring edges, and count them.
 
-    Only edges that no neighbour traverses in the other direction can lack one.
+    Only edges that no neighbour traverses in the opposite direction can lack a vertex.
     """
     import shapely
 
@@ -219,7 +225,7 @@ def _insert_hanging(points: Float, rings: _Rings, reach: float) -> tuple[_Rings,
 
 
 def _faces(rings: _Rings, points: Float, items: NDArray[np.object_]) -> tuple[Int, Int, int]:
-    """Face vertices, face cells, and how many pairs of cells overlap at an edge."""
+    """Return face vertices, face cells, and the number of cell pairs that overlap at an edge."""
     import shapely
 
     from agglo_core.mesh.kernels.faces import match_half_edges
@@ -243,7 +249,7 @@ def _faces(rings: _Rings, points: Float, items: NDArray[np.object_]) -> tuple[In
 
 
 def _check_result(mesh: Mesh, strict: bool) -> None:
-    """Raise MeshError unless every cell has positive area and (strict) none overlap."""
+    """Raise MeshError unless all cells have positive area and (strict) do not overlap."""
     flat = np.flatnonzero(~(mesh.cell_measures > 0))
     if len(flat):
         raise MeshError(f"{name_cells(flat)}: zero area")

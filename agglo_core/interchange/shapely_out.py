@@ -1,4 +1,4 @@
-"""From a mesh to shapely: every cell a Polygon, or a MultiPolygon where it has several outer loops."""
+"""Convert a mesh to shapely: each cell is a Polygon, or a MultiPolygon if it has several outer loops."""
 
 from __future__ import annotations
 
@@ -16,11 +16,13 @@ Geometries = NDArray[np.object_]
 
 
 def mesh_to_shapely(mesh: Mesh) -> Geometries:
-    """Cells as shapely polygons ``(n_cells,)``, with exactly the coordinates of the mesh.
+    """Return the cells as shapely polygons ``(n_cells,)`` with exactly the mesh coordinates.
 
-    A cell with holes is a Polygon with holes; one with several outer loops (a disconnected
-    agglomerate, or one whose inside is cut at pinch vertices) is a MultiPolygon. Shells run
-    counter-clockwise, holes clockwise. They are valid wherever the cells of the mesh do not overlap.
+    A cell with holes is a Polygon with holes. A cell with several outer loops (a disconnected agglomerate, or
+    an
+    interior cut at pinch vertices) is a MultiPolygon. Shells run counter-clockwise, holes clockwise. The
+    polygons are
+    valid wherever the mesh cells do not overlap.
 
     Raises
     ------
@@ -42,14 +44,14 @@ def mesh_to_shapely(mesh: Mesh) -> Geometries:
     cell = np.repeat(np.arange(mesh.n_cells), np.diff(loops.cell_offsets))
     hole = ~shapely.is_ccw(rings)
     shell = _shell_of(rings, hole, cell, mesh.n_cells)
-    order = np.lexsort((hole, shell))  # each shell, then its holes
+    order = np.lexsort((hole, shell))  # each shell, followed by its holes
     number = np.cumsum(~hole) - 1
     parts = shapely.polygons(rings[order], indices=number[shell[order]])
     return _by_cell(parts, cell[~hole], mesh.n_cells)
 
 
 def _linear_rings(mesh: Mesh, loops: Loops) -> Geometries:
-    """One closed ring per boundary loop."""
+    """Return a closed ring per boundary loop."""
     import shapely
 
     offsets, vertices = loops.loop_offsets, loops.vertices
@@ -60,7 +62,7 @@ def _linear_rings(mesh: Mesh, loops: Loops) -> Geometries:
 
 
 def _shell_of(rings: Geometries, hole: NDArray[np.bool_], cell: Int, n_cells: int) -> Int:
-    """Shell of each loop: itself, or for a hole the smallest outer loop of its cell around it."""
+    """Return the shell of each loop: itself, or for a hole the smallest enclosing outer loop of its cell."""
     import shapely
 
     shells, holes = np.flatnonzero(~hole), np.flatnonzero(hole)
@@ -72,7 +74,7 @@ def _shell_of(rings: Geometries, hole: NDArray[np.bool_], cell: Int, n_cells: in
     inside = np.repeat(np.diff(choices) == 1, np.diff(choices))  # the only outer loop
     unsure = np.flatnonzero(~inside)
     inside[unsure] = shapely.covers(around[unsure], rings[row[unsure]])
-    order = np.lexsort((shapely.area(around), row))[::-1]  # the last written, the smallest, stays
+    order = np.lexsort((shapely.area(around), row))[::-1]  # the smallest is written last
     order = order[inside[order]]
     chosen[holes] = -1
     chosen[row[order]] = candidate[order]
@@ -82,7 +84,7 @@ def _shell_of(rings: Geometries, hole: NDArray[np.bool_], cell: Int, n_cells: in
 
 
 def _by_cell(parts: Geometries, cell: Int, n_cells: int) -> Geometries:
-    """Polygons gathered by cell (ascending): a lone one as it is, several as a MultiPolygon."""
+    """Group polygons by cell (ascending): single polygons unchanged, several as a MultiPolygon."""
     import shapely
 
     count = np.bincount(cell, minlength=n_cells)
