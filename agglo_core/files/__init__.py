@@ -1,1 +1,1 @@
-"""Files read in bounded memory: regular files, archives of arrays, MatrixMarket, numbers in text."""
+"""Read files in bounded memory: regular files, array archives, MatrixMarket, numbers in text."""

@@ -1,7 +1,7 @@
-"""Arrays of ``.npz`` archives and ``.npy`` files, read in bounded memory.
+"""Read arrays from ``.npz`` archives and ``.npy`` files in bounded memory.
 
-Headers are checked against the file and against what is expected before memory is taken, and members of
-archives are inflated step by step, never beyond the declared size.
+Headers are checked against the file and the expected arrays before memory is allocated. Archive members are
+inflated step by step, never beyond the declared size.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import FileError
 
 WHOLE, REAL = "iu", "biuf"
-"""Kinds of dtype that hold integers, and real numbers."""
+"""Kinds of dtype for integers and for real numbers."""
 
 Shape = Sequence[int | None]
-"""Lengths of an array; None where any will do."""
+"""Lengths of an array; None accepts any length."""
 
 _WORDS = {WHOLE: "integers", REAL: "real numbers", "f": "floating-point numbers", "fiu": "real numbers"}
-_STEP = 1 << 20  # bytes inflated at once
-_HEADER = 10_000  # bytes of the header of an array; numpy evaluates no longer ones
+_STEP = 1 << 20  # bytes inflated per step
+_HEADER = 10_000  # bytes of an array header; numpy does not evaluate longer headers
 _EXPANSION = 1100  # deflate cannot exceed 1032
-_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # of others Python inflates all at once
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # Python inflates other methods all at once
 _CORRUPT = (
     ValueError,
     TypeError,
@@ -60,12 +60,12 @@ class Archive:
     ----------
     path : Path
     most : int, optional
-        Bytes that all arrays taken from it may have together; by default deflate's limit alone holds.
+        Maximum total size of all arrays taken from it, in bytes; by default only deflate's limit applies.
 
     Attributes
     ----------
     members : dict of str to ZipInfo
-        By the name of the array.
+        By array name.
 
     Raises
     ------
@@ -85,22 +85,22 @@ class Archive:
         self.members = {info.filename.removesuffix(".npy"): info for info in infos}
 
     def take(self, name: str, kinds: str, shape: Shape | None, most: int | None = None) -> NDArray[Any]:
-        """Return an array whose header agrees with the archive and with what is expected.
+        """Return an array whose header agrees with the archive and the expectation.
 
         Parameters
         ----------
         name : str
         kinds : str
-            Kinds of dtype that are accepted, such as ``"iu"``.
+            Accepted kinds of dtype, such as ``"iu"``.
         shape : sequence of int or None, optional
-            Its lengths, None where any will do; None for any shape.
+            Expected lengths, None for any length; None for any shape.
         most : int, optional
-            Bytes it may have.
+            Maximum size in bytes.
 
         Raises
         ------
         FileError
-            Naming the array: missing, corrupt, of another dtype or shape, longer than allowed.
+            With the array name, if it is missing, corrupt, too large, or has another dtype or shape.
         """
         if name not in self.members:
             raise FileError(f"array {name!r} is missing; found {', '.join(list(self.members)[:20])}")
@@ -113,7 +113,10 @@ class Archive:
                 return _values(stream, header)
 
     def integers(self, name: str, shape: Shape) -> Int:
-        """Return an array of integers of any width as int64; raises FileError as :meth:`take` does."""
+        """Return an integer array of any width as int64.
+
+        Raises FileError as :meth:`take`.
+        """
         values = self.take(name, WHOLE, shape)
         largest = int(values.max(initial=0))
         if largest > np.iinfo(np.int64).max:
@@ -140,12 +143,12 @@ class Archive:
 
 
 def read_npy(path: Path, kinds: str) -> NDArray[Any]:
-    """Return the array of a ``.npy`` file.
+    """Read the array in a ``.npy`` file.
 
     Raises
     ------
     FileError
-        If it is corrupt, or of a dtype whose kind is not among ``kinds``.
+        If it is corrupt, or the kind of its dtype is not in ``kinds``.
     """
     with _naming(path.stem), path.open("rb") as stream:
         header = _header(stream, path.stat().st_size)
@@ -155,7 +158,7 @@ def read_npy(path: Path, kinds: str) -> NDArray[Any]:
 
 @contextmanager
 def _naming(name: str) -> Iterator[None]:
-    """Turn the errors of zipfile and numpy into a FileError that names the array."""
+    """Convert the errors of zipfile and numpy to a FileError with the array name."""
     try:
         yield
     except FileError:
@@ -165,7 +168,7 @@ def _naming(name: str) -> Iterator[None]:
 
 
 _LAYOUTS = {(1, 0): (npy.read_array_header_1_0, 2), (2, 0): (npy.read_array_header_2_0, 4)}
-"""Reader of a header by version, and the bytes that hold its length."""
+"""Header reader per npy version, and the width of the length field in bytes."""
 
 
 class _Header(NamedTuple):
@@ -176,7 +179,10 @@ class _Header(NamedTuple):
 
 
 def _header(stream: IO[bytes], size: int) -> _Header:
-    """The header of an array, or ValueError unless it accounts for ``size`` bytes in all."""
+    """Read the header of an array.
+
+    Raises ValueError unless it accounts for ``size`` bytes in total.
+    """
     version = npy.read_magic(stream)
     read, width = _LAYOUTS.get(version, (None, 0))
     if read is None:
@@ -217,7 +223,10 @@ def _check(name: str, header: _Header, kinds: str, shape: Shape | None, most: in
 
 
 def _values(stream: IO[bytes], header: _Header) -> NDArray[Any]:
-    """The values behind a header, or ValueError if the archive holds fewer bytes."""
+    """Read the values after a header.
+
+    Raises ValueError if the archive holds fewer bytes.
+    """
     values = np.empty(header.size, header.dtype)
     room, place = values.view(np.uint8), 0
     while place < len(room):

@@ -1,6 +1,6 @@
-"""MatrixMarket files: ``coordinate`` and ``array``, of real numbers, integers or a pattern.
+"""Read MatrixMarket files: ``coordinate`` and ``array``, with real numbers, integers or a pattern.
 
-Sizes that the header claims are compared with the size of the file before memory is taken for them.
+Declared sizes are compared with the file size before memory is allocated.
 
 Boisvert, Pozo, Remington, The Matrix Market exchange formats: initial design, NISTIR 5935, 1996.
 """
@@ -19,18 +19,18 @@ from agglo_core.errors import FileError
 from agglo_core.files.text_numbers import line_of, number_rows
 
 EMPTY_ROWS = 1 << 20
-"""Rows without entries that a matrix may have: they take memory, but no bytes of the file."""
+"""Maximum number of rows without entries, which need memory but no bytes in the file."""
 
 _BANNER = "%%MatrixMarket matrix coordinate|array real|integer|pattern general|symmetric|skew-symmetric"
 _KINDS, _FIELDS = ("coordinate", "array"), ("real", "double", "integer", "pattern")
 _SYMMETRIES = ("general", "symmetric", "skew-symmetric")
 _COMMENTS = re.compile(rb"(?:[ \t\r]*(?:%[^\n]*)?\n)*+")
-_DIGITS = 18  # of a size: it fits in 64 bits
-_MARK = b"\xef\xbb\xbf"  # byte order mark of editors
+_DIGITS = 18  # decimal digits of a size, which fits into 64 bits
+_MARK = b"\xef\xbb\xbf"  # byte order mark
 
 
 class _Header(NamedTuple):
-    """Words of the banner, the numbers of the size line, and the place of the first entry."""
+    """Words of the banner, numbers of the size line, and position of the first entry."""
 
     kind: str
     field: str
@@ -42,20 +42,21 @@ class _Header(NamedTuple):
 def read_matrix_market(path: Path, rows: int | None = None) -> Any:
     """Read a ``coo_array``, or a dense array ``(rows, columns)`` from the layout ``array``.
 
-    Entries that a symmetric or skew-symmetric file leaves out are filled in. Integers become int64, other
-    numbers float64, entries of a pattern 1.
+    Implied entries of symmetric and skew-symmetric files are filled in. Integers become int64, other numbers
+    float64,
+    pattern entries 1.
 
     Parameters
     ----------
     path : Path
     rows : int, optional
-        Rows it must have; by default any number that goes with the size of the file.
+        Expected number of rows; by default any number consistent with the file size.
 
     Raises
     ------
     FileError
-        Naming the line: another layout, complex numbers, sizes that the file cannot hold, entries that are
-        missing, too many, broken or out of range.
+        With the line number, for another layout, complex numbers, sizes beyond the file, and entries that
+        are missing, superfluous, broken or out of range.
     """
     content = path.read_bytes()
     header = _header(content)
@@ -94,9 +95,9 @@ def _header(content: bytes) -> _Header:
 
 
 def _table(content: bytes, header: _Header, entries: int, width: int) -> NDArray[Any]:
-    """Read the lines of the entries ``(entries, width)``, once the file is long enough for them."""
+    """Read the entry lines ``(entries, width)`` if the file is long enough."""
     room = len(content) - header.start
-    if entries * 2 * width - 1 > room:  # a digit and what separates it from the next
+    if entries * 2 * width - 1 > room:  # one digit and one separator per number
         raise FileError(f"its header declares {entries} entries, but only {room} bytes follow")
     dtype = np.int64 if header.field in ("integer", "pattern") else np.float64
     table = number_rows(content, header.start, width, dtype)
@@ -125,10 +126,9 @@ def _entries(content: bytes, header: _Header) -> sparse.coo_array:
 def _mirrored(
     i: NDArray[Any], j: NDArray[Any], values: NDArray[Any], symmetry: str
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Add the mirror image of each entry off the diagonal.
+    """Add the mirror image of each off-diagonal entry.
 
-    Files should list one triangle. Where both have entries, a pair that is listed on both sides would count
-    twice.
+    Files should list one triangle only, because a pair listed on both sides would count twice.
     """
     above, below = i < j, i > j
     if above.any() and below.any():
@@ -150,7 +150,7 @@ def _mirrored(
 
 
 def _dense(content: bytes, header: _Header) -> NDArray[Any]:
-    """Read an array, stored by columns; of symmetric ones the lower triangle."""
+    """Read an array stored by columns (lower triangle only, if symmetric)."""
     n, m = header.sizes
     if header.symmetry == "general":
         return _table(content, header, n * m, 1).reshape(m, n).T.copy()
@@ -158,7 +158,7 @@ def _dense(content: bytes, header: _Header) -> NDArray[Any]:
     count = n * (n - 1) // 2 if skew else n * (n + 1) // 2
     values = _table(content, header, count, 1)[:, 0]
     matrix = np.zeros((n, n), values.dtype)
-    upper = np.triu_indices(n, 1 if skew else 0)  # by rows, as the lower triangle by columns
+    upper = np.triu_indices(n, 1 if skew else 0)  # by rows, like the lower triangle by columns
     matrix[upper] = -values if skew else values
     matrix.T[upper] = values
     return matrix

@@ -1,4 +1,4 @@
-"""Content of files that are there as a whole: pipes and devices may never end."""
+"""Read regular files only, because pipes and devices may never end."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from agglo_core.errors import FileError
 
 
 def check_regular(path: Path) -> None:
-    """Raise FileError unless a path, or what its links lead to, is a regular file."""
+    """Raise FileError unless a path leads to a regular file."""
     if path.is_file():
         return
     if path.is_dir():
@@ -18,16 +18,16 @@ def check_regular(path: Path) -> None:
 
 
 def file_bytes(path: Path) -> bytes:
-    """Content of a regular file; raises FileError or OSError."""
+    """Read a regular file. Raises FileError or OSError."""
     check_regular(path)
     return path.read_bytes()
 
 
 def text_bytes(path: Path) -> bytes:
-    """Content of a regular file without a UTF-8 byte order mark; raises FileError or OSError."""
+    """Read a regular file without its UTF-8 byte order mark. Raises FileError or OSError."""
     return without_mark(file_bytes(path))
 
 
 def without_mark(content: bytes) -> bytes:
-    """Text without the byte order mark that it may begin with."""
+    """Return text without a leading byte order mark."""
     return content.removeprefix(codecs.BOM_UTF8)

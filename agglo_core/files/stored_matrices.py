@@ -1,7 +1,7 @@
-"""Sparse matrices and vectors in ``.npz``, ``.npy``, ``.mtx`` and text files.
+"""Read sparse matrices and vectors from ``.npz``, ``.npy``, ``.mtx`` and text files.
 
-An ``.npz`` is that of ``scipy.sparse.save_npz``, or has at least ``data``, ``indices`` and ``indptr`` of a
-square matrix in CSR. scipy's own reader trusts its arrays and inflates them whole.
+An ``.npz`` has the layout of ``scipy.sparse.save_npz``, or at least ``data``, ``indices`` and ``indptr`` of a
+square CSR matrix. scipy's own reader trusts the arrays and inflates them completely.
 """
 
 from __future__ import annotations
@@ -21,20 +21,23 @@ from agglo_core.files.matrix_market import EMPTY_ROWS, read_matrix_market
 from agglo_core.files.text_numbers import number_rows
 
 _SPARE = 1 << 24
-"""Bytes that arrays of a small archive may have."""
+"""Allowed array bytes of a small archive."""
 _RATIO = 64
-"""Bytes of arrays per byte of archive; 27 at most in matrices that we write, on uniform meshes."""
+"""Allowed array bytes per archive byte; at most 27 in agglo's own matrices, on uniform meshes."""
 _COMPRESSED: Mapping[str, Any] = {"csr": sparse.csr_array, "csc": sparse.csc_array, "bsr": sparse.bsr_array}
 _COMMENT = re.compile(rb"#[^\n]*")
 
 
 def matrix_archive(path: Path, rows: int = 0) -> Archive:
-    """Open an archive whose arrays may have a multiple of its size, and one vector of so many rows."""
+    """Open an archive with a limit in proportion to its size, plus one vector of ``rows`` numbers."""
     return Archive(path, _SPARE + _RATIO * path.stat().st_size + 8 * rows)
 
 
 def read_matrix(path: Path) -> Any:
-    """Read a matrix, sparse or dense, whose indices may still be out of range.
+    """Read a sparse or dense matrix.
+
+    Its indices are not yet checked.
+
 
     Raises
     ------
@@ -45,9 +48,9 @@ def read_matrix(path: Path) -> Any:
 
 
 def read_vectors(path: Path, name: str, rows: int) -> NDArray[Any]:
-    """Read an array of real numbers, of an archive the one called ``name``, for so many rows of a matrix.
+    """Read an array of real numbers (the array ``name`` in archives) for a matrix with ``rows`` rows.
 
-    Its shape is that of the file, and only that of MatrixMarket is compared with ``rows``.
+    Its shape is that of the file; only MatrixMarket shapes are compared with ``rows``.
 
     Raises
     ------
@@ -58,7 +61,7 @@ def read_vectors(path: Path, name: str, rows: int) -> NDArray[Any]:
 
 
 def stored_matrix(arrays: Archive) -> Any:
-    """Return the sparse matrix of an archive, in the format that it is stored in.
+    """Return the sparse matrix of an archive in its stored format.
 
     Raises
     ------
@@ -75,7 +78,7 @@ def stored_matrix(arrays: Archive) -> Any:
             return _diagonals(arrays)
     except FileError:
         raise
-    except (ValueError, OverflowError) as error:  # scipy's, for lengths that do not go together
+    except (ValueError, OverflowError) as error:  # scipy's error for inconsistent lengths
         raise FileError(f"arrays of a {form} matrix do not go together: {error}") from None
     raise FileError(f"array 'format' is {form!r}, expected csr, csc, bsr, coo or dia")
 
@@ -88,7 +91,7 @@ def _format(arrays: Archive) -> str:
 
 
 def _shape(arrays: Archive, entries: int) -> tuple[int, int]:
-    """Shape of the matrix: with few entries it has few rows and columns."""
+    """Return the shape of the matrix, which is bounded by the number of entries."""
     n, m = (int(each) for each in arrays.integers("shape", (2,)))
     if not 0 <= min(n, m) <= max(n, m) <= entries + EMPTY_ROWS:
         raise FileError(f"array 'shape' is ({n}, {m}), but there are {entries} entries")
@@ -130,7 +133,7 @@ def _market_vectors(path: Path, _: str, rows: int) -> NDArray[Any]:
 
 
 def _text_vectors(path: Path, _: str, rows: int) -> NDArray[Any]:
-    """Read a table of numbers, with comments from # to the end of their lines."""
+    """Read a table of numbers, with comments from # to the end of the line."""
     content = path.read_bytes().removeprefix(b"\xef\xbb\xbf")
     if b"#" in content:
         content = _COMMENT.sub(b"", content)

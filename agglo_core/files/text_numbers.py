@@ -1,4 +1,7 @@
-"""Numbers in text, converted in bulk; an error names the line and the word that is none."""
+"""Convert numbers in text in bulk.
+
+Errors name the line and the invalid word.
+"""
 
 from __future__ import annotations
 
@@ -13,46 +16,49 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
 
 _FORTRAN = bytes.maketrans(b"Dd", b"Ee")  # 1.5D-3, as Fortran writes doubles
-_LINES = 1 << 16  # written at once
-_PIECE = 1 << 19  # bytes of text converted at once, so that what is needed besides the numbers is small
+_LINES = 1 << 16  # lines per write
+_PIECE = 1 << 19  # bytes per conversion, to bound temporary memory
 _LARGEST = np.iinfo(np.int64).max
 
 
 def reals(content: bytes, start: int = 0, stop: int | None = None) -> Float:
-    """All numbers between two places of a text.
+    """Convert all numbers between two positions of a text.
 
     Raises
     ------
     FileError
-        Naming the line of a word that is no number.
+        With the line of the first invalid word.
     """
     return frozen_float(_converted(content, start, stop, np.float64))
 
 
 def integers(content: bytes, start: int = 0, stop: int | None = None) -> Int:
-    """All whole numbers between two places of a text; raises FileError as :func:`reals` does."""
+    """Convert all integers between two positions of a text.
+
+    Raises FileError as :func:`reals`.
+    """
     values = _converted(content, start, stop, np.int64)
-    if values.size and (values.max() == _LARGEST or values.min() == -_LARGEST - 1):  # it stops there
+    if values.size and (values.max() == _LARGEST or values.min() == -_LARGEST - 1):  # saturated
         raise FileError("it holds a number that an int64 cannot")
     return frozen_int(values)
 
 
 def number_rows(content: bytes, start: int, width: int, dtype: type = np.float64) -> NDArray[Any]:
-    """Read a table ``(rows, width)`` from a text: the lines from a place on, blank ones left out.
+    """Read a table ``(rows, width)`` from the non-blank lines after a position.
 
     Parameters
     ----------
     content : bytes
     start : int
-        Place of the first line.
+        Position of the first line.
     width : int
-        Numbers of each line.
+        Numbers per line.
     dtype : float64 or int64
 
     Raises
     ------
     FileError
-        Naming the line of a word that is no number, or of another count of numbers.
+        With the line of an invalid word, or of another count of numbers.
     """
     parse = integers if dtype is np.int64 else reals
     parts: list[NDArray[Any]] = [np.empty((0, width), dtype)]
@@ -66,12 +72,12 @@ def number_rows(content: bytes, start: int, width: int, dtype: type = np.float64
 
 
 def _check_widths(content: bytes, start: int, stop: int, width: int, count: int) -> None:
-    """Raise FileError unless each line has ``width`` words or none, ``count`` words in all."""
+    """Raise FileError unless each non-blank line has ``width`` words, ``count`` words in total."""
     codes = np.frombuffer(content, np.uint8, stop - start, start)
     word = codes > ord(" ")
-    word[1:] &= ~word[:-1]  # begins of words; the right side is a copy
+    word[1:] &= ~word[:-1]  # starts of words; the right side is a copy
     begins, ends = np.flatnonzero(word), np.flatnonzero(codes == ord("\n"))
-    if (  # the usual case: no blank lines, and a line end after the last
+    if (  # usual case: no blank lines, and a final line end
         len(begins) == count == len(ends) * width
         and (begins[width - 1 :: width] < ends).all()
         and (begins[width::width] > ends[:-1]).all()
@@ -88,7 +94,7 @@ def _check_widths(content: bytes, start: int, stop: int, width: int, count: int)
 
 
 def words_per_line(text: bytes) -> Int:
-    """Number of words in each line of a text, lines without words left out."""
+    """Return the number of words in each non-blank line."""
     codes = np.frombuffer(text, np.uint8)
     word = codes > ord(" ")
     begins = np.flatnonzero(word & np.concatenate(([True], ~word[:-1])))
@@ -98,7 +104,7 @@ def words_per_line(text: bytes) -> Int:
 
 
 def line_of(content: bytes, place: int) -> int:
-    """Number of the line at a place of a text, from 1 on."""
+    """Return the line number of a position, from 1."""
     return content.count(b"\n", 0, place) + 1
 
 
@@ -121,7 +127,7 @@ def _converted(content: bytes, start: int, stop: int | None, dtype: type) -> NDA
 
 def _parse(text: bytes, dtype: type) -> NDArray[Any]:
     with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)  # what numpy before 2.4 says instead
+        warnings.simplefilter("error", DeprecationWarning)  # the error of numpy before 2.4
         try:
             return np.fromstring(text, dtype, sep=" ")
         except DeprecationWarning as error:
@@ -129,7 +135,7 @@ def _parse(text: bytes, dtype: type) -> NDArray[Any]:
 
 
 def _error(content: bytes, start: int, stop: int, dtype: type) -> FileError:
-    """The error that names the first line with a word that is no number."""
+    """Return the error for the first line with an invalid word."""
     first = line_of(content, start)
     for number, line in enumerate(content[start:stop].split(b"\n"), first):
         for word in line.split():
@@ -143,7 +149,7 @@ def _error(content: bytes, start: int, stop: int, dtype: type) -> FileError:
 
 
 def real_lines(rows: ArrayLike, prefix: str = "") -> str:
-    """A line for each row ``(n, k)``, with as many digits as the numbers need to be read back the same."""
+    """Format each row ``(n, k)`` as a line, with enough digits for an exact round trip."""
     table = np.asarray(rows, np.float64)
     line = prefix + " ".join(["%r"] * table.shape[1]) + "\n"
     parts = [table[i : i + _LINES] for i in range(0, len(table), _LINES)]
@@ -151,15 +157,14 @@ def real_lines(rows: ArrayLike, prefix: str = "") -> str:
 
 
 def integer_lines(offsets: Int, values: Int, forms: Sequence[str] = ()) -> str:
-    """A line for each row ``values[offsets[i]:offsets[i + 1]]`` of a CSR.
+    """Format each row ``values[offsets[i]:offsets[i + 1]]`` of a CSR as a line.
 
     Parameters
     ----------
     offsets : (n + 1,) int
     values : int
     forms : sequence of str, optional
-        What a row of k numbers looks like is ``forms[k]``, with ``%d`` for each; by default they stand one
-        after the other.
+        Format ``forms[k]`` for a row of k numbers, with ``%d`` for each; by default separated by spaces.
     """
     sizes = np.diff(offsets)
     widest = int(sizes.max(initial=0))
