@@ -1,12 +1,12 @@
-"""Protocols: the methods and attributes that components of each kind must have.
+"""Protocols: methods and attributes of components of each kind.
 
-Nothing is inherited: a class with the method is a component.
+Components need no base class: any class with the methods is a component. :mod:`agglo_core.registry.kinds`
+lists
+the kinds, and the checks at construction.
 
-Which kinds there are, and what is checked when they are built: :mod:`agglo_core.registry.kinds`.
-
-A *part* is a (block, label) pair: labels are local to their block. A *level* is a block-diagonal
-:class:`~agglo_core.graph.Graph` whose blocks are the pieces of one recursion depth. The law every
-component obeys: **a level is its blocks** — what happens to one block never depends on the others.
+A *part* is a (block, label) pair, with labels local to their block. A *level* is a block-diagonal
+:class:`~agglo_core.graph.Graph` whose blocks are the pieces of one recursion depth. All components obey one
+law: **a level is its blocks**, so the result for a block never depends on other blocks.
 """
 
 from __future__ import annotations

@@ -27,15 +27,18 @@ class Forbidding(Protocol):
     """
 
     def forbidden(self, graph: Graph) -> Mask:
-        """Return ``(m,)``, for each CSR entry whether nothing may be joined across it; both directions agree.
+        """Return the mask ``(m,)`` of forbidden CSR entries, equal for both directions.
 
-        A part is connected without such edges; it may reach around the end of a barrier.
+        Parts are connected without these edges; they may reach around the end of a barrier.
         """
 
 
 @runtime_checkable
 class Admitting(Protocol):
-    """A constraint on what a part may hold; each piece of an admissible part must be admissible, too.
+    """A constraint on the contents of a part.
+
+    Pieces of admissible parts must also be admissible.
+
 
     Examples
     --------
@@ -51,12 +54,15 @@ class Admitting(Protocol):
     """
 
     def admissible(self, graph: Graph, labels: Int) -> Mask:
-        """Return ``(k,)``, for each part of ``labels (n,)`` whether it is allowed; others are split."""
+        """Return the mask ``(k,)`` of admissible parts for ``labels (n,)``.
+
+        Other parts are split.
+        """
 
 
 @runtime_checkable
 class Completing(Protocol):
-    """A constraint on what a part should hold at least.
+    """A constraint on the minimum contents of a part.
 
     Examples
     --------
@@ -72,8 +78,10 @@ class Completing(Protocol):
     """
 
     def incomplete(self, graph: Graph, labels: Int) -> Mask:
-        """Return ``(k,)``, for each part whether it should join a neighbour, where nothing forbids it."""
+        """Return the mask ``(k,)`` of parts that should join a neighbour, unless this is forbidden."""
 
 
 Constraint = Forbidding | Admitting | Completing
-"""A constraint has any of the three, or ``for_mesh(mesh)``, which returns such a one, if it needs faces."""
+"""A constraint has one or more of these methods, or ``for_mesh(mesh)``, which returns a constraint and may
+use faces.
+"""

@@ -12,20 +12,24 @@ if TYPE_CHECKING:
 
 @runtime_checkable
 class Format(Protocol):
-    """Reads meshes from files of one format.
+    """A component that reads meshes from files of one format.
 
-    Its suffixes are declared (:class:`~agglo_core.registry.Component`); a format that declares none has them
-    as the attribute ``suffixes``. ``lossless`` says whether what is written is read back to the last bit,
-    hierarchy included. It refuses a file by an AggloError, and the next format of its suffix is tried;
-    OSErrors are reported as they are; anything else is a bug of the format.
+    Its suffixes are declared (:class:`~agglo_core.registry.Component`), or are the attribute ``suffixes``.
+    ``lossless`` is True if written data are read back to the last bit, hierarchy included. A format rejects a
+    file with an AggloError, and the next format with this suffix is tried. OSErrors are reported unchanged;
+    other
+    exceptions are bugs in the format.
 
-    Four attributes are optional, false where they are missing. ``last_resort``: it is tried after all others.
-    ``reads_empty``: files of no bytes mean something to it. ``atomic``: its own ``write`` makes files appear
-    whole or not at all. ``keeps_level_values``: its ``write`` takes a fourth argument, for each level numbers
-    ``(k,)`` by name. ``recognises(head)`` of a format that declares no suffixes may know a file of another
-    suffix by its first 512 bytes, ``recognises_folder(folder)`` a folder that is read as a whole.
-    Options ``merge_points``, ``allow_gaps`` and ``drop_flat`` (bool) of the constructor are those of
-    ``agglo.read``.
+    The following attributes are optional and false by default. ``last_resort``: the format is tried after all
+    others.
+    ``reads_empty``: empty files are valid. ``atomic``: its own ``write`` is atomic. ``keeps_level_values``:
+    its
+    ``write`` takes a fourth argument with numbers ``(k,)`` by name for each level. ``recognises(head)``, for
+    formats
+    without declared suffixes, may recognise other files by their first 512 bytes, and
+    ``recognises_folder(folder)`` a folder as a whole. The constructor options ``merge_points``,
+    ``allow_gaps`` and
+    ``drop_flat`` (bool) are those of ``agglo.read``.
 
     Examples
     --------
@@ -44,15 +48,16 @@ class Format(Protocol):
     lossless: bool
 
     def read(self, path: Path) -> Mesh:
-        """Return the mesh of an existing file; an AggloError says why it is refused."""
+        """Return the mesh of an existing file, or raise an AggloError with the reason."""
 
 
 @runtime_checkable
 class WritableFormat(Protocol):
-    """Optional: a format that is also written.
+    """Optional: a format that also writes.
 
-    Whatever files ``write`` leaves beside ``path`` move with it to where the user wants them. One that says
-    ``tells_progress = True`` takes the keyword ``tell``, and calls ``tell(fraction, text)`` as it goes.
+    All files that ``write`` leaves beside ``path`` are moved to the user's location together with it. With
+    ``tells_progress = True`` it takes the keyword ``tell``, and calls ``tell(fraction, text)`` as it
+    proceeds.
 
     Examples
     --------
@@ -69,12 +74,12 @@ class WritableFormat(Protocol):
     """
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
-        """Write the mesh, and the hierarchy if given; an AggloError says what the format cannot hold."""
+        """Write the mesh, and the hierarchy if given, or raise an AggloError for unsupported data."""
 
 
 @runtime_checkable
 class HierarchyFormat(Protocol):
-    """Optional: a format that keeps hierarchies as they are, targets and statistics included.
+    """Optional: a format that stores complete hierarchies, with targets and statistics.
 
     Examples
     --------
@@ -88,4 +93,4 @@ class HierarchyFormat(Protocol):
     """
 
     def read_hierarchy(self, path: Path) -> tuple[Mesh, Hierarchy | None]:
-        """Return the mesh of an existing file and the hierarchy stored with it, if any."""
+        """Return the mesh of an existing file and its stored hierarchy, if any."""

@@ -1,4 +1,4 @@
-"""Protocols of bisectors, refiners and fixers, and the target that they receive."""
+"""Protocols of bisectors, refiners and fixers, and their target."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ class Target:
     Attributes
     ----------
     parts : int, optional
-        Number of parts wanted of the whole graph.
+        Number of parts of the whole graph.
     h_star : float, optional
-        Largest diameter allowed for a part, in the units of the graph.
+        Maximum diameter of a part, in the units of the graph.
 
     Examples
     --------
@@ -58,7 +58,10 @@ class Bisector(Protocol):
     """
 
     def bisect(self, graph: Graph, rng: np.random.Generator) -> Sides:
-        """Return the side of each node, shape ``(n,)``; both sides non-empty for n >= 2."""
+        """Return the side of each node, shape ``(n,)``.
+
+        Both sides are non-empty for n >= 2.
+        """
 
 
 @runtime_checkable
@@ -79,15 +82,19 @@ class LevelBisector(Protocol):
     """
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Sides:
-        """Return the side of each node, shape ``(n,)``; ``seeds`` is ``(B,)``."""
+        """Return the side of each node, shape ``(n,)``.
+
+        ``seeds`` is ``(B,)``.
+        """
 
 
 @runtime_checkable
 class UnevenBisector(Protocol):
     """Optional: a bisector that cuts at a given share of the mass.
 
-    A piece of three parts is best split 1 : 2. For such pieces ``bisect_shares`` is called; all others are
-    halved by ``bisect_level`` or ``bisect``. Cuts of a bisector without this method are moved afterwards.
+    A piece of three parts is best split 1 : 2. ``bisect_shares`` is called for such pieces, ``bisect_level``
+    or
+    ``bisect`` for all others. Without this method, cuts are moved afterwards.
 
     Examples
     --------
@@ -107,15 +114,18 @@ class UnevenBisector(Protocol):
     """
 
     def bisect_shares(self, level: Graph, seeds: UInt64, shares: Float) -> Sides:
-        """Return the side of each node, shape ``(n,)``; one side of block b holds ``shares[b] < 1/2``.
+        """Return the side of each node, shape ``(n,)``.
 
-        The share is one of ``level.mass``; either side may be the lighter one.
+        One side of block b holds ``shares[b] < 1/2``.
+
+
+        The share refers to ``level.mass``; either side may be the lighter side.
         """
 
 
 @runtime_checkable
 class TargetAware(Protocol):
-    """Optional: a bisector that wants to know what the pieces are to become.
+    """Optional: a bisector that depends on the target of the pieces.
 
     Examples
     --------
@@ -132,15 +142,19 @@ class TargetAware(Protocol):
     """
 
     def for_target(self, target: Target) -> LevelBisector | Bisector:
-        """Return the bisector for pieces that are to meet ``target``: ``self`` if nothing depends on it.
+        """Return the bisector for pieces with this ``target``, or ``self`` if it does not depend on the
+        target.
 
-        Called before pieces are split. Nested sizes are then met one after the other, the coarsest first.
+        It is called before pieces are split. Nested sizes are then met in turn, the coarsest first.
         """
 
 
 @runtime_checkable
 class Partitioner(Protocol):
-    """Optional: direct k-way partition of a connected graph; refined unless ``final_parts = True``.
+    """Optional: direct k-way partition of a connected graph.
+
+    The partition is refined unless ``final_parts = True``.
+
 
     Examples
     --------
@@ -156,16 +170,20 @@ class Partitioner(Protocol):
     """
 
     def partition(self, graph: Graph, target: Target, seed: int) -> Int:
-        """Return labels ``(n,)`` in ``0..target.parts-1``, for a size ``0..n-1``; faults are mended."""
+        """Return labels ``(n,)`` in ``0..target.parts-1``, for a size ``0..n-1``.
+
+        Faults are repaired.
+        """
 
 
 @runtime_checkable
 class Refiner(Protocol):
-    """Improves labels without emptying a part or raising any part's number of components.
+    """Improves labels without emptying a part or increasing any part's number of components.
 
-    ``objective`` says what never gets worse: one of :data:`agglo_core.graph.objectives.OBJECTIVES`, such
-    as ``"interface"`` (total length) or ``"compactness"`` (moment of inertia), or the name of a metric,
-    whose values are then summed over the parts.
+    ``objective`` names the value that never gets worse: one of
+    :data:`agglo_core.graph.objectives.OBJECTIVES`, such
+    as ``"interface"`` (total length) or ``"compactness"`` (moment of inertia), or a metric, summed over the
+    parts.
 
     Examples
     --------
@@ -187,7 +205,7 @@ class Refiner(Protocol):
 
 @runtime_checkable
 class ConnectivityFixer(Protocol):
-    """Makes every part connected, keeping the label set of each block.
+    """Makes every part connected and keeps the label set of each block.
 
     Examples
     --------
@@ -201,4 +219,4 @@ class ConnectivityFixer(Protocol):
     """
 
     def fix(self, graph: Graph, labels: Int) -> Int:
-        """Return new labels ``(n,)``; the identity on labels whose parts are all connected."""
+        """Return new labels ``(n,)``, unchanged if all parts are connected."""

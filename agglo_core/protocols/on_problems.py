@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @runtime_checkable
 class ProblemKind(Protocol):
-    """A record of what is to be solved: a frozen class whose ``kind`` is the name it is declared by.
+    """A problem record: a frozen class whose ``kind`` is its declared name.
 
     Examples
     --------
@@ -43,21 +43,21 @@ class ProblemKind(Protocol):
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any], mesh: Mesh, folder: Path) -> Self:
-        """Return the problem a TOML table describes; relative file names start from ``folder``.
+        """Return the problem of a TOML table, with relative file names starting from ``folder``.
 
-        An AggloError names the key that is wrong.
+        An AggloError names the wrong key.
         """
 
     @classmethod
     def example(cls, mesh: Mesh) -> Self:
-        """Return a small problem with exactly one solution on any mesh: for laws and tests of solvers."""
+        """Return a small problem with exactly one solution on any mesh, for laws and solver tests."""
 
 
 @runtime_checkable
 class Smoother(Protocol):
     """Smooths the error on one level of a multigrid method.
 
-    One that works without the correction of the next level says ``uses_coarse = False``: none is factorised.
+    A smoother that needs no coarse correction sets ``uses_coarse = False``, which saves the factorisation.
 
     Examples
     --------
@@ -70,19 +70,25 @@ class Smoother(Protocol):
     """
 
     def setup(self, level: MultigridLevel) -> Callable[[Float, Float], Float]:
-        """Return ``smooth(b, x)``: a better x ``(n,)``; it may be a ``multigrid.LevelSmoother`` as well."""
+        """Return ``smooth(b, x)``, a function that returns an improved x ``(n,)``.
+
+        It may also be a ``multigrid.LevelSmoother``.
+        """
 
 
 @runtime_checkable
 class Solver(Protocol):
-    """Solves a problem with the help of a hierarchy of coarse meshes.
+    """Solves a problem with a hierarchy of coarse meshes.
 
-    ``accepts``, if present, lists the kinds of problem it takes; ``discretisation``, if present, says what
-    its unknowns mean (:class:`~agglo_core.problems.Discretisation`). One that promises ``symmetric`` also
-    has ``aspreconditioner(problem, hierarchy)``, which returns a ``scipy.sparse.linalg.LinearOperator``.
-    One that needs no levels says ``needs_levels = False``, or if it is plain conjugate gradients ``plain_cg =
-    True``; one whose coarse operators are not Pᵀ A P, but discretised anew or rounded, ``galerkin = False``.
-    With ``tells_progress = True`` it takes ``progress``, None or for :func:`agglo_core.progress.phase`.
+    ``accepts``, if present, lists the supported problem kinds. ``discretisation``, if present, defines the
+    meaning of
+    the unknowns (:class:`~agglo_core.problems.Discretisation`). With the promise ``symmetric`` the solver
+    also has
+    ``aspreconditioner(problem, hierarchy)``, which returns a ``scipy.sparse.linalg.LinearOperator``. It sets
+    ``needs_levels = False`` if it needs no levels, ``plain_cg = True`` if it is plain conjugate gradients,
+    and
+    ``galerkin = False`` if its coarse operators are not Pᵀ A P but rediscretised or rounded. With
+    ``tells_progress = True`` it takes ``progress``, None or for :func:`agglo_core.progress.phase`.
 
     Examples
     --------

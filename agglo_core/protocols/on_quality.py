@@ -1,4 +1,4 @@
-"""Protocols of metrics and of sections of the report."""
+"""Protocols of metrics and report sections."""
 
 from __future__ import annotations
 
@@ -16,13 +16,15 @@ if TYPE_CHECKING:
 class QualityMetric(Protocol):
     """One number per agglomerate.
 
-    ``homogeneity`` is the power p of a length that values scale with in 2-D: 0 for ratios, 1 for lengths. In
-    3-D ratios are ratios too; where p is not 0, lengths may become areas: a whole power from p to 2 p.
+    ``homogeneity`` is the power p of a length with which values scale in 2-D: 0 for ratios, 1 for lengths. In
+    3-D ratios are also ratios; for p ≠ 0, lengths may become areas: an integer power from p to 2 p.
 
-    Four attributes are optional, false where they are missing. ``undefined``: some agglomerates have no
-    value, which is NaN; reports count them, and means are over the others. ``directional``: values depend on
-    the directions of the axes. ``relative``: values depend on far agglomerates too, as diam(P) / h does.
-    ``shape_only``: the cells of an agglomerate change nothing, nor do the edges that they cut its outline in.
+    The following attributes are optional and false by default. ``undefined``: some agglomerates have no value
+    (NaN);
+    reports count them, and means exclude them. ``directional``: values depend on the directions of the axes.
+    ``relative``: values depend on distant agglomerates, like diam(P) / h. ``shape_only``: values depend
+    neither on the
+    cells of an agglomerate nor on the division of its outline into edges.
 
     Examples
     --------
@@ -49,7 +51,7 @@ class QualityMetric(Protocol):
 
 @runtime_checkable
 class IncrementalMetric(Protocol):
-    """Optional: a metric that can tell what a move would change, so that refiners can optimise it.
+    """Optional: a metric that computes the effect of single moves, so that refiners can optimise it.
 
     Its objective is the sum of the values over all parts, in the direction of ``better``.
 
@@ -69,7 +71,7 @@ class IncrementalMetric(Protocol):
     """
 
     def changes(self, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-        """Return by how much the sum of values changes ``(q,)`` if cell i alone moves to part i.
+        """Return the change of the sum of values ``(q,)`` if cell i alone moves to part i.
 
         ``labels (n,)`` number the parts of all blocks, 0..k-1; ``cells`` and ``parts`` are ``(q,)``.
         """
@@ -77,7 +79,7 @@ class IncrementalMetric(Protocol):
 
 @runtime_checkable
 class Section(Protocol):
-    """A section of the report; where its fragment is empty it is left out.
+    """A report section, omitted if its fragment is empty.
 
     Examples
     --------
@@ -94,4 +96,4 @@ class Section(Protocol):
     title: str
 
     def html(self, mesh: Mesh, runs: Sequence[Any]) -> str:
-        """Return a fragment of HTML about the runs (:class:`agglo_core.measure.RunResult`) on a mesh."""
+        """Return an HTML fragment about the runs (:class:`agglo_core.measure.RunResult`) on a mesh."""
