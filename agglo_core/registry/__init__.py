@@ -1,6 +1,6 @@
-"""Plugins: what a package declares, and the registry that finds, explains and builds components.
+"""Plugins: declarations, and the registry that finds, describes and builds components.
 
-A distribution joins by the entry-point group ``agglo``: each entry point names a light *declaration*
+A distribution joins through the entry-point group ``agglo``: each entry point refers to a light *declaration*
 module (or object) whose hooks return records::
 
     from agglo_core import Component, hookimpl
@@ -9,13 +9,13 @@ module (or object) whose hooks return records::
     def agglo_components():
         return [Component(kind="bisector", name="halves", target="my_package.halves:Halves")]
 
-Listing components imports the declarations and nothing else; the target is imported when it is built.
-A plugin that is broken, lacks a package or clashes with another never takes the program down: it is
-listed with its state and the reason, and using it raises :class:`~agglo_core.errors.PluginError`.
+To list components, only the declarations are imported; a target is imported when it is built. A plugin
+that is broken, lacks a package or conflicts with another never stops the program: it is listed with its
+state and the reason, and its use raises :class:`~agglo_core.errors.PluginError`.
 
-**Installing a plugin runs its code**: its declaration module is imported whenever agglo looks for
-components. ``AGGLO_BLOCK=a,b`` keeps plugins from being imported, ``AGGLO_ONLY=a,b`` keeps all others
-out, ``AGGLO_TRACE=1`` writes each loading, build and hook call to stderr.
+**Installing a plugin runs its code**: agglo imports the declaration module whenever it searches for
+components. ``AGGLO_BLOCK=a,b`` prevents the import of these plugins, ``AGGLO_ONLY=a,b`` the import of all
+others, and ``AGGLO_TRACE=1`` writes each load, build and hook call to stderr.
 """
 
 from agglo_core.registry.catalogue import Registry, default

@@ -1,4 +1,4 @@
-"""Errors of components, attributed: the message names component, plugin and distribution."""
+"""Attribute errors of components: messages name component, plugin and distribution."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from agglo_core.registry.containment import PLUGIN_FAILURES, folder_kept, raised
 
 @dataclass(frozen=True)
 class Member:
-    """A component in use: the object that was built (``tool``) and its name in error messages (``title``).
+    """A component in use: the built object (``tool``) and its name in error messages (``title``).
 
     Examples
     --------
@@ -27,24 +27,26 @@ class Member:
     title: str
 
     def offers(self, *methods: str) -> bool:
-        """Return True if it has one of these methods; isinstance with a protocol takes ten times as long."""
+        """Return True if the object has one of these methods (ten times faster than isinstance with a
+        protocol).
+        """
         return any(callable(getattr(self.tool, method, None)) for method in methods)
 
 
 @contextmanager
 def attributed(owner: str, *, spare: tuple[type[Exception], ...] = ()) -> Iterator[None]:
-    """Put ``owner`` before what a component says on purpose; anything else it raises is a PluginError.
+    """Prefix ``owner`` to AggloErrors, and turn any other exception into a PluginError.
 
-    An OptionError, MeshError or FileError about what the component was given stays one.
-
-    A component that leaves the current folder is brought back, with a warning.
+    OptionErrors, MeshErrors and FileErrors about the input keep their class. If the component changes the
+    current
+    folder, the folder is restored with a warning.
 
     Parameters
     ----------
     owner : str
-        The component as :func:`~agglo_core.registry.describe` calls it.
+        The component, as labelled by :func:`~agglo_core.registry.describe`.
     spare : tuple of exception types
-        What passes as it is. A PluginError is given its owner even then.
+        Exceptions that pass unchanged. A PluginError gets its owner nevertheless.
 
     Examples
     --------
@@ -69,5 +71,5 @@ def attributed(owner: str, *, spare: tuple[type[Exception], ...] = ()) -> Iterat
 
 
 def _family(error: AggloError) -> type[AggloError]:
-    """The class of ours an error belongs to; one of a stranger's own may be made otherwise."""
+    """Return agglo's class for an error, because subclasses in plugins may have other constructors."""
     return next((each for each in (MeshError, OptionError, FileError) if isinstance(error, each)), AggloError)

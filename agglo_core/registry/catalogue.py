@@ -1,4 +1,4 @@
-"""The registry: load plugins, list their records, look components up and build them."""
+"""Registry class: load plugins, list their records, look up and build components."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Declared = list[Component | Command]
 
 @dataclass(frozen=True, eq=False)
 class _Plugin:
-    """A plugin as it was loaded, or not: its module or object, and the records of what it declares."""
+    """A loaded or failed plugin: its module or object, and the records of its declarations."""
 
     name: str
     distribution: str
@@ -40,7 +40,7 @@ class _Plugin:
 
     @cached_property
     def named(self) -> Mapping[tuple[str, str], Records]:
-        """Records by kind and name: several are looked up at each run."""
+        """Records by kind and name, cached for the look-ups of each run."""
         found: dict[tuple[str, str], Records] = defaultdict(list)
         for record in self.records:
             found[record.kind, record.name].append(record)
@@ -48,9 +48,9 @@ class _Plugin:
 
 
 class Registry:
-    """Components and commands by name, with the state of each.
+    """Components and commands by name, with their states.
 
-    States are computed when asked for, so that the order of registration never matters.
+    States are computed on access, so that the order of registration does not matter.
 
     Attributes
     ----------
@@ -73,12 +73,15 @@ class Registry:
         self.hook = self._manager.hook
 
     def register(self, plugin: object, name: str, *, distribution: str = "", version: str = "") -> None:
-        """Add a module or object with hooks; if it is broken it is listed as such, with the reason.
+        """Add a module or object with hooks.
+
+        A broken plugin is listed with the reason.
+
 
         Raises
         ------
         PluginError
-            If a plugin of that name and distribution is registered already.
+            If a plugin with this name and distribution is already registered.
         """
         if any(p.name == name and p.distribution == distribution for p in self._plugins):
             raise PluginError(f"a plugin {name!r} is registered already; unregister it first")
@@ -90,7 +93,7 @@ class Registry:
         self._add(origin, plugin, declared, problem)
 
     def unregister(self, name: str) -> None:
-        """Remove every plugin of that name, whatever its state."""
+        """Remove every plugin with this name, in any state."""
         leaving = [p for p in self._plugins if p.name == name]
         if not leaving:
             raise PluginError(f"no plugin {name!r} is registered; registered: {self._names()}")
@@ -99,51 +102,66 @@ class Registry:
             self._plugins.remove(plugin)
 
     def block(self, name: str, reason: str = "blocked by the program") -> None:
-        """Make a plugin unusable, whether it is registered already or will be."""
+        """Make a plugin unusable, whether it is already registered or not."""
         self._blocked[name] = reason
         for plugin in self._plugins:
             if plugin.name == name:
                 detach(self._manager, plugin.plugin)
 
     def records(self) -> Records:
-        """Components with their states, plugins that failed as a whole, then commands; never fails."""
+        """Return components with their states, then failed plugins, then commands.
+
+        This method never fails.
+        """
         return sorted(self._records(), key=lambda record: record.command is not None)
 
     def list(self, kind: str | None = None) -> Records:
-        """List every component with its state, and every plugin that failed as a whole; never fails.
+        """List every component with its state, and every failed plugin.
+
+        This method never fails.
+
 
         With a kind, only the components of that kind are listed.
         """
         return [record for record in self._records(kind) if record.command is None]
 
     def commands(self) -> Records:
-        """Every command of the plugins, with its state."""
+        """Return every command of the plugins, with its state."""
         return [record for record in self._records() if record.command is not None]
 
     def build(self, kind: str, name: str, /, **options: Any) -> Any:
-        """Build a component; ``name`` may be qualified as ``plugin/name`` (or ``distribution/name``).
+        """Build a component.
+
+        ``name`` may be qualified as ``plugin/name`` (or ``distribution/name``).
+
 
         Raises
         ------
         PluginError
-            If it is unknown, not ok, or misbehaves; names component, plugin, distribution, version.
+            If it is unknown, not ok, or misbehaves, with component, plugin, distribution and version.
         OptionError
-            If an option is not accepted; lists those that are.
+            If an option is not accepted, with the accepted options.
         """
         return self.assemble(self.record(kind, name), options)
 
     def assemble(self, record: Record, options: Mapping[str, Any]) -> Any:
-        """Build the component of a record of this registry; raises as :meth:`build` does."""
+        """Build the component of a record in this registry.
+
+        Raises as :meth:`build`.
+        """
         self._manager.trace.root.get("build")(describe(record), dict(options))
         return construct(record, options, self)
 
     def record(self, kind: str, name: str) -> Record:
-        """The record a name stands for, whatever its state; ``kind`` may also be ``"command"``.
+        """Return the record for a name, in any state.
+
+        ``kind`` may also be ``"command"``.
+
 
         Raises
         ------
         PluginError
-            If there is none; lists those there are, the closest first.
+            If there is none, with the available names and the closest match.
         """
         if kind not in (*KINDS, "command"):
             raise PluginError(f"unknown kind of component {kind!r}; expected one of {', '.join(KINDS)}")
@@ -160,13 +178,13 @@ class Registry:
         raise PluginError(self._unknown(kind, name))
 
     def declares(self, kind: str, name: str) -> bool:
-        """Return True if a component of this name is declared, in any state: asked at each run."""
+        """Return True if a component with this name is declared, in any state (called at each run)."""
         return any((kind, name) in plugin.named for plugin in self._plugins)
 
     def level_done(self, info: Mapping[str, Any]) -> None:
-        """Tell every plugin that watches runs how far one has come.
+        """Call the progress hook of every plugin.
 
-        One that raises is named in a warning and not called again: whoever only watches cannot end a
+        A plugin that raises is reported in a warning and not called again, because an observer must not end a
         run.
         """
         self._manager.trace.root.get("level")(dict(info))
@@ -180,7 +198,7 @@ class Registry:
                 detach(self._manager, watcher.plugin)
 
     def discover(self, environ: Mapping[str, str] = os.environ) -> None:
-        """Load every installed plugin but those ``AGGLO_BLOCK`` and ``AGGLO_ONLY`` keep out."""
+        """Load every installed plugin, except those excluded by ``AGGLO_BLOCK`` and ``AGGLO_ONLY``."""
         if environ.get("AGGLO_TRACE"):
             self._manager.trace.root.setwriter(sys.stderr.write)
             self._manager.enable_tracing()
@@ -200,7 +218,10 @@ class Registry:
             self._load(each)
 
     def _load(self, found: Found) -> None:
-        """Import the declaration of an installed plugin and add its records; failures become their reason."""
+        """Import the declaration of an installed plugin and add its records.
+
+        Failures become their reason.
+        """
         trace, point = self._manager.trace.root, found.entry_point
         trace.get("load")(found.name, found.distribution, found.version)
         origin = Record(None, found.name, found.distribution, found.version)
@@ -223,7 +244,10 @@ class Registry:
         self._add(origin, plugin, declared, problem)
 
     def _add(self, origin: Record, plugin: object, declared: Declared, problem: str) -> None:
-        """Keep the records of a plugin, those with faults, or all if there is a ``problem``, as broken."""
+        """Store the records of a plugin.
+
+        Faulty records, or all in case of a ``problem``, are broken.
+        """
         wrong = [list(faults(each)) for each in declared]
         sound = [made_plain(each) if own else each for each, own in zip(declared, wrong, strict=True)]
         records = [_of(origin, each) for each in sound]
@@ -238,7 +262,7 @@ class Registry:
         self._plugins.append(_Plugin(origin.plugin, origin.distribution, plugin, tuple(records)))
 
     def _records(self, kind: str | None = None, name: str | None = None, *, resolved: bool = True) -> Records:
-        """List records with their states; only those of a kind, or of a kind and a name, if given."""
+        """List records with their states, optionally restricted to a kind, or a kind and a name."""
         found: Iterable[Record]
         if name is not None:
             found = chain.from_iterable(plugin.named.get((str(kind), name), ()) for plugin in self._plugins)
@@ -257,7 +281,7 @@ class Registry:
         return ", ".join(sorted({plugin.name for plugin in self._plugins})) or "none"
 
     def _unknown(self, kind: str, name: str) -> str:
-        """Message for a name that no component has: the nearest one, and those there are."""
+        """Return the message for an unknown name, with the closest match and the available names."""
         records = self._records()
         states = {r.name: "" if r.state == "ok" else f" ({r.state})" for r in records if r.kind == kind}
         close = difflib.get_close_matches(name, states, n=1)
@@ -281,7 +305,7 @@ def _names(environ: Mapping[str, str], variable: str) -> set[str]:
 
 @cache
 def default() -> Registry:
-    """The registry of this process, which discovers the installed plugins on first use.
+    """Return the registry of this process, which discovers the installed plugins on first use.
 
     Examples
     --------

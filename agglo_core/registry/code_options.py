@@ -1,11 +1,12 @@
-"""Options that name code: what a file says may not import anything unless the user allows it.
+"""Options that refer to code: texts from files must not cause imports unless the user allows them.
 
 A component marks such an option by its annotation, and imports the code itself::
 
     def __init__(self, network: ImportPath | None = None) -> None: ...
 
-The command line and Python hand the text over as it is: whoever types it decides. Texts of a TOML file are
-marked as :class:`Written`, and one that arrives at such an option is refused before anything is imported.
+Texts from the command line and from Python pass unchanged, because their author decides. Texts from TOML
+files
+are marked as :class:`Written`; for such options they are rejected before anything is imported.
 """
 
 from __future__ import annotations
@@ -16,24 +17,24 @@ from typing import Annotated, Any, Final, get_args, get_origin
 _MARK: Final = "agglo: names code that is imported"
 
 ImportPath = Annotated[str, _MARK]
-"""Annotation of an option that names code to import: ``"module:attribute"``."""
+"""Annotation of an option that refers to code: ``"module:attribute"``."""
 
 
 class Written(str):
-    """A text from a file, which must not name code."""
+    """A text from a file, which must not refer to code."""
 
     __slots__ = ()
 
 
 def names_code(annotation: Any) -> bool:
-    """Return True if an annotation is :data:`ImportPath`, or a tuple or a union that holds it."""
+    """Return True if an annotation is :data:`ImportPath`, or a tuple or union that contains it."""
     if get_origin(annotation) is Annotated and _MARK in annotation.__metadata__:
         return True
     return any(names_code(each) for each in get_args(annotation))
 
 
 def written(value: Any) -> Any:
-    """A value of a file with all its texts marked, those in lists and tables too."""
+    """Mark all texts in a value from a file, including those in lists and tables."""
     if isinstance(value, str):
         return Written(value)
     if isinstance(value, list | tuple):
@@ -44,7 +45,7 @@ def written(value: Any) -> Any:
 
 
 def is_written(value: Any) -> bool:
-    """Return True for a text from a file, or a list or table with one in it."""
+    """Return True for a text from a file, or a list or table that contains such a text."""
     if isinstance(value, list | tuple):
         return any(is_written(each) for each in value)
     if isinstance(value, Mapping):
@@ -53,7 +54,7 @@ def is_written(value: Any) -> bool:
 
 
 def plain(value: Any) -> Any:
-    """The text without its mark, for an option that takes any text; texts in lists likewise."""
+    """Remove the mark of a text, or of the texts in a list, for options that take any text."""
     if isinstance(value, list):
         return [plain(each) for each in value]
     return str(value) if isinstance(value, Written) else value

@@ -1,4 +1,4 @@
-"""Build a component: import the target, check the options, call it, check what its kind needs."""
+"""Build a component: import the target, check the options, call it, check the result."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from agglo_core.registry.records import Record, describe, unusable
 
 
 def resolve(record: Record) -> Any:
-    """Import and return the target of a record that is ok.
+    """Import and return the target of a record with state ok.
 
     Raises
     ------
@@ -32,7 +32,7 @@ def resolve(record: Record) -> Any:
         raise PluginError(f"{describe(record)} declares nothing that could be built")
     module, _, attribute = declared.target.partition(":")
     there = vars(sys.modules[module]).get(attribute) if module in sys.modules else None
-    if there is not None:  # nearly always but the first time: no code of the plugin runs
+    if there is not None:  # usually already imported: no plugin code runs
         return there
     try:
         with loading(describe(record)):
@@ -44,14 +44,17 @@ def resolve(record: Record) -> Any:
 
 
 def construct(record: Record, options: Mapping[str, Any], registry: object = None) -> Any:
-    """Build the component of a record with the given options; it gets ``registry`` if it asks for it.
+    """Build the component of a record with these options.
+
+    ``registry`` is passed if it has such a parameter.
+
 
     Raises
     ------
     PluginError
         If it is not ok, cannot be imported or built, or lacks a method of its kind.
     OptionError
-        If an option is unknown or missing; any AggloError that the constructor raises passes through.
+        If an option is unknown or missing; other AggloErrors of the constructor pass unchanged.
     """
     target = resolve(record)
     if not callable(target):
@@ -70,12 +73,12 @@ def construct(record: Record, options: Mapping[str, Any], registry: object = Non
 
 
 def checked_options(record: Record, target: Any, options: Mapping[str, Any]) -> dict[str, Any]:
-    """The options as the target takes them.
+    """Check the options and convert them to the types of the target.
 
     Raises
     ------
     OptionError
-        If one is unknown, missing or of another type; lists what is accepted.
+        If an option is unknown, missing or of another type, with the accepted options.
     """
     known = options_of(target)
     if known is None:
@@ -94,7 +97,7 @@ def checked_options(record: Record, target: Any, options: Mapping[str, Any]) -> 
 
 
 def _check_built(record: Record, built: Any) -> None:
-    """Raise PluginError unless what was built has what its kind needs."""
+    """Raise PluginError unless the object has the methods and attributes of its kind."""
     kind = KINDS[record.kind]
     if kind.methods and not any(callable(getattr(built, method, None)) for method in kind.methods):
         wanted = " or ".join(f"{method}(…)" for method in kind.methods)
@@ -102,7 +105,7 @@ def _check_built(record: Record, built: Any) -> None:
     for name, type_ in kind.attributes.items():
         try:
             found = getattr(built, name, None)
-        except PLUGIN_FAILURES as error:  # a property of theirs
+        except PLUGIN_FAILURES as error:  # a property of the plugin
             raise PluginError(f"{describe(record)}: its attribute {name!r} raised {raised(error)}") from error
         if not isinstance(found, type_):
             wrong = f"no attribute {name!r}" if found is None else f"{name} = {shown(found)}"

@@ -1,4 +1,4 @@
-"""Run code of plugins so that it cannot end the program, spoil its output or change its folder."""
+"""Run plugin code so that it cannot end the program, spoil its output or change its folder."""
 
 from __future__ import annotations
 
@@ -11,27 +11,31 @@ from contextlib import contextmanager, redirect_stdout
 PLUGIN_FAILURES = (Exception, SystemExit)
 """Exceptions that a component may raise without ending the program.
 
-While a plugin is loaded it may raise anything but a KeyboardInterrupt: see :func:`loading`. During a run
-other BaseExceptions stop the program (cancelled tasks, alarms) and are no failure of a component.
+While a plugin is loaded, all exceptions except KeyboardInterrupt are contained, see :func:`loading`. During a
+run, other BaseExceptions stop the program (cancelled tasks, alarms), because they are not failures of a
+component.
 """
 
 
 class LoadingError(Exception):
-    """A plugin raised while it was loaded; the cause is what it raised."""
+    """A plugin raised an exception while it was loaded.
+
+    The original exception is the cause.
+    """
 
 
 @contextmanager
 def loading(what: str) -> Iterator[None]:
-    """Run a plugin's code at import or in a hook: failures become LoadingErrors, and stdout stays clean.
+    """Run plugin code at import or in a hook: failures become LoadingErrors, and stdout stays clean.
 
-    What it prints goes to stderr, or to where stdout has been redirected.
+    Its output goes to stderr, or to the current redirection of stdout.
 
     Raises
     ------
     LoadingError
-        If it raises whatever it may be; the message is that of :func:`raised`.
+        For any exception, with the message from :func:`raised`.
     KeyboardInterrupt
-        As it is, with a note of ``what`` was loaded: it may be the user's, or raised by the plugin.
+        Unchanged, with a note about ``what``, because the user or the plugin may have caused it.
     """
     elsewhere = sys.stderr if sys.stdout is sys.__stdout__ else sys.stdout
     try:
@@ -46,7 +50,7 @@ def loading(what: str) -> Iterator[None]:
 
 @contextmanager
 def folder_kept(what: str) -> Iterator[None]:
-    """Go back to the current folder if the code within has left it, with a warning that names ``what``."""
+    """Restore the current folder if the code in the block changes it, with a warning that names ``what``."""
     home = _folder()
     try:
         yield
@@ -59,12 +63,12 @@ def folder_kept(what: str) -> Iterator[None]:
 def _folder() -> str:
     try:
         return os.getcwd()
-    except OSError:  # it has been deleted
+    except OSError:  # the folder was deleted
         return ""
 
 
 def raised(error: BaseException) -> str:
-    """``ValueError: message`` of an exception, even of one that cannot be printed."""
+    """Return ``ValueError: message`` for an exception, even for one that cannot be printed."""
     try:
         message = str(error)
     except PLUGIN_FAILURES:
@@ -73,7 +77,7 @@ def raised(error: BaseException) -> str:
 
 
 def shown(value: object, limit: int = 60) -> str:
-    """``repr(value)`` cut at ``limit`` characters; the type of a value that cannot be printed."""
+    """Return ``repr(value)`` cut at ``limit`` characters, or the type of a value that cannot be printed."""
     try:
         return printable(f"{value!r:.{limit}}")
     except PLUGIN_FAILURES:
@@ -81,7 +85,10 @@ def shown(value: object, limit: int = 60) -> str:
 
 
 def printable(text: str) -> str:
-    """The text without control characters, which names from elsewhere may hold; line breaks stay."""
+    """Remove control characters, as in untrusted names.
+
+    Line breaks are kept.
+    """
     if text.isprintable():
         return text
     return "".join(map(_visible, text))

@@ -1,4 +1,4 @@
-"""Declarations of plugins: the hooks, ``Component`` and ``Command``, and checks of these."""
+"""Declarations of plugins: hooks, ``Component`` and ``Command``, with their checks."""
 
 from __future__ import annotations
 
@@ -24,39 +24,39 @@ CORE_COMMANDS: Final = (
     "check",
     "completion",
 )
-"""Names of agglo's own commands, which no plugin can take."""
+"""Names of agglo's own commands, which plugins cannot use."""
 
 hookspec = pluggy.HookspecMarker("agglo")
 hookimpl = pluggy.HookimplMarker("agglo")
-"""Decorator that marks a function of a plugin as one of agglo's hooks."""
+"""Decorator that marks a plugin function as one of agglo's hooks."""
 
 
 @dataclass(frozen=True)
 class Component:
-    """One component a plugin offers, described without importing it.
+    """Declaration of a component, without importing it.
 
     Attributes
     ----------
     kind : str
         One of :data:`~agglo_core.registry.kinds.KINDS`.
     name : str
-        An identifier of ASCII letters, digits and ``_``; users choose the component by it.
+        An identifier of ASCII letters, digits and ``_`` by which users select the component.
     target : str
         ``"module:attribute"`` of the class (or factory); its keywords are the component's options.
     requires : tuple of str
         Top-level modules that must be importable, as in ``import NAME``.
     promises : mapping of str to bool or float
-        Properties the component guarantees, of those in :data:`~agglo_core.registry.kinds.PROMISES`.
+        Guaranteed properties, from :data:`~agglo_core.registry.kinds.PROMISES`.
     summary : str
         One line for listings.
     fallback : str, optional
-        For a bisector that may return one-sided output: the bisector that repairs such a piece.
+        For a bisector with possibly one-sided output: the bisector that repairs such a piece.
     suffixes : tuple of str
         For a format: the suffixes of its files, in lower case with their dot, so that it is imported only for
-        files that have one. A format that declares none is built to read its attribute ``suffixes``.
+        such files. A format without declared suffixes is built to read its attribute ``suffixes``.
     magic : str
-        For a format with ``suffixes``: a regular expression of bytes (as Latin-1). A file is also read under
-        another suffix if it is found in the first 512 bytes.
+        For a format with ``suffixes``: a regular expression of bytes (as Latin-1). Files with another suffix
+        are also read if it matches in the first 512 bytes.
 
     Examples
     --------
@@ -78,7 +78,7 @@ class Component:
 
 @dataclass(frozen=True)
 class Command:
-    """One command a plugin adds to ``agglo``: ``target`` is a click command, imported when it is run.
+    """Declaration of a command of ``agglo``: ``target`` is a click command, imported when it runs.
 
     Examples
     --------
@@ -92,32 +92,35 @@ class Command:
 
 
 class Hooks:
-    """The hooks a plugin may implement; each is optional, at least one is expected."""
+    """Hooks of a plugin.
+
+    Each is optional, at least one is expected.
+    """
 
     @hookspec
     def agglo_components(self) -> list[Component]:
-        """Return the components the plugin offers."""
+        """Return the components of the plugin."""
         raise NotImplementedError
 
     @hookspec
     def agglo_commands(self) -> list[Command]:
-        """Return the commands the plugin adds to the command line."""
+        """Return the commands of the plugin for the command line."""
         raise NotImplementedError
 
     @hookspec
     def agglo_level_done(self, info: Mapping[str, Any]) -> None:
-        """Follow a run: called after each depth of a recursion with ``depth``, ``pieces``, ``cells``."""
+        """Observe a run: called after each depth of a recursion with ``depth``, ``pieces``, ``cells``."""
 
 
 _DOTTED = r"[^\W\d]\w*(\.[^\W\d]\w*)*"
 _TARGET = re.compile(f"{_DOTTED}:{_DOTTED}")
 _MODULE = re.compile(_DOTTED)
-_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")  # look-alikes of a reserved name would be other names
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")  # no look-alikes of reserved names
 _COMMAND = re.compile(r"[a-z][a-z0-9_-]*")
 
 
 def faults(declared: Component | Command) -> Iterator[str]:
-    """Yield what is wrong with a declaration, each saying what is accepted."""
+    """Yield the faults of a declaration, each with the accepted values."""
     if not isinstance(declared.target, str) or not _TARGET.fullmatch(declared.target):
         yield f"target {shown(declared.target)} is not of the form 'module:attribute'"
     if not isinstance(declared.summary, str):
@@ -131,7 +134,7 @@ def faults(declared: Component | Command) -> Iterator[str]:
 
 
 def _component_faults(component: Component) -> Iterator[str]:
-    """Yield what is wrong with a declared component, a sentence each."""
+    """Yield the faults of a declared component, one sentence each."""
     if component.kind not in KINDS:
         yield f"kind {shown(component.kind)} is not known; accepted: {', '.join(KINDS)}"
     name = component.name
@@ -190,7 +193,7 @@ def is_suffix(suffix: object) -> bool:
 
 
 def made_plain(declared: Component | Command) -> Component | Command:
-    """Make a faulty declaration fit to be listed: its texts, whatever they are, as plain strings."""
+    """Convert the texts of a faulty declaration to plain strings, so that it can be listed."""
     name, target, summary = map(_text, (declared.name, declared.target, declared.summary))
     if isinstance(declared, Command):
         return Command(name, target, summary)

@@ -1,4 +1,7 @@
-"""Find installed plugins and read what they declare; failures become reasons, not exceptions."""
+"""Find installed plugins and read their declarations.
+
+Failures become reasons, not exceptions.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ _HOOKS = tuple(name for name in vars(Hooks) if name.startswith("agglo_"))
 
 @dataclass(frozen=True)
 class Found:
-    """An entry point of an installed distribution, not yet loaded; None if its file is malformed."""
+    """An entry point of an installed distribution, not yet loaded (None if its file is malformed)."""
 
     name: str
     entry_point: metadata.EntryPoint | None
@@ -30,13 +33,13 @@ class Found:
 def installed() -> Iterator[Found]:
     """Yield the entry points of the group ``agglo``, each distribution once, in the order of sys.path.
 
-    ``importlib.metadata.entry_points`` would raise on one malformed file of any distribution.
+    ``importlib.metadata.entry_points`` would raise for a malformed file of any distribution.
     """
     seen = set()
     for distribution in metadata.distributions():
         try:
             text = distribution.read_text("entry_points.txt") or ""
-        except ValueError:  # not UTF-8: nothing of ours
+        except ValueError:  # not UTF-8, hence no plugin of agglo
             continue
         name = printable(str(distribution.metadata["Name"])) if f"[{GROUP}]" in text else ""
         key = name.lower().replace("_", "-").replace(".", "-")
@@ -54,7 +57,7 @@ def installed() -> Iterator[Found]:
 
 
 def version_of(distribution: str) -> str:
-    """Version of an installed distribution; ``0+unknown`` where the code runs from a source tree."""
+    """Return the version of an installed distribution, or ``0+unknown`` for a source tree."""
     try:
         return metadata.version(distribution)
     except metadata.PackageNotFoundError:
@@ -62,9 +65,12 @@ def version_of(distribution: str) -> str:
 
 
 def attach(manager: pluggy.PluginManager, plugin: object, key: str) -> tuple[list[Component | Command], str]:
-    """Register a plugin's hooks and return what it declares, and why it is broken (or ``""``).
+    """Register the hooks of a plugin.
 
-    A broken plugin does not stay registered: none of its hooks will be called.
+    Return its declarations, and the reason if it is broken (or ``""``).
+
+
+    A broken plugin does not stay registered, so none of its hooks will be called.
     """
     if manager.is_registered(plugin):
         return [], f"it is the same object as plugin {manager.get_name(plugin)!r}"
@@ -85,13 +91,13 @@ def attach(manager: pluggy.PluginManager, plugin: object, key: str) -> tuple[lis
 
 
 def detach(manager: pluggy.PluginManager, plugin: object) -> None:
-    """Take a plugin's hooks out of the manager, if they are in."""
+    """Unregister the hooks of a plugin, if they are registered."""
     if manager.is_registered(plugin):
         manager.unregister(plugin)
 
 
 def _misnamed(manager: pluggy.PluginManager, plugin: object) -> str:
-    """Reason why a hook of the plugin would never be called (misspelt, unmarked, none at all), or ``""``."""
+    """Return the reason why a hook would never be called (misspelt, unmarked, none at all), or ``""``."""
     found = 0
     for name in dir(plugin):
         marks = manager.parse_hookimpl_opts(plugin, name)
@@ -111,7 +117,10 @@ def _misnamed(manager: pluggy.PluginManager, plugin: object) -> str:
 def _declared(
     manager: pluggy.PluginManager, plugin: object, key: str
 ) -> tuple[list[Component | Command], str]:
-    """Call the hooks of a plugin: what they declare, and the fault that ended this, or ``""``."""
+    """Call the hooks of a plugin.
+
+    Return their declarations, and the first fault, or ``""``.
+    """
     found: list[Component | Command] = []
     for hook, kind in (("agglo_components", Component), ("agglo_commands", Command)):
         for implementation in getattr(manager.hook, hook).get_hookimpls():

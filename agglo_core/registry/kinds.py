@@ -1,9 +1,9 @@
-"""The kinds of component that a plugin may offer, one record each.
+"""Kinds of components that plugins may offer, one record each.
 
-A new kind is a new record here and a file of laws.
+A new kind requires a new record here and a file of laws.
 
-What a component of a kind must *do* is said in :mod:`agglo_core.protocols`; here is what the registry
-checks when it builds one, which laws judge it, and which promises mean something.
+:mod:`agglo_core.protocols` defines the behaviour of each kind. The records here contain the checks of the
+registry at construction, the laws of each kind, and the applicable promises.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ class Kind:
     ----------
     name : str
     summary : str
-        What components of the kind are for.
+        Purpose of these components.
     methods : tuple of str
-        One of them is needed, the preferred first; none where the target is a plain function.
+        At least one of these is necessary, the preferred one first; empty if the target is a function.
     promises : tuple of str
         Promises that some law of the kind can check.
     laws : tuple of str
-        Files of laws in ``agglo_core/conformance/laws`` that judge it.
+        Files of laws in ``agglo_core/conformance/laws`` for this kind.
     attributes : mapping of str to type
-        Attributes a component needs besides.
+        Other necessary attributes.
 
     Examples
     --------
@@ -162,14 +162,14 @@ _RECORDS = (
     ),
 )
 KINDS: Final[Mapping[str, Kind]] = MappingProxyType({record.name: record for record in _RECORDS})
-"""Every kind by name, in the order of listings."""
+"""All kinds by name, in the order of listings."""
 
 PROMISES: Final = tuple(dict.fromkeys(promise for kind in _RECORDS for promise in kind.promises))
-"""Every promise that means something for some kind."""
+"""All promises that apply to some kind."""
 
 
 def kind_of_methods(component: object) -> str | None:
-    """The first kind of which a component has a method; None if it has none."""
+    """Return the first kind with a method of the component, or None."""
     for kind in KINDS.values():
         if any(callable(getattr(component, method, None)) for method in kind.methods):
             return kind.name

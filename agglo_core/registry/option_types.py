@@ -1,4 +1,4 @@
-"""Types of options: which values fit one, what a typed text becomes, what a type is called in words."""
+"""Option types: test whether a value fits, convert typed text, and describe a type in words."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin
 from agglo_core.registry.code_options import names_code, plain
 
 UNTYPED: Final = inspect.Parameter.empty
-"""The annotation of an option that has none."""
+"""Annotation of an option without annotation."""
 
 _WORDS = {"true": True, "false": False, "none": None}
 _WORDS_OF: dict[Any, str] = {
@@ -26,13 +26,16 @@ _WORDS_OF: dict[Any, str] = {
 
 
 class Text(str):
-    """A value as it was typed, which is yet to become what its option takes."""
+    """A value as typed by the user, before conversion to the type of its option."""
 
     __slots__ = ()
 
 
 def parse_value(text: str) -> int | float | bool | str | None:
-    """An integer, a number, true, false or none if ``text`` looks like one; otherwise the text itself."""
+    """Convert ``text`` to an integer, number, true, false or none if possible.
+
+    Otherwise return the text.
+    """
     if text.lower() in _WORDS:
         return _WORDS[text.lower()]
     for number in (int, float):
@@ -44,7 +47,7 @@ def parse_value(text: str) -> int | float | bool | str | None:
 
 
 def words_of(annotation: Any) -> list[str]:
-    """The words that an option of this type takes, if they can be listed."""
+    """Return the words accepted by an option of this type, if they can be listed."""
     members = get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else (annotation,)
     words: list[str] = []
     for member in members:
@@ -60,7 +63,10 @@ def words_of(annotation: Any) -> list[str]:
 
 
 def fit(annotation: Any, value: Any) -> tuple[bool, Any]:
-    """Test a value against an annotation and convert it; anything fits an annotation that is unknown here."""
+    """Test a value against an annotation and convert it.
+
+    Unknown annotations accept any value.
+    """
     known = _members(annotation)
     if known is None:
         return True, parse_value(value) if isinstance(value, Text) else value
@@ -69,7 +75,7 @@ def fit(annotation: Any, value: Any) -> tuple[bool, Any]:
 
 
 def _members(annotation: Any) -> tuple[Any, ...] | None:
-    """The types of a union, text last; None if one of them is not of those that options know."""
+    """Return the types of a union, text last, or None if one of them is unsupported."""
     members = get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else (annotation,)
     if not all(_is_known(member) for member in members):
         return None
@@ -93,7 +99,7 @@ def _is_code(member: Any) -> bool:
 
 
 def _fit(member: Any, value: Any) -> tuple[bool, Any]:
-    """Test a value against one type and convert it."""
+    """Test a value against a single type and convert it."""
     if _is_code(member):
         return isinstance(value, str), str(value) if isinstance(value, str) else None
     if get_origin(member) is Literal:
@@ -112,7 +118,7 @@ def _fit(member: Any, value: Any) -> tuple[bool, Any]:
 
 
 def _read(member: Any, text: Text) -> tuple[bool, Any]:
-    """A text as a value of a plain type."""
+    """Convert a text to a plain type."""
     if member is str:
         return True, str(text)
     if member is Path:
@@ -128,7 +134,10 @@ def _read(member: Any, text: Text) -> tuple[bool, Any]:
 
 
 def _is_instance(member: type, value: Any) -> bool:
-    """Return True for a value of a plain type; numbers of numpy are numbers, a bool is not."""
+    """Return True for a value of a plain type.
+
+    Numpy numbers are numbers, a bool is not.
+    """
     if member is bool:
         return isinstance(value, bool) or type(value).__name__ in ("bool", "bool_")
     if member is str:
@@ -159,7 +168,10 @@ def _fit_enum(member: type[Enum], value: Any) -> tuple[bool, Any]:
 
 
 def _fit_tuple(members: tuple[Any, ...], value: Any) -> tuple[bool, Any]:
-    """A list or tuple item by item; a text is split at ``+``, as commas separate options."""
+    """Convert a list or tuple item by item.
+
+    A text is split at ``+``, because commas separate options.
+    """
     if isinstance(value, Text):
         items: list[Any] = [Text(item.strip()) for item in value.split("+")]
     elif isinstance(value, list | tuple):

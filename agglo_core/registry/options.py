@@ -1,11 +1,15 @@
-"""Options of components: names, types, and whether a value fits.
+"""Options of components: names, types, and validation of values.
 
-An option is a keyword of the constructor; its type is the annotation there, one of bool, int, float, str,
-``Literal[…]``, an Enum, Path, a tuple of these, or a union, also with None. The default always fits:
-``int = None`` takes None too. The same rules hold on the command line (where every value is a text), in
-TOML and in Python. An :data:`~agglo_core.registry.code_options.ImportPath` is a text that names code, which
-a TOML file may hold only if the user allows it. What has another annotation, or none, accepts anything; a
-text then becomes what it looks like: a number, true, false, none, or itself.
+An option is a keyword of the constructor. Its type is the annotation: bool, int, float, str, ``Literal[…]``,
+an
+Enum, Path, a tuple of these, or a union, also with None. The default always fits: ``int = None`` accepts
+None.
+The same rules apply on the command line (where every value is a text), in TOML and in Python. An
+:data:`~agglo_core.registry.code_options.ImportPath` is a text that refers to code, allowed in a TOML file
+only
+with the user's permission. Options with another annotation, or none, accept any value; texts are then
+converted
+by their form: number, true, false, none, or text.
 """
 
 from __future__ import annotations
@@ -25,7 +29,7 @@ from agglo_core.registry.containment import shown
 from agglo_core.registry.option_types import UNTYPED, Text, fit, in_words, parse_value
 
 _MARKUP = re.compile(r"(?::\w+:)?`+~?([^`]*)`+")
-"""Names in a docstring as reStructuredText writes them, such as :meth:`bisect`."""
+"""Names in a docstring in reStructuredText markup, such as :meth:`bisect`."""
 
 
 @dataclass(frozen=True)
@@ -36,11 +40,11 @@ class Option:
     ----------
     name : str
     type : object
-        Its annotation; ``inspect.Parameter.empty`` if there is none that could be read.
+        Its annotation; ``inspect.Parameter.empty`` if there is none or it cannot be evaluated.
     default : object
-        ``inspect.Parameter.empty`` if it must be given.
+        ``inspect.Parameter.empty`` for required options.
     about : str
-        What the docstring of the component says of it, in one line.
+        One line from the docstring of the component.
     """
 
     name: str
@@ -55,12 +59,15 @@ class Option:
 
     @property
     def type_name(self) -> str:
-        """The type in words: ``a whole number``, ``'lu' or 'dense'``."""
+        """Type in words: ``a whole number``, ``'lu' or 'dense'``."""
         return in_words(self.type)
 
 
 def options_of(target: Callable[..., Any]) -> tuple[Option, ...] | None:
-    """Options of a class or factory; None if it takes any, or does not say (it then checks them itself)."""
+    """Return the options of a class or factory, or None if it accepts any or has no signature.
+
+    In the latter case the target checks the options itself.
+    """
     return _options_of_class(target) if isinstance(target, type) else _options_of(target)
 
 
@@ -81,7 +88,7 @@ def _options_of(target: Callable[..., Any]) -> tuple[Option, ...] | None:
 
 
 def wants_registry(target: Callable[..., Any]) -> bool:
-    """Return True if a class or factory takes, as ``*, registry=None``, the registry that builds it.
+    """Return True if a class or factory has the parameter ``*, registry=None`` for its registry.
 
     It is no option: users never see it.
     """
@@ -103,24 +110,24 @@ def _wants_registry(target: Callable[..., Any]) -> bool:
 
 @lru_cache(maxsize=256)
 def _options_of_class(target: type) -> tuple[Option, ...] | None:
-    return _options_of(target)  # takes longer than to build most components, so once for each class
+    return _options_of(target)  # slower than building most components, hence cached per class
 
 
 def name_and_options(kind: str, choice: tuple[Any, ...]) -> tuple[str, Mapping[str, Any]]:
-    """A choice of the form ``(name, options)``, or OptionError."""
+    """Return a choice of the form ``(name, options)``, or raise OptionError."""
     if len(choice) == 2 and isinstance(choice[0], str) and isinstance(choice[1], Mapping):
         return choice[0], choice[1]
     raise OptionError(f"a {kind} is a name, (name, options) or an object, not {shown(choice)}")
 
 
 def convert(option: Option, value: Any, owner: str) -> Any:
-    """The value as the option takes it.
+    """Convert a value to the type of the option.
 
     Raises
     ------
     OptionError
-        If it does not fit; says what was given, what was expected and whose option it is. Likewise if it
-        names code and comes from a file.
+        If it does not fit, with the given value, the expected type and the owner of the option; also if it
+        refers to code and comes from a file.
     """
     if names_code(option.type) and is_written(value):
         raise OptionError(
@@ -141,29 +148,32 @@ def convert(option: Option, value: Any, owner: str) -> Any:
 
 
 def _annotation(target: Callable[..., Any], parameter: inspect.Parameter) -> Any:
-    """The annotation itself, evaluated if it is a string; empty where the string cannot be evaluated."""
+    """Return the annotation, evaluated if it is a string.
+
+    The result is empty if the evaluation fails.
+    """
     given = parameter.annotation
     if not isinstance(given, str):
         return given
     function: Any = target.__init__ if isinstance(target, type) else target  # type: ignore[misc]
     names = getattr(inspect.unwrap(function), "__globals__", None)
-    if names is None:  # a dataclass: its __init__ was made elsewhere
+    if names is None:  # dataclass: __init__ is generated elsewhere
         names = vars(inspect.getmodule(target) or types.ModuleType("none"))
     try:
         return eval(given, dict(names))
-    except (NameError, AttributeError, TypeError, SyntaxError):  # as a name imported for type checkers alone
+    except (NameError, AttributeError, TypeError, SyntaxError):  # such as names for type checkers only
         return UNTYPED
 
 
 def _with_default(annotation: Any, default: Any) -> Any:
-    """The annotation, with None if that is the default: many write ``int = None``."""
+    """Add None to an annotation if it is the default, because ``int = None`` is common."""
     if default is not None or annotation is UNTYPED:
         return annotation
     return Optional[annotation]  # noqa: UP045 - None | None is an error
 
 
 def _described(target: Callable[..., Any]) -> dict[str, str]:
-    """First sentence of what numpydoc docstrings, of bases too, say of each parameter, or attribute."""
+    """Return the first sentence on each parameter or attribute in numpydoc docstrings, bases included."""
     about: dict[str, str] = {}
     bases = inspect.getmro(target) if isinstance(target, type) else (target,)
     for text, head in product([inspect.getdoc(each) or "" for each in bases], ("Parameters", "Attributes")):

@@ -1,4 +1,4 @@
-"""Records of declarations: origin, state, and the reason of the state."""
+"""Records of declarations: origin, state, and the reason for the state."""
 
 from __future__ import annotations
 
@@ -16,12 +16,15 @@ from agglo_core.registry.declarations import CORE_COMMANDS, Command, Component
 
 State = Literal["ok", "needs", "broken", "conflict", "blocked"]
 
-_PROJECTS = {"sklearn": "scikit-learn"}  # import names that differ from the name pip knows
+_PROJECTS = {"sklearn": "scikit-learn"}  # import names that differ from their pip names
 
 
 @dataclass(frozen=True)
 class Record:
-    """A declared component or command and its state; a plugin that failed as a whole has neither.
+    """A declared component or command with its state.
+
+    A failed plugin has neither.
+
 
     Attributes
     ----------
@@ -31,9 +34,9 @@ class Record:
     state : str
         ``ok``, ``needs`` (packages, listed in ``missing``), ``broken``, ``conflict`` or ``blocked``.
     reason : str
-        Why it is not ok.
+        Reason for a state other than ok.
     import_seconds : float
-        What importing the plugin's declaration took.
+        Import time of the plugin's declaration.
 
     Examples
     --------
@@ -55,14 +58,14 @@ class Record:
 
     @property
     def kind(self) -> str:
-        """Kind of the component, ``"command"``, or ``"plugin"`` for a plugin that failed as a whole."""
+        """Kind of the component, ``"command"``, or ``"plugin"`` for a failed plugin."""
         if self.component is not None:
             return self.component.kind
         return "plugin" if self.command is None else "command"
 
     @property
     def name(self) -> str:
-        """Name of the component or command; of the plugin if it failed as a whole."""
+        """Name of the component, command or failed plugin."""
         declared = self.component or self.command
         return self.plugin if declared is None else declared.name
 
@@ -73,7 +76,7 @@ class Record:
 
     @cached_property
     def title(self) -> str:
-        """Label in messages: see :func:`describe`."""
+        """Label in messages, see :func:`describe`."""
         origin = f"distribution {self.distribution} {self.version}".strip()
         if not self.distribution:
             origin = "registered by hand"
@@ -83,12 +86,13 @@ class Record:
 
     @property
     def declared(self) -> bool:
-        """True if it stands for one component or command that may hold a name."""
+        """True for a component or command that may hold a name."""
         return self.kind != "plugin" and self.state in ("ok", "needs")
 
 
 def describe(record: Record) -> str:
-    """Label of a record in messages: ``bisector 'halves' (plugin 'halves', distribution my-dist 0.3)``.
+    """Return the label of a record in messages: ``bisector 'halves' (plugin 'halves', distribution my-dist
+    0.3)``.
 
     Examples
     --------
@@ -101,33 +105,36 @@ def describe(record: Record) -> str:
 
 
 def unusable(record: Record) -> str:
-    """State and reason of a record that is not ok, the state once (reasons of ``needs`` begin with it)."""
+    """Return state and reason of a record that is not ok (reasons of ``needs`` begin with the state)."""
     return record.reason if record.state == "needs" else f"{record.state}: {record.reason}"
 
 
 class Installed:
-    """Installed modules and extras, looked up once each, for one listing: packages may be added later."""
+    """Installed modules and extras, cached for one listing (packages may be added later)."""
 
     def __init__(self) -> None:
         self._modules: dict[str, bool] = {}
         self._extras: dict[str, dict[str, set[str]]] = {}
 
     def importable(self, name: str) -> bool:
-        """Return True if a module can be found (nothing is imported)."""
-        top = name.partition(".")[0]  # looking for a submodule would import its package
+        """Return True if a module can be found, without importing it."""
+        top = name.partition(".")[0]  # find_spec would import the package of a submodule
         if top not in self._modules:
             self._modules[top] = _found(top)
         return self._modules[top]
 
     def extras(self, distribution: str) -> dict[str, set[str]]:
-        """Projects each extra of a distribution brings, in the order of its metadata; none if unknown."""
+        """Return the projects of each extra of a distribution, in metadata order.
+
+        The result is empty for an unknown distribution.
+        """
         if distribution not in self._extras:
             self._extras[distribution] = _extras(distribution)
         return self._extras[distribution]
 
 
 def with_requirements(record: Record, installed: Installed) -> Record:
-    """The record as ``needs`` if a module it requires cannot be found."""
+    """Return the record with state ``needs`` if a required module cannot be found."""
     if record.component is None or record.state != "ok":
         return record
     missing = tuple(name for name in record.component.requires if not installed.importable(name))
@@ -146,7 +153,7 @@ def _found(module: str) -> bool:
 
 
 def _remedy(record: Record, missing: Sequence[str], installed: Installed) -> str:
-    """The install line: the plugin's own extra, another one that brings what is missing, or the packages."""
+    """Return the install command: the plugin's own extra, another sufficient extra, or the packages."""
     wanted = {_PROJECTS.get(name, name) for name in missing}
     extras = installed.extras(record.distribution)
     own = extras.get(record.plugin)
@@ -173,7 +180,7 @@ def _extras(distribution: str) -> dict[str, set[str]]:
 
 
 def with_conflicts(records: Sequence[Record]) -> list[Record]:
-    """The records; those whose name is taken or claimed by another one in state ``conflict``."""
+    """Return the records, with state ``conflict`` where several claim a name."""
     rivals: dict[tuple[str, str], list[Record]] = defaultdict(list)
     for record in records:
         if record.declared:
@@ -182,7 +189,7 @@ def with_conflicts(records: Sequence[Record]) -> list[Record]:
 
 
 def _resolved(record: Record, rivals: list[Record]) -> Record:
-    """The record after conflicts: agglo's own keep their names; of others that share one, none gets it."""
+    """Resolve name conflicts: agglo's own components keep their names, otherwise no claimant gets the name."""
     if len(rivals) == 1 and record.command is None:
         return record
     owners = [rival for rival in rivals if rival.in_tree] or rivals

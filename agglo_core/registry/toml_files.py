@@ -1,4 +1,7 @@
-"""TOML files of runs and problems, read in bounded memory; every failure is a FileError."""
+"""Read TOML files of runs and problems in bounded memory.
+
+Every failure is a FileError.
+"""
 
 from __future__ import annotations
 
@@ -10,16 +13,19 @@ from agglo_core.errors import FileError
 from agglo_core.files.regular import check_regular
 
 _SIZE = 1 << 21
-"""Bytes of a file: tomllib takes up to a hundred times as much memory."""
+"""Maximum file size in bytes; tomllib needs up to a hundred times as much memory."""
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The table in a TOML file; a byte order mark is passed over.
+    """Read the table in a TOML file.
+
+    A byte order mark is ignored.
+
 
     Raises
     ------
     FileError
-        If there is no such file, it cannot be read, it is too large, or it is not TOML; names the file.
+        With the file name, if it does not exist, cannot be read, is too large, or is not TOML.
     """
     text = _text(path)
     try:
@@ -30,7 +36,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise FileError(f"{path}: its lists or tables are nested too deeply") from None
     except tomllib.TOMLDecodeError as error:
         raise FileError(f"{path}: is not valid TOML: {error}") from None
-    except ValueError:  # tomllib has no error of its own for this one
+    except ValueError:  # tomllib has no separate error class for this
         raise FileError(f"{path}: a number in it has too many digits") from None
 
 
@@ -52,7 +58,7 @@ def _text(path: Path) -> str:
 
 
 def _show_integers(value: Any) -> None:
-    """Raise ValueError for an integer that messages could not show: hexadecimal ones are not limited."""
+    """Raise ValueError for integers too large for messages (hexadecimal integers are not limited)."""
     if isinstance(value, dict | list):
         for each in value.values() if isinstance(value, dict) else value:
             _show_integers(each)
