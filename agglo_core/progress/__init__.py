@@ -1,4 +1,4 @@
-"""Progress of long computations: passed to a callable of the caller, or shown on stderr."""
+"""Report the progress of long computations to a callable, or on stderr."""
 
 from agglo_core.progress.display import followed, shown
 from agglo_core.progress.phases import Listener, Progress, Tell, labelled, part, phase, to_nobody, unwrapped

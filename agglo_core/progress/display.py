@@ -1,4 +1,4 @@
-"""Progress: a bar on a terminal, a line that is written anew in a notebook, a line now and then elsewhere."""
+"""Display progress: a bar on a terminal, an updated line in a notebook, occasional lines elsewhere."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from agglo_core.progress.notebook_line import in_notebook, notebook_line
 from agglo_core.progress.phases import Listener, Progress
 
 _SECONDS = 10.0
-"""Between two lines about one phase."""
+"""Seconds between two lines about one phase."""
 
 
 @contextmanager
 def shown(*, lines: bool = True) -> Iterator[Listener | None]:
-    """A listener that shows what it is told for as long as the context lasts.
+    """Yield a listener that displays progress until the context ends.
 
-    On a terminal that is a bar on stderr, in a notebook a line in the output of the cell.
+    The display is a bar on stderr in a terminal, and a line in the cell output in a notebook.
 
     Parameters
     ----------
     lines : bool
-        Whether to write lines on stderr where there is neither: when a phase begins and ends, and every ten
-        seconds. If not, there is no listener there.
+        Elsewhere, write lines to stderr: when a phase begins and ends, and every ten seconds. If False, there
+        is no listener elsewhere.
 
     Examples
     --------
@@ -48,12 +48,12 @@ def shown(*, lines: bool = True) -> Iterator[Listener | None]:
 
 @contextmanager
 def followed(progress: Listener | None, verbose: bool) -> Iterator[Listener | None]:
-    """The listener of a public function: ``progress``, and with ``verbose`` what :func:`shown` gives.
+    """Yield the listener of a public function: ``progress``, and with ``verbose`` also :func:`shown`.
 
     Raises
     ------
     OptionError
-        If ``progress`` cannot be called.
+        If ``progress`` is not callable.
 
     Examples
     --------
@@ -86,7 +86,7 @@ def _in_lines() -> Listener:
 
     def listen(now: Progress) -> None:
         nonlocal last, written
-        at_end = 1.0 in (last.fraction, now.fraction)  # of a phase, or of the one before
+        at_end = 1.0 in (last.fraction, now.fraction)  # of this phase, or the previous phase
         if at_end or now.phase != last.phase or time.monotonic() - written >= _SECONDS:
             sys.stderr.write(f"agglo: {now.phase} {now.fraction:.0%} {now.text}".rstrip() + "\n")
             written = time.monotonic()
@@ -113,13 +113,13 @@ def _bar() -> Iterator[Listener]:
 
     def listen(now: Progress) -> None:
         nonlocal last
-        bar.start()  # with the first phase: a bar that shows nothing would leave an empty line
+        bar.start()  # start with the first phase, because an unused bar leaves an empty line
         bar.update(
             task,
             description=now.phase,
             completed=now.fraction,
             text=now.text,
-            refresh=now.phase != last,  # what follows may keep the thread that redraws waiting
+            refresh=now.phase != last,  # later work may block the refresh thread
         )
         last = now.phase
 

@@ -1,4 +1,4 @@
-"""Progress in notebooks: one line in the output of the cell, written anew as the computation goes on."""
+"""Display progress in notebooks: one line in the cell output, updated during the computation."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from agglo_core.progress.phases import Listener, Progress
 
 _WIDTH = 20
 _PAUSE = 0.1
-"""Least number of seconds between two updates within a phase: they travel to a browser."""
+"""Minimum number of seconds between two updates within a phase, because updates travel to a browser."""
 
 
 def in_notebook() -> bool:
-    """Return True in a notebook, where stderr is that of an IPython kernel."""
+    """Return True in a notebook, where stderr belongs to an IPython kernel."""
     return type(sys.stderr).__module__.partition(".")[0] == "ipykernel"
 
 
 @contextmanager
 def notebook_line() -> Iterator[Listener]:
-    """A listener whose line says at the end which phases there were and how long they took.
+    """Yield a listener whose line finally lists the phases and the total time.
 
-    An error leaves the line as it was: it shows how far the computation has come.
+    After an error the line is unchanged and shows the progress up to the error.
     """
     display: Any = import_module("IPython.display").display
     start, handle, last, shown = time.monotonic(), None, Progress("", 0.0), 0.0

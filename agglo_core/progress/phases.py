@@ -1,4 +1,7 @@
-"""Phases of a computation, and who is told of them. There is no state but in the phase itself."""
+"""Phases of a computation and their listeners.
+
+Only the phase itself has state.
+"""
 
 from __future__ import annotations
 
@@ -9,19 +12,19 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 _PAUSE = 0.05
-"""Least number of seconds between two reports of a phase: whoever is told costs nothing."""
+"""Minimum number of seconds between two reports of a phase, so that listeners cost nothing."""
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """Progress of a computation: the phase, and the share of it that is done.
+    """Progress of a computation: the phase, and its completed share.
 
     Attributes
     ----------
     phase : str
-        What is done: ``"agglomerating"``, ``"measuring"``, ``"writing"``, ….
+        Current activity: ``"agglomerating"``, ``"measuring"``, ``"writing"``, ….
     fraction : float
-        Share of the phase that is done: 0 when it begins, 1 when it ends, never less than before.
+        Completed share of the phase: 0 at the beginning, 1 at the end, non-decreasing.
     text : str
         Details, such as the number of pieces, a metric or a file.
 
@@ -39,11 +42,11 @@ class Progress:
 
 
 Listener = Callable[[Progress], None]
-"""Is told how far a computation has come, in its thread; what it raises ends the computation."""
+"""Function called with the progress, in the thread of the computation; its exceptions end the computation."""
 
 
 class Tell(Protocol):
-    """Tells how much of a phase is done.
+    """Function that reports the completed share of a phase.
 
     Examples
     --------
@@ -57,25 +60,25 @@ class Tell(Protocol):
     """
 
     def __call__(self, fraction: float, text: str = "") -> None:
-        """Tell a share in [0, 1], and details."""
+        """Report a share in [0, 1], and details."""
 
 
 @contextmanager
 def phase(listen: Listener | None, name: str, text: str = "") -> Iterator[Tell]:
-    """A phase: 0 is told when the block begins, 1 when it ends without error.
+    """Run a phase: report 0 when the block begins, 1 when it ends without error.
 
     Parameters
     ----------
     listen : callable, optional
-        Without one nothing happens.
+        Without listener nothing happens.
     name, text : str
-        See :class:`Progress`; the text is that of the begin, and of reports that have none.
+        See :class:`Progress`; the text is used at the beginning, and for reports without text.
 
     Yields
     ------
     callable
-        ``tell(fraction, text)``. It may be called as often as is convenient: at most 20 calls a second
-        come through, and none with less than the one before.
+        ``tell(fraction, text)``. It may be called arbitrarily often: at most 20 reports per second reach the
+        listener, with non-decreasing fractions.
 
     Examples
     --------
@@ -90,7 +93,7 @@ def phase(listen: Listener | None, name: str, text: str = "") -> Iterator[Tell]:
         return
     now = Progress(name, 0.0, text)
     listen(now)
-    told = float("-inf")  # what comes first may take long, and is told
+    told = float("-inf")  # always report the first step, which may take long
 
     def tell(fraction: float, text: str = "") -> None:
         nonlocal now, told
@@ -104,7 +107,7 @@ def phase(listen: Listener | None, name: str, text: str = "") -> Iterator[Tell]:
 
 
 def to_nobody(fraction: float, text: str = "") -> None:
-    """Do nothing: how progress is told where nobody wants to know.
+    """Do nothing: the report function without a listener.
 
     Examples
     --------
@@ -114,7 +117,7 @@ def to_nobody(fraction: float, text: str = "") -> None:
 
 
 def part(tell: Tell, place: int, count: int, label: str = "") -> Tell:
-    """``tell`` for part number ``place`` of ``count`` equal parts of a phase, which begins now.
+    """Return a report function for part ``place`` of ``count`` equal parts of a phase, which begins now.
 
     Examples
     --------
@@ -137,7 +140,7 @@ def part(tell: Tell, place: int, count: int, label: str = "") -> Tell:
 
 
 def labelled(listen: Listener | None, label: str) -> Listener | None:
-    """A listener that puts ``label`` before each text: which run of several, which level.
+    """Return a listener that prefixes ``label`` to each text, such as the run or the level.
 
     Examples
     --------
@@ -155,14 +158,17 @@ def labelled(listen: Listener | None, label: str) -> Listener | None:
 
 
 class _Stopped(BaseException):
-    """Ends what runs within :func:`unwrapped`; never seen outside."""
+    """Internal exception that ends the block of :func:`unwrapped`.
+
+    It never leaves the block.
+    """
 
 
 @contextmanager
 def unwrapped(listen: Listener | None) -> Iterator[Listener | None]:
-    """The listener for code that turns exceptions into others, or swallows them.
+    """Yield a listener for code that converts or swallows exceptions.
 
-    What the listener raises leaves the block as it was raised, whatever is made of the stop within.
+    An exception of the listener leaves the block unchanged, however the code inside handles the interruption.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Time limits of searches, and who is told that one has ended a search."""
+"""Time limits of searches, and records of limits that ended a search."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ _noted: ContextVar[list[float] | None] = ContextVar("noted limits", default=None
 
 
 class TimeLimit:
-    """A number of seconds from now, or no limit.
+    """A time limit in seconds from now, or no limit.
 
-    What is found under one that ends a search may differ from run to run: it depends on the machine.
+    Results of searches that a limit ends may differ between runs, because they depend on the machine.
 
     Parameters
     ----------
     seconds : float, optional
-        Of a clock on the wall.
+        Wall-clock time.
 
     Examples
     --------
@@ -36,7 +36,7 @@ class TimeLimit:
         self._told = False
 
     def over(self) -> bool:
-        """Return True if the time is over; the first time it is noted for :func:`noted_limits`."""
+        """Return True if the time is over, and record the first time for :func:`noted_limits`."""
         if self._end is None or self._seconds is None or time.monotonic() < self._end:
             return False
         noted = _noted.get()
@@ -47,7 +47,10 @@ class TimeLimit:
 
 
 def checked_seconds(owner: str, seconds: object) -> float | None:
-    """Seconds as the option of a component gives them, or None; an OptionError if they are anything else.
+    """Return the seconds of a component option, or None.
+
+    Raises OptionError for other values.
+
 
     Examples
     --------
@@ -65,7 +68,7 @@ def checked_seconds(owner: str, seconds: object) -> float | None:
 
 @contextmanager
 def noted_limits() -> Iterator[list[float]]:
-    """Context that yields the limits, in seconds, which end searches in it.
+    """Yield the list of limits, in seconds, that end searches in this context.
 
     Examples
     --------
