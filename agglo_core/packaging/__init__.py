@@ -1,1 +1,1 @@
-"""Build wheels; nothing here is contained in them."""
+"""Build wheels (this folder is not part of them)."""

@@ -1,7 +1,8 @@
-"""The build backend: hatchling, and for wheels numba, to compile kernels that the first run would compile.
+"""Build backend: hatchling, plus numba for wheels with precompiled kernels.
 
-What is compiled serves one version of numba, numpy and Python and one kind of processor; elsewhere kernels
-are compiled on first use. So the tested versions are asked for, which README installs, not the newest.
+Compiled kernels are valid for one version of numba, numpy and Python and one processor type; elsewhere
+kernels are
+compiled on first use. Therefore the tested versions are required, which README installs, not the newest.
 """
 
 from __future__ import annotations
@@ -36,14 +37,14 @@ _CONSTRAINTS = Path(__file__).parents[2] / "constraints.txt"
 
 
 def get_requires_for_build_wheel(config_settings: dict[str, Any] | None = None) -> list[str]:
-    """What a wheel is built with, besides hatchling."""
+    """Return the build requirements of a wheel, in addition to hatchling."""
     return [*hatchling.get_requires_for_build_wheel(config_settings), *needed_to_compile()]
 
 
 def needed_to_compile() -> list[str]:
-    """Requirements for compiling kernels, in the tested versions unless others are asked for.
+    """Return the requirements for compiling kernels, in the tested versions unless constraints are set.
 
-    ``AGGLO_PREBUILD=0`` leaves them out, and the hook the kernels.
+    ``AGGLO_PREBUILD=0`` omits them, and the hook then omits the kernels.
     """
     if os.environ.get("AGGLO_PREBUILD") == "0":
         return []

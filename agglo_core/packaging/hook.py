@@ -1,4 +1,4 @@
-"""The hook by which hatchling puts compiled kernels into a wheel."""
+"""Hatchling hook that adds compiled kernels to a wheel."""
 
 from __future__ import annotations
 
@@ -17,10 +17,13 @@ _COMPILE = "agglo_core.compiled.ahead_of_time"
 
 
 class CompiledKernels(BuildHookInterface[Any]):
-    """Compile kernels into ``agglo_core/compiled/machine_code``; a wheel is built without if that fails."""
+    """Compile kernels into ``agglo_core/compiled/machine_code``.
+
+    If this fails, the wheel contains none.
+    """
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Called by hatchling before it collects files."""
+        """Compile the kernels (called by hatchling before it collects files)."""
         if version == "editable" or os.environ.get("AGGLO_PREBUILD") == "0":
             return
         self._room = TemporaryDirectory()
@@ -39,7 +42,7 @@ class CompiledKernels(BuildHookInterface[Any]):
             build_data["force_include"][str(kernels)] = "agglo_core/compiled/machine_code"
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
-        """Called by hatchling once the wheel is written."""
+        """Remove temporary files (called by hatchling after the wheel is written)."""
         if hasattr(self, "_room"):
             self._room.cleanup()
 
