@@ -1,4 +1,4 @@
-"""agglo: agglomeration of polygonal and polyhedral meshes into nested hierarchies, composed from plugins.
+"""agglo: agglomeration of polygonal and polyhedral meshes into nested hierarchies, extensible by plugins.
 
 >>> import agglo_core as agglo
 >>> mesh = agglo.samples.voronoi(5000, seed=3)
@@ -6,8 +6,8 @@
 >>> values = agglo.quality(mesh, hierarchy.levels[0], metrics=("UF", "CR", "CRc"))
 >>> agglo.write("out.vtu", mesh, hierarchy)
 
-Names are listed in the stub beside this file and imported when first used: a plugin that declares components
-loads none of numpy and the rest.
+The stub beside this file lists the names, which are imported on first use, so that a plugin with component
+declarations imports neither numpy nor other dependencies.
 """
 
 from __future__ import annotations

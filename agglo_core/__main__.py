@@ -1,4 +1,4 @@
-"""``python -m agglo_core``: the command line."""
+"""Command line entry point for ``python -m agglo_core``."""
 
 from agglo_core.cli import main
 

@@ -1,7 +1,8 @@
 """Array types and the read-only rule: dataclasses hold read-only C-contiguous arrays.
 
-Read-only inputs also give every numba kernel one signature: an argument is always a read-only view,
-an output always fresh.
+Read-only inputs also give every numba kernel a single signature: arguments are always read-only views,
+outputs
+always new arrays.
 """
 
 from __future__ import annotations
@@ -29,26 +30,29 @@ _MIX = tuple(np.uint64(c) for c in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94
 
 
 def is_masked_array(values: Any) -> bool:
-    """Whether ``values`` is an array of :mod:`numpy.ma`, which is not imported for this."""
+    """Return True for arrays of :mod:`numpy.ma`, without importing it."""
     return isinstance(values, _masked_type())
 
 
 def _masked_type() -> tuple[type, ...]:
-    masked = sys.modules.get("numpy.ma")  # loaded by whoever made such an array
+    masked = sys.modules.get("numpy.ma")  # already imported if such an array exists
     return () if masked is None else (masked.MaskedArray,)
 
 
 def plain_array(values: Any, name: str = "array", error: type[AggloError] = MeshError) -> NDArray[Any]:
-    """Array of ``values`` in the dtype that they have; subclasses of arrays become plain arrays.
+    """Return ``values`` as an array in their own dtype.
+
+    Array subclasses become plain arrays.
+
 
     Raises
     ------
     AggloError
-        Of the class ``error``, with the ``name`` of the argument: for masked entries, which a plain array
-        would show with the values behind the mask, and for lists that form no array.
+        Of the class ``error``, with the argument ``name``: for masked entries, which a plain array would
+        replace by the hidden values, and for lists that form no array.
     """
     rows = values if isinstance(values, list | tuple) else (values,)
-    types = set(map(type, rows))  # of a list of numbers it has one, however long the list
+    types = set(map(type, rows))  # a list of numbers has one type, however long it is
     masked: Any = _masked_type()
     if any(issubclass(each, masked) for each in types) and any(
         isinstance(row, masked) and row.mask.any() for row in rows
@@ -63,20 +67,25 @@ def plain_array(values: Any, name: str = "array", error: type[AggloError] = Mesh
 def exact_cast(
     array: NDArray[Any], dtype: Any, name: str = "array", error: type[AggloError] = MeshError
 ) -> NDArray[Any]:
-    """Array in ``dtype``; only floats may be rounded, every other value stays as it is.
+    """Cast an array to ``dtype`` exactly.
+
+    Only floats may be rounded.
+
 
     Raises
     ------
     AggloError
-        Of the class ``error``, with the ``name`` of the argument: for numbers that ``dtype`` cannot hold,
-        and for text, dates and complex numbers in place of numbers.
+        Of the class ``error``, with the argument ``name``: for numbers that ``dtype`` cannot hold, and for
+        text, dates and complex numbers instead of numbers.
     """
     dtype = np.dtype(dtype)
     source, target = array.dtype.kind, dtype.kind
+    # Trivial and safe casts.
     if array.dtype == dtype or not array.size:
         return array.astype(dtype, copy=False)
     if source in "biuf" and (target == "f" or np.can_cast(array.dtype, dtype)):
         return array.astype(dtype)
+    # Reject non-numeric values, then compare the cast values with the originals.
     what = "numbers" if target == "f" else f"whole numbers that fit in {dtype}"
     other = [value for value in array.flat if isinstance(value, str | bytes | None)] if source == "O" else []
     if source not in "biufO" or other:
@@ -95,7 +104,7 @@ def exact_cast(
         if target == "f":
             return cast
         wrong = cast != array
-        if source == "f":  # 2^63 may become the largest int64, which is compared as 2^63
+        if source == "f":  # 2^63 may become the largest int64, and both compare equal as floats
             wrong |= np.abs(array) > 2.0**62
         if not wrong.any():
             return cast
@@ -104,7 +113,7 @@ def exact_cast(
 
 
 def owned(array: NDArray[Any]) -> NDArray[Any]:
-    """Read-only array that no one else can write to: ``array`` itself, or a copy."""
+    """Return a read-only array without other writers: ``array`` itself, or a copy."""
     base: Any = array
     while isinstance(base, np.ndarray) and not base.flags.writeable:
         base = base.base
@@ -112,7 +121,7 @@ def owned(array: NDArray[Any]) -> NDArray[Any]:
 
 
 def frozen(values: ArrayLike, dtype: Any) -> NDArray[Any]:
-    """Read-only C-contiguous view of ``values`` in ``dtype`` (a copy only if one is needed).
+    """Return a read-only C-contiguous view of ``values`` in ``dtype`` (a copy only if necessary).
 
     Raises
     ------
@@ -126,7 +135,7 @@ def frozen(values: ArrayLike, dtype: Any) -> NDArray[Any]:
     >>> values, values.flags.writeable
     (array([1, 2], dtype=int16), False)
     """
-    if type(values) is np.ndarray and values.dtype == dtype:  # most are, and frozen already
+    if type(values) is np.ndarray and values.dtype == dtype:  # usual case, mostly already frozen
         array = values if values.flags.c_contiguous else np.ascontiguousarray(values)
     else:
         array = exact_cast(plain_array(values), dtype)
@@ -138,7 +147,7 @@ def frozen(values: ArrayLike, dtype: Any) -> NDArray[Any]:
 
 
 def frozen_float(values: ArrayLike) -> Float:
-    """Read-only float64 array.
+    """Return a read-only float64 array.
 
     Examples
     --------
@@ -150,7 +159,10 @@ def frozen_float(values: ArrayLike) -> Float:
 
 
 def frozen_int(values: ArrayLike) -> Int:
-    """Read-only int64 array (labels, offsets); errors as :func:`frozen`, so fractions are refused.
+    """Return a read-only int64 array (labels, offsets).
+
+    Errors are those of :func:`frozen`, so fractions are rejected.
+
 
     Examples
     --------
@@ -163,7 +175,10 @@ def frozen_int(values: ArrayLike) -> Int:
 
 
 def frozen_index(values: ArrayLike) -> Index:
-    """Read-only int32 array (CSR indices); errors as :func:`frozen`, so larger numbers are refused.
+    """Return a read-only int32 array (CSR indices).
+
+    Errors are those of :func:`frozen`, so large numbers are rejected.
+
 
     Examples
     --------
@@ -175,12 +190,12 @@ def frozen_index(values: ArrayLike) -> Index:
 
 
 def trusted(kind: type[T], /, *values: Any, **named: Any) -> T:
-    """Object of a frozen dataclass from the arguments of its constructor, without the checks of that.
+    """Create an object of a frozen dataclass without the checks of its constructor.
 
-    Arrays become read-only, and are neither copied nor cast: for arrays that fit together and that nobody
-    else writes to.
+    Arrays become read-only, and are neither copied nor cast. They must be consistent and have no other
+    writers.
     """
-    declared = fields(kind)  # type: ignore[arg-type]  # all of these classes are dataclasses
+    declared = fields(kind)  # all of these classes are dataclasses
     known = dict(zip((field.name for field in declared), values, strict=False), **named)
     for field in declared:
         if field.default_factory is not MISSING:
@@ -195,13 +210,13 @@ def trusted(kind: type[T], /, *values: Any, **named: Any) -> T:
 
 
 def trusted_copy(original: T, /, **changes: Any) -> T:
-    """Copy with some fields replaced, made as by :func:`trusted`."""
+    """Copy an object with some fields replaced, without checks, as :func:`trusted`."""
     names = [field.name for field in fields(original)]  # type: ignore[arg-type]
     return trusted(type(original), **({name: getattr(original, name) for name in names} | changes))
 
 
 def _read_only(value: Any) -> Any:
-    """An array, or the arrays of a mapping, as read-only views."""
+    """Return an array, or the arrays of a mapping, as read-only views."""
     if isinstance(value, np.ndarray):
         return frozen(value, value.dtype)
     if isinstance(value, Mapping):
@@ -210,9 +225,10 @@ def _read_only(value: Any) -> Any:
 
 
 class FieldState:
-    """Base of frozen dataclasses that are pickled as their fields alone.
+    """Base of frozen dataclasses whose pickles contain the fields only.
 
-    Cached properties are left out, so that equal objects have equal pickles whatever was computed from them.
+    Cached properties are not pickled, so that equal objects have equal pickles whatever was computed from
+    them.
     """
 
     def __getstate__(self) -> dict[str, Any]:
@@ -224,7 +240,7 @@ class FieldState:
 
 
 def _forbid_writing(value: Any) -> None:
-    """Make unpickled arrays read-only, themselves and not as views: one may be in two fields."""
+    """Make unpickled arrays read-only in place, not as views, because two fields may share an array."""
     if isinstance(value, np.ndarray):
         value.flags.writeable = False
     elif isinstance(value, Mapping | tuple | list):
@@ -233,7 +249,9 @@ def _forbid_writing(value: Any) -> None:
 
 
 def label_order(labels: Int) -> Int:
-    """Stable order ``(n,)`` of labels from 0 on, by 16 bits at a time: several times faster than argsort."""
+    """Return the stable order ``(n,)`` of non-negative labels by radix sort, several times faster than
+    argsort.
+    """
     order = np.argsort((labels & 0xFFFF).astype(np.uint16), kind="stable")
     for shift in range(16, int(labels.max(initial=0)).bit_length(), 16):
         digits = (labels >> shift & 0xFFFF).astype(np.uint16)
@@ -242,17 +260,20 @@ def label_order(labels: Int) -> Int:
 
 
 def index_cast(values: NDArray[Any], most: int) -> NDArray[Any]:
-    """Copy of indices of a sparse matrix, in int32 if ``most``, the largest of all, fits (scipy's rule)."""
+    """Copy indices of a sparse matrix, in int32 if the largest value ``most`` fits (scipy's rule)."""
     return values.astype(np.int32 if most <= np.iinfo(np.int32).max else np.int64)
 
 
 def narrow(values: NDArray[Any]) -> NDArray[Any]:
-    """Integers in 32 bits if all fit, other values as they are."""
+    """Convert integers to 32 bits if all fit.
+
+    Other values are unchanged.
+    """
     return values.astype(np.int32) if fits_in_index(values) else values
 
 
 def fits_in_index(values: NDArray[Any]) -> bool:
-    """Whether the values are int64 and fit in 32 bits."""
+    """Return True if the values are int64 and fit in 32 bits."""
     if values.dtype != np.int64:
         return False
     limits = np.iinfo(np.int32)
@@ -260,14 +281,14 @@ def fits_in_index(values: NDArray[Any]) -> bool:
 
 
 def first_of_each(labels: Int) -> Int:
-    """Place ``(k,)`` of the first of each label 0..k−1, of which none is missing."""
+    """Return the position ``(k,)`` of the first occurrence of each label 0..k−1 (without gaps)."""
     first = np.empty(int(labels.max(initial=-1)) + 1, np.int64)
-    first[labels[::-1]] = np.arange(len(labels))[::-1]  # the last one assigned stays
+    first[labels[::-1]] = np.arange(len(labels))[::-1]  # the last assignment is the first occurrence
     return frozen_int(first)
 
 
 def splitmix(seeds: UInt64) -> UInt64:
-    """The splitmix64 mixing step: well-spread numbers from any distinct ones."""
+    """Apply the splitmix64 mixing step, which maps distinct numbers to well-spread numbers."""
     z = seeds + _MIX[0]
     z = (z ^ (z >> np.uint64(30))) * _MIX[1]
     z = (z ^ (z >> np.uint64(27))) * _MIX[2]

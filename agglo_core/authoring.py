@@ -1,7 +1,7 @@
-"""The one module plugin authors import from: everything a component, a command or a declaration needs.
+"""Single import module for plugin authors: the interface for components, commands and declarations.
 
-Names are listed in the stub beside this file and imported when first used. They are kept from version to
-version; our own plugins import nothing else.
+The stub beside this file lists the names, which are imported on first use. The names are stable between
+versions, and agglo's own plugins import nothing else.
 """
 
 from __future__ import annotations

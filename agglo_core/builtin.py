@@ -1,4 +1,4 @@
-"""The components that come with agglo, declared through the same hook as those of a plugin."""
+"""Built-in components, declared through the same hook as plugins."""
 
 from __future__ import annotations
 
@@ -172,7 +172,7 @@ _CONSTRAINTS = {
 
 @hookimpl
 def agglo_components() -> list[Component]:
-    """All that comes with agglo and with none of its plugins."""
+    """Return all built-in components, without those of plugins."""
     own = (_refiners, _bisectors, _constraints, _metrics, _formats, _samples, _problems)
     parts = (*own, _smoothers, _multigrid, _solvers, _sections)
     return [component for each in parts for component in each()]

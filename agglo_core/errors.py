@@ -1,4 +1,7 @@
-"""The errors agglo raises for bad input, files and components; the command line exits with 2 on each."""
+"""Errors for bad input, files and components.
+
+The command line exits with 2 for each.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,10 @@ __all__ = ["AggloError", "FileError", "MeshError", "OptionError", "PluginError"]
 
 
 class AggloError(Exception):
-    """Base of all errors raised on purpose; the message says what was given, what was expected, and where.
+    """Base of all deliberate errors.
+
+    The message contains the given value, the expected value and the location.
+
 
     Examples
     --------
@@ -19,7 +25,10 @@ class AggloError(Exception):
 
 
 class MeshError(AggloError, ValueError):
-    """A mesh or graph that breaks a rule; the message names cells or faces.
+    """A mesh or graph that breaks a rule.
+
+    The message names cells or faces.
+
 
     Examples
     --------
@@ -31,7 +40,7 @@ class MeshError(AggloError, ValueError):
 
 
 class OptionError(AggloError, ValueError):
-    """A target, option or argument outside what is accepted.
+    """A target, option or argument outside the accepted values.
 
     Examples
     --------
@@ -43,7 +52,10 @@ class OptionError(AggloError, ValueError):
 
 
 class FileError(AggloError, ValueError):
-    """A file that cannot be read or written; the message names it.
+    """A file that cannot be read or written.
+
+    The message names the file.
+
 
     Examples
     --------
@@ -55,7 +67,10 @@ class FileError(AggloError, ValueError):
 
 
 class PluginError(AggloError, RuntimeError):
-    """A component that is missing, unusable or misbehaved; names component, plugin, distribution.
+    """A component that is missing, unusable or misbehaves.
+
+    The message names component, plugin and distribution.
+
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Names of a module that are imported when they are first used, listed once, in its stub file."""
+"""Import names of a module on first use, as listed in its stub file."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _ALIAS = re.compile(r"^(\w+) = (\w+)", re.MULTILINE)
 
 @cache
 def names_in_stub(file: Path) -> Mapping[str, tuple[str, str]]:
-    """Return the module and the name there of each name that a ``.pyi`` file imports.
+    """Return module and original name for each name that a ``.pyi`` file imports.
 
-    The stub holds statements ``from module import name as name``, which type checkers take for public, and
-    ``alias = name`` for names that are called otherwise where they are defined.
+    The stub holds statements ``from module import name as name``, which type checkers treat as public, and
+    ``alias = name`` for renamed objects.
     """
     text = file.read_text(encoding="utf-8")
     statements = [(module, many or one) for module, many, one in _STATEMENT.findall(text)]
@@ -28,7 +28,7 @@ def names_in_stub(file: Path) -> Mapping[str, tuple[str, str]]:
 
 
 def import_name(importer: str, file: Path, name: str) -> object:
-    """Import what the stub ``file`` of the module ``importer`` lists under a name.
+    """Import the object that the stub ``file`` of module ``importer`` lists under a name.
 
     Raises
     ------

@@ -1,4 +1,7 @@
-"""Number of threads, and calls shared out to them; results never depend on that number."""
+"""Number of threads, and distribution of calls.
+
+Results never depend on the number.
+"""
 
 from __future__ import annotations
 
@@ -13,19 +16,19 @@ from agglo_core.errors import OptionError
 __all__ = ["mapped", "over_ranges", "ranges", "thread_count", "together", "using_threads"]
 
 _VARIABLE = "AGGLO_THREADS"
-_FEW = 20_000  # cells, faces: a millisecond of work or so
+_FEW = 20_000  # items (cells, faces) per thread: about a millisecond of work
 _Result = TypeVar("_Result")
 _chosen: ContextVar[int | None] = ContextVar("threads", default=None)
 _few: ContextVar[int | None] = ContextVar("few", default=None)
 
 
 def thread_count() -> int:
-    """Threads of this run: those of :func:`using_threads`, else the variable AGGLO_THREADS, else 1.
+    """Return the number of threads: :func:`using_threads`, else the variable AGGLO_THREADS, else 1.
 
     Raises
     ------
     OptionError
-        If the variable is not a whole number from 1 on.
+        If the variable is not a positive integer.
 
     Examples
     --------
@@ -45,18 +48,21 @@ def thread_count() -> int:
 
 @contextmanager
 def using_threads(count: int | None, few: int | None = None) -> Iterator[None]:
-    """Context in which this many threads are used; None leaves the number as it is.
+    """Use this number of threads in a context.
+
+    None leaves the number unchanged.
+
 
     Parameters
     ----------
     count : int or None
     few : int, optional
-        Least number of items for a thread, in place of what each computation thinks worth while; for tests.
+        Minimum number of items per thread, instead of the default of each computation; for tests.
 
     Raises
     ------
     OptionError
-        If the number is not a whole one from 1 on.
+        If the number is not a positive integer.
 
     Examples
     --------
@@ -78,10 +84,11 @@ def using_threads(count: int | None, few: int | None = None) -> Iterator[None]:
 
 
 def mapped(call: Callable[..., _Result], *columns: Iterable[Any]) -> Iterator[_Result]:
-    """As :func:`map`, with as many calls at a time as there are threads.
+    """Yield results like :func:`map`, with as many simultaneous calls as there are threads.
 
-    The threads end with the iteration. An exception of a call reaches the caller; after it, and where the
-    caller stops early, calls that have not begun are dropped. Calls see one thread, themselves.
+    The threads end with the iteration. An exception of a call reaches the caller; afterwards, or if the
+    caller stops
+    early, pending calls are dropped. Inside calls the number of threads is 1.
 
     Examples
     --------
@@ -104,18 +111,18 @@ def mapped(call: Callable[..., _Result], *columns: Iterable[Any]) -> Iterator[_R
 
 
 def ranges(n: int, *, few: int = _FEW, shares: int = 4, work: int | None = None) -> list[tuple[int, int]]:
-    """Ranges ``(start, stop)`` that together are 0..n−1, in order, for the threads of this run.
+    """Divide 0..n−1 into consecutive ranges ``(start, stop)`` for the threads of this run.
 
     Parameters
     ----------
     n : int
         Number of items.
     few : int
-        Items below which other threads would cost more than they save: no range has fewer.
+        Minimum number of items per range, below which threads cost more than they save.
     shares : int
-        Ranges for each thread, as some may take longer than others; 1 where each needs much room of its own.
+        Ranges per thread, because some may take longer than others; 1 if each needs a large workspace.
     work : int, optional
-        What is compared with ``few`` instead of n: the faces of n cells, say.
+        Number to compare with ``few`` instead of n, such as the faces of n cells.
 
     Examples
     --------
@@ -138,10 +145,10 @@ def over_ranges(
     shares: int = 4,
     work: int | None = None,
 ) -> list[_Result]:
-    """Results of ``call(start, stop)`` for all :func:`ranges`, several at a time.
+    """Return the results of ``call(start, stop)`` for all :func:`ranges`, computed in parallel.
 
-    Each call must leave alone what belongs to other ranges. Calls run at the same time where the kernels
-    in them let go of the interpreter.
+    Calls must not modify data of other ranges. They run in parallel where their kernels release the
+    interpreter lock.
 
     Examples
     --------
@@ -157,7 +164,7 @@ def over_ranges(
 
 
 def together(n: int, *calls: Callable[[], Any]) -> list[Any]:
-    """Results of calls that have nothing to do with each other, at the same time where n items are many.
+    """Return the results of independent calls, in parallel if the number n of items is large.
 
     Examples
     --------
