@@ -1,4 +1,4 @@
-"""Solvers that need no discretisation of their own, and what solvers of plugins share."""
+"""Solvers without an own discretisation, and helpers shared with solvers of plugins."""
 
 from agglo_core.problems.iteration_history import unsolved
 from agglo_core.solvers.advice import Kind, advice_of_multigrid

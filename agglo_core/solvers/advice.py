@@ -1,8 +1,8 @@
-"""Advice of polydg_mg and direct on which of them takes less time, in ``Solution.advice``.
+"""Advice on the faster solver, polydg_mg or direct, for ``Solution.advice``.
 
-The sizes are those at which both took the same CPU time, as ``tests/benchmarks/break_even.py`` measures it on
-one processor in two dimensions. They are given as entries of the matrix, by which all degrees agree within a
-factor of two. They are rounded, and no advice is given near them.
+The sizes below are the break-even sizes: both solvers take equal CPU time there, as measured by
+``tests/benchmarks/break_even.py`` on one processor in 2-D. The sizes count matrix entries, because all
+degrees then agree within a factor of two. They are rounded, and no advice is given near them.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from typing import Any, Final, Literal
 from agglo_core.solvers.backends import AUTO, PACKAGES, available_backends, chosen_backend
 
 Kind = Literal["cells", "groups", "solids", "linear"]
-"""Single cells of at most four faces; polygons, or cells smoothed together; polyhedra; a linear system."""
+"""Single cells of at most four faces, polygons or cells smoothed in groups, polyhedra, linear systems."""
 
 _PENALTY: Final = 10.0
-"""Penalty of ``direct`` by default."""
+"""Default penalty of ``direct``."""
 MANY: Final = 10
-"""Right-hand sides from which they count as many."""
+"""Minimum number of right-hand sides for the table `_SEVERAL`."""
 _TITLES: Final[Mapping[str, str]] = MappingProxyType({"pardiso": "PARDISO", "superlu": "SuperLU"})
 
 
 @dataclass(frozen=True)
 class _Range:
-    """A direct solver is faster from ``least`` to ``most`` entries, polydg_mg from ``other`` on."""
+    """Numbers of entries: a direct solver is faster in ``least..most``, polydg_mg from ``other`` on."""
 
     least: float
     most: float
@@ -43,27 +43,27 @@ _ONE: Final[Mapping[tuple[str, Kind], _Range]] = MappingProxyType(
         ("superlu", "linear"): _Range(0.0, 1e5, float("inf")),
     }
 )
-"""For one right-hand side. Linear systems may be of any kind, so that none is sent to multigrid."""
+"""One right-hand side. Linear systems may be of any kind, so none is referred to multigrid."""
 _SEVERAL: Final[Mapping[tuple[str, Kind], _Range]] = MappingProxyType(
     {
         ("pardiso", "linear"): _Range(0.0, 4e5, float("inf")),
         ("superlu", "linear"): _Range(0.0, 4e5, float("inf")),
     }
 )
-"""For ten of a linear system, as far as measured; with more the direct solvers only gain."""
+"""Ten right-hand sides of a linear system. With more, the advantage of direct solvers only grows."""
 
 
 def advice_of_multigrid(A: Any, kind: Kind, count: int = 1, penalty: float | str = _PENALTY) -> str:
-    """What polydg_mg says of ``direct``; empty if that would not be faster.
+    """Return the advice to use ``direct`` instead of polydg_mg, or an empty text if ``direct`` is slower.
 
     Parameters
     ----------
     A : (n, n) sparse
     kind : "cells", "groups" or "linear"
     count : int
-        Right-hand sides.
+            Number of right-hand sides.
     penalty : float, "paper" or "sharp"
-        With which ``direct`` discretises alike.
+            Penalty that gives ``direct`` an equal discretisation.
     """
     table = _SEVERAL if count >= MANY else _ONE
     for backend in available_backends():
@@ -81,7 +81,7 @@ def advice_of_multigrid(A: Any, kind: Kind, count: int = 1, penalty: float | str
 
 
 def advice_of_direct(A: Any, kind: Kind, backend: str) -> str:
-    """What ``direct`` with one of its backends says of polydg_mg; empty if that would not be faster."""
+    """Return the advice to use polydg_mg instead of ``direct``, or an empty text if polydg_mg is slower."""
     known = _ONE.get((backend, kind))
     if known is None or A.nnz < known.other:
         return ""
@@ -92,19 +92,19 @@ def advice_of_direct(A: Any, kind: Kind, backend: str) -> str:
 
 
 def _unknowns(A: Any, entries: float) -> str:
-    """Unknowns of a matrix like A with so many entries, to two digits."""
+    """Return the unknowns, to two digits, of a matrix like A with that many entries."""
     return f"{float(f'{entries * A.shape[0] / A.nnz:.1e}'):,.0f}"
 
 
 def _spec(backend: str, penalty: float | str) -> str:
-    """``direct`` with its options, as components are written on the command line."""
+    """Return ``direct`` with options in the notation of the command line."""
     options = [] if penalty in (_PENALTY, "paper") else [f"penalty={penalty}"]
     options += [] if chosen_backend(AUTO) == backend else [f"backend={backend}"]
     return ":".join(filter(None, ("direct", ",".join(options))))
 
 
 def _missing(backend: str) -> str:
-    """What would be faster on large systems, and is not installed."""
+    """Return a hint at PARDISO if only SuperLU is installed, else an empty text."""
     if backend != "superlu" or "pardiso" in available_backends():
         return ""
     return f"; PARDISO is not installed, and faster on large systems (pip install {PACKAGES['pardiso'][1]})"

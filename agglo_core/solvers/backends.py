@@ -1,7 +1,7 @@
-"""Sparse direct solvers of symmetric matrices, by name: each makes a solve from a matrix.
+"""Sparse direct solvers for symmetric matrices, by name.
 
-A solve maps right-hand sides, ``(n,)`` or ``(n, k)``, to solutions of the same shape; the factors live as
-long as it does.
+A solver takes a matrix and returns a function that maps right-hand sides, ``(n,)`` or ``(n, k)``, to
+solutions of equal shape. The factors live as long as this function.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from agglo_core.errors import OptionError
 _log = logging.getLogger("agglo")
 
 AUTO: Final = "auto"
-"""The first of PARDISO, CHOLMOD and SuperLU that is installed."""
+"""Selects the first installed solver of PARDISO, CHOLMOD and SuperLU."""
 Solves = Callable[[Any], Any]
 """Maps right-hand sides ``(n,)`` or ``(n, k)`` to solutions."""
 
-_CHOLESKY, _BUNCH_KAUFMAN = 2, -2  # types of symmetric matrices as PARDISO numbers them
+_CHOLESKY, _BUNCH_KAUFMAN = 2, -2  # PARDISO's codes of symmetric matrix types
 
 
 def superlu(A: Any) -> Solves:
-    """SuperLU, which is part of scipy, with pivots on the diagonal wherever they will do.
+    """Factorise with SuperLU (part of scipy), with diagonal pivots wherever possible.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def superlu(A: Any) -> Solves:
 
 
 def pardiso(A: Any) -> Solves:
-    """PARDISO of Intel's MKL, by ``pypardiso``: Cholesky, or Bunch–Kaufman if a pivot is not positive.
+    """Factorise with Intel's PARDISO by ``pypardiso``: Cholesky, or Bunch–Kaufman for pivots ≤ 0.
 
     Raises
     ------
@@ -58,14 +58,14 @@ def pardiso(A: Any) -> Solves:
     """
     package = _package("pardiso")
     upper = sparse.csr_matrix(sparse.triu(A, format="csr"), dtype=np.float64)
-    upper.setdiag(sparse.csr_array(A).diagonal())  # PARDISO wants the zeros of a diagonal stored
+    upper.setdiag(sparse.csr_array(A).diagonal())  # PARDISO requires stored diagonal zeros
     upper.sort_indices()
     for kind in (_CHOLESKY, _BUNCH_KAUFMAN):
         with _path_of_mkl():
             solver = package.PyPardisoSolver(mtype=kind)
         try:
             solver.factorize(upper)
-        except (ValueError, package.PyPardisoError) as error:  # only the second kind takes pivots below 0
+        except (ValueError, package.PyPardisoError) as error:  # only Bunch–Kaufman accepts pivots below 0
             failure = error
             solver.free_memory(everything=True)
             continue
@@ -73,13 +73,13 @@ def pardiso(A: Any) -> Solves:
         def solve(b: Any, solver: Any = solver) -> Any:
             return solver.solve(upper, np.asfortranarray(b, dtype=np.float64))
 
-        weakref.finalize(solve, solver.free_memory, everything=True)  # MKL's memory is nobody else's to free
+        weakref.finalize(solve, solver.free_memory, everything=True)  # Python does not free MKL's memory
         return solve
     raise np.linalg.LinAlgError(f"PARDISO: {failure}")
 
 
 def cholmod(A: Any) -> Solves:
-    """CHOLMOD of SuiteSparse, by ``scikit-sparse``, for positive definite matrices.
+    """Factorise a positive definite matrix with SuiteSparse's CHOLMOD by ``scikit-sparse``.
 
     Raises
     ------
@@ -104,21 +104,21 @@ def cholmod(A: Any) -> Solves:
 BACKENDS: Final[Mapping[str, Callable[[Any], Solves]]] = MappingProxyType(
     {"pardiso": pardiso, "cholmod": cholmod, "superlu": superlu}
 )
-"""The direct solvers by name, the fastest first."""
+"""Direct solvers by name, fastest first."""
 
 PACKAGES: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
     {"pardiso": ("pypardiso.pardiso_wrapper", "pypardiso"), "cholmod": ("sksparse.cholmod", "scikit-sparse")}
 )
-"""The module that each needs, and what pip calls it."""
+"""Module and pip name of the package that each solver needs."""
 
 
 def chosen_backend(name: str) -> str:
-    """The name of an installed solver: that given, or the first one for ``"auto"``.
+    """Return the name of an installed solver: the given name, or the first for ``"auto"``.
 
     Raises
     ------
     OptionError
-        For another name, or a solver that is not installed; says what to install.
+            For an unknown name, or a solver that is not installed (with the package to install).
     """
     if name == AUTO:
         return available_backends()[0]
@@ -130,7 +130,7 @@ def chosen_backend(name: str) -> str:
 
 
 def available_backends() -> tuple[str, ...]:
-    """Names of the solvers that are installed, the fastest first."""
+    """Return the names of installed solvers, fastest first."""
     return tuple(each for each in BACKENDS if _installed(each))
 
 
@@ -155,10 +155,10 @@ def _package(name: str) -> Any:
 
 @contextmanager
 def _path_of_mkl() -> Iterator[None]:
-    """Set the variable by which pypardiso finds MKL, unless it is set or pip did not install MKL.
+    """Set the variable that points pypardiso to MKL, unless it is set or pip did not install MKL.
 
-    Without it pypardiso searches the whole environment, once on import and once for each solver. That takes
-    a third of a second, far longer than the factorisation of a small matrix.
+    Without the variable, pypardiso searches the whole environment on import and again for each solver. A
+    search takes a third of a second, far longer than factorising a small matrix.
     """
     variable, path = "PYPARDISO_MKL_RT", _installed_mkl()
     if path is None or variable in os.environ:
@@ -173,7 +173,7 @@ def _path_of_mkl() -> Iterator[None]:
 
 @cache
 def _installed_mkl() -> str | None:
-    """Path of MKL's runtime library, from the list of files of the distribution ``mkl``."""
+    """Return the path of MKL's runtime library from the file list of the distribution ``mkl``."""
     try:
         files = metadata.files("mkl") or []
     except metadata.PackageNotFoundError:

@@ -1,4 +1,4 @@
-"""A sparse direct solver with a true account of its error: what multigrid methods are measured by."""
+"""Sparse direct solver with error estimate, the baseline of multigrid methods."""
 
 from __future__ import annotations
 
@@ -25,33 +25,32 @@ from agglo_core.solvers.stopwatch import Stopwatch
 
 
 class Direct:
-    """Factorisation of a linear system, or of that of PolyDG, with refinement until the solution is right.
+    """Factorisation of a linear or PolyDG system, with iterative refinement.
 
-    The levels of the hierarchy are not used. An iteration is one solve with the factors; the first one
-    nearly always suffices. The energy error is that of one more solve, for the residual that is left.
-
+    The levels of the hierarchy are not used. An iteration is one solve with the factors, and the first nearly
+    always suffices. The energy error is estimated by a further solve for the remaining residual.
     Parameters
     ----------
     degree : int
-        Of the polynomials, 1..6.
+            Polynomial degree, 1..6.
     tolerance : float
-        Of the residual relative to the right-hand side, by
-        :class:`~agglo_core.solvers.residual_measure.ResidualMeasure`, and of the energy error.
+            Bound of the residual relative to the right-hand side (measured by
+            :class:`~agglo_core.solvers.residual_measure.ResidualMeasure`) and of the energy error.
     max_refinements : int
-        Further solves that may improve the first one.
+            Maximum number of solves after the first.
     penalty : float, "paper" or "sharp"
-        Of jumps, as the discretisation ``polydg`` has it.
+            Penalty of jumps in the discretisation ``polydg``.
     scaled_basis : bool
-        Scale the basis by the size of each cell's bounding box. The paper does not.
+            Scale the basis by each cell's bounding box. The paper does not.
     backend : "auto", "pardiso", "cholmod" or "superlu"
-        See :mod:`~agglo_core.solvers.backends`; by default the first one that is installed.
+            See :mod:`~agglo_core.solvers.backends`. Default: the first installed solver.
     registry : Registry, optional
-        Where the discretisation ``polydg`` is looked up; by default that of the program.
+            Registry with the discretisation ``polydg``. Default: the program's registry.
 
     Raises
     ------
     OptionError
-        For a value that does not fit, or a backend that is not installed.
+            For an invalid value, or a backend that is not installed.
     """
 
     accepts: ClassVar[tuple[str, ...]] = ("diffusion", "linear")
@@ -81,14 +80,14 @@ class Direct:
         return show_options(self)
 
     def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
-        """Factorise and solve; ``converged`` and ``reason`` say how it ended.
+        """Factorise and solve. ``converged`` and ``reason`` describe the outcome.
 
         Raises
         ------
         OptionError
             If problem and hierarchy do not fit, or data are not finite.
         MeshError
-            For a mesh of cells that overlap themselves.
+                For a mesh with self-overlapping cells.
         """
         watch = Stopwatch()
         with watch("assemble"), phase(progress, "assembling"):
@@ -105,13 +104,13 @@ class Direct:
         return replace(solution, advice=advice_of_direct(fine.A, self._kind(problem, fine), backend))
 
     def _kind(self, problem: Problem, fine: FineSystem) -> Kind:
-        """What polydg_mg would smooth."""
+        """Return the kind of system, as polydg_mg would smooth the problem."""
         if isinstance(problem, Linear):
             return "linear"
         return cast("Kind", self.discretisation.matrix_kind(problem, fine))
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:
-        """The inverse ``(n, n)`` of the system's matrix; takes several right-hand sides ``(n, k)`` at once.
+        """Return the inverse matrix ``(n, n)``, applicable to several right-hand sides ``(n, k)`` at once.
 
         Raises
         ------
@@ -130,12 +129,13 @@ class Direct:
 
 
 def _refined(fine: FineSystem, solves: Solves, tolerance: float, most: int) -> History:
-    """Solve, then add corrections for b − A x until residual and error are small, at most ``most`` times."""
+    """Solve, then correct x by solves for b − A x until residual and error pass, at most ``most`` times."""
     b = fine.b
     x, residuals = np.zeros(len(b)), [two_norm(b)]
     size, error, energy = (fine.measure(b), np.inf, True) if b.any() else (0.0, 0.0, True)
     correction = solves(b)
     while not (size <= tolerance and error <= tolerance) and len(residuals) <= most + 1:
+        # Refinement: add corrections as long as the residual decreases.
         better = x + correction
         if not np.isfinite(better).all():
             raise np.linalg.LinAlgError("the factorisation broke down: the matrix is singular, or nearly so")
@@ -146,6 +146,7 @@ def _refined(fine: FineSystem, solves: Solves, tolerance: float, most: int) -> H
         residuals.append(two_norm(r))
         correction = solves(r)
         error, energy = _error(fine, x, r, correction)
+    # Outcome: both tests passed, or the residual stagnates.
     passed = (size <= tolerance, error <= tolerance)
     met = tuple(name for name, ok in zip(TESTS, passed, strict=True) if ok and (energy or name != TESTS[1]))
     estimate = error if energy and np.isfinite(error) else None
@@ -154,6 +155,7 @@ def _refined(fine: FineSystem, solves: Solves, tolerance: float, most: int) -> H
         return History(*known, True, MET, estimate, met, "met")
     sizes = f"relative residual {size:.1e}, error about {error:.1e} after {len(residuals) - 1} iterations"
     sizes = f"{sizes}, wanted {tolerance:.1e}"
+    # Attribute stagnation to rounding if the backward error allows, else to a singular matrix.
     told = limit_told(History(*known, False, sizes, estimate, met, "stagnation"), fine.A, b)
     if told.final:
         return told
@@ -162,9 +164,9 @@ def _refined(fine: FineSystem, solves: Solves, tolerance: float, most: int) -> H
 
 
 def _error(fine: FineSystem, x: Float, r: Float, correction: Any) -> tuple[float, bool]:
-    """The error of x that the correction sees, relative to x; whether that is in the energy norm.
+    """Return the error of x estimated by the correction, relative to x, and True if in the energy norm.
 
-    Where a product that has to be positive is not, the matrix has no such norm: 2-norms are compared then.
+    A negative product δ·r or b·x means that A has no energy norm. Then 2-norms are compared.
     """
     square = float(correction @ r)
     if square < 0.0 or float(fine.b @ x) < 0.0:

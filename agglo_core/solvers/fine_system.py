@@ -1,4 +1,4 @@
-"""The system on the mesh that a solver is given: discretised, or brought as it is."""
+"""Fine system of a solver: a discretised problem or a given linear system."""
 
 from __future__ import annotations
 
@@ -27,13 +27,14 @@ _log = logging.getLogger("agglo")
 
 
 class FineSystem(NamedTuple):
-    """System on the mesh: matrix, right-hand side ``(n,)``, unknowns of a cell, measure of residuals.
+    """System on the mesh: matrix, right-hand side ``(n,)``, unknowns per cell, residual measure.
 
-    ``offset (n,)`` is what was taken out of the solution of A x = ``full``, if anything: b = full − A offset.
-    All are ``factor`` times those of the problem, a power of two, 1 where no squares under- or overflow; the
-    matrix is ``matrix_factor`` times that of the problem, and x the quotient of both times the solution.
-    ``sigma (n_faces,)`` is the penalty of the jumps, of what is discretised here; ``meaning`` is what
-    unknowns are, and on which mesh.
+    The solver may have subtracted ``offset (n,)`` from the solution of A x = ``full``, so b = full − A
+    offset. Vectors are ``factor`` times the problem's vectors, a power of two that avoids over- and underflow
+    of squares, and 1 for moderate data. The matrix is ``matrix_factor`` times the problem's matrix, hence x
+    is factor / matrix_factor times the problem's solution.
+    ``sigma (n_faces,)`` is the jump penalty of discretised problems. ``meaning`` holds the discretisation,
+    which interprets unknowns, and the mesh.
     """
 
     A: Any
@@ -50,7 +51,7 @@ class FineSystem(NamedTuple):
     def solution(
         self, history: History, operators: list[tuple[Any, Any]], watch: Stopwatch, tolerance: float
     ) -> Solution:
-        """The solution of A x = full that a history on A x = b leads to; ``watch`` has timed its phases."""
+        """Return the solution of A x = full from a history of A x = b, with the phases timed by ``watch``."""
         x = rest = self._solution_of_problem(history.x)
         lifting = None
         if self.offset is not None:
@@ -80,7 +81,7 @@ class FineSystem(NamedTuple):
         )
 
     def preconditioner(self, M: LinearOperator) -> LinearOperator:
-        """The preconditioner for the matrix of the problem that one for ``A`` is."""
+        """Rescale a preconditioner for ``A`` to the problem's matrix."""
         return M if self.matrix_factor == 1.0 else self.matrix_factor * M
 
     def _solution_of_problem(self, x: Float) -> Float:
@@ -88,12 +89,14 @@ class FineSystem(NamedTuple):
 
 
 def discretisation(name: str, registry: Registry | None = None, **options: Any) -> Any:
-    """Build a discretisation by name, or return None if no plugin offers it: linear systems need none.
+    """Build a discretisation by name, or return None if no plugin offers the name.
+
+    None is not an error here, because linear systems need no discretisation.
 
     Raises
     ------
     OptionError
-        For options that it refuses.
+            For invalid options.
     """
     known = default() if registry is None else registry
     try:
@@ -107,14 +110,14 @@ def discretisation(name: str, registry: Registry | None = None, **options: Any) 
 def fine_system(problem: Problem, hierarchy: Hierarchy, how: Any) -> FineSystem:
     """Return the system on the mesh of a hierarchy.
 
-    A linear system is taken as it is. Any other problem is discretised by ``how.fine_system(problem, mesh)``,
+    A linear system is taken as given. Any other problem is discretised by ``how.fine_system(problem, mesh)``
     if the discretisation accepts its kind.
 
     Raises
     ------
     OptionError
-        If problem and hierarchy do not fit, cells of a linear system have unequal numbers of unknowns, or
-        values are not finite; as :func:`~agglo_core.problems.linear.symmetric_system`.
+            If problem and hierarchy do not fit, cells of a linear system have unequal numbers of unknowns, or
+            values are not finite. Further errors as :func:`~agglo_core.problems.linear.symmetric_system`.
     """
     if isinstance(problem, Linear):
         return _given(problem, hierarchy.graph.n)
@@ -150,7 +153,7 @@ def _given(problem: Linear, n: int) -> FineSystem:
 
 
 def _width(problem: Linear, n: int) -> int:
-    """Unknowns of each of the ``n`` cells."""
+    """Return the number of unknowns per cell, equal in all ``n`` cells, or raise OptionError."""
     sizes = np.diff(problem.block_offsets)
     if len(sizes) != n:
         raise OptionError(f"the system has unknowns in {len(sizes)} cells, the hierarchy {n} cells")
@@ -162,7 +165,7 @@ def _width(problem: Linear, n: int) -> int:
 
 
 def own_mesh(hierarchy: Hierarchy) -> Mesh:
-    """The mesh of a hierarchy, whose graph and levels must be of that mesh."""
+    """Return the mesh of a hierarchy, or raise OptionError if graph and levels belong to another mesh."""
     mesh, measures = hierarchy.fine, hierarchy.graph.measures
     if mesh is None:
         raise OptionError("a diffusion problem needs a mesh; this hierarchy belongs to a bare graph")
@@ -181,18 +184,18 @@ def own_mesh(hierarchy: Hierarchy) -> Mesh:
 
 
 def chosen_levels(hierarchy: Hierarchy, levels: int | None = None) -> list[Int]:
-    """Labels of the coarse levels of a multigrid method, finest first.
+    """Return the labels of the coarse levels of a multigrid method, finest first.
 
     Parameters
     ----------
     hierarchy : Hierarchy
     levels : int, optional
-        How many of mesh, level 0, 1, … to use, the mesh included; by default all.
+            Number of levels to use, counting the mesh. Default: all.
 
     Raises
     ------
     OptionError
-        If there are fewer, or none of them has fewer parts than the mesh has cells.
+            If there are fewer levels, or no level is coarser than the mesh.
     """
     most = len(hierarchy.levels) + 1
     if levels is not None and not 2 <= levels <= most:
@@ -205,7 +208,7 @@ def chosen_levels(hierarchy: Hierarchy, levels: int | None = None) -> list[Int]:
             finer = parts
         else:
             _log.info("level %d is skipped: its %d parts are no fewer than the %d above", level, parts, finer)
-    if not chosen and hierarchy.graph.n > 1:  # one cell is its own coarsest level
+    if not chosen and hierarchy.graph.n > 1:  # a single cell needs no coarse level
         raise OptionError(
             f"no level of the hierarchy is coarser than its {hierarchy.graph.n} cells: ask for fewer parts"
         )

@@ -1,4 +1,4 @@
-"""Linear systems as the default solver takes them: blocks of any sizes, several right-hand sides."""
+"""Linear systems for the default solver: variable block sizes, several right-hand sides."""
 
 from __future__ import annotations
 
@@ -24,19 +24,18 @@ from agglo_core.solvers.stopwatch import Stopwatch
 
 
 class LinearTask:
-    """A linear system, its unknowns in the cells of a hierarchy.
+    """Linear system with its unknowns in the cells of a hierarchy.
 
-    One unknown in each cell, and at most one near-null vector, of positive entries: classical coarsening of
-    the matrix or, with the recipe ``"agglomerates"``, one classical step and then the agglomerates of the
-    hierarchy. Other systems: smoothed aggregation by the agglomerates, as far as they suit the matrix;
-    without any, aggregates come from the graph of the matrix. Blocks are those of the cells that have
-    unknowns.
+    Scalar systems (one unknown per cell, at most one near-null vector with positive entries) use classical
+    coarsening of the matrix. With the recipe ``"agglomerates"`` they use one classical step, then the
+    agglomerates of the hierarchy. Other systems use smoothed aggregation by the agglomerates as far as these
+    suit the matrix, or by aggregates from the matrix graph. Blocks correspond to the cells with unknowns.
 
     Raises
     ------
     OptionError
-        If a recipe for diffusion is asked for, blocks are not those of the cells of the hierarchy, or as
-        :class:`~agglo_core.problems.System`.
+            For a diffusion recipe, blocks that do not match the cells of the hierarchy, or invalid systems
+            (see :class:`~agglo_core.problems.System`).
     """
 
     def __init__(
@@ -56,22 +55,26 @@ class LinearTask:
             raise OptionError(
                 f"the system has unknowns in {len(offsets) - 1} cells, the hierarchy {cells} cells"
             )
+        # Cells without unknowns have no block.
         used = np.flatnonzero(np.diff(offsets) != 0)
         self._equal = len(used) == cells and len(set(np.diff(offsets).tolist())) == 1
         given = System(
             problem.A, problem.b, np.append(offsets[used], offsets[-1]), None, _columns(problem.near_null)
         )
+        # Scale the matrix by a power of two, so that squares neither over- nor underflow.
         self.system, self._given, self._matrix_factor = given, given.A, matrix_factor(given.A)
         if self._matrix_factor != 1.0:
             parts = given.b, given.block_offsets, None, given.near_null
             self.system = System.trusted(self._matrix_factor * given.A, *parts)
         if recipe == "agglomerates" and not hierarchy.levels:
             raise OptionError("recipe 'agglomerates' needs a hierarchy with levels; this one has none")
+        # Labels of coarse levels, renumbered without the cells that have no unknowns.
         self._classical = is_classical(self.system)
         labelled = recipe == "agglomerates" or not self._classical
         self._labels = [_numbered(each[used]) for each in _levels(hierarchy, count)] if labelled else []
         self.cycle: Any = "V" if cycle == "auto" else cycle
         self.dtype: Any = np.float32 if precision == "single" else np.float64
+        # Scale each right-hand side by an own power of two.
         whole = self.system.b.reshape(self.system.n, -1)
         self._factors = [factor_for(float(np.abs(each).max())) for each in whole.T]
         self._b = frozen_float(whole * np.array(self._factors))
@@ -79,17 +82,17 @@ class LinearTask:
 
     @property
     def A(self) -> Any:
-        """The matrix ``(n, n)``, times a power of two."""
+        """Matrix ``(n, n)``, scaled by a power of two."""
         return self.system.A
 
     @property
     def columns(self) -> list[Float]:
-        """The right-hand sides."""
+        """Right-hand sides."""
         return list(self._b.T)
 
     @property
     def choice(self) -> str:
-        """Which levels, and why."""
+        """Description of coarsening, cycle and precision."""
         aggregates = "agglomerates" if self._labels else "the graph of the matrix"
         how = f"smoothed aggregation by {aggregates}"
         if self._classical:
@@ -98,40 +101,40 @@ class LinearTask:
 
     @property
     def advice(self) -> str:
-        """Whether a direct solver would take less time; ``direct`` takes cells of equal size only."""
+        """Advice to use ``direct`` if faster, for cells of equal size only."""
         if not self._equal:
             return ""
         return advice_of_multigrid(self.system.A, "linear", self._b.shape[1])
 
     @property
     def single(self) -> bool:
-        """Whether cycles are in single precision."""
+        """Return True if cycles run in single precision."""
         return bool(self.dtype == np.float32)
 
     def use_double(self) -> None:
-        """Go on in double precision."""
+        """Switch to double precision."""
         if self.single:
             self.dtype, self._doubled = np.float64, "; double precision took over"
 
     def renew_plan(self) -> None:
-        """Levels are made as ever."""
+        """Do nothing, because linear systems have a single plan."""
 
     def change_method(self) -> bool:
-        """Go on in double precision; False if that is what failed."""
+        """Switch to double precision, or return False if cycles already run in double precision."""
         single = self.single
         self.use_double()
         return single
 
     def stack(self) -> Any:
-        """Build the levels; LinAlgError if a block is not positive definite."""
+        """Build the levels, or raise LinAlgError for a block that is not positive definite."""
         return stack_of_system(self.system, self._labels, self.dtype)
 
     def preconditioner(self, M: LinearOperator) -> LinearOperator:
-        """The preconditioner for the matrix of the problem that a cycle is."""
+        """Rescale a cycle to a preconditioner for the problem's matrix."""
         return M if self._matrix_factor == 1.0 else self._matrix_factor * M
 
     def parts(self, stack: Any) -> tuple[int | None, ...]:
-        """Agglomerates of each level: None of all but the first, which may come of the matrix alone."""
+        """Number of agglomerates per level, None below the finest (levels may come from the matrix)."""
         return self._cells, *(None for _ in stack.levels[1:])
 
     def iterate(
@@ -143,7 +146,7 @@ class LinearTask:
         tell: Tell,
         pace: float | None = None,
     ) -> list[History]:
-        """Conjugate gradients, each column from where it ended before: histories of all columns."""
+        """Run conjugate gradients, each column from its last iterate, and return all histories."""
         found = list(before or ())
         todo = [j for j in range(self._b.shape[1]) if not (found and found[j].final)]
         start = np.stack([found[j].x for j in todo], axis=1) if found else None
@@ -166,11 +169,11 @@ class LinearTask:
         return found
 
     def given_back(self, solution: Solution) -> Solution:
-        """The solution itself, as unknowns keep their numbers."""
+        """Return the solution unchanged, as the unknowns keep their numbers."""
         return solution
 
     def unsolved(self, reason: str) -> list[History]:
-        """The histories of an iteration that could not start."""
+        """Return the histories of an iteration that could not start."""
         return [unsolved(each, reason) for each in self._b.T]
 
     def solution(
@@ -180,16 +183,18 @@ class LinearTask:
         watch: Stopwatch,
         tolerance: float,
     ) -> Solution:
-        """The solution that histories lead to; see :class:`~agglo_core.problems.Solution` on columns."""
+        """Build the solution from histories, with columns as in :class:`~agglo_core.problems.Solution`."""
+        # Scale x back, column by column.
         back = 1.0 / self._matrix_factor
         columns = [
             unscaled(unscaled(each.x, f), back) for each, f in zip(histories, self._factors, strict=True)
         ]
+        # Report residuals and reason of the worst column.
         last = max(range(len(histories)), key=lambda j: _badness(histories[j]))
         converged = all(each.converged for each in histories)
         worst, errors = histories[last], [each.energy_error for each in histories]
         residuals = np.array(worst.residuals)
-        if not worst.converged:  # the last one was updated, not computed from x
+        if not worst.converged:  # the last entry was updated, not computed from x
             residuals[-1] = two_norm(self._b[:, last] - self.system.A @ worst.x)
         return Solution(
             x=frozen_float(np.stack(columns, axis=1).reshape(self.system.b.shape)),

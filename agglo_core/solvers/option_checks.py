@@ -1,4 +1,4 @@
-"""Checks of option values; every error names the option, what was given, and what is accepted."""
+"""Checks of option values, with errors that name option, given value and accepted values."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from agglo_core.errors import OptionError
 
 
 def require_count(name: str, value: Any, least: int, most: int | None = None) -> None:
-    """Raise OptionError unless ``value`` is a whole number from ``least`` to ``most``."""
+    """Raise OptionError unless ``value`` is a whole number in ``least..most``."""
     whole = isinstance(value, Integral) and not isinstance(value, bool)
     if not whole or value < least or (most is not None and value > most):
         wanted = f"{least}..{most}" if most is not None else f"at least {least}"
@@ -20,13 +20,13 @@ def require_count(name: str, value: Any, least: int, most: int | None = None) ->
 
 
 def require_positive(name: str, value: Any) -> None:
-    """Raise OptionError unless ``value`` is a number above 0, and finite."""
+    """Raise OptionError unless ``value`` is a positive, finite number."""
     if not (_is_number(value) and 0.0 < value < math.inf):
         raise OptionError(f"{name} must be a positive number; given {value!r}")
 
 
 def require_fraction(name: str, value: Any) -> None:
-    """Raise OptionError unless ``value`` is a number between 0 and 1, both excluded."""
+    """Raise OptionError unless ``value`` lies between 0 and 1, both excluded."""
     if not (_is_number(value) and 0.0 < value < 1.0):
         raise OptionError(f"{name} must be a number between 0 and 1; given {value!r}")
 
@@ -38,7 +38,7 @@ def require_truth(name: str, value: Any) -> None:
 
 
 def chosen(name: str, value: Any, known: Mapping[str, Any]) -> Any:
-    """What a name stands for; a callable stands for itself, and anything else is an OptionError."""
+    """Return the value for a name, or a callable as given, or raise OptionError."""
     if callable(value):
         return value
     require_name(name, value, known)
@@ -46,7 +46,7 @@ def chosen(name: str, value: Any, known: Mapping[str, Any]) -> Any:
 
 
 def require_name(name: str, value: Any, known: Iterable[str]) -> None:
-    """Raise OptionError unless ``value`` is one of the known names."""
+    """Raise OptionError unless ``value`` is a known name."""
     if value not in (accepted := tuple(known)):
         raise OptionError(f"{name} must be one of {', '.join(accepted)}; given {value!r}")
 
@@ -56,7 +56,7 @@ def _is_number(value: Any) -> bool:
 
 
 def show_options(solver: Any) -> str:
-    """Name a solver and the options of its constructor that differ from their defaults.
+    """Return the name of a solver with the constructor options that differ from their defaults.
 
     Examples
     --------

@@ -17,20 +17,20 @@ from agglo_core.solvers.stopwatch import Stopwatch
 
 
 class PlainCG:
-    """Conjugate gradients from zero on the system of the mesh, without a preconditioner.
+    """Conjugate gradients without preconditioner on the fine system, starting from zero.
 
-    The levels of the hierarchy are not used. If ``max_iterations`` are not enough, the solution is the
-    iterate of smallest residual, and ``iterations`` its number, as in the paper's tables; ``reason`` says
-    how many were done.
+    The levels of the hierarchy are not used. If ``max_iterations`` do not suffice, the solution is the
+    iterate with the smallest residual and ``iterations`` its number, as in the paper's tables. ``reason``
+    then gives the total number of iterations.
 
     Parameters
     ----------
     discretisation : object
-        Discretises problems other than linear systems, see
-        :func:`~agglo_core.solvers.fine_system.fine_system`.
+            Discretisation for problems other than linear systems
+            (:func:`~agglo_core.solvers.fine_system.fine_system`).
     tolerance : float
-        Of the residual relative to the right-hand side, by
-        :class:`~agglo_core.solvers.residual_measure.ResidualMeasure`, and of the energy error.
+            Bound of the residual relative to the right-hand side (measured by
+            :class:`~agglo_core.solvers.residual_measure.ResidualMeasure`) and of the energy error.
     max_iterations : int
     """
 
@@ -48,14 +48,14 @@ class PlainCG:
         return show_options(self)
 
     def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
-        """Iterate; ``converged`` and ``reason`` say how it ended, ``progress`` is told of each phase.
+        """Solve the problem. ``converged`` and ``reason`` describe the outcome, ``progress`` receives phases.
 
         Raises
         ------
         OptionError
             If problem and hierarchy do not fit, or data are not finite.
         MeshError
-            For a mesh of cells that overlap themselves.
+                For a mesh with self-overlapping cells.
         """
         watch = Stopwatch()
         with watch("assemble"), phase(progress, "assembling"):
@@ -66,7 +66,7 @@ class PlainCG:
         return fine.solution(history, [(fine.A, None)], watch, self.tolerance)
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:
-        """The identity ``(n, n)``: plain conjugate gradients have no preconditioner.
+        """Return the identity ``(n, n)``, because plain conjugate gradients have no preconditioner.
 
         Raises
         ------

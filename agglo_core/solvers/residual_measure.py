@@ -14,26 +14,26 @@ from agglo_core.problems.residuals.sizes import energy_of_solution, relative_siz
 class ResidualMeasure:
     """Size of a residual ``r (n,)`` relative to the right-hand side ``b (n,)``.
 
-    Where the coefficient κ is constant it is ‖r‖ / ‖b‖. Otherwise it is the larger of two such ratios, since
-    rows of A are proportional to κ, and so are the terms of Dirichlet data in b:
+    For a constant coefficient κ the size is ‖r‖ / ‖b‖. Otherwise, as rows of A and the Dirichlet terms in b
+    are proportional to κ, the size is the larger of two ratios:
 
-    - r and b are divided by the coefficient of the cell, so that cells of small κ count;
-    - r is taken as it is, and Dirichlet data are counted as if κ were everywhere its smallest value. An
-      island of large κ between cells of small κ is held by forces of their size: beside those of
-      Dirichlet data elsewhere at large κ, a wrong value of the whole island would go unnoticed.
+    - r and b divided by the coefficient of the cell, so that cells with small κ count;
+    - r as is, with Dirichlet terms scaled to the smallest κ. An island of large κ among cells of small κ is
+      held by forces of their size. Compared with Dirichlet terms at large κ elsewhere, a wrong value on the
+      whole island would go unnoticed.
 
     Attributes
     ----------
     b : (n,) float
     kappa : (n,) float, optional
-        Coefficient of the cell of each unknown; None where it is constant.
+            Coefficient of each unknown's cell, or None if constant.
     load : (n,) float, optional
-        b without the terms of Dirichlet data; None if there are none.
+            b without Dirichlet terms, or None if b has none.
     norm : callable, optional
-        Energy norm of a solution with the jumps from its Dirichlet data; None if there are none.
+            Energy norm of a solution, including jumps from Dirichlet data, or None without such data.
     rows : callable, optional
-        Measure of residuals of a linear system in place of these
-        (:func:`~agglo_core.problems.residuals.row_scales.row_measure`).
+            Residual measure of a linear system, used instead of the measure above
+            (:func:`~agglo_core.problems.residuals.row_scales.row_measure`).
     """
 
     b: Float
@@ -43,12 +43,12 @@ class ResidualMeasure:
     rows: Callable[[Float], float] | None = None
 
     def energy(self, x: Float) -> float:
-        """What the energy norm of the error of ``x (n,)`` is compared with: the energy norm of x."""
+        """Energy norm of ``x (n,)``, the reference of the relative energy error."""
         return energy_of_solution(self.b)(x) if self.norm is None else self.norm(x)
 
     @cached_property
     def _sizes(self) -> tuple[float, float]:
-        """What ‖r‖ and ‖r / κ‖ are compared with."""
+        """Reference sizes of ‖r‖ and ‖r / κ‖."""
         if self.kappa is None:
             return two_norm(self.b), 0.0
         load = self.b if self.load is None else self.load
@@ -56,7 +56,7 @@ class ResidualMeasure:
         return two_norm(counted), two_norm(self.b / self.kappa)
 
     def __call__(self, r: Float) -> float:
-        """Relative size; 0 where r and b are 0."""
+        """Return the relative size of r, or 0 where r and b are 0."""
         if self.rows is not None:
             return self.rows(r)
         plain, scaled = self._sizes

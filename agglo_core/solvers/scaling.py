@@ -1,4 +1,4 @@
-"""Powers of two that bring right-hand sides and matrices near 1, so that squares can be computed."""
+"""Power-of-two scaling of right-hand sides and matrices, so that squares stay in range."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ from agglo_core.problems import Diffusion, Field
 
 _MODERATE = 1e100
 _MODERATE_MATRIX = 1e10
-"""Narrower, as levels may be in single precision."""
+"""Narrower than `_MODERATE`, because levels may be in single precision."""
 _DIGITS = 1e-10
 
 
 def factor_for(size: float, moderate: float = _MODERATE) -> float:
-    """A power of two that brings numbers of a size near 1; 1 itself if the size is moderate."""
+    """Return a power of two that scales numbers of a size near 1, or 1 for a moderate size."""
     if size == 0.0 or 1.0 / moderate <= size <= moderate:
         return 1.0
     return math.ldexp(1.0, max(-1000, min(1000, -math.frexp(size)[1])))
 
 
 def matrix_factor(A: Any) -> float:
-    """A power of two that brings the diagonal entries of a matrix near 1; 1 itself if most are moderate."""
+    """Return a power of two that scales a matrix diagonal near 1, or 1 for a moderate median entry."""
     return factor_for(float(np.median(np.abs(A.diagonal()))), _MODERATE_MATRIX)
 
 
 def unscaled_matrix(A: Any, factor: float) -> Any:
-    """``A / factor`` in double precision, or A itself for a factor of 1."""
+    """Return ``A / factor`` in double precision, or A itself for a factor of 1."""
     if factor == 1.0:
         return A
     return (A.astype(np.float64) if A.dtype == np.float32 else A) * (1.0 / factor)
 
 
 def times(problem: Diffusion, factor: float) -> Diffusion:
-    """The problem whose solution is that many times the solution of the given one."""
+    """Multiply source and boundary data, and so the solution, by a factor."""
     exact = problem.exact
     return replace(
         problem,
@@ -52,14 +52,14 @@ def times(problem: Diffusion, factor: float) -> Diffusion:
 
 
 def data_size(mesh: Mesh, problem: Diffusion) -> float:
-    """Largest value of source and boundary data, callables taken at centroids of cells and faces."""
+    """Return the largest source or boundary value, with callables evaluated at centroids."""
     centres = mesh.face_centroids[mesh.face_cells[:, 1] < 0]
     boundary = (*problem.dirichlet.values(), *problem.neumann.values())
     return max((*_sizes([problem.source], mesh.cell_centroids), *_sizes(boundary, centres)), default=0.0)
 
 
 def unscaled(x: Float, factor: float) -> Float:
-    """``x / factor``; OptionError if that is out of the range of floating-point numbers."""
+    """Return ``x / factor``, or raise OptionError if floating-point numbers cannot hold the result."""
     result = x / factor
     if factor != 1.0 and np.abs(result * factor - x).max() > _DIGITS * np.abs(x).max():
         raise OptionError(

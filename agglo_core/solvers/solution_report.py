@@ -1,4 +1,4 @@
-"""Report of ``agglo solve`` on a solution, as plain data and as text."""
+"""Report of ``agglo solve`` about a solution, as plain data and as text."""
 
 from __future__ import annotations
 
@@ -29,32 +29,35 @@ def report(
     cg_tolerance: float | None = None,
     progress: Listener | None = None,
 ) -> dict[str, Any]:
-    """Plain data of a solution.
+    """Return the report as plain data.
 
     Parameters
     ----------
     how : Discretisation, optional
-        Gives error norms, loads and the size of residuals. Without it there are no errors, the energy is
-        bᵀx, and residuals are measured by their 2-norm.
+            Provides error norms, loads and the residual measure. Without a discretisation there are no
+            errors, the energy is bᵀx, and residuals are measured in the 2-norm.
     cg_tolerance : float, optional
-        If given, the iterations of plain conjugate gradients from 0 to this tolerance, with the same test;
-        None if 10,000 do not suffice.
+            Tolerance for plain conjugate gradients from 0 with an equal stopping test. The report then
+            contains their number of iterations, or None if 10,000 do not suffice.
     progress : callable, optional
-        Told of the phases; plain conjugate gradients are the long one.
+            Receives the phases. Plain conjugate gradients take most of the time.
 
     Returns
     -------
     dict
-        ``cells`` of a level is the number of its agglomerates, None if its unknowns belong to none,
-        ``nonzeros`` the number of stored entries of its matrix, None if it is not known entry by entry;
-        ``energy`` is fᵀu, the work of source and fluxes; ``relative_residual`` is the measure of b − A x,
-        without an offset that the solver took out; ``energy_error``, ``energy_errors``, ``tests_met`` and
-        ``tolerance``, ``outcome`` and ``backward_error`` are what the solution says of itself;
-        ``error_l2``, ``error_dg`` and others of the discretisation are norms, not relative, and None if
-        unknown; ``operator_complexity`` is the number of matrix entries of all levels over those of the
-        finest, ``grid_complexity`` the number of unknowns; ``contraction`` is the mean factor by which the
-        residual fell, ``asymptotic_contraction`` that over the latter half of the iterations; ``memory``,
-        ``cpu_seconds``, ``choice`` and ``advice`` are what the solver tells, None or empty if nothing.
+            - ``cells`` of a level: number of agglomerates, None if unknowns belong to none;
+            - ``nonzeros`` of a level: number of stored matrix entries, None if unavailable;
+            - ``energy``: fᵀu, the work of source and fluxes;
+            - ``relative_residual``: measure of b − A x, without an offset that the solver subtracted;
+            - ``energy_error``, ``energy_errors``, ``tests_met``, ``tolerance``, ``outcome``,
+              ``backward_error``: attributes of the solution;
+            - ``error_l2``, ``error_dg`` and further norms of the discretisation: absolute, None if unknown;
+            - ``operator_complexity``: matrix entries of all levels divided by finest entries;
+            - ``grid_complexity``: unknowns of all levels divided by finest unknowns;
+            - ``contraction``, ``asymptotic_contraction``: mean factor of residual reduction per iteration,
+              over all iterations and over the second half;
+            - ``memory``, ``cpu_seconds``, ``choice``, ``advice``: as reported by the solver, or None or
+              empty.
     """
     matrices = _matrices(solution)
     dofs = [A.shape[0] for A in matrices]
@@ -96,20 +99,20 @@ def report(
 
 
 def error_entries(norms: Mapping[str, float]) -> dict[str, float | None]:
-    """Norms of errors as a report has them, the usual ones None if they are not known."""
+    """Return error norms as report entries, with None for usual norms that are unknown."""
     known = {f"error_{name}": float(value) for name, value in norms.items()}
     return {**dict.fromkeys(_USUAL_ERRORS), **known}
 
 
 def operator_complexity(solution: Solution) -> float | None:
-    """Matrix entries of all levels over those of the finest; None where one is not known entry by entry."""
+    """Return matrix entries of all levels over finest entries, or None for a matrix without entries."""
     entries = [_entries(A) for A in _matrices(solution)]
     known = [count for count in entries if count is not None]
     return float(sum(known) / known[0]) if len(known) == len(entries) else None
 
 
 def _parts(mesh: Mesh, solution: Solution, dofs: list[int]) -> list[int | None]:
-    """Agglomerates of each level: as told, otherwise by the unknowns of a cell, if that gives a number."""
+    """Return the agglomerates per level: as reported, else by the unknowns per cell if divisible."""
     if solution.parts:
         return list(solution.parts)
     counts = [divmod(n * mesh.n_cells, dofs[0]) for n in dofs]
@@ -125,12 +128,12 @@ def _entries(A: Any) -> int | None:
 
 
 def _matrices(solution: Solution) -> list[Any]:
-    """That of each level, finest first; of a solver that names no levels, that of the system."""
+    """Return the level matrices, finest first, or the system matrix of a solver without levels."""
     return [A for A, _ in solution.operators] or [solution.A]
 
 
 def _solved(solution: Solution) -> tuple[Float, Float]:
-    """Unknowns and right-hand side of what was solved: x and b, or what is left without an offset."""
+    """Return unknowns and right-hand side of the solved system, without an offset."""
     lifting = solution.lifting
     return (solution.x, solution.b) if lifting is None else (lifting.rest, lifting.load)
 
@@ -150,7 +153,7 @@ def _plain_cg(
 
 
 def _state(data: Mapping[str, Any]) -> str:
-    """How it ended, and the sizes that decide."""
+    """Describe the outcome with the decisive sizes."""
     met = f" by {' and '.join(data['tests_met'])}" if data["tests_met"] else ""
     state = f"converged after {data['iterations']} iterations ({data['reason']}{met})"
     if not data["converged"]:
@@ -161,7 +164,7 @@ def _state(data: Mapping[str, Any]) -> str:
 
 
 def text(title: str, data: Mapping[str, Any], columns: int = _COLUMNS) -> str:
-    """Some lines of at most so many columns for people to read."""
+    """Format the report as text of at most ``columns`` columns."""
     lines = [f"{title}: {_levels(data['levels'])}"]
     lines += [f"solver: {data['choice']}"] if data["choice"] else []
     lines.append(_state(data))
@@ -184,7 +187,7 @@ def text(title: str, data: Mapping[str, Any], columns: int = _COLUMNS) -> str:
 
 
 def _levels(levels: Sequence[Mapping[str, Any]]) -> str:
-    """Agglomerates of the levels; unknowns instead where some have no agglomerates."""
+    """Return the chain of agglomerate counts, or of unknown counts where a level has no agglomerates."""
     cells, dofs = ([level[name] for level in levels] for name in ("cells", "dofs"))
     if None not in cells:
         return f"{dofs[0]:,} unknowns, cells {_chain(cells)}"

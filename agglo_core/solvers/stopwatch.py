@@ -1,4 +1,4 @@
-"""Seconds of the phases of a solve, by the clock and by the processor."""
+"""Wall and CPU time of the phases of a solve."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from contextlib import contextmanager
 
 
 class Stopwatch:
-    """Adds up what each phase takes.
+    """Sum of wall and CPU time per phase.
 
     Attributes
     ----------
     wall, cpu : dict
-        Seconds by phase: of the clock, of all threads of this process.
+            Seconds per phase: wall time, and CPU time of all threads of this process.
 
     Examples
     --------
@@ -31,7 +31,7 @@ class Stopwatch:
 
     @contextmanager
     def __call__(self, phase: str) -> Iterator[None]:
-        """Time what happens inside, whatever it raises."""
+        """Time the body of the context, including a body that raises."""
         start, used = time.perf_counter(), time.process_time()
         try:
             yield
