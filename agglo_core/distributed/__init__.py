@@ -1,4 +1,4 @@
-"""Meshes and hierarchies whose cells lie on several processes (ranks) of MPI."""
+"""Meshes and hierarchies distributed across MPI processes (ranks)."""
 
 from __future__ import annotations
 

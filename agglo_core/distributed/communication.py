@@ -1,8 +1,7 @@
-"""Ranks: what the processes of a distributed run tell one another, and how they fail together.
+"""MPI communication between the ranks of a distributed run, with error propagation.
 
-Everything that is sent goes through here, so that it can be counted. Between two exchanges ranks work by
-themselves, inside :meth:`Ranks.together`: an error on one of them is raised on all, and nobody waits for
-someone who has left.
+All messages pass through this module and are counted. Between two exchanges, each rank works alone inside
+:meth:`Ranks.together`: an error on any rank is raised on all ranks, so no rank waits for a failed rank.
 """
 
 from __future__ import annotations
@@ -21,12 +20,12 @@ from agglo_core.errors import AggloError, OptionError
 
 T = TypeVar("T")
 
-_PAUSE, _LONGEST = 2e-5, 0.002  # seconds between looks at whether others have come: longer and longer
-_TAG = 7411  # of messages from rank to rank; whoever shares the communicator has others
+_PAUSE, _LONGEST = 2e-5, 0.002  # first and longest poll interval of `meet`, seconds
+_TAG = 7411  # message tag, unlike tags of other users of the communicator
 
 
 class RankError(AggloError, RuntimeError):
-    """Something failed on another rank; the message says on which, and what.
+    """Failure on another rank. The message names the rank and its error.
 
     Examples
     --------
@@ -39,7 +38,7 @@ class RankError(AggloError, RuntimeError):
 
 @dataclass
 class Traffic:
-    """What this rank has sent to others: messages, and bytes in them.
+    """Messages and bytes sent by this rank.
 
     Examples
     --------
@@ -60,19 +59,19 @@ class Traffic:
 
 
 class Ranks:
-    """The processes of a communicator of MPI.
+    """Processes of an MPI communicator.
 
     Parameters
     ----------
     comm : mpi4py communicator, optional
-        By default ``MPI.COMM_WORLD``; it is duplicated, so that messages of others are not mixed up.
+            Default: ``MPI.COMM_WORLD``. The communicator is duplicated to keep messages of others apart.
 
     Attributes
     ----------
     rank, size : int
-        Number of this process, and how many there are.
+            Number of this process, and number of processes.
     traffic : Traffic
-        What this rank has sent so far.
+            Messages and bytes sent so far.
 
     Raises
     ------
@@ -98,24 +97,24 @@ class Ranks:
         return f"Ranks(rank {self.rank} of {self.size})"
 
     def gathered(self, value: T) -> list[T]:
-        """What all ranks gave, in the order of the ranks, on every rank."""
+        """Return the values of all ranks, in rank order, on every rank."""
         self._count(value, self.size - 1)
         self.meet()
         found: list[T] = self.comm.allgather(value)
         return found
 
     def summed(self, value: float) -> float:
-        """Sum over the ranks, in their order: the same number on each of them."""
+        """Return the sum over the ranks in rank order, equal on all ranks."""
         return float(sum(self.gathered(value)))
 
     def largest(self, value: float) -> float:
-        """Largest number that a rank gave."""
+        """Return the largest value of all ranks."""
         return max(self.gathered(value))
 
     def reduced(self, values: NDArray[Any], how: Literal["sum", "min", "max"]) -> NDArray[Any]:
-        """Arrays of one shape from all ranks, put together item by item: the same on each of them.
+        """Reduce arrays of equal shape from all ranks entry by entry. The result is equal on all ranks.
 
-        Sums of integers do not depend on the ranks, those of reals in their last digits.
+        Integer sums do not depend on the distribution, real sums differ in the last digits.
         """
         total = np.empty_like(values)
         self._count(values, 1 if self.size > 1 else 0)
@@ -124,17 +123,18 @@ class Ranks:
         return total
 
     def from_first(self, value: T) -> T:
-        """What rank 0 gave, on every rank."""
+        """Return rank 0's value on every rank."""
         self._count(value, self.size - 1 if self.rank == 0 else 0)
         self.meet()
         found: T = self.comm.bcast(value, root=0)
         return found
 
     def exchanged(self, parcels: Mapping[int, T]) -> dict[int, T]:
-        """What other ranks sent to this one, by sender: ``parcels`` are by receiver. All ranks must call it.
+        """Send ``parcels`` by receiver and return the received parcels by sender. Collective.
 
-        What a rank sends to itself arrives as it is.
+        A parcel to the sending rank itself arrives unchanged.
         """
+        # Announce the sizes, so that every rank can allocate its receive buffers.
         packed = {to: pickle.dumps(parcels[to], protocol=5) for to in parcels if to != self.rank}
         sizes = np.zeros(self.size, np.int64)
         for to, data in packed.items():
@@ -144,6 +144,7 @@ class Ranks:
         self._count(0, self.size - 1)
         self.meet()
         self.comm.Alltoall(sizes, coming)
+        # Exchange the pickled parcels.
         arriving = {int(rank): bytearray(int(coming[rank])) for rank in np.flatnonzero(coming)}
         waiting = [self.comm.Irecv(room, source=rank, tag=_TAG) for rank, room in arriving.items()]
         waiting += [self.comm.Isend(data, dest=to, tag=_TAG) for to, data in packed.items()]
@@ -154,15 +155,15 @@ class Ranks:
         return {rank: found[rank] for rank in sorted(found)}
 
     def since_last(self) -> Traffic:
-        """What this rank has sent since this was last asked."""
+        """Return the traffic since the previous call."""
         sent = self.traffic - self._told
         self._told += sent
         return sent
 
     def meet(self) -> None:
-        """Wait until all ranks are here, and leave the processor to them meanwhile.
+        """Wait until all ranks arrive, without using the processor.
 
-        MPI itself waits in a loop. Everything in which ranks wait for one another begins with this.
+        MPI itself would wait in a busy loop. Every collective operation starts with this call.
         """
         if self.size == 1:
             return
@@ -173,10 +174,10 @@ class Ranks:
 
     @contextmanager
     def together(self) -> Iterator[None]:
-        """Work that each rank does by itself: if it fails on one, it fails on all.
+        """Run local work: a failure on one rank is a failure on all ranks.
 
-        The rank on which it failed raises its own error, all others a :class:`RankError` with that message.
-        Nothing may be sent inside.
+        The failing rank raises its own error, all others a :class:`RankError` with its message. The body must
+        not communicate.
         """
         failure: BaseException | None = None
         try:

@@ -1,4 +1,4 @@
-"""Meetings: rows of many ranks that belong together come together on one rank, and answers go back."""
+"""Rendezvous of related rows: rows of many ranks meet on one rank, replies return to the senders."""
 
 from __future__ import annotations
 
@@ -13,25 +13,26 @@ from agglo_core.errors import MeshError
 
 
 class Meeting:
-    """Rows that ranks have sent to this one.
+    """Rows sent to this rank.
 
     Parameters
     ----------
     ranks : Ranks
     to : (n,) int
-        Rank that each row of this one goes to.
+            Destination rank of each local row.
     *columns : (n, …) arrays
-        What is sent, row by row.
+            Data to send, row by row.
 
     Attributes
     ----------
     columns : list of (m, …) arrays
-        The rows that have come here, in the order of the ranks they are from.
+            Received rows, in sender order.
     senders : (m,) int
-        The rank that each is from.
+            Sender of each received row.
     """
 
     def __init__(self, ranks: Ranks, to: Int, *columns: NDArray[Any]) -> None:
+        # Group the local rows by destination.
         self._ranks = ranks
         order = np.argsort(to, kind="stable")
         bounds = np.searchsorted(to[order], np.arange(ranks.size + 1))
@@ -41,6 +42,7 @@ class Meeting:
             if bounds[rank] < bounds[rank + 1]
         }
         self._n = len(to)
+        # Exchange, and keep the sender of each received row.
         came = ranks.exchanged({r: [each[rows] for each in columns] for r, rows in self._sent.items()})
         none = [each[:0] for each in columns]
         self.columns = [np.concatenate(each) for each in zip(none, *came.values(), strict=True)]
@@ -48,7 +50,7 @@ class Meeting:
         self.senders = frozen_int(np.repeat(np.array(list(counts), np.int64), list(counts.values())))
 
     def answered(self, *columns: NDArray[Any]) -> list[NDArray[Any]]:
-        """What the ranks to which this one sent its rows say of each ``(n, …)``; here: of each that came."""
+        """Reply with a row ``(m, …)`` per received row, and return the replies ``(n, …)`` to sent rows."""
         bounds = np.searchsorted(self.senders, np.arange(self._ranks.size + 1))
         back = {
             rank: [each[bounds[rank] : bounds[rank + 1]] for each in columns]
@@ -64,13 +66,13 @@ class Meeting:
 
 
 def rank_of_key(keys: UInt64, size: int) -> Int:
-    """Rank for well-spread keys: equal stretches of all 64-bit numbers, in the order of the ranks."""
+    """Return the rank of uniformly distributed keys: equal intervals of 64-bit numbers in rank order."""
     half = np.uint64(32)
     return frozen_int((keys >> half) * np.uint64(size) >> half)
 
 
 def groups(*keys: NDArray[Any]) -> tuple[Int, Int]:
-    """Rows sorted by the keys, the last one first; and where each group of equal ones begins, and the end."""
+    """Sort rows by the keys (last key first). Return the order, the starts of equal groups, and the end."""
     order = np.lexsort(keys)
     new = np.zeros(len(order), bool)
     new[:1] = True
@@ -80,7 +82,7 @@ def groups(*keys: NDArray[Any]) -> tuple[Int, Int]:
 
 
 def refuse_all(ranks: Ranks, fault: str | None) -> None:
-    """Raise MeshError on all ranks if one of them has found a fault."""
+    """Raise MeshError on all ranks if any rank has a fault."""
     faults = [each for each in ranks.gathered(fault) if each is not None]
     if faults:
         raise MeshError(faults[0])

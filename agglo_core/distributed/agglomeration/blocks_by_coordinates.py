@@ -1,4 +1,4 @@
-"""Blocks of cells by their coordinates, whatever the ranks they lie on: the top of a tree that all share."""
+"""Cell blocks by coordinates, independent of ranks: the top of a bisection tree shared by all ranks."""
 
 from __future__ import annotations
 
@@ -11,36 +11,36 @@ from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.errors import OptionError
 
 BLOCK_CELLS = {2: 16_384, 3: 131_072}
-"""Cells that are agglomerated by themselves, at most about, in the plane and in space.
+"""Approximate maximum number of cells of a separate block, in 2-D and 3-D.
 
-In space more of a block's parts are at its border, where they are of worse shape.
+In 3-D a larger share of a block's parts lies at its border, where shapes are worse.
 """
 
 _BITS = 32
-"""Of coordinates as whole numbers: rounding errors of cells in a row are far smaller than one."""
+"""Bits of integer coordinates: rounding errors of cells in a row are far smaller than one step."""
 
 _DIGIT = 4
-"""Bits that are found at a time: with more of them ranks meet less often, but tell more counts."""
+"""Bits per median step: more bits mean fewer exchanges, but more counts in each."""
 
 
 class Reduced(Protocol):
-    """Arrays of one shape from all ranks, put together item by item: :meth:`Ranks.reduced`."""
+    """Reduction of equally shaped arrays from all ranks, entry by entry: :meth:`Ranks.reduced`."""
 
     def __call__(self, values: NDArray[Any], how: Literal["sum", "min", "max"], /) -> NDArray[Any]: ...
 
 
 def _alone(values: NDArray[Any], how: Literal["sum", "min", "max"], /) -> NDArray[Any]:
-    """What is put together where one rank has all points."""
+    """Return the values unchanged, as reduction on a single rank."""
     return values
 
 
 def halvings(n_cells: int, dim: int, block_cells: int | None) -> int:
-    """Cuts from all cells to a block of at most about ``block_cells``, by default ``BLOCK_CELLS``.
+    """Return the number of cuts from all cells to blocks of about ``block_cells`` or fewer.
 
     Raises
     ------
     OptionError
-        For blocks of no cells.
+            For blocks without cells.
     """
     most = BLOCK_CELLS[dim] if block_cells is None else block_cells
     if not most >= 1:
@@ -49,25 +49,25 @@ def halvings(n_cells: int, dim: int, block_cells: int | None) -> int:
 
 
 def rank_of_block(block: Int, count: int, size: int) -> Int:
-    """The rank, of ``size``, that has each block of ``count``: consecutive ones."""
+    """Return the rank, of ``size``, of each block of ``count``. Blocks of a rank are consecutive."""
     return frozen_int(np.asarray(block) * size // count)
 
 
 def coordinate_blocks(points: Float, depth: int, reduced: Reduced = _alone) -> Int:
-    """Block ``(n,)`` of each point of this rank, one of ``2**depth``, by recursive halving.
+    """Return the block ``(n,)`` of each local point, of ``2**depth`` blocks, by recursive halving.
 
-    Each block is cut across the longest side of its box, at the coordinate that leaves the halves as equal in
-    number as it can: points of the same coordinate, up to rounding, stay together. Blocks with the same
-    leading digits are near one another. Some stay empty where points coincide.
+    Each block is cut across the longest side of its box, at the coordinate that gives the most equal halves:
+    points with equal coordinate, up to rounding, stay together. Blocks with equal leading digits are
+    neighbours. Some blocks stay empty where points coincide.
 
     Parameters
     ----------
     points : (n, d) float
-        Those of this rank; the result depends on all, not on where they lie.
+            Local points. The result depends on all points, not on their distribution.
     depth : int
         Number of cuts from all points to a block.
     reduced : callable, optional
-        How ranks put arrays together; by default all points are here.
+            Reduction across ranks. Default: all points are local.
     """
     block = np.zeros(len(points), np.int64)
     if depth == 0:
@@ -82,11 +82,11 @@ def coordinate_blocks(points: Float, depth: int, reduced: Reduced = _alone) -> I
 
 
 def _on_grid(points: Float, reduced: Reduced) -> Int:
-    """Coordinates as whole numbers ``(d, n)`` from 0 to 2^31, of one step along all axes.
+    """Return coordinates as integers ``(d, n)`` from 0 to 2^31, with equal step along all axes.
 
-    The middle is a whole number too: a row of cells there is not torn by how numbers are rounded.
+    The middle is an integer, too, so that rounding does not tear a row of cells there.
     """
-    columns = [np.ascontiguousarray(along) for along in points.T]  # along which numpy is ten times faster
+    columns = [np.ascontiguousarray(along) for along in points.T]  # contiguous: ten times faster
     ends = [(along.min(initial=np.inf), -along.max(initial=-np.inf)) for along in columns]
     least = reduced(np.array(ends), "min")  # (d, 2)
     extent = float(-least.sum(axis=1).min())
@@ -96,7 +96,7 @@ def _on_grid(points: Float, reduced: Reduced) -> Int:
 
 
 def _longest_sides(axes: Int, block: Int, count: int, reduced: Reduced) -> Int:
-    """Axis of the longest side of the box of each block."""
+    """Return the axis of the longest side of each block's box."""
     low, high = np.full((len(axes), count), 1 << _BITS), np.full((len(axes), count), -1 << _BITS)
     for k, along in enumerate(axes):
         np.minimum.at(low[k], block, along)
@@ -106,20 +106,24 @@ def _longest_sides(axes: Int, block: Int, count: int, reduced: Reduced) -> Int:
 
 
 def _medians(along: Int, block: Int, count: int, reduced: Reduced) -> Int:
-    """Coordinate of each block at or below which as near to half of its points lie as can be.
+    """Return the coordinate of each block that splits its points most evenly (≤ and >).
 
-    That of the point in the middle is found digit by digit, by counts of those that share the digits so far.
+    The middle point's coordinate is found digit by digit, by counting the points that share all digits so
+    far.
     """
     middle, below, every = np.zeros(count, np.int64), np.zeros(count, np.int64), np.arange(count)
     total = reduced(np.bincount(block, minlength=count), "sum")
     for shift in range(_BITS - _DIGIT, -1, -_DIGIT):
+        # Choose the digit where the cumulative count reaches half of the points.
         keys = (block << _DIGIT) + (along >> shift) % (1 << _DIGIT)
         found = reduced(np.bincount(keys, minlength=count << _DIGIT).reshape(count, -1), "sum")
         upto = below[:, None] + np.cumsum(found, axis=1)
         digit = np.argmax(2 * upto >= total[:, None], axis=1)
         middle = (middle << _DIGIT) + digit
         below = upto[every, digit] - found[every, digit]
+        # Continue with the points that share all digits so far.
         still = np.flatnonzero(along >> shift == middle[block])
         along, block = along[still], block[still]
+    # Cut before the middle coordinate if that is more even.
     before = (below > 0) & (total - 2 * below <= 2 * upto[every, digit] - total)
     return frozen_int(middle - before)

@@ -1,4 +1,4 @@
-"""The cells of one rank and its ghosts as a graph, and what ranks agree on about the edges between them."""
+"""Graph of a rank's cells and ghosts, with agreement between ranks on edges."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from agglo_core.arrays import Float, Int, Mask, frozen_int
 from agglo_core.distributed.communication import Ranks
 from agglo_core.graph import Graph
 
-_DIGITS = 2.0**30  # in which sums are exact: integers
+_DIGITS = 2.0**30  # values are rounded to integers of this size, so that sums are exact
 
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """The cells of one rank and its ghosts, with who has them.
+    """Cells of one rank and its ghosts, with their owners.
 
     Attributes
     ----------
     ranks : Ranks
     graph : Graph
-        Of own cells and ghosts; only what it says of own ones need be whole.
+            Own cells and ghosts. Only data of own cells need be complete.
     ids : (n,) int
-        Global ids, rising.
+            Global ids, increasing.
     owners : (n,) int
     """
 
@@ -37,17 +37,17 @@ class Cells:
 
     @cached_property
     def own(self) -> Mask:
-        """Which of them belong to this rank ``(n,)``."""
+        """Mask of own cells ``(n,)``."""
         mask: Mask = self.owners == self.ranks.rank
         return mask
 
     @cached_property
     def rows(self) -> Int:
-        """The cell of each entry of the graph ``(m,)``."""
+        """Row of each graph entry ``(m,)``."""
         return frozen_int(np.repeat(np.arange(self.graph.n), np.diff(self.graph.indptr)))
 
     def total(self, values: Float) -> float:
-        """Sum over the own cells of all ranks; its last digit does not depend on the ranks."""
+        """Return the sum over own cells of all ranks, independent of the distribution to the last digit."""
         own = values[self.own]
         scale = self.ranks.largest(float(own.max(initial=0.0)))
         if not scale > 0:
@@ -57,7 +57,7 @@ class Cells:
 
 
 def agreed(cells: Cells, forbidden: Mask) -> Mask:
-    """Forbidden entries, those between ranks if either side says so."""
+    """Return the forbidden entries, where an edge between ranks is forbidden if either side forbids it."""
     graph, rows, own = cells.graph, cells.rows, cells.own
     entry = np.flatnonzero(forbidden & own[rows] & ~own[graph.indices])
     here, there = rows[entry], graph.indices[entry].astype(np.int64)
@@ -73,7 +73,7 @@ def agreed(cells: Cells, forbidden: Mask) -> Mask:
 
 
 def among(row: Int, column: Int, pairs: Int, n: int) -> Mask:
-    """Which entries of a graph of ``n`` nodes join one of the ``pairs (p, 2)``, in either direction."""
+    """Mark entries of a graph with ``n`` nodes that join any of ``pairs (p, 2)``, in either direction."""
     if not len(pairs):
         return np.zeros(len(row), bool)
     keys = np.concatenate((pairs[:, 0] * n + pairs[:, 1], pairs[:, 1] * n + pairs[:, 0]))

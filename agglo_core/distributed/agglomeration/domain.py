@@ -1,7 +1,7 @@
-"""Domain: nodes that one rank agglomerates by itself, and the edges that lead from them to other domains.
+"""Domain: nodes that one rank agglomerates independently, with edges to other domains.
 
-Domains are joined as a run goes on to coarser levels. Whatever a domain does depends on what is in it, not on
-the rank where it lies nor on the pieces it was joined from: nodes come in the order of their ids.
+Domains are joined on the way to coarser levels. Results in a domain depend on its contents only, not on
+its rank, nor on the pieces that it was joined from: nodes are sorted by id.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ class Links:
     Attributes
     ----------
     node : (e,) int
-        The node here.
+            Local node.
     to, domain : (e,) int
-        Id of the node there, and the domain it lies in.
+            Id and domain of the remote node.
     interface : (e,) float
-        Measure of the faces between the two.
+            Measure of the faces between the nodes.
     barred : (e,) bool
-        Whether these faces join no part: a constraint forbids it.
+            True if a constraint forbids a part across these faces.
     barrier : (e,) bool
-        Whether no part may even lie on both sides of them.
+            True if no part may contain both nodes.
     """
 
     node: Int
@@ -43,11 +43,11 @@ class Links:
     barrier: Mask
 
     def chosen(self, which: Mask | Int) -> Links:
-        """Some of the links."""
+        """Return a selection of links."""
         return Links(*(getattr(self, name)[which] for name in _LINK))
 
     def renamed(self, node: Int, to: Int, domain: Int) -> Links:
-        """The links between agglomerates, those of the same two as one; in the order of nodes and ids."""
+        """Return links between agglomerates, merged per pair and sorted by node and id."""
         order = np.lexsort((self.barred, to, node))
         keys = np.stack((node[order], to[order], self.barred[order]))
         first = np.flatnonzero(np.append(True, (np.diff(keys, axis=1) != 0).any(axis=0))[: keys.shape[1]])
@@ -68,22 +68,22 @@ _LINK = ("node", "to", "domain", "interface", "barred", "barrier")
 
 @dataclass(frozen=True, eq=False)
 class Domain:
-    """A part of a graph, cells or agglomerates.
+    """Part of a graph of cells or agglomerates.
 
     Attributes
     ----------
     graph : Graph
-        Its nodes with the edges among them, without those that constraints forbid.
+            Nodes with inner edges, without edges that constraints forbid.
     ids : (n,) int
-        Global id of each node, rising.
+            Global id of each node, increasing.
     cells : (n,) int
-        Number of cells of the mesh in each node.
+            Number of mesh cells in each node.
     weights : (n, bounds) float
-        Weights of each node, a column for each constraint on the size of parts.
+            Weights of each node, with a column per bound on part sizes.
     barriers : (p, 2) int
-        Pairs of nodes that no part may both hold, whatever lies between them.
+            Pairs of nodes that no part may both contain, whatever lies between.
     links : Links
-        Edges to nodes of other domains.
+            Edges to nodes of other domains.
     """
 
     graph: Graph
@@ -99,14 +99,14 @@ class Domain:
         return self.graph.n
 
     def counted(self, bounds: Sequence[Member]) -> list[Member]:
-        """Bounds on the size of parts, which are given the cells and weights of the nodes."""
+        """Return the bounds on part sizes with the cells and weights of the nodes filled in."""
         return [
             replace(each, tool=each.tool.counting(self.cells, frozen_float(self.weights[:, column])))
             for column, each in enumerate(bounds)
         ]
 
     def by_itself(self) -> Graph:
-        """The graph as if nothing lay beyond: what leads to other domains is boundary."""
+        """Return the graph as an isolated domain, with links counted as boundary."""
         if not len(self.links.node):
             return self.graph
         beyond = np.bincount(self.links.node, self.links.interface, self.n)
@@ -114,7 +114,10 @@ class Domain:
         return made.with_loads(self.graph.loads)
 
     def coarsened(self, labels: Int, first: int, to: Int) -> Domain:
-        """The domain of agglomerates ``labels (n,)``, ids from ``first`` on; ``to (e,)``: those of links."""
+        """Return the domain of agglomerates ``labels (n,)`` with ids from ``first`` on.
+
+        ``to (e,)`` are the new ids at the links.
+        """
         parts = int(labels.max(initial=-1)) + 1
         pairs = np.unique(np.sort(labels[self.barriers], axis=1), axis=0).reshape(-1, 2)
         weights = np.zeros((parts, self.weights.shape[1]))
@@ -129,7 +132,7 @@ class Domain:
         )
 
     def to_send(self) -> Domain:
-        """The domain with the points of its own cells alone."""
+        """Return the domain with only the points of its own cells."""
         from agglo_core.compiled.graphs import numbered_as_met
 
         vertices, points = numbered_as_met(self.graph.vertices, len(self.graph.points))
@@ -141,22 +144,24 @@ class Domain:
 def joined(
     pieces: Sequence[Domain], number: int, renumbered: Callable[[Int], Int]
 ) -> tuple[Domain, list[Int]]:
-    """One domain of several, and where the nodes of each piece are in it.
+    """Join pieces to one domain. Return the domain and the node positions of each piece.
 
     Parameters
     ----------
     pieces : sequence of Domain
-        At least one.
+            Pieces, at least one.
     number : int
-        Number of the new domain.
+            Number of the new domain.
     renumbered : callable
-        New numbers of the domains that links lead to.
+            Map from old to new domain numbers of links.
     """
+    # Sort the nodes of all pieces by id.
     ids = np.concatenate([piece.ids for piece in pieces])
     order = np.argsort(ids, kind="stable")
     place = np.empty(len(ids), np.int64)
     place[order] = np.arange(len(ids))
     places = np.split(place, np.cumsum([piece.n for piece in pieces])[:-1])
+    # Collect the links. Links into the new domain become inner edges.
     parts = [[getattr(piece.links, name) for piece in pieces] for name in _LINK]
     parts[0] = [where[piece.links.node] for where, piece in zip(places, pieces, strict=True)]
     links = Links(*map(np.concatenate, parts))
@@ -177,9 +182,10 @@ def joined(
 
 
 def _joined_graphs(graphs: list[Graph], places: list[Int], order: Int, inside: Links, ends: Int) -> Graph:
-    """The graph of all nodes; links ``inside``, with ``ends (e, 2)``, become edges unless barred."""
+    """Join the graphs. Links ``inside`` with ``ends (e, 2)`` become edges unless barred."""
     from agglo_core.compiled.graphs import take_rows
 
+    # Edges of all graphs, and links that are not barred, by row and column.
     n, open_ = len(order), ~inside.barred
     rows = [np.repeat(where, np.diff(g.indptr)) for where, g in zip(places, graphs, strict=True)]
     columns = [where[g.indices] for where, g in zip(places, graphs, strict=True)]
@@ -187,6 +193,7 @@ def _joined_graphs(graphs: list[Graph], places: list[Int], order: Int, inside: L
     column = np.concatenate([*columns, ends[open_, 1]])
     interface = np.concatenate([*(g.interface for g in graphs), inside.interface[open_]])
     by_row = np.lexsort((column, row))
+    # Vertices of all nodes, in the new order.
     starts = np.cumsum([0, *(len(g.points) for g in graphs)])
     corners = np.concatenate([g.vertices + start for g, start in zip(graphs, starts[:-1], strict=True)])
     sizes = np.concatenate([np.diff(g.vertex_offsets) for g in graphs])
@@ -196,6 +203,7 @@ def _joined_graphs(graphs: list[Graph], places: list[Int], order: Int, inside: L
     def collected(name: str) -> Float:
         return np.concatenate([getattr(g, name) for g in graphs])[order]
 
+    # Barred links count as boundary.
     closed = np.bincount(ends[~open_, 0], inside.interface[~open_], n)
     names = set.intersection(*(set(g.data) for g in graphs))
     made = trusted(

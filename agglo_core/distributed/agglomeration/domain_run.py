@@ -1,4 +1,4 @@
-"""One domain of a distributed run: its levels, made as those of a whole mesh are."""
+"""Levels of one domain of a distributed run, built as on a whole mesh."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from agglo_core.registry.attribution import Member
 
 @dataclass(frozen=True)
 class DomainRun:
-    """How domains are agglomerated.
+    """Agglomeration of domains.
 
     Attributes
     ----------
     pipeline : Pipeline
     run : Run
-        Its components; what happens is added up in its statistics.
+            Components of the run. Events are added to its statistics.
     kept : Kept
-        What constraints ask.
+            Constraints of the run.
     """
 
     pipeline: Pipeline
@@ -40,7 +40,7 @@ class DomainRun:
     kept: Kept
 
     def levels(self, domain: Domain, goals: Sequence[Goal], number: int, turn: int) -> list[Int]:
-        """Labels ``(n,)`` of each level of domain ``number``; ``turn``: how often domains have changed."""
+        """Return the labels ``(n,)`` of each level in domain ``number`` after ``turn`` domain changes."""
         if domain.n == 0:
             return [frozen_int(np.empty(0))] * len(goals)
         kway = self.pipeline.method == "kway"
@@ -50,14 +50,14 @@ class DomainRun:
             return make(domain.by_itself(), goals, run, post, kway=kway, nested=self.pipeline.nested)
 
     def intermediate(self, domain: Domain, goal: Goal, number: int, turn: int) -> Int:
-        """Labels of a level that nobody asked for, to make larger domains of: without bounds."""
+        """Return the labels of an auxiliary level without bounds, used to form larger domains."""
         if domain.n == 0:
             return frozen_int(np.empty(0))
         run, post = self._seeded(number, turn), self._post(domain, ())
         return self._maker(domain)(domain.by_itself(), [goal], run, post, kway=False, nested=True)[0]
 
     def _maker(self, domain: Domain) -> Callable[..., list[Int]]:
-        """How levels are made; agglomerates hold whole lines already."""
+        """Return the function that builds levels. Agglomerates already contain whole lines."""
         return line_levels if self.pipeline.lines and (domain.cells == 1).all() else ordered_levels
 
     def _post(self, domain: Domain, bounds: Sequence[Member]) -> PostPass:
@@ -69,7 +69,7 @@ class DomainRun:
         return PostPass(self.pipeline.merge, bool(self.run.post_refiners), rules)
 
     def _seeded(self, number: int, turn: int) -> Run:
-        """The run with random numbers of this domain's own; those of the first one are the run's."""
+        """Return the run with a seed for this domain. The first domain keeps the run's seed."""
         if number == turn == 0:
             return self.run
         root: UInt64 = np.array([self.run.seed], np.uint64)

@@ -1,4 +1,4 @@
-"""The domains a distributed run starts from: the cells of each rank, or blocks whatever the rank."""
+"""First domains of a distributed run: the cells of each rank, or blocks independent of ranks."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ from agglo_core.distributed.agglomeration.rules import Kept
 
 
 def first_domains(cells: Cells, kept: Kept, block: Int, ours: Iterable[int]) -> list[tuple[int, Domain]]:
-    """Domains, or pieces of them: own cells by ``block (n,)``, which is known of ghosts as well.
+    """Return domains, or pieces of domains: own cells by ``block (n,)``, including the block of ghosts.
 
-    There is one for each block with own cells, and for each number of ``ours``, if need be without cells.
+    There is one domain per block with own cells, and one per number in ``ours``, possibly without cells.
     """
+    # Sort the own cells by block, with graphs of the blocks.
     graph, rows, own = cells.graph, cells.rows, cells.own
     within = own[rows] & own[graph.indices] & (block[rows] == block[graph.indices])
     nodes = np.flatnonzero(own)
@@ -27,6 +28,7 @@ def first_domains(cells: Cells, kept: Kept, block: Int, ours: Iterable[int]) -> 
     level = allowed.subgraph(nodes, offsets)
     place = np.full(graph.n, -1)
     place[nodes] = np.arange(len(nodes)) - np.repeat(offsets[:-1], np.diff(offsets))
+    # Barriers within blocks, and links to other blocks or ranks.
     pairs = kept.barriers[(own[kept.barriers]).any(axis=1)]
     inner = pairs[own[pairs].all(axis=1) & (block[pairs[:, 0]] == block[pairs[:, 1]])]
     beyond = np.flatnonzero(own[rows] & ~within)
@@ -39,6 +41,7 @@ def first_domains(cells: Cells, kept: Kept, block: Int, ours: Iterable[int]) -> 
         kept.forbidden[beyond],
         among(row, column, pairs, graph.n),
     )
+    # Assemble the domain of each block.
     made = []
     for i, number in enumerate(numbers.tolist()):
         inside, of_block = nodes[offsets[i] : offsets[i + 1]], block[row] == number

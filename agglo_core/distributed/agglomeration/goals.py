@@ -1,4 +1,4 @@
-"""Goals of a distributed run: which levels so many domains can make, and the share of each in a count."""
+"""Goals of a distributed run: levels possible with the given domains, and counts per domain."""
 
 from __future__ import annotations
 
@@ -14,36 +14,36 @@ from agglo_core.distributed.agglomeration.domain import Domain
 from agglo_core.registry.attribution import Member
 
 LEAST_PARTS = 16
-"""Parts of a domain below which a level is made of fewer domains: parts do not cross their borders."""
+"""Minimum mean number of parts per domain. Coarser levels use fewer domains, as parts end at borders."""
 
 
 class Census(NamedTuple):
-    """What is known of all domains of a stage, one item each: the same on every rank."""
+    """Figures of all domains of a stage, one entry per domain, equal on every rank."""
 
     nodes: Int
-    alone: Int  # nodes without neighbours, here or elsewhere
+    alone: Int  # nodes without neighbours in any domain
     open: Int  # components with neighbours in other domains
-    fewest: Int  # parts there must be, those alone included
-    mass: Float  # of the nodes that are not alone
-    estimates: Float  # (domains, goals): parts of each goal of a size
+    fewest: Int  # minimum number of parts, including isolated nodes
+    mass: Float  # of nodes with neighbours
+    estimates: Float  # (domains, goals): estimated parts of each size goal
 
     @property
     def domains(self) -> int:
-        """How many are not empty."""
+        """Number of nonempty domains."""
         return int(np.count_nonzero(self.nodes))
 
     @property
     def scattered(self) -> int:
-        """Pieces that only the borders of domains make, beyond one for each."""
+        """Number of components caused by domain borders alone, beyond one per domain."""
         return int(np.maximum(self.open - 1, 0).sum())
 
     def expected(self, goal: Goal, place: int) -> float:
-        """How many parts the goal number ``place`` will have."""
+        """Return the expected number of parts for goal number ``place``."""
         return float(goal.parts) if isinstance(goal, CountGoal) else float(self.estimates[:, place].sum())
 
 
 def row_of(domain: Domain, goals: Sequence[Goal], bounds: Sequence[Member]) -> list[float]:
-    """What is asked of one domain for the census."""
+    """Return the census row of one domain."""
     graph = domain.graph
     if domain.n == 0:
         return [0.0] * (5 + len(goals))
@@ -66,24 +66,27 @@ def row_of(domain: Domain, goals: Sequence[Goal], bounds: Sequence[Member]) -> l
 
 
 def census_of(rows: Sequence[Sequence[float]]) -> Census:
-    """The census from the rows of all domains."""
+    """Build the census from the rows of all domains."""
     table = np.array(rows)
     nodes, alone, open_, fewest = (frozen_int(column) for column in table[:, :4].T)
     return Census(nodes, alone, open_, fewest, frozen_float(table[:, 4]), frozen_float(table[:, 5:]))
 
 
 def ready_goals(goals: Sequence[Goal], census: Census) -> list[list[Goal]]:
-    """The goals, finest first, of each domain that can be met where things are; for one domain all.
+    """Return the goals per domain, finest first, that the given domains can meet.
 
-    Counts are shared out by mass, each domain getting what it cannot do without, and never less than for a
-    coarser goal.
+    A single domain meets all goals.
+    Counts are distributed by mass. Each domain gets at least the parts it needs, and at least as many as for
+    a coarser goal.
     """
     count = len(census.nodes)
+    # Drop coarse goals until the rest fits.
     number = len(goals)
     while number and count > 1 and not _fits(goals, number, census):
         number -= 1
     shares: list[list[Goal]] = []
     least = census.fewest
+    # Distribute counts, coarsest first.
     for goal in reversed(goals[:number]):
         if isinstance(goal, CountGoal) and count > 1:
             least = _shares(goal.parts, census, least)
@@ -94,14 +97,14 @@ def ready_goals(goals: Sequence[Goal], census: Census) -> list[list[Goal]]:
 
 
 def _at_least(goal: Goal, fewest: int) -> Goal:
-    """The goal, a mean size with as many parts as a domain cannot do without."""
+    """Return a goal by mean size with at least the parts that a domain needs."""
     if isinstance(goal, SizeGoal) or goal.exact:
         return goal
     return replace(goal, parts=max(goal.parts, fewest))
 
 
 def _fits(goals: Sequence[Goal], number: int, census: Census) -> bool:
-    """Whether the first so many goals can be met by each domain for itself."""
+    """Return True if each domain can meet the first ``number`` goals independently."""
     coarsest = goals[number - 1]
     expected = census.expected(coarsest, number - 1)
     if expected < max(LEAST_PARTS * census.domains, 2 * census.scattered):
@@ -116,7 +119,7 @@ def _fits(goals: Sequence[Goal], number: int, census: Census) -> bool:
 
 
 def _shares(parts: int, census: Census, least: Int) -> Int:
-    """Parts of each domain: those alone and a share of the others."""
+    """Return the parts of each domain: isolated nodes, and a share of the others."""
     alone, rest = census.alone, census.nodes - census.alone
     some = np.flatnonzero(rest)
     shares = np.array(alone)

@@ -1,4 +1,4 @@
-"""DistributedHierarchy: the coarse levels of a distributed mesh."""
+"""DistributedHierarchy: coarse levels of a distributed mesh."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ from agglo_core.registry import Registry
 
 @dataclass(frozen=True, eq=False)
 class DistributedHierarchy:
-    """Coarse levels of a distributed mesh. All ranks must call its methods together.
+    """Coarse levels of a distributed mesh. All methods are collective.
 
     Attributes
     ----------
     mesh : DistributedMesh
     levels : sequence of (n_own,) int
-        ``levels[0]`` is the finest: the part of each own cell, by its global id, 0..k−1 over all ranks.
+            Part of each own cell, by global id in 0..k−1 over all ranks. ``levels[0]`` is the finest.
     bounds : sequence of (size + 1,) int
-        Rank r has the parts ``bounds[level][r]:bounds[level][r + 1]`` of a level, whatever ranks their
-        cells lie on.
+            Rank r owns the parts ``bounds[level][r]:bounds[level][r + 1]`` of a level, on whatever ranks
+            their cells are.
     targets : sequence of mapping
-        The target of each level.
+            Target of each level.
     nested : bool
-        Whether each level is a coarsening of the one before.
+            True if each level is a coarsening of the level before.
     statistics : mapping
-        How the run went: counts of all ranks, CPU seconds of the slowest one; ``messages`` and ``bytes`` that
-        this rank has sent, in ``sent_by_level`` those for each level, also to make its domains; the rest came
-        before the levels, or after.
+            Statistics of the run: counts of all ranks, and CPU seconds of the slowest rank. ``messages`` and
+            ``bytes`` were sent by this rank, ``sent_by_level`` for each level and its domains. The rest was
+            sent before or after the levels.
 
     Examples
     --------
@@ -63,11 +63,11 @@ class DistributedHierarchy:
 
     @property
     def parts(self) -> list[int]:
-        """Number of agglomerates of each level, on all ranks."""
+        """Number of agglomerates per level, over all ranks."""
         return [int(bounds[-1]) for bounds in self.bounds]
 
     def parents(self, level: int) -> Int:
-        """Agglomerate of level + 1 that holds each agglomerate of ``level`` that this rank has.
+        """Return the parent on level + 1 of each agglomerate of ``level`` owned by this rank.
 
         Raises
         ------
@@ -87,36 +87,36 @@ class DistributedHierarchy:
         return frozen_int(parents)
 
     def prolongation(self, level: int) -> sparse.csr_array[Any, Any]:
-        """Injection of ones from ``level`` to the next finer one: the rows of this rank, all columns.
+        """Return the injection (ones) from ``level`` to the next finer level: own rows, all columns.
 
-        Rows are the agglomerates of the next finer level that this rank has, for level 0 its own cells;
-        columns are global ids.
+        Rows are this rank's agglomerates of the next finer level, or its own cells for level 0. Columns are
+        global ids.
         """
         self._check(level)
         columns = self.levels[0] if level == 0 else self.parents(level - 1)
         return ones_by_row(columns, self.parts[level])
 
     def mesh_of(self, level: int) -> DistributedMesh:
-        """Mesh of the agglomerates of ``level``; its graph across ranks is ``mesh_of(level).local.graph``."""
+        """Return the mesh of the agglomerates. Its graph across ranks is ``mesh_of(level).local.graph``."""
         self._check(level)
         return self.mesh.coarsen(self.levels[level], self.bounds[level])
 
     def components(self, level: int) -> Int:
-        """Number of connected components of each agglomerate of ``level`` that this rank has: 1 each."""
+        """Return the number of connected components of each own agglomerate: 1 each."""
         self._check(level)
         return components_of_parts(self.mesh, self.levels[level], self.bounds[level])
 
     def quality(
         self, level: int, metrics: Iterable[Metric] = RATIOS, registry: Registry | None = None
     ) -> dict[str, float]:
-        """Means of metrics over all agglomerates of ``level``, the same on all ranks.
+        """Return means of metrics over all agglomerates of ``level``, equal on all ranks.
 
-        Besides the metrics: ``connected``, the share of connected parts, and ``max_diameter``.
+        Further entries are ``connected``, the share of connected parts, and ``max_diameter``.
 
         Raises
         ------
         OptionError
-            For a metric that looks at the cells inside, or compares parts with one another (except UF).
+                For a metric that uses inner cells, or compares parts with each other (except UF).
         """
         return means(self.mesh_of(level), self.components(level), metrics, registry)
 

@@ -1,4 +1,4 @@
-"""The levels of a distributed run, from domain to domain: agglomerate, coarsen, join, and begin again."""
+"""Levels of a distributed run: agglomerate, coarsen, join domains, and repeat."""
 
 from __future__ import annotations
 
@@ -15,53 +15,57 @@ from agglo_core.distributed.communication import Traffic
 from agglo_core.progress import Tell
 
 _NODES_PER_PART = 32
-"""Nodes that a part of larger domains is made of, at least: with fewer its shape suffers."""
+"""Minimum number of nodes per part of larger domains. Fewer nodes degrade shapes."""
 
 _CELLS_PER_NODE = 16
-"""Nodes that go into one before domains are joined, at most."""
+"""Maximum number of nodes per intermediate agglomerate."""
 
 _FEWEST_CELLS = 4
-"""Nodes that go into one, at least: with fewer it is not worth it."""
+"""Minimum number of nodes per intermediate agglomerate. Below, an intermediate level does not pay."""
 
 _SIZES_PER_PART = 4.0
-"""How many of them fit in a row into a part of a given size: they are never larger than it."""
+"""Intermediate agglomerates that fit in a row into a part of given size. No node exceeds its part."""
 
 _FEW_NODES = 4096
-"""Nodes of a domain that may be sent as they are."""
+"""Number of nodes per domain up to which nodes are sent without intermediate agglomeration."""
 
 
 @dataclass(frozen=True)
 class Level:
-    """Parts of a level: ids by own domain, node by node, how ids are shared out, what was sent for it."""
+    """Parts of a level: ids per own domain and node, numbering, and messages sent for the level."""
 
     ids: Mapping[int, Int]
     numbering: Numbering
     sent: Traffic
 
     def with_ids(self, ids: Mapping[int, Int], sent: Traffic | None = None) -> Level:
-        """The same parts, told to other nodes, for which so much more was ``sent``."""
+        """Return the level with ids at other nodes, and the messages ``sent`` for this transfer added."""
         return replace(self, ids=ids, sent=self.sent + (sent or Traffic()))
 
 
 def made_levels(
     stage: Stage, goals: Sequence[Goal], maker: DomainRun, turn: int = 0, told: Tell | None = None
 ) -> list[Level]:
-    """Levels of all goals, finest first.
+    """Build the levels of all goals, finest first.
 
-    Goals with enough parts for the domains there are come first, all at once; the others are made of their
-    agglomerates on half as many domains. If there is no such goal, agglomerates are made in between.
+    Goals with enough parts for the given domains are built first, all at once. The others are built from the
+    resulting agglomerates on half as many domains. Without any feasible goal, intermediate agglomerates are
+    built.
     """
     if not goals:
         return []
     if told is not None:
         told(0.0, f"{len(goals)} levels, {stage.count} domains")
+    # Case 1: some goals are feasible on the given domains.
     census = census_of(stage.of_all(lambda domain: row_of(domain, goals, maker.kept.bounds)))
     shares = ready_goals(goals, census)
     if shares[0]:
         return _agglomerated(stage, goals, shares, maker, turn, told)
+    # Case 2: shrink the domains by an intermediate level first.
     between = _between(census, goals[0])
     if between is not None:
         return _through(stage, between, goals, maker, turn, told)
+    # Case 3: join pairs of domains, and bring the levels back.
     fewer, way = stage.halved()
     levels = made_levels(fewer, goals, maker, turn + 1, told)
     own = sorted(stage.domains)
@@ -80,7 +84,7 @@ def _agglomerated(
     turn: int,
     told: Tell | None,
 ) -> list[Level]:
-    """The levels that these domains can make, and those made of them."""
+    """Build the levels feasible on the given domains, and the coarser levels on top."""
     with stage.ranks.together():
         labels = {
             number: maker.levels(domain, shares[number], number, turn)
@@ -106,7 +110,7 @@ def _through(
     turn: int,
     told: Tell | None,
 ) -> list[Level]:
-    """The levels made of agglomerates of a level ``between``."""
+    """Build the levels from agglomerates of an intermediate level."""
     total = sum(int(nodes) for (nodes,) in stage.of_all(lambda domain: [domain.n]))
     with stage.ranks.together():
         own = {
@@ -125,7 +129,7 @@ def _above(
     turn: int,
     told: Tell | None,
 ) -> list[Level]:
-    """Levels of the agglomerates ``labels``, told to the nodes in them."""
+    """Build levels on the agglomerates ``labels``, with ids brought back to their nodes."""
     coarse = stage.coarsened(labels, numbering)
     levels = made_levels(coarse, goals, maker, turn + 1, told)
     return [
@@ -135,19 +139,19 @@ def _above(
 
 
 def _between(census: Census, goal: Goal) -> Goal | None:
-    """What is to be made before domains are joined; None if nodes are few, or parts would be of few."""
+    """Return an intermediate goal before joining domains, or None for few nodes in total or per part."""
     total = int(census.nodes.sum())
     expected = max(census.expected(goal, 0), 1.0)
     nodes = min(_CELLS_PER_NODE, int(total / (_NODES_PER_PART * expected)))
     if total <= _FEW_NODES * census.domains or nodes < _FEWEST_CELLS:
         return None
-    if isinstance(goal, SizeGoal):  # which no agglomerate may exceed
+    if isinstance(goal, SizeGoal):  # an upper bound of agglomerate sizes
         return SizeGoal(goal.h_star / _SIZES_PER_PART)
     return CountGoal(total // nodes)
 
 
 def _share(domain: Domain, between: Goal, total: int) -> Goal:
-    """The goal of one domain: its share of a count."""
+    """Return the goal of one domain, with its share of a count."""
     if domain.n == 0 or isinstance(between, SizeGoal):
         return between
     return CountGoal(max(1, round(between.parts * domain.n / total)), exact=False)

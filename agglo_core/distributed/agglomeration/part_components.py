@@ -1,4 +1,4 @@
-"""Connected components across ranks: of parts, and of the domain."""
+"""Connected components across ranks, of parts and of the domain."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from agglo_core.graph import Graph
 
 
 def components_of_parts(mesh: DistributedMesh, labels: Int, bounds: Int) -> Int:
-    """Number of connected components of each part that this rank has.
+    """Return the number of connected components of each part owned by this rank.
 
-    Each rank finds the components of its own cells; who has the part joins those that touch across ranks.
+    Each rank finds the components of its own cells. The owner of a part joins components that touch.
 
     Parameters
     ----------
     mesh : DistributedMesh
     labels : (n_own,) int
-        Global part of each own cell.
+            Global part of each own cell.
     bounds : (size + 1,) int
-        Rank r has the parts ``bounds[r]:bounds[r + 1]``.
+            Rank r owns the parts ``bounds[r]:bounds[r + 1]``.
     """
     ranks = mesh.ranks
     told = _touching(mesh, mesh.local.graph, labels)[1]
@@ -36,10 +36,7 @@ def components_of_parts(mesh: DistributedMesh, labels: Int, bounds: Int) -> Int:
 
 
 def first_cells(mesh: DistributedMesh) -> Int:
-    """The first cell of the component of the domain that each own cell ``(n_own,)`` is in.
-
-    All ranks must call it.
-    """
+    """Return the first cell in the domain component of each own cell ``(n_own,)``. Collective."""
     ranks, own = mesh.ranks, mesh.global_ids[mesh.own]
     names, told = _touching(mesh, mesh.local.graph, frozen_int(np.zeros(len(own))))
     pieces, place, which = np.unique(names, return_index=True, return_inverse=True)
@@ -53,23 +50,25 @@ def first_cells(mesh: DistributedMesh) -> Int:
 
 
 def component_sizes(mesh: DistributedMesh, forbidden: Mask) -> Int:
-    """Number of cells of each component of the domain, in any order. All ranks must call it.
+    """Return the number of cells of each domain component, in any order. Collective.
 
     Parameters
     ----------
     mesh : DistributedMesh
     forbidden : (m,) bool
-        Entries of the local graph that join no cells, the same on both sides of a border between ranks.
+            Forbidden entries of the local graph, equal on both sides of borders between ranks.
     """
     ranks = mesh.ranks
     with ranks.together():
         graph = mesh.local.graph.without_edges(forbidden)
+    # Components within ranks, and edges between components on different ranks.
     names, told = _touching(mesh, graph, frozen_int(np.zeros(len(mesh.own))))
     edges = told[told[:, 1] != told[:, 2], 1:]
     pieces, sizes = np.unique(names, return_counts=True)
-    beyond = np.isin(pieces, edges)  # pieces that go on on other ranks; of the others sizes will do
+    beyond = np.isin(pieces, edges)  # components that continue on other ranks
     whole = np.stack(np.unique(sizes[~beyond], return_counts=True))
     every = ranks.gathered((edges.T, np.stack((pieces[beyond], sizes[beyond])), whole))
+    # Join the continued components on every rank, and count the rest by size.
     edges, joined, whole = (np.concatenate(each, axis=1) for each in zip(*every, strict=True))
     of_whole = np.repeat(whole[0], whole[1])
     if not edges.size:
@@ -79,19 +78,21 @@ def component_sizes(mesh: DistributedMesh, forbidden: Mask) -> Int:
 
 
 def _touching(mesh: DistributedMesh, graph: Graph, labels: Int) -> tuple[Int, Int]:
-    """The piece that each own cell is in ``(n_own,)``, and ``(e, 3)``: part, two pieces of it that touch.
+    """Return the piece of each own cell ``(n_own,)``, and rows ``(e, 3)``: a part and two touching pieces.
 
-    A piece is what of a part is connected on a rank, by the ``graph`` of local cells; each is beside itself,
-    too.
+    A piece is a connected component of a part on a rank, by the ``graph`` of local cells. Each piece touches
+    itself, too.
     """
     ranks = mesh.ranks
     part = np.asarray(mesh.exchange(labels))
+    # Number the pieces uniquely across ranks, also on ghosts.
     with ranks.together():
         own = graph.subgraph(mesh.own, [0, len(mesh.own)])
         component = own.components(_numbered(labels)) if own.n else np.empty(0, np.int64)
     names = np.zeros(len(part), np.int64)
-    names[mesh.own] = component * ranks.size + ranks.rank  # of a component, on no other rank
+    names[mesh.own] = component * ranks.size + ranks.rank  # unique over all ranks
     names = np.asarray(mesh.exchange(frozen_int(names[mesh.own])))
+    # Collect pairs of pieces within a part, across ranks and with themselves.
     row = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
     ours = mesh.owners == ranks.rank
     across = ours[row] & ~ours[graph.indices] & (part[row] == part[graph.indices])
@@ -105,7 +106,7 @@ def _numbered(labels: Int) -> Int:
 
 
 def _joined(edges: Int) -> tuple[Int, Int]:
-    """Component of each piece, in order of their names, and the places of the ends of ``edges (e, 2)``."""
+    """Return the component of each piece, sorted by name, and the end positions of ``edges (e, 2)``."""
     names, place = np.unique(edges, return_inverse=True)
     ends = place.reshape(-1, 2)
     joins = sparse.coo_array((np.ones(len(ends), bool), tuple(ends.T)), shape=(len(names), len(names)))

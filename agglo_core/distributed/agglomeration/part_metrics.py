@@ -1,4 +1,4 @@
-"""Metrics of parts that lie on several ranks: each rank measures those it has, and means are put together."""
+"""Part metrics across ranks: local values, global means."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from agglo_core.shapes.metrics import UniformityFactor
 def means(
     coarse: DistributedMesh, components: Int, metrics: Iterable[Metric], registry: Registry | None
 ) -> dict[str, float]:
-    """Means over the cells of a distributed mesh of parts; NaN where no part has a value.
+    """Return means over the parts of a distributed mesh, or NaN where no part has a value.
 
     Parameters
     ----------
     coarse : DistributedMesh
     components : (n_own,) int
-        Number of components of each own part.
+            Number of components of each own part.
     metrics, registry
         As for :func:`agglo_core.quality`.
     """
@@ -55,7 +55,7 @@ def _refuse_unknown(member: Member) -> None:
 
 
 def _values(coarse: DistributedMesh, member: Member, largest: float) -> Float:
-    """Values of own parts; those relative to the largest diameter with that of all ranks."""
+    """Return values of own parts, with relative metrics scaled to the largest diameter of all ranks."""
     local = coarse.local
     if not len(coarse.own):
         return np.empty(0)

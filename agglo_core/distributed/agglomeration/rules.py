@@ -1,7 +1,7 @@
-"""Constraints of a distributed run: asked on each rank of its cells and their neighbours, and agreed upon.
+"""Constraints of a distributed run, evaluated on own cells and ghosts, and agreed between ranks.
 
-What forbids edges is kept whatever it is. What asks something of whole parts is known in two kinds, bounds
-and barriers, which can be asked of agglomerates as well; others are refused.
+Constraints that forbid edges are always supported. Of constraints on whole parts, only bounds and barriers
+are supported, because they extend to agglomerates. Others are refused.
 """
 
 from __future__ import annotations
@@ -33,20 +33,20 @@ _OF_PARTS = ("admissible", "incomplete")
 
 @dataclass(frozen=True, eq=False)
 class Kept:
-    """What constraints ask, in numbers of the cells of one rank and its ghosts.
+    """Constraints in local numbers of cells and ghosts.
 
     Attributes
     ----------
     forbidden : (m,) bool
-        Entries of the graph that no part may cross.
+            Graph entries that no part may cross.
     barriers : (p, 2) int
-        Pairs of cells that no part may both hold.
+            Pairs of cells that no part may both contain.
     bounds : sequence of Member
-        Bounds on the size of parts.
+            Bounds on part sizes.
     weights : (n, len(bounds)) float
-        Weights of cells to which each of them refers.
+            Cell weights, a column per bound.
     members : sequence of Member
-        All constraints, for what is said of them.
+            All constraints, for messages.
     """
 
     forbidden: Mask
@@ -57,21 +57,23 @@ class Kept:
 
 
 def kept_rules(cells: Cells, pipeline: Pipeline, mesh: Mesh, registry: Registry) -> Kept:
-    """The constraints of a run, asked of the cells of this rank with their ghosts.
+    """Return the constraints of a run, evaluated on own cells and ghosts.
 
-    A rule that finds nothing to bind on some ranks, such as a patch that is not there, binds the others.
+    A rule without effect on some ranks, such as a patch that lies elsewhere, still applies to the others.
 
     Raises
     ------
     OptionError
-        If a rule fits on no rank, or asks of whole parts what cannot be asked of agglomerates.
+            If a rule fits on no rank, or constrains whole parts by other means than bounds and barriers.
     """
     ranks, graph = cells.ranks, mesh.graph
     with ranks.together():
-        pipeline.cell_weights(graph)  # those of one rank may be wrong
+        pipeline.cell_weights(graph)  # may raise on a single rank
+    # Evaluate each rule on all ranks.
     asked = (_asked(ranks, rule, mesh, graph, registry) for rule in _single_rules(pipeline))
     members = [member for found in asked for member in found]
     forbidden, pairs, bounds = np.zeros(len(graph.indices), bool), [], []
+    # Collect barriers, bounds and forbidden edges.
     with ranks.together():
         for member in members:
             if isinstance(member.tool, Bounds):
@@ -93,7 +95,7 @@ def kept_rules(cells: Cells, pipeline: Pipeline, mesh: Mesh, registry: Registry)
 
 
 def _single_rules(pipeline: Pipeline) -> Iterator[Rules]:
-    """The rules of a run one by one, so that one which does not fit takes no other with it."""
+    """Yield the rules of a run one by one, so that a misfit affects no other rule."""
     for each in pipeline.constraints:
         yield Rules(constraints=(each,))
     for name in ("regions", "barriers", "where", "boundary_rules"):
@@ -105,7 +107,7 @@ def _single_rules(pipeline: Pipeline) -> Iterator[Rules]:
 
 
 def _asked(ranks: Ranks, rule: Rules, mesh: Mesh, graph: Graph, registry: Registry) -> list[Member]:
-    """The constraints of one rule on this rank; the error of the first rank if it fits on none."""
+    """Return the constraints of a rule on this rank, or raise the first error if it fits on no rank."""
     refusal: OptionError | None = None
     found: list[Member] = []
     with ranks.together():
@@ -120,7 +122,7 @@ def _asked(ranks: Ranks, rule: Rules, mesh: Mesh, graph: Graph, registry: Regist
 
 
 def with_ghosts(pipeline: Pipeline, exchange: Callable[[NDArray[Any]], NDArray[Any]], n_own: int) -> Pipeline:
-    """The pipeline with arrays of own cells as arrays of all local ones."""
+    """Return the pipeline with arrays of own cells extended to all local cells."""
     changed: dict[str, Any] = {}
     for name in RULES:
         value = getattr(pipeline, name)

@@ -30,39 +30,39 @@ def agglomerate(
     verbose: bool = False,
     threads: int | None = None,
 ) -> DistributedHierarchy:
-    """Agglomerate a distributed mesh; all ranks must call it with the same arguments.
+    """Agglomerate a distributed mesh. Collective, with equal arguments on all ranks.
 
-    Cells are agglomerated in blocks by their coordinates if each block lies on one rank, as in a mesh shared
-    out by :meth:`DistributedMesh.scatter`: the labels are then the same for any number of ranks, also one.
-    Otherwise each rank agglomerates its own cells. Counts are shared out by one exchange. Levels of few parts
-    are made of the agglomerates of a finer level, on fewer ranks where need be, so that parts grow across the
-    borders of blocks and ranks there.
+    Cells are agglomerated in blocks by coordinates if each block lies on one rank, as after
+    :meth:`DistributedMesh.scatter`. Then labels are equal for any number of ranks, including one. Otherwise
+    each rank agglomerates its own cells. Counts are distributed with one exchange. Levels with few parts are
+    built from the agglomerates of a finer level, if necessary on fewer ranks, so that parts grow across the
+    borders of blocks and ranks.
 
     Parameters
     ----------
     mesh : DistributedMesh
     pipeline : Pipeline, optional
-        Components, targets and rules, as for a mesh on one machine; arrays hold a value for each own cell
-        (``barriers``: for each face of ``mesh.local``). Lines of cells end at the borders of ranks.
+            Components, targets and rules, as on one process. Arrays hold a value per own cell (``barriers``:
+            per face of ``mesh.local``). Lines of cells end at rank borders.
     independent_of_ranks : bool, optional
-        Whether the labels must be the same for any number of ranks, also one: True sends the cells of each
-        block to one rank where they do not lie so, False has each rank agglomerate its own. By default it is
-        blocks if nothing need be sent; ``statistics["independent_of_ranks"]`` says whether it was.
+            Require labels independent of the number of ranks: True sends the cells of each block to one
+            rank if necessary, False lets each rank agglomerate its own cells. Default: blocks if nothing has
+            to be sent. ``statistics["independent_of_ranks"]`` reports the outcome.
     block_cells : int, optional
-        How many cells make a block, at most about, by default 16,384, in space 131,072; as for
-        :meth:`DistributedMesh.scatter`.
+            Approximate maximum number of cells per block, as for :meth:`DistributedMesh.scatter`. Default:
+            16,384 in 2-D, 131,072 in 3-D.
     registry, progress, verbose, threads : optional
-        As for :func:`agglo_core.agglomerate`; only rank 0 tells of progress.
+            As for :func:`agglo_core.agglomerate`. Only rank 0 reports progress.
 
     Returns
     -------
     DistributedHierarchy
-        Every part connected, sizes and counts kept, as on one machine.
+            Every part is connected, with sizes and counts as on one process.
 
     Raises
     ------
     OptionError, PluginError, RankError
-        As on one machine; what fails on one rank fails on all.
+            As on one process. A failure on one rank is a failure on all ranks.
 
     Examples
     --------
@@ -72,6 +72,7 @@ def agglomerate(
     [16, 4]
     """
     given = Pipeline() if pipeline is None else pipeline
+    # Only the first rank reports progress.
     known, ranks = default() if registry is None else registry, mesh.ranks
     sent = replace(ranks.traffic)
     first = ranks.rank == 0
@@ -84,6 +85,7 @@ def agglomerate(
             ranks.since_last()
             levels = made_levels(begun.stage, start.goals, DomainRun(given, run, start.kept), told=tell)
         labels = [begun.of_own_cells(level.ids) for level in levels]
+    # Collect statistics of all ranks.
     statistics = _of_all_ranks(ranks, run)
     if first:
         warn_of_large_cells(start.goals, replace(run, statistics=statistics))
@@ -102,7 +104,7 @@ def agglomerate(
 
 
 def _of_all_ranks(ranks: Ranks, run: Run) -> Statistics:
-    """Counts added up, the depth of the deepest rank, and of each phase the seconds of the slowest."""
+    """Return summed counts, the depth of the deepest rank, and per phase the seconds of the slowest."""
     every = ranks.gathered(run.statistics)
     total = Statistics()
     for name in (each.name for each in fields(Statistics) if each.name != "seconds"):

@@ -1,7 +1,7 @@
-"""Stages of a distributed run: the domains that a level is made in, coarsened or joined on the way up.
+"""Stages of a distributed run: domains of a level, coarsened or joined on the way up.
 
-Which rank has which domain follows from their number alone, and the order of domains is that of ranks: ids of
-the parts of a level are consecutive on every rank.
+A domain's number determines its rank, and domains follow rank order. Hence the part ids of a level are
+consecutive on every rank.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from agglo_core.distributed.communication import Ranks
 
 @dataclass(frozen=True)
 class Numbering:
-    """Global ids of the parts of a level, domain after domain.
+    """Global part ids of a level, domain after domain.
 
     Attributes
     ----------
     first : (count + 1,) int
-        First id of each domain, and the number of parts.
+            First id of each domain, and the number of parts.
     bounds : (size + 1,) int
-        First id of each rank, and the number of parts.
+            First id of each rank, and the number of parts.
     """
 
     first: Int
@@ -40,7 +40,7 @@ class Numbering:
 
 @dataclass(frozen=True)
 class Stage:
-    """All domains of a run at some time.
+    """All domains of a run at some stage.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Stage:
     count : int
         Number of domains on all ranks.
     domains : mapping of number to Domain
-        Those of this rank.
+            Domains of this rank.
     """
 
     ranks: Ranks
@@ -56,18 +56,18 @@ class Stage:
     domains: Mapping[int, Domain]
 
     def rank_of(self, domain: Int) -> Int:
-        """The ranks that have these domains."""
+        """Return the ranks of the given domains."""
         return rank_of_block(domain, self.count, self.ranks.size)
 
     def of_all(self, asked: Callable[[Domain], Sequence[float]]) -> list[tuple[float, ...]]:
-        """What is asked of each domain, on every rank: one row for each domain of all ranks, in order."""
+        """Evaluate a function on each domain and return a row per domain, in order, on every rank."""
         with self.ranks.together():
             own = {number: tuple(asked(domain)) for number, domain in self.domains.items()}
         rows = {number: row for told in self.ranks.gathered(own) for number, row in told.items()}
         return [rows[number] for number in range(self.count)]
 
     def numbered(self, labels: Mapping[int, Int]) -> Numbering:
-        """Ids for parts ``labels`` 0..k−1 of each own domain."""
+        """Return global ids for the parts ``labels`` 0..k−1 of each own domain."""
         own = {number: int(each.max(initial=-1)) + 1 for number, each in labels.items()}
         counts = {number: k for told in self.ranks.gathered(own) for number, k in told.items()}
         first = np.concatenate(([0], np.cumsum([counts[number] for number in range(self.count)])))
@@ -77,7 +77,7 @@ class Stage:
         )
 
     def coarsened(self, labels: Mapping[int, Int], numbering: Numbering) -> Stage:
-        """The domains of agglomerates ``labels`` of each own domain."""
+        """Return the stage of agglomerates ``labels`` of each own domain."""
         new = self._ids_beyond(labels, numbering)
         with self.ranks.together():
             domains = {
@@ -87,7 +87,8 @@ class Stage:
         return Stage(self.ranks, self.count, domains)
 
     def _ids_beyond(self, labels: Mapping[int, Int], numbering: Numbering) -> dict[int, Int]:
-        """New ids of the nodes that the links of each domain lead to: each domain tells its neighbours."""
+        """Exchange and return the new ids at the far ends of each domain's links."""
+        # Send the new ids of border nodes to each neighbour domain.
         parcels: dict[int, list[tuple[int, int, Int, Int]]] = {}
         for number, domain in self.domains.items():
             for there in np.unique(domain.links.domain).tolist():
@@ -96,6 +97,7 @@ class Stage:
                 told = (number, there, domain.ids[nodes], new)
                 parcels.setdefault(int(self.rank_of(frozen_int(there))), []).append(told)
         arrived = self.ranks.exchanged(parcels)
+        # Look up the received ids for each link.
         known = {(here, there): ids for each in arrived.values() for there, here, *ids in each}
         found = {}
         for number, domain in self.domains.items():
@@ -108,21 +110,21 @@ class Stage:
         return found
 
     def halved(self) -> tuple[Stage, Return]:
-        """Half as many domains, on half of the ranks if each has one: two neighbours become one."""
+        """Join pairs of neighbour domains: half as many domains, on half of the ranks if each has one."""
         pieces = [(number // 2, domain) for number, domain in sorted(self.domains.items())]
         return moved(self.ranks, pieces, (self.count + 1) // 2, lambda numbers: numbers // 2)
 
 
 @dataclass(frozen=True)
 class Return:
-    """The way back from joined domains to the pieces they were made of.
+    """Way back from joined domains to their pieces.
 
     Attributes
     ----------
     sent : mapping of rank to list of int
-        Places of the pieces that this rank sent there, among all it sent.
+            Positions of the pieces sent to each rank.
     received : mapping of rank to list of (int, (n,) int)
-        Which own domain each piece went to that came from there, and where its nodes are in it.
+            Own domain and node positions of each piece received from a rank.
     """
 
     ranks: Ranks
@@ -130,7 +132,7 @@ class Return:
     received: Mapping[int, Sequence[tuple[int, Int]]]
 
     def brought(self, values: Mapping[int, Int]) -> list[Int]:
-        """Values of the nodes of each piece, as they were sent; ``values`` are by own domain."""
+        """Return node values of each piece in the order sent, from ``values`` by own domain."""
         parcels = {
             rank: [values[number][place] for number, place in pieces]
             for rank, pieces in self.received.items()
@@ -147,19 +149,20 @@ class Return:
 def moved(
     ranks: Ranks, pieces: Sequence[tuple[int, Domain]], count: int, renumbered: Callable[[Int], Int]
 ) -> tuple[Stage, Return]:
-    """Pieces of domains sent to where the domains are to be, and joined there.
+    """Send pieces to the ranks of their domains and join them there.
 
     Parameters
     ----------
     ranks : Ranks
     pieces : sequence of (int, Domain)
-        What this rank has, and the number of the domain each becomes part of; each domain gets one at least,
-        from whichever rank.
+            Local pieces with the number of their new domain. Each domain gets at least one piece, from any
+            rank.
     count : int
         Number of domains on all ranks.
     renumbered : callable
-        New numbers of the domains that links lead to.
+            Map from old to new domain numbers of links.
     """
+    # Pack the pieces by destination rank.
     sent: dict[int, list[int]] = {}
     for place, (number, _) in enumerate(pieces):
         sent.setdefault(int(rank_of_block(frozen_int(number), count, ranks.size)), []).append(place)
@@ -169,11 +172,13 @@ def moved(
             for rank, places in sent.items()
         }
     arrived = ranks.exchanged(packed)
+    # Join the received pieces per domain.
     together: dict[int, list[Domain]] = {}
     for number, piece in (each for found in arrived.values() for each in found):
         together.setdefault(number, []).append(piece)
     with ranks.together():
         made = {number: joined(each, number, renumbered) for number, each in sorted(together.items())}
+    # Remember the origin of each piece for the way back.
     waiting = {number: iter(places) for number, (_, places) in made.items()}
     received = {
         rank: [(number, next(waiting[number])) for number, _ in found] for rank, found in arrived.items()

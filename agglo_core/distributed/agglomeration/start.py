@@ -1,4 +1,4 @@
-"""Start of a distributed run: ranks agree on rules and goals, and share cells out among domains."""
+"""Start of a distributed run: agreement on rules and goals, distribution of cells to domains."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from agglo_core.registry import Registry
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Cells, rules and goals of a run, the same goals on every rank."""
+    """Cells, rules and goals of a run. Goals are equal on every rank."""
 
     mesh: DistributedMesh
     cells: Cells
@@ -36,7 +36,10 @@ class Start:
     goals: Sequence[Goal]
 
     def begun(self, independent_of_ranks: bool | None, block_cells: int | None) -> Beginning:
-        """Domains by coordinates or as cells lie; None: by coordinates if all cells are where those go."""
+        """Return domains by coordinates or by rank.
+
+        With None, domains are blocks by coordinates if all cells already lie on their ranks.
+        """
         if independent_of_ranks is False:
             return self.where_they_lie()
         ranks, mesh = self.cells.ranks, self.mesh
@@ -49,14 +52,14 @@ class Start:
         return self._in_blocks(frozen_int(mesh.exchange(block)), 1 << depth, there=there)
 
     def where_they_lie(self) -> Beginning:
-        """Each rank has one domain: its cells."""
+        """Return one domain per rank with its own cells."""
         ranks = self.cells.ranks
         with ranks.together():
             domains = first_domains(self.cells, self.kept, self.cells.owners, [ranks.rank])
         return Beginning(self.cells, Stage(ranks, ranks.size, dict(domains)), domains, None, in_blocks=False)
 
     def _in_blocks(self, block: Int, count: int, *, there: bool) -> Beginning:
-        """Domains are blocks ``(n,)`` of cells, sent to their ranks unless all are there."""
+        """Return blocks ``(n,)`` of cells as domains, sent to their ranks unless already there."""
         ranks, numbers = self.cells.ranks, frozen_int(np.arange(count))
         ours = np.flatnonzero(rank_of_block(numbers, count, ranks.size) == ranks.rank)
         with ranks.together():
@@ -69,18 +72,18 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class Beginning:
-    """The first domains, and the way back from them to the cells of each rank.
+    """First domains, with the way back to the cells of each rank.
 
     Attributes
     ----------
     cells : Cells
     stage : Stage
     pieces : sequence of (int, Domain)
-        The own cells, by number of the domain.
+            Own cells with domain numbers.
     way : Return or None
-        Back from the domains to the pieces; None if these are the same.
+            Way back from domains to pieces, or None if these are equal.
     in_blocks : bool
-        Whether domains are blocks by coordinates.
+            True if domains are blocks by coordinates.
     """
 
     cells: Cells
@@ -90,14 +93,14 @@ class Beginning:
     in_blocks: bool
 
     def of_own_cells(self, values: Mapping[int, Int]) -> Int:
-        """Values of the own cells of this rank, in the order of their ids; ``values`` are by own domain."""
+        """Return values of own cells in id order, from ``values`` by own domain."""
         way, ids = self.way, np.concatenate([piece.ids for _, piece in self.pieces])
         found = [values[number] for number, _ in self.pieces] if way is None else way.brought(values)
         return frozen_int(np.concatenate(found)[np.argsort(ids)])
 
 
 def started(mesh: DistributedMesh, given: Pipeline, registry: Registry) -> Start:
-    """The start of a run of ``given`` components and rules."""
+    """Prepare a run with the ``given`` components and rules."""
     ranks, local = mesh.ranks, mesh.local
     pipeline = with_ghosts(given, mesh.exchange, len(mesh.own))
     with ranks.together():
@@ -107,7 +110,7 @@ def started(mesh: DistributedMesh, given: Pipeline, registry: Registry) -> Start
     goals = _goals(mesh, pipeline, cells, kept)
     counts = isinstance(goals[0], CountGoal)
     with ranks.together():
-        pipeline.mass(there)  # may refuse the weights of one rank
+        pipeline.mass(there)  # may raise on a single rank
     masses = pipeline.balanced(there, counts=counts, total=cells.total)
     return Start(mesh, replace(cells, graph=masses), kept, goals)
 

@@ -1,4 +1,4 @@
-"""One piece of a grid of VTK for each rank: what all ranks must agree upon, and what earlier ones left."""
+"""VTK pieces, one per rank: agreement between ranks, removal of stale pieces."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def write_pieces(
     *,
     compress: bool,
 ) -> None:
-    """Write ``STEM.pvtu`` and in ``STEM/`` the own cells of each rank, with data of them ``(n_own,)``."""
+    """Write ``STEM.pvtu``, and each rank's own cells to ``STEM/`` with data ``(n_own,)``."""
     ranks = mesh.ranks
     share = Share(mesh.own, frozen_int(mesh.global_ids[mesh.own]), mesh.point_ids, _usual(mesh))
     with ranks.together():
@@ -40,9 +40,9 @@ def write_pieces(
 
 
 def write_agreed(folder: Path, stem: str, piece: Piece, ranks: Ranks, *, compress: bool = False) -> None:
-    """Write ``STEM.pvtu`` and in ``STEM/`` the piece of each rank; names of arrays are the same on all.
+    """Write ``STEM.pvtu`` and each rank's piece to ``STEM/``. Array names are equal on all ranks.
 
-    Arrays get the same types, too: VTK looks at those of one piece.
+    Array types are made equal, too, because VTK reads the types of a single piece.
     """
     data = {**piece.cell_data, **piece.derived}
     wide = {name for name, each in data.items() if each.dtype == np.int64 and not fits_in_index(each)}
@@ -56,7 +56,7 @@ def write_agreed(folder: Path, stem: str, piece: Piece, ranks: Ranks, *, compres
 
 
 def _usual(mesh: DistributedMesh) -> dict[str, int]:
-    """The value of face tags that is not written: the most common one of the first rank with cells."""
+    """Return the face tag values to omit: the most common values of the first rank with cells."""
     with mesh.ranks.together():
         own = usual_values(mesh.local) if len(mesh.own) else None
     found = [usual for usual in mesh.ranks.gathered(own) if usual is not None]
@@ -64,7 +64,7 @@ def _usual(mesh: DistributedMesh) -> dict[str, int]:
 
 
 def _with_loops(piece: Piece, mesh: DistributedMesh) -> Piece:
-    """With the numbers of loops of its cells if another rank has them."""
+    """Add the number of loops per cell if another rank has this array."""
     told = mesh.ranks.gathered(BRIDGES in piece.cell_data)
     if BRIDGES in piece.cell_data or not any(told):
         return piece
@@ -73,7 +73,7 @@ def _with_loops(piece: Piece, mesh: DistributedMesh) -> Piece:
 
 
 def remove_pieces(folder: Path, size: int) -> None:
-    """Remove pieces of ranks from ``size`` on, which an earlier writing left; may raise OSError."""
+    """Remove stale pieces of ranks ≥ ``size``. May raise OSError."""
     pattern = re.compile(re.escape(folder.name) + r"_(0|[1-9]\d*)\.vtu", re.ASCII)
     for file in sorted(folder.iterdir()) if folder.is_dir() else ():
         found = pattern.fullmatch(file.name)

@@ -1,4 +1,4 @@
-"""The pieces that ranks have read, joined to one distributed mesh."""
+"""Distributed mesh from the pieces read by each rank."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from agglo_core.mesh.elements import gather
 
 
 class _Own(NamedTuple):
-    """Cells of this rank as a mesh of their own, and what global ids its points and cells have."""
+    """Own cells as a separate mesh, with the global ids of points and cells if known."""
 
     mesh: Mesh
     point_ids: Int | None
@@ -38,21 +38,23 @@ class _Own(NamedTuple):
 
 
 def mesh_of_pieces(stored: Stored, file: Path, ranks: Ranks, *, allow_gaps: bool) -> DistributedMesh:
-    """Join the pieces of all ranks, of which this one has ``stored``, maybe none.
+    """Join the pieces of all ranks. ``stored`` holds this rank's pieces, possibly none.
 
     Raises
     ------
     FileError, MeshError
-        Naming the file; on other ranks RankError.
+            With the file name (RankError on other ranks).
     """
     with ranks.together(), naming(file):
         own = _own_cells(stored, file.stem, allow_gaps=allow_gaps)
+    # Check that the pieces of all ranks fit each other.
     told = ranks.gathered(None if own is None else _facts(own))
     facts = [each for each in told if each is not None]
     if not facts:
         raise MeshError(f"{file}: the mesh is empty: none of its pieces has a cell")
     if len({each.dim for each in facts}) > 1:
         raise MeshError(f"{file}: some of its pieces are plane, others are solid")
+    # Join by point ids if all pieces have point ids, else by coordinates.
     tags = [name for name in facts[0].cell_tags if all(name in each.cell_tags for each in facts)]
     with ranks.together(), naming(file):
         usual = _common(facts)
@@ -61,6 +63,7 @@ def mesh_of_pieces(stored: Stored, file: Path, ranks: Ranks, *, allow_gaps: bool
         return _with_usual(DistributedMesh.from_local(ranks, **given, allow_gaps=allow_gaps), usual)
     del given["point_ids"]
     mesh = DistributedMesh.from_pieces(ranks, **given, allow_gaps=True)
+    # Insert hanging vertices, if any.
     if not allow_gaps and outer_faces_touch(_whole_own(mesh), ranks):
         mesh = _without_gaps(mesh)
     return _with_usual(mesh, usual)
@@ -72,7 +75,7 @@ def _whole_own(mesh: DistributedMesh) -> WholeCells:
 
 
 def _without_gaps(mesh: DistributedMesh) -> DistributedMesh:
-    """The mesh with outer faces that lie on one another joined, across ranks."""
+    """Return the mesh with outer faces joined across ranks where they lie on each other."""
     ranks, whole = mesh.ranks, _whole_own(mesh)
     alone = joined_across(whole, ranks, mesh.local.name)
     own = None if alone is None else _Own(alone, None, whole.cells)
@@ -84,7 +87,7 @@ def _without_gaps(mesh: DistributedMesh) -> DistributedMesh:
 
 
 class _Facts(NamedTuple):
-    """What all ranks that have cells must know of one another."""
+    """Facts about the cells of a rank, shared with all ranks."""
 
     dim: int
     point_ids: bool
@@ -119,7 +122,7 @@ def _own_cells(stored: Stored, name: str, *, allow_gaps: bool) -> _Own | None:
 
 
 def _of_used_points(soup: Soup, mesh: Mesh) -> Int:
-    """Global ids of the points of the mesh, which come as in the file, without those that no cell uses."""
+    """Return the global ids of the mesh points, in file order, without points that no cell uses."""
     used = np.zeros(len(soup.points), bool)
     used[soup.vertices] = used[soup.solids.vertices] = True
     places = np.flatnonzero(used)
@@ -130,7 +133,7 @@ def _of_used_points(soup: Soup, mesh: Mesh) -> Int:
 
 
 def _common(facts: list[_Facts]) -> dict[str, int]:
-    """For each face tag of any rank the value that most faces of the first such rank have."""
+    """Return a default value per face tag: the most common value on the first rank with the tag."""
     common: dict[str, int] = {}
     for each in facts:
         common = {**each.usual, **common}
@@ -140,7 +143,7 @@ def _common(facts: list[_Facts]) -> dict[str, int]:
 def _given(
     own: _Own | None, facts: list[_Facts], tags: list[str], usual: Mapping[str, int]
 ) -> dict[str, Any]:
-    """What this rank gives to :meth:`DistributedMesh.from_local`."""
+    """Return this rank's arguments for :meth:`DistributedMesh.from_local`."""
     if own is None:
         return {"points": np.empty((0, 0)), "cells": [], "point_ids": []}
     mesh = own.mesh
@@ -158,9 +161,9 @@ def _given(
 
 
 def _listed(mesh: Mesh, name: str, usual: int) -> tuple[tuple[Int, Int], Int]:
-    """Faces of another value than the usual one, as lists of points, and by how much they differ.
+    """List the faces with an unusual tag value by points, with the differences to the usual value.
 
-    Where no cell of lower dimension says anything the tag is -1: so it is on ranks that have none of them.
+    Where no lower-dimensional cell sets the tag, its value is -1, also on ranks without such cells.
     """
     values = mesh.face_tags.get(name, frozen_int(np.full(mesh.n_faces, -1)))
     faces = frozen_int(np.flatnonzero(values != usual))
@@ -169,7 +172,7 @@ def _listed(mesh: Mesh, name: str, usual: int) -> tuple[tuple[Int, Int], Int]:
 
 
 def _with_usual(mesh: DistributedMesh, usual: Mapping[str, int]) -> DistributedMesh:
-    """With the usual values added; tags of faces that are hidden stay 0."""
+    """Add the usual values to the face tags. Tags of hidden faces stay 0."""
     local = mesh.local
     if not any(usual.values()):
         return mesh

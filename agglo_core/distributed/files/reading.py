@@ -1,4 +1,4 @@
-"""Reading a distributed mesh: pieces by the ranks that are to have them, other files by rank 0."""
+"""Reading of distributed meshes: pieces on the ranks that own them, other files on rank 0."""
 
 from __future__ import annotations
 
@@ -27,31 +27,30 @@ def read(
     allow_gaps: bool = False,
     registry: Registry | None = None,
 ) -> DistributedMesh:
-    """Distributed mesh of a file; all ranks must call it with the same arguments.
+    """Read a distributed mesh from a file. Collective, with equal arguments on all ranks.
 
-    The pieces of a ``.pvtu`` are shared out as they follow one another, about as many bytes to each rank:
-    a rank may get several, or none. Points with the same global id are one, where all pieces have such ids,
-    else those at exactly the same place, and vertices that hang on faces of other cells, on whichever ranks,
-    are inserted there as by :meth:`agglo_core.Mesh.conforming`. Cells are numbered as
-    :func:`agglo_core.read` does: by their global ids in files of :func:`write`, else piece by piece. A file
-    of any other format is read by rank 0 and shared out by coordinates, as by
-    :meth:`DistributedMesh.scatter`.
+    Consecutive pieces of a ``.pvtu`` are assigned to the ranks with balanced bytes: a rank may get several
+    pieces, or none. Points are identified by global id if all pieces have ids, else by exact coordinates.
+    Without ids, hanging vertices on faces of other cells are inserted across all ranks, as by
+    :meth:`agglo_core.Mesh.conforming`. Cells are numbered as in :func:`agglo_core.read`: by global id in
+    files of :func:`write`, else piece by piece. Rank 0 reads files of other formats and distributes them by
+    coordinates (:meth:`DistributedMesh.scatter`).
 
     Parameters
     ----------
     path : path
     ranks : Ranks, optional
-        By default those of ``MPI.COMM_WORLD``.
+            Default: the ranks of ``MPI.COMM_WORLD``.
     allow_gaps : bool
-        Leave outer faces that lie on one another as they are. By default they are joined, as by
-        :func:`agglo_core.read`; pieces with global ids of points and with such faces are refused.
+            Leave outer faces apart that lie on each other. By default they are joined, as in
+            :func:`agglo_core.read`, and pieces with global point ids and such faces are refused.
     registry : Registry, optional
-        Where formats are looked up; by default the installed plugins.
+            Registry of formats. Default: the installed plugins.
 
     Raises
     ------
     FileError, MeshError
-        As :func:`agglo_core.read`, naming the piece; what fails on one rank is a RankError on the others.
+            As :func:`agglo_core.read`, with the piece (RankError on other ranks).
 
     Examples
     --------
@@ -78,7 +77,7 @@ def read(
 
 
 def _shared_out(file: Path, size: int) -> list[list[str]]:
-    """The pieces of each rank."""
+    """Return the pieces of each rank."""
     sources = sources_of(file_bytes(file))
     if not sources:
         raise FileError("there is no Piece in it")
@@ -87,7 +86,7 @@ def _shared_out(file: Path, size: int) -> list[list[str]]:
 
 
 def _ranks_of(weights: Sequence[int], size: int) -> Int:
-    """A rank for each weight, rising, so that each has about the same sum."""
+    """Return a rank per weight, increasing, with balanced sums."""
     ends = np.cumsum(weights, dtype=np.float64)
     middles = ends - 0.5 * np.asarray(weights)
     return np.asarray(np.minimum(size * middles / max(ends[-1], 1.0), size - 1), np.int64)

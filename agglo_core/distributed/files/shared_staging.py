@@ -1,4 +1,4 @@
-"""A temporary folder into which all ranks write: what is in it appears whole or not at all."""
+"""Shared temporary folder, with files that appear whole or not at all."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from agglo_core.io.file_checks import naming
 
 @contextmanager
 def shared_staging(path: Path, ranks: Ranks) -> Iterator[Path]:
-    """One folder of :func:`staging` for all ranks; rank 0 moves its files when the block ends without error.
+    """Provide one :func:`staging` folder for all ranks. Rank 0 moves its files at the end without error.
 
-    In the block ranks write within :meth:`Ranks.together`, so that it fails on all of them or on none.
+    In the body, ranks must write within :meth:`Ranks.together`, so that it fails on all ranks or none.
 
     Yields
     ------
     Path
-        The folder to write in.
+            Folder for the files.
 
     Raises
     ------
     FileError
-        If a file cannot be put in place, or a rank does not see the folder that rank 0 has made; RankError
-        on the other ranks.
+            If a file cannot be moved, or a rank does not see the folder that rank 0 has made (RankError on
+            the other ranks).
     """
     with ExitStack() as stages:
         made = None
@@ -48,10 +48,10 @@ def shared_staging(path: Path, ranks: Ranks) -> Iterator[Path]:
 
 @contextmanager
 def _removed_if_it_fails(folder: Path) -> Iterator[None]:
-    """Remove the folder if this rank is stopped: rank 0 may be unable to, as it waits for this one."""
+    """Remove the folder if this rank is interrupted, because rank 0 may still wait for this rank."""
     try:
         yield
-    except RankError:  # rank 0 knows
+    except RankError:  # rank 0 removes the folder
         raise
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)

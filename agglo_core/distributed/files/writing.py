@@ -1,4 +1,4 @@
-"""Writing a distributed mesh and its hierarchy: one piece for each rank, one list of the pieces."""
+"""Writing of distributed meshes and hierarchies: one piece per rank and a list of the pieces."""
 
 from __future__ import annotations
 
@@ -36,30 +36,31 @@ def write(
     *,
     compress: bool = False,
 ) -> None:
-    """Write a distributed mesh, and its hierarchy if given, as ``.pvtu``; all ranks must call it.
+    """Write a distributed mesh, and optionally its hierarchy, as ``.pvtu``. Collective.
 
-    Each rank writes its own cells to ``NAME/NAME_<rank>.vtu``, rank 0 the list ``NAME.pvtu``, which ParaView
-    opens. The cells carry their tags, the labels of all levels as ``level_0``, … and global ids, so that
-    :func:`agglo_core.read` gives the mesh as it was before it was shared out. With a hierarchy each coarse
-    mesh is written as ``NAME_level0.pvtu``, …, with label, parent, number of cells, measure and
-    diameter of each agglomerate. Files appear whole or not at all, the lists last.
+    Each rank writes its own cells to ``NAME/NAME_<rank>.vtu``, rank 0 the list ``NAME.pvtu`` for ParaView.
+    Cells carry their tags, the labels of all levels as ``level_0``, … and global ids, so that
+    :func:`agglo_core.read` restores the mesh before its distribution. With a hierarchy, each coarse mesh is
+    written as ``NAME_level0.pvtu``, …, with label, parent, number of cells, measure and diameter of each
+    agglomerate. Files appear whole or not at all, the lists last.
 
     Parameters
     ----------
     path : path
-        The same on all ranks, in a folder that all of them see.
+            Equal on all ranks, in a shared folder.
     mesh : DistributedMesh
     hierarchy : DistributedHierarchy, optional
-        Of this mesh.
+            Hierarchy of this mesh.
     compress : bool
-        Smaller files, which take longer to write and to read.
+            Write smaller files, at the cost of slower writing and reading.
 
     Raises
     ------
     FileError
-        If a file cannot be written. What fails on one rank fails on all, there with a RankError.
+            If a file cannot be written. A failure on one rank is a failure on all ranks, with a RankError on
+            the others.
     MeshError
-        If the hierarchy belongs to another mesh, or a cell tag has a name that the file cannot hold.
+            If the hierarchy belongs to another mesh, or a cell tag has a name that files cannot hold.
 
     Examples
     --------
@@ -70,6 +71,7 @@ def write(
     16
     """
     ranks = mesh.ranks
+    # Check all arguments before writing.
     with ranks.together():
         target = Path(path)
         check_parallel_target(target)
@@ -111,7 +113,7 @@ def _no_level(name: str) -> bool:
 def _coarse(
     hierarchy: DistributedHierarchy, level: int, taken: set[str]
 ) -> tuple[DistributedMesh, Mapping[str, Int], Mapping[str, NDArray[Any]]]:
-    """The mesh of a level, tags of its own cells, and what is known of these agglomerates."""
+    """Return the mesh of a level, tags of its own cells, and data of its agglomerates."""
     coarse = hierarchy.mesh_of(level)
     counts = _cells_of_parts(hierarchy, level)
     parents = np.full(len(coarse.own), -1)
@@ -131,7 +133,7 @@ def _coarse(
 
 
 def _cells_of_parts(hierarchy: DistributedHierarchy, level: int) -> Int:
-    """Number of cells of each agglomerate that this rank has, on whatever ranks they lie."""
+    """Return the number of cells of each agglomerate of this rank, counted across ranks."""
     ranks, bounds = hierarchy.mesh.ranks, hierarchy.bounds[level]
     parts, cells = np.unique(hierarchy.levels[level], return_counts=True)
     owners = np.searchsorted(bounds, parts, side="right") - 1
@@ -143,7 +145,7 @@ def _cells_of_parts(hierarchy: DistributedHierarchy, level: int) -> Int:
 
 
 def _remove_stale(target: Path, size: int, levels: int | None) -> None:
-    """Remove pieces of more ranks, and levels of a deeper hierarchy, that an earlier writing left."""
+    """Remove pieces of more ranks, and levels of a deeper hierarchy, left by an earlier run."""
     stem = re.escape(target.stem)
     for file in sorted(target.parent.glob("*.pvtu")):
         found = re.fullmatch(stem + r"(?:_level(0|[1-9]\d*))?\.pvtu", file.name, re.ASCII)
@@ -157,5 +159,5 @@ def _remove_stale(target: Path, size: int, levels: int | None) -> None:
                 _log.info("removed %s, a level of an earlier hierarchy", file)
             if stale or fresh:
                 remove_pieces(target.parent / file.stem, 0 if stale else size)
-        except OSError as error:  # the mesh and its levels are written: this is not a reason to fail
+        except OSError as error:  # the mesh and its levels are complete, so only warn
             _log.warning("cannot remove what an earlier writing left of %s: %s", file, error.strerror)

@@ -1,4 +1,4 @@
-"""Values of cells that lie on several ranks: own ones, those of ghosts, all."""
+"""Cell values across ranks: own cells, ghosts, all cells."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from agglo_core.mesh import Mesh
 
 
 class CellValues:
-    """The part of :class:`~agglo_core.distributed.DistributedMesh` that knows whose ghosts its cells are."""
+    """Base of :class:`~agglo_core.distributed.DistributedMesh` for values of own cells and ghosts."""
 
     ranks: Ranks
     local: Mesh
@@ -25,17 +25,17 @@ class CellValues:
 
     @cached_property
     def own(self) -> Int:
-        """Places of the own cells in the local mesh ``(n_own,)``, rising."""
+        """Positions of own cells in the local mesh ``(n_own,)``, increasing."""
         return frozen_int(np.flatnonzero(self.owners == self.ranks.rank))
 
     @cached_property
     def h(self) -> float:
-        """Mesh size: the largest diameter of a cell of the whole mesh. All ranks must ask for it."""
+        """Mesh size: largest cell diameter of the whole mesh. Collective."""
         return self.ranks.largest(float(self.local.cell_diameters[self.own].max(initial=0.0)))
 
     @cached_property
     def ghosts_elsewhere(self) -> dict[int, Int]:
-        """Which own cells are ghosts of each other rank: places among the own ones, rising."""
+        """Own cells that are ghosts on each other rank: positions among the own cells, increasing."""
         sides = np.append(self.owners, -1)[self.local.face_cells]
         here = self.ranks.rank
         face, side = np.nonzero((sides == here) & (sides[:, ::-1] != here) & (sides[:, ::-1] >= 0))
@@ -46,18 +46,18 @@ class CellValues:
         }
 
     def exchange(self, values: ArrayLike) -> NDArray[Any]:
-        """Values of all local cells ``(n_local, …)``: ghosts get those of their owners.
+        """Return the values of all local cells ``(n_local, …)``, with ghost values from their owners.
 
         Parameters
         ----------
         values : (n_own, …)
-            Of the own cells, by rising global id.
+                Values of own cells, by increasing global id.
 
         Raises
         ------
         MeshError
-            If there are not as many values as own cells, on other ranks RankError; on all if ranks differ in
-            the shape of a value.
+                If the number of values differs from the number of own cells (RankError on other ranks), or
+                value shapes differ between ranks (on all ranks).
 
         Examples
         --------
@@ -76,18 +76,18 @@ class CellValues:
         return frozen(everything, everything.dtype)
 
     def gather(self, values: ArrayLike) -> NDArray[Any]:
-        """Values of all cells of the mesh ``(n_cells, …)`` by global id, on every rank: for small meshes.
+        """Return the values of all cells ``(n_cells, …)`` by global id on every rank, for small meshes.
 
         Parameters
         ----------
         values : (n_own, …)
-            Of the own cells, by rising global id.
+                Values of own cells, by increasing global id.
 
         Raises
         ------
         MeshError
-            If there are not as many values as own cells, on other ranks RankError; on all if ranks differ in
-            the shape of a value.
+                If the number of values differs from the number of own cells (RankError on other ranks), or
+                value shapes differ between ranks (on all ranks).
 
         Examples
         --------
@@ -101,13 +101,13 @@ class CellValues:
         return np.concatenate([own for _, own in parts])[order]
 
     def checked(self, values: ArrayLike) -> NDArray[Any]:
-        """Values of the own cells as an array ``(n_own, …)``, of one type and as wide on all ranks.
+        """Return own values as an array ``(n_own, …)``, with dtype and width equal on all ranks.
 
         Raises
         ------
         MeshError
-            If there are not as many values as own cells, on other ranks RankError; on all if ranks differ in
-            the shape of a value.
+                If the number of values differs from the number of own cells (RankError on other ranks), or
+                value shapes differ between ranks (on all ranks).
         """
         here, n = self.ranks.rank, len(self.own)
         with self.ranks.together():

@@ -1,4 +1,4 @@
-"""Check what must hold for a distributed mesh on all ranks together."""
+"""Consistency checks of a distributed mesh on all ranks."""
 
 from __future__ import annotations
 
@@ -13,32 +13,35 @@ from agglo_core.distributed.mesh.whole_cells import WholeCells, distinct, joined
 
 
 def check_laws(own: WholeCells, known: Int, owners: Int, held: LocalMesh, n_cells: int, ranks: Ranks) -> None:
-    """Raise MeshError on all ranks, naming rank and cell, unless cells are owned once and ghosts are right.
+    """Raise MeshError on all ranks, with rank and cell, unless ownership and ghosts are consistent.
 
     Parameters
     ----------
     own : WholeCells
-        The own cells of this rank: they are what ghosts elsewhere must equal.
+            Own cells of this rank, the reference for ghosts on other ranks.
     known, owners : (n,) int
-        Global ids of own cells and ghosts, and whose they are.
+            Global ids and owners of own cells and ghosts.
     held : LocalMesh
-        Their mesh.
+            Local mesh of own cells and ghosts.
     n_cells : int
-        Of the whole mesh.
+            Number of cells of the whole mesh.
     """
     here = f"rank {ranks.rank}"
+    # Every cell has one owner, and local cells are in global order.
     counts = ranks.gathered(len(own.cells))
     if sum(counts) != n_cells:
         refuse_all(ranks, f"the ranks own {counts} cells, but the mesh has {n_cells}")
     order = np.flatnonzero(np.diff(known) <= 0)
     refuse_all(ranks, f"{here}: cell {known[order[0] + 1]} is out of order" if len(order) else None)
     check_ids(own.cells, n_cells, ranks)
+    # Border faces agree with each neighbour rank.
     parts = ghosts(own, ranks)
     told = [_border(own, part, int(part.owners[0]), ranks.rank) for part in parts]
     heard = [-1, ranks.rank, *(int(part.owners[0]) for part in parts)]
     silent = [rank for rank in distinct(own.face_owners).tolist() if rank not in heard]
     told += [f"rank {rank} does not know that its cells have neighbours there" for rank in silent]
     refuse_all(ranks, next((f"{here}: {fault}" for fault in told if fault), None))
+    # Ghosts are the true neighbours, with the geometry and tags of their owners.
     whole = joined([own, *parts])
     fault = _same_cells(known, owners, whole)
     refuse_all(ranks, f"{here}: {fault}" if fault else None)
@@ -47,7 +50,7 @@ def check_laws(own: WholeCells, known: Int, owners: Int, held: LocalMesh, n_cell
 
 
 def _border(own: WholeCells, part: WholeCells, other: int, rank: int) -> str | None:
-    """What is wrong with the faces between this rank and another one, from which the part is."""
+    """Return the fault at the faces between this rank and another, the sender of `part`, or None."""
     none = frozen_int([])
     mine = taken(own, none, frozen_int(np.flatnonzero((own.face_owners == other).any(axis=1))))
     theirs = taken(part, none, frozen_int(np.flatnonzero((part.face_owners == rank).any(axis=1))))
@@ -79,7 +82,7 @@ def _same_cells(known: Int, owners: Int, whole: WholeCells) -> str | None:
 
 
 def _same_mesh(held: LocalMesh, right: LocalMesh, known: Int) -> str | None:
-    """The first cell whose faces, points or tags are not those that its owner has."""
+    """Return the first cell with faces, points or tags that differ from its owner's, or None."""
     mesh, truth = held.mesh, right.mesh
     for name, values in truth.cell_tags.items():
         wrong = np.flatnonzero(mesh.cell_tags[name] != values)

@@ -1,4 +1,4 @@
-"""DistributedMesh: a mesh whose cells lie on the ranks of MPI, each with one layer of ghosts."""
+"""DistributedMesh: mesh distributed across MPI ranks, with one layer of ghosts per rank."""
 
 from __future__ import annotations
 
@@ -27,30 +27,30 @@ from agglo_core.mesh.checks import whole_numbers
 
 @dataclass(frozen=True, eq=False)
 class DistributedMesh(CellValues):
-    """A mesh whose cells lie on the ranks of MPI: each has its own cells, and their neighbours as ghosts.
+    """Mesh distributed across MPI ranks: each rank holds its own cells, and their neighbours as ghosts.
 
-    Build one with :meth:`scatter`, :meth:`from_local` or :meth:`from_pieces`. All ranks must call these, and
-    all other methods, together. What is computed of own cells (measures, centroids, interfaces) does
-    not depend on the number of ranks, not in the last bit: cells, faces and points of the local mesh are in
-    the order of their global numbers, and its ``origin`` is that of the whole mesh. Of ghosts it may differ
-    by rounding; :meth:`exchange` brings the values of their owners. A rank may have no cells: its local mesh
-    has none then, and no faces and points.
+    Build a mesh with :meth:`scatter`, :meth:`from_local` or :meth:`from_pieces`. These and all other methods
+    are collective: all ranks must call them. Results for own cells (measures, centroids, interfaces) do not
+    depend on the number of ranks, bit for bit, because local cells, faces and points are in global order and
+    ``origin`` is that of the whole mesh. Results for ghosts may differ by rounding. :meth:`exchange` fetches
+    the owners' values. A rank may have no cells, and then an empty local mesh.
 
     Attributes
     ----------
     ranks : Ranks
     local : Mesh
-        Own cells and ghosts (all cells of other ranks that share a face with an own one) by global id.
+            Own cells and ghosts by global id. Ghosts are all cells of other ranks that share a face with an
+            own cell.
     global_ids : (local.n_cells,) int
-        Rising.
+            Global id of each cell, increasing.
     owners : (local.n_cells,) int
-        Rank that has each cell as its own.
+            Owner of each cell.
     point_ids : (local.n_points,) int
-        Global id of each point, rising.
+            Global id of each point, increasing.
     face_ids : (local.n_faces,) int
-        Global number of each face, rising; some may not be in use.
+            Global number of each face, increasing. Some numbers may be unused.
     hidden : (local.n_faces,) bool
-        Faces of ghosts that look like outer ones, but lead to cells that are not here. They are in no tag.
+            Ghost faces to cells outside the local mesh. They look like boundary faces, but have no tags.
     n_cells : int
         Number of cells of the whole mesh.
 
@@ -80,24 +80,26 @@ class DistributedMesh(CellValues):
         *,
         block_cells: int | None = None,
     ) -> DistributedMesh:
-        """Share out a mesh that rank 0 has; global ids are its numbers of cells, faces and points.
+        """Distribute a mesh from rank 0. Global ids are its numbers of cells, faces and points.
 
         Parameters
         ----------
         mesh : Mesh or None
-            On rank 0; what other ranks give is not looked at.
+                Mesh on rank 0. Ignored on other ranks.
         ranks : Ranks, optional
-            By default those of ``MPI.COMM_WORLD``.
+                Default: the ranks of ``MPI.COMM_WORLD``.
         method : str
-            ``"coordinates"``: whole blocks, so that :func:`agglomerate` makes the same parts on any number of
-            ranks; boxes if one had 1.6 times the mean. ``"curve"``: stretches of a space-filling curve.
+                ``"coordinates"``: whole blocks, so that :func:`agglomerate` makes equal parts on any number
+                of ranks, or boxes if a rank would get more than 1.6 times the mean. ``"curve"``: intervals of
+                a space-filling curve.
         block_cells : int, optional
-            How many cells make a block, at most about: 16,384, in space 131,072; as for :func:`agglomerate`.
+                Approximate maximum number of cells per block, as for :func:`agglomerate`. Default: 16,384 in
+                2-D, 131,072 in 3-D.
 
         Raises
         ------
         OptionError
-            If rank 0 has no mesh, for an unknown method or no cells in blocks, or without mpi4py.
+                If rank 0 has no mesh, for an unknown method or blocks without cells, or without mpi4py.
 
         Examples
         --------
@@ -124,40 +126,41 @@ class DistributedMesh(CellValues):
         allow_gaps: bool = False,
         name: str = "",
     ) -> DistributedMesh:
-        """Mesh from the cells that each rank holds; neighbours on other ranks are found by their points.
+        """Build a mesh from the cells that each rank holds, with neighbours found by their points.
 
         Parameters
         ----------
         ranks : Ranks or None
-            None stands for all of ``MPI.COMM_WORLD``.
+                None for all ranks of ``MPI.COMM_WORLD``.
         points : (n_points, d) float
-            Those that the cells use, and maybe others. A rank without cells may give anything.
+                Points of the cells, possibly with unused points. A rank without cells may pass anything.
         cells
-            Own cells alone, with numbers of these points: as in :meth:`Mesh.from_polygons` or, if d is 3,
-            :meth:`Mesh.from_polyhedra`.
+                Own cells by local point numbers, as in :meth:`Mesh.from_polygons` or, if d is 3,
+                :meth:`Mesh.from_polyhedra`.
         point_ids : (n_points,) int
-            Global ids: points with the same one are one, on whichever ranks, and must be at one place.
+                Global ids. Points with equal id are identified across ranks and must coincide.
         cell_ids : (n_own,) int, optional
-            Global ids, all of 0..n_cells−1 in use; by default cells are numbered rank after rank.
+                Global ids, a permutation of 0..n_cells−1 over all ranks. Default: numbered rank after rank.
         cell_tags : mapping of name to (n_own,) int, optional
-            The same names on all ranks that have cells.
+                Equal names on all ranks with cells.
         face_tags : mapping of name to (faces, values), optional
-            Faces as lists of points and an integer for each; others get 0. Between ranks either may say it.
+                Faces as point lists with an integer each, 0 elsewhere. Either rank may tag a face between
+                ranks.
         weak : bool
-            As in :meth:`Mesh.from_polygons`: plane cells may have bridges to holes.
+                As in :meth:`Mesh.from_polygons`: 2-D cells may have bridges to holes.
         allow_gaps : bool
-            Whether outer faces that lie on one another are to be apart, as at fractures. Otherwise those
-            with points in common, such as at vertices that hang on a face, are refused, others told by a
-            warning. Unlike :meth:`Mesh.conforming` nothing is joined.
+                Keep outer faces apart that lie on each other, as at fractures. By default, outer faces that
+                lie on each other are refused if they share points, as at hanging vertices, and reported by a
+                warning otherwise. Unlike :meth:`Mesh.conforming`, nothing is joined.
         name : str
 
         Raises
         ------
         MeshError
-            For a cell that is faulty by itself, with its number on this rank (on other ranks RankError);
-            on all ranks, naming ranks and cells: cell ids that are given twice or missing, a point at two
-            places, three cells at a face, cells of two ranks that lie on the same side of a face, ranks
-            that differ in dimension or names of tags, no cells at all, faces as said at ``allow_gaps``.
+                For an invalid cell, with its local number (RankError on other ranks). On all ranks, with
+                ranks and cells: for duplicate or missing cell ids, a point at two places, three cells at a
+                face, cells of two ranks on one side of a face, ranks with different dimensions or tag names,
+                a mesh without cells, or faces refused under ``allow_gaps``.
 
         Examples
         --------
@@ -186,7 +189,7 @@ class DistributedMesh(CellValues):
         allow_gaps: bool = False,
         name: str = "",
     ) -> DistributedMesh:
-        """As :meth:`from_local`, for points without global ids: those at exactly the same place are one.
+        """Build a mesh as :meth:`from_local`, but identify points with exactly equal coordinates.
 
         Examples
         --------
@@ -219,7 +222,7 @@ class DistributedMesh(CellValues):
         return f"DistributedMesh({self.n_cells} cells; rank {rank.rank} of {rank.size}: {told})"
 
     def check(self) -> None:
-        """See that each cell is owned once, and that each rank has all ghosts, as their owners have them.
+        """Check that each cell has one owner, and that each rank holds all ghosts as on their owners.
 
         Raises
         ------
@@ -235,22 +238,22 @@ class DistributedMesh(CellValues):
         check_laws(self._own_cells(), self.global_ids, self.owners, held, self.n_cells, self.ranks)
 
     def coarsen(self, labels: ArrayLike, bounds: ArrayLike) -> DistributedMesh:
-        """Mesh whose cells are the agglomerates of this one's.
+        """Return the mesh of agglomerates.
 
-        Points and faces keep their numbers, points that no face needs any more are left out. A cell tag
-        survives if it is the same on all cells of every part; face tags survive.
+        Points and faces keep their numbers, and unused points are dropped. A cell tag survives if constant on
+        every part. Face tags survive.
 
         Parameters
         ----------
         labels : (n_own,) int
-            Part of each own cell, whichever rank is to have it: its global id in the coarse mesh.
+                Part of each own cell: its global id in the coarse mesh, on any rank.
         bounds : (size + 1,) int
-            Rank r gets the parts ``bounds[r]:bounds[r + 1]``; the same on all ranks.
+                Rank r gets the parts ``bounds[r]:bounds[r + 1]``. Equal on all ranks.
 
         Raises
         ------
         MeshError
-            Unless the bounds rise from 0 and each part has a cell; on other ranks RankError.
+                If the bounds do not increase from 0, or a part has no cell (RankError on other ranks).
 
         Examples
         --------
@@ -259,6 +262,7 @@ class DistributedMesh(CellValues):
         >>> whole.coarsen([0, 0, 1, 1] * 4, [0, 2]).local
         Mesh('squares 4x4', 2-D, 2 cells, 20 faces, 19 points)
         """
+        # Exchange the part numbers of ghosts, and send each part to its rank.
         ends, own = np.asarray(bounds), self.checked(labels)
         check_bounds(own, ends, self.global_ids[self.own], self.ranks)
         number = self.exchange(frozen_int(own))
@@ -271,12 +275,12 @@ class DistributedMesh(CellValues):
         return coarse
 
     def redistributed(self, rank_of_own_cell: ArrayLike) -> DistributedMesh:
-        """This mesh with each own cell on the rank given ``(n_own,)``; all numbers stay.
+        """Return the mesh with each own cell moved to a given rank ``(n_own,)``. All numbers are kept.
 
         Raises
         ------
         MeshError
-            For a rank that does not exist; on other ranks RankError.
+                For a rank that does not exist (RankError on other ranks).
 
         Examples
         --------

@@ -1,4 +1,4 @@
-"""The cells that each rank gives: checked together, and built as a mesh in the order of their global ids."""
+"""Cells given by each rank, checked across ranks and built as a mesh in global order."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ from agglo_core.mesh.elements import Polyhedra, gather, take_cells
 
 
 class GivenCells(NamedTuple):
-    """Cells of one rank as a mesh, cells and points by rising global id."""
+    """Cells of one rank as a mesh, with cells and points by increasing global id."""
 
     mesh: Mesh
     cells: Int  # global ids
     points: Int  # global ids
-    numbers: Int  # (n_given_points,) number in the mesh of each point given, -1 if no cell uses it
+    numbers: Int  # (n_given_points,) mesh number of each given point, -1 if unused
 
 
 class _Lists(NamedTuple):
-    """Cells as they were given, in lists: vertices of polygons, or loops of polyhedra and their vertices."""
+    """Given cells as lists: vertices of polygons, or loops of polyhedra with their vertices."""
 
     points: Float
     point_ids: Int
@@ -54,7 +54,7 @@ class _Lists(NamedTuple):
         return int(self.points.shape[1])
 
     def ordered(self, order: Int) -> _Lists:
-        """These cells in the given order."""
+        """Return the cells in the given order."""
         if self.dim == 3:
             solids = Polyhedra(self.offsets[0], self.offsets[1], self.vertices)
             cells, loops, vertices = take_cells(solids, order)
@@ -63,7 +63,7 @@ class _Lists(NamedTuple):
         return self._replace(offsets=(offsets,), vertices=self.vertices[places])
 
     def mesh(self, tags: Mapping[str, Int], name: str, *, weak: bool) -> Mesh:
-        """The cells as a mesh that knows nothing of other ranks."""
+        """Build the cells as a mesh without regard to other ranks."""
         if not self.n_cells:
             nothing = frozen_int([0]), frozen_int([]), np.empty((0, 2), np.int64)
             return trusted(Mesh, self.points, *nothing, tags)
@@ -85,10 +85,12 @@ def given_cells(
     weak: bool,
     name: str,
 ) -> GivenCells:
-    """The cells of this rank; arguments and errors are those of :meth:`DistributedMesh.from_local`.
+    """Check and build the cells of this rank, with arguments and errors of
+    :meth:`DistributedMesh.from_local`.
 
-    Without ``point_ids``, on all ranks, points at exactly the same place are one.
+    Without ``point_ids`` on all ranks, points with exactly equal coordinates are identified.
     """
+    # Dimension and tag names must agree on all ranks with cells.
     with ranks.together():
         lists = _listed(points, cells, point_ids)
     dim = _agreed([each or None for each in ranks.gathered(lists.dim)], "a mesh in {} dimensions", ranks)
@@ -99,12 +101,14 @@ def given_cells(
     counts = ranks.gathered(lists.n_cells)
     tagged = ranks.gathered(sorted(cell_tags or {}) if lists.n_cells else None)
     names = _agreed(tagged, "cell tags {}", ranks)
+    # Cell ids must be a permutation of 0..n_cells−1 over all ranks.
     with ranks.together():
         ids = _ids(cell_ids, counts, ranks.rank)
         tags = check_tags(
             "cell", cell_tags or {} if lists.n_cells else dict.fromkeys(names, ids), lists.n_cells
         )
     check_ids(ids, sum(counts), ranks)
+    # Build the mesh in global order.
     order = frozen_int(np.argsort(ids, kind="stable"))
     tags = {key: values[order] for key, values in tags.items()}
     with ranks.together():
@@ -112,7 +116,7 @@ def given_cells(
         try:
             mesh = distinct.ordered(order).mesh(tags, name, weak=weak)
         except MeshError:
-            # likely to fail for the same reason, which is then told in numbers that the caller knows
+            # probably fails equally, but with an error in the caller's numbers
             lists.mesh({}, name, weak=weak)
             raise
     return GivenCells(mesh, ids[order], known, numbers)
@@ -135,7 +139,7 @@ def _listed(points: ArrayLike, cells: Any, point_ids: ArrayLike | None) -> _List
 
 
 def _agreed(given: list[Any], what: str, ranks: Ranks) -> Any:
-    """What all ranks that have cells give, or MeshError on all."""
+    """Return the value that all ranks with cells agree on, or raise MeshError on all ranks."""
     told = [(rank, each) for rank, each in enumerate(given) if each is not None]
     if not told:
         raise MeshError("the mesh is empty: no rank has a cell")
@@ -147,7 +151,7 @@ def _agreed(given: list[Any], what: str, ranks: Ranks) -> Any:
 
 
 def _ids(given: ArrayLike | None, counts: list[int], rank: int) -> Int:
-    """Global ids of the cells; without any given they are numbered rank after rank."""
+    """Return the global ids of the cells, by default numbered rank after rank."""
     if given is None:
         return frozen_int(np.arange(counts[rank]) + sum(counts[:rank]))
     ids = whole_numbers(given, "cell_ids")
@@ -157,7 +161,7 @@ def _ids(given: ArrayLike | None, counts: list[int], rank: int) -> Int:
 
 
 def _distinct(lists: _Lists) -> tuple[_Lists, Int, Int]:
-    """The cells with each point in use listed once; its global id; the new number of each point given."""
+    """List each used point once. Return the cells, global point ids, and new numbers of given points."""
     used = np.zeros(len(lists.points), bool)
     used[lists.vertices] = True
     rows = np.flatnonzero(used)

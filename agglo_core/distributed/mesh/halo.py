@@ -1,4 +1,4 @@
-"""Ghosts: cells of other ranks that share a face with an own one, and the mesh of own cells and ghosts."""
+"""Ghosts (face neighbours on other ranks), and the local mesh of own cells and ghosts."""
 
 from __future__ import annotations
 
@@ -14,14 +14,17 @@ from agglo_core.mesh.elements import gather
 
 
 class LocalMesh(NamedTuple):
-    """A mesh of own cells and ghosts; ``hidden (n_faces,)`` are faces to cells that are not in it."""
+    """Mesh of own cells and ghosts. ``hidden (n_faces,)`` marks faces to cells outside the mesh."""
 
     mesh: Mesh
     hidden: Mask
 
 
 def ghosts(own: WholeCells, ranks: Ranks) -> list[WholeCells]:
-    """The ghosts of this rank, from each rank that has some: nobody asks, as faces know both ranks."""
+    """Exchange the ghosts and return them by owner.
+
+    No request is needed, because the ranks on both sides of a face are known on both.
+    """
     sides = own.face_owners
     border = np.flatnonzero(((sides != ranks.rank) & (sides >= 0)).any(axis=1))
     one = (sides[border, 1] == ranks.rank).astype(np.int64)  # the side of border faces that is own
@@ -35,7 +38,7 @@ def ghosts(own: WholeCells, ranks: Ranks) -> list[WholeCells]:
 
 
 def _near(own: WholeCells, cells: Int) -> WholeCells:
-    """Only the cells at these places."""
+    """Return the part with only the cells at the given positions."""
     chosen = np.zeros(len(own.cells) + 1, bool)
     chosen[cells] = True
     faces = chosen[places(own.face_cells, own.cells)].any(axis=1)
@@ -43,7 +46,7 @@ def _near(own: WholeCells, cells: Int) -> WholeCells:
 
 
 def faces_of(whole: WholeCells) -> tuple[Int, Int]:
-    """Faces cell by cell, and where those of each cell begin ``(n + 1,)``."""
+    """Return the faces cell by cell, and the start of each cell's faces ``(n + 1,)``."""
     sides = places(whole.face_cells, whole.cells).ravel()
     order = np.argsort(sides, kind="stable")
     ends = np.searchsorted(sides[order], np.arange(len(whole.cells) + 1))
@@ -53,7 +56,7 @@ def faces_of(whole: WholeCells) -> tuple[Int, Int]:
 def own_cells(
     mesh: Mesh, global_ids: Int, owners: Int, point_ids: Int, face_ids: Int, rank: int
 ) -> WholeCells:
-    """The own cells of a local mesh, without its ghosts."""
+    """Return the own cells of a local mesh, without ghosts."""
     everything = all_cells(mesh, global_ids, owners, point_ids, face_ids)
     cells = np.flatnonzero(owners == rank)
     faces = np.flatnonzero((everything.face_owners == rank).any(axis=1))
@@ -61,7 +64,7 @@ def own_cells(
 
 
 def all_cells(mesh: Mesh, global_ids: Int, owners: Int, point_ids: Int, face_ids: Int) -> WholeCells:
-    """The cells of a local mesh, ghosts and all; nothing lies beyond their hidden faces."""
+    """Return all cells of a local mesh, including ghosts, with -1 beyond hidden faces."""
     sides = mesh.face_cells
     rank_of = np.append(owners, -1)
     number = np.append(global_ids, -1)
@@ -81,11 +84,11 @@ def all_cells(mesh: Mesh, global_ids: Int, owners: Int, point_ids: Int, face_ids
 
 
 def local_mesh(whole: WholeCells, origin: Float, name: str) -> LocalMesh:
-    """The cells as a mesh.
+    """Build the cells as a mesh.
 
-    A face of a ghost to a cell that is not here becomes an outer face: where that cell was its owner, the
-    loop is turned round, as the owner must be here. Such faces are in no tag. Own cells see none of this:
-    all their neighbours are here.
+    A ghost face to a cell outside the mesh becomes an outer face without tags. If the missing cell owns the
+    face, the loop is reversed, because the owner must be in the mesh. Own cells are not affected: all their
+    neighbours are in the mesh.
     """
     sides = places(whole.face_cells, whole.cells)
     hidden: Mask = np.asarray(((sides < 0) & (whole.face_cells >= 0)).any(axis=1))
@@ -104,10 +107,10 @@ def local_mesh(whole: WholeCells, origin: Float, name: str) -> LocalMesh:
 
 
 def part_of_whole(mesh: Mesh, origin: Float, hidden: Mask) -> Mesh:
-    """The same mesh, whose cached properties say what it cannot know by itself.
+    """Set the cached mesh properties that depend on the whole mesh, and return the mesh.
 
-    Geometry relative to the centre of the whole mesh is the same on any number of ranks; hidden faces are not
-    on the boundary.
+    With the centre of the whole mesh as origin, geometry is equal on any number of ranks. Hidden faces do not
+    belong to the boundary.
     """
     mesh.__dict__["origin"] = origin
     mesh.__dict__["outer_faces"] = frozen((mesh.face_cells[:, 1] < 0) & ~hidden, np.bool_)
@@ -124,7 +127,7 @@ def _turned(offsets: Int, vertices: Int, turned: Mask) -> Int:
 
 
 def common_origin(own: WholeCells, ranks: Ranks) -> Float:
-    """Centre ``(d,)`` of the bounding box of the own cells of all ranks."""
+    """Return the centre ``(d,)`` of the bounding box of all ranks' own cells."""
     x = own.coordinates
     box = [(column.min(initial=np.inf), column.max(initial=-np.inf)) for column in x.T]
     boxes = np.array(ranks.gathered(np.array(box)))  # (size, d, 2)

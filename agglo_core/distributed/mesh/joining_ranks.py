@@ -1,7 +1,7 @@
-"""Outer faces that lie on one another made one, on whichever ranks their cells are.
+"""Conforming meshes across ranks: outer faces that lie on each other are joined.
 
-Each rank decides about the faces of its own cells, looking at the cells of others that touch them. Both sides
-of a face come to the same: a vertex that hangs there is a point that one of them has.
+Each rank treats the faces of its own cells, using the cells of other ranks that touch them. Both sides of
+a face arrive at equal results, because a hanging vertex is a point that either side has.
 """
 
 from __future__ import annotations
@@ -20,30 +20,31 @@ from agglo_core.mesh.construction.touching import facing_pairs, find_contacts, o
 
 
 def joined_across(own: WholeCells, ranks: Ranks, name: str) -> Mesh | None:
-    """Own cells, with all points that hang on their faces, as a mesh that ends where others begin.
+    """Return own cells with all hanging points on their faces, as a mesh that ends at other ranks.
 
     Parameters
     ----------
     own : WholeCells
-        The cells of this rank, which know their neighbours on others.
+            Cells of this rank, with their neighbours on other ranks.
     ranks : Ranks
     name : str
-        Of the mesh.
+            Name of the mesh.
 
     Returns
     -------
     Mesh or None
-        Cells in the same order; None if there are none.
+            Cells in unchanged order, or None without cells.
 
     Raises
     ------
     MeshError
-        As :meth:`agglo_core.Mesh.conforming`; on other ranks RankError.
+            As :meth:`agglo_core.Mesh.conforming` (RankError on other ranks).
     """
     near, origin = cells_near(own, ranks), common_origin(own, ranks)
     with ranks.together():
         if not len(own.cells):
             return None
+        # Close all faces that another rank has to treat, then join the rest.
         whole = joined([own, near])
         mesh, hidden = local_mesh(whole, origin, name)
         is_own = whole.owners == ranks.rank
@@ -58,17 +59,17 @@ def joined_across(own: WholeCells, ranks: Ranks, name: str) -> Mesh | None:
 
 
 def _shut(mesh: Mesh, faces: Mask) -> Mesh:
-    """With one more cell behind these outer faces, so that they are outer no more."""
+    """Put a dummy cell behind the given outer faces, so that they become inner faces."""
     sides = mesh.face_cells.copy()
     sides[faces, 1] = mesh.n_cells
     return trusted_copy(mesh, face_cells=frozen_int(sides))
 
 
 def _not_ours(mesh: Mesh, hidden: Mask, is_own: Mask) -> Mask:
-    """Outer faces of others in space that are no tiles of an own face, nor the same.
+    """Return the outer faces of other ranks in 3-D that neither tile nor equal an own face.
 
-    A large one is its owner's to split: here some of those that lie on it may be missing. In the plane each
-    edge is cut at the points on it, whatever becomes of others.
+    Only the owner can split a large face, because some faces on top may be missing here. In 2-D each edge is
+    cut at the points on the edge, regardless of other ranks.
     """
     shut = np.zeros(mesh.n_faces, bool)
     if mesh.dim == 2:
@@ -85,8 +86,8 @@ def _not_ours(mesh: Mesh, hidden: Mask, is_own: Mask) -> Mask:
 
 
 def _cells_of(mesh: Mesh, own: WholeCells, whole: WholeCells, is_own: Mask) -> Mesh:
-    """The own cells of a mesh of own and other ones, with their tags."""
-    number = np.append(np.where(is_own, np.cumsum(is_own) - 1, -1), (-1, -1))  # shut faces, and -1
+    """Extract the own cells with their tags from a mesh of own and foreign cells."""
+    number = np.append(np.where(is_own, np.cumsum(is_own) - 1, -1), (-1, -1))  # dummy cell, and -1
     sides = frozen_int(number[mesh.face_cells])
     alone = WholeCells(
         frozen_int(np.arange(len(own.cells))),

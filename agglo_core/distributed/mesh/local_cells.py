@@ -1,4 +1,4 @@
-"""Cells that each rank gives by itself, joined to one mesh across the ranks."""
+"""Join the given cells of all ranks to one mesh."""
 
 from __future__ import annotations
 
@@ -19,36 +19,40 @@ from agglo_core.mesh.construction.polygons import loops_as_csr
 from agglo_core.mesh.elements import gather
 
 FaceTags = Mapping[str, tuple[Any, ArrayLike]]
-"""For each name faces, lists of their points, and their values."""
+"""Faces (lists of points) and values by tag name."""
 
 
 def across_ranks(given: GivenCells, face_tags: FaceTags | None, ranks: Ranks) -> WholeCells:
-    """The cells of this rank, their faces numbered and oriented as if all cells had been given in one place.
+    """Return the cells of this rank, with faces numbered and oriented as on a single process.
 
-    A face belongs to the one of its cells with the smaller global id; faces follow the cells that they
-    belong to, in the order of the faces of each.
+    A face belongs to its cell with the smaller global id. Faces follow the order of their owner cells, and
+    within a cell the cell's order.
     """
     mesh, offsets = given.mesh, given.mesh.face_offsets
     vertices = given.points[mesh.face_vertices]
     names = sorted(set().union(*ranks.gathered(set(face_tags or {}))))
     with ranks.together():
         tags = _listed_tags(face_tags or {}, names, given, vertices)
+    # Faces with all points on several ranks may have a cell on another rank.
     cells = np.append(given.cells, -1)[mesh.face_cells]
     shared = shared_points(given.points, mesh.points, ranks)[mesh.face_vertices]
-    if mesh.n_faces:  # a face may have a cell of another rank if that knows all its points
+    if mesh.n_faces:  # a face between ranks has only shared points
         shared = np.logical_and.reduceat(shared, offsets[:-1])
     near = frozen_int(np.flatnonzero(shared))
     loops, entries = gather(offsets, near)
+    # Match these faces across ranks, and merge tags of both sides.
     found = cells_beyond(vertices[entries], loops, frozen_int(cells[near]), tags[near], near, ranks)
     tags[near] = np.where(tags[near] != 0, tags[near], found.tags)
     across = found.cells >= 0
     beyond = Beyond(*(each[across] for each in found))
     border = frozen_int(near[across])
+    # The smaller cell id owns a border face. Owners number and orient the faces.
     mine = np.ones(mesh.n_faces, bool)
     mine[border] = cells[border, 0] < beyond.cells
     faces = _numbered(cells[:, 0], mine, ranks)
     faces, vertices = _from_owners(faces, mine, offsets, vertices, border, beyond, ranks)
     sides, owners = _sides(cells, border, beyond, ranks.rank)
+    # Sort faces by their global number.
     order = np.argsort(faces)
     new_offsets, entries = gather(offsets, frozen_int(order))
     return WholeCells(
@@ -69,7 +73,7 @@ def across_ranks(given: GivenCells, face_tags: FaceTags | None, ranks: Ranks) ->
 def _listed_tags(
     face_tags: FaceTags, names: list[str], given: GivenCells, vertices: Int
 ) -> NDArray[np.int64]:
-    """Tags ``(n_faces, len(names))`` of faces given by their points; 0 on those that are not listed."""
+    """Return the tags ``(n_faces, len(names))`` of faces listed by points, 0 for other faces."""
     tags = np.zeros((given.mesh.n_faces, len(names)), np.int64)
     if not face_tags:
         return tags
@@ -87,7 +91,7 @@ def _listed_tags(
 
 
 def _listed(what: str, faces: Any, given: GivenCells, keys: FaceKeys) -> Int:
-    """Numbers of faces given as lists of points."""
+    """Return the face numbers of faces listed by points, or raise MeshError for an unknown face."""
     offsets, points = loops_as_csr(faces)
     check_offsets(offsets, len(points), "face")
     known = (points >= 0) & (points < len(given.numbers))
@@ -103,7 +107,7 @@ def _listed(what: str, faces: Any, given: GivenCells, keys: FaceKeys) -> Int:
 
 
 def _found(sought: FaceKeys, keys: FaceKeys) -> Int:
-    """Place of each face among those with these keys, or -1."""
+    """Return the position of each sought face among the keys, or -1."""
     if not len(sought.low):
         return frozen_int([])
     every = np.concatenate((keys.low, sought.low)), np.concatenate((keys.mixed, sought.mixed))
@@ -117,7 +121,7 @@ def _found(sought: FaceKeys, keys: FaceKeys) -> Int:
 
 
 def _numbered(owner: Int, mine: NDArray[np.bool_], ranks: Ranks) -> Int:
-    """Numbers of the faces that belong to own cells, -1 for others; they come in the order of these cells."""
+    """Number the faces that belong to own cells in cell order, with -1 for other faces."""
     own = owner[mine]
     rank = np.arange(len(own)) - np.searchsorted(own, own)
     most = int(ranks.largest(float(rank.max(initial=0)))) + 1
@@ -135,7 +139,7 @@ def _from_owners(
     beyond: Beyond,
     ranks: Ranks,
 ) -> tuple[Int, Int]:
-    """Numbers and points of all faces: where a face belongs to a cell of another rank, as they are there."""
+    """Return numbers and points of all faces, with those owned by other ranks received from there."""
     parcels = {}
     for rank in distinct(beyond.ranks).tolist():
         told = np.flatnonzero((beyond.ranks == rank) & mine[border])
@@ -149,7 +153,7 @@ def _from_owners(
 
 
 def _sides(cells: Int, border: Int, beyond: Beyond, rank: int) -> tuple[Int, Int]:
-    """Both cells of each face and the ranks that have them, the owner first."""
+    """Return both cells of each face and their ranks, owner first."""
     sides, owners = cells.copy(), np.where(cells >= 0, rank, -1)
     sides[border, 1], owners[border, 1] = beyond.cells, beyond.ranks
     turned = border[beyond.cells < cells[border, 0]]

@@ -1,4 +1,4 @@
-"""Cells that move to other ranks, as they are or joined to agglomerates."""
+"""Redistribution of cells, unchanged or joined to agglomerates."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from agglo_core.mesh.elements import gather
 
 
 def check_bounds(labels: NDArray[Any], bounds: NDArray[Any], cells: Int, ranks: Ranks) -> None:
-    """Raise MeshError unless labels and bounds are as ``DistributedMesh.coarsen`` wants them.
+    """Raise MeshError unless labels and bounds are valid for ``DistributedMesh.coarsen``.
 
-    On other ranks RankError is raised; ``cells (n_own,)`` are global ids.
+    Other ranks raise RankError. ``cells (n_own,)`` are global ids.
     """
     first = ranks.from_first(bounds.tolist())
     with ranks.together():
@@ -35,7 +35,7 @@ def check_bounds(labels: NDArray[Any], bounds: NDArray[Any], cells: Int, ranks: 
 
 
 def check_destinations(to: NDArray[Any], cells: Int, ranks: Ranks) -> None:
-    """Raise MeshError unless each own cell goes to a rank that exists; on other ranks RankError."""
+    """Raise MeshError unless each own cell goes to an existing rank (RankError on other ranks)."""
     with ranks.together():
         _check_integers("ranks", to)
         wrong = np.flatnonzero((to < 0) | (to >= ranks.size))
@@ -53,17 +53,18 @@ def _check_integers(what: str, values: NDArray[Any]) -> None:
 
 
 def moved(own: WholeCells, known: Int, number: Int, to: Int, ranks: Ranks) -> WholeCells:
-    """The cells that this rank has afterwards; cells that get the same number become one.
+    """Return the cells of this rank after moving, where cells with equal new number become one cell.
 
-    Faces inside such a cell are gone. A cell tag survives if it is the same on all cells of each number.
+    Faces inside a joined cell vanish. A cell tag survives if constant on the cells of each number.
 
     Parameters
     ----------
     own : WholeCells
-        Those of this rank before.
+            Cells of this rank before moving.
     known, number, to : (n,) int
-        Global ids of own cells and ghosts, rising; the number of each afterwards, and the rank that has it.
+            Global ids of own cells and ghosts (increasing), their new numbers, and their new ranks.
     """
+    # Renumber cells and faces, and drop faces inside joined cells.
     sides = places(own.face_cells, known)
     numbers, new_ranks = np.append(number, -1)[sides], np.append(to, -1)[sides]
     kept = np.flatnonzero(numbers[:, 0] != numbers[:, 1])
@@ -81,10 +82,12 @@ def moved(own: WholeCells, known: Int, number: Int, to: Int, ranks: Ranks) -> Wh
         face_owners=frozen_int(new_ranks[kept]),
         face_tags={name: values[kept] for name, values in own.face_tags.items()},
     )
-    face, side = np.nonzero(own.face_owners[kept] == ranks.rank)  # whoever has the cell sends its faces
+    # Send each cell and face to its new rank.
+    face, side = np.nonzero(own.face_owners[kept] == ranks.rank)  # the owner of a cell sends its faces
     faces = whole.face_owners[face, side], frozen_int(face)
     sent = parcels(whole, (whole.owners, frozen_int(np.arange(len(cells)))), faces, [ranks.rank])
     arrived = list(ranks.exchanged(sent).values())
+    # Keep a cell tag only if constant on each new cell, on all ranks.
     agreed = _constant(number[at], own.cell_tags) & _constant(
         np.concatenate([part.cells for part in arrived]),
         {name: np.concatenate([part.cell_tags[name] for part in arrived]) for name in own.cell_tags},
@@ -97,6 +100,6 @@ def moved(own: WholeCells, known: Int, number: Int, to: Int, ranks: Ranks) -> Wh
 
 
 def _constant(cells: Int, tags: Mapping[str, Int]) -> set[str]:
-    """Names of tags that say the same wherever the same cell is listed."""
+    """Return the names of tags with equal values wherever a cell is listed repeatedly."""
     _, first, cell = np.unique(cells, return_index=True, return_inverse=True)
     return {name for name, values in tags.items() if (values[first][cell] == values).all()}

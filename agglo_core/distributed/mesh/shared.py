@@ -1,4 +1,4 @@
-"""Points and faces that several ranks share."""
+"""Points and faces shared by several ranks."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from agglo_core.distributed.meeting import Meeting, groups, rank_of_key, refuse_
 
 
 def check_ids(ids: Int, n: int, ranks: Ranks) -> None:
-    """Raise MeshError on all ranks unless each of 0..n−1 is among the ``ids`` of just one rank, once.
+    """Raise MeshError on all ranks unless the ``ids`` of all ranks are a permutation of 0..n−1.
 
-    The numbers of ids on the ranks must add up to n.
+    The number of ids must add up to n over the ranks.
     """
     wrong = np.flatnonzero((ids < 0) | (ids >= n))
     found = f"rank {ranks.rank}: cell id {ids[wrong[0]]}, but there are {n} cells" if len(wrong) else None
     refuse_all(ranks, found)
+    # Collect equal ids on one rank and look for duplicates.
     meeting = Meeting(ranks, frozen_int(ids * ranks.size // n), ids)
     order, bounds = groups(meeting.columns[0])
     double = np.flatnonzero(np.diff(bounds) > 1)
@@ -31,13 +32,14 @@ def check_ids(ids: Int, n: int, ranks: Ranks) -> None:
 
 
 def shared_points(ids: Int, points: Float, ranks: Ranks) -> Mask:
-    """Which of the points ``(n, d)`` of this rank, each listed once, others have too.
+    """Mark the points ``(n, d)`` of this rank (each listed once) that other ranks have, too.
 
     Raises
     ------
     MeshError
-        On all ranks, if points with the same global id are at different places.
+            On all ranks, if points with equal global id have different coordinates.
     """
+    # Collect points with equal id on one rank and compare their coordinates.
     to = rank_of_key(splitmix(ids.view(np.uint64)), ranks.size)
     meeting = Meeting(ranks, to, ids, points)
     known, where = meeting.columns
@@ -58,9 +60,9 @@ def shared_points(ids: Int, points: Float, ranks: Ranks) -> Mask:
 
 
 def numbered_by_place(points: Float, ranks: Ranks) -> Int:
-    """Global ids ``(n,)`` of points ``(n, d)``: the same for those at exactly the same place on all ranks.
+    """Return global ids ``(n,)`` of points ``(n, d)``, equal for points with exactly equal coordinates.
 
-    The ids do not depend on how the points lie on the ranks.
+    The ids do not depend on the distribution of points over the ranks.
     """
     points = points + 0.0  # -0.0 equals 0.0
     key = np.zeros(len(points), np.uint64)
@@ -76,23 +78,23 @@ def numbered_by_place(points: Float, ranks: Ranks) -> Int:
 
 
 class FaceKeys(NamedTuple):
-    """What tells faces ``(n,)`` apart: equal for those with the same points, in whatever order these come."""
+    """Keys of faces ``(n,)``, equal for faces with equal points in any order."""
 
     low: Int  # the smallest point
-    mixed: UInt64  # sum of well-mixed numbers of all
+    mixed: UInt64  # sum of the hashes of all points
 
 
 class Beyond(NamedTuple):
-    """The other side of each face ``(n,)``, where that is on another rank; else -1."""
+    """Opposite side of each face ``(n,)`` if on another rank, else -1."""
 
     cells: Int
     ranks: Int
-    faces: Int  # number of the face there
-    tags: NDArray[np.int64]  # (n, k) what is said of the face there
+    faces: Int  # face number on the other rank
+    tags: NDArray[np.int64]  # (n, k) tags of the face on the other rank
 
 
 def face_keys(vertices: Int, offsets: Int) -> FaceKeys:
-    """Keys of faces with global points ``vertices[offsets[f]:offsets[f + 1]]``."""
+    """Return the keys of faces with global points ``vertices[offsets[f]:offsets[f + 1]]``."""
     if len(offsets) < 2:
         return FaceKeys(frozen_int([]), np.empty(0, np.uint64))
     mixed = np.add.reduceat(splitmix(vertices.view(np.uint64)), offsets[:-1])
@@ -102,25 +104,26 @@ def face_keys(vertices: Int, offsets: Int) -> FaceKeys:
 def cells_beyond(
     vertices: Int, offsets: Int, cells: Int, tags: NDArray[np.int64], numbers: Int, ranks: Ranks
 ) -> Beyond:
-    """The cells of other ranks at faces ``(n,)`` of this one, which may be all whose points others have too.
+    """Return the cells of other ranks at faces ``(n,)``, a superset of the faces between ranks.
 
     Parameters
     ----------
     vertices, offsets : CSR
-        Global points of each face, as the owner sees them.
+            Global points of each face in the owner's orientation.
     cells : (n, 2) int
-        Global ids of the own cells on both sides; -1 where there is none.
+            Global ids of own cells on both sides, -1 for none.
     tags : (n, k) int
-        0 is for no tag.
+            Face tags, 0 for no tag.
     numbers : (n,) int
-        By which others are to know the faces.
+            Face numbers to pass to other ranks.
 
     Raises
     ------
     MeshError
-        On all ranks, naming cells and ranks: if a face has three cells, if two are on the same side of it, if
-        the tags of both ranks differ.
+            On all ranks, with cells and ranks: for a face with three cells, two cells on one side of a face,
+            or ranks with different tags of a face.
     """
+    # Collect the sides of each face on one rank and pair them.
     low, mixed = face_keys(vertices, offsets)
     to = rank_of_key(splitmix(low.view(np.uint64)), ranks.size)
     meeting = Meeting(ranks, to, low, mixed, cells, _turns(vertices, offsets, low), numbers, tags)
@@ -129,6 +132,7 @@ def cells_beyond(
     single = np.flatnonzero(np.diff(bounds) == 2)
     a, b = order[bounds[single]], order[bounds[single] + 1]
     refuse_all(ranks, _third_cell(sides[order], bounds, meeting.senders[order]))
+    # Refuse faces with more than two cells, with both cells on one side, or with contradictory tags.
     overlap = turn[a] == turn[b]
     differ = ((said[a] != said[b]) & (said[a] != 0) & (said[b] != 0)).any(axis=1)
     for wrong, what in (
@@ -141,6 +145,7 @@ def cells_beyond(
             cell = [f"cell {sides[row, 0]} (rank {meeting.senders[row]})" for row in pair]
             named = f"{cell[0]} and {cell[1]} {what}"
         refuse_all(ranks, named)
+    # Reply to each side with cell, rank, number and tags of its partner.
     partner = np.full(len(order), -1)
     partner[a], partner[b] = b, a
     none = partner < 0
@@ -149,7 +154,7 @@ def cells_beyond(
 
 
 def _turns(vertices: Int, offsets: Int, low: Int) -> Int:
-    """Where each loop goes from its smallest point, an edge from its tail: differs on the two sides."""
+    """Return the successor of each loop's smallest point (an edge's tail), different on both sides."""
     sizes = np.diff(offsets)
     at = np.flatnonzero(vertices == np.repeat(low, sizes))  # no loop meets a point twice
     following = np.where(at + 1 < offsets[1:], at + 1, offsets[:-1])
@@ -157,7 +162,7 @@ def _turns(vertices: Int, offsets: Int, low: Int) -> Int:
 
 
 def _third_cell(sides: Int, bounds: Int, senders: Int) -> str | None:
-    """What is wrong with the first face that has three cells."""
+    """Return a description of the first face with more than two cells, or None."""
     count = np.diff(np.append(0, np.cumsum((sides >= 0).sum(axis=1)))[bounds])
     many = np.flatnonzero(count > 2)
     if not len(many):

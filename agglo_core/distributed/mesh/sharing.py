@@ -1,4 +1,4 @@
-"""A mesh that one rank holds, shared out among all ranks."""
+"""Distribution of a mesh from rank 0 to all ranks."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from agglo_core.mesh import Mesh
 _METHODS = ("coordinates", "curve")
 
 _LARGEST_SHARE = 1.6
-"""Over the mean: with whole blocks no rank may have more. Of three ranks one that has two of four has 1.5."""
+"""Maximum cells of a rank over the mean, for whole blocks. Four blocks on three ranks have 1.5."""
 
 
 def _along_curve(centroids: Float, size: int) -> Int:
-    """Rank of each cell: stretches of a Morton curve."""
+    """Return the rank of each cell by intervals of a Morton curve."""
     rank = np.empty(len(centroids), np.int64)
     rank[curve_order(centroids)] = np.arange(len(rank)) * size // len(rank)
     return frozen_int(rank)
 
 
 def _by_coordinates(centroids: Float, size: int, block_cells: int | None) -> Int:
-    """Rank of each cell: whole blocks by coordinates, boxes if these are too few for even shares."""
+    """Return the rank of each cell by whole coordinate blocks, or by boxes if blocks are too uneven."""
     depth = halvings(len(centroids), centroids.shape[1], block_cells)
     rank = rank_of_block(coordinate_blocks(centroids, depth), 1 << depth, size)
     largest = int(np.bincount(rank).max(initial=0))
@@ -38,7 +38,7 @@ def _by_coordinates(centroids: Float, size: int, block_cells: int | None) -> Int
 
 
 def _in_boxes(centroids: Float, size: int) -> Int:
-    """Rank of each cell: boxes, each halved across its longer side."""
+    """Return the rank of each cell by recursive halving across the longer side of its box."""
     rank = np.zeros(len(centroids), np.int64)
     waiting = [(np.arange(len(rank)), 0, size)]
     while waiting:
@@ -56,12 +56,12 @@ def _in_boxes(centroids: Float, size: int) -> Int:
 
 
 def scattered(mesh: Mesh | None, ranks: Ranks, method: str, block_cells: int | None) -> WholeCells:
-    """The cells of this rank, of a mesh that rank 0 has.
+    """Return the cells of this rank, sent by rank 0.
 
     Raises
     ------
     OptionError
-        If rank 0 has no mesh, for an unknown method, or blocks of no cells.
+            If rank 0 has no mesh, for an unknown method, or blocks without cells.
     """
     sent: dict[int, WholeCells] = {}
     with ranks.together():
@@ -77,7 +77,7 @@ def scattered(mesh: Mesh | None, ranks: Ranks, method: str, block_cells: int | N
 
 
 def _shares(mesh: Mesh, rank: Int, size: int) -> dict[int, WholeCells]:
-    """What goes to each rank: as many may get nothing, but all get the names of the tags."""
+    """Return the cells for each rank. Ranks without cells still receive the tag names."""
     owners = frozen_int(np.append(rank, -1)[mesh.face_cells])
     whole = WholeCells(
         frozen_int(np.arange(mesh.n_cells)),

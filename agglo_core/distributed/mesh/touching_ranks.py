@@ -1,4 +1,4 @@
-"""Outer faces that lie on one another although no face is shared: vertices that hang, on one rank or two."""
+"""Outer faces that lie on each other without being shared: hanging vertices within or across ranks."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _log = logging.getLogger("agglo")
 
 
 class _Rim(NamedTuple):
-    """Cells with outer faces, and where these are: places in WholeCells, and the box of their points."""
+    """Outer faces and their cells (positions in WholeCells), with the bounding boxes of the faces."""
 
     faces: Int
     cells: Int
@@ -30,20 +30,21 @@ class _Rim(NamedTuple):
 
 
 def refuse_hanging_vertices(own: WholeCells, ranks: Ranks) -> None:
-    """See that no outer faces lie on one another where they have points in common, whatever their ranks.
+    """Refuse outer faces on any ranks that lie on each other and share points.
 
-    Bodies that touch with points of their own are taken for meant to be apart; a warning tells of them.
+    Bodies in contact without shared points are assumed to be separate on purpose, and reported by a warning.
 
     Parameters
     ----------
     own : WholeCells
-        The cells of this rank, which know their neighbours on others.
+            Cells of this rank, with their neighbours on other ranks.
 
     Raises
     ------
     MeshError
-        On all ranks, naming two cells and their ranks.
+            On all ranks, with two cells and their ranks.
     """
+    # Contacts with shared points are an error on all ranks.
     near = cells_near(own, ranks)
     fault = None
     with ranks.together():
@@ -56,6 +57,7 @@ def refuse_hanging_vertices(own: WholeCells, ranks: Ranks) -> None:
                 "allow_gaps=True if the gap is meant"
             )
     refuse_all(ranks, fault)
+    # Contacts without shared points are a warning of the first rank that has any.
     first = min((rank for rank, some in enumerate(ranks.gathered(len(pairs) > 0)) if some), default=-1)
     if ranks.rank == first:
         _log.warning(
@@ -66,7 +68,7 @@ def refuse_hanging_vertices(own: WholeCells, ranks: Ranks) -> None:
 
 
 def outer_faces_touch(own: WholeCells, ranks: Ranks) -> bool:
-    """Whether outer faces of any ranks lie on one another, with points in common or without."""
+    """Return True if outer faces on any ranks lie on each other, with or without shared points."""
     near = cells_near(own, ranks)
     with ranks.together():
         found = len(_contacts(near)[0]) > 0
@@ -78,7 +80,7 @@ def _named(near: WholeCells, cell: int) -> str:
 
 
 def cells_near(own: WholeCells, ranks: Ranks) -> WholeCells:
-    """Own cells with outer faces, and those of other ranks that may touch them."""
+    """Return own cells with outer faces, and cells of other ranks that may touch them."""
     with ranks.together():
         rim = _rim(own)
         box = (rim.low.min(axis=0), rim.high.max(axis=0)) if len(rim.faces) else None
@@ -89,7 +91,7 @@ def cells_near(own: WholeCells, ranks: Ranks) -> WholeCells:
 
 
 def _rim(own: WholeCells) -> _Rim:
-    """The outer faces; their boxes are a little wider than they are."""
+    """Return the outer faces with slightly enlarged bounding boxes."""
     faces = frozen_int(np.flatnonzero((own.face_cells < 0).any(axis=1)))
     cells = places(own.face_cells[faces].max(axis=1), own.cells)
     if not len(faces):
@@ -106,7 +108,7 @@ def _rim(own: WholeCells) -> _Rim:
 def _parcels(
     own: WholeCells, rim: _Rim, boxes: Sequence[tuple[Float, Float] | None], rank: int
 ) -> dict[int, WholeCells]:
-    """All cells of the rim stay here; those within the box of the outer faces of another rank go there."""
+    """Return the rim cells to keep here, and to send to ranks whose outer box they meet."""
     to, which = [], []
     for other, box in enumerate(boxes):
         if box is None or not len(rim.faces):
@@ -125,7 +127,7 @@ def _parcels(
 
 
 def _contacts(near: WholeCells) -> tuple[Int, Mask]:
-    """Pairs of cells whose outer faces lie on one another, and which of them have points in common."""
+    """Return pairs of cells with outer faces that lie on each other, and mark pairs with shared points."""
     if not len(near.cells):
         return frozen_int(np.empty((0, 2))), np.empty(0, bool)
     mesh, hidden = local_mesh(near, 0.5 * (near.coordinates.min(axis=0) + near.coordinates.max(axis=0)), "")
@@ -138,7 +140,7 @@ def _contacts(near: WholeCells) -> tuple[Int, Mask]:
 
 
 def _sharing(offsets: Int, vertices: Int, pairs: Int) -> Mask:
-    """Which pairs of faces have a point in common."""
+    """Mark pairs of faces with a shared point."""
     (a, first), (b, second) = (gather(offsets, frozen_int(column)) for column in pairs.T)
     n = int(vertices.max(initial=0)) + 1
     row = np.repeat(np.arange(len(pairs)), np.diff(a))

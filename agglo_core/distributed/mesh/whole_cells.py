@@ -1,4 +1,4 @@
-"""Cells with all their faces and points, by numbers of the whole mesh: what ranks send one another."""
+"""Cells with all faces and points in global numbers, as exchanged between ranks."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from agglo_core.mesh.elements import gather
 
 
 class WholeCells(NamedTuple):
-    """Some cells of a mesh, and all faces and points of them; cells, faces and points by rising number.
+    """Some cells of a mesh with all their faces and points, each by increasing global number.
 
-    A face that two ranks have has the same number, sides and loop on both.
+    A face on two ranks has equal number, sides and loop on both.
     """
 
     cells: Int  # (n,) global ids
     owners: Int  # (n,) ranks
     cell_tags: Mapping[str, Int]
-    faces: Int  # (F,) numbers, in whose order the faces of any cell are taken
+    faces: Int  # (F,) global numbers, which order the faces of a cell
     face_offsets: Int  # (F + 1,)
     face_vertices: Int  # into points
-    face_cells: Int  # (F, 2) global ids of owner and neighbour, -1 outside, whether they are here or not
-    face_owners: Int  # (F, 2) ranks that have these cells, -1 outside
+    face_cells: Int  # (F, 2) global ids of owner and neighbour (here or not), -1 outside
+    face_owners: Int  # (F, 2) ranks of these cells, -1 outside
     face_tags: Mapping[str, Int]
     points: Int  # (p,) global ids
     coordinates: Float  # (p, d)
 
 
 def places(sought: Int, among: Int) -> Int:
-    """Place of each number sought in ``among (n,)``, which rises; -1 where it is not there."""
+    """Return the position of each sought number in the increasing ``among (n,)``, or -1."""
     if not len(among):
         return frozen_int(np.full(np.shape(sought), -1))
     found = np.minimum(np.searchsorted(among, sought), len(among) - 1)
@@ -41,7 +41,10 @@ def places(sought: Int, among: Int) -> Int:
 
 
 def distinct(values: NDArray[np.int64]) -> Int:
-    """The different values, rising: numpy's own way, by hashing, can take a hundred times as long."""
+    """Return the distinct values, increasing.
+
+    Sorting is used because `numpy.unique` by hashing can take a hundred times as long.
+    """
     ordered = np.sort(values, axis=None)
     new = np.ones(len(ordered), bool)
     new[1:] = ordered[1:] != ordered[:-1]
@@ -49,7 +52,7 @@ def distinct(values: NDArray[np.int64]) -> Int:
 
 
 def taken(whole: WholeCells, cells: Int, faces: Int) -> WholeCells:
-    """The cells and faces at these places, both rising, and the points of these faces."""
+    """Return the cells and faces at the given positions (increasing), with the points of these faces."""
     offsets, entries = gather(whole.face_offsets, faces)
     vertices = whole.face_vertices[entries]
     used = np.zeros(len(whole.points), bool)
@@ -73,7 +76,7 @@ def taken(whole: WholeCells, cells: Int, faces: Int) -> WholeCells:
 
 
 def joined(parts: Sequence[WholeCells]) -> WholeCells:
-    """All cells, faces and points of the parts; of those that several have, what the first says."""
+    """Merge cells, faces and points of the parts, where the first occurrence wins."""
     if len(parts) == 1:
         return parts[0]
     _, cells = _merged([part.cells for part in parts])
@@ -102,7 +105,7 @@ def joined(parts: Sequence[WholeCells]) -> WholeCells:
 
 
 def _merged(numbers: Sequence[Int]) -> tuple[Int, Int]:
-    """The different numbers, rising, and the place of the first of each when all lists are put together."""
+    """Return the distinct numbers, increasing, and the first position of each in all lists combined."""
     different, first = np.unique(np.concatenate(numbers), return_index=True)
     return frozen_int(different), frozen_int(first)
 
@@ -114,15 +117,15 @@ def _joined_tags(parts: Sequence[Mapping[str, Int]], rows: Int) -> dict[str, Int
 def parcels(
     whole: WholeCells, cells: tuple[Int, Int], faces: tuple[Int, Int], always: Iterable[int] = ()
 ) -> dict[int, WholeCells]:
-    """What goes to each rank.
+    """Return the cells and faces to send to each rank.
 
     Parameters
     ----------
     whole : WholeCells
     cells, faces : (ranks (k,), places (k,))
-        Each pair says that what is at this place goes to this rank; a pair may come more than once.
+            Pairs of destination rank and position, possibly repeated.
     always : iterable of int
-        Ranks that get a parcel even if there is nothing in it but the names of tags.
+            Ranks that receive a parcel in any case, if only with tag names.
     """
     by_cell, by_face = _by_rank(*cells, len(whole.cells)), _by_rank(*faces, len(whole.faces))
     none = frozen_int([])
@@ -133,7 +136,7 @@ def parcels(
 
 
 def _by_rank(ranks: Int, where: Int, n: int) -> dict[int, Int]:
-    """Different places below n that go to each rank, rising."""
+    """Return the distinct positions below n for each rank, increasing."""
     to, rows = np.divmod(distinct(ranks * n + where), max(n, 1))
     bounds = np.append(np.flatnonzero(np.diff(to, prepend=-1)), len(to)).tolist()
     return {int(to[i]): frozen_int(rows[i:j]) for i, j in pairwise(bounds)}

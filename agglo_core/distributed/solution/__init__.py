@@ -1,1 +1,1 @@
-"""Solutions across ranks: pieces for files, norms of errors."""
+"""Solutions across ranks: files of pieces, error norms."""

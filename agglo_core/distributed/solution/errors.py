@@ -1,4 +1,4 @@
-"""Norms of the error of a solution whose cells lie on several ranks: each measures its own cells."""
+"""Error norms of a distributed solution, measured by each rank on its own cells."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ from agglo_core.problems import Discretisation, Problem
 def error_norms(
     mesh: DistributedMesh, problem: Problem, how: Discretisation, x: ArrayLike
 ) -> dict[str, float]:
-    """Norms of the error of a solution, those of the whole mesh on every rank; all ranks must call it.
+    """Compute the error norms of a solution on the whole mesh, equal on every rank. Collective.
 
-    Each rank gives the squares of its own cells and of its halves of their faces.
+    Each rank contributes the squares of its own cells and of its halves of their faces.
 
     Parameters
     ----------
     mesh : DistributedMesh
     problem : Problem
-        As it is posed on the cells of this rank.
+            The problem as posed on the cells of this rank.
     how : Discretisation
-        What the unknowns mean; its ``errors_in`` measures part of a mesh.
+            Interpretation of the unknowns. Its ``errors_in`` measures part of a mesh.
     x : (n_own unknowns,) float
-        Unknowns of the own cells, by rising global id; as many in each.
+            Unknowns of the own cells by increasing global id, equally many per cell.
 
     Returns
     -------
     dict
-        Norms by name; none if the exact solution is not known on all ranks, or ``how`` has no ``errors_in``.
+            Norms by name. Empty if a rank lacks the exact solution, or ``how`` lacks ``errors_in``.
 
     Raises
     ------
     OptionError
-        For numbers of unknowns that do not fit the own cells, and as ``how`` raises it. What fails on one
-        rank fails on all, there with a RankError.
+            If the number of unknowns does not fit the own cells, and errors of ``how``. A failure on one rank
+            is a failure on all ranks, with a RankError on the others.
 
     Examples
     --------
@@ -54,7 +54,7 @@ def error_norms(
     0.5
     """
     ranks = mesh.ranks
-    wide, ids = with_second_layer(mesh)  # where the penalty of faces is that of the whole mesh
+    wide, ids = with_second_layer(mesh)  # where face penalties are as on the whole mesh
     values = mesh.exchange(by_cell(mesh, x))
     with ranks.together():
         everything = np.zeros((len(ids), values.shape[1]))

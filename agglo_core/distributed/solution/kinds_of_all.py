@@ -1,4 +1,4 @@
-"""Combinations of tags that occur in a mesh on several ranks."""
+"""Tag combinations of a distributed mesh."""
 
 from __future__ import annotations
 
@@ -13,14 +13,16 @@ from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
 from agglo_core.mesh.tagging import BoundaryKinds, distinct
 
 _MOST = 1_000
-"""Values of a cell tag on a rank, beyond which it is left out: a number of each cell is for no table."""
+"""Maximum number of values of a cell tag. Tags with more values per rank, such as ids, are ignored."""
 
 
 def kinds_of_all(mesh: DistributedMesh) -> tuple[Mapping[str, Int], BoundaryKinds]:
-    """``cell_kinds`` and ``boundary_kinds`` of the whole mesh, on every rank; all ranks must call it."""
+    """Return ``cell_kinds`` and ``boundary_kinds`` of the whole mesh on every rank. Collective."""
+    # Number the components of the domain by their first cell.
     ranks, local = mesh.ranks, mesh.local
     component = np.full(local.n_cells, -1)
     component[mesh.own] = first_cells(mesh)
+    # Ignore tags with too many values on any rank.
     with ranks.together():
         few = [name for name, each in local.cell_tags.items() if len(np.unique(each[mesh.own])) <= _MOST]
     names = [name for name in local.cell_tags if all(name in each for each in ranks.gathered(few))]
@@ -35,7 +37,7 @@ def kinds_of_all(mesh: DistributedMesh) -> tuple[Mapping[str, Int], BoundaryKind
 
 
 def _of_all(ranks: Ranks, columns: Sequence[Int]) -> list[Int]:
-    """The rows that any rank has in a table, each once."""
+    """Return the distinct rows of all ranks' tables."""
     with ranks.together():
         own = distinct(columns)
     every = ranks.gathered(own)

@@ -1,4 +1,4 @@
-"""Writing a solution whose cells lie on several ranks: one piece for each, one list of the pieces."""
+"""Writing a distributed solution: one piece per rank and a list of the pieces."""
 
 from __future__ import annotations
 
@@ -26,32 +26,33 @@ _log = logging.getLogger("agglo")
 def write_solution(
     path: str | PathLike[str], mesh: DistributedMesh, how: Discretisation, x: ArrayLike, *, name: str = "u"
 ) -> None:
-    """Write a solution as ``.pvtu``, sampled in every cell as one process does; all ranks must call it.
+    """Write a solution as ``.pvtu``, sampled in every cell as by a single process. Collective.
 
-    Each rank writes its own cells to ``NAME/NAME_<rank>.vtu``, rank 0 the list ``NAME.pvtu``, which ParaView
-    opens. No two cells share points. Cell data are the cell tags and ``cell``, the global id. Files appear
-    whole or not at all, the list last.
+    Each rank writes its own cells to ``NAME/NAME_<rank>.vtu``, rank 0 the list ``NAME.pvtu`` for ParaView.
+    No two cells share points. Cell data are the cell tags and ``cell``, the global id. Files appear whole or
+    not at all, the list last.
 
     Parameters
     ----------
     path : path
-        The same on all ranks, in a folder that all of them see.
+            Equal on all ranks, in a shared folder.
     mesh : DistributedMesh
     how : Discretisation
-        What the unknowns mean.
+            Interpretation of the unknowns.
     x : (n_own unknowns,) float
-        Unknowns of the own cells, by rising global id; as many in each.
+            Unknowns of the own cells by increasing global id, equally many per cell.
     name : str
-        Of the function.
+            Name of the function.
 
     Raises
     ------
     OptionError
-        For another suffix, or numbers of unknowns that do not fit the own cells.
+            For another suffix, or a number of unknowns that does not fit the own cells.
     FileError
-        If a file cannot be written. What fails on one rank fails on all, there with a RankError.
+            If a file cannot be written. A failure on one rank is a failure on all ranks, with a RankError on
+            the others.
     MeshError
-        For a cell tag whose name files cannot hold.
+            For a cell tag with a name that files cannot hold.
 
     Examples
     --------
@@ -68,8 +69,8 @@ def write_solution(
     with ranks.together():
         check_parallel_target(target)
         check_names(mesh.local.cell_tags)
-    # ghosts are there when cells are cut up, as in one process: what sides of a cell go on straight is seen
-    # with both of its neighbours
+    # Sample with ghosts, as a single process does: a straight continuation of a cell's side is detected from
+    # both neighbours.
     everything = mesh.exchange(by_cell(mesh, x))
     with ranks.together():
         samples = _of_own_cells(how.sample(mesh.local, everything.ravel()), mesh)
@@ -82,7 +83,7 @@ def write_solution(
 
 
 def by_cell(mesh: DistributedMesh, x: ArrayLike) -> Float:
-    """Unknowns of own cells ``(n_own, width)``, a row for each, or OptionError; all ranks must call it."""
+    """Return the unknowns by own cell ``(n_own, width)``, or raise OptionError. Collective."""
     ranks, cells = mesh.ranks, len(mesh.own)
     with ranks.together():
         own = np.asarray(x, float)
@@ -94,7 +95,7 @@ def by_cell(mesh: DistributedMesh, x: ArrayLike) -> Float:
 
 
 def _of_own_cells(samples: Samples, mesh: DistributedMesh) -> Samples:
-    """The samples without those of ghosts."""
+    """Return the samples of own cells."""
     kept = (mesh.owners == mesh.ranks.rank)[samples.cells]
     number = np.cumsum(kept) - 1
     simplices = samples.simplices[kept[samples.simplices[:, 0]]]
@@ -108,8 +109,8 @@ def _of_own_cells(samples: Samples, mesh: DistributedMesh) -> Samples:
 
 
 def _remove_stale(target: Path, size: int) -> None:
-    """Remove pieces of more ranks that an earlier writing left."""
+    """Remove pieces that an earlier run with more ranks left."""
     try:
         remove_pieces(target.with_suffix(""), size)
-    except OSError as error:  # the solution is written: this is not a reason to fail
+    except OSError as error:  # the solution is complete, so only warn
         _log.warning("cannot remove what an earlier writing left of %s: %s", target, error.strerror)

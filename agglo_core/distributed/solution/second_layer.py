@@ -1,4 +1,4 @@
-"""A second layer of ghosts: for what is computed of ghosts with their own neighbours."""
+"""Second ghost layer, for computations that need the neighbours of ghosts."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from agglo_core.mesh import Mesh
 
 
 class _Seen(NamedTuple):
-    """Cells of a rank, and which of their faces ``(n_faces,)`` lead to cells it does not have."""
+    """Cells of a rank, and a mark ``(n_faces,)`` on faces to cells outside."""
 
     cells: WholeCells
     hidden: Mask
 
 
 def with_second_layer(mesh: DistributedMesh) -> tuple[Mesh, Int]:
-    """Own cells, ghosts and the neighbours of ghosts as a mesh, and their global ids, rising.
+    """Return own cells, ghosts and the neighbours of ghosts as a mesh, with increasing global ids.
+    Collective.
 
-    In it ghosts have all their neighbours, too: the penalty at a face may look at all faces of both cells.
-    Its ``outer_faces`` are those of the whole mesh, without faces to cells that are not here; its kinds of
-    cells and of faces on the boundary are all of the whole mesh's, so that problems by tag fit every rank.
-    All ranks must call it.
+    Here ghosts have all their neighbours, as needed for penalties at a face that depend on all faces of both
+    cells. ``outer_faces`` excludes faces to cells outside this mesh. The kinds of cells and of boundary faces
+    are those of the whole mesh, so that problems defined by tag fit every rank.
 
     Examples
     --------
@@ -38,6 +38,7 @@ def with_second_layer(mesh: DistributedMesh) -> tuple[Mesh, Int]:
     [0, 1, 2, 3]
     """
     ranks, local = mesh.ranks, mesh.local
+    # Exchange the neighbourhoods of the ghosts.
     with ranks.together():
         here = _Seen(
             all_cells(local, mesh.global_ids, mesh.owners, mesh.point_ids, mesh.face_ids), mesh.hidden
@@ -45,13 +46,14 @@ def with_second_layer(mesh: DistributedMesh) -> tuple[Mesh, Int]:
         parcels = {rank: _around(here, mesh.own[cells]) for rank, cells in mesh.ghosts_elsewhere.items()}
     seen, kinds = [here, *ranks.exchanged(parcels).values()], kinds_of_all(mesh)
     with ranks.together():
-        # of a face that several have, what is said by who sees both of its sides
+        # prefer the copy of a face from a rank with both of its sides
         whole = [
             taken(cells, frozen_int(np.arange(len(cells.cells))), _where(~hidden)) for cells, hidden in seen
         ]
         faces = [taken(cells, frozen_int([]), _where(hidden)) for cells, hidden in seen]
         every = joined(whole + faces)
         found, cut = local_mesh(every, local.origin, local.name)
+        # Faces known from one side only are hidden.
         known = np.isin(every.faces, np.concatenate([each.faces for each in whole]))
         part = part_of_whole(found, local.origin, cut | ~known)
         part.__dict__.update(cell_kinds=kinds[0], boundary_kinds=kinds[1])  # cached properties
@@ -59,12 +61,12 @@ def with_second_layer(mesh: DistributedMesh) -> tuple[Mesh, Int]:
 
 
 def _around(here: _Seen, cells: Int) -> _Seen:
-    """Some cells with their neighbours."""
+    """Return the given cells with their neighbours."""
     sides = places(here.cells.face_cells, here.cells.cells)
     chosen, near = np.zeros((2, len(here.cells.cells) + 1), bool)
     chosen[cells] = True
     near[sides[chosen[sides].any(axis=1)]] = True
-    near[-1] = False  # what is not here
+    near[-1] = False  # cells outside
     faces = _where(near[sides].any(axis=1))
     return _Seen(taken(here.cells, _where(near[:-1]), faces), here.hidden[faces])
 
