@@ -1,4 +1,4 @@
-"""Problems to be solved, the solutions of solvers, and what both mean on a mesh."""
+"""Problems, their solutions, and the interpretation of both on a mesh."""
 
 from agglo_core.problems.choosing import discretisation_of, named_problem, read_problem, require_accepted
 from agglo_core.problems.diffusion import Diffusion

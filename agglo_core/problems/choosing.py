@@ -1,4 +1,4 @@
-"""Problems by name or from a TOML file, and which of them a solver takes."""
+"""Problems by name or from a TOML file, with checks against solvers."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def named_problem(
     *,
     allow_code: bool = False,
 ) -> Problem:
-    """A problem by the name of its component, or of a TOML file, as it is posed on a mesh.
+    """Return a problem by component name or TOML file, as posed on a mesh.
 
     Parameters
     ----------
@@ -39,18 +39,18 @@ def named_problem(
         ``constant``, ``sine``, another component of kind ``problem``, or a path.
     mesh : Mesh
     options : mapping
-        Of the component.
+            Component options.
     registry : Registry, optional
-        Where names are looked up; by default the installed plugins.
+            Registry of names. Default: the installed plugins.
     allow_code : bool
-        Whether a file may name code that components import; see :func:`agglo_core.agglomerate`.
+            Allow files to name code that components import, see :func:`agglo_core.agglomerate`.
 
     Raises
     ------
     FileError
-        As :func:`read_problem`, if it is none of the names.
+            As :func:`read_problem`, if no component has this name.
     OptionError
-        For an option that the component does not have, or that does not fit.
+            For an unknown or invalid option.
     PluginError
         If the component cannot be used.
 
@@ -76,12 +76,13 @@ def named_problem(
 def read_problem(
     path: Path, mesh: Mesh, registry: Registry | None = None, *, allow_code: bool = False
 ) -> Problem:
-    """Read a problem for ``mesh`` from a TOML file, whose key ``kind`` says the kind (default diffusion).
+    """Read a problem for ``mesh`` from a TOML file, with the problem's kind as key ``kind`` (default
+    diffusion).
 
     Raises
     ------
     FileError
-        If the file cannot be read, its kind is not known, or the kind refuses what it says; names the key.
+            If the file cannot be read, its kind is unknown, or the kind refuses an entry. Names the key.
 
     Examples
     --------
@@ -94,7 +95,7 @@ def read_problem(
     'diffusion'
     """
     registry = default() if registry is None else registry
-    if not os.path.exists(path) or path.is_dir():  # False for a name that no file can have
+    if not os.path.exists(path) or path.is_dir():  # False for an invalid file name
         raise FileError(f"{path}: {_no_file(path, registry)}")
     table = read_toml(path)
     kind = table.pop("kind", "diffusion")
@@ -109,10 +110,10 @@ def read_problem(
 
 
 def require_accepted(solver: object, problem: Problem, name: str = "") -> None:
-    """Raise OptionError if a solver says which kinds of problem it takes and this is none of them.
+    """Raise OptionError if a solver lists accepted kinds and the problem's kind is not among them.
 
-    ``name`` is what the solver is called in the message; by default its class. A PluginError if its
-    ``accepts`` is a text instead of a tuple of them.
+    ``name`` names the solver in the message (default: its class). An ``accepts`` given as text instead of a
+    tuple is a PluginError.
 
     Examples
     --------
@@ -133,12 +134,12 @@ def require_accepted(solver: object, problem: Problem, name: str = "") -> None:
 
 
 def discretisation_of(solver: object, problem: Problem) -> Discretisation | None:
-    """The discretisation that says what a solver's unknowns of a problem mean; None if there is none.
+    """Return the discretisation that interprets a solver's unknowns, or None if not available.
 
     Raises
     ------
     OptionError
-        If the solver's ``discretisation`` lacks a method or attribute of one.
+            If the solver's ``discretisation`` lacks a required method or attribute.
 
     Examples
     --------
@@ -172,7 +173,7 @@ def _checked(problem: Any, maker: str) -> Problem:
 
 
 def _reader_of(kind: Any, registry: Registry) -> tuple[Any, str]:
-    """``from_table`` of the class that is declared by the name of a kind, and how errors call that."""
+    """Return ``from_table`` of the class declared for a kind, and a title for errors."""
     if not isinstance(kind, str):
         raise OptionError(f"kind must be the name of a kind of problem, given {kind!r:.60}")
     record = registry.record(_KIND, kind)

@@ -1,6 +1,6 @@
 """Diffusion: −∇·(κ∇u) = f.
 
-As a TOML table, with numbers by cell tag and boundary tag, no expressions:
+As a TOML table, with numbers by cell tag and boundary tag (no expressions):
 
 .. code-block:: toml
 
@@ -13,9 +13,9 @@ As a TOML table, with numbers by cell tag and boundary tag, no expressions:
     [neumann]                                 # outward flux κ ∂u/∂n; faces without entry are insulated
     2 = 1.0
 
-κ and source are 1 unless given. With neither [dirichlet] nor [neumann] u = 0 on the whole boundary;
-[neumann] alone leaves u known up to a constant only, and is refused by solvers. A first line
-``boundary = "gmsh:physical"`` names another face tag of the mesh in place of "boundary".
+Default κ and source are 1. With neither [dirichlet] nor [neumann], u = 0 on the whole boundary. With
+[neumann] alone, u is determined only up to a constant, and solvers refuse the problem. A first line
+``boundary = "gmsh:physical"`` selects another face tag instead of "boundary".
 """
 
 from __future__ import annotations
@@ -49,19 +49,19 @@ class Diffusion:
     kappa, source : Field
         Diffusion coefficient (positive) and right-hand side f.
     dirichlet, neumann : mapping of boundary tag value to Field
-        Boundary values u and outward fluxes κ ∂u/∂n. If both are empty u = 0 on the whole boundary.
-        Otherwise faces whose tag is in neither are insulated, and every component of the domain needs
-        a tag in ``dirichlet``: with fluxes alone u is known only up to a constant.
+            Boundary values u and outward fluxes κ ∂u/∂n. If both are empty, u = 0 on the whole boundary.
+            Otherwise faces with tags in neither mapping are insulated, and every domain component needs a tag
+            in ``dirichlet``: with fluxes alone, u is determined only up to a constant.
     exact : callable, optional
-        The solution, when known, for error norms.
+            Exact solution, if known, for error norms.
     boundary : str
-        Face tag of the mesh that holds the parts of the boundary; if a mesh has no tag ``"boundary"`` the
-        parts are all 0 there.
+            Face tag with the parts of the boundary. On a mesh without the tag ``"boundary"``, all faces have
+            the value 0.
 
     Raises
     ------
     OptionError
-        If data do not have one of these forms.
+            For data of any other form.
 
     Examples
     --------
@@ -100,13 +100,13 @@ class Diffusion:
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any], mesh: Mesh, folder: Path) -> Self:
-        """Return the problem described by a table; see :mod:`agglo_core.problems.diffusion`.
+        """Build the problem from a table. The format is described in :mod:`agglo_core.problems.diffusion`.
 
         Raises
         ------
         OptionError
-            For a key, tag or value that is unknown or missing, anything but finite numbers, or a
-            coefficient that is not positive.
+                For an unknown or missing key, tag or value, numbers that are not finite, or a coefficient ≤
+                0.
         """
         require_keys(table, _KEYS)
         empty = [key for key in ("dirichlet", "neumann") if table.get(key) == {}]
@@ -126,15 +126,15 @@ class Diffusion:
 
     @classmethod
     def example(cls, mesh: Mesh) -> Self:
-        """Return −Δu = 1 with u = 0 on the whole boundary."""
+        """Return the example −Δu = 1 with u = 0 on the whole boundary."""
         return cls()
 
     def posed_on(self, mesh: Mesh) -> Self:
-        """Return the problem without ``exact`` if u = 0 on the boundary of the mesh and ``exact`` is not."""
+        """Return the problem, without ``exact`` if u = 0 on the mesh boundary but ``exact`` ≠ 0 there."""
         given = self.dirichlet or self.neumann
         if self.exact is None or given:
             return self
-        points = _boundary_points(mesh)  # none on a rank whose cells are all inside
+        points = _boundary_points(mesh)  # no points on a rank with inner cells only
         if not len(points) or np.abs(self.exact(points)).max() < _ZERO:
             return self
         _log.info(
@@ -145,7 +145,7 @@ class Diffusion:
 
 
 def _boundary_points(mesh: Mesh) -> Float:
-    """Points ``(q, d)`` on the edges of the boundary's faces: vertices, and two between them."""
+    """Return points ``(q, d)`` on the edges of boundary faces: vertices, and two points between."""
     outside = mesh.outer_faces
     sizes = np.diff(mesh.face_offsets)
     onward = np.arange(1, len(mesh.face_vertices) + 1)
@@ -156,20 +156,20 @@ def _boundary_points(mesh: Mesh) -> Float:
 
 
 def constant(source: float = 8.0) -> Diffusion:
-    """−Δu = f with u = 0 on the boundary.
+    """Return the problem −Δu = f with u = 0 on the boundary.
 
     Parameters
     ----------
     source : float
-        The constant f: 8 as in the paper's published counts.
+            Constant f. The default 8 belongs to the paper's published counts.
     """
     return Diffusion(source=source)
 
 
 def sine() -> Diffusion:
-    """f = 2π² sin πx sin πy, that of the paper's text: u = sin πx sin πy on the unit square.
+    """Return the paper's problem f = 2π² sin πx sin πy, with u = sin πx sin πy on the unit square.
 
-    In space f = 3π² u with u = sin πx sin πy sin πz on the unit cube.
+    In 3-D, f = 3π² u with u = sin πx sin πy sin πz on the unit cube.
     """
     return Diffusion(source=_sine_source, exact=_sine)
 

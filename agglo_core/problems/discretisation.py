@@ -1,4 +1,4 @@
-"""Protocols of problems, and of discretisations, which turn problems into linear systems."""
+"""Protocols for problems, and for discretisations, which map problems to linear systems."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from agglo_core.mesh.elsewhere import made_by
 from agglo_core.problems.system import System
 
 Field = float | Float | Callable[[Float], Float]
-"""A number, one value per cell ``(n,)``, or a callable of points ``(q, d)`` returning ``(q,)``."""
+"""A number, one value per cell ``(n,)``, or a function of points ``(q, d)`` with values ``(q,)``."""
 
 
 @runtime_checkable
 class Problem(Protocol):
-    """Anything a solver may be asked to solve: a record that names its kind.
+    """Problem for a solver, identified by its kind.
 
-    ``kind`` is the name under which the class is declared as a component of the kind ``problem``; a solver
-    lists those it takes in ``accepts``. Optional is ``posed_on(mesh)``, which returns the problem as it is
-    on a mesh: called by :func:`~agglo_core.problems.named_problem`.
+    ``kind`` is the component name of the class (component kind ``problem``). A solver lists the accepted
+    kinds in ``accepts``. The optional method ``posed_on(mesh)`` returns the problem as posed on a mesh, and
+    is called by :func:`~agglo_core.problems.named_problem`.
 
     Examples
     --------
@@ -36,9 +36,9 @@ class Problem(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """A function at points of each cell, and the simplices between them, for files and pictures.
+    """Function values at points in each cell, with simplices between the points, for files and pictures.
 
-    No two cells share points, so that jumps stay visible.
+    Cells do not share points, so that jumps remain visible.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Samples:
         Cell of each point.
     points : (q, d) float
     simplices : (t, d + 1) int
-        Triangles or tetrahedra, each within one cell, by their points.
+            Triangles or tetrahedra by point numbers, each within one cell.
     values : (q,) float
     """
 
@@ -56,16 +56,16 @@ class Samples:
     values: Float
 
     def plot(self, ax: Any = None, *, across: str = "z", cmap: str = "viridis") -> Any:
-        """Draw the function on axes of matplotlib, with its jumps; in 3-D on a plane through the middle.
+        """Draw the function with its jumps on matplotlib axes, in 3-D on a plane through the middle.
 
         Parameters
         ----------
         ax : matplotlib.axes.Axes, optional
-            By default those of a new figure of pyplot, which notebooks and ``plt.show()`` show.
+                Default: axes of a new pyplot figure, shown by notebooks and ``plt.show()``.
         across : {"x", "y", "z"}
-            In 3-D: the axis that the plane is perpendicular to.
+                Axis perpendicular to the plane in 3-D.
         cmap : str
-            Colour map of matplotlib.
+                Matplotlib colour map.
 
         Returns
         -------
@@ -74,7 +74,7 @@ class Samples:
         Raises
         ------
         OptionError
-            Without matplotlib, or for an argument that is not as above.
+                Without matplotlib, or for an invalid argument.
 
         Examples
         --------
@@ -89,15 +89,15 @@ class Samples:
 
 @runtime_checkable
 class Discretisation(Protocol):
-    """How problems become linear systems on a mesh, and what their unknowns mean.
+    """Map from problems on a mesh to linear systems, with interpretation of the unknowns.
 
-    A solver that has one as its attribute ``discretisation`` gets files, pictures and error norms of
-    ``agglo solve``. ``accepts`` lists the kinds of problem it discretises; what the
-    unknowns of other problems, such as a linear system, mean is known only to their author.
+    Solvers with an attribute ``discretisation`` get the files, pictures and error norms of ``agglo solve``.
+    ``accepts`` lists the kinds of problem that can be discretised. Unknowns of other problems, such as linear
+    systems, cannot be interpreted.
 
-    Optional is ``errors_in(problem, mesh, x, cells)``: norms as of ``errors``, over the cells that the mask
-    ``cells (n_cells,)`` chooses, and half of their faces to others. Over a division of the mesh the squares
-    add up to those of ``errors``. On several ranks each measures its own cells so.
+    The optional method ``errors_in(problem, mesh, x, cells)`` returns norms as ``errors``, restricted to the
+    cells in the mask ``cells (n_cells,)`` and to half of their faces to other cells. Over a partition of the
+    mesh, the squares add up to those of ``errors``. On several ranks, each rank measures its own cells.
 
     Examples
     --------
@@ -111,38 +111,38 @@ class Discretisation(Protocol):
     accepts: tuple[str, ...]
 
     def check(self, problem: Problem, mesh: Mesh) -> None:
-        """Quick check: raise an AggloError if it cannot discretise the problem on the mesh."""
+        """Quick check: raise an AggloError if the problem cannot be discretised on the mesh."""
         ...
 
     def assemble(self, problem: Problem, mesh: Mesh) -> System:
-        """Return matrix and right-hand side of the problem on the mesh."""
+        """Return matrix and right-hand side for the problem on the mesh."""
         ...
 
     def coarse_operator(self, problem: Problem, mesh: Mesh, labels: Int) -> Any:
-        """Return the matrix of the problem on the agglomerates ``labels (n_cells,)`` of the mesh.
+        """Return the matrix for the problem on the agglomerates ``labels (n_cells,)``.
 
-        It is for corrections: the boundary conditions are the same, with data 0.
+        The matrix is used for corrections: boundary conditions are kept, with data 0.
         """
         ...
 
     def project(self, mesh: Mesh, function: Field) -> Float:
-        """Return the unknowns ``(n,)`` of the L2 projection of a function."""
+        """Return the unknowns ``(n,)`` of a function's L2 projection."""
         ...
 
     def evaluate(self, mesh: Mesh, x: Float, points: Float) -> Float:
-        """Return the values ``(q,)`` of the function with unknowns ``x (n,)`` at points; NaN outside."""
+        """Return the function values ``(q,)`` for unknowns ``x (n,)`` at points, NaN outside the mesh."""
         ...
 
     def sample(self, mesh: Mesh, x: Float) -> Samples:
-        """Return the function with unknowns ``x (n,)`` at points of each cell."""
+        """Return the function with unknowns ``x (n,)`` at points in each cell."""
         ...
 
     def errors(self, problem: Problem, mesh: Mesh, x: Float) -> Mapping[str, float]:
-        """Return norms of the error by name (``"l2"``, …), none if the exact solution is not known."""
+        """Return error norms by name (``"l2"``, …), or no norms without exact solution."""
         ...
 
     def load(self, problem: Problem, mesh: Mesh, b: Float) -> Float:
-        """Return the right-hand side ``b (n,)`` of the problem without what Dirichlet data put there.
+        """Return the right-hand side ``b (n,)`` without Dirichlet terms.
 
         Its product with x is the work of source and fluxes.
         """

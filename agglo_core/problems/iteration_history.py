@@ -10,9 +10,9 @@ import numpy as np
 from agglo_core.arrays import Float, frozen_float
 
 MET = "tolerance met"
-"""The reason of an iteration that converged."""
+"""Reason for convergence."""
 TESTS = ("residual", "energy error")
-"""What has to be small for that."""
+"""Names of the two convergence tests."""
 
 Ended = Literal[
     "",
@@ -28,30 +28,33 @@ Ended = Literal[
     "rounding",
     "underflow",
 ]
-"""Why an iteration ended, for programs; empty where the method does not tell."""
+"""Machine-readable end of an iteration, empty if the method does not report any."""
 
 _BY_PRECONDITIONER = ("indefinite preconditioner", "loss of conjugacy", "preconditioner not finite")
 
 
 def untold() -> Float:
-    """Numbers ``(0,)`` of what a method does not tell."""
+    """Return an empty array ``(0,)``, for data that a method does not report."""
     return frozen_float([])
 
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """An iterate ``x (n,)`` and the 2-norms of residuals that led to it, the first before any iteration.
+    """Iterate ``x (n,)`` with its residual history, and the outcome.
 
-    ``energy_error`` is an estimate of the error of x in the energy norm, relative to that of x, None if there
-    is none; ``tests`` are those of ``"residual"`` and ``"energy error"`` that x has passed. ``reason`` says
-    to people why the iteration ended, ``ended`` to programs. ``relative_residual`` is the measure of b − A x,
-    computed from x; None if the method does not tell. ``gains (iterations,)`` are what the iterations took
-    from the square of the error in the energy norm, empty if the method does not tell; ``energy_norm`` is
-    that of x. Where the residual fell no further ``backward_error`` is that of x, as
-    :func:`~agglo_core.problems.residuals.backward_error.backward_error` has it, if A is known entry by entry;
-    an iteration that ``ended`` by ``"rounding"`` is then as accurate as double precision allows.
-    ``correction`` is the next step, as long as the last, if the iteration converged and knows it: with a good
-    preconditioner x is nearer yet with it, though not known to be.
+    ``residuals`` are 2-norms, starting before the first iteration.
+
+    ``energy_error`` is an estimate of the relative error in the energy norm, or None. ``tests`` names the
+    passed tests, ``"residual"`` and ``"energy error"``. ``reason`` explains the end in words, ``ended`` is
+    the machine-readable code. ``relative_residual`` is the measure of b − A x, recomputed from x, or None.
+    ``gains (iterations,)`` are the reductions of the squared energy error per iteration, or empty, and
+    ``energy_norm`` is the energy norm of x.
+
+    ``backward_error`` is set if the residual stagnates and the entries of A are available (see
+    :func:`~agglo_core.problems.residuals.backward_error.backward_error`). An iteration that ``ended`` by
+    ``"rounding"`` is as accurate as double precision allows. ``correction`` is the next step, with the length
+    of the last, if available after convergence: with a good preconditioner, x + correction is more accurate,
+    without proof.
 
     Examples
     --------
@@ -77,10 +80,10 @@ class History:
 
     @property
     def energy_errors(self) -> Float:
-        """Estimates of the relative energy error before any iteration and after each; empty if unknown.
+        """Estimates of the relative energy error before the first and after each iteration, or empty.
 
-        What is left at the end, and all that was gained from an iterate on (Hestenes and Stiefel, 1952): an
-        identity for conjugate gradients with any preconditioner, as a step along any direction keeps it.
+        The estimates sum the final error and all later gains (Hestenes and Stiefel, 1952). The identity holds
+        for conjugate gradients with any preconditioner, because exact steps along any direction preserve it.
         """
         if self.energy_error is None or len(self.gains) != self.iterations or not self.energy_norm > 0.0:
             return untold()
@@ -94,12 +97,15 @@ class History:
 
     @property
     def final(self) -> bool:
-        """Whether nothing is gained by going on: it converged, or is limited by rounding."""
+        """Return True if further iterations cannot help: converged, or limited by rounding."""
         return self.converged or self.ended == "rounding"
 
     @property
     def preconditioner_failed(self) -> bool:
-        """Whether the preconditioner ended it: one in double precision, say, may go on from x."""
+        """Return True if the preconditioner failed.
+
+        Another preconditioner, for example in double precision, may continue from x.
+        """
         return self.ended in _BY_PRECONDITIONER
 
 
@@ -116,16 +122,16 @@ def unsolved(b: Float, reason: str) -> History:
 
 
 def iterated(iterations: int, size: float, tolerance: float) -> tuple[float, str]:
-    """How far an iteration has come, for ``tell``: digits won over those wanted, and its details.
+    """Return the progress of an iteration (digits gained over digits required) and a description.
 
     Parameters
     ----------
     iterations : int
-        Done so far.
+            Number of completed iterations.
     size : float
-        Of the residual, relative to the first one.
+            Residual relative to the first residual.
     tolerance : float
-        Size wanted, below 1.
+            Required size, below 1.
 
     Examples
     --------
@@ -140,9 +146,9 @@ def iterated(iterations: int, size: float, tolerance: float) -> tuple[float, str
 
 
 def mean_contraction(residuals: Float, first: int = 0) -> float | None:
-    """Geometric mean of the factors by which residuals fall, from one with a number to the last.
+    """Return the geometric mean of the residual reduction factors, from index ``first`` to the end.
 
-    None without an iteration, or where they are not positive numbers.
+    The result is None without iterations, or for residuals that are not positive and finite.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Linear systems from elsewhere: A x = b, with unknowns in the cells of a mesh.
+"""Given linear systems A x = b, with unknowns in the cells of a mesh.
 
 As a TOML table:
 
@@ -10,9 +10,9 @@ As a TOML table:
     unknowns = 3                              # of each cell, one cell after the other; by default n / cells
     near_null = "B.npy"                       # optional: n rows; or .mtx, .txt, .npz with an array near_null
 
-File names start from the folder of the table. The ``.npz`` of ``agglo solve --write-system`` is matrix and
-rhs, and its ``block_offsets`` are the unknowns of cells unless ``unknowns`` are given, its ``near_null`` the
-near-null vectors unless those are given.
+File names are relative to the table's folder. The ``.npz`` file from ``agglo solve --write-system`` contains
+matrix and rhs. Its ``block_offsets`` and ``near_null`` are used unless the table gives ``unknowns`` or
+``near_null``.
 """
 
 from __future__ import annotations
@@ -51,26 +51,25 @@ _KEYS = ("matrix", "rhs", "unknowns", "near_null")
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """Solve A x = b, the unknowns of cell c being ``block_offsets[c]:block_offsets[c + 1]``.
+    """Linear problem A x = b. Cell c has the unknowns ``block_offsets[c]:block_offsets[c + 1]``.
 
-    Arrays that are given are copied, unless they are read-only already: neither side can change what the
-    other has.
+    Arrays are copied unless read-only, so that neither side can change the other's data.
 
     Attributes
     ----------
     A : (n, n) sparse
-        In CSR or, if it is given so, in BSR: columns in order, no entry stored twice, arrays read-only.
+            Matrix in CSR, or in BSR if given as BSR: sorted columns, no duplicates, read-only arrays.
     b : (n,) or (n, k) float
-        One right-hand side; or several, if the solver takes them.
+            One right-hand side, or several if the solver supports several.
     block_offsets : (n_cells + 1,) int
-        Cells may have different numbers of unknowns, and none, if the solver takes them.
+            Offsets of the cells. The number of unknowns may vary, and be zero, if the solver supports this.
     near_null : (n, m) float, optional
-        Vectors that A takes to nearly nothing, such as constants and rigid motions.
+            Near-null vectors of A, such as constants and rigid motions.
 
     Raises
     ------
     OptionError
-        If ``block_offsets`` is not an array ``(n_cells + 1,)``, or indices of A are out of range.
+            If ``block_offsets`` is not an array ``(n_cells + 1,)``, or indices in A are out of range.
 
     Examples
     --------
@@ -102,17 +101,18 @@ class Linear:
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any], mesh: Mesh, folder: Path) -> Self:
-        """Return the system described by a table; see :mod:`agglo_core.problems.linear`.
+        """Build the system from a table. The format is described in :mod:`agglo_core.problems.linear`.
 
         Raises
         ------
         OptionError
-            For keys that are unknown or missing; a matrix that is not square, a right-hand side or near-null
-            vectors of another size, unknowns that do not fit the cells.
+                For unknown or missing keys, a matrix that is not square, a right-hand side or near-null
+                vectors of wrong size, or unknowns that do not fit the cells.
         FileError
-            If a file cannot be read, or holds values that are not finite real numbers.
+                If a file cannot be read, or contains values that are not finite real numbers.
         """
         require_keys(table, _KEYS)
+        # Read matrix and right-hand side.
         matrix, rhs = _file("matrix", table, folder), _file("rhs", table, folder)
         with _reading("matrix", matrix, MATRIX_SUFFIXES):
             A = real_matrix(read_matrix(matrix))
@@ -125,6 +125,7 @@ class Linear:
             _require_finite(b)
         if b.size != n:
             raise OptionError(f"rhs: {rhs} has {b.size} numbers; the matrix has {n} rows")
+        # Unknowns per cell: from the table, the matrix file, or by equal division.
         offsets = None if "unknowns" in table else _stored_offsets(matrix, n, mesh)
         if offsets is None:
             width = _width(table.get("unknowns"), n, mesh)
@@ -133,7 +134,7 @@ class Linear:
 
     @classmethod
     def example(cls, mesh: Mesh) -> Self:
-        """Return the shifted Laplacian of the dual graph, one unknown for each cell: well conditioned."""
+        """Return the shifted Laplacian of the dual graph, well conditioned, with one unknown per cell."""
         links = mesh.graph.to_scipy()
         shift = 0.1 * (float(links.sum()) / mesh.n_cells or 1.0)
         A = sparse.csr_array(sparse.diags_array(links.sum(axis=1) + shift) - links)
@@ -151,7 +152,7 @@ def _file(key: str, table: Mapping[str, Any], folder: Path) -> Path:
 
 @contextmanager
 def _reading(key: str, path: Path, suffixes: Sequence[str]) -> Iterator[None]:
-    """Check that a file can be read by its suffix; errors of its reader become FileErrors that name it."""
+    """Check the suffix of a file, and convert reader errors to FileErrors that name the file."""
     if path.suffix.lower() not in suffixes:
         raise OptionError(f"{key} must end in {', '.join(suffixes)}, given {path.name!r}")
     try:
@@ -172,7 +173,7 @@ def _require_finite(values: Any) -> None:
 
 
 def _near_null(table: Mapping[str, Any], matrix: Path, n: int, folder: Path) -> Float | None:
-    """Near-null vectors ``(n, m)`` of their own file, or of that of the matrix if they are there."""
+    """Return near-null vectors ``(n, m)`` from their own file or from the matrix file, or None."""
     path = matrix
     if "near_null" in table:
         path = _file("near_null", table, folder)
@@ -187,13 +188,13 @@ def _near_null(table: Mapping[str, Any], matrix: Path, n: int, folder: Path) -> 
 
 
 def _has(path: Path, name: str) -> bool:
-    """Return whether the file of a matrix holds another array as well."""
+    """Return True if a matrix file contains another array with this name."""
     with _reading("matrix", path, MATRIX_SUFFIXES):
         return path.suffix.lower() == ".npz" and name in matrix_archive(path).members
 
 
 def _stored_offsets(matrix: Path, n: int, mesh: Mesh) -> Int | None:
-    """``block_offsets`` of the file of a matrix, None if it has none."""
+    """Return ``block_offsets`` from a matrix file, or None."""
     if not _has(matrix, "block_offsets"):
         return None
     with _reading("matrix", matrix, MATRIX_SUFFIXES):
@@ -211,7 +212,7 @@ def _stored_offsets(matrix: Path, n: int, mesh: Mesh) -> Int | None:
 
 
 def _width(unknowns: Any, n: int, mesh: Mesh) -> int:
-    """Unknowns of each cell."""
+    """Return the number of unknowns per cell, or raise OptionError."""
     if unknowns is None:
         if n % mesh.n_cells or not n:
             raise OptionError(f"matrix: its {n} rows cannot be divided equally among {mesh.n_cells} cells")
@@ -227,14 +228,14 @@ def _width(unknowns: Any, n: int, mesh: Mesh) -> int:
 
 
 def symmetric_system(problem: Linear) -> tuple[sparse.csr_array, Float]:
-    """Matrix ``(n, n)`` and right-hand side ``(n,)`` of a linear problem as real numbers.
+    """Return the matrix ``(n, n)`` and right-hand side ``(n,)`` of a linear problem as real numbers.
 
     Raises
     ------
     OptionError
-        For a matrix without entries (a LinearOperator), one that is not square or not symmetric; several
-        right-hand sides, or a sparse one; complex numbers, values that are not numbers or not finite; shapes
-        that do not fit.
+            For a matrix without entries (a LinearOperator), not square or not symmetric, several right-hand
+            sides or a sparse right-hand side, complex, non-numeric or infinite values, or shapes that do not
+            fit.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Levels of multigrid methods: what smoothers and coarse operators are given, and the table of all levels."""
+"""Levels of multigrid methods: input for smoothers and coarse operators, and a table of levels."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from agglo_core.arrays import Float, Int
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """Groups of parts whose unknowns are solved for together; they may overlap.
+    """Groups of parts with jointly solved unknowns, possibly overlapping.
 
     Attributes
     ----------
@@ -37,26 +37,26 @@ class Patches:
 
 @dataclass(frozen=True, eq=False)
 class MultigridLevel:
-    """A level to be smoothed.
+    """Level to be smoothed.
 
     Attributes
     ----------
     A : (n, n) sparse
-        Its matrix.
+            Level matrix.
     inherited : (n, n) sparse
-        Pᵀ A P down from the finest level; A itself where levels are not rediscretised.
+            Pᵀ A P from the finest level, equal to A on levels that are not rediscretised.
     block_offsets : (parts + 1,) int
-        The unknowns of part p are ``block_offsets[p]:block_offsets[p + 1]``.
+            Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``.
     labels : (n_cells,) int
-        Part of this level that holds each cell of the mesh.
+            Part on this level for each mesh cell.
     P : (n, m) sparse
         Prolongation from the next coarser level.
     coarse : callable, optional
-        Maps a residual ``(n,)`` to the correction ``(n,)`` by the next level; None if there is to be none.
+            Maps a residual ``(n,)`` to the coarse correction ``(n,)``. None for no coarse correction.
     steps : int
-        Smoothing steps asked for in one application.
+            Number of smoothing steps per application.
     patches : Patches, optional
-        Groups of parts that meet at a vertex; None without a mesh.
+            Groups of parts around a vertex, or None without a mesh.
 
     Examples
     --------
@@ -81,25 +81,25 @@ class MultigridLevel:
 
 @dataclass(frozen=True, eq=False)
 class Coarsening:
-    """A level, and the agglomerates that are to be the parts of the next coarser one.
+    """Level with the agglomerates that become parts of the next coarser level.
 
     Attributes
     ----------
     A : (n, n) sparse
-        Matrix of the level, in blocks (``bsr_array``) where all parts have the same number of unknowns.
+            Level matrix, with blocks (``bsr_array``) if all parts have equally many unknowns.
     block_offsets : (parts + 1,) int
-        The unknowns of part p are ``block_offsets[p]:block_offsets[p + 1]``.
+            Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``.
     labels, coarse_labels : (n_cells,) int
-        Part of the level, and of the next coarser one, that holds each cell of the mesh.
+            Part on this level, and on the next coarser level, for each mesh cell.
     parents : (parts,) int, optional
-        Coarse part of each part; None where a part lies in several.
+            Coarse part of each part, or None if some part lies in several.
     near_null : (n, k) float, optional
-        Vectors that A takes to nearly nothing, if any are known.
+            Near-null vectors of A, if any are known.
     injected : (n, m) sparse, optional
-        The functions of the coarse space as they are on the finer level, or their L2 projections; None where
-        the method has no coarse space of its own.
+            Coarse functions on the finer level, or their L2 projections, or None for methods without an own
+            coarse space.
     rediscretised : callable, optional
-        Makes the matrix ``(m, m)`` of the problem on the coarse parts; None where there is no discretisation.
+            Builds the problem's matrix ``(m, m)`` on the coarse parts, or None without a discretisation.
 
     Examples
     --------
@@ -124,16 +124,16 @@ class Coarsening:
 
 @dataclass(frozen=True, eq=False)
 class CoarseSpace:
-    """What a transfer may return in place of P alone, where P does not say all.
+    """Result of a transfer if P alone is not sufficient.
 
     Attributes
     ----------
     P : (n, m) sparse
         Prolongation.
     block_offsets : (parts + 1,) int, optional
-        The unknowns of each coarse part; by default all have the same number.
+            Unknowns of each coarse part. Default: equally many.
     near_null : (m, k) float, optional
-        Near-null vectors of the coarse level, handed on to its own transfer.
+            Near-null vectors on the coarse level, passed to its own transfer.
 
     Examples
     --------
@@ -150,14 +150,14 @@ class CoarseSpace:
 
 
 class LevelTable:
-    """Unknowns and matrix entries of each level, printed as a table.
+    """Table of unknowns and matrix entries per level.
 
     Parameters
     ----------
     unknowns, entries : sequence of int
-        Of each level, finest first.
+            Counts per level, finest first.
     smoothers : sequence of str, optional
-        What smooths each level, and what solves on the coarsest.
+            Smoother of each level, and the coarsest solver.
 
     Examples
     --------

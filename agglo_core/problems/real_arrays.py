@@ -1,4 +1,4 @@
-"""Arrays and matrices of real numbers, whatever is given."""
+"""Conversion of arrays and matrices to real numbers in canonical form."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ _PARTS = ("data", "indices", "indptr")
 
 
 def real_matrix(given: Any) -> Any:
-    """Return a matrix as :func:`kept_matrix` does, in float64.
+    """Return a matrix as :func:`kept_matrix` in float64.
 
     Raises
     ------
     OptionError
-        For a matrix without entries (a LinearOperator), one that does not hold real numbers, and indices that
-        are no sparse matrix.
+            For a matrix without entries (a LinearOperator), values that are not real, or indices that do not
+            form a sparse matrix.
     """
     if sparse.issparse(given):
         if given.dtype.kind not in "biuf":
@@ -41,21 +41,21 @@ def real_matrix(given: Any) -> Any:
 
 
 def kept_matrix(A: Any) -> Any:
-    """Return a sparse matrix in canonical form, in read-only arrays that nothing else can write to.
+    """Return a sparse matrix in canonical form, with protected read-only arrays.
 
-    It is in CSR or, if it is given so, in BSR: rows and columns in order, no entry stored twice, in float64
-    or complex128. Arrays that are read-only already are shared, not copied.
+    The format is CSR, or BSR if given as BSR: sorted rows and columns, no duplicates, float64 or complex128.
+    Read-only arrays are shared, not copied.
 
     Raises
     ------
     OptionError
-        Unless all indices are within the shape: scipy does not check them, and reads and writes elsewhere.
+            If indices exceed the shape. scipy does not check indices, and would access foreign memory.
     """
     if A.ndim != 2 or A.dtype.kind not in "biufc":
         raise OptionError(f"A must be a matrix of numbers, given the shape {A.shape} of {A.dtype}")
     if A.format not in _COMPRESSED:
         A = _coordinates(A).tocsr()
-        for name in _PARTS:  # they are ours: no copy is needed
+        for name in _PARTS:  # own arrays need no copy
             _read_only(getattr(A, name))
     given = [getattr(A, name) for name in _PARTS]
     rows = _COMPRESSED[A.format](_sound_parts(A), shape=A.shape)
@@ -70,7 +70,7 @@ def kept_matrix(A: Any) -> Any:
 
 
 def kept(values: NDArray[Any]) -> NDArray[Any]:
-    """Return a read-only array that nothing else can write to: a copy, unless it is one already."""
+    """Return a protected read-only array, copied unless already protected."""
     base: Any = values
     while isinstance(base, np.ndarray) and not base.flags.writeable and base.base is not None:
         base = base.base
@@ -79,7 +79,7 @@ def kept(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _read_only(values: NDArray[Any]) -> NDArray[Any]:
-    """Protect an array of ours, and what it is a view of."""
+    """Protect an own array and its base arrays."""
     base: Any = values
     while isinstance(base, np.ndarray):
         base.flags.writeable = False
@@ -88,7 +88,8 @@ def _read_only(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _sound_parts(A: Any) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Return data, indices and indptr of a compressed matrix, checked and without unused entries."""
+    """Return data, indices and indptr of a compressed matrix, checked, without unused entries."""
+    # Check dimensions and index types.
     data, indices, indptr = (np.asarray(getattr(A, name)) for name in _PARTS)
     blocks = A.format == "bsr"
     size = data.shape[1:] if blocks else (1, 1)
@@ -102,6 +103,7 @@ def _sound_parts(A: Any) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
             f"{name} {v.shape} of {v.dtype}" for name, v in zip(_PARTS, (data, indices, indptr), strict=True)
         )
         raise OptionError(f"A is no {A.format} matrix of shape {A.shape}: it has {shapes}")
+    # Check offsets and indices.
     stored = min(len(indices), len(data))
     if indptr[0] != 0 or not (indptr[1:] >= indptr[:-1]).all() or indptr[-1] > stored:
         raise OptionError(
@@ -116,7 +118,7 @@ def _sound_parts(A: Any) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
 
 
 def _coordinates(A: Any) -> Any:
-    """Return a matrix in another format as a ``coo_array`` whose indices are within the shape."""
+    """Convert a matrix in another format to ``coo_array``, with checked indices."""
     try:
         data, i, j = _triples(A)
         if not {i.dtype.kind, j.dtype.kind} <= {*"iu"}:
@@ -127,7 +129,10 @@ def _coordinates(A: Any) -> Any:
 
 
 def _triples(A: Any) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Return values, rows and columns of the entries; scipy's conversions trust offsets and lists."""
+    """Return values, rows and columns of the entries.
+
+    scipy's own conversions do not check offsets and lists.
+    """
     if A.format == "dia":
         offsets, data = np.asarray(A.offsets), np.asarray(A.data)
         inside = (offsets > -A.shape[0]) & (offsets < A.shape[1])
@@ -145,7 +150,7 @@ def _triples(A: Any) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
 
 
 def _canonical(A: Any) -> Any:
-    """Return a copy in CSR or BSR with indices in order and no entry stored twice."""
+    """Return a copy in CSR or BSR with sorted indices and without duplicates."""
     A = A.copy()
     if A.format == "csr":
         A.sum_duplicates()
@@ -154,7 +159,7 @@ def _canonical(A: Any) -> Any:
     A = sparse.bsr_array((A.data, A.indices, A.indptr), shape=A.shape)
     if A.has_canonical_format:
         return A
-    rows = A.tocsr()  # a sum of blocks is a loop of Python over block rows in scipy
+    rows = A.tocsr()  # scipy sums blocks in a Python loop over block rows
     rows.sum_duplicates()
     return rows.tobsr(A.blocksize)
 
@@ -164,12 +169,12 @@ def _precision(dtype: Any) -> Any:
 
 
 def real_array(name: str, given: Any) -> Float:
-    """An array of float64; numbers in an array of objects may be any that Python counts as real.
+    """Return a float64 array. Object arrays may contain any real numbers.
 
     Raises
     ------
     OptionError
-        For complex numbers, text, masked values, and what is no array.
+            For complex numbers, text, masked values, or objects that are not arrays.
     """
     values = plain_array(given, name, OptionError)
     try:
@@ -189,9 +194,9 @@ def require_finite(b: Float, A: Any) -> None:
 
 
 def require_symmetric(A: Any) -> None:
-    """Raise OptionError, naming an entry, unless a matrix is symmetric but for rounding.
+    """Raise OptionError, with an entry, unless a matrix is symmetric up to rounding.
 
-    Entries a_ij and a_ji may differ by 1e-10 (a_ii a_jj)^½, whatever the sizes of other rows are.
+    Entries a_ij and a_ji may differ by 1e-10 (a_ii a_jj)^½, independent of other rows.
     """
     gap = sparse.coo_array(A - A.T)
     if not gap.nnz:
@@ -208,6 +213,6 @@ def require_symmetric(A: Any) -> None:
 
 
 def _distinct_texts(one: float, other: float) -> tuple[str, str]:
-    """Texts of two different numbers, with enough digits to differ."""
+    """Return texts of two different numbers, with enough digits to differ."""
     short = f"{one:g}", f"{other:g}"
     return short if short[0] != short[1] else (repr(one), repr(other))

@@ -1,4 +1,4 @@
-"""Solutions of solvers, and fields of a record that are computed on first use."""
+"""Solutions of solvers, and record fields computed on first use."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _Record = TypeVar("_Record")
 
 
 class Deferred:
-    """A value that is made once, by ``make``, when it is first asked for; what made it is let go then.
+    """Value computed by ``make`` on first access. ``make`` is then released.
 
     Examples
     --------
@@ -41,7 +41,7 @@ class Deferred:
 
 
 def deferrable(*names: str) -> Callable[[type[_Record]], type[_Record]]:
-    """Decorator of a dataclass whose fields of these names take :class:`Deferred` values, too.
+    """Decorate a dataclass so that the named fields accept :class:`Deferred` values.
 
     Examples
     --------
@@ -63,14 +63,14 @@ def deferrable(*names: str) -> Callable[[type[_Record]], type[_Record]]:
 
 
 class _Field:
-    """A field of that name, whose value is made when it is read."""
+    """Descriptor of a field, with deferred values computed on access."""
 
     def __init__(self, name: str) -> None:
         self._name = name
 
     def __get__(self, instance: Any, owner: type) -> Any:
         if instance is None:
-            raise AttributeError(self._name)  # as other fields, it is not an attribute of the class
+            raise AttributeError(self._name)  # like other fields, not a class attribute
         kept = vars(instance)
         if isinstance(kept[self._name], Deferred):
             kept[self._name] = kept[self._name].value
@@ -82,10 +82,10 @@ class _Field:
 
 @dataclass(frozen=True, eq=False)
 class Lifting:
-    """What was solved in place of ``A x = b``: x = offset + rest, ``A rest = load``.
+    """Shifted system that was solved instead of ``A x = b``: x = offset + rest, ``A rest = load``.
 
-    ``load (n,)`` is b − A offset, and the residual of x is load − A rest: both without the digits that are
-    lost where the offset is far above the rest.
+    ``load (n,)`` is b − A offset, and the residual of x is load − A rest. Both avoid the cancellation that
+    occurs for an offset far above the rest.
 
     Examples
     --------
@@ -104,30 +104,36 @@ class Lifting:
 @deferrable("A", "operators")
 @dataclass(frozen=True, eq=False, repr=False)
 class Solution:
-    """A solution ``x`` of ``A x = b`` and how it was reached.
+    """Solution ``x`` of ``A x = b``, with the solver's report.
 
-    Matrices are sparse, arrays or ``scipy.sparse.linalg.LinearOperator``; a solver that has them in another
-    form gives ``A`` and ``operators`` as :class:`~agglo_core.problems.solution.Deferred`.
-    ``operators`` lists ``(A, P)`` per level, finest first; ``residuals`` are the 2-norms ‖b − A x‖
-    after each iteration, the first one before any. Of several right-hand sides ``b (n, k)`` x is ``(n, k)``,
-    and ``residuals``, ``iterations`` and ``reason`` are those of the worst column: one that has not converged
-    if there is any, and of these the one with most iterations; the other statements hold of all columns.
+    Matrices are sparse, arrays or ``scipy.sparse.linalg.LinearOperator``. Solvers with another internal
+    format pass ``A`` and ``operators`` as :class:`~agglo_core.problems.solution.Deferred`. ``operators``
+    lists ``(A, P)`` per level, finest first. ``residuals`` are the 2-norms ‖b − A x‖ before the first and
+    after each iteration. For several right-hand sides ``b (n, k)``, x is ``(n, k)``, and ``residuals``,
+    ``iterations`` and ``reason`` belong to the worst column: a column that has not converged if there is any,
+    then the column with most iterations. All other attributes hold for all columns.
 
-    What a solver need not tell: ``tests``, which of the tests ``"residual"`` and ``"energy error"`` x has
-    passed, and ``tolerance``, how small they were to be; ``energy_error``, an estimate of the error in the
-    energy norm relative to that of the solution, and ``energy_errors``, of each iterate, as ``residuals``;
-    ``lifting``, if an offset was taken out of x (``residuals`` are then those of the rest);
-    ``operator_complexity`` and ``grid_complexity``, entries and unknowns of all levels over those of the
-    finest; ``parts``, how many agglomerates each level of ``operators`` has, None where its unknowns belong
-    to none; ``memory``, bytes of the preconditioner; ``cpu_seconds`` beside ``seconds``, which are those of
-    the clock, of the phases ``"hierarchy"`` (if the solver makes it), ``"assemble"``, ``"setup"`` and
-    ``"solve"``; ``choice``, which recipe was chosen and why; ``advice``, what might do better;
-    ``discretisation`` and ``mesh``, what x means, and where: None for linear systems.
+    Optional attributes:
 
-    ``rounding_limited`` is the third outcome beside ``converged`` and not: x misses ``tolerance``, but no
-    solver in double precision does better. ``backward_error`` shows it, that of
-    :func:`~agglo_core.problems.residuals.backward_error.backward_error`; ``energy_error`` tells what x is
-    good for.
+    - ``tests``: passed tests, ``"residual"`` and ``"energy error"``, with the bound ``tolerance``;
+    - ``energy_error``: estimate of the relative error in the energy norm, with ``energy_errors`` for each
+      iterate, as ``residuals``;
+    - ``lifting``: offset that was subtracted from x (``residuals`` then belong to the rest);
+    - ``operator_complexity``, ``grid_complexity``: entries and unknowns of all levels over those of the
+      finest;
+    - ``parts``: number of agglomerates for each level in ``operators``, None for unknowns without
+      agglomerates;
+    - ``memory``: size of the preconditioner in bytes;
+    - ``seconds``, ``cpu_seconds``: wall and CPU time of the phases ``"hierarchy"`` (if built by the solver),
+      ``"assemble"``, ``"setup"`` and ``"solve"``;
+    - ``choice``: chosen recipe, with reason;
+    - ``advice``: hint at a better method;
+    - ``discretisation``, ``mesh``: interpretation of x, None for linear systems.
+
+    ``rounding_limited`` is the third outcome beside converged and not converged: x misses ``tolerance``, but
+    no solver in double precision does better. The evidence is ``backward_error``
+    (:func:`~agglo_core.problems.residuals.backward_error.backward_error`). The accuracy of x is
+    ``energy_error``.
 
     Examples
     --------
@@ -172,21 +178,21 @@ class Solution:
 
     @property
     def contraction(self) -> float | None:
-        """Geometric mean of the factors by which the residual falls; None without an iteration."""
+        """Geometric mean of the residual reduction factors, or None without iterations."""
         return mean_contraction(self.residuals)
 
     @property
     def asymptotic_contraction(self) -> float | None:
-        """Geometric mean of these factors over the second half of the iterations; None without one."""
+        """Geometric mean of the reduction factors in the second half of the iterations, or None."""
         return mean_contraction(self.residuals, (len(self.residuals) - 1) // 2)
 
     def samples(self) -> Samples:
-        """The solution as a function: values at points of each cell, for pictures and files.
+        """Return the solution as a function: values at points in each cell, for pictures and files.
 
         Raises
         ------
         OptionError
-            If the solver has not said what x means, as of a linear system.
+                If the solver does not interpret x, as for a linear system.
 
         Examples
         --------
@@ -204,18 +210,18 @@ class Solution:
     def plot(
         self, ax: Any = None, *, convergence: bool = False, across: str = "z", cmap: str = "viridis"
     ) -> Any:
-        """Draw the solution on axes of matplotlib: on the mesh, in 3-D on a plane through its middle.
+        """Draw the solution on matplotlib axes: on the mesh, in 3-D on a plane through the middle.
 
         Parameters
         ----------
         ax : matplotlib.axes.Axes, optional
-            By default those of a new figure of pyplot, which notebooks and ``plt.show()`` show.
+                Default: axes of a new pyplot figure, shown by notebooks and ``plt.show()``.
         convergence : bool
-            Draw residuals, relative to the first, and energy errors of the iterates instead.
+                Draw residuals, relative to the first, and energy errors of the iterates instead.
         across : {"x", "y", "z"}
-            In 3-D: the axis that the plane is perpendicular to.
+                Axis perpendicular to the plane in 3-D.
         cmap : str
-            Colour map of matplotlib.
+                Matplotlib colour map.
 
         Returns
         -------
@@ -224,8 +230,8 @@ class Solution:
         Raises
         ------
         OptionError
-            Without matplotlib, if ``ax`` are no plane axes, for an argument that is not as above; if what x
-            means is not known, as of a linear system, unless it is ``convergence`` that is drawn.
+                Without matplotlib, for 3-D axes or an invalid argument, or for x without interpretation, as
+                of a linear system (except with ``convergence``).
 
         Examples
         --------
@@ -242,12 +248,12 @@ class Solution:
 
     @property
     def levels(self) -> LevelTable:
-        """Unknowns and entries of each level, printed as a table; one level if the solver has no others."""
+        """Table of unknowns and entries per level, with a single level for solvers without levels."""
         matrices = [A for A, _ in self.operators] or [self.A]
         return LevelTable([A.shape[0] for A in matrices], [_entries(A) for A in matrices])
 
     def __repr__(self) -> str:
-        """Name the size, the outcome and what it cost in one line."""
+        """Return a line with size, outcome and cost."""
         steps = f"{self.iterations} iteration{'' if self.iterations == 1 else 's'}"
         told = [f"{self.x.shape[0]} unknowns", f"{self.outcome} after {steps}"]
         if len(self.residuals) > 1 and self.residuals[0] > 0.0:
@@ -264,5 +270,5 @@ class Solution:
 
 
 def _entries(A: Any) -> int:
-    """Number of entries of a matrix, of all if it has no sparse form."""
+    """Return the number of stored entries, or all entries of a matrix without sparse form."""
     return int(A.nnz) if hasattr(A, "nnz") else int(A.shape[0]) * int(A.shape[1])

@@ -1,4 +1,4 @@
-"""Solve a problem with a solver of the registry or an object of one's own."""
+"""Solve a problem with a registered solver or a given solver object."""
 
 from __future__ import annotations
 
@@ -34,27 +34,27 @@ def solve(
     Parameters
     ----------
     on : Mesh or Hierarchy
-        On a mesh the solver makes the levels it needs, if it can.
+            On a mesh, the solver builds levels if it can.
     problem : Problem, optional
-        By default −Δu = 1 with u = 0 on the boundary, ``Diffusion()``.
+            Default: ``Diffusion()``, that is −Δu = 1 with u = 0 on the boundary.
     solver : str, tuple or object
-        The name of a solver, a name with options, or an object with ``solve(problem, hierarchy)``.
+            Solver name, name with options, or an object with ``solve(problem, hierarchy)``.
     registry : Registry, optional
-        Where names are looked up; by default the installed plugins.
+            Registry of names. Default: the installed plugins.
     progress, verbose : optional
-        As of :func:`agglo_core.agglomerate`.
+            As in :func:`agglo_core.agglomerate`.
     **options
-        Options of the solver, such as ``degree=2`` or ``tolerance=1e-8``.
+            Solver options, such as ``degree=2`` or ``tolerance=1e-8``.
 
     Returns
     -------
     Solution
-        See ``converged`` and ``reason``: a solver that stops early raises no error.
+            Check ``converged`` and ``reason``: a solver that stops early raises no error.
 
     Raises
     ------
     OptionError
-        If the solver does not accept the problem or an option, or needs a hierarchy and is given a mesh.
+            If the solver does not accept the problem or an option, or needs a hierarchy instead of a mesh.
     PluginError
         If the solver cannot be used, or fails.
 
@@ -86,7 +86,7 @@ def solve(
 
 
 def _member(solver: Any, options: Mapping[str, Any], registry: Registry | None) -> Member:
-    """Build a solver by name, or accept an object that has the method ``solve``."""
+    """Build a solver by name, or check an object for the method ``solve``."""
     if isinstance(solver, str | tuple):
         name, given = (solver, {}) if isinstance(solver, str) else name_and_options("solver", solver)
         known = default() if registry is None else registry
@@ -102,14 +102,14 @@ def _member(solver: Any, options: Mapping[str, Any], registry: Registry | None) 
 def solved_by(
     solver: Member, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None
 ) -> Solution:
-    """Solve with a solver, which may report its progress (``tells_progress``).
+    """Run a solver, with progress reports if supported (``tells_progress``).
 
     Raises
     ------
     AggloError
-        What the solver refuses.
+            Errors that the solver raises on purpose.
     PluginError
-        For anything else it raises, or if it returns no Solution.
+            For any other exception, or a result other than a Solution.
     """
     with unwrapped(progress) as listen, attributed(solver.title, spare=(AggloError,)):
         if getattr(solver.tool, "tells_progress", False):

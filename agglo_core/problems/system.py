@@ -1,4 +1,4 @@
-"""A linear system: what a discretisation assembles, or a user brings."""
+"""Linear system, assembled by a discretisation or given by the user."""
 
 from __future__ import annotations
 
@@ -15,34 +15,32 @@ from agglo_core.problems.real_arrays import real_array, real_matrix, require_fin
 from agglo_core.problems.residuals.row_scales import row_sizes
 
 _SUSPECT = 1e-11
-"""Difference of x·Ay and y·Ax, with rows and columns of A scaled to a unit diagonal, from which on entries
-are compared."""
+"""Minimum difference |x·Ay − y·Ax|, with A scaled to unit diagonal, that triggers a comparison of entries."""
 
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """A linear system A x = b with a symmetric matrix, and what multigrid may know of its unknowns.
+    """Linear system A x = b with a symmetric matrix, and data on its unknowns for multigrid.
 
     Attributes
     ----------
     A : (n, n) sparse, float64
-        Any sparse or dense matrix is taken; it is kept in CSR or, if it is given so, in BSR: columns in
-        order, no entry stored twice, arrays read-only.
+            Any sparse or dense matrix. Stored as CSR, or BSR if given as BSR: sorted columns, no duplicates,
+            read-only arrays.
     b : (n,) or (n, k) float
-        One right-hand side or several.
+            One or several right-hand sides.
     block_offsets : (blocks + 1,) int
-        The unknowns of block c are ``block_offsets[c]:block_offsets[c + 1]``, of any number above 0; by
-        default each unknown is a block. With a mesh, blocks are its cells.
+            Block c has the unknowns ``block_offsets[c]:block_offsets[c + 1]``, at least one. Default: single
+            unknowns. With a mesh, blocks are its cells.
     mesh : Mesh, optional
     near_null : (n, m) float, optional
-        Vectors that A takes to nearly nothing, such as constants and rigid motions.
+            Near-null vectors of A, such as constants and rigid motions.
 
     Raises
     ------
     OptionError
-        For a matrix without entries (a LinearOperator), one that is not square or not symmetric but for
-        rounding, indices out of range; complex numbers, values that are not numbers or not finite; shapes
-        that do not fit.
+            For a matrix without entries (a LinearOperator), not square or not symmetric up to rounding,
+            indices out of range, complex, non-numeric or infinite values, or shapes that do not fit.
 
     Examples
     --------
@@ -53,7 +51,7 @@ class System:
 
     A: Any
     b: Float
-    block_offsets: Int = None  # type: ignore[assignment]  # never None once it is made
+    block_offsets: Int = None  # type: ignore[assignment]  # never None after construction
     mesh: Mesh | None = None
     near_null: Float | None = None
 
@@ -75,7 +73,7 @@ class System:
     def trusted(
         cls, A: Any, b: Float, block_offsets: Int, mesh: Mesh | None, near_null: Float | None = None
     ) -> Self:
-        """A system of parts that fit together, taken as they are: for a discretisation that made them."""
+        """Return a system from consistent parts without checks, for discretisations."""
         system = object.__new__(cls)
         parts = {"A": A, "b": b, "block_offsets": block_offsets, "mesh": mesh, "near_null": near_null}
         for name, value in parts.items():
@@ -94,14 +92,14 @@ class System:
 
     @property
     def width(self) -> int | None:
-        """Unknowns of a block; None where blocks differ."""
+        """Number of unknowns per block, or None for variable blocks."""
         sizes = np.diff(self.block_offsets)
         return int(sizes[0]) if (sizes == sizes[0]).all() else None
 
     def to_scipy(self) -> tuple[sparse.csr_array, Float]:
-        """Return copies of matrix and right-hand side, as scipy, PyAMG and others take them.
+        """Return copies of matrix and right-hand side for scipy, PyAMG and others.
 
-        Indices are in 32 bits where they fit, as PyAMG and scikit-learn need them.
+        Indices have 32 bits if possible, as required by PyAMG and scikit-learn.
         """
         A = sparse.csr_array(self.A, copy=True)
         indices, indptr = (index_cast(each, max(A.nnz, *A.shape)) for each in (A.indices, A.indptr))
@@ -138,7 +136,10 @@ def _offsets(given: Any, n: int, mesh: Mesh | None) -> Int:
 
 
 def _require_symmetric(A: Any) -> None:
-    """Compare entries only where two products raise a suspicion: a transpose costs far more."""
+    """Raise OptionError unless A is symmetric.
+
+    A random test compares x·Ay and y·Ax first, because a transpose costs far more.
+    """
     x, y = np.random.default_rng(0).normal(size=(2, A.shape[0])) / np.sqrt(row_sizes(A))
     with np.errstate(over="ignore", invalid="ignore"):
         gap = abs(float(x @ (A @ y)) - float(y @ (A @ x)))

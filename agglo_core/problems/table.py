@@ -1,4 +1,4 @@
-"""Values in TOML tables of problems: numbers, by cell tag and by boundary tag; errors name the key."""
+"""Values in TOML problem tables: numbers by cell tag or boundary tag, with errors that name the key."""
 
 from __future__ import annotations
 
@@ -16,33 +16,33 @@ _LARGEST = sys.float_info.max
 
 
 def require_keys(table: Mapping[str, Any], keys: Sequence[str]) -> None:
-    """Raise OptionError unless all keys of a table are known ones; ``kind`` is one in every file."""
+    """Raise OptionError for unknown keys in a table. ``kind`` is always accepted."""
     unknown = sorted(set(table) - set(keys))
     if unknown:
         raise OptionError(f"unknown key {unknown[0]!r}; accepted: {', '.join([*keys, 'kind'])}")
 
 
 def number(key: str, value: Any) -> float:
-    """A finite number, or OptionError."""
+    """Return a finite number, or raise OptionError."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _LARGEST:
         raise OptionError(f"{key} must be a finite number, given {value!r:.60}")
     return float(value)
 
 
 def face_tag(key: str, name: Any, mesh: Mesh, always: str) -> str:
-    """The name of a face tag of the mesh, or ``always``; OptionError for any other."""
+    """Return a face tag of the mesh, or ``always``, or raise OptionError."""
     if name != always and (not isinstance(name, str) or name not in mesh.face_tags):
         raise OptionError(f"{key} must be a face tag of the mesh, given {name!r}; {_tags_of(mesh)}")
     return str(name)
 
 
 def cell_values(key: str, given: Any, mesh: Mesh) -> float | Float:
-    """A number, or one for each cell ``(n_cells,)`` from a table by tag and value.
+    """Return a number, or values per cell ``(n_cells,)`` from a table by tag and value.
 
     Raises
     ------
     OptionError
-        For a tag the mesh does not have, a value of the tag that is missing or unknown, or not a number.
+            For an unknown tag, a missing or unknown tag value, or a value that is not a number.
     """
     if not isinstance(given, Mapping):
         return number(key, given)
@@ -69,15 +69,15 @@ def cell_values(key: str, given: Any, mesh: Mesh) -> float | Float:
 
 
 def boundary_values(key: str, given: Any, mesh: Mesh, face_tag: str) -> dict[int, float]:
-    """Numbers by value of a face tag on the boundary; without that tag all faces have the value 0.
+    """Return numbers by face tag value on the boundary. Without this tag, all faces have the value 0.
 
-    Where another face tag marks the very faces of one value by 1, as the patches and groups of files do,
-    its name may stand for the value.
+    A name may replace the value if a face tag with this name is 1 exactly on the value's faces, as for the
+    patches and groups in files.
 
     Raises
     ------
     OptionError
-        For a value no boundary face has, or anything that is not a number.
+            For a value without boundary faces, or an entry that is not a number.
     """
     if not isinstance(given, Mapping):
         raise OptionError(f"{key} must be a table by boundary tag, given {given!r:.60}")
@@ -97,7 +97,7 @@ def _tags_of(mesh: Mesh) -> str:
 
 
 def _named(values: Int, marks: Mapping[str, Int]) -> dict[str, int]:
-    """The value a name stands for: the tag of that name is 1 where ``values`` are that, and nowhere else."""
+    """Return the value for each name with a mark that is 1 exactly where ``values`` equals this value."""
     names: dict[str, int] = {}
     for name, marked in marks.items():
         inside = marked == 1
@@ -108,7 +108,7 @@ def _named(values: Int, marks: Mapping[str, Int]) -> dict[str, int]:
 
 
 def _by_whole(key: str, given: Mapping[str, Any], names: Mapping[str, int]) -> dict[int, float]:
-    """Numbers by the value of a tag or by its name, each of which is written once."""
+    """Return numbers by tag value, given by value or name, each at most once."""
     values: dict[int, float] = {}
     for name, value in given.items():
         tag = names[name] if name in names else _whole(key, name, names)

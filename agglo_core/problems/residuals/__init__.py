@@ -1,1 +1,1 @@
-"""Sizes of residuals, and how far rounding lets them fall."""
+"""Sizes of residuals, and their limits by rounding."""

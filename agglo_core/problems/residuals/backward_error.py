@@ -14,18 +14,18 @@ from agglo_core.problems.residuals.sizes import size_ratio, two_norm
 from agglo_core.problems.residuals.stiff_springs import stiffest_joint
 
 LIMIT = 2.0 * float(np.finfo(float).eps)
-"""Backward error of what rounding keeps from being better: direct solvers reach a tenth to a half of it."""
-_ROWS = 4096  # of blocks
+"""Backward error limited by rounding: direct solvers reach a tenth to a half of this bound."""
+_ROWS = 4096  # block rows per step
 _TWO_DIGITS = 0.01
-"""Of the energy error: where it is larger the matrix is as good as singular, and x is not called accurate."""
+"""Maximum energy error for an accurate x. Above, the matrix is numerically singular."""
 
 
 def backward_error(A: Any, x: Float, b: Float) -> float | None:
-    """‖b − A x‖ / ‖|A| |x| + |b|‖, entry by entry under the norm; None if A is not known entry by entry.
+    """Return ‖b − A x‖ / ‖|A| |x| + |b|‖, with entrywise magnitudes, or None if A has no entries.
 
-    x solves exactly a system whose residual could come of entries of A and b that are wrong by this part of
-    themselves. To round x, or to compute b − A x, makes as much as half of an ulp of each: below
-    :data:`LIMIT` no solver in double precision does better, whatever its residual is next to ‖b‖.
+    x is the exact solution of a system with entries of A and b changed by at most this relative error.
+    Rounding x, or computing b − A x, causes up to half an ulp each. Below :data:`LIMIT`, no solver in double
+    precision does better, whatever the residual relative to ‖b‖.
 
     Parameters
     ----------
@@ -45,14 +45,14 @@ def backward_error(A: Any, x: Float, b: Float) -> float | None:
 
 
 def is_known(A: Any) -> bool:
-    """Whether A is known entry by entry: a sparse matrix or an array."""
+    """Return True if the entries of A are available: a sparse matrix or an array."""
     return sparse.issparse(A) or isinstance(A, np.ndarray)
 
 
 def magnitudes(A: Any, x: Float) -> Float:
-    """|A| |x| ``(n,)``; 0 if A is not known entry by entry.
+    """Return |A| |x| ``(n,)``, or 0 if A has no entries.
 
-    A few rows of blocks at a time: a copy of all of A takes longer than the product.
+    Block rows are processed in chunks, because a copy of A takes longer than the product.
     """
     if not is_known(A):
         return np.zeros(len(x))
@@ -70,7 +70,7 @@ def magnitudes(A: Any, x: Float) -> Float:
 
 
 def joints_told(A: Any) -> str:
-    """Return the end of a reason that names two unknowns whose stiff spring hides what else holds them.
+    """Return a text that names two unknowns with a spring so stiff that rounding hides other forces, or "".
 
     Examples
     --------
@@ -91,11 +91,11 @@ def joints_told(A: Any) -> str:
 
 
 def limit_told(history: History, A: Any, b: Float) -> History:
-    """The history of a method whose residual fell no further, with the backward error of its iterate.
+    """Return a stagnated history with the backward error of its iterate.
 
-    It ended by ``"rounding"`` if that is :data:`LIMIT` or less and the energy error leaves two digits. The
-    reason of any history that did not converge names two stiffly joined unknowns, if there are such
-    (:func:`joints_told`).
+    The history ``ended`` by ``"rounding"`` if the backward error is at most :data:`LIMIT` and the energy
+    error leaves two digits. The reason of any unconverged history names two stiffly joined unknowns, if
+    present (:func:`joints_told`).
 
     Examples
     --------

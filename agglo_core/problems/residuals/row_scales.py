@@ -1,4 +1,4 @@
-"""Sizes of the rows of a symmetric matrix, and residuals and loads that respect them."""
+"""Row sizes of a symmetric matrix, with suitable residual measures and loads."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from agglo_core.problems.residuals.sizes import Measure, relative_to
 from agglo_core.problems.residuals.stiff_springs import imposed_differences
 
 _ALIKE = 100.0
-#: Rows whose diagonal entries differ by no more than this factor are compared by their 2-norm alone.
+#: Maximum ratio of diagonal entries up to which rows are compared by the 2-norm alone.
 _PENALTY = 1e3
-#: Least ratio of a penalty to the other entries of its row, and to the least diagonal entry of the matrix.
+#: Minimum ratio of a penalty to the other entries in its row, and to the least diagonal entry.
 
 
 def row_sizes(A: Any) -> Float:
-    """Positive size of each row ``(n,)``: its diagonal entry, or its largest entry if that is not positive.
+    """Return a positive size per row ``(n,)``: the diagonal entry, or the largest entry if not positive.
 
-    In a positive definite matrix |a_ij| is below (a_ii a_jj)^½, so these sizes are a scale of its
-    entries whatever the units of the unknowns are. A row of zeros has the size 1.
+    In a positive definite matrix, |a_ij| < (a_ii a_jj)^½, so these sizes scale the entries independently of
+    the units of the unknowns. A zero row has size 1.
 
     Parameters
     ----------
@@ -42,17 +42,17 @@ def row_sizes(A: Any) -> Float:
 
 
 def row_measure(A: Any, b: Float) -> Measure:
-    """Measure of residuals r of A x = b that sees rows of every size.
+    """Return a measure of residuals r of A x = b that respects rows of all sizes.
 
-    It is ‖r‖ / ‖b‖ where the rows are of similar size. Otherwise it is the largest of three such ratios,
-    those of r and b, of D^-½ r and D^-½ b and of D⁻¹ r and D⁻¹ b, D being the sizes of the rows: a residual
-    in rows of small entries would be hidden by loads of rows of large entries, and vice versa. The second
-    ratio does not depend on the units of the unknowns.
+    The measure is ‖r‖ / ‖b‖ for rows of similar size. Otherwise it is the largest of three ratios, for r and
+    b, D^-½ r and D^-½ b, D⁻¹ r and D⁻¹ b, with the row sizes D. Otherwise loads in rows with large entries
+    would hide residuals in rows with small entries, and vice versa. The second ratio is independent of the
+    units of the unknowns.
 
     Parameters
     ----------
     A : (n, n) sparse, array or LinearOperator
-        Of a LinearOperator no sizes of rows are known.
+            Row sizes of a LinearOperator are unknown.
     b : (n,) float
 
     Examples
@@ -72,15 +72,15 @@ def row_measure(A: Any, b: Float) -> Measure:
 
 
 def penalised_rows(A: Any) -> Int:
-    """Numbers of the rows whose diagonal entry alone determines their unknown.
+    """Return the rows with a diagonal entry that alone determines the unknown.
 
-    It is a thousand times the other entries of the row together, and a thousand times the least diagonal
-    entry of the matrix, as where values are imposed by a large number on the diagonal.
+    Such an entry is a thousand times the sum of the others in its row, and a thousand times the least
+    diagonal entry, as for values imposed by a large diagonal number.
 
     Parameters
     ----------
     A : (n, n) sparse, array or LinearOperator
-        Of a LinearOperator no rows are known.
+            Rows of a LinearOperator are unknown.
 
     Examples
     --------
@@ -99,13 +99,13 @@ def penalised_rows(A: Any) -> Int:
 
 
 def lifted(A: Any, b: Float, rows: Int | None = None) -> tuple[Float, Float]:
-    """Offset that solves some rows of A x = b for their diagonal entries, and the load that is left.
+    """Solve some rows of A x = b by their diagonal entries. Return this offset and the remaining load.
 
-    With x = offset + y, A y = load = b − A offset. Penalties times imposed values are no part of the load:
-    residuals and energies of y are those of the other unknowns. In the given rows the load is computed from
-    the other entries alone: b_i − a_ii offset_i is 0 but for rounding of b_i.
+    With x = offset + y, A y = load = b − A offset. Penalties times imposed values vanish from the load, so
+    residuals and energies of y describe the other unknowns. In the given rows, the load is computed from the
+    off-diagonal entries only: b_i − a_ii offset_i is 0 except for rounding of b_i.
 
-    Loads across stiff springs are then taken out in the same way
+    Loads across stiff springs are subtracted likewise
     (:func:`~agglo_core.problems.residuals.stiff_springs.imposed_differences`).
 
     Parameters
@@ -113,11 +113,11 @@ def lifted(A: Any, b: Float, rows: Int | None = None) -> tuple[Float, Float]:
     A : (n, n) sparse or array
     b : (n,) or (n, k) float
     rows : (m,) int, optional
-        By default :func:`penalised_rows`.
+            Default: :func:`penalised_rows`.
 
     Returns
     -------
-    offset, load : float, of the shape of b
+    offset, load : float, with the shape of b
 
     Examples
     --------
@@ -139,7 +139,7 @@ def lifted(A: Any, b: Float, rows: Int | None = None) -> tuple[Float, Float]:
 
 
 def _without_spring_loads(A: Any, offset: Float, b: Float) -> tuple[Float, Float]:
-    """Add to an offset what loads across springs impose; returns it and the load that is left."""
+    """Add the differences imposed across springs to an offset. Return offset and remaining load."""
     sizes = row_sizes(A)
     imposed = [imposed_differences(A, each, sizes) for each in np.atleast_2d(b.T)]
     if all(each is None for each in imposed):
@@ -156,12 +156,12 @@ def _without_spring_loads(A: Any, offset: Float, b: Float) -> tuple[Float, Float
 
 
 def _rows_without_diagonal(A: Any, rows: Int) -> Any:
-    """Some rows ``(m, n)`` of a matrix with zeros in place of its diagonal entries."""
+    """Return rows ``(m, n)`` of a matrix with zeros on the diagonal."""
     return _rows_without(A, rows, frozen_int(np.arange(A.shape[0])))
 
 
 def _rows_without(A: Any, rows: Int, label: Int) -> Any:
-    """Some rows ``(m, n)`` of a matrix with zeros in place of entries between unknowns of equal label."""
+    """Return rows ``(m, n)`` of a matrix with zeros between unknowns of equal label."""
     some = sparse.csr_array(sparse.csr_array(A)[rows])
     own = np.repeat(label[rows], np.diff(some.indptr))
     data = np.where(label[some.indices] == own, 0.0, some.data)

@@ -1,4 +1,4 @@
-"""Sizes of residuals and errors, relative to those of right-hand sides and solutions."""
+"""Sizes of residuals and errors relative to right-hand sides and solutions."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 from agglo_core.arrays import Float
 
 Measure = Callable[[Float], float]
-"""Vector ``(n,)`` to a size."""
+"""Maps a vector ``(n,)`` to its size."""
 
 _SMALL = 1e-140
-"""Below this squares lose digits."""
+"""Limit below which squares lose digits."""
 
 
 def two_norm(r: Float) -> float:
-    """‖r‖, of numbers of any size.
+    """Return ‖r‖ without overflow or underflow.
 
     Examples
     --------
@@ -34,7 +34,7 @@ def two_norm(r: Float) -> float:
 
 
 def relative_size(r: Float, size: float) -> float:
-    """‖r‖ over a size; 0 where both are 0.
+    """Return ‖r‖ / size, or 0 if both are 0.
 
     Examples
     --------
@@ -47,7 +47,7 @@ def relative_size(r: Float, size: float) -> float:
 
 
 def size_ratio(length: float, size: float) -> float:
-    """A length over a size; 0 where both are 0, infinite where only the size is, or either is infinite.
+    """Return length / size, or 0 if both are 0, or ∞ if only ``size`` is 0 or either is infinite.
 
     Examples
     --------
@@ -61,13 +61,13 @@ def size_ratio(length: float, size: float) -> float:
 
 
 def relative_to(b: Float) -> Measure:
-    """The measure ‖r‖ / ‖b‖."""
+    """Return the measure ‖r‖ / ‖b‖."""
     size = two_norm(b)
     return lambda r: relative_size(r, size)
 
 
 def energy_of_solution(b: Float) -> Measure:
-    """The energy norm (x·Ax)^½ of an x with A x = b nearly, as (b·x)^½.
+    """Return the energy norm (x·Ax)^½ for A x ≈ b as a function of x, computed as (b·x)^½.
 
     Examples
     --------

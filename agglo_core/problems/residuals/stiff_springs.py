@@ -1,4 +1,4 @@
-"""Clusters of unknowns joined by stiff springs, and the differences that loads across them impose."""
+"""Clusters of unknowns joined by stiff springs, and differences imposed by loads across the springs."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from scipy.sparse.linalg import splu
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 
 _STIFF = 1e3
-#: Least ratio of a stiff entry to the usual entries of the matrix (their lower quartile).
+#: Minimum ratio of a stiff entry to the usual entries (their lower quartile).
 _STEP = 10.0
-#: Growth of that ratio where components are not held weakly.
+#: Growth factor for this ratio where components are not weakly held.
 _WEAK = 0.1
-#: Most that holds an unknown of a cluster apart from its springs, relative to its diagonal entry.
+#: Maximum outer coupling of an unknown in a cluster, relative to its diagonal entry.
 _LEFT = 0.01
-#: Most of b·D⁻¹b that loads across springs leave; where more is left, it is not hidden by their energy.
+#: Maximum share of b·D⁻¹b left without loads across springs. A larger rest is not hidden by spring energy.
 _MOST = 10_000
-#: Unknowns of a cluster. Springs are factorised, which takes long for larger bodies in 3-D.
+#: Maximum unknowns per cluster. Springs are factorised, which is slow for large 3-D bodies.
 _FEW = 64
-#: Unknowns of a cluster that constants are not free to move, as with scaled unknowns or signs.
+#: Maximum unknowns per cluster that does not move freely by constants (scaled unknowns, signs).
 _SAMPLE = 4096
-#: Entries from which the usual size is estimated.
+#: Sample size for the estimate of the usual entry size.
 _HIDDEN = 1e8
-#: Least stiffness, relative to the usual entries, that is named as a reason: half of the digits.
+#: Minimum stiffness, relative to the usual entries, to be named as a reason: half of the digits.
 
 
 class Imposed(NamedTuple):
@@ -35,11 +35,11 @@ class Imposed(NamedTuple):
     Attributes
     ----------
     members : (m,) int
-        Unknowns of all clusters except for one in each, its root, of the largest diagonal entry.
+            Unknowns in all clusters, except the root of each cluster (its largest diagonal entry).
     values : (m,) float
-        What solves the rows of members, the other unknowns being 0.
+            Solution of the member rows, with all other unknowns 0.
     label : (n,) int
-        Number of the cluster of each unknown; unknowns of no cluster have numbers of their own.
+            Cluster number of each unknown. Unknowns outside clusters have unique numbers.
     """
 
     members: Int
@@ -50,22 +50,21 @@ class Imposed(NamedTuple):
 def imposed_differences(A: Any, b: Float, sizes: Float) -> Imposed | None:
     """Solve clusters of stiffly joined unknowns for the loads across their springs.
 
-    A cluster is a connected component of entries a_ij that are large against the usual ones, whose other
-    entries are small. Apart from its springs it is held weakly. Where loads across springs make up nearly all
-    of b, energies are those of the springs, and neither residuals nor energies show errors of clusters as a
-    whole.
+    A cluster is a connected component of large entries a_ij, compared with the usual entries, with small
+    entries to the outside. Without its springs a cluster is weakly held. If loads across springs dominate b,
+    energies are spring energies, and neither residuals nor energies show errors of whole clusters.
 
     Parameters
     ----------
     A : (n, n) sparse or array
     b : (n,) float
     sizes : (n,) float
-        Sizes of the rows, see :func:`~agglo_core.problems.residuals.row_scales.row_sizes`.
+            Row sizes (:func:`~agglo_core.problems.residuals.row_scales.row_sizes`).
 
     Returns
     -------
     Imposed or None
-        None unless at most a hundredth of b·D⁻¹b is left without loads across springs, D being the sizes.
+            None unless loads without springs are at most 1 % of b·D⁻¹b, with the row sizes D.
 
     Examples
     --------
@@ -78,25 +77,28 @@ def imposed_differences(A: Any, b: Float, sizes: Float) -> Imposed | None:
     >>> imposed_differences(A, np.ones(3), A.diagonal()) is None
     True
     """
+    # Quick exit: rows without stiff entries carry too much load.
     least = _STIFF * _usual_size(A)
     square = b * (b / sizes)
     most, left = _LEFT * float(square.sum()), sizes > least
     if not most > 0.0 or float(square.sum() - square[left].sum()) > most:
         return None  # rows without springs keep their load
-    # Loads of clusters that constants move freely add up to little: the sum over all of them is cheap.
+    # Quick exit: net loads on freely movable clusters are small, and their total is cheap to compute.
     free = left & (np.abs(A @ np.ones(len(b))) <= _WEAK * sizes)
     if 2.0 * square[free].sum() > square[left].sum() and b[free].sum() ** 2 > most * sizes[free].sum():
         return None
+    # Find the clusters, with the largest diagonal entry as root of each.
     label, constant = _clusters(sparse.csr_array(A), left, least, sizes)
     order = np.lexsort((-sizes, label))
     first = np.append(True, np.diff(label[order]) != 0)
     roots, members = order[first], order[~first]
     if not len(members) or _share(np.bincount(label, b)[label[roots]], sizes[roots], constant[roots]) > most:
         return None
+    # Solve the member rows of each cluster.
     root = np.empty(len(b), np.int64)
     root[order] = roots[np.cumsum(first) - 1]
     values, forces, stiffness = _solved(sparse.csr_array(A), b, members, root, label)
-    # Clusters that are held otherwise are no clusters.
+    # Discard clusters that are held otherwise.
     held = stiffness > _WEAK * sizes
     kept = ~held[root[members]]
     if _share(np.where(held, b, forces)[roots], sizes[roots]) + square[members[~kept]].sum() > most:
@@ -106,33 +108,34 @@ def imposed_differences(A: Any, b: Float, sizes: Float) -> Imposed | None:
 
 
 def _share(forces: Float, sizes: Float, counted: Any = True) -> float:
-    """b·D⁻¹b of some forces, those that are ``counted``."""
+    """Return the share of b·D⁻¹b for the ``counted`` forces."""
     return float(np.where(counted, forces * (forces / sizes), 0.0).sum())
 
 
 def _usual_size(A: Any) -> float:
-    """Return the lower quartile of the absolute values of the entries, from a sample."""
+    """Return the lower quartile of the absolute entries, estimated from a sample."""
     data = np.ravel(A if isinstance(A, np.ndarray) else A.data)
-    if len(data) > _SAMPLE:  # at random, as steps may meet the diagonal alone
+    if len(data) > _SAMPLE:  # at random, because strides may hit the diagonal only
         data = data[np.random.default_rng(0).integers(len(data), size=_SAMPLE)]
     data = np.abs(data[data != 0.0])
     return float(np.quantile(data, 0.25)) if len(data) else np.inf
 
 
 def _clusters(A: Any, rows: Any, least: float, sizes: Float) -> tuple[Int, Any]:
-    """Number of the cluster of each unknown ``(n,)``, and whether constants move it freely.
+    """Return the cluster number of each unknown ``(n,)``, and True where constants move it freely.
 
-    Only unknowns of some ``rows (n,)`` are in clusters. Components that are no clusters may hold smaller
-    ones, of stiffer springs.
+    Only unknowns in the given ``rows (n,)`` belong to clusters. Components that are not clusters may contain
+    smaller clusters with stiffer springs.
     """
     n, small = len(sizes), _WEAK * sizes
     label, constant = np.arange(n), np.ones(n, bool)
     i, j, data = _entries(A, rows)
     stiff = (np.abs(data) > least) & (i != j)
     while stiff.any():
+        # Connected components of stiff entries.
         joints = sparse.coo_array((data[stiff], (i[stiff], j[stiff])), shape=(n, n))
         count, found = connected_components(joints, directed=False)
-        # Outside of its cluster each unknown has small entries alone; what constants meet are row sums.
+        # A cluster has only small entries to the outside. Row sums are the effect of constants.
         inside = found[i] == found[j]
         outside = np.bincount(i, np.where(inside, 0.0, np.abs(data)), n)
         sums = np.abs(np.bincount(i, np.where(inside, data, 0.0), n))
@@ -141,6 +144,7 @@ def _clusters(A: Any, rows: Any, least: float, sizes: Float) -> tuple[Int, Any]:
         members = np.bincount(found, minlength=count)
         good = (apart & (members > 1) & (members <= np.where(free, _MOST, _FEW)))[found]
         label[good], constant[good] = label.max() + 1 + found[good], free[found[good]]
+        # Raise the stiffness bound for the remaining components.
         least = max(_STEP * least, float(np.abs(data[stiff]).min()))
         left = ~good[i] & (sizes[i] > least)
         i, j, data = i[left], j[left], data[left]
@@ -149,7 +153,7 @@ def _clusters(A: Any, rows: Any, least: float, sizes: Float) -> tuple[Int, Any]:
 
 
 def _entries(A: Any, rows: Any) -> tuple[Int, Int, Float]:
-    """Row numbers, column numbers and values of the entries of some ``rows (n,)``."""
+    """Return rows, columns and values of the entries in the given ``rows (n,)``."""
     lengths = np.diff(A.indptr)
     if rows.all():
         return np.repeat(np.arange(len(rows)), lengths), A.indices, A.data
@@ -158,33 +162,36 @@ def _entries(A: Any, rows: Any) -> tuple[Int, Int, Float]:
 
 
 def _solved(rows: Any, b: Float, members: Int, root: Int, label: Int) -> tuple[Float, Float, Float]:
-    """Solve the rows of members, other unknowns being 0.
+    """Solve the member rows, with all other unknowns 0.
 
     Returns
     -------
     values : (m,) float
-        Of the members.
+            Values of the members.
     forces, stiffness : (n,) float
-        Load and diagonal entry that elimination of the members leaves in the row of each root.
+            Load and diagonal entry in each root row after elimination of the members.
     """
+    # Split the member rows into springs between members and couplings to the roots.
     own = sparse.coo_array(rows[members])
     i, j = own.coords
     inside, place = label[members[i]] == label[j], np.full(len(b), -1)
     place[members] = np.arange(len(members))
     to_root, springs = inside & (place[j] < 0), inside & (place[j] >= 0)
     coupling = np.bincount(i[to_root], own.data[to_root], len(members))
+    # Solve the scaled springs for loads and couplings.
     scale = 1.0 / np.sqrt(rows.diagonal()[members])
     i, j, data = i[springs], place[j[springs]], own.data[springs]
     S = sparse.csc_array((scale[i] * data * scale[j], (i, j)), shape=(len(members), len(members)))
     solved = scale[:, None] * splu(S).solve(scale[:, None] * np.stack([b[members], coupling], axis=1))
+    # Eliminate the members from the root rows.
     left = [np.bincount(root[members], coupling * each, len(b)) for each in solved.T]
     return solved[:, 0], b - left[0], rows.diagonal() - left[1]
 
 
 def stiffest_joint(A: Any) -> tuple[int, int] | None:
-    """Return two unknowns whose spring hides what else holds them; None if no spring is that stiff.
+    """Return the two unknowns with a spring that hides other forces, or None if no spring is that stiff.
 
-    In double precision the entries of their rows keep less than eight digits of the rest.
+    In double precision, entries in their rows keep less than eight digits of the other forces.
 
     Examples
     --------
