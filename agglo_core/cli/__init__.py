@@ -1,4 +1,4 @@
-"""The command line ``agglo``: starting it is fast, as help and listings import nothing numerical."""
+"""Command line ``agglo``, with fast start-up: help and listings import no numerical packages."""
 
 from agglo_core.cli.app import main
 

@@ -1,4 +1,4 @@
-"""The group of commands, including those of plugins, and how errors are reported."""
+"""Command group with the commands of plugins, and error reporting."""
 
 from __future__ import annotations
 
@@ -31,15 +31,18 @@ from agglo_core.registry import CORE_COMMANDS, Record, default, describe
 from agglo_core.registry.construct import resolve
 from agglo_core.registry.containment import printable
 
-_ON_RANKS = ("run", "solve")  # commands that know of several ranks; all others are of one process
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # what writing to stdout may end in
+_ON_RANKS = ("run", "solve")  # commands that support several ranks
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # possible errors of writing to stdout
 
 
 class Commands(click.Group):
-    """agglo's own commands and those of plugins, which are imported when they are run."""
+    """agglo's own commands, and commands of plugins, imported when run."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Own commands first; a plugin's command whose name is taken is listed as ``plugin/name``."""
+        """Return agglo's own commands, then those of plugins.
+
+        A plugin command with a name that is taken is listed as ``plugin/name``.
+        """
         theirs = (
             f"{record.plugin}/{record.name}" if record.state == "conflict" else record.name
             for record in default().commands()
@@ -47,7 +50,7 @@ class Commands(click.Group):
         return [*CORE_COMMANDS, *sorted(set(theirs))]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
-        """The command of that name; a plugin's stands in for the real one until it is run."""
+        """Return the command with this name, for plugins a stand-in until the command runs."""
         own = super().get_command(ctx, cmd_name)
         if own is not None:
             return own
@@ -58,7 +61,7 @@ class Commands(click.Group):
 
 
 def _stand_in(name: str, record: Record) -> click.Command:
-    """A command with the declared summary that imports the target and hands over its arguments."""
+    """Return a command with the declared summary that imports the target and forwards its arguments."""
 
     def hand_over(arguments: tuple[str, ...]) -> object:
         real = resolve(record)
@@ -70,7 +73,7 @@ def _stand_in(name: str, record: Record) -> click.Command:
                 return real.invoke(inner)
             except (AggloError, click.ClickException, click.exceptions.Exit, click.Abort):
                 raise
-            except Exception as error:  # a bug of a plugin: say whose, and keep its traceback
+            except Exception as error:  # a plugin bug: name the plugin, keep the traceback
                 error.add_note(f"raised by {describe(record)}")
                 raise
 
@@ -112,7 +115,10 @@ for _command in (demo, run, compare, quality, mesh, solve, plugins, check, compl
 
 
 def main(args: Sequence[str] | None = None) -> NoReturn:
-    """Run the command line and exit; errors raised on purpose become one line, bugs a traceback."""
+    """Run the command line and exit.
+
+    Errors raised on purpose are printed as one line, bugs with a traceback.
+    """
     here = launched()
     sys.exit(_main(args) if here is None else on_all_ranks(lambda: _main(args), here))
 
@@ -125,7 +131,7 @@ def _main(args: Sequence[str] | None) -> int:
 def _run(args: Sequence[str] | None) -> int:
     try:
         result = app.main(args=args, prog_name="agglo", standalone_mode=False)
-        if sys.stdout is not None:  # as it is where the caller has closed it
+        if sys.stdout is not None:  # None if the caller has closed stdout
             sys.stdout.flush()
     except (AggloError, click.Abort, SystemError) as error:
         stop = stopped_by(error)
@@ -138,7 +144,7 @@ def _run(args: Sequence[str] | None) -> int:
         return _fail(error.format_message())
     except MemoryError as error:
         return _fail(f"out of memory: {error}" if str(error) else "out of memory")
-    except BrokenPipeError:  # the reader of our output has closed it: say nothing
+    except BrokenPipeError:  # the reader has closed the pipe: end silently
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
@@ -152,7 +158,7 @@ def _run(args: Sequence[str] | None) -> int:
 
 
 def _give_up_output() -> None:
-    """Discard what stdout could not write: at exit it would fail once more."""
+    """Discard the unwritable rest of stdout, which would fail again at exit."""
     try:
         sys.stdout.flush()
     except OSError:
@@ -160,7 +166,7 @@ def _give_up_output() -> None:
 
 
 def _fail(message: str) -> int:
-    with suppress(OSError):  # stderr may be as full as stdout: the exit code still says it
+    with suppress(OSError):  # stderr may be full, too: then only the exit code reports
         say(f"error: {printable(' '.join(message.split()))}")
     return 2
 

@@ -1,4 +1,4 @@
-"""Runs as the commands carry them out and show them."""
+"""Execution and display of runs for the commands."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _RATIO = "mean diam/h*"
 
 
 def watched(quiet: bool = False) -> AbstractContextManager[Listener | None]:
-    """A bar on stderr for as long as the context lasts; nothing if quiet, or where there is no terminal."""
+    """Return a context with a progress bar on stderr, or without bar if quiet or not on a terminal."""
     return nullcontext() if quiet else shown(lines=False)
 
 
@@ -38,9 +38,9 @@ def execute(
     progress: Listener | None = None,
     save: Callable[[Hierarchy, Sequence[Level]], object] | None = None,
 ) -> RunResult:
-    """Warm up, agglomerate with the arguments ``given``, measure, and save; errors pass through.
+    """Warm up, agglomerate with the arguments ``given``, measure and save. Errors propagate.
 
-    What was agglomerated is saved even if measuring fails, without levels then; not after an interrupt.
+    The hierarchy is saved even if measuring fails (then without levels), but not after an interrupt.
     """
     from agglo_core.agglomeration.one_call import agglomerate
     from agglo_core.measure.comparison import timed_run
@@ -72,7 +72,7 @@ def attempt(
     metrics: Metrics = None,
     progress: Listener | None = None,
 ) -> RunResult:
-    """Execute one run among others, the failure of which is a result."""
+    """Execute one of several runs, with a failure as result instead of an error."""
     from agglo_core.measure.comparison import RunResult
 
     try:
@@ -84,7 +84,7 @@ def attempt(
 
 
 def warm_up(given: Mapping[str, Any]) -> None:
-    """Import packages and compile kernels on a tiny mesh: the first run's time must not include them."""
+    """Import packages and compile kernels on a tiny mesh, to keep both out of the first run's time."""
     from agglo_core import samples
     from agglo_core.agglomeration.one_call import agglomerate
 
@@ -95,29 +95,29 @@ def warm_up(given: Mapping[str, Any]) -> None:
     except AggloError as error:
         if stopped_by(error) is not None:
             raise
-        # else the run itself will tell
+        # otherwise the run itself reports the error
 
 
 def refuse_all_failed(runs: Sequence[RunResult]) -> None:
-    """Raise OptionError if every run failed."""
+    """Raise OptionError if all runs failed."""
     if all(run.hierarchy is None for run in runs):
         reasons = dict.fromkeys(f"{run.name}: {run.error}" for run in runs)
         raise OptionError("no run came to an end: " + "; ".join(reasons))
 
 
 def data(mesh: Mesh, source: str, runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Plain data of a mesh and its runs, the form of ``--json``."""
+    """Return plain data on a mesh and its runs, as in ``--json``."""
     return {"mesh": {"name": mesh.name or source, "cells": mesh.n_cells, "h0": mesh.h}, "runs": runs}
 
 
 def level_data(level: Level) -> dict[str, Any]:
-    """A level with its target as one number: the largest diameter, or how many parts."""
+    """Return the data of a level, with its target as a number: maximum diameter or number of parts."""
     asked = level.line["target"]
     return level.line | {"target": asked.get("h_star", asked.get("n_parts"))}
 
 
 def run_data(run: RunResult, bisector: str, method: str) -> dict[str, Any]:
-    """A run of a comparison: that of ``agglo run``, with method, and the error if it failed."""
+    """Return the data of a compared run: as ``agglo run``, with method, and an error if failed."""
     return {
         "bisector": bisector,
         "method": method,
@@ -130,12 +130,12 @@ def run_data(run: RunResult, bisector: str, method: str) -> dict[str, Any]:
 
 
 def refuse_metrics(mesh: Mesh, metrics: Metrics) -> None:
-    """Refuse metrics that do not exist in 3-D, found out on a small solid.
+    """Refuse metrics that do not exist in 3-D, tested on a small solid.
 
     Raises
     ------
     MeshError
-        If one of them does not.
+            If a metric does not exist in 3-D.
     """
     if metrics is None or mesh.dim == 2:
         return
@@ -146,7 +146,7 @@ def refuse_metrics(mesh: Mesh, metrics: Metrics) -> None:
 
 
 def single_level(mesh: Mesh) -> Hierarchy:
-    """A hierarchy whose one level is the cells as they are."""
+    """Return a hierarchy with the unchanged cells as its only level."""
     import numpy as np
 
     from agglo_core.hierarchy import Hierarchy
@@ -155,7 +155,7 @@ def single_level(mesh: Mesh) -> Hierarchy:
 
 
 def show(title: str, runs: Sequence[RunResult], only_finest: bool = False) -> None:
-    """Print one line per level, and why runs failed."""
+    """Print a line per level, and the reasons of failed runs."""
     every = [level for run in runs for level in run.levels]
     sized = any(level.line["diameter_ratio"] is not None for level in every)
     columns = _columns(every[0], sized)
@@ -175,14 +175,14 @@ def show(title: str, runs: Sequence[RunResult], only_finest: bool = False) -> No
 
 
 def _limited(run: RunResult) -> str:
-    """Sentence on searches that a time limit ended, empty if there were none."""
+    """Return a remark on searches stopped by the time limit, or an empty text."""
     count = run.hierarchy.statistics.get("time_limits", 0) if run.hierarchy else 0
     searches = "a search" if count == 1 else f"{count:,} searches"
     return f"the time limit ended {searches}; these are the best parts found by then" if count else ""
 
 
 def _columns(level: Level, sized: bool) -> dict[str, str]:
-    """Keys and headings of the columns, with the mean diameter over h* where a level has a size."""
+    """Return keys and headings of the columns, with mean diameter over h* if a level has a size."""
     shown = {"diameter_ratio": _RATIO} if sized and "diameter_ratio" not in level.metrics else {}
     alike = (*level.metrics, "connected", *level.objectives)
     return {"parts": "K"} | shown | {name: name for name in alike}
@@ -197,13 +197,13 @@ def _cells(level: Level, columns: Iterable[str]) -> list[str]:
 
 
 def undefined(level: Level, name: str) -> str:
-    """Remark behind the mean of a metric that is undefined for some agglomerates."""
+    """Return a remark on the number of agglomerates without a value."""
     count = level.undefined.get(name, 0)
     return f" ({count} undefined)" if count else ""
 
 
 def short(value: Any) -> str:
-    """A number as columns of ratios show it: three decimals, or four digits where it is large."""
+    """Format a ratio: three decimals, or four digits for large numbers."""
     if isinstance(value, float) and abs(value) < 1000.0:
         return f"{value:.3f}"
     return number(value)

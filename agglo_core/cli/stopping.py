@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: both unwind the program, so that no temporary folder stays behind."""
+"""Clean termination by Ctrl-C and SIGTERM: both unwind the stack, so that temporary folders are removed."""
 
 from __future__ import annotations
 
@@ -10,12 +10,15 @@ from types import FrameType
 
 
 class Terminated(KeyboardInterrupt):
-    """SIGTERM; like Ctrl-C not the failure of a plugin, for which a SystemExit of 143 would be taken."""
+    """SIGTERM as an exception.
+
+    Like Ctrl-C, and unlike SystemExit, it is not mistaken for the failure of a plugin.
+    """
 
 
 @contextmanager
 def terminations() -> Iterator[None]:
-    """Raise Terminated on SIGTERM for as long as the context lasts, unless someone else handles it."""
+    """Raise Terminated on SIGTERM within the context, unless SIGTERM already has a handler."""
     own = threading.current_thread() is threading.main_thread()
     if not own or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
         yield
@@ -32,8 +35,8 @@ def _terminate(number: int, frame: FrameType | None) -> None:
 
 
 def stopped_by(error: BaseException | None) -> KeyboardInterrupt | None:
-    """The interrupt an error goes back to, if any: within a kernel it comes out as a SystemError."""
-    seen = list[BaseException]()  # errors of plugins may go back to one another
+    """Return the interrupt that caused an error, or None. In kernels an interrupt becomes a SystemError."""
+    seen = list[BaseException]()  # plugin errors may form a cycle
     while error is not None and not isinstance(error, KeyboardInterrupt):
         if error in seen:
             return None

@@ -1,1 +1,1 @@
-"""The commands of agglo, one module each."""
+"""Commands of agglo, one module each."""

@@ -1,4 +1,4 @@
-"""``agglo check``: whether a component obeys the laws of its kind and keeps its promises."""
+"""``agglo check``: check a component against the laws of its kind and its promises."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``agglo compare``: bisectors and methods side by side on one mesh."""
+"""``agglo compare``: compare bisectors and methods on one mesh."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _Plan:
-    """One bisector by one method; ``lacks`` says why the bisector cannot, if so."""
+    """Bisector and method of a run. ``lacks`` is the reason if the bisector does not support the method."""
 
     name: str
     spec: str
@@ -138,12 +138,12 @@ def compare(
 
 
 def _with_solutions(runs: list[dict[str, Any]], solved: Sequence[Solved]) -> list[dict[str, Any]]:
-    """Data of the runs, each with that of its solution, if they were solved."""
+    """Return the data of the runs, with the data of their solutions if solved."""
     return [run | {"solve": each.data()} for run, each in zip(runs, solved, strict=True)] if solved else runs
 
 
 def _configured_method(given: Mapping[str, Any]) -> str:
-    """The method of the configuration, or the default one."""
+    """Return the method of the configuration, or the default method."""
     if "config" not in given:
         return METHODS[0]
     from agglo_core.agglomeration import Pipeline
@@ -152,7 +152,10 @@ def _configured_method(given: Mapping[str, Any]) -> str:
 
 
 def _plans(specs: Sequence[str], methods: Sequence[str]) -> list[_Plan]:
-    """All combinations, bisector by bisector; components are built once, so that options are checked."""
+    """Return all combinations, bisector by bisector.
+
+    Components are built once to check their options.
+    """
     plans = []
     for spec in specs:
         lacking = _lacking(spec)
@@ -163,7 +166,7 @@ def _plans(specs: Sequence[str], methods: Sequence[str]) -> list[_Plan]:
 
 
 def _lacking(spec: str) -> dict[str, str]:
-    """Why a bisector cannot be used by a method, for those that it does not implement."""
+    """Return a reason for each method that the bisector does not implement."""
     from agglo_core.protocols import Bisector, LevelBisector, Partitioner
 
     name, options = choice("bisector", spec)

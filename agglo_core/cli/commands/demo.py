@@ -1,4 +1,4 @@
-"""``agglo demo``: a human brain agglomerated by every bisector; writes a report, pictures and meshes."""
+"""``agglo demo``: agglomerate a human brain with every bisector, and write report, pictures and meshes."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 _FIRST = ("kmeans", "metis")
 _TISSUE = "tissue"
 _BOXES = 2
-"""Metrics whose distributions are drawn, the first that exist for the mesh."""
+"""Number of metrics with box plots, the first available for the mesh."""
 
 
 @click.command(cls=OwnCommand, short_help="See a brain agglomerated by every bisector.")
@@ -104,7 +104,7 @@ def demo(
 
 
 def _bisectors(quiet: bool, solid: bool = False) -> list[str]:
-    """Names of the bisectors that can be used here; those that lack a package, or a dimension, are noted."""
+    """Return the usable bisectors, and note those that lack a package or the dimension."""
     records = [record for record in default().list() if record.kind == "bisector"]
     plane = [record for record in records if solid and record.state == "ok" and not _in_space(record)]
     for record in records if not quiet else ():
@@ -134,7 +134,7 @@ def _check_folder(folder: Path) -> None:
 def _meshes(
     outputs: Outputs, folder: Path, mesh: Mesh, runs: Sequence[RunResult], progress: Listener | None
 ) -> None:
-    """Mesh and levels of each run for ParaView."""
+    """Write mesh and levels of each run for ParaView."""
     from agglo_core.io import write
 
     for run in runs:
@@ -162,7 +162,7 @@ def _pictures(
     quiet: bool,
     progress: Listener | None,
 ) -> None:
-    """The box plots, the mesh, and the levels of each run; none without matplotlib, which is said."""
+    """Draw the box plots, the mesh, and the levels of each run, or print a note without matplotlib."""
     if find_spec("matplotlib") is None:
         if not quiet:
             say(

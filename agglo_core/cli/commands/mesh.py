@@ -1,4 +1,4 @@
-"""``agglo mesh``: a sample mesh into a file."""
+"""``agglo mesh``: write a sample mesh to a file."""
 
 from __future__ import annotations
 

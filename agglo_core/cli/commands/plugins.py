@@ -1,4 +1,4 @@
-"""``agglo plugins``: every component and command, its state and why; the options of one."""
+"""``agglo plugins``: list all components and commands with state, or a component's options."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from agglo_core.registry.construct import resolve
 from agglo_core.registry.options import Option, options_of
 
 _COLUMNS = ("kind", "name", "plugin", "distribution", "state", "about")
-_SLOW = 2.0  # seconds; every command waits for the imports of all plugins
+_SLOW = 2.0  # seconds: imports of plugins delay every command
 
 
 @click.command(cls=OwnCommand, short_help="List plugins, their components, states and options.")
@@ -48,12 +48,12 @@ def plugins(name: str | None, verbose: bool, as_json: bool) -> None:
 
 
 def _named(registry: Registry, text: str) -> list[Record]:
-    """Records of ``name``, ``kind:name`` or ``plugin/name``; several if kinds share the name.
+    """Return the records for ``name``, ``kind:name`` or ``plugin/name``, several if kinds share the name.
 
     Raises
     ------
     PluginError
-        If there is none.
+            If there is no such record.
     """
     kind, colon, name = text.partition(":")
     if colon:
@@ -95,7 +95,7 @@ def _particulars(record: Record) -> list[str]:
 
 
 def _card(record: Record) -> Iterator[str]:
-    """Lines that describe a component and each of its options."""
+    """Yield lines that describe a component and its options."""
     kind = KINDS.get(record.kind)
     yield f"{describe(record)}: {record.state}"
     if record.reason:
@@ -122,7 +122,7 @@ def _lines(option: Option) -> list[str]:
 
 
 def _options_data(record: Record) -> dict[str, Any]:
-    """Options as plain data; None where they are not known."""
+    """Return the options as plain data, or None if unknown."""
     if record.state != "ok" or record.component is None:
         return {"options": None}
     options = options_of(resolve(record))
@@ -143,7 +143,10 @@ def _options_data(record: Record) -> dict[str, Any]:
 
 
 def _data(record: Record) -> dict[str, Any]:
-    """Plain data of a record; a broken declaration may hold anything, so its values become text."""
+    """Return a record as plain data.
+
+    Values become text, because a broken declaration may contain anything.
+    """
     component, declared = record.component, record.component or record.command
     whole = component is not None and record.state != "broken"
     return {

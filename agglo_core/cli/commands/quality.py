@@ -1,4 +1,4 @@
-"""``agglo quality``: shape metrics of the agglomerates in a file."""
+"""``agglo quality``: compute shape metrics of the agglomerates in a file."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def quality(file: Path, metrics: list[Any] | None, as_json: bool, quiet: bool) -
 
 
 def _columns(levels: Sequence[Level]) -> list[str]:
-    """Keys of what is shown, the mean diameter over h* beside the number of parts where a level has one."""
+    """Return the keys of the columns, with the mean diameter over h* if a level has a size."""
     sized = any(level.line["diameter_ratio"] is not None for level in levels)
     first = ["level", "parts", *(["diameter_ratio"] if sized else []), "max_diameter"]
     metrics = [name for name in levels[0].metrics if name not in first]
@@ -70,7 +70,7 @@ def _columns(levels: Sequence[Level]) -> list[str]:
 
 
 def _levels(mesh: Mesh, stored: Hierarchy | None) -> tuple[list[str], Hierarchy]:
-    """Names and labels of the stored levels; of the cells as they are if there are none."""
+    """Return names and hierarchy of the stored levels, or of the unchanged cells without stored levels."""
     if stored is not None:
         return [f"level_{place}" for place in range(len(stored.levels))], stored
     return ["cells"], single_level(mesh)

@@ -1,4 +1,4 @@
-"""``agglo run``: agglomerate a mesh with one bisector or several, measure, draw, write."""
+"""``agglo run``: agglomerate a mesh with one or several bisectors, measure, draw, write."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def run(
                 for (spec, given), file in zip_longest(plans.items(), files)
             ]
         except BaseException:
-            outputs.finish(listed=False)  # what could not be written so far is told as well
+            outputs.finish(listed=False)  # also report files that could not be written
             raise
     if as_json:
         print_json(data(mesh, source, [_plain(each) for each in runs]))
@@ -120,7 +120,7 @@ def _carry_out(
     file: Path | None,
     progress: Listener | None,
 ) -> RunResult:
-    """One run, written as soon as it is made; without ``spec`` that of the configuration, or the default."""
+    """Execute a run and write its file at once. Without ``spec``, use the configuration or the defaults."""
 
     def save(hierarchy: Hierarchy, levels: Sequence[Level]) -> None:
         from agglo_core.io import write

@@ -104,6 +104,7 @@ def solve(
     3: not converged, or no picture.
     """
     options = {"levels": levels, "degree": degree, "smoothing_steps": smoothing_steps, "tolerance": tolerance}
+    # Check options and files before any work.
     tool = built_solver(solver, _given(options))
     files = {"--plot": plot, "--plot-convergence": history, "--report": report, "--write-system": system_file}
     _refuse_one_process(tool, solver, files if solves_across(tool) else {"-o": output} | files)
@@ -112,6 +113,7 @@ def solve(
     _check_files(output, plot, system_file, tool, solver)
     check_more(history, report)
     explain_compilation()
+    # Read, agglomerate, solve, write the solution.
     outputs = Outputs()
     with watched() as progress:
         sampled_for = "-o and --plot are" if output or plot else ""
@@ -124,6 +126,7 @@ def solve(
             _write(outputs, output, task.mesh, sampled, progress)
         data = task.report(solution, cg, progress)
     if as_json and cg and _is_plain_cg(tool) and solution.converged:
+        # Print the report, then make the pictures.
         data["cg_iterations"] = solution.iterations
     _show(task, data, as_json=as_json)
     with watched() as progress:
@@ -139,14 +142,14 @@ def solve(
 
 @dataclass(frozen=True)
 class _Task:
-    """A problem on a mesh, a solver, and the levels made for it.
+    """Problem on a mesh, with solver and levels.
 
     Attributes
     ----------
     name : str
-        Of the mesh, or the source it was read from.
+            Name of the mesh, or its source.
     solver : str
-        As it was typed.
+            Solver as typed.
     """
 
     name: str
@@ -158,12 +161,12 @@ class _Task:
 
     @property
     def title(self) -> str:
-        """Title of the solver in messages."""
+        """Solver title for messages."""
         return solver_title(self.solver)
 
     @property
     def hierarchy(self) -> Hierarchy:
-        """The levels; the run that made them did not fail."""
+        """Hierarchy with the levels. The run that made it did not fail."""
         assert self.made.hierarchy is not None
         return self.made.hierarchy
 
@@ -175,11 +178,11 @@ class _Task:
         return with_hierarchy(solved_by(solver, self.posed.problem, self.hierarchy, progress), self.made)
 
     def report(self, solution: Solution, cg: bool, progress: Listener | None) -> dict[str, Any]:
-        """Plain data of a solution; with ``cg`` also the iterations of plain conjugate gradients."""
+        """Return the report data of a solution, with ``cg`` also plain conjugate gradient iterations."""
         from agglo_core.solvers import solution_report
 
         counted = getattr(self.tool, "tolerance", 1e-6) if cg and not _is_plain_cg(self.tool) else None
-        with attributed(self.title, spare=(AggloError,)):  # calls the discretisation
+        with attributed(self.title, spare=(AggloError,)):  # the report calls the discretisation
             return solution_report.report(
                 self.mesh, self.posed.problem, solution, self.posed.how, counted, progress
             )
@@ -194,9 +197,9 @@ def _task(
     sampled_for: str,
     progress: Listener | None,
 ) -> _Task:
-    """Read the mesh, pose the problem, make the levels.
+    """Read the mesh, pose the problem and build the levels.
 
-    ``sampled_for`` names options that need the meaning of unknowns, as the beginning of a sentence.
+    ``sampled_for`` is the beginning of a message on options that need interpreted unknowns.
     """
     with phase(progress, "reading", source):
         mesh = load_mesh(source)
@@ -204,7 +207,7 @@ def _task(
     posed = posed_by(problem, mesh, tool, solver, allow_code=trusted)
     if sampled_for:
         posed.refuse_without_meaning(sampled_for)
-    # some solvers need no levels, but levels that are asked for are made
+    # Solvers may not need levels, but requested levels are always built.
     needs_levels = getattr(tool, "needs_levels", True) and not _is_plain_cg(tool)
     levels = needs_levels or bool(agglomeration)
     made = levels_run(mesh, agglomeration, progress) if levels else levelless_run(mesh)
@@ -228,7 +231,7 @@ def _show(task: _Task, data: dict[str, Any], *, as_json: bool) -> None:
 
 
 def _refuse_one_process(tool: object, solver: str, files: Mapping[str, Path | None]) -> None:
-    """Several ranks solve one problem with a solver that shares it out, as it says itself."""
+    """Refuse several ranks for a solver without distributed solves, and files not made on ranks."""
     if launched() is None:
         return
     if getattr(tool, "ranks", "one") != "world" and not solves_across(tool):
@@ -243,7 +246,7 @@ def _given(options: Mapping[str, Any]) -> dict[str, Any]:
 def _check_files(
     output: Path | None, plot: Path | None, system_file: Path | None, tool: object, solver: str
 ) -> None:
-    """Check before anything is computed that the files can be written."""
+    """Check that files can be written before computing."""
     if (output or plot) and getattr(tool, "discretisation", None) is None:
         raise OptionError(f"{solver} does not say what its unknowns mean: -o and --plot are not available")
     if output is not None:
@@ -261,12 +264,12 @@ def _check_files(
 
 
 def _sampler(task: _Task, solution: Solution) -> Callable[[], Samples]:
-    """Function that samples the solution when first called, for file and picture."""
+    """Return a function that samples the solution once, for file and picture."""
 
     @cache
     def sampled() -> Samples:
         how = task.posed.how
-        assert how is not None  # checked before, where a file or a picture is asked for
+        assert how is not None  # checked before, if a file or picture is requested
         with attributed(task.title, spare=(AggloError,)):
             return how.sample(task.mesh, solution.x)
 
@@ -283,7 +286,7 @@ def _write(
 
 
 def _hand_over(outputs: Outputs, path: Path, task: _Task, progress: Listener | None) -> None:
-    """Write the system before it is solved, so that it is there even if the solver fails."""
+    """Write the system before solving, to have the file even if the solver fails."""
     from agglo_core.io.system_files import write_system_and_levels
 
     with phase(progress, "writing", path.name):

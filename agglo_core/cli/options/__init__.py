@@ -1,1 +1,1 @@
-"""Options and arguments of commands: parsing, checks, completion in the shell."""
+"""Options and arguments of commands: parsing, checks, shell completion."""

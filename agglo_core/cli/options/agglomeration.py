@@ -1,4 +1,4 @@
-"""Options of agglomeration for commands, also of plugins, with the help texts of the keywords of a run.
+"""Agglomeration options for commands, including plugins, with help texts of the keywords.
 
 .. code-block:: python
 
@@ -8,10 +8,10 @@
     def mine(source: str, agglomeration: dict[str, Any]) -> None:
         hierarchy = agglomerate(load_mesh(source), **agglomeration)
 
-Decorated like this, a command chooses bisector and method in its own way, if at all. With
-``@agglomeration_options(bisector="one")`` it has all options of ``agglo run``, under the same names.
+Decorated like this, a command has its own means to choose bisector and method, if any. With
+``@agglomeration_options(bisector="one")``, the command has all options of ``agglo run``, with equal names.
 
-Nothing heavy is imported before a mesh is loaded.
+No heavy package is imported before a mesh is loaded.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ from agglo_core.cli.options.specs import (
 
 
 class _File(click.Path):
-    """A path; an empty text is none."""
+    """Path that must not be empty."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         if value == "":
@@ -62,7 +62,7 @@ Amount = Literal["one", "several"]
 
 
 def read_methods(_: click.Context, parameter: click.Parameter, text: str | None) -> list[str]:
-    """The methods of a comma list, none twice; a click callback."""
+    """Parse a comma list of methods without duplicates (click callback)."""
     methods = [method.strip() for method in text.split(",")] if text is not None else []
     flag = parameter.opts[0]
     unknown = [method for method in methods if method not in METHODS]
@@ -73,7 +73,7 @@ def read_methods(_: click.Context, parameter: click.Parameter, text: str | None)
 
 
 def _names(_: click.Context, parameter: click.Parameter, text: str | None) -> tuple[str, ...] | None:
-    """The items of a comma list."""
+    """Parse a comma list of tags (click callback)."""
     if text is None:
         return None
     names = tuple(each.strip() for each in text.split(","))
@@ -83,7 +83,7 @@ def _names(_: click.Context, parameter: click.Parameter, text: str | None) -> tu
 
 
 def _tensor(_: click.Context, parameter: click.Parameter, text: str | None) -> list[list[float]] | None:
-    """A square matrix of 4 or 9 numbers."""
+    """Parse a square matrix with 4 or 9 numbers (click callback)."""
     if text is None:
         return None
     try:
@@ -115,17 +115,17 @@ _ALL = (*NAMES, "config", "allow_code")
 
 
 def _flag(name: str) -> str:
-    """Option of a keyword on the command line."""
+    """Return the flag of a keyword."""
     return _FLAGS.get(name) or f"--{name.replace('_', '-')}"
 
 
 def _option(name: str, **settings: Any) -> Decorator:
-    """Option of a keyword that takes a value."""
+    """Return the option of a keyword that takes a value."""
     return click.option(_flag(name), name, help=HELP[name], **settings)
 
 
 def _component(name: str) -> Decorator:
-    """Option of a keyword that names components of a kind."""
+    """Return the option of a keyword that names components."""
     several = name in COMPONENT_LISTS
     also = ("none",) if COMPONENTS[name] == "refiner" else ()
     offer = names(COMPONENTS[name], also=also)
@@ -133,17 +133,17 @@ def _component(name: str) -> Decorator:
 
 
 def _numbers(name: str, kind: type[int] | type[float], least: float | None = None) -> Decorator:
-    """Option of a target: a comma list with a number for each level."""
+    """Return the option of a target: a comma list with a number per level."""
     return _option(name, callback=numbers(kind, least=least), metavar="LIST")
 
 
 def _bound(name: str) -> Decorator:
-    """Option of a bound on parts."""
+    """Return the option of a bound on parts."""
     return _option(name, type=Number(int, least=1) if name.endswith("cells") else Number(float, above=0))
 
 
 def _switch(name: str) -> Decorator:
-    """Option of a keyword that is true or false; by default that of :func:`~agglo_core.agglomerate`."""
+    """Return the option of a boolean keyword, with the default of :func:`~agglo_core.agglomerate`."""
     return click.option(_SWITCHES[name], name, default=None, help=HELP[name])
 
 
@@ -190,23 +190,23 @@ def agglomeration_options(*, bisector: Amount = "one", method: Amount = "one") -
 def agglomeration_options(
     command: Command | None = None, *, bisector: Amount = "one", method: Amount = "one"
 ) -> Command | Decorator:
-    """Decorator that adds the options of agglomeration to a command.
+    """Add the agglomeration options to a command (decorator).
 
-    The command gets them as one mapping ``agglomeration`` of arguments of
-    :func:`agglo_core.agglomerate`; absent ones keep its defaults. Several kinds of target, or a refiner
-    beside ``none``, are a UsageError; a component that cannot be used is a PluginError before a mesh is
-    read.
+    The command receives a mapping ``agglomeration`` with arguments of :func:`agglo_core.agglomerate`. Absent
+    options keep the defaults. Several kinds of target, or a refiner beside ``none``, are a UsageError. An
+    unusable component is a PluginError before a mesh is read.
 
     Parameters
     ----------
     command : callable, optional
-        Decorated without arguments, it gets refiners, fixer, the four kinds of target, and the seed.
+            Without decorator arguments, the command has refiners, fixer, the four kinds of target, and the
+            seed.
     bisector : "one" or "several"
-        All the options of ``agglo run``: also bisector, method, nested, merge, polish,
-        post-refiners, constraints, rules for the parts, config. With "several" the command gets
-        ``bisectors`` besides, a list of texts for :func:`choice`, empty if none was given.
+            Add all options of ``agglo run``: also bisector, method, nested, merge, polish, post-refiners,
+            constraints, rules for the parts, config. With "several", the command also receives ``bisectors``,
+            a list of texts for :func:`choice`, empty by default.
     method : "one" or "several"
-        With "several" the command gets ``methods`` besides, a list of words, empty if none was given.
+            With "several", the command also receives ``methods``, a list of words, empty by default.
 
     Examples
     --------
@@ -231,7 +231,7 @@ def agglomeration_options(
 
 
 def _gathering(command: Command, options: Sequence[Decorator], names: Sequence[str]) -> Command:
-    """The command with these options, those of some names gathered in one argument ``agglomeration``."""
+    """Add options to a command, and collect the named options in one argument ``agglomeration``."""
 
     @wraps(command)
     def gathered(**given: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Completion in the shell: names, options and values of components, samples, files."""
+"""Shell completion: names, options and values of components, samples, files."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ from agglo_core.registry.option_types import words_of
 from agglo_core.registry.options import Option, options_of
 
 Offer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
-"""What click asks with the text so far: ``shell_complete=`` of an option or argument."""
+"""Completion callback of click, from the text so far: ``shell_complete=`` of an option or argument."""
 
 
 def names(*kinds: str, several: bool = False, also: tuple[str, ...] = ()) -> Offer:
-    """Offers the components of these kinds that can be used, their options, and values of those.
+    """Return a completion with usable components of these kinds, their options and option values.
 
     Parameters
     ----------
     several : bool
-        Whether a comma list of them is typed.
+            Complete a comma list of components.
     also : tuple of str
-        Words that stand in the place of a name.
+            Further words besides component names.
     """
 
     def offer(_: click.Context, __: click.Parameter, typed: str) -> list[CompletionItem]:
@@ -46,7 +46,7 @@ def names(*kinds: str, several: bool = False, also: tuple[str, ...] = ()) -> Off
 
 
 def any_names(_: click.Context, __: click.Parameter, typed: str) -> list[CompletionItem]:
-    """Offers every component, as ``NAME`` or ``KIND:NAME``."""
+    """Complete all components, as ``NAME`` or ``KIND:NAME``."""
     kind, colon = typed.partition(":")[:2]
     alone = bool(colon) and kind in KINDS
     known = _usable((kind,) if alone else tuple(KINDS))
@@ -55,20 +55,20 @@ def any_names(_: click.Context, __: click.Parameter, typed: str) -> list[Complet
 
 
 samples: Offer = names("sample")
-"""Offers samples with their options."""
+"""Completion of samples with their options."""
 
 
 def meshes(context: click.Context, parameter: click.Parameter, typed: str) -> list[CompletionItem]:
-    """Offers samples, or files where no sample begins so."""
+    """Complete samples, or files if no sample matches."""
     return samples(context, parameter, typed) or [CompletionItem(typed, type="file")]
 
 
 def _continued(
     kinds: tuple[str, ...], typed: str, several: bool, also: tuple[str, ...]
 ) -> Iterator[tuple[str, str]]:
-    """Each text that may follow, with the whole of what was typed, and what it stands for.
+    """Yield the possible continuations, each including the typed text, with a description.
 
-    After a comma in a list there may follow another component, or another option of the one before.
+    After a comma in a list, another component or another option of the previous component may follow.
     """
     last = typed.rpartition(",")[2]
     head = typed[: len(typed) - len(last)]
@@ -86,7 +86,7 @@ def _continued(
 
 
 def _options(kinds: tuple[str, ...], name: str, typed: str) -> Iterator[tuple[str, str]]:
-    """The options that may follow those ``typed``, or the values of the last one."""
+    """Yield the options that may follow those ``typed``, or the values of the last option."""
     *given, last = typed.split(",")
     option, equals, value = last.partition("=")
     taken = {each.partition("=")[0] for each in given}
@@ -102,7 +102,7 @@ def _options(kinds: tuple[str, ...], name: str, typed: str) -> Iterator[tuple[st
 def _options_of(record: Record) -> tuple[Option, ...]:
     try:
         return options_of(resolve(record)) or ()
-    except AggloError:  # a shell shows nothing else while somebody types
+    except AggloError:  # completion must not print errors
         return ()
 
 
@@ -127,12 +127,12 @@ complete -o nosort -o nospace -F %(complete_func)s %(prog_name)s
 
 
 class _Bash(BashComplete):
-    """Completion in bash, which ends words at ``:`` and ``=`` and gets what follows the last of them."""
+    """Completion in bash, which splits words at ``:`` and ``=``, and completes the last piece."""
 
     source_template = _BASH
 
     def get_completion_args(self) -> tuple[list[str], str]:
-        """The words before the cursor, and the one at it so far."""
+        """Return the words before the cursor, and the word at the cursor so far."""
         line = os.environ["COMP_LINE"][: int(os.environ["COMP_POINT"])]
         words = split_arg_string(line)
         typed = words.pop() if words and not line[-1].isspace() else ""
@@ -140,7 +140,7 @@ class _Bash(BashComplete):
         return words[1:], typed
 
     def format_completion(self, item: CompletionItem) -> str:
-        """The rest of a word, with a space after it unless a value follows."""
+        """Return the rest of a word, followed by a space unless a value is next."""
         if item.type != "plain":
             return f"{item.type},"
         rest = str(item.value)[self._known :]

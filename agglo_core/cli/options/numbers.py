@@ -1,4 +1,4 @@
-"""Options that are numbers or lists of them: what does not fit is refused with what was expected."""
+"""Numeric options and lists of numbers, with errors that state the expected value."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ import click
 
 @dataclass(frozen=True)
 class Number(click.ParamType[float]):
-    """A finite number within bounds.
+    """Finite number within bounds.
 
     Attributes
     ----------
     kind : type
         ``int`` or ``float``.
     least, above, most : number, optional
-        It is at least ``least``, larger than ``above``, at most ``most``.
+            Bounds: at least ``least``, larger than ``above``, at most ``most``.
 
     Examples
     --------
@@ -43,7 +43,7 @@ class Number(click.ParamType[float]):
         return "integer" if self.kind is int else "float"
 
     def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> float:
-        """The number a text stands for."""
+        """Convert a text to a number within the bounds."""
         try:
             number = self.kind(value)
         except ValueError:
@@ -60,7 +60,7 @@ class Number(click.ParamType[float]):
 
 
 def in_words(value: Any) -> str:
-    """A value as error messages quote it: the beginning of a long one."""
+    """Return a value as quoted in error messages, shortened if long."""
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:56]}…{text[-1]}"
 
@@ -68,7 +68,7 @@ def in_words(value: Any) -> str:
 def numbers(
     number: type[int] | type[float], least: float | None = None
 ) -> Callable[[click.Context, click.Parameter, Any], tuple[float, ...] | None]:
-    """A click callback that turns ``"2,4,8"`` into a tuple of positive numbers, ``least`` or more."""
+    """Return a click callback that parses ``"2,4,8"`` to positive numbers, each at least ``least``."""
     noun = "whole numbers" if number is int else "numbers"
     wanted = "positive and finite" if least is None else f"at least {least:g} and finite"
 

@@ -1,4 +1,4 @@
-"""Options that several commands have: bisectors to try, metrics to show, threads at work."""
+"""Options shared by several commands: bisectors, metrics, threads."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from agglo_core.cli.options.specs import as_typed, bisector_specs, split_specs
 from agglo_core.threads import using_threads
 
 COMPONENT = "NAME[:opt=val,…]"
-"""Metavar of an option that names a component."""
+"""Metavar of options that name a component."""
 
 Command = Callable[..., Any]
 Decorator = Callable[[Command], Command]
 
 
 def read_bisectors(_: click.Context, __: click.Parameter, typed: Sequence[str]) -> list[str]:
-    """The bisectors of a repeatable option, whose values may be comma lists; a click callback."""
+    """Parse a repeatable option of bisectors with comma lists (click callback)."""
     return bisector_specs(typed)
 
 
 def bisectors_option(about: str) -> Decorator:
-    """Decorator that adds ``--bisector``, repeatable, for a command that takes ``bisectors``: texts.
+    """Add a repeatable option ``--bisector`` to a command with an argument ``bisectors`` (decorator).
 
     Parameters
     ----------
     about : str
-        What the bisectors are for: the beginning of the help text.
+            Beginning of the help text: the purpose of the bisectors.
 
     Examples
     --------
@@ -60,12 +60,12 @@ def _read_metrics(_: click.Context, __: click.Parameter, text: str | None) -> li
 
     parsed = [as_typed(spec) for spec in split_specs(text)]
     chosen = [(name, options) if options else name for name, options in parsed]
-    select(chosen)  # what cannot be measured is refused before a mesh is read
+    select(chosen)  # refuse invalid metrics before a mesh is read
     return chosen
 
 
 def metrics_option(command: Command) -> Command:
-    """Decorator that adds ``--metrics``: what :func:`agglo_core.measure.measure_levels` takes, or None.
+    """Add the option ``--metrics``, for :func:`agglo_core.measure.measure_levels`, or None (decorator).
 
     Examples
     --------
@@ -98,4 +98,4 @@ threads_option = click.option(
     callback=_use_threads,
     help="Threads at work (default: AGGLO_THREADS, else 1); results do not depend on it.",
 )
-"""Decorator that adds ``--threads``: how many threads everything in the command may use."""
+"""Add the option ``--threads``, the number of threads for the whole command (decorator)."""

@@ -1,4 +1,4 @@
-"""Parse single arguments: a mesh, a component with its options, a list of either."""
+"""Parsing of single arguments: a mesh, a component with options, a list of components."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ if TYPE_CHECKING:
     from agglo_core.mesh import Mesh
 
 Value = int | float | bool | str | None
-"""What :func:`parse_spec` gives for an option."""
+"""Option value as returned by :func:`parse_spec`."""
 
 _SAMPLE = re.compile(r"([\w.-]+/)?[A-Za-z_]\w*(:(\w+=.*|[^/\\]*))?")
 
 
 def load_mesh(text: str | Path) -> Mesh:
-    """Read the mesh file ``text``, or make the sample it describes.
+    """Read the mesh file ``text``, or build the sample described by ``text``.
 
     Raises
     ------
     FileError
-        If it is a file that cannot be read, or neither a file nor the form of a sample.
+            For an unreadable file, or a text that is neither a file nor has the form of a sample.
     OptionError
-        If it has the form of a sample, but is none.
+            For a text with the form of a sample, but without such a sample.
 
     Examples
     --------
@@ -55,7 +55,7 @@ def load_mesh(text: str | Path) -> Mesh:
     try:
         return samples.from_spec(text)
     except OptionError as error:
-        if not isinstance(error.__cause__, PluginError):  # it is a sample, and one of its options is wrong
+        if not isinstance(error.__cause__, PluginError):  # a known sample with an invalid option
             raise
         raise OptionError(
             f"{text!r} is neither a file (there is none of that name) nor a sample: {error}"
@@ -63,14 +63,14 @@ def load_mesh(text: str | Path) -> Mesh:
 
 
 def parse_spec(text: str) -> tuple[str, dict[str, Value]]:
-    """Split ``"metis:ufactor=30,contig=true"`` into its name and options, each the value it reads as.
+    """Split ``"metis:ufactor=30,contig=true"`` into name and options, with values parsed by their form.
 
-    For what is no component; the options of a component are converted by their own types: :func:`choice`.
+    Not for components: :func:`choice` converts component options by their declared types.
 
     Raises
     ------
     OptionError
-        If the name is missing, or an option is not of the form ``option=value`` or is given twice.
+            If the name is missing, or an option is not of the form ``option=value`` or given twice.
 
     Examples
     --------
@@ -83,12 +83,12 @@ def parse_spec(text: str) -> tuple[str, dict[str, Value]]:
 
 
 def as_typed(text: str) -> tuple[str, dict[str, Text]]:
-    """Name and options of a component, each as it was typed: the registry knows what it is to become.
+    """Return name and options of a component as typed text, to be converted by the registry.
 
     Raises
     ------
     OptionError
-        If the name is missing, or an option is not of the form ``option=value`` or is given twice.
+            If the name is missing, or an option is not of the form ``option=value`` or given twice.
     """
     name, _, rest = text.partition(":")
     if not name.strip():
@@ -107,7 +107,7 @@ def as_typed(text: str) -> tuple[str, dict[str, Text]]:
 def split_specs(text: str) -> list[str]:
     """Split ``"kmeans,metis:ufactor=30,contig=true,spectral"`` into its three components.
 
-    An item ``option=value`` belongs to the component before it.
+    An item ``option=value`` belongs to the preceding component.
     """
     specs: list[str] = []
     for item in text.split(","):
@@ -120,17 +120,17 @@ def split_specs(text: str) -> list[str]:
 
 
 def all_bisectors() -> list[str]:
-    """Names of the bisectors that can be used here."""
+    """Return the names of all usable bisectors."""
     return [record.name for record in default().list() if record.kind == "bisector" and record.state == "ok"]
 
 
 def bisector_specs(typed: Sequence[str]) -> list[str]:
-    """The bisectors of a repeatable option whose values may be comma lists; ``all`` is all that can be used.
+    """Expand comma lists of bisectors, with ``all`` for all usable bisectors.
 
     Raises
     ------
     UsageError
-        If one is given twice.
+            If a bisector is given twice.
     """
     specs = [spec for text in typed for spec in split_specs(text)]
     refuse_duplicates("--bisector", specs)
@@ -139,14 +139,14 @@ def bisector_specs(typed: Sequence[str]) -> list[str]:
 
 
 def choice(kind: str, spec: str) -> tuple[str, dict[str, Any]]:
-    """Name and options of a component that can be used, each option as its type wants it.
+    """Return name and options of a usable component, with options converted to their declared types.
 
     Raises
     ------
     PluginError
-        If there is no such component, or it cannot be used.
+            For an unknown or unusable component.
     OptionError
-        For an option that it does not have, or a value that does not fit.
+            For an unknown option or an invalid value.
 
     Examples
     --------
@@ -160,7 +160,7 @@ def choice(kind: str, spec: str) -> tuple[str, dict[str, Any]]:
 
 
 def refuse_duplicates(flag: str, specs: Sequence[str]) -> None:
-    """Raise UsageError if something is given twice."""
+    """Raise UsageError if a value is given twice."""
     twice = sorted({spec for spec in specs if specs.count(spec) > 1})
     if twice:
         raise click.UsageError(f"{flag} {', '.join(twice)} is given twice")

@@ -1,1 +1,1 @@
-"""Output of commands: tables, notices, JSON, files."""
+"""Command output: tables, notices, JSON, files."""

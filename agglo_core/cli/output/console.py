@@ -1,4 +1,4 @@
-"""Print notices on stderr and JSON on stdout."""
+"""Printing of notices on stderr and JSON on stdout."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _log = logging.getLogger("agglo")
 
 
 class _Notices(logging.Handler):
-    """Prints each notice once: several runs on one mesh have the same to say of it."""
+    """Log handler that prints each notice once, as several runs on one mesh repeat notices."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -35,7 +35,7 @@ class _Notices(logging.Handler):
 
 @contextmanager
 def notices() -> Iterator[None]:
-    """Show the log of agglo (repairs, warnings) on stderr for as long as the context lasts."""
+    """Show agglo's log (repairs, warnings) on stderr within the context."""
     handler, level = _Notices(), _log.level
     _log.addHandler(handler)
     _log.setLevel(logging.INFO)
@@ -47,12 +47,12 @@ def notices() -> Iterator[None]:
 
 
 def quieten() -> None:
-    """Log nothing but errors, for ``--quiet``."""
+    """Log errors only, for ``--quiet``."""
     _log.setLevel(logging.ERROR)
 
 
 def explain_compilation() -> None:
-    """Say on stderr why this run takes longer, once it compiles kernels."""
+    """Print a note on stderr when this run starts compiling kernels."""
     from agglo_core.compiled.first_run import watch_compilation
 
     note = "note: compiling numerical kernels, once on this machine (up to a minute)"
@@ -60,16 +60,16 @@ def explain_compilation() -> None:
 
 
 def say(line: str) -> None:
-    """Print a line on stderr, folded to the terminal that it may be.
+    """Print a line on stderr, wrapped to the terminal width.
 
-    It stands above a bar that is shown there, into which click's own ``err=True`` writes.
+    The line appears above a progress bar, unlike click's ``err=True``, which writes into the bar.
     """
-    if sys.stderr is not None:  # as it is where the caller has closed it
+    if sys.stderr is not None:  # None if the caller has closed stderr
         click.echo(line_for(terminal_columns(sys.stderr), line), file=sys.stderr)
 
 
 def plain(value: Any) -> Any:
-    """``value`` as JSON knows it: arrays as lists, NaN and infinities as null."""
+    """Convert a value to JSON types: arrays to lists, NaN and infinities to null."""
     if isinstance(value, Mapping):
         return {str(key): plain(each) for key, each in value.items()}
     if isinstance(value, list | tuple):
@@ -85,7 +85,7 @@ def print_json(value: Any) -> None:
 
 
 def number(value: Any) -> str:
-    """A number as tables show it: whole numbers in full, others to four digits, a missing one as –."""
+    """Format a number for tables: integers in full, floats with four digits, missing values as –."""
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return "–"
     return f"{value:.4g}" if isinstance(value, float) else str(value)

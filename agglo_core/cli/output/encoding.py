@@ -1,7 +1,7 @@
-"""Output that any encoding of a terminal or a pipe can show: ``<=`` where it has no ``≤``.
+"""Output for any terminal or pipe encoding, with replacements such as ``<=`` for ``≤``.
 
-Errors of encoding are turned into readable text by the streams themselves, so that this holds for tables,
-notes, help texts, and whatever plugins print. JSON is ASCII by itself.
+The streams replace unencodable characters themselves. This covers tables, notes, help texts and output of
+plugins. JSON is ASCII anyway.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _GREEK = {
 
 
 def _instead(character: str) -> str:
-    """ASCII that reads like a character; its number where nothing does."""
+    """Return ASCII with similar appearance or sound, or else the character's number."""
     known = _INSTEAD.get(character) or _GREEK.get(character)
     if known:
         return known
@@ -57,7 +57,7 @@ codecs.register_error(_ERRORS, _replace)
 
 
 def _ascii_by_another_name(name: str) -> codecs.CodecInfo | None:
-    """ASCII for :mod:`click`, which takes a stream in ASCII for a mistake and would write UTF-8 to it."""
+    """Return ASCII under another name, because :mod:`click` replaces streams in ASCII by UTF-8."""
     if name != _ASCII:
         return None
     real = codecs.lookup("ascii")
@@ -74,7 +74,7 @@ def _ascii_by_another_name(name: str) -> codecs.CodecInfo | None:
 
 @contextmanager
 def readable_output() -> Iterator[None]:
-    """Let stdout and stderr replace what their encoding lacks, for as long as the context lasts."""
+    """Replace unencodable characters on stdout and stderr within the context."""
     codecs.register(_ascii_by_another_name)
     try:
         with ExitStack() as stack:
@@ -94,17 +94,17 @@ def _replacing(stream: io.TextIOWrapper) -> Iterator[None]:
     try:
         yield
     finally:
-        with suppress(OSError, ValueError):  # it is closed, or what it holds cannot be written
+        with suppress(OSError, ValueError):  # closed, or unable to write its buffer
             stream.reconfigure(encoding=encoding, errors=errors)
 
 
 def shown(text: str, stream: TextIO | None = None) -> str:
-    """The text as a stream (by default stdout) will show it: what takes its place takes its room too."""
+    """Return the text as shown by a stream (default: stdout), with replacements of their real width."""
     stream = stdout() if stream is None else stream
     encoding = getattr(stream, "encoding", None) or "utf-8"
     return printable(text).encode(encoding, _ERRORS).decode(encoding)
 
 
 def can_show(text: str, stream: TextIO | None = None) -> bool:
-    """Return True if a stream (by default stdout) shows the text unchanged."""
+    """Return True if a stream (default: stdout) shows the text unchanged."""
     return shown(text, stream) == text

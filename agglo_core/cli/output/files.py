@@ -1,4 +1,4 @@
-"""Output files of the commands: checked before anything is computed, and none of them costs another."""
+"""Output files of commands: checked before computing, independent of each other's failures."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ _NO_RESULT, _NO_PICTURE = 2, 3
 
 @dataclass
 class Outputs:
-    """The output files of a command: each is made on its own, so that one that fails costs no other.
+    """Output files of a command. Each is made independently, so a failure affects no other file.
 
     Attributes
     ----------
     written : list of Path
     failures : list of (path, error)
-        What could not be made, and why.
+            Missing files and their errors.
     code : int
-        Exit code: 2 if a result is missing, else 3 if a picture or a report is, else 0.
+            Exit code: 2 if a result is missing, else 3 if a picture or report is missing, else 0.
     """
 
     written: list[Path] = field(default_factory=list)
@@ -50,11 +50,11 @@ class Outputs:
     code: int = 0
 
     def result(self, path: Path, make: Callable[[], object]) -> bool:
-        """Make a file of results; whether it was made. An interrupt passes through."""
+        """Make a result file and return True on success. Interrupts propagate."""
         return self._attempt(path, make, _NO_RESULT)
 
     def picture(self, path: Path, make: Callable[[], object]) -> bool:
-        """Make a picture or a report; whether it was made. An interrupt passes through."""
+        """Make a picture or report and return True on success. Interrupts propagate."""
         return self._attempt(path, make, _NO_PICTURE)
 
     def _attempt(self, path: Path, make: Callable[[], object], code: int) -> bool:
@@ -70,9 +70,9 @@ class Outputs:
         return True
 
     def finish(self, *, listed: bool) -> int:
-        """The exit code. Says on stderr what is missing, with a traceback where that is a bug.
+        """Report missing files on stderr, with traceback for bugs, and return the exit code.
 
-        ``listed``: name on stdout what is written.
+        With ``listed``, also print the written files on stdout.
         """
         for path in self.written if listed else ():
             print_lines(f"wrote {path}{_coarse_meshes(path)}")
@@ -86,7 +86,7 @@ class Outputs:
 
 
 def _coarse_meshes(path: Path) -> str:
-    """Describe the files of coarse meshes that ``write`` has left beside a file."""
+    """Return a remark on coarse mesh files that ``write`` has placed beside a file."""
     count = 0
     while path.with_name(f"{path.stem}_level{count}{path.suffix}").is_file():
         count += 1
@@ -99,7 +99,7 @@ def _coarse_meshes(path: Path) -> str:
 def check_outputs(
     output: Path | None, plot: Path | None, report: Path | None, bisectors: Sequence[str]
 ) -> list[Path]:
-    """The mesh file of each run, all writable as far as can be told in advance.
+    """Return the mesh file of each run, after checking that all files are writable, as far as possible.
 
     Raises
     ------
@@ -131,9 +131,9 @@ def draw_runs(
     solves: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
     explode: float | None = None,
 ) -> None:
-    """Make picture and report, where they are wanted; means of the ``metrics`` stand in the titles.
+    """Make picture and report if requested, with means of the ``metrics`` in the titles.
 
-    ``solves`` is what the report shows of solutions, by the name of the run.
+    ``solves`` contains the report data of solutions by run name.
     """
     if plot is not None:
         from agglo_core.draw.plot import draw
@@ -149,7 +149,7 @@ def draw_runs(
 
 
 def weigh_runs(outputs: Outputs, mesh: Mesh, runs: Sequence[RunResult], picture: Path) -> None:
-    """Make the picture of roundness, evenness and seconds of runs, with the Pareto front."""
+    """Draw roundness, evenness and seconds of the runs with the Pareto front."""
     from agglo_core.draw.pareto import draw_pareto
 
     name = mesh.name or "mesh"
@@ -157,16 +157,16 @@ def weigh_runs(outputs: Outputs, mesh: Mesh, runs: Sequence[RunResult], picture:
 
 
 def check_report(report: Path) -> None:
-    """Raise FileError unless a report can be written there, as far as can be told in advance."""
+    """Raise FileError if a report cannot be written there, as far as foreseeable."""
     from agglo_core.draw.webpage import check_page
 
     check_page(report)
 
 
 def check_picture(plot: Path, flag: str = "--plot") -> None:
-    """Raise FileError unless a picture can be written there, as far as can be told in advance.
+    """Raise FileError if a picture cannot be written there, as far as foreseeable.
 
-    Without matplotlib, which the option ``flag`` needs, a warning says in time that there will be none.
+    Without matplotlib, as needed for the option ``flag``, print an early warning.
     """
     if plot.is_dir():
         raise FileError(f"{plot} is a folder; expected the name of a picture")
@@ -185,12 +185,15 @@ def check_picture(plot: Path, flag: str = "--plot") -> None:
 
 
 def as_file_name(spec: str) -> str:
-    """A component as part of a file name: ``metis:ufactor=30`` becomes ``metis_ufactor_30``."""
+    """Return a component as part of a file name: ``metis:ufactor=30`` becomes ``metis_ufactor_30``."""
     return re.sub(r"\W+", "_", spec).strip("_")
 
 
 def _one_each(output: Path, bisectors: Sequence[str]) -> list[Path]:
-    """``out_kmeans.vtu``, ``out_metis.vtu``; options become part of the name as far as file names allow."""
+    """Return a file per bisector: ``out_kmeans.vtu``, ``out_metis.vtu``.
+
+    Options become part of the name, without characters that file names cannot have.
+    """
     names = [as_file_name(spec) for spec in bisectors]
     if len(set(names)) < len(names):
         raise click.UsageError(f"{' and '.join(bisectors)} would be written to files of the same name")

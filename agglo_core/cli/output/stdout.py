@@ -1,8 +1,8 @@
-"""Standard output belongs to what the commands print: whatever else writes there goes to stderr.
+"""Standard output reserved for commands: all other output goes to stderr.
 
-Components print, and so does the C code below them (METIS reports some errors that way). Tables and JSON
-must not have such lines in them. So a command of ours keeps the real stdout for itself while it runs: the
-file descriptor 1 and ``sys.stdout`` lead to stderr, or nowhere with ``--quiet``.
+Components may print, and so may C code (METIS reports some errors in this way). Tables and JSON must not
+contain such lines. Therefore a command keeps the real stdout while running, and redirects the file
+descriptor 1 and ``sys.stdout`` to stderr, or to the null device with ``--quiet``.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from typing import Any, TextIO
 import click
 
 _KEY = "agglo.stdout"
-_COLUMNS = 80  # of a terminal that does not say
+_COLUMNS = 80  # terminal width if unknown
 
 
 class OwnCommand(click.Command):
-    """A command of ours, which has stdout for itself."""
+    """Command of agglo with exclusive use of stdout."""
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; :func:`stdout` is the stream it prints to."""
+        """Run the command with :func:`stdout` as its output stream."""
         with _kept(quiet=bool(ctx.params.get("quiet"))) as stream:
             ctx.meta[_KEY] = stream
             return super().invoke(ctx)
 
 
 def stdout() -> TextIO:
-    """The stream for what a command prints: the one :class:`OwnCommand` keeps, or else ``sys.stdout``.
+    """Return the stream for command output: kept by :class:`OwnCommand`, or else ``sys.stdout``.
 
-    Outside such a command None, as ``sys.stdout`` is, where the caller has closed it.
+    Outside an own command the result is None if the caller has closed stdout.
     """
     context = click.get_current_context(silent=True)
     kept: TextIO | None = context.meta.get(_KEY) if context else None
@@ -42,7 +42,7 @@ def stdout() -> TextIO:
 
 
 def terminal_columns(stream: TextIO | None = None) -> int | None:
-    """Columns of the terminal that a stream (by default :func:`stdout`) is; None if it is none."""
+    """Return the terminal width of a stream (default: :func:`stdout`), or None if not a terminal."""
     stream = stdout() if stream is None else stream
     if stream is None or not stream.isatty():
         return None
@@ -59,7 +59,7 @@ def _kept(*, quiet: bool) -> Iterator[TextIO]:
     with ExitStack() as stack:
         stray = stack.enter_context(open(os.devnull, "w")) if quiet else sys.stderr
         stream = sys.stdout
-        if stream is None:  # the caller has closed it: nothing of ours may go to stderr instead
+        if stream is None:  # closed by the caller: command output must not go to stderr instead
             stream = stack.enter_context(open(os.devnull, "w"))
         if _descriptor(stream) == 1 and _descriptor(stray) is not None:
             stream = stack.enter_context(_moved(stream, stray))
@@ -70,7 +70,7 @@ def _kept(*, quiet: bool) -> Iterator[TextIO]:
 
 @contextmanager
 def _moved(stream: TextIO, stray: TextIO) -> Iterator[TextIO]:
-    """A stream to where descriptor 1 leads, which leads to ``stray`` meanwhile."""
+    """Provide the original target of descriptor 1, and redirect the descriptor to ``stray`` meanwhile."""
     stream.flush()
     buffering = 1 if stream.isatty() else -1
     kept = os.fdopen(os.dup(1), "w", buffering, encoding=stream.encoding, errors=stream.errors)
@@ -78,15 +78,15 @@ def _moved(stream: TextIO, stray: TextIO) -> Iterator[TextIO]:
     try:
         yield kept
     finally:
-        with suppress(OSError, AttributeError, TypeError):  # what C holds back belongs to stray too
+        with suppress(OSError, AttributeError, TypeError):  # flush C buffers into stray
             ctypes.CDLL(None).fflush(None)
         os.dup2(kept.fileno(), 1)
-        with suppress(OSError):  # what cannot be written has been reported by the flush before
+        with suppress(OSError):  # already reported by the previous flush
             kept.close()
 
 
 def _descriptor(stream: TextIO) -> int | None:
     try:
         return stream.fileno()
-    except (UnsupportedOperation, AttributeError, ValueError):  # a test's, an IDE's, a closed one
+    except (UnsupportedOperation, AttributeError, ValueError):  # streams of tests and IDEs, closed streams
         return None

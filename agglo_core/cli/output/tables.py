@@ -1,8 +1,8 @@
-"""Print tables on stdout: rich draws them, with column widths chosen here so that no number is cut.
+"""Tables on stdout, drawn by rich with column widths chosen here so that no number is cut.
 
-On a narrow terminal the frame goes first, then headings and words are folded, then the columns that a command
-can spare are left out, with a line below the table that names them; finally every row becomes a block of
-lines. In a pipe a table is as wide as it needs to be, and has the same frame.
+On a narrow terminal the layout gives up, in this order, the frame, unfolded headings and words, and spare
+columns (named in a line below the table). Finally every row becomes a block of lines. In a pipe a table has
+its full width and the frame.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ import click
 from agglo_core.cli.output.encoding import can_show, shown
 from agglo_core.cli.output.stdout import stdout, terminal_columns
 
-_PIPE = 200  # columns that words are folded to where the output is not a terminal
-_GAP = 2  # columns between columns
+_PIPE = 200  # width for folding if the output is not a terminal
+_GAP = 2  # characters between columns
 _SPACES = re.compile(r"(?<= )(?=[^ ])")
 _BREAKS = re.compile(r"(?<= )(?=[^ ])|(?<=[,:=_-])(?=[A-Za-z])")
 _NUMBER = re.compile(r"[-+]?\d[\d,.]*(e[-+]?\d+)?( %| \(.*\))?|[–-]|")
@@ -29,7 +29,7 @@ _NOTHING: Mapping[str, int] = MappingProxyType({})
 
 @dataclass(frozen=True)
 class Table:
-    """A table of texts.
+    """Table of texts.
 
     Attributes
     ----------
@@ -37,9 +37,9 @@ class Table:
         Headings.
     rows : sequence of sequence of str
     spare : sequence of str
-        Columns that may be left out, the first to go first.
+            Columns that may be dropped, in this order.
     fold : mapping of str to int
-        Columns of words, which may be folded, each with the width it has at least, if it fills that.
+            Minimum widths of columns with words, which may be folded.
     """
 
     columns: Sequence[str]
@@ -48,17 +48,17 @@ class Table:
     fold: Mapping[str, int]
 
     def without(self, left: Sequence[str]) -> Table:
-        """The table without some of its columns."""
+        """Return the table without some columns."""
         kept = [place for place, name in enumerate(self.columns) if name not in left]
         rows = [[row[place] for place in kept] for row in self.rows]
         return replace(self, columns=[self.columns[place] for place in kept], rows=rows)
 
     def cells(self, place: int) -> list[str]:
-        """The cells of a column."""
+        """Return the cells of a column."""
         return [row[place] for row in self.rows]
 
     def least(self, *, whole_heads: bool) -> list[int]:
-        """Width that each column needs; headings are folded unless they are to stay whole."""
+        """Return the minimum column widths, with headings folded or whole."""
         widths = []
         for place, name in enumerate(self.columns):
             cells = self.cells(place)
@@ -69,7 +69,7 @@ class Table:
         return widths
 
     def widths(self, room: int, *, whole_heads: bool) -> list[int] | None:
-        """Widths of the columns that fill at most ``room`` together; None if that is too little."""
+        """Return column widths within ``room`` in total, or None if impossible."""
         widths = self.least(whole_heads=whole_heads)
         room -= sum(widths)
         if room < 0:
@@ -91,16 +91,17 @@ def print_table(
     fold: Mapping[str, int] = _NOTHING,
     boxed: bool = True,
 ) -> None:
-    """Print a table on stdout, no wider than the terminal.
+    """Print a table on stdout, at most as wide as the terminal.
 
     Parameters
     ----------
     title : str
-        What stands above it, or empty.
+            Line above the table, or empty.
     columns, rows, spare, fold
-        Of the :class:`Table`. A command with columns to spare has ``--json``, to which the reader is sent.
+            As in :class:`Table`. With spare columns, the command must have ``--json``, as a hint refers to
+            it.
     boxed : bool
-        Whether lines are drawn around the cells where there is room for them.
+            Draw lines around the cells if they fit.
 
     Examples
     --------
@@ -124,7 +125,7 @@ def print_table(
 
 
 def print_lines(text: str) -> None:
-    """Print the lines of a text on stdout, folded at spaces alone: paths stay whole.
+    """Print lines on stdout, folded at spaces only, so that paths stay whole.
 
     Examples
     --------
@@ -139,19 +140,21 @@ def print_lines(text: str) -> None:
 
 
 def line_for(width: int | None, line: str) -> str:
-    """A line, folded at spaces alone where a terminal of that many columns is too narrow."""
+    """Return a line, folded at spaces only to the given terminal width."""
     indent = " " * (len(line) - len(line.lstrip()) + 2)
     return line if width is None else "\n".join(folded(line, width, indent, _SPACES))
 
 
 def laid_out(table: Table, width: int | None, *, boxed: bool) -> list[str]:
-    """The lines of a table in at most ``width`` columns; None for as many as it needs."""
+    """Return the lines of a table within ``width`` columns, or in full width for None."""
     count = len(table.columns)
     frame, gaps = 3 * count + 1, _GAP * (count - 1)
+    # First choice: framed, with whole headings.
     if width is None:
         width = max(_PIPE, sum(table.least(whole_heads=True)) + frame)
     if boxed and (widths := table.widths(width - frame, whole_heads=True)) is not None:
         return _drawn(table, widths, boxed=True)
+    # Then without frame, dropping spare columns one by one.
     for gone in range(len(table.spare) + 1):
         left = [name for name in table.columns if name in table.spare[:gone]]
         kept = table.without(left)
@@ -159,6 +162,7 @@ def laid_out(table: Table, width: int | None, *, boxed: bool) -> list[str]:
         if widths is not None:
             needed = sum(table.least(whole_heads=False)) + gaps
             return [*_drawn(kept, widths, boxed=False), *(_left_out(left, width, needed) if left else ())]
+    # Last resort: a block of lines per row.
     return list(_stacked(table, width))
 
 
@@ -168,12 +172,13 @@ def _left_out(names: Sequence[str], width: int, needed: int) -> list[str]:
 
 
 def _drawn(table: Table, widths: Sequence[int], *, boxed: bool) -> list[str]:
-    """Lines of the table as rich draws it, with columns of these widths."""
+    """Return the table lines drawn by rich with the given column widths."""
     from rich.box import HEAVY_HEAD
     from rich.console import Console
     from rich.table import Table as Grid
     from rich.text import Text
 
+    # Numeric columns are aligned to the right.
     grid = Grid(
         box=HEAVY_HEAD if boxed else None,
         padding=(0, 1) if boxed else (0, _GAP, 0, 0),
@@ -183,18 +188,19 @@ def _drawn(table: Table, widths: Sequence[int], *, boxed: bool) -> list[str]:
     for place, (name, width) in enumerate(zip(table.columns, widths, strict=True)):
         numeric = name not in table.fold and all(map(_NUMBER.fullmatch, table.cells(place)))
         grid.add_column(Text(name), width=width, justify="right" if numeric else "left")
-    heads = () if boxed else (table.columns, ["-" * width for width in widths])  # rich folds them at the top
+    heads = () if boxed else (table.columns, ["-" * width for width in widths])  # rich aligns folded headings to the top
     for row in (*heads, *table.rows):
         cells = (folded(cell, width) for cell, width in zip(row, widths, strict=True))
         grid.add_row(*(Text("\n".join(lines)) for lines in cells))
     room = sum(widths) + 4 * len(widths) + 1
+    # Draw on an own stream.
     page = StringIO()  # rich draws with ASCII on a stream that is not in UTF-8
     Console(file=page, width=room, color_system=None, legacy_windows=False, _environ={}).print(grid)
     return [line.rstrip() for line in page.getvalue().removesuffix("\n").split("\n")]
 
 
 def _stacked(table: Table, width: int) -> Iterator[str]:
-    """A block for each row; one whose first cell is empty goes on with the block before it."""
+    """Yield a block per row. A row with an empty first cell continues the previous block."""
     margin = max(map(_width, table.columns), default=0) + _GAP
     for number, row in enumerate(table.rows):
         if number and row[0]:
@@ -205,9 +211,9 @@ def _stacked(table: Table, width: int) -> Iterator[str]:
 
 
 def folded(text: str, width: int, indent: str = "", breaks: re.Pattern[str] = _BREAKS) -> Iterator[str]:
-    """Lines of a text, broken between words and after ``, : = _ -`` before a letter, never in a number.
+    """Yield lines, broken between words and after ``, : = _ -`` before a letter, never in a number.
 
-    Lines after the first begin with ``indent``. A word wider than ``width`` stays whole.
+    Continuation lines begin with ``indent``. A word wider than ``width`` stays whole.
     """
     for part in text.split("\n"):
         line = ""
@@ -220,7 +226,7 @@ def folded(text: str, width: int, indent: str = "", breaks: re.Pattern[str] = _B
 
 
 def _width(text: str) -> int:
-    """Return how many columns a line takes on a terminal: two for East Asian letters, none for accents."""
+    """Return the terminal width of a line: two columns for East Asian letters, none for accents."""
     if text.isascii():
         return len(text)
     from rich.cells import cell_len

@@ -1,1 +1,1 @@
-"""The commands run and solve on several ranks of MPI."""
+"""Commands run and solve on several MPI ranks."""

@@ -1,9 +1,9 @@
-"""The command line on several ranks of MPI: who prints, how all end together, what is refused there.
+"""Command line on several MPI ranks: printing, common exit, refused options.
 
-Whether there are several is read from what launchers put into the environment, so that ordinary runs do not
-import mpi4py. Rank 0 prints, and what the others would is kept back. At its end each rank tells the others
-its exit code. If all get there, all exit alike; if some do not, they wait for a rank that has failed, which
-says why and aborts the whole run.
+The number of ranks is read from environment variables of launchers, so that ordinary runs do not import
+mpi4py. Rank 0 prints, and the output of other ranks is held back. At the end, the ranks exchange their exit
+codes. If all ranks arrive, all exit with one code. Otherwise a failed rank prints its error after some
+time, and aborts the whole run.
 """
 
 from __future__ import annotations
@@ -29,21 +29,21 @@ _LAUNCHERS = (
     ("MV2_COMM_WORLD_RANK", "MV2_COMM_WORLD_SIZE"),
     ("SLURM_PROCID", "SLURM_STEP_NUM_TASKS"),
 )
-_BUG = 1  # exit code of an error that nobody raised on purpose
-_PATIENCE = 1.0  # seconds in which other ranks may still come to their end when one has failed
-_APART = 0.2  # seconds between ranks that wait no longer, so that only the first of them says why
-_LONGEST = 3.0  # seconds at most in which others may be the first
+_BUG = 1  # exit code of unexpected errors
+_PATIENCE = 1.0  # seconds a failed rank waits for other ranks to end
+_APART = 0.2  # seconds between the timeouts of failed ranks, so that only the first reports
+_LONGEST = 3.0  # maximum extra delay of a rank, seconds
 
 
 class Launched(NamedTuple):
-    """Rank and number of processes, as a launcher of MPI states them."""
+    """Rank and number of processes from the environment of an MPI launcher."""
 
     rank: int
     size: int
 
 
 def launched(environment: Mapping[str, str] | None = None) -> Launched | None:
-    """This process among those that were started with it; None if it is the only one."""
+    """Return rank and number of the processes launched together, or None for a single process."""
     here = os.environ if environment is None else environment
     for names in _LAUNCHERS:
         rank, size = (here.get(name, "") for name in names)
@@ -53,7 +53,7 @@ def launched(environment: Mapping[str, str] | None = None) -> Launched | None:
 
 
 def refuse_on_ranks(what: str, instead: str) -> None:
-    """Raise OptionError if this process is one of several, each of which would do the same work."""
+    """Raise OptionError if this process is one of several, all of which would do equal work."""
     here = launched()
     if here is not None:
         raise OptionError(
@@ -66,7 +66,7 @@ def refuse_files(
     files: Mapping[str, Path | None],
     instead: str = "write it with -o NAME.pvtu and look at it in one process",
 ) -> None:
-    """Raise OptionError for files, by the option that asks for them, which no run on several ranks makes."""
+    """Raise OptionError if options request files that runs on several ranks cannot make."""
     asked = [option for option, file in files.items() if file is not None]
     if asked:
         raise OptionError(
@@ -75,9 +75,9 @@ def refuse_files(
 
 
 def on_all_ranks(command: Callable[[], int], here: Launched) -> int:
-    """Carry out the command that all ranks carry out, and return the exit code of all.
+    """Run a command on all ranks, and return the common exit code.
 
-    Ranks of a run that cannot end by itself are aborted, this one included.
+    If some ranks cannot end, the whole run is aborted, including this rank.
     """
     try:
         from mpi4py import MPI
@@ -92,7 +92,7 @@ def on_all_ranks(command: Callable[[], int], here: Launched) -> int:
             stack.enter_context(redirect_stdout(stack.enter_context(open(os.devnull, "w"))))
             stack.enter_context(redirect_stderr(held))
         code = _carried_out(command)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # from here on it can only do harm
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt must not break the exchange
     codes = _codes_of_all(comm, code)
     failed = [rank for rank, each in enumerate(codes or ()) if each]
     if codes is None:
@@ -114,7 +114,7 @@ def _carried_out(command: Callable[[], int]) -> int:
 
 
 def _codes_of_all(comm: Any, code: int) -> list[int] | None:
-    """Exit codes of all ranks; None if this one has failed and others do not come to their end."""
+    """Return the exit codes of all ranks, or None if this rank has failed and others do not end in time."""
     import numpy as np
 
     sent, codes = np.array([code]), np.zeros(comm.Get_size(), np.int64)
@@ -129,7 +129,7 @@ def _codes_of_all(comm: Any, code: int) -> list[int] | None:
 
 
 def _say(held: io.StringIO, rank: str) -> None:
-    """Print what a rank has to say of its failure; rank 0 has held nothing back."""
+    """Print the held output of a failed rank. Rank 0 holds nothing back."""
     lines = [line for line in held.getvalue().splitlines() if not line.startswith(("note: ", "warning: "))]
     for line in lines:
         message = line.removeprefix("error: ")

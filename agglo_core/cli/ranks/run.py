@@ -1,4 +1,4 @@
-"""``agglo run`` on several ranks: each has its share of the mesh, and rank 0 prints the table."""
+"""``agglo run`` on several ranks: each rank has a share of the mesh, rank 0 prints the table."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
 
 def is_of_ranks(output: Path | None, independent: bool) -> bool:
-    """Return True if a run has several ranks, or one that does what otherwise several do."""
+    """Return True for a run on several ranks, or on one rank by the distributed method."""
     pieces = output is not None and output.suffix.lower() == ".pvtu"
     return launched() is not None or pieces or independent
 
 
 @dataclass(frozen=True)
 class _Level:
-    """Data of a level: as :class:`agglo_core.measure.Level`, without values of single parts."""
+    """Level data as :class:`agglo_core.measure.Level`, without values of single parts."""
 
     target: Mapping[str, Any]
     line: Mapping[str, Any]
@@ -40,7 +40,7 @@ class _Level:
 
 @dataclass(frozen=True)
 class _Run:
-    """Data of a run on several ranks, by the names of :class:`agglo_core.measure.RunResult`."""
+    """Data of a distributed run, with the attribute names of :class:`agglo_core.measure.RunResult`."""
 
     name: str
     hierarchy: DistributedHierarchy
@@ -60,7 +60,7 @@ def run_on_ranks(
     as_json: bool,
     quiet: bool,
 ) -> int:
-    """Agglomerate a mesh across ranks, measure, write; options are those of ``agglo run``.
+    """Agglomerate a mesh across ranks, measure and write, with the options of ``agglo run``.
 
     Raises
     ------
@@ -74,11 +74,13 @@ def run_on_ranks(
     from agglo_core.measure.selection import RATIOS
 
     ranks = Ranks()
+    # Refuse bad output paths before any work.
     given = {**agglomeration, "bisector": choice("bisector", bisectors[0])} if bisectors else agglomeration
     with ranks.together():
         if output is not None:
             check_parallel_target(output)
     first = ranks.rank == 0
+    # Read, warm up, agglomerate, measure and write on all ranks.
     with watched(quiet or not first) as progress:
         with phase(progress, "reading", source):
             mesh = shared_mesh(source, ranks)
@@ -86,7 +88,7 @@ def run_on_ranks(
             warm_up_in_turn(given, ranks)
         hierarchy, seconds = agglomerated(mesh, given, independent, progress)
         with phase(progress, "measuring"):
-            _ = mesh.h  # is asked of all ranks together, and told by one
+            _ = mesh.h  # computed by all ranks, reported by rank 0
             levels = _levels(hierarchy, RATIOS if metrics is None else metrics)
         if output is not None:
             with phase(progress, "writing", output.name):
@@ -100,7 +102,7 @@ def run_on_ranks(
 
 
 def shared_mesh(source: str, ranks: Ranks) -> DistributedMesh:
-    """Pieces are read by the ranks that have them; any other file, or a sample, by rank 0."""
+    """Read a distributed mesh: pieces by their ranks, any other file or a sample by rank 0."""
     from agglo_core.distributed import DistributedMesh, read
 
     if source.lower().endswith(".pvtu"):
@@ -111,7 +113,7 @@ def shared_mesh(source: str, ranks: Ranks) -> DistributedMesh:
 
 
 def warm_up_in_turn(given: Mapping[str, Any], ranks: Ranks) -> None:
-    """Let rank 0 compile what the others then find on disk."""
+    """Compile kernels on rank 0 first, so that the other ranks find them on disk."""
     with ranks.together():
         try:
             if ranks.rank == 0:
@@ -125,7 +127,7 @@ def warm_up_in_turn(given: Mapping[str, Any], ranks: Ranks) -> None:
 def agglomerated(
     mesh: DistributedMesh, given: Mapping[str, Any], independent: bool, progress: Any
 ) -> tuple[DistributedHierarchy, float]:
-    """The hierarchy, and seconds until the last rank had it."""
+    """Return the hierarchy, and the seconds until the last rank has finished."""
     from agglo_core.agglomeration import Pipeline
     from agglo_core.agglomeration.one_call import changed
     from agglo_core.distributed import agglomerate
@@ -152,7 +154,7 @@ def _levels(hierarchy: DistributedHierarchy, metrics: Sequence[Any]) -> list[_Le
 
 
 def _tell(source: str, mesh: DistributedMesh, run: Any, *, as_json: bool, quiet: bool) -> None:
-    """Print the table or the JSON of ``agglo run``, with the number of ranks."""
+    """Print the table or JSON of ``agglo run``, with the number of ranks."""
     name, size = mesh.local.name or source, mesh.ranks.size
     if as_json:
         levels = [level_data(level) for level in run.levels]

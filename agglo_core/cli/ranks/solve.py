@@ -1,7 +1,7 @@
-"""``agglo solve`` on several ranks: each assembles and solves for its own cells, and rank 0 reports.
+"""``agglo solve`` on several ranks: each rank solves for its own cells, and rank 0 reports.
 
-A solver that can do this has ``solve_across(problem, hierarchy, progress)`` for a distributed hierarchy. The
-``x`` of its answer are the unknowns of own cells, by rising global id.
+A distributed solver has a method ``solve_across(problem, hierarchy, progress)`` for a distributed
+hierarchy. ``x`` in its result holds the unknowns of own cells by increasing global id.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _COLUMNS = 80
 
 
 def solves_across(tool: object) -> bool:
-    """Return True if this process is one of several, and the solver takes a mesh that lies on them."""
+    """Return True if this process is one of several and the solver supports distributed meshes."""
     shares = hasattr(tool, "solve_across") and getattr(tool, "ranks", "one") == "one"
     return launched() is not None and shares
 
@@ -45,7 +45,7 @@ def solve_on_ranks(
     *,
     as_json: bool,
 ) -> int:
-    """Share the mesh out, agglomerate it, solve, report; options are those of ``agglo solve``.
+    """Distribute a mesh, agglomerate, solve and report, with the options of ``agglo solve``.
 
     Raises
     ------
@@ -58,14 +58,16 @@ def solve_on_ranks(
     if not agglomeration:
         raise OptionError("on several ranks say what the levels are: --parts, --cells-per-part, …")
     ranks, title = Ranks(), solver_title(solver)
+    # Refuse bad output paths before any work.
     with ranks.together():
         if output is not None:
             check_parallel_target(output)
     first, outputs = ranks.rank == 0, Outputs()
+    # Read, pose the problem, agglomerate, solve, write and measure on all ranks.
     with watched(not first) as progress:
         with phase(progress, "reading", source):
             mesh = shared_mesh(source, ranks)
-        seen, _ = with_second_layer(mesh)  # what rows are assembled on: values of cells are of these
+        seen, _ = with_second_layer(mesh)  # rows are assembled on this mesh, so cell values refer to it
         trusted = bool(agglomeration.get("allow_code"))
         with ranks.together():
             asked = posed_by(problem, seen, tool, solver, allow_code=trusted)
@@ -98,7 +100,7 @@ def solve_on_ranks(
 def _report(
     found: Any, norms: Mapping[str, float], hierarchy: DistributedHierarchy, seconds: float
 ) -> dict[str, Any]:
-    """Data of a solution, by the names of :func:`agglo_core.solvers.solution_report.report`."""
+    """Return the data of a solution under the keys of :func:`agglo_core.solvers.solution_report.report`."""
     from agglo_core.solvers.solution_report import error_entries
 
     cells = [hierarchy.mesh.n_cells, *hierarchy.parts]

@@ -1,4 +1,4 @@
-"""Choose the solver, the problem and its discretisation for commands that solve."""
+"""Choice of solver, problem and discretisation for commands that solve."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DEFAULT_SOLVER = "polydg_mg"
 
 @dataclass(frozen=True)
 class Posed:
-    """A problem on a mesh for a solver, with the discretisation ``how`` if one is known."""
+    """Problem on a mesh for a solver, with the discretisation ``how`` if available."""
 
     problem: Problem
     mesh: Mesh
@@ -29,7 +29,7 @@ class Posed:
     solver: str
 
     def refuse_without_meaning(self, options: str) -> None:
-        """Raise OptionError if there is no discretisation: these options need the meaning of the unknowns."""
+        """Raise OptionError if there is no discretisation to interpret the unknowns for these options."""
         if self.how is None:
             raise OptionError(
                 f"{self.solver} does not say what the unknowns of a problem of kind {self.problem.kind} "
@@ -37,12 +37,12 @@ class Posed:
             )
 
     def system(self) -> System:
-        """Matrix and right-hand side, as the discretisation assembles them or as they are given.
+        """Return matrix and right-hand side, as assembled by the discretisation or as given.
 
         Raises
         ------
         OptionError
-            If nobody knows them.
+                Without a discretisation.
         """
         import numpy as np
 
@@ -61,19 +61,19 @@ class Posed:
 
 
 def solver_title(spec: str) -> str:
-    """Name, in messages, of the solver that was typed."""
+    """Return the title of a solver as typed, for messages."""
     return describe(default().record("solver", as_typed(spec)[0]))
 
 
 def built_solver(spec: str, given: Mapping[str, Any], flag: str = "--solver") -> Any:
-    """The solver that the user wrote, with options of its own given too.
+    """Build the solver as typed, with further options from own flags.
 
     Raises
     ------
     OptionError
-        For an option that it does not have, or that is given twice.
+            For an unknown option, or an option given twice.
     PluginError
-        If there is none of that name, or it cannot be used.
+            For an unknown or unusable solver.
     """
     name, options = as_typed(spec)
     twice = sorted(set(options) & set(given))
@@ -88,13 +88,13 @@ def built_solver(spec: str, given: Mapping[str, Any], flag: str = "--solver") ->
 
 
 def posed_by(text: str, mesh: Mesh, tool: object, solver: str, *, allow_code: bool) -> Posed:
-    """Make the problem that a name or file stands for, and check that the solver accepts it.
+    """Build the problem for a name or file, and check that the solver accepts it.
 
     Raises
     ------
     OptionError
-        If the solver does not take it; as :func:`~agglo_core.problems.named_problem`, and what the
-        discretisation refuses.
+            If the solver does not accept the problem, and errors of
+            :func:`~agglo_core.problems.named_problem` and of the discretisation.
     """
     from agglo_core.problems import discretisation_of, named_problem, require_accepted
 

@@ -1,4 +1,4 @@
-"""Files of ``agglo solve``: the picture of convergence and the report."""
+"""Files of ``agglo solve``: convergence picture and report."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _HIERARCHY = "hierarchy"
 
 
 def check_more(history: Path | None, report: Path | None) -> None:
-    """Raise unless picture and report can be written, as far as can be told before anything is computed."""
+    """Raise FileError if picture or report cannot be written, as far as foreseeable."""
     if history is not None:
         check_picture(history, "--plot-convergence")
     if report is not None:
@@ -28,7 +28,7 @@ def check_more(history: Path | None, report: Path | None) -> None:
 
 
 def levelless_run(mesh: Mesh) -> RunResult:
-    """A hierarchy without levels, for solvers that need none or make their own."""
+    """Return a hierarchy without levels, for solvers that need none or build their own."""
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.measure.comparison import RunResult
 
@@ -36,7 +36,7 @@ def levelless_run(mesh: Mesh) -> RunResult:
 
 
 def levels_run(mesh: Mesh, agglomeration: Mapping[str, Any], progress: Listener | None) -> RunResult:
-    """The hierarchy that the user asks for, with the seconds it took; not measured yet."""
+    """Build the requested hierarchy and time it, without measuring."""
     from agglo_core.agglomeration import agglomerate
     from agglo_core.measure.comparison import RunResult
 
@@ -47,7 +47,7 @@ def levels_run(mesh: Mesh, agglomeration: Mapping[str, Any], progress: Listener 
 
 
 def with_hierarchy(solution: Solution, made: RunResult) -> Solution:
-    """The solution with the seconds of a hierarchy that was made for it, if one was."""
+    """Add the hierarchy's seconds to a solution if levels were built."""
     if made.hierarchy is None or not made.hierarchy.levels:
         return solution
     return replace(
@@ -60,7 +60,7 @@ def with_hierarchy(solution: Solution, made: RunResult) -> Solution:
 def draw_history(
     outputs: Outputs, path: Path, title: str, solutions: Mapping[str, Solution], progress: Listener | None
 ) -> None:
-    """Make the picture of convergence."""
+    """Draw the convergence picture."""
     from agglo_core.draw.convergence import draw_convergence
 
     with phase(progress, "drawing", path.name):
@@ -76,7 +76,7 @@ def report_solution(
     solves: Mapping[str, Mapping[str, Any]],
     progress: Listener | None,
 ) -> None:
-    """Make the report: the solution, and the levels that were made for it, if any."""
+    """Write the report with the solution, and the levels if any were built."""
     from agglo_core.draw.webpage import write_page
     from agglo_core.measure.agglomerates import measure_levels
 

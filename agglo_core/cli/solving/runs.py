@@ -1,4 +1,4 @@
-"""Solve with the hierarchy of each run of ``agglo compare --solve``, and measure the cost."""
+"""Solves with the hierarchy of each run in ``agglo compare --solve``, with costs."""
 
 from __future__ import annotations
 
@@ -30,9 +30,10 @@ _COLUMNS = ("iterations", "converged", "contraction", "hierarchy s", "set-up s",
 class Solved:
     """Result of a solver with a hierarchy, or the ``error`` that ended it.
 
-    ``contraction`` is the factor of the residual's 2-norm in an iteration, the geometric mean. ``seconds``
-    are CPU seconds: of the hierarchy, of all before the iteration (assembly too; None if the solver does not
-    tell), of the rest. ``details`` is what a report shows besides, if one is wanted.
+    ``contraction`` is the geometric mean of the factors by which an iteration reduces the residual's 2-norm.
+    ``seconds`` are CPU seconds for the hierarchy, for everything before the iteration (assembly included,
+    None if the solver does not report phases), and for the rest. ``details`` are data for a report, if
+    requested.
     """
 
     iterations: int | None = None
@@ -44,7 +45,7 @@ class Solved:
     details: Mapping[str, Any] = field(default_factory=dict)
 
     def data(self) -> dict[str, Any]:
-        """Plain data, the form of ``--json``."""
+        """Return plain data, as in ``--json``."""
         return {
             "iterations": self.iterations,
             "converged": self.converged,
@@ -55,7 +56,7 @@ class Solved:
         }
 
     def cells(self) -> list[str]:
-        """The cells of its row."""
+        """Return the cells of its table row."""
         if self.error:
             return ["–"] * len(_COLUMNS)
         state = [number(self.iterations), "yes" if self.converged else "no"]
@@ -70,7 +71,7 @@ class Solved:
 
 @dataclass
 class _Clock:
-    """A listener that passes on what it is told, and takes the CPU time of the last phase."""
+    """Listener that forwards progress and measures the CPU time of the last phase."""
 
     listen: Listener | None
     seconds: float = 0.0
@@ -97,14 +98,14 @@ def solve_runs(
     *,
     detailed: bool = False,
 ) -> list[Solved]:
-    """Solve with the hierarchy of each run, after a warm-up; what fails is a result that says why."""
+    """Solve with the hierarchy of each run after a warm-up. A failure becomes a result with its reason."""
     solver = Member(tool, solver_title(spec))
     _warm_up(solver, posed)
     return [_attempt(solver, posed, run, labelled(progress, run.name), detailed) for run in runs]
 
 
 def reported(runs: Sequence[RunResult], solved: Sequence[Solved]) -> dict[str, Mapping[str, Any]]:
-    """Data of each solved run for the report, by its name."""
+    """Return the report data of each solved run by run name."""
     pairs = zip(runs, solved, strict=False)
     return {run.name: each.details or {"error": each.error} for run, each in pairs if not run.error}
 
@@ -146,7 +147,7 @@ def _details(
 
     whole = with_hierarchy(solution, run)
     try:
-        with attributed(solver.title, spare=(AggloError,)):  # asks the discretisation
+        with attributed(solver.title, spare=(AggloError,)):  # the report calls the discretisation
             return report(posed.mesh, posed.problem, whole, posed.how, progress=progress)
     except AggloError as error:
         if stopped_by(error) is not None:
@@ -161,17 +162,17 @@ def _contraction(solution: Solution) -> float | None:
 
 
 def _warm_up(solver: Member, posed: Posed) -> None:
-    """Solve an example on tiny meshes: the first solution's time must not include imports and compilation."""
+    """Solve tiny examples, to keep imports and compilation out of the first solution's time."""
     from agglo_core import samples
     from agglo_core.problems.solving import solved_by
 
-    for small in (samples.squares(8), samples.voronoi(64)):  # some recipes are for squares, some for polygons
+    for small in (samples.squares(8), samples.voronoi(64)):  # recipes differ for squares and polygons
         try:
             solved_by(solver, type(posed.problem).example(small), _halved(small))  # type: ignore[attr-defined]
         except (AggloError, AttributeError) as error:
             if isinstance(error, AggloError) and stopped_by(error) is not None:
                 raise
-            # else the solution itself will tell
+            # otherwise the solution itself reports the error
 
 
 def _halved(mesh: Any) -> Hierarchy:
@@ -181,7 +182,7 @@ def _halved(mesh: Any) -> Hierarchy:
 
 
 def show_solved(spec: str, problem: str, runs: Sequence[RunResult], solved: Sequence[Solved]) -> None:
-    """Print one line per run, with the metrics of its finest level, and why some have none."""
+    """Print a line per run with the metrics of its finest level, and the reasons of failures."""
     measured = next(level for run in runs for level in run.levels)
     metrics = list(measured.metrics)
     rows = []
