@@ -1,1 +1,1 @@
-"""Pictures of meshes and levels, box plots, and the report as one web page."""
+"""Pictures of meshes and levels, box plots, and the report as a web page."""

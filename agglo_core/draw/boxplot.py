@@ -1,4 +1,4 @@
-"""Box plots of quality metrics, run by run, as the paper compares its methods."""
+"""Box plots of quality metrics per run, as in the paper's comparison of methods."""
 
 from __future__ import annotations
 
@@ -25,8 +25,7 @@ def draw_boxes(
 ) -> None:
     """Draw one panel per metric with one box per run, and write the picture.
 
-    Boxes span the quartiles, whiskers reach 1.5 boxes further, the line is the median, the diamond the
-    mean.
+    Boxes span the quartiles, whiskers reach 1.5 box lengths further, lines are medians, diamonds means.
 
     Parameters
     ----------
@@ -35,14 +34,14 @@ def draw_boxes(
     path : path
         The suffix chooses the format.
     metrics : sequence of str
-        Values in [0, 1].
+            Metrics with values in [0, 1].
     title : str
-        Above the panels.
+            Title above the panels.
 
     Raises
     ------
     OptionError
-        Without matplotlib, with no run to draw, or if a run has no values of a metric.
+            Without matplotlib, without runs, or for a run without values of a metric.
     FileError
         If the file cannot be written, or its suffix is unknown.
     """

@@ -1,4 +1,4 @@
-"""Colours: palettes, colourings of agglomerates, tags with a legend, numbers with a colour bar."""
+"""Colours: palettes, colourings of agglomerates, tags with legend, numbers with colour bar."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ PALETTE = (  # Paul Tol's "light" scheme, safe for colour-blind readers, and two
     "#B5DBA4",
 )
 INK, FINE, PAPER = "#222222", "#777777", "#F4F1EA"
-"""Outlines of agglomerates and texts, outlines of cells, cells of no agglomerate."""
+"""Outlines of agglomerates and texts, outlines of cells, uncoloured cells."""
 GRID = "#dddddd"
-"""Lines of a grid behind curves and dots."""
+"""Grid lines behind curves and dots."""
 LINES = ("#1f5fa8", "#c4501b", "#1b7a4b", "#8a3a9c", "#8c6d00", "#0b8499", "#b0246b", "#555555")
 """Colours of curves, dark enough for thin lines on white."""
 
@@ -36,10 +36,10 @@ def rgb(colour: str) -> Float:
 
 
 def colouring(mesh: Mesh, n_colours: int) -> Int:
-    """Colour of each cell ``(n_cells,)``, different from its neighbours' wherever a colour is left.
+    """Colour each cell ``(n_cells,)`` differently from its neighbours as far as colours suffice.
 
-    Rounds of greedy colouring (Jones and Plassmann): in each, the cells that precede all their
-    uncoloured neighbours take a free colour. Cells of many neighbours come first.
+    Greedy colouring in rounds (Jones and Plassmann): in each round, the cells that precede all uncoloured
+    neighbours take a free colour. Cells with many neighbours come first.
 
     Examples
     --------
@@ -49,6 +49,7 @@ def colouring(mesh: Mesh, n_colours: int) -> Int:
     array([1, 0, 1, 0])
     """
     graph = mesh.graph
+    # Rank cells by number of neighbours, ties at random.
     rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
     shuffled = np.random.default_rng(0).permutation(graph.n)
     rank = np.empty(graph.n, np.int64)
@@ -56,27 +57,30 @@ def colouring(mesh: Mesh, n_colours: int) -> Int:
     colours = np.full(graph.n, -1, np.int64)
     taken = np.zeros((graph.n, n_colours), bool)
     while (colours < 0).any():
+        # Cells that precede all uncoloured neighbours.
         ready = colours < 0
         ready[rows[(colours[graph.indices] < 0) & (rank[graph.indices] > rank[rows])]] = False
         chosen = np.flatnonzero(ready)
-        wish = (shuffled[chosen, None] + np.arange(n_colours)) % n_colours  # all colours in equal share
+        # Take a free colour, starting from a random colour.
+        wish = (shuffled[chosen, None] + np.arange(n_colours)) % n_colours  # equal shares of all colours
         pick = (~taken[chosen[:, None], wish]).argmax(axis=1)
         colours[chosen] = wish[np.arange(len(chosen)), pick]
+        # Mark the colour as taken for the neighbours.
         told = ready[graph.indices]
         taken[rows[told], colours[graph.indices[told]]] = True
     return colours
 
 
 _TONES = 128
-"""Steps of a colour scale: as many paths are drawn at most, whatever the number of cells."""
+"""Steps of a colour scale, which limit the number of paths, whatever the number of cells."""
 _UNDEFINED = "#BBBBBB"
 
 
 class Paint(NamedTuple):
-    """A colour for each cell or agglomerate.
+    """Colour of each cell or agglomerate.
 
-    ``colours (n,)`` are places in ``palette``. ``names`` are those of the colours in a legend, by their
-    place; ``limits`` the numbers at both ends of a colour scale, ``scale`` its colour map of matplotlib.
+    ``colours (n,)`` are indices into ``palette``. ``names`` are the legend entries of the colours. ``limits``
+    are the numbers at both ends of a colour scale, and ``scale`` is its matplotlib colour map.
     """
 
     colours: Int
@@ -94,12 +98,12 @@ class Paint(NamedTuple):
 
 
 def by_neighbours(mesh: Mesh) -> Paint:
-    """Colours without meaning: those of neighbours differ."""
+    """Return colours without meaning, different for neighbours."""
     return Paint(colouring(mesh, len(PALETTE)), PALETTE)
 
 
 def by_tag(tags: Int, label: str, cmap: str = "viridis") -> Paint:
-    """One colour for each tag ``(n,)``; tags of more values than there are colours, as numbers."""
+    """Return a colour per tag value ``(n,)``, or a colour scale for more values than colours."""
     values, colours = np.unique(tags, return_inverse=True)
     if len(values) > len(PALETTE):
         return by_number(tags.astype(float), label, cmap)
@@ -107,12 +111,12 @@ def by_tag(tags: Int, label: str, cmap: str = "viridis") -> Paint:
 
 
 def by_number(values: ArrayLike, label: str = "", cmap: str = "viridis") -> Paint:
-    """Numbers ``(n,)`` on a colour scale; grey where they are not finite.
+    """Return numbers ``(n,)`` on a colour scale, grey where not finite.
 
     Raises
     ------
     OptionError
-        If matplotlib has no colour map of that name.
+            For an unknown matplotlib colour map.
     """
     from matplotlib import colormaps
     from matplotlib.colors import to_hex
@@ -133,12 +137,12 @@ def by_number(values: ArrayLike, label: str = "", cmap: str = "viridis") -> Pain
 
 
 def blank(count: int) -> Paint:
-    """No colour for ``count`` cells."""
+    """Return a blank paint for ``count`` cells."""
     return Paint(np.zeros(count, np.int64), (PAPER,))
 
 
 def explain(axis: Any, paint: Paint) -> None:
-    """Put the legend or the colour bar of a paint beside a plot; colours without meaning have none."""
+    """Add the legend or colour bar of a paint to a plot, if its colours have a meaning."""
     if paint.names:
         from matplotlib.patches import Patch
 

@@ -1,4 +1,4 @@
-"""A picture of convergence: residuals and energy errors against the iteration."""
+"""Convergence pictures: residuals and energy errors against the iteration."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from agglo_core.errors import OptionError
 from agglo_core.problems import Solution
 
 MARKED = 40
-"""Iterations up to which each is marked."""
+"""Maximum number of iterations for markers on curves."""
 
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """The curves of a solution.
+    """Convergence curves of a solution.
 
     Attributes
     ----------
     residuals : (iterations + 1,) float
-        2-norms relative to the first; NaN where a logarithmic scale has no place for it.
+            2-norms relative to the first, NaN where a logarithmic scale cannot show the value.
     errors : (iterations + 1,) float
-        Estimates of the relative energy error; only the last one is known of some solvers, and of some none.
+            Estimates of the relative energy error. Some solvers report only the last, or none.
     contraction, tolerance : float, optional
     """
 
@@ -40,7 +40,7 @@ class Curves:
 
     @classmethod
     def of(cls, solution: Solution) -> Curves:
-        """The curves of a solution."""
+        """Return the curves of a solution."""
         return cls.made(
             solution.residuals,
             solution.energy_errors,
@@ -58,7 +58,7 @@ class Curves:
         contraction: float | None,
         tolerance: float | None,
     ) -> Curves:
-        """The curves of the numbers that a report has of a solution; ``last`` is the last energy error."""
+        """Return the curves from report data, with ``last`` as the final energy error."""
         sizes, known = (np.asarray(each, dtype=np.float64).ravel() for each in (residuals, errors))
         first = sizes[0] if len(sizes) and 0.0 < sizes[0] < np.inf else np.nan
         if len(known) != len(sizes):
@@ -74,25 +74,25 @@ def _positive(values: Float) -> Float:
 def draw_convergence(
     solutions: Mapping[str, Solution], path: str | os.PathLike[str], title: str = ""
 ) -> None:
-    """Draw residuals and energy errors against the iteration, on a logarithmic scale, and write the picture.
+    """Draw residuals and energy errors by iteration on a logarithmic scale, and write the picture.
 
-    The solid line is ‖b − A x‖₂ relative to the first, the dashed one the estimate of the relative error in
-    the energy norm where the solver tells it (of direct and stationary solvers at the end alone), the dotted
-    one the tolerance. The legend has the mean contraction of the residual.
+    Solid lines are ‖b − A x‖₂ relative to the first. Dashed lines are estimates of the relative energy error,
+    if reported by the solver (direct and stationary solvers report only the final error). Dotted lines are
+    the tolerance. The legend contains the mean contraction of the residual.
 
     Parameters
     ----------
     solutions : mapping of name to Solution
-        At least one; the names are those of the legend.
+            At least one solution, by legend name.
     path : path
-        The suffix chooses the format: .png, .pdf, .svg, …
+            File, with the format chosen by the suffix: .png, .pdf, .svg, …
     title : str
-        Above the picture.
+            Title above the picture.
 
     Raises
     ------
     OptionError
-        Without matplotlib, or with no solution to draw.
+            Without matplotlib, or without solutions.
     FileError
         If the file cannot be written, or its suffix is unknown.
     """
@@ -118,7 +118,7 @@ def draw_convergence(
 
 
 def frame_curves(axis: Any, curves: Sequence[Curves]) -> None:
-    """Scales, labels and grid of a picture of convergence, with a line for each tolerance."""
+    """Set scales, labels and grid of a convergence picture, with a line per tolerance."""
     from matplotlib.ticker import MaxNLocator
 
     axis.set_yscale("log")
@@ -134,7 +134,7 @@ def frame_curves(axis: Any, curves: Sequence[Curves]) -> None:
             color=INK,
             bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.5},
         )
-    axis.set_xlim(left=0)  # points on the frame are drawn whole all the same
+    axis.set_xlim(left=0)  # points on the frame are not clipped
     axis.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     axis.set_xlabel("iteration")
     axis.set_ylabel("relative size")
@@ -144,7 +144,7 @@ def frame_curves(axis: Any, curves: Sequence[Curves]) -> None:
 
 
 def one_curve(axis: Any, name: str, curves: Curves, colour: str = LINES[0]) -> None:
-    """Draw residuals and energy errors of one solver; ``name`` is that of the legend."""
+    """Draw residuals and energy errors of a solver with legend entry ``name``."""
     name = f"{name}: " if name else ""
     steps = np.arange(len(curves.residuals))
     size = 3.5 if len(steps) <= MARKED + 1 else 0.0

@@ -1,4 +1,4 @@
-"""Place the labels of dots so that none lies on another or on a dot."""
+"""Placement of labels for dots without overlap of labels or dots."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ import numpy as np
 from agglo_core.arrays import Float, Int, frozen_float
 
 _TURNS: Final = (0, 12, 4, 20, 8, 16, 2, 22, 10, 14, 6, 18, 1, 23, 11, 13, 3, 21, 9, 15, 5, 19, 7, 17)
-"""Twenty-fourths of a turn: beside the dot first, then aslant, above and below."""
+"""Directions in 1/24 turns: beside the dot first, then diagonal, above and below."""
 _ATTEMPTS: Final = 8
 _FAR: Final = 0.4
 
 
 def label_places(dots: Float, sizes: Float, frame: Float, gap: float, lines: Float | None = None) -> Float:
-    """Lower left corners ``(n, 2)`` of labels, each as near to its dot as there is room.
+    """Return the lower left corners ``(n, 2)`` of labels, each as near to its dot as possible.
 
-    Labels are placed one after the other, those of the most crowded dots first; the nearest place wins that
-    lies in the frame and meets neither a dot nor a line nor a label. A label for which there is none takes
-    the place where it meets the least, unless all find one in another order.
+    Labels are placed one by one, beginning with the most crowded dots. Each takes the nearest place in the
+    frame that overlaps no dot, line or label, or else the place with least overlap. Other orders are tried if
+    overlaps remain.
 
     Parameters
     ----------
     dots : (n, 2) float
     sizes : (n, 2) float
-        Width and height of each label.
+            Width and height of each label.
     frame : (2,) float
-        Width and height of the picture; its lower left corner is 0.
+            Width and height of the picture, with lower left corner 0.
     gap : float
-        Radius of a dot, and room between things.
+            Radius of a dot, and distance between objects.
     lines : (m, 4) float, optional
-        Boxes, by lower left and upper right corner, that labels keep clear of, too.
+            Further boxes to avoid, by lower left and upper right corner.
     """
     least, best = np.inf, np.zeros((len(dots), 2))
     for order in _orders(dots):
@@ -45,9 +45,9 @@ def label_places(dots: Float, sizes: Float, frame: Float, gap: float, lines: Flo
 
 
 def overlaps(boxes: Float, others: Float) -> Float:
-    """Area ``(n,)`` that each of some boxes ``(n, 4)`` shares with others ``(m, 4)``.
+    """Return the area ``(n,)`` that each box in ``(n, 4)`` shares with the others ``(m, 4)``.
 
-    A box is its lower left and its upper right corner.
+    A box is given by its lower left and upper right corner.
     """
     ends = np.minimum(boxes[:, None, 2:], others[:, 2:])
     sides = np.maximum(ends - np.maximum(boxes[:, None, :2], others[:, :2]), 0.0)
@@ -56,15 +56,15 @@ def overlaps(boxes: Float, others: Float) -> Float:
 
 
 def stair_boxes(corners: Float, width: float) -> Float:
-    """Boxes ``(n - 1, 4)`` around the lines between corners ``(n, 2)`` that follow one another."""
+    """Return boxes ``(n - 1, 4)`` around the lines between successive corners ``(n, 2)``."""
     low, high = np.minimum(corners[:-1], corners[1:]), np.maximum(corners[:-1], corners[1:])
     return frozen_float(np.concatenate([low - width / 2, high + width / 2], axis=1))
 
 
 def ties(dots: Float, sizes: Float, places: Float, gap: float) -> dict[int, Float]:
-    """End at the label of each line between a dot and its label, where it takes one to see whose it is.
+    """Return the end at the label for each label that needs a line to its dot.
 
-    That is where a label is far from its dot, or not much farther from another one.
+    A line is needed if a label is far from its dot, or almost as near to another dot.
     """
     found = {}
     for own, (place, size) in enumerate(zip(places, sizes, strict=True)):
@@ -77,7 +77,7 @@ def ties(dots: Float, sizes: Float, places: Float, gap: float) -> dict[int, Floa
 
 
 def _orders(dots: Float) -> Iterator[Int]:
-    """The most crowded dots first, then some other orders."""
+    """Yield the order by crowding, then some random orders."""
     away = np.linalg.norm(dots[:, None] - dots[None, :], axis=2)
     nearness = (1.0 / (away + 1e-3 * (away.max(initial=0.0) or 1.0))).sum(axis=1)
     first = np.argsort(-nearness, kind="stable")
@@ -90,12 +90,12 @@ def _orders(dots: Float) -> Iterator[Int]:
 def _one_by_one(
     order: Int, dots: Float, sizes: Float, frame: Float, gap: float, lines: Float | None
 ) -> tuple[Float, float]:
-    """Places in an order, and the area that something lies on something else."""
+    """Place labels in the given order. Return the places and the total overlap."""
     circles = np.concatenate([dots - gap, dots + gap], axis=1)
     taken = circles if lines is None else np.concatenate([circles, lines])
     labels, found, total = np.empty((0, 4)), np.zeros((len(dots), 2)), 0.0
     for own in order:
-        apart = np.linalg.norm(dots - dots[own], axis=1) > 2.2 * gap  # nothing leads away from dots on dots
+        apart = np.linalg.norm(dots - dots[own], axis=1) > 2.2 * gap  # ignore coinciding dots
         barred = np.concatenate([circles[apart], labels])
         found[own], shared = _corner(dots[own], sizes[own], frame, (taken, barred), gap)
         total += shared
@@ -106,7 +106,7 @@ def _one_by_one(
 
 
 def _thread(dot: Float, box: Float, gap: float) -> Float:
-    """Small boxes ``(n, 4)`` on the way from a dot to its label: no other label may lie there."""
+    """Return small boxes ``(n, 4)`` along the line from a dot to its label, to keep other labels away."""
     end = np.clip(dot, box[:2], box[2:])
     beads = max(1, round(float(np.linalg.norm(end - dot)) / (0.5 * gap)))
     way = dot + np.linspace(0.0, 1.0, beads + 1)[1:, None] * (end - dot)
@@ -116,13 +116,13 @@ def _thread(dot: Float, box: Float, gap: float) -> Float:
 def _corner(
     dot: Float, size: Float, frame: Float, others: tuple[Float, Float], gap: float
 ) -> tuple[Float, float]:
-    """Corner of the nearest free place, and what it overlaps.
+    """Return the corner of the nearest free place, and its overlap.
 
-    ``others`` is what the label, and what the way to it, may not meet.
+    ``others`` are the boxes to avoid by the label, and by the line to the label.
     """
     boxes = _candidates(dot, size, gap, _FAR * float(frame.max()))
     boxes = boxes[(boxes[:, :2] >= 0.0).all(axis=1) & (boxes[:, 2:] <= frame).all(axis=1)]
-    shared = 1e3 * overlaps(boxes, others[0])  # rather a line across a label than one on another
+    shared = 1e3 * overlaps(boxes, others[0])  # overlapping labels are worse than lines across labels
     best, least = dot, np.inf
     for place in np.argsort(shared, kind="stable"):
         if shared[place] >= least:
@@ -134,7 +134,7 @@ def _corner(
 
 
 def _candidates(dot: Float, size: Float, gap: float, far: float) -> Float:
-    """Boxes ``(n, 4)`` of a label in growing rings around its dot, those to be preferred first."""
+    """Return boxes ``(n, 4)`` for a label in growing rings around its dot, by preference."""
     angles = np.pi * np.array(_TURNS) / 12.0
     ways = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     rings = np.arange(1.5 * gap, far, gap)[:, None, None]

@@ -1,4 +1,4 @@
-"""HTML for notebooks: a small picture and a table of a mesh, hierarchy, quality or solution."""
+"""HTML for notebooks: small picture and table of a mesh, hierarchy, quality or solution."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from agglo_core.problems import Solution
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
-_DPI = 125  # on screen an inch has 100
+_DPI = 125  # 100 pixels per inch on screen
 _SHARES = (1.0, 0.8, 0.64, 0.5)
-"""By which a picture is made smaller until it has few enough bytes."""
+"""Scales to try until the picture file is small enough."""
 _BYTES = 40_000
 _COLOURS = 64
 
@@ -31,21 +31,21 @@ _COLOURS = 64
 def inline_picture(
     draw: Sequence[Callable[[Any], None]], about: str, *, width: float, ratio: float
 ) -> tuple[str, str]:
-    """An ``img`` element with panels side by side, and what to say if there is none.
+    """Return an ``img`` element with panels side by side, or the reason for its absence.
 
     Parameters
     ----------
     draw : sequence of callables
-        Each draws a panel on the axes it is given; without any there is no picture.
+            Functions that draw a panel on given axes. Without functions there is no picture.
     about : str
-        What readers are told who do not see it.
+            Alternative text.
     width, ratio : float
-        Width of a panel in inches, and its height over that.
+            Width of a panel in inches, and ratio of height to width.
 
     Returns
     -------
     str, str
-        The element, of less than 60 kB, and ``""``; or ``""`` and a reason: matplotlib is missing.
+            The element, below 60 kB, and ``""``, or ``""`` and the reason (missing matplotlib).
     """
     if not draw:
         return "", ""
@@ -64,7 +64,7 @@ def inline_picture(
 
 
 def _png(figure: Any) -> bytes:
-    """A figure on white as PNG of few colours, a third of the size, and of as many pixels as fit."""
+    """Return a figure on white as PNG with few colours (a third of the size), shrunk until small enough."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
 
@@ -83,14 +83,14 @@ def _png(figure: Any) -> bytes:
 
 
 _MOST = 50_000
-"""Cells up to which there is a picture: a notebook is not kept waiting."""
+"""Maximum number of cells for a picture, as notebooks should not wait."""
 _LISTED = 8
-"""Tags, repairs, levels and metrics of which there are rows, and panels of a picture."""
+"""Maximum number of table rows for tags, repairs, levels and metrics."""
 _PANELS = 3
 
 
 def mesh_html(mesh: Mesh) -> str:
-    """The mesh as HTML."""
+    """Return the mesh as HTML."""
     low, high = (end(mesh.points[mesh.face_vertices], axis=0) for end in (np.min, np.max))
     rows = [
         ("cells", f"{mesh.n_cells:,}"),
@@ -108,7 +108,7 @@ def mesh_html(mesh: Mesh) -> str:
 
 
 def hierarchy_html(hierarchy: Hierarchy) -> str:
-    """The levels as HTML."""
+    """Return the levels as HTML."""
     n, shown = hierarchy.graph.n, hierarchy.parts[:_LISTED]
     rows = [
         (str(level), f"{parts:,}", f"{n / parts:,.1f}", _target(hierarchy.targets[level]))
@@ -129,7 +129,7 @@ def hierarchy_html(hierarchy: Hierarchy) -> str:
 
 
 def quality_html(values: Mapping[str, Float]) -> str:
-    """Values of metrics on agglomerates as HTML, with a histogram of each."""
+    """Return metric values on agglomerates as HTML, with histograms."""
     count = len(next(iter(values.values()), ()))
     rows, shown = [], {}
     for name, each in _first(values):
@@ -148,7 +148,7 @@ def quality_html(values: Mapping[str, Float]) -> str:
 
 
 def solution_html(solution: Solution) -> str:
-    """HTML of a solution: outcome and residuals."""
+    """Return outcome and residuals of a solution as HTML."""
     first, last = solution.residuals[[0, -1]] if len(solution.residuals) else (np.nan, np.nan)
     told: Mapping[str, Any] = {
         "unknowns": f"{solution.x.shape[0]:,}",
@@ -175,7 +175,7 @@ def solution_html(solution: Solution) -> str:
 
 
 def _drawn(mesh: Mesh, instead: str, draw: Sequence[Callable[[Any, Any], None]]) -> tuple[str, str]:
-    """Picture of panels of a mesh, and what to say if there is none."""
+    """Return a picture of mesh panels, or the reason for its absence."""
     if mesh.n_cells > _MOST:
         return "", f"{mesh.n_cells:,} cells: no picture by itself above {_MOST:,}; {instead} draws one"
     if not draw:
@@ -193,7 +193,7 @@ def _drawn(mesh: Mesh, instead: str, draw: Sequence[Callable[[Any, Any], None]])
     width = 2.6 if len(draw) == 1 else 2.0
     try:
         return inline_picture([bare(one) for one in draw], repr(mesh), width=width, ratio=ratio)
-    except AggloError as error:  # what is shown by itself must not end in a traceback
+    except AggloError as error:  # automatic display must not raise
         return "", f"no picture: {error}"
 
 
@@ -217,7 +217,7 @@ def _histogram(name: str, values: Float) -> Callable[[Any], None]:
 
 
 def _spread(count: int) -> list[int]:
-    """At most three of ``count`` levels: the first, one in the middle, the last."""
+    """Return at most three of ``count`` levels: first, middle, last."""
     return sorted({0, count // 2, count - 1}) if count else []
 
 

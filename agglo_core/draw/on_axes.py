@@ -1,4 +1,4 @@
-"""Meshes, levels, functions and convergence on axes of matplotlib: what ``plot`` of each object does."""
+"""Meshes, levels, functions and convergence on matplotlib axes: the ``plot`` methods."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def plot_mesh(
     cmap: str = "viridis",
     section: Sequence[float] | None = None,
 ) -> Any:
-    """Draw a mesh on axes; parameters as :meth:`agglo_core.Mesh.plot`."""
+    """Draw a mesh on axes, with the parameters of :meth:`agglo_core.Mesh.plot`."""
     check_axes(ax)
     panels, paint = panels_of(mesh, section=section), None
     if isinstance(values, str):
@@ -59,7 +59,7 @@ def plot_level(
     section: Sequence[float] | None = None,
     registry: Registry | None = None,
 ) -> Any:
-    """Draw a level on axes; parameters as :meth:`agglo_core.Hierarchy.plot`."""
+    """Draw a level on axes, with the parameters of :meth:`agglo_core.Hierarchy.plot`."""
     check_axes(ax)
     mesh = hierarchy.fine
     if mesh is None:
@@ -77,13 +77,13 @@ def plot_level(
 
 
 def plot_samples(samples: Samples, ax: Any = None, *, across: str = "z", cmap: str = "viridis") -> Any:
-    """Draw a function on axes; parameters as :meth:`agglo_core.problems.Samples.plot`."""
+    """Draw a function on axes, with the parameters of :meth:`agglo_core.problems.Samples.plot`."""
     check_axes(ax)
     if across not in ("x", "y", "z"):
         raise OptionError(f"across must be 'x', 'y' or 'z', not {across!r:.60}")
     from matplotlib.tri import Triangulation
 
-    by_number([], cmap=cmap)  # refuses a name that there is not
+    by_number([], cmap=cmap)  # refuses unknown names
     shown = Slice(samples.points, samples.simplices, samples.values)
     names = "xy"
     if samples.points.shape[1] == 3:
@@ -98,7 +98,7 @@ def plot_samples(samples: Samples, ax: Any = None, *, across: str = "z", cmap: s
 
 
 def plot_solution(solution: Solution, ax: Any = None, *, across: str = "z", cmap: str = "viridis") -> Any:
-    """Draw a solution on axes, with the cells it lives on; see :meth:`agglo_core.problems.Solution.plot`."""
+    """Draw a solution with its cells on axes, as :meth:`agglo_core.problems.Solution.plot`."""
     check_axes(ax)
     samples = solution.samples()
     ax = plot_samples(samples, ax, across=across, cmap=cmap)
@@ -108,7 +108,7 @@ def plot_solution(solution: Solution, ax: Any = None, *, across: str = "z", cmap
 
 
 def plot_convergence(solution: Solution, ax: Any = None) -> Any:
-    """Draw residuals and energy errors on axes; see :meth:`agglo_core.problems.Solution.plot`."""
+    """Draw residuals and energy errors on axes, as :meth:`agglo_core.problems.Solution.plot`."""
     check_axes(ax)
     curves = Curves.of(solution)
     ax = new_axes() if ax is None else ax
@@ -119,7 +119,7 @@ def plot_convergence(solution: Solution, ax: Any = None) -> Any:
 
 
 def check_axes(ax: Any) -> None:
-    """Raise OptionError without matplotlib, or unless these are plane axes, or None."""
+    """Raise OptionError without matplotlib, or unless ``ax`` are 2-D axes or None."""
     try:
         from matplotlib.axes import Axes
     except ImportError as error:
@@ -133,18 +133,16 @@ def check_axes(ax: Any) -> None:
 
 
 def new_axes() -> Any:
-    """Axes of a new figure of pyplot, which notebooks and ``plt.show()`` show."""
+    """Return axes of a new pyplot figure, shown by notebooks and ``plt.show()``."""
     from matplotlib import pyplot
 
     return pyplot.figure(layout="constrained").add_subplot()
 
 
 def _one_for_each(values: ArrayLike, count: int, what: str) -> Any:
-    """Values as numbers ``(count,)``, NaN where they are masked; OptionError for any others."""
+    """Return values as numbers ``(count,)`` with NaN for masked values, or raise OptionError."""
     if is_masked_array(values):
-        values = np.ma.filled(
-            np.ma.asarray(values, dtype=np.float64), np.nan
-        )  # grey, as all that is no number
+        values = np.ma.filled(np.ma.asarray(values, dtype=np.float64), np.nan)  # drawn in grey, like NaN
     name = f"values (a name or numbers, one for each {what})"
     found = exact_cast(plain_array(values, name, OptionError), np.float64, name, OptionError)
     if found.shape != (count,):
@@ -153,7 +151,7 @@ def _one_for_each(values: ArrayLike, count: int, what: str) -> Any:
 
 
 def _finished(ax: Any, mesh: Mesh, paint: Paint | None) -> Any:
-    if mesh.dim == 3:  # a picture of it: pixels mean nothing to a reader
+    if mesh.dim == 3:  # solids are images, and pixel coordinates have no meaning
         ax.set_axis_off()
     if paint is not None:
         explain(ax, paint)

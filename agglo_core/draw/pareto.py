@@ -1,4 +1,4 @@
-"""A picture of runs weighed against one another: round, even, fast, and the Pareto front."""
+"""Pareto pictures: roundness, evenness and speed of runs, with the Pareto front."""
 
 from __future__ import annotations
 
@@ -24,24 +24,24 @@ _MARGIN: Final = 0.16
 
 
 def draw_pareto(runs: Sequence[RunResult], path: str | os.PathLike[str], title: str = "") -> None:
-    """Draw the finest levels of runs, roundness against evenness, coloured by seconds; write the picture.
+    """Draw roundness against evenness of finest levels, coloured by seconds, and write the picture.
 
-    Up and to the right is better: an axis of which less is better is turned round. What the axes are,
-    :func:`~agglo_core.measure.trade_offs.trade_offs` says.
+    Up and to the right is better: axes where less is better are reversed. The axes are defined by
+    :func:`~agglo_core.measure.trade_offs.trade_offs`.
 
     Parameters
     ----------
     runs : sequence of RunResult
-        At least one that did not fail; those that did are named below the picture.
+            At least one successful run. Failed runs are named below the picture.
     path : path
-        The suffix chooses the format: .png, .pdf, .svg, …
+            File, with the format chosen by the suffix: .png, .pdf, .svg, …
     title : str
-        Above the picture.
+            Title above the picture.
 
     Raises
     ------
     OptionError
-        Without matplotlib, or with no run to draw.
+            Without matplotlib, or without runs.
     FileError
         If the file cannot be written, or its suffix is unknown.
     """
@@ -68,7 +68,7 @@ def draw_pareto(runs: Sequence[RunResult], path: str | os.PathLike[str], title: 
 
 
 def reach(axis: Axis) -> tuple[float, float]:
-    """Ends of an axis around its values, the worse one first."""
+    """Return the ends of an axis around its values, the worse end first."""
     low, high = float(axis.values.min()), float(axis.values.max())
     room = _MARGIN * (high - low) if high - low > 1e-6 * abs(high) else 0.05 * abs(high) or 0.05
     ends = low - room, high + room
@@ -76,12 +76,12 @@ def reach(axis: Axis) -> tuple[float, float]:
 
 
 def sense(axis: Axis) -> str:
-    """The label of an axis, and which way is better."""
+    """Return the label of an axis with its better direction."""
     return axis.label if axis.high else f"{axis.label} (less is better)"
 
 
 def stairs(found: TradeOffs) -> Float:
-    """Corners ``(n, 2)`` of the line of the front: what lies below and to the left of it is worse."""
+    """Return the vertices ``(n, 2)`` of the staircase under the Pareto front."""
     front = found.front
     x, y = found.evenness.values[front], found.roundness.values[front]
     far, low = reach(found.evenness)[0], reach(found.roundness)[0]
@@ -125,13 +125,13 @@ def _axes(axis: Any, found: TradeOffs) -> None:
 
 
 def _labels(figure: Any, axis: Any, found: TradeOffs) -> None:
-    """Texts where they are free, with a thin line to their dots where these are some way off."""
+    """Place the labels, with thin lines to distant dots."""
     style = {"fontsize": 8, "color": INK, "zorder": 4}
     texts = [
         axis.text(0.5, 0.5, short_name(each), transform=axis.transAxes, **style) for each in found.labels
     ]
     figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # what is measured now stays where it is
+    figure.set_layout_engine("none")  # freeze the layout for measuring
     corner, pixels = np.array([axis.bbox.x0, axis.bbox.y0]), figure.dpi / 72.0
     boxes = [text.get_window_extent() for text in texts]
     sizes = np.array([(box.width, box.height) for box in boxes])

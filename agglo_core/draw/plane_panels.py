@@ -1,4 +1,4 @@
-"""Panels of a plane mesh: cells filled by agglomerate, outlines, the edges of fine cells."""
+"""Panels of 2-D meshes: cells filled by agglomerate, outlines, fine edges."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from agglo_core.draw.colours import FINE, INK, Paint, blank, by_neighbours
 from agglo_core.mesh import Mesh
 
 _SEEN = 3.0
-"""Points across from which on the edges of cells are drawn inside agglomerates: smaller ones are speckle."""
+"""Minimum cell size, in points, for fine edges inside agglomerates. Smaller cells would be speckle."""
 _AT_ONCE = 1000
 
 
@@ -21,17 +21,17 @@ class PlanePanels:
     Parameters
     ----------
     mesh : Mesh
-        2-D.
+            2-D mesh.
     """
 
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
         extent = np.ptp(mesh.points[mesh.face_vertices], axis=0)
         self.ratio = float(extent[1] / extent[0])
-        """Height over width."""
+        """Ratio of height to width."""
 
     def fine(self, axis: Any, paint: Paint | None = None) -> None:
-        """Draw the mesh, its cells painted or not."""
+        """Draw the mesh, with or without paint."""
         whole = self.mesh.coarsen(np.zeros(self.mesh.n_cells, np.int64))
         if paint is None:
             _fill(axis, whole, blank(1))
@@ -42,7 +42,7 @@ class PlanePanels:
         self._frame(axis)
 
     def level(self, axis: Any, labels: Int, paint: Paint | None = None) -> None:
-        """Draw the agglomerates of a level, painted, or with neighbours in different colours."""
+        """Draw the agglomerates of a level, painted, or in colours that differ between neighbours."""
         coarse = self.mesh.coarsen(labels)
         _fill(axis, coarse, by_neighbours(coarse) if paint is None else paint)
         fine_edges(axis, self.mesh)
@@ -59,17 +59,21 @@ class PlanePanels:
 
 
 def fine_edges(axis: Any, mesh: Mesh) -> None:
-    """Draw the edges of cells over what is filled already, faintly; not where they would be speckle."""
+    """Draw faint cell edges above filled cells, unless cells are too small."""
     if _across(axis, mesh.n_cells) >= _SEEN:
         _edges(axis, mesh, FINE, 0.5 * _line_width(axis, mesh.n_cells, 0.6), alpha=0.35)
 
 
 def _fill(axis: Any, mesh: Mesh, paint: Paint) -> None:
-    """Fill the cells: one path for all cells of a colour, whatever their number; holes stay open."""
+    """Fill the cells with one path per colour, whatever the number of cells.
+
+    Holes stay open.
+    """
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path as Outline
 
     loops = mesh.boundary_loops
+    # Close each loop by repeating its first vertex.
     starts, stops = loops.loop_offsets[:-1], loops.loop_offsets[1:]
     vertices = np.insert(loops.vertices, stops, loops.vertices[starts])
     number = np.arange(len(starts))
@@ -77,16 +81,17 @@ def _fill(axis: Any, mesh: Mesh, paint: Paint) -> None:
     codes[starts + number] = Outline.MOVETO
     codes[stops + number] = Outline.CLOSEPOLY
     colour = np.repeat(np.repeat(paint.colours, np.diff(loops.cell_offsets)), stops - starts + 1)
+    # One path per colour.
     for k, tone in enumerate(paint.palette):
         mine = colour == k
         if mine.any():
             outline = Outline(mesh.points[vertices[mine]], codes[mine])
-            # not add_patch: it walks every edge in Python to find limits, which are set at the end
+            # not add_patch, which walks every edge in Python to find limits
             axis.add_artist(PathPatch(outline, facecolor=tone, edgecolor="none", linewidth=0))
 
 
 def _edges(axis: Any, mesh: Mesh, colour: str, width: float, alpha: float = 1.0) -> None:
-    """Draw the edges, a thousand as one path: matplotlib makes an object for each."""
+    """Draw the edges, a thousand per path, because matplotlib makes an object per path."""
     from matplotlib.collections import PathCollection
     from matplotlib.path import Path as Outline
 
@@ -106,17 +111,17 @@ def _edges(axis: Any, mesh: Mesh, colour: str, width: float, alpha: float = 1.0)
 
 
 def _line_width(axis: Any, n_cells: int, most: float) -> float:
-    """Width in points that leaves cells visible; 0 where they are hardly larger than a dot."""
+    """Return a line width in points that leaves cells visible, 0 for tiny cells."""
     cell = _across(axis, n_cells)
     return 0.0 if cell < 0.7 else float(min(most, 0.08 * cell + 0.05))
 
 
 def _across(axis: Any, n_cells: int) -> float:
-    """Points that one of so many cells is across, roughly."""
+    """Return the approximate cell size in points, for this number of cells."""
     return float(72.0 * inches_across(axis) / np.sqrt(n_cells))
 
 
 def inches_across(axis: Any) -> float:
-    """Width that axes have in their figure, before anything is put beside them."""
+    """Return the width of axes in their figure, before legends or bars are added."""
     grid, whole = axis.get_gridspec(), axis.figure.bbox.width / axis.figure.dpi
     return float(whole * axis.get_position().width if grid is None else whole / grid.ncols)

@@ -1,4 +1,4 @@
-"""Pictures: the fine mesh and the levels of one or more runs, side by side."""
+"""Pictures of the fine mesh and the levels of one or more runs, side by side."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ def draw(
 ) -> None:
     """Draw the fine mesh and every level, one row per run, and write the picture.
 
-    Neighbouring agglomerates differ in colour; titles give the number of parts and the means of the
-    metrics, UF and CR by default. Solids are seen from above and a side, their
-    agglomerates moved apart. Nothing is left behind if the picture cannot be written.
+    Neighbouring agglomerates differ in colour. Titles give the number of parts and the means of the metrics,
+    by default UF and CR. Solids are seen from above and a side, with agglomerates moved apart. If the picture
+    cannot be written, no file is left behind.
 
     Parameters
     ----------
@@ -54,24 +54,25 @@ def draw(
     hierarchies : mapping of run name to Hierarchy
         At least one.
     path : path
-        The suffix chooses the format: .png, .pdf, .svg, …
+            File, with the format chosen by the suffix: .png, .pdf, .svg, …
     metrics, registry, progress : optional
         As for :func:`agglo_core.measure.measure_levels`.
     explode : float, optional
-        In 3-D: agglomerates are moved by so many times the way from the middle of the mesh to theirs,
-        from 0 (they stay in place) to 10; by default 0.35.
+            In 3-D, agglomerates are moved by this factor times the vector from the mesh centre to their
+            centre, from 0 (in place) to 10. Default: 0.35.
     section : (3,) float, optional
-        In 3-D: cells beyond the plane with this normal through the middle of the mesh are left out. The eye
-        is at (0.43, −0.75, 0.5), so (0, −1, 0) opens the mesh in front.
+            In 3-D, cells beyond the plane with this normal through the mesh centre are left out. The eye is
+            at (0.43, −0.75, 0.5), so (0, −1, 0) opens the mesh in front.
     fine : bool
-        Whether a row begins with the mesh as it is; :func:`draw_mesh` draws it alone.
+            Begin each row with the fine mesh. :func:`draw_mesh` draws the mesh alone.
     levels : mapping of run name to sequence of Level, optional
-        What ``measure_levels`` found of runs, by the same ``metrics``: it is not measured again.
+            Levels already measured by ``measure_levels`` with the given ``metrics``, to avoid measuring
+            again.
 
     Raises
     ------
     OptionError
-        Without matplotlib, with no run to draw, or if ``explode`` or ``section`` do not fit.
+            Without matplotlib, without runs, or for invalid ``explode`` or ``section``.
     FileError
         If the file cannot be written, or its suffix is unknown.
 
@@ -86,10 +87,12 @@ def draw(
         raise OptionError("nothing to draw: no hierarchy is given")
     wanted = _IN_TITLES if metrics is None else list(metrics)
     panels = panels_of(mesh, explode, section)
+    # Set up the panels.
     columns = fine + max(len(hierarchy.levels) for hierarchy in hierarchies.values())
     width = float(np.clip(24.0 / columns, 2.4, 3.6))
     figure, axes = _panels(panels, len(hierarchies), columns, width, title=0.55 if fine else 0.7)
     with phase(progress, "drawing") as tell:
+        # Draw the mesh and the levels of each run in a row.
         for place, (row, (name, hierarchy)) in enumerate(zip(axes, hierarchies.items(), strict=True)):
             own = part(tell, place, 1 + len(hierarchies), name)
             above = "" if fine else f"{short_name(name)}\n"
@@ -108,20 +111,20 @@ def draw(
 
 
 def draw_mesh(mesh: Mesh, path: str | os.PathLike[str], section: Sequence[float] | None = None) -> None:
-    """Draw a mesh as it is and write the picture.
+    """Draw the fine mesh and write the picture.
 
     Parameters
     ----------
     mesh : Mesh
     path : path
-        The suffix chooses the format: .png, .pdf, .svg, …
+            File, with the format chosen by the suffix: .png, .pdf, .svg, …
     section : (3,) float, optional
-        As for :func:`draw`.
+            As in :func:`draw`.
 
     Raises
     ------
     OptionError
-        Without matplotlib, or if ``section`` does not fit.
+            Without matplotlib, or for an invalid ``section``.
     FileError
         If the file cannot be written, or its suffix is unknown.
 
@@ -141,7 +144,7 @@ def draw_mesh(mesh: Mesh, path: str | os.PathLike[str], section: Sequence[float]
 def _panels(
     panels: PlanePanels | SolidPanels, rows: int, columns: int, width: float, title: float = 0.55
 ) -> tuple[Any, Any]:
-    """A figure, which nothing of pyplot knows of, and its axes ``(rows, columns)``, in inches."""
+    """Return a figure outside pyplot and its axes ``(rows, columns)``, with sizes in inches."""
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
@@ -158,7 +161,7 @@ def _panels(
 def panels_of(
     mesh: Mesh, explode: float | None = None, section: Sequence[float] | None = None
 ) -> PlanePanels | SolidPanels:
-    """Panels of a mesh, with OptionError for options that a 2-D mesh cannot have.
+    """Return the panels of a mesh, or raise OptionError for 3-D options on a 2-D mesh.
 
     Examples
     --------
@@ -186,7 +189,7 @@ def _entitle(axis: Any, title: str) -> None:
 
 
 def short_name(text: str, most: int = 34) -> str:
-    """Return at most ``most`` characters, the middle left out: titles must not run into each other.
+    """Shorten a text to ``most`` characters by omitting the middle, so that titles do not collide.
 
     Examples
     --------
@@ -198,7 +201,7 @@ def short_name(text: str, most: int = 34) -> str:
 
 
 def _title(level: Level, usual: bool) -> str:
-    """What is above a level; ``usual``: the usual metrics alone, whatever else was measured."""
+    """Return the title of a level. With ``usual``, show only the default metrics."""
     line = level.line
     parts = f"{line['parts']:,} part{'s' if line['parts'] != 1 else ''}"
     target = line["target"]
@@ -223,15 +226,15 @@ def _number(value: float | None) -> str:
 
 
 def save_figure(figure: Any, path: Path, *, palette: bool = False) -> None:
-    """Write a figure whole or not at all; the suffix chooses the format.
+    """Write a figure whole or not at all, in the format chosen by the suffix.
 
     Parameters
     ----------
     figure : matplotlib.figure.Figure
     path : Path
     palette : bool
-        Whether a .png may have the 256 colours that serve it best, which takes a third of the space:
-        right for agglomerates, wrong for smooth scales.
+            Reduce a .png to its best 256 colours, for a third of the size. Suitable for agglomerates, not for
+            smooth scales.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Draw a solution, in 3-D on planes through the middle."""
+"""Pictures of solutions, in 3-D on planes through the middle."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from agglo_core.problems.discretisation import Samples
 
 _TRIANGLE = ((0, 1), (0, 2), (0, 3))
 _QUADRILATERAL = (((0, 2), (0, 3), (1, 3)), ((0, 2), (1, 3), (1, 2)))
-"""Edges that the plane cuts, of a tetrahedron whose corners are in order of their height over it."""
+"""Cut edges of a tetrahedron with corners sorted by height over the plane."""
 
 
 class Slice(NamedTuple):
-    """A function on triangles of a plane, each with corners of its own."""
+    """Function on triangles in a plane, each with own corners."""
 
     points: Float  # (3 t, 2)
     triangles: Int  # (t, 3)
@@ -26,24 +26,27 @@ class Slice(NamedTuple):
 
 
 def middle_slice(samples: Samples, axis: int) -> Slice:
-    """The function where the plane across ``axis`` through the middle of its domain cuts its tetrahedra.
+    """Return the function on the cut of its tetrahedra by the plane across ``axis`` through the middle.
 
     Parameters
     ----------
     samples : Samples
-        In 3-D.
+            3-D samples.
     axis : int
-        0, 1 or 2; the two others are the coordinates of the slice, in their order.
+            Axis 0, 1 or 2. The other two axes are the coordinates of the slice, in order.
     """
     along = samples.points[:, axis]
+    # Select the tetrahedra cut by the plane, with corners sorted by height.
     height = along - (along.min() + along.max()) / 2
     lower = (height < 0.0)[samples.simplices].sum(axis=1)
     cut = (lower > 0) & (lower < 4)
     corners, lower = samples.simplices[cut], lower[cut]
     corners = np.take_along_axis(corners, np.argsort(height[corners], axis=1, kind="stable"), axis=1)
     edges = [corners[lower == 1][:, _TRIANGLE], corners[lower == 3][:, ::-1][:, _TRIANGLE]]
+    # Cut edges: one triangle if one corner is apart, two triangles otherwise.
     edges += [corners[lower == 2][:, half] for half in _QUADRILATERAL]
     one, other = np.concatenate(edges).reshape(-1, 2).T
+    # Interpolate points and values on the cut edges.
     share = height[one] / (height[one] - height[other])
     points = samples.points[one] + share[:, None] * (samples.points[other] - samples.points[one])
     values = samples.values[one] + share * (samples.values[other] - samples.values[one])
@@ -54,7 +57,7 @@ _AXES = "xyz"
 
 
 def draw_solution(path: Path, samples: Samples) -> None:
-    """Draw a function in colours, with its jumps; in 3-D on three planes through the middle.
+    """Draw a function with its jumps in colours, in 3-D on three planes through the middle.
 
     Raises
     ------
@@ -86,7 +89,7 @@ def draw_solution(path: Path, samples: Samples) -> None:
 
 
 def _slices(samples: Samples) -> dict[str, Slice]:
-    """Slices by title: the function itself, or in 3-D its values on three planes."""
+    """Return slices by title: the function itself, or in 3-D its values on three planes."""
     if samples.points.shape[1] == 2:
         return {"": Slice(samples.points, samples.simplices, samples.values)}
     low, high = samples.points.min(axis=0), samples.points.max(axis=0)

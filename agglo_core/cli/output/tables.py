@@ -188,7 +188,7 @@ def _drawn(table: Table, widths: Sequence[int], *, boxed: bool) -> list[str]:
     for place, (name, width) in enumerate(zip(table.columns, widths, strict=True)):
         numeric = name not in table.fold and all(map(_NUMBER.fullmatch, table.cells(place)))
         grid.add_column(Text(name), width=width, justify="right" if numeric else "left")
-    heads = () if boxed else (table.columns, ["-" * width for width in widths])  # rich aligns folded headings to the top
+    heads = () if boxed else (table.columns, ["-" * width for width in widths])  # rich would align to the top
     for row in (*heads, *table.rows):
         cells = (folded(cell, width) for cell, width in zip(row, widths, strict=True))
         grid.add_row(*(Text("\n".join(lines)) for lines in cells))

@@ -1,1 +1,1 @@
-"""Pictures of solids: surfaces, sight, light, scenes."""
+"""Pictures of solids: surfaces, visibility, light, scenes."""

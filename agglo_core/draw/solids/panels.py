@@ -1,4 +1,4 @@
-"""Panels of a solid: outer faces of its agglomerates, moved apart, with what they hide left out."""
+"""Panels of solids: outer faces of agglomerates, moved apart, with hidden faces removed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from agglo_core.draw.solids.surfaces import Surface, beyond, check_explode, oute
 from agglo_core.mesh import Mesh
 
 _FINE = 2
-"""Pixels seen per pixel drawn, across, for smooth lines."""
+"""Oversampling factor for smooth lines."""
 
 
 class SolidPanels:
@@ -24,16 +24,16 @@ class SolidPanels:
     Parameters
     ----------
     mesh : Mesh
-        3-D.
+            3-D mesh.
     explode : float
-        Agglomerates are moved by so many times the way from the middle of the mesh to theirs.
+            Agglomerates are moved by this factor times the vector from the mesh centre to their centre.
     section : (3,) float, optional
-        Cells beyond the plane with this normal through the middle are left out.
+            Cells beyond the plane with this normal through the centre are left out.
 
     Raises
     ------
     OptionError
-        If ``explode`` is not a number from 0 to 10, or ``section`` no direction.
+            If ``explode`` is not a number from 0 to 10, or ``section`` is not a direction.
     """
 
     def __init__(self, mesh: Mesh, explode: float, section: Sequence[float] | None = None) -> None:
@@ -42,15 +42,15 @@ class SolidPanels:
         self.whole = outer_faces(mesh, np.zeros(mesh.n_cells, np.int64), kept=self.kept)
         height, width = seen(self.whole, pixels=200).faces.shape
         self.ratio = height / width
-        """Height over width."""
+        """Ratio of height to width."""
 
     def fine(self, axis: Any, paint: Paint | None = None) -> None:
-        """Draw the mesh in one piece, its cells painted or not."""
+        """Draw the mesh in one piece, with or without paint."""
         rows = (blank(self.mesh.n_cells) if paint is None else paint).rows
         self._show(axis, self.whole, rows[self.whole.cells])
 
     def level(self, axis: Any, labels: Int, paint: Paint | None = None) -> None:
-        """Draw the agglomerates of a level, moved apart, painted, or with neighbours in different colours."""
+        """Draw the agglomerates of a level, moved apart, painted or in neighbour colours."""
         surface = outer_faces(self.mesh, labels, self.explode, self.kept)
         rows = (by_neighbours(self.mesh.coarsen(labels)) if paint is None else paint).rows
         self._show(axis, surface, rows[surface.parts])

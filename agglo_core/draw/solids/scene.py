@@ -1,4 +1,4 @@
-"""Agglomerates of a solid in a window of pyvista, or as a picture of it."""
+"""Interactive or stored pyvista views of agglomerates in 3-D."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _SIZE: Final = (1200, 900)
 _PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 _FURTHEST = 2.0
-"""Where the slider that moves agglomerates apart ends."""
+"""Upper end of the explosion slider."""
 _COLOURS: Final = {"scalars": "colour", "rgb": True, "ambient": 0.4}
 _EDGES: Final = {"show_edges": True, "edge_color": "#444444", "edge_opacity": 0.4}
 _STYLE: Final = {**_COLOURS, **_EDGES}
@@ -37,36 +37,37 @@ def view(
     section: Sequence[float] | None = None,
     path: str | os.PathLike[str] | None = None,
 ) -> None:
-    """Show a level of a solid in a window that can be turned, or write a picture of that.
+    """Show a level of a solid in an interactive window, or write a picture.
 
-    The window has sliders for the level and for how far agglomerates are apart; with a section, a plane to
-    be moved, on one side of which the mesh is cut away.
+    The window has sliders for level and explosion. With a section, the mesh is cut by a movable plane.
 
     Parameters
     ----------
     hierarchy : Hierarchy
-        Of a 3-D mesh.
+            Hierarchy of a 3-D mesh.
     level : int
-        0 is the finest.
+            Level, 0 for the finest.
     explode : float
-        Agglomerates are moved by so many times the way from the middle of the mesh to theirs, from 0 to 10.
+            Agglomerates are moved by this factor, from 0 to 10, times the vector from the mesh centre to
+            their centre.
     section : (3,) float, optional
-        Normal of a plane through the middle: what lies beyond it is cut away, through cells.
+            Normal of a plane through the middle. The mesh beyond the plane is cut away, through cells.
     path : path, optional
-        Where a picture is written in place of a window: .png, .jpg, .bmp or .tif.
+            Picture to write instead of opening a window: .png, .jpg, .bmp or .tif.
 
     Raises
     ------
     OptionError
-        Without pyvista, without a display for the window, if ``explode`` or ``section`` do not fit, or both
-        are given.
+            Without pyvista, without a display for the window, for invalid ``explode`` or ``section``, or both
+            together.
     MeshError
-        If the hierarchy has no mesh, or one in 2-D.
+            If the hierarchy has no mesh, or a 2-D mesh.
     FileError
         If the picture cannot be written, or its suffix is unknown.
     IndexError
-        If there is no such level.
+            For a level that does not exist.
     """
+    # Check all arguments.
     mesh = _solid(hierarchy)
     if not 0 <= level < len(hierarchy.levels):
         raise IndexError(f"level {level} of a hierarchy with levels 0..{len(hierarchy.levels) - 1}")
@@ -77,12 +78,14 @@ def view(
         if explode:
             raise OptionError("a section goes through the mesh in one piece: give explode or section")
     plotter = _plotter(None if path is None else _checked(Path(path)))
+    # Fill the scene.
     if section is not None:
         _cut(plotter, mesh, labels, np.array(section, dtype=float), moves=path is None)
     else:
         _parts(plotter, mesh, labels, explode)
         if path is None:
             _sliders(plotter, hierarchy, level, explode)
+    # Set the camera, then show or write.
     plotter.view_vector(axes_of(*SIDE)[2], viewup=(0, 0, 1))
     plotter.camera.zoom(1.3)
     if path is None:
@@ -106,7 +109,7 @@ def _checked(path: Path) -> Path:
 
 
 def _plotter(path: Path | None) -> Any:
-    """An empty scene of pyvista: a window, or off the screen if a picture is wanted."""
+    """Return an empty pyvista scene, off-screen for a picture."""
     try:
         import pyvista
     except ImportError as error:
@@ -119,13 +122,13 @@ def _plotter(path: Path | None) -> Any:
 
 
 def _tones(mesh: Mesh, labels: Int) -> Any:
-    """Colour of each part ``(k, 3)``, as bytes."""
+    """Return the colour of each part ``(k, 3)`` as bytes."""
     tones: Float = np.array([rgb(colour) for colour in PALETTE])
     return np.rint(255.0 * tones[colouring(mesh.coarsen(labels), len(PALETTE))]).astype(np.uint8)
 
 
 def _parts(plotter: Any, mesh: Mesh, labels: Int, explode: float) -> None:
-    """Put the outer faces of parts into the scene, in place of those that are there."""
+    """Replace the outer faces of parts in the scene."""
     import pyvista
 
     surface = outer_faces(mesh, labels, explode)
@@ -137,7 +140,7 @@ def _parts(plotter: Any, mesh: Mesh, labels: Int, explode: float) -> None:
 
 
 def _cut(plotter: Any, mesh: Mesh, labels: Int, normal: Float, *, moves: bool) -> None:
-    """Put the mesh into the scene, cut by a plane; one that moves has a handle."""
+    """Add the mesh cut by a plane to the scene, with a handle if the plane moves."""
     grid = to_pyvista(mesh)
     grid.cell_data["colour"] = _tones(mesh, labels)[labels]
     place = {"normal": normal, "origin": mesh.origin}
@@ -148,7 +151,7 @@ def _cut(plotter: Any, mesh: Mesh, labels: Int, normal: Float, *, moves: bool) -
 
 
 def _sliders(plotter: Any, hierarchy: Hierarchy, level: int, explode: float) -> None:
-    """Sliders for level and explosion, at the lower edge of the window."""
+    """Add sliders for level and explosion at the lower edge of the window."""
     mesh, chosen = _solid(hierarchy), {"level": float(level), "explode": explode}
 
     def follow(key: str) -> Callable[[float], None]:

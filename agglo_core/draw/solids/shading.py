@@ -1,4 +1,4 @@
-"""From what is seen of a solid to a picture: light, lines around parts, lines around cells."""
+"""Shading of visible surfaces: light, outlines of parts, edges of cells."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from agglo_core.draw.colours import INK, rgb
 from agglo_core.draw.solids.surfaces import Sight, Surface
 
 _DARKEST = 0.5
-"""Brightness of a face that the light passes by."""
-_CREASE = 0.8  # cosine of an angle between faces of one part that is drawn as a line
-_ROOM = 5.0  # pixels across a face, from which on lines around cells leave something of it
+"""Brightness of faces without direct light."""
+_CREASE = 0.8  # cosine of the smallest crease angle drawn as a line
+_ROOM = 5.0  # minimum face size in pixels for cell outlines
 
 
 def brightness(surface: Surface, sight: Sight) -> Float:
-    """Brightness of each face ``(f,)``, from 0.5 to 1: the light is above the eye, to its left."""
+    """Return the brightness of each face ``(f,)``, 0.5 to 1, with light from above and left of the eye."""
     left = np.cross(sight.eye, np.array([0.0, 0.0, 1.0]))
     light = 2.0 * sight.eye + 0.8 * left / max(float(np.linalg.norm(left)), 1e-9) + np.array([0.0, 0.0, 1.6])
     facing: Float = surface.normals @ (light / np.linalg.norm(light))
@@ -25,10 +25,10 @@ def brightness(surface: Surface, sight: Sight) -> Float:
 
 
 def shaded(surface: Surface, sight: Sight, colours: Float, fine: int = 1) -> NDArray[np.uint8]:
-    """Picture ``(height, width, 4)`` of faces in ``colours (f, 3)``: red, green, blue, opacity.
+    """Return a picture ``(height, width, 4)`` of faces in ``colours (f, 3)``: red, green, blue, opacity.
 
-    Parts have dark lines around them, edges and steps of a part lighter ones; cells have faint ones where
-    they are large enough. Lines are ``fine`` pixels wide.
+    Parts have dark outlines, edges and steps of a part lighter lines, and cells faint lines if large enough.
+    Lines are ``fine`` pixels wide.
     """
     faces, there = sight.faces, sight.faces >= 0
     picture: Float = (colours * brightness(surface, sight)[:, None])[faces]
@@ -43,7 +43,7 @@ def shaded(surface: Surface, sight: Sight, colours: Float, fine: int = 1) -> NDA
 
 
 def _changes(numbers: Int) -> Mask:
-    """Pixels whose number differs from that of the next one to the right or below."""
+    """Mark pixels with a number different from the next pixel to the right or below."""
     found = np.zeros(numbers.shape, bool)
     found[:, :-1] |= numbers[:, :-1] != numbers[:, 1:]
     found[:-1] |= numbers[:-1] != numbers[1:]
@@ -51,7 +51,7 @@ def _changes(numbers: Int) -> Mask:
 
 
 def _steps(surface: Surface, sight: Sight) -> Mask:
-    """Pixels of another face than the next, one that is turned by much or lies far behind."""
+    """Mark pixels at a change of face with a large angle or a large jump in depth."""
     normals = np.concatenate((surface.normals, np.zeros((1, 3))))
     slope = np.append(1.0 / np.clip(surface.normals @ sight.eye, 0.1, None), 0.0)
     found = np.zeros(sight.faces.shape, bool)
@@ -68,7 +68,7 @@ def _steps(surface: Surface, sight: Sight) -> Mask:
 
 
 def _wider(lines: Mask, width: int) -> Mask:
-    """Lines of one pixel as lines of ``width``."""
+    """Widen lines of one pixel to ``width`` pixels."""
     wide = lines.copy()
     for k in range(1, width):
         wide[k:] |= lines[:-k]

@@ -1,4 +1,4 @@
-"""The outer faces of parts of a solid, moved apart if wanted, and what is seen of them from a side."""
+"""Outer faces of parts of a solid, optionally moved apart, and their view from a side."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 
 SIDE: Final = (-60.0, 30.0)
-"""Azimuth and elevation in degrees of the eye where nothing else is asked for, as matplotlib has them."""
+"""Default azimuth and elevation of the eye in degrees, in matplotlib's convention."""
 _EDGE_ON = 1e-6  # cosine between normal and eye
 
 
 @dataclass(frozen=True)
 class Surface:
-    """Faces of parts that are not inside them, corner by corner; each has an inside and an outside.
+    """Outer faces of parts, as corner lists, with inside and outside.
 
     Attributes
     ----------
     corners : (c, 3) float
-        Those of face f are ``corners[offsets[f]:offsets[f + 1]]``, about the centre of the mesh.
+            Face f has the corners ``corners[offsets[f]:offsets[f + 1]]``, relative to the mesh centre.
     offsets : (f + 1,) int
     cells, parts : (f,) int
-        The cell on the inside of each face, and the part that it belongs to.
+            Inner cell of each face, and its part.
     normals : (f, 3) float
-        Unit normals to the outside.
+            Outward unit normals.
     """
 
     corners: Float
@@ -42,14 +42,14 @@ class Surface:
 
 @dataclass(frozen=True)
 class Sight:
-    """The visible face and its depth at each pixel of a view.
+    """Visible face and depth at each pixel.
 
     Attributes
     ----------
     faces : (height, width) int
-        Face of the surface, −1 for none; row 0 is above.
+            Face of the surface, −1 for none. Row 0 is at the top.
     depth : (height, width) float
-        Towards the eye, in pixels.
+            Depth towards the eye, in pixels.
     eye : (3,) float
         Unit vector towards the eye.
     """
@@ -60,7 +60,7 @@ class Sight:
 
 
 def check_explode(explode: object) -> float:
-    """The factor by which parts are moved apart; OptionError unless it is a number from 0 to 10."""
+    """Return the explosion factor, or raise OptionError unless it is a number from 0 to 10."""
     if (
         isinstance(explode, bool)
         or not isinstance(explode, int | float | np.number)
@@ -71,25 +71,27 @@ def check_explode(explode: object) -> float:
 
 
 def outer_faces(mesh: Mesh, labels: Int, explode: float = 0.0, kept: Mask | None = None) -> Surface:
-    """Faces between different parts, once for each side, and those of the domain.
+    """Return the faces between different parts, once per side, and the boundary faces.
 
     Parameters
     ----------
     mesh : Mesh
-        3-D.
+            3-D mesh.
     labels : (n_cells,) int
         Part of each cell.
     explode : float
-        Each part is moved by so many times the way from the centre of the mesh to its centroid.
+            Each part is moved by this factor times the vector from the mesh centre to its centroid.
     kept : (n_cells,) bool, optional
-        Cells that are there; the faces towards others are outer ones. All by default.
+            Present cells (default: all). Faces towards absent cells are outer faces.
     """
+    # Select the faces seen from either side.
     present = labels if kept is None else np.where(kept, labels, -1)
     sides = np.append(present, -1)[mesh.face_cells]
     owned = np.flatnonzero((sides[:, 0] >= 0) & (sides[:, 0] != sides[:, 1]))
     neighboured = np.flatnonzero((sides[:, 1] >= 0) & (sides[:, 0] != sides[:, 1]))
     faces = np.concatenate((owned, neighboured))
     inside = np.repeat([0, 1], [len(owned), len(neighboured)])
+    # Collect their corners, moved apart.
     sizes = np.diff(mesh.face_offsets)[faces]
     offsets = np.concatenate(([0], np.cumsum(sizes)))
     picked = np.arange(offsets[-1]) + np.repeat(mesh.face_offsets[faces] - offsets[:-1], sizes)
@@ -102,7 +104,7 @@ def outer_faces(mesh: Mesh, labels: Int, explode: float = 0.0, kept: Mask | None
 
 
 def _part_centres(mesh: Mesh, labels: Int) -> Float:
-    """Centroids of the parts about that of the mesh ``(k, 3)``."""
+    """Return the centroids of the parts relative to the mesh centroid ``(k, 3)``."""
     volume = np.bincount(labels, mesh.cell_measures)
     moments = [np.bincount(labels, mesh.cell_measures * x) for x in mesh.local_centroids.T]
     centres: Float = np.stack(moments, axis=1) / volume[:, None]
@@ -110,9 +112,9 @@ def _part_centres(mesh: Mesh, labels: Int) -> Float:
 
 
 def beyond(mesh: Mesh, normal: Sequence[float]) -> Mask:
-    """Cells whose centroid lies beyond the plane with this normal through the middle of the mesh's box.
+    """Mark cells with centroid beyond the plane with this normal through the centre of the bounding box.
 
-    Raises OptionError if the normal is no direction, or nothing would be left.
+    Raises OptionError if the normal is not a direction, or no cell is left.
     """
     direction = np.array(normal, dtype=float)
     if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
@@ -124,7 +126,7 @@ def beyond(mesh: Mesh, normal: Sequence[float]) -> Mask:
 
 
 def axes_of(azimuth: float, elevation: float) -> Float:
-    """Unit vectors to the right, up and towards the eye ``(3, 3)``; angles in degrees."""
+    """Return unit vectors to the right, up and towards the eye ``(3, 3)``, for angles in degrees."""
     a, e = np.radians([azimuth, elevation])
     eye = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
     right = np.array([-np.sin(a), np.cos(a), 0.0])
@@ -132,9 +134,9 @@ def axes_of(azimuth: float, elevation: float) -> Float:
 
 
 def seen(surface: Surface, side: tuple[float, float] = SIDE, pixels: int = 800) -> Sight:
-    """View of a surface without perspective, the longer side of the picture ``pixels`` long.
+    """Return the parallel view of a surface, with a longer side of ``pixels`` pixels.
 
-    Faces that show their inside are hidden, and so are those seen from their edge.
+    Faces seen from inside or edge-on are hidden.
     """
     axes = axes_of(*side)
     placed = surface.corners @ axes.T
@@ -156,7 +158,7 @@ def seen(surface: Surface, side: tuple[float, float] = SIDE, pixels: int = 800) 
 
 
 def _planes(corners: Float, offsets: Int, normals: Float) -> Float:
-    """Depth of each face as a linear function of x and y ``(f, 3)``: through the mean of its corners."""
+    """Return the depth of each face as a linear function of x and y ``(f, 3)``, through its corner mean."""
     middle = np.add.reduceat(corners, offsets[:-1]) / np.diff(offsets)[:, None]
     slope = -normals[:, :2] / np.where(np.abs(normals[:, 2:]) > _EDGE_ON, normals[:, 2:], 1.0)
     flat: Float = middle[:, 2] - np.einsum("ij,ij->i", slope, middle[:, :2])

@@ -1,4 +1,4 @@
-"""A report as one HTML file: mesh, levels, runs, box plots, tables; it needs no network and no library."""
+"""Report as a self-contained HTML file: mesh, levels, runs, box plots, tables."""
 
 from agglo_core.draw.webpage.page import check_page, write_page
 

@@ -1,4 +1,4 @@
-"""The cells of the page: in which order they are there, a plane mesh as faces between them, tags."""
+"""Cells on the page: their order, faces of a 2-D mesh, tags."""
 
 from __future__ import annotations
 
@@ -14,28 +14,29 @@ from agglo_core.mesh import Mesh
 
 _FINEST: Final = 2.0**-30
 _COARSEST: Final = 2.0**-16
-"""Least and largest step of the grid, over the size of the mesh."""
+"""Minimum and maximum step of the grid, relative to the mesh size."""
 _TINY: Final = 1.0
-"""Percent of the faces that may fall short of so many steps:"""
+"""Percentage of faces that may be shorter than `_STEPS` steps."""
 _STEPS: Final = 16.0
 
 
 def along_curve(mesh: Mesh) -> Int:
-    """Cells ``(n_cells,)`` in the order of a space-filling curve.
+    """Return the cells ``(n_cells,)`` in the order of a space-filling curve.
 
-    Labels are long runs of equal numbers in this order, and faces join cells of near numbers, whatever the
-    numbers of the cells in the mesh.
+    In this order, labels form long runs of equal numbers and faces join cells with near numbers, whatever the
+    numbering of the mesh.
     """
     return curve_order(mesh.local_centroids)
 
 
 def plane_faces(mesh: Mesh, order: Int) -> dict[str, Any]:
-    """Faces of a plane mesh from the first cell of ``order`` to the last, and its points on a grid.
+    """Return the faces of a 2-D mesh sorted by ``order``, and its points on a grid.
 
-    ``low`` is the cell on the left of each face, ``gap`` how much later the cell on its right is, 0 for the
-    outside. ``ends`` are the points of each face, counted back from the first that no face before has met;
-    ``x`` and ``y`` their places in ``step`` from the lower left corner.
+    ``low`` is the position of the cell on the left of each face. ``gap`` is the distance in the order to the
+    cell on its right, 0 for the outside. ``ends`` are the points of each face, counted back from the next new
+    point. ``x`` and ``y`` are point coordinates in units of ``step`` from the lower left corner.
     """
+    # Orient the faces from the earlier to the later cell, and sort them.
     place = np.empty(mesh.n_cells, np.int64)
     place[order] = np.arange(mesh.n_cells)
     left, right = np.where(mesh.face_cells < 0, -1, place[mesh.face_cells]).T
@@ -45,6 +46,7 @@ def plane_faces(mesh: Mesh, order: Int) -> dict[str, Any]:
     left, right = np.where(turned, right, left), np.where(turned, left, right)
     sorted_faces = np.lexsort((right, left))
     left, right, ends = left[sorted_faces], right[sorted_faces], ends[sorted_faces]
+    # Number the points in order of first use.
     used, first, point = np.unique(ends, return_index=True, return_inverse=True)
     met = np.argsort(first)
     number = np.empty(len(used), np.int64)
@@ -63,7 +65,7 @@ def plane_faces(mesh: Mesh, order: Int) -> dict[str, Any]:
 
 
 def _on_grid(points: Float, ends: Int) -> tuple[Int, float]:
-    """Points as whole numbers of a step: fine enough for all but the very shortest faces."""
+    """Return points as integers in a step that resolves all but the very shortest faces."""
     low, extent = points.min(axis=0), float(np.ptp(points, axis=0).max())
     lengths = np.linalg.norm(np.diff(points[ends.reshape(-1, 2)], axis=1)[:, 0], axis=1)
     wanted = float(np.percentile(lengths, _TINY)) / _STEPS
@@ -73,7 +75,7 @@ def _on_grid(points: Float, ends: Int) -> tuple[Int, float]:
 
 
 def tags(mesh: Mesh, order: Int) -> list[dict[str, Any]]:
-    """Tags of the cells: those of few values as places in the list of these, the others as numbers."""
+    """Return the cell tags: few values as indices into their list, many values as numbers."""
     made: list[dict[str, Any]] = []
     for name, values in mesh.cell_tags.items():
         known, places = np.unique(values[order], return_inverse=True)

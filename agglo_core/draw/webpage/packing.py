@@ -1,4 +1,4 @@
-"""Arrays for the page: deflated, then base64, in the smallest type that holds them.
+"""Arrays for the page: deflated and base64-encoded in the smallest sufficient type.
 
 ``data.js`` unpacks them.
 """
@@ -14,29 +14,32 @@ from numpy.typing import ArrayLike, NDArray
 
 _INTEGERS = (("Uint8", "<u1"), ("Uint16", "<u2"), ("Uint32", "<u4"))
 _EFFORT: Final = 5
-"""Of zlib: more takes twice the time for a hundredth of the size."""
+"""zlib level: higher levels take twice the time to save 1 % of the size."""
 
 
 def integers(values: ArrayLike) -> dict[str, Any]:
-    """Whole numbers from 0 to 2³² − 1."""
+    """Pack integers from 0 to 2³² − 1."""
     name, array = _smallest(values)
     return _packed(name, array.tobytes())
 
 
 def bytes_apart(values: ArrayLike) -> dict[str, Any]:
-    """Whole numbers whose high bytes are mostly alike: all lowest bytes first, then all of the next, …"""
+    """Pack integers with mostly equal high bytes: all lowest bytes first, then the next bytes, …"""
     return _apart(*_smallest(values))
 
 
 def differences(values: ArrayLike) -> dict[str, Any]:
-    """Whole numbers, each near the one before: what they differ by, 0, −1, 1, −2, … as 0, 1, 2, 3, …"""
+    """Pack integers that change little, by their differences.
+
+    Differences 0, −1, 1, −2, … are stored as 0, 1, 2, 3, …
+    """
     steps = np.array(values, dtype=np.int64)
     steps[1:] -= steps[:-1].copy()
     return bytes_apart((steps << 1) ^ (steps >> 63)) | {"differences": True}
 
 
 def reals(values: ArrayLike) -> dict[str, Any]:
-    """Real numbers, to seven digits; their bytes apart, too."""
+    """Pack real numbers with seven digits, byte by byte as :func:`bytes_apart`."""
     return _apart("Float32", np.asarray(values).astype("<f4"))
 
 

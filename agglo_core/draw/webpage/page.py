@@ -1,4 +1,4 @@
-"""The HTML file: template, style and scripts with the data of a comparison inside."""
+"""HTML file from template, style, scripts and the data of a comparison."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _NO_RUNS: Final = MappingProxyType(
         "<!--theirs-->": "",
     }
 )
-"""The page without the parts that show runs."""
+"""Placeholders of a page without runs."""
 _SHARED: Final = (
     "sight.js",
     "panel.js",
@@ -49,9 +49,9 @@ _SCRIPTS: Final = {
     2: ("data.js", "theme.js", "colours.js", "raster.js", "plane.js", *_SHARED),
     3: ("data.js", "theme.js", "colours.js", "stills.js", *_SHARED),
 }
-"""By dimension of the mesh: one module together, each file after those it uses while it is read."""
+"""Scripts by mesh dimension, joined to one module, each file after its dependencies."""
 _INERT = {ord("<"): "\\u003c", ord(">"): "\\u003e", ord("&"): "\\u0026"}
-"""Names come from files and may hold ``</script>``: inside JSON these are the same characters, inert."""
+"""Escapes for JSON: names from files may contain ``</script>``, which these escapes make harmless."""
 
 
 def write_page(
@@ -62,30 +62,30 @@ def write_page(
     registry: Registry | None = None,
     solves: Mapping[str, Mapping[str, Any]] = _NOTHING,
 ) -> None:
-    """Write the report of several runs on one mesh, and of what was solved there, whole or not at all.
+    """Write the report on runs and solutions on one mesh, whole or not at all.
 
-    The sections of plugins come last. One that fails is a note there and a warning in the log.
+    Plugin sections come last. A failing section becomes a note on the page and a warning in the log.
 
     Parameters
     ----------
     path : path
-        Ends in ``.html`` or ``.htm``.
+            File that ends in ``.html`` or ``.htm``.
     mesh : Mesh
-        A solid is shown as stills, from several sides and cut open.
+            Mesh. Solids are shown as stills from several sides and cut open.
     runs : sequence of RunResult
-        At least one that did not fail; none if only solutions are to be reported.
+            At least one successful run, or none to report solutions only.
     note : str
-        A sentence under the title.
+            Sentence under the title.
     registry : Registry, optional
-        Where sections are looked up; by default the installed plugins.
+            Registry of sections. Default: the installed plugins.
     solves : mapping of str to mapping, optional
-        Data of :func:`agglo_core.solvers.solution_report.report` by the name of solver or run, or
-        ``{"error": why}``: the section Solve.
+            Data for the section Solve by name of solver or run, from
+            :func:`agglo_core.solvers.solution_report.report`, or ``{"error": why}``.
 
     Raises
     ------
     OptionError
-        If there is neither a run nor a solution to show.
+            Without runs and solutions.
     FileError
         If the file cannot be written.
     """
@@ -100,7 +100,7 @@ def write_page(
 
 
 def check_page(path: Path) -> None:
-    """Raise FileError unless a report can be written there, as far as can be told in advance."""
+    """Raise FileError if a report cannot be written there, as far as foreseeable."""
     if path.suffix.lower() not in (".html", ".htm"):
         raise FileError(f"{path}: reports end in .html, not {path.suffix!r}")
     if not path.parent.is_dir():
@@ -126,17 +126,17 @@ def _page(
         "<!--solve-->": solve_section(solves),
         **(_of_runs(mesh, runs, note, registry) if runs or not solves else _NO_RUNS),
     }
-    # in one pass: what is filled in may itself look like a mark
+    # Fill in one pass, because filled-in text may itself look like a mark.
     page = re.sub("|".join(map(re.escape, parts)), lambda mark: parts[mark.group()], _text("page.html"))
     return page.replace("<!--size-->", f"{len(page.encode()) / 1e6:.2f}", 1)
 
 
 def _of_runs(mesh: Mesh, runs: Sequence[RunResult], note: str, registry: Registry) -> dict[str, str]:
-    """The parts of the page that show runs, and the script that draws them."""
+    """Return the parts of the page on runs, and the script that draws them."""
     data = json.dumps(payload(mesh, runs, note), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     script = "\n".join(['"use strict";', *map(_text, _SCRIPTS[mesh.dim])])
     return {
-        "/*policy*/": _hash(script),  # the one script that runs: none of a section, none of a name
+        "/*policy*/": _hash(script),  # the only script allowed to run
         "<!--noscript-->": _text("noscript.html"),
         "<!--own-->": own_sections(),
         "<!--scripts-->": f'<script type="application/json" id="data">{data.translate(_INERT)}</script>\n'
@@ -146,7 +146,7 @@ def _of_runs(mesh: Mesh, runs: Sequence[RunResult], note: str, registry: Registr
 
 
 def _hash(text: str) -> str:
-    """Hash of a script or style for the content security policy."""
+    """Return the hash of a script or style for the content security policy."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode('ascii')}'"
 
 

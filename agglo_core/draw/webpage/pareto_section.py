@@ -1,4 +1,4 @@
-"""The section of the report that weighs runs against one another; plain SVG, no script."""
+"""Report section on the trade-offs between runs, as plain SVG without script."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from agglo_core.mesh import Mesh
 
 _LEFT, _TOP, _WIDTH, _HEIGHT = 72.0, 14.0, 660.0, 400.0
 _LETTER, _LINE, _GAP = 6.4, 14.0, 6.0
-"""Room of a letter and a line of 11 pixels in the widest of the fonts of the page, and around a dot."""
+"""Space of a letter, a line of 11 pixels (in the widest page font), and around a dot."""
 _COLOURS: Final = ((253, 231, 37), (93, 201, 99), (33, 145, 140), (59, 82, 139), (68, 1, 84))
-"""From fast to slow; steps of matplotlib's viridis."""
+"""Steps of matplotlib's viridis, from fast to slow."""
 _SWATCHES: Final = 5
 
 
 class ParetoSection:
-    """Roundness against evenness of the finest levels, coloured by seconds, with the Pareto front."""
+    """Roundness against evenness of finest levels, coloured by seconds, with the Pareto front."""
 
     title = "Round, even, fast"
 
     def html(self, mesh: Mesh, runs: Sequence[RunResult]) -> str:
-        """Return a figure of all runs that came to an end; nothing where there is only one run."""
+        """Return a figure of all successful runs, or an empty text for a single run."""
         if len(runs) < 2 or not any(run.levels for run in runs):
             return ""
         found = trade_offs(runs)
@@ -59,7 +59,7 @@ def _picture(found: TradeOffs) -> str:
 
 
 def _places(found: TradeOffs, data: Float) -> Float:
-    """Places ``(n, 2)`` on the picture, from its lower left corner up, of evenness and roundness."""
+    """Return picture coordinates ``(n, 2)`` for evenness and roundness, from the lower left corner."""
     shares = []
     for axis, values in zip((found.evenness, found.roundness), data.T, strict=True):
         worse, better = reach(axis)
@@ -86,7 +86,7 @@ def _axes(found: TradeOffs) -> Iterator[str]:
 
 
 def _ticks(axis: Axis) -> Iterator[tuple[str, float]]:
-    """Round values inside an axis, and how far along it each is."""
+    """Yield round values inside an axis with their relative positions."""
     worse, better = reach(axis)
     span = abs(better - worse)
     power = 10.0 ** np.floor(np.log10(span / 4))
@@ -108,13 +108,13 @@ def _dots(found: TradeOffs) -> Iterator[str]:
         ring = f'class="ink" stroke-width="{2.5 if best else 0.7}"'
         yield f'<circle cx="{_LEFT + x:.1f}" cy="{bottom - y:.1f}" r="5" fill="{fill}" {ring}/>'
     for (x, y), (width, _), dot, name in zip(places, sizes, dots, names, strict=True):
-        left = x + width / 2 < dot[0]  # its end is near the dot, however wide the letters are
+        left = x + width / 2 < dot[0]  # the end near the dot is fixed, whatever the letter width
         x, anchor = (x + width, "end") if left else (x, "start")
         yield _text(_LEFT + x, bottom - y - 3, name, anchor, 'class="name"')
 
 
 def _fills(seconds: Float) -> list[str]:
-    """Colour of each time, on a logarithmic scale from the shortest to the longest."""
+    """Return the colour of each time, on a logarithmic scale from shortest to longest."""
     logs = np.log(seconds)
     shares = (logs - logs.min()) / (np.ptp(logs) or 1.0) * (len(_COLOURS) - 1)
     steps = np.arange(len(_COLOURS))

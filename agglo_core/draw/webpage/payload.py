@@ -1,4 +1,4 @@
-"""Data of the page, as JSON."""
+"""JSON data of the page."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _ROUNDING = 1e-6
 
 
 def payload(mesh: Mesh, runs: Sequence[RunResult], note: str = "") -> dict[str, Any]:
-    """Plain data of mesh and runs for the page; raises as :func:`write_page` does.
+    """Return mesh and runs as plain data for the page, with errors as :func:`write_page`.
 
-    A plane mesh is there as points and faces, a solid as stills from several sides. What belongs to cells
-    (labels, tags) is there once, in the order ``order``; entry k of that is the number of the cell.
+    A 2-D mesh is stored as points and faces, a solid as stills from several sides. Data of cells (labels,
+    tags) are stored once, sorted by ``order``. Entry k of ``order`` is the cell number.
     """
     if all(run.hierarchy is None for run in runs):
         raise OptionError("nothing to report: there is no run, or none came to an end")
@@ -52,7 +52,7 @@ def _levels(runs: Sequence[RunResult]) -> list[Level]:
 
 
 def _axes(runs: Sequence[RunResult]) -> list[dict[str, Any]]:
-    """Metrics and the ends of their axes: 0 and 1 for values in between, else the least and the largest."""
+    """Return metrics with axis ends: 0 and 1 for values in between, else minimum and maximum."""
     names = dict.fromkeys(name for level in _levels(runs) for name in level.metrics if name in level.values)
     axes = []
     for name in names:
@@ -86,7 +86,7 @@ def _level(level: Level, order: Int) -> dict[str, Any]:
 
 
 def _finite(value: Any) -> Any:
-    """``value`` as JSON knows it: numbers that are not finite become null."""
+    """Convert a value to JSON types, with null for numbers that are not finite."""
     if isinstance(value, Mapping):
         return {key: _finite(each) for key, each in value.items()}
     return None if isinstance(value, float) and not np.isfinite(value) else value

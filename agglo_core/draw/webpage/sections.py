@@ -1,4 +1,4 @@
-"""The sections of the page: its own, a file of HTML each, and those of plugins after them."""
+"""Sections of the page: built-in sections from HTML files, then those of plugins."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from agglo_core.registry import Registry, describe
 from agglo_core.registry.containment import PLUGIN_FAILURES, raised
 
 OWN: Final = ("map", "charts", "runs", "parts", "words")
-"""Names of the page's own sections, in their order: ``templates/section_<name>.html``."""
+"""Names of the built-in sections, in order: ``templates/section_<name>.html``."""
 
 
 def own_sections() -> str:
-    """The page's own sections, which its scripts fill."""
+    """Return the built-in sections, to be filled by scripts."""
     here = files(__package__) / "templates"
     return "".join((here / f"section_{name}.html").read_text(encoding="utf-8") for name in OWN)
 
 
 def sections_of_plugins(mesh: Mesh, runs: Sequence[RunResult], registry: Registry) -> str:
-    """Every component of kind ``section`` that can be used, each in a ``<section>`` of its own.
+    """Return the usable components of kind ``section``, each in its own ``<section>``.
 
-    Titles are escaped, fragments stay as they are; where a fragment is empty there is no section. One that
-    fails becomes a note in its place and a warning in the log, which name the plugin.
+    Titles are escaped, fragments are kept unchanged. Empty fragments make no section. A failing section
+    becomes a note in its place and a warning in the log, both with the plugin's name.
     """
     return "\n".join(_theirs(mesh, runs, registry))
 
@@ -41,7 +41,7 @@ def _theirs(mesh: Mesh, runs: Sequence[RunResult], registry: Registry) -> Iterat
             title, fragment = section.title, section.html(mesh, tuple(runs))
             if not isinstance(fragment, str):
                 raise TypeError(f"html returned {type(fragment).__name__}, expected a string")
-            f"{title}{fragment}".encode()  # what cannot be written must not take the report with it
+            f"{title}{fragment}".encode()  # unencodable text must not break the report
         except PLUGIN_FAILURES as error:
             why = f"{describe(record)} is left out of the report: {raised(error)}"
             logging.getLogger("agglo").warning("%s", why)

@@ -1,4 +1,4 @@
-"""Curves of convergence as SVG: places are percents of the width, so that texts keep their size."""
+"""Convergence curves as SVG, with x in percent of the width, so that texts keep their size."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from agglo_core.draw.colours import LINES
 from agglo_core.draw.convergence import MARKED, Curves
 
 _HEIGHT, _TOP, _BOTTOM = 300, 10, 40
-_LEFT, _RIGHT = 12.0, 98.0  # percent
-_MOST = 300  # points of a curve that are drawn
+_LEFT, _RIGHT = 12.0, 98.0  # percent of the width
+_MOST = 300  # maximum number of points per curve
 _GRID, _AXIS = 'class="grid"', 'class="axis"'
-"""Looks of lines; page.css has their colours."""
+"""CSS classes of lines, with colours in page.css."""
 _CAPTION: Final = (
     "Against the iteration: ‖b − A x‖₂ relative to the first (solid), the estimated relative error in the "
     "energy norm where it is known (dashed), the tolerance (dotted)."
@@ -25,7 +25,7 @@ _CAPTION: Final = (
 
 
 def history_picture(solves: Mapping[str, Mapping[str, Any]]) -> str:
-    """A figure of residuals and energy errors against the iteration, with its legend.
+    """Return a figure of residuals and energy errors against the iteration, with legend.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def _contraction(curves: Curves) -> str:
 
 
 class _Frame:
-    """The axes: iterations from left to right, powers of ten from top to bottom."""
+    """Axes: iterations from left to right, powers of ten from top to bottom."""
 
     def __init__(self, curves: list[Curves]) -> None:
         sizes = np.concatenate([[1.0], *(np.append(each.residuals, each.errors) for each in curves)])
@@ -72,16 +72,16 @@ class _Frame:
         self.last = max(1, *(len(each.residuals) - 1 for each in curves))
 
     def x(self, step: float) -> float:
-        """Percent of the width."""
+        """Return the position of an iteration in percent of the width."""
         return _LEFT + (_RIGHT - _LEFT) * step / self.last
 
     def y(self, size: float) -> float:
-        """Pixels from the top."""
+        """Return the position of a size in pixels from the top."""
         share = (self.high - float(np.log10(size))) / (self.high - self.low)
         return _TOP + share * (_HEIGHT - _TOP - _BOTTOM)
 
     def axes(self) -> Iterator[str]:
-        """Grid, ticks, the tolerance."""
+        """Yield grid, ticks and tolerance."""
         for power in range(self.low, self.high + 1):
             y = self.y(10.0**power)
             yield _line(_LEFT, y, _RIGHT, y, _GRID)
@@ -103,7 +103,7 @@ class _Frame:
             yield f'<text x="{_LEFT + 1:.2f}%" y="{y - 4:.1f}">tolerance {tolerance:g}</text>'
 
     def curve(self, sizes: Float, colour: str, dashed: bool = False) -> Iterator[str]:
-        """Lines between the points that are known, and marks where there are few."""
+        """Yield lines between known points, with marks if there are few."""
         known = np.flatnonzero(np.isfinite(sizes))
         if len(known) > _MOST:
             known = known[np.unique(np.linspace(0, len(known) - 1, _MOST).astype(int))]
@@ -118,7 +118,7 @@ class _Frame:
 
 
 def _steps() -> Iterator[int]:
-    """1, 2, 5, 10, 20, 50, …"""
+    """Yield 1, 2, 5, 10, 20, 50, …"""
     power = 1
     while True:
         yield from (power, 2 * power, 5 * power)

@@ -1,6 +1,6 @@
-"""The section on solving: what it took, level by level and phase by phase, and how it converged.
+"""Report section on solves: costs per level and phase, and convergence.
 
-Plain HTML and SVG that need no script. All texts are escaped.
+The section is plain HTML and SVG without script. All texts are escaped.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ _MISSING: Final = "–"
 
 
 def solve_section(solves: Mapping[str, Mapping[str, Any]]) -> str:
-    """A section on solutions, by the name of solver or run; nothing without any.
+    """Return a section on solutions by name of solver or run, or an empty text without solutions.
 
     Parameters
     ----------
     solves : mapping of str to mapping
-        Data of :func:`agglo_core.solvers.solution_report.report`; or ``{"error": why}``.
+            Data from :func:`agglo_core.solvers.solution_report.report`, or ``{"error": why}``.
     """
     if not solves:
         return ""
@@ -42,7 +42,7 @@ def _failure(name: str, why: str) -> str:
 
 
 def _summary(solves: Mapping[str, Mapping[str, Any]]) -> str:
-    """One line per run."""
+    """Return a table with one line per run."""
     columns = ["run", "unknowns", "iterations", "converged", "contraction", "operator complexity", "MB"]
     columns += [f"{title} s" for title in _PHASES.values()]
     rows = []
@@ -69,7 +69,7 @@ def _details(name: str, data: Mapping[str, Any]) -> str:
 
 
 def _story(data: Mapping[str, Any]) -> str:
-    """Outcome of a solve, its reason and its cost."""
+    """Return outcome, reason and cost of a solve."""
     parts = [f"<p>{escape(_state(data))}</p>"]
     parts += [
         f"<p><b>{title}</b> {escape(data[key])}</p>"
@@ -130,7 +130,7 @@ def _levels(levels: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _seconds(data: Mapping[str, Any]) -> str:
-    """A row for each phase, a column for each clock."""
+    """Return a table with a row per phase and a column per clock."""
     clocks = {title: data[key] for key, title in _CLOCKS.items() if data[key]}
     if not clocks:
         return '<p class="hint">The solver does not tell.</p>'

@@ -26,13 +26,13 @@ _CUTS: Final = {
     "cut open across y": ((0.0, -1.0, 0.0), (-60.0, 25.0)),
     "cut open across z": ((0.0, 0.0, 1.0), (-60.0, 55.0)),
 }
-"""The half that is left out, and where the eye is."""
+"""Normal of the cut (the half beyond is left out), and direction of the eye."""
 
 
 def stills(mesh: Mesh, order: Int) -> list[dict[str, Any]]:
-    """The mesh from five sides, and cut open in its middle along three planes: for all levels.
+    """Return stills of the mesh from five sides, and cut open along three planes, for all levels.
 
-    Cells are told by their places in ``order``.
+    Cells are identified by positions in ``order``.
     """
     places = _places(order)
     one = np.zeros(mesh.n_cells, np.int64)
@@ -44,7 +44,7 @@ def stills(mesh: Mesh, order: Int) -> list[dict[str, Any]]:
 
 
 def apart(mesh: Mesh, labels: Int, order: Int) -> dict[str, Any]:
-    """The parts of a level moved apart."""
+    """Return a still of a level with parts moved apart."""
     faces = outer_faces(mesh, labels, _EXPLODE)
     return _still("moved apart", faces, SIDE, _PIXELS_APART, _places(order))
 
@@ -58,13 +58,13 @@ def _places(order: Int) -> Int:
 def _still(
     name: str, surface: Surface, side: tuple[float, float], pixels: int, places: Int
 ) -> dict[str, Any]:
-    """Runs of equal pixels, row by row: number of the face seen, 0 for none, and how many pixels it goes on.
+    """Return runs of equal pixels, row by row: number of the visible face (0 for none), and run length.
 
-    Of the face numbered k + 1, entry k of ``cells`` and ``bright`` tells cell and brightness (255 is full).
+    For face number k + 1, entry k of ``cells`` and ``bright`` is its cell and brightness (255 is full).
     """
     sight = seen(surface, side, pixels)
     faces, numbers = np.unique(np.append(sight.faces.ravel(), -1), return_inverse=True)
-    numbers = numbers[:-1]  # face −1, which is in any case there, became 0
+    numbers = numbers[:-1]  # face −1, always present, became 0
     starts = np.flatnonzero(np.append(True, numbers[1:] != numbers[:-1]))
     bright = brightness(surface, sight)[faces[1:]]
     return {
