@@ -1,6 +1,6 @@
-"""Aggregation of the parts of a matrix: strength, greedy aggregates, split labels, local bases.
+"""Aggregation kernels: coupling strength, greedy aggregates, split labels, local bases.
 
-A part is a set of consecutive unknowns. Couplings are a CSR over parts whose diagonal is kept apart.
+A part is a range of consecutive unknowns. Couplings are a CSR over parts, without the diagonal.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from agglo_core.compiled.compiling import kernel
 def couplings(indptr, indices, data, offsets, part_of):
     """Return the couplings between parts as CSR, and the sizes of diagonal blocks.
 
-    Part p has the rows ``offsets[p]:offsets[p + 1]``; ``part_of`` is the part of each row. Between single
-    unknowns a coupling is −a_ij and the size a_ii: a positive entry couples negatively. Between larger parts
-    both are Frobenius norms of blocks.
+    Part p has the rows ``offsets[p]:offsets[p + 1]``, and ``part_of`` is the part of each row. For single
+    unknowns, the coupling is −a_ij and the size a_ii, so positive entries couple negatively. For larger
+    parts, both are Frobenius norms of blocks.
     """
     n = len(offsets) - 1
     scalar = np.all(offsets[1:] - offsets[:-1] == 1)
@@ -26,7 +26,7 @@ def couplings(indptr, indices, data, offsets, part_of):
     size = np.zeros(n)
     slot = np.full(n, -1, np.int64)
     m = 0
-    # Entries of a block are added up in the slot of its part; a slot before ``start`` is of an earlier row.
+    # Sum the entries of a block in the slot of its part. Slots before ``start`` belong to earlier rows.
     for p in range(n):
         start = m
         for i in range(offsets[p], offsets[p + 1]):
@@ -42,7 +42,7 @@ def couplings(indptr, indices, data, offsets, part_of):
                     to[m] = q
                     weight[m] = w
                     m += 1
-        # The sums of squares become norms.
+        # Take roots of the sums of squares.
         if not scalar:
             size[p] = np.sqrt(size[p])
             for k in range(start, m):
@@ -55,17 +55,19 @@ def couplings(indptr, indices, data, offsets, part_of):
 def greedy_aggregates(graph, to, weight, size, theta, needless):
     """Aggregate the parts greedily by the strength of their couplings.
 
-    Returns the aggregate of each part, −1 for those that need none, and the number of aggregates. A coupling
-    w between i and j is strong if w > θ max(s_i, s_j), and i leans on j if w > θ s_i, with the sizes s. A
-    part that leans on none is an aggregate of its own: it may have many neighbours that lean on it. Then each
-    part whose strong neighbours are all free gathers them; what is left leans where it leans most. Parts
-    whose couplings together are at most ``needless`` times their size need no coarse unknown.
+    Returns the aggregate of each part, −1 for parts without coarse unknown, and the number of aggregates.
+
+    A coupling w between i and j is strong if w > θ max(s_i, s_j), and i leans on j if w > θ s_i, with sizes
+    s. A part that leans on no other part forms a separate aggregate, as it may have many neighbours that lean
+    on it. Then each part with only free strong neighbours forms an aggregate with these. The remaining parts
+    join the aggregate that they lean on most. A part with a coupling sum of at most ``needless`` times its
+    size needs no coarse unknown.
     """
-    # ``first`` is −1 for free parts and −2 for those without a coarse unknown.
+    # ``first`` is −1 for free parts, and −2 for parts without coarse unknown.
     n = len(graph) - 1
     first = np.full(n, -1, np.int64)
     count = 0
-    # 1. Parts without a coarse unknown, and parts that lean on none, which found an aggregate each.
+    # 1. Parts without coarse unknown, and parts that lean on no other part, which found an aggregate each.
     for i in range(n):
         total = 0.0
         most = 0.0
@@ -77,8 +79,8 @@ def greedy_aggregates(graph, to, weight, size, theta, needless):
         elif most <= theta * size[i]:
             first[i] = count
             count += 1
-    # 2. A free part, at least one strong neighbour and no strong neighbour in an aggregate: it founds an
-    #    aggregate with all of them. Neighbours that need no coarse unknown do not count.
+    # 2. A free part with strong neighbours, all of them free, founds an aggregate with these. Neighbours
+    #    without coarse unknown do not count.
     for i in range(n):
         if first[i] != -1:
             continue
@@ -96,8 +98,8 @@ def greedy_aggregates(graph, to, weight, size, theta, needless):
                 if weight[k] > theta * max(size[i], size[j]) and first[j] == -1:
                     first[j] = count
             count += 1
-    # 3. Other free parts join the aggregate that they lean on most. Only those of 1 and 2 can be joined, so
-    #    that no aggregate grows by more than one layer.
+    # 3. Other free parts join the aggregate that they lean on most. Only aggregates from steps 1 and 2 are
+    #    joined, so that no aggregate grows by more than one layer.
     labels = first.copy()
     for i in range(n):
         if first[i] == -1:
@@ -106,7 +108,7 @@ def greedy_aggregates(graph, to, weight, size, theta, needless):
                 if weight[k] > most and first[to[k]] >= 0:
                     most = weight[k]
                     labels[i] = first[to[k]]
-    # 4. The rest found aggregates with their strong neighbours that are still free.
+    # 4. The remaining parts found aggregates with their free strong neighbours.
     for i in range(n):
         if labels[i] == -1:
             labels[i] = count
@@ -120,14 +122,14 @@ def greedy_aggregates(graph, to, weight, size, theta, needless):
 
 @kernel
 def split_labels(graph, to, weight, size, theta, given):
-    """Split the given labels into pieces that strong couplings connect.
+    """Split the given labels into pieces connected by strong couplings.
 
-    Couplings and their strength are those of :func:`greedy_aggregates`. A part without a strong coupling
-    inside its label joins the piece there that it leans on most. Returns the piece of each part, numbered by
+    Couplings and strength are as in :func:`greedy_aggregates`. A part without strong coupling inside its
+    label joins the piece in this label that it leans on most. Returns the piece of each part, numbered by
     first part, and the number of pieces.
     """
-    # 1. Connected pieces, by depth-first search over strong couplings inside each label. ``alone`` are parts
-    #    that have none.
+    # 1. Connected pieces by depth-first search over strong couplings inside each label. ``alone`` marks parts
+    #    without strong coupling.
     n = len(graph) - 1
     piece = np.full(n, -1, np.int64)
     alone = np.ones(n, np.bool_)
@@ -151,7 +153,7 @@ def split_labels(graph, to, weight, size, theta, given):
                         stack[top] = q
                         top += 1
         count += 1
-    # 2. Lone parts join a piece of more than one part in their label, if they lean on any.
+    # 2. Lone parts join a larger piece in their label, if they lean on any.
     joined = piece.copy()
     for i in range(n):
         most = theta * size[i]
@@ -160,7 +162,7 @@ def split_labels(graph, to, weight, size, theta, given):
             if alone[i] and not alone[j] and given[j] == given[i] and weight[k] > most:
                 most = weight[k]
                 joined[i] = piece[j]
-    # 3. Number the pieces that remain.
+    # 3. Number the remaining pieces.
     number = np.full(count, -1, np.int64)
     count = 0
     for i in range(n):
@@ -173,10 +175,10 @@ def split_labels(graph, to, weight, size, theta, given):
 
 @kernel
 def split_weak(indptr, indices, data, offsets, part_of, graph, to, weight, size, least, vectors):
-    """Return F, the matrix A without its weak blocks, and (A − F) B.
+    """Return F, the matrix A without weak blocks, and (A − F) B.
 
-    A is ``indptr, indices, data``, as F is returned; B are the ``vectors (n, k)``. A block is weak if its
-    coupling is at most ``least`` times the size of the part of its rows. ``graph, to, weight, size`` are the
+    A and F are CSR ``indptr, indices, data``, and B are the ``vectors (n, k)``. A block is weak if its
+    coupling is at most ``least`` times the size of its row part. ``graph, to, weight, size`` are the
     :func:`couplings` of A.
     """
     n = len(part_of)
@@ -187,11 +189,11 @@ def split_weak(indptr, indices, data, offsets, part_of, graph, to, weight, size,
     weak_for = np.full(len(offsets) - 1, -1, np.int64)
     m = 0
     for p in range(len(offsets) - 1):
-        # Mark the parts whose blocks in these rows are weak; the diagonal block is no coupling and stays.
+        # Mark the parts with weak blocks in these rows. The diagonal block is not a coupling and stays.
         for k in range(graph[p], graph[p + 1]):
             if abs(weight[k]) <= least * size[p]:
                 weak_for[to[k]] = p
-        # Each entry of these rows goes to (A − F) B if it is in a weak block, to F otherwise.
+        # Add entries in weak blocks to (A − F) B, and copy all others to F.
         for i in range(offsets[p], offsets[p + 1]):
             for k in range(indptr[i], indptr[i + 1]):
                 j = indices[k]
@@ -208,11 +210,11 @@ def split_weak(indptr, indices, data, offsets, part_of, graph, to, weight, size,
 
 @kernel
 def local_bases(starts, rows, vectors):
-    """Orthonormalise the vectors B ``(n, k)`` on each aggregate: Q R = B there.
+    """Orthonormalise the vectors B ``(n, k)`` on each aggregate, so that Q R = B.
 
-    The unknowns of aggregate a are ``rows[starts[a]:starts[a + 1]]``. Modified Gram–Schmidt, twice. A vector
-    that depends on those before it on an aggregate adds no column there. Returns Q ``(n, k)``, R
-    ``(aggregates, k, k)`` and the ranks: the columns of Q and rows of R on an aggregate that are not 0.
+    Aggregate a has the unknowns ``rows[starts[a]:starts[a + 1]]``. Method: modified Gram–Schmidt, twice. A
+    vector that depends on the previous vectors on an aggregate adds no column there. Returns Q ``(n, k)``, R
+    ``(aggregates, k, k)``, and per aggregate the rank: the number of nonzero columns of Q and rows of R.
     """
     k = vectors.shape[1]
     Q = np.zeros(vectors.shape)
@@ -221,13 +223,13 @@ def local_bases(starts, rows, vectors):
     for a in range(len(starts) - 1):
         mine = rows[starts[a] : starts[a + 1]]
         for c in range(k):
-            # 1. Vector c goes to the next free column of Q; ``length`` is its squared norm.
+            # 1. Copy vector c to the next free column of Q. ``length`` is its squared norm.
             q = ranks[a]
             length = 0.0
             for i in mine:
                 Q[i, q] = vectors[i, c]
                 length += vectors[i, c] ** 2
-            # 2. Subtract its projections on the columns before; the second round removes what rounding left.
+            # 2. Subtract the projections on previous columns. The second round removes rounding errors.
             for _ in range(2):
                 for o in range(q):
                     along = 0.0
@@ -236,7 +238,7 @@ def local_bases(starts, rows, vectors):
                     R[a, o, c] += along
                     for i in mine:
                         Q[i, q] -= along * Q[i, o]
-            # 3. A remainder below 1e-8 of the vector (squared: 1e-16) is rounding: no column.
+            # 3. A remainder below 1e-8 of the vector (1e-16 squared) is rounding and adds no column.
             rest = 0.0
             for i in mine:
                 rest += Q[i, q] ** 2

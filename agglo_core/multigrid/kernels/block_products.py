@@ -1,4 +1,4 @@
-"""Products of sparse matrices in small square blocks, by vector instructions."""
+"""Products of sparse matrices with small square blocks, by vector instructions."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from agglo_core.multigrid.kernels.block_vectors import add_product
 
 @cache
 def block_products(width: int) -> Any:
-    """Kernel of the product of two matrices in blocks of 2 to 16 unknowns, stored in flat arrays.
+    """Return the kernel for the product of two matrices with blocks of 2 to 16 unknowns in flat arrays.
 
     ``product(indptr, indices, places, left, transposed, graph, to, right, columns)``
-        Row i of the first matrix has the blocks ``left[places[k]]`` in columns ``indices[k]``, k from
-        ``indptr[i]`` on, each ``transposed`` if that is 1 and not 0; row j of the second has the blocks
-        ``right[q]`` in columns ``to[q]``, q from ``graph[j]`` on. ``columns`` is the number of block columns
-        of the product. Returned are its offsets, columns, in any order, and blocks.
+        Row i of the first matrix has the blocks ``left[places[k]]`` in columns ``indices[k]``, for k from
+        ``indptr[i]`` on, transposed if ``transposed`` is 1. Row j of the second matrix has the blocks
+        ``right[q]`` in columns ``to[q]``, for q from ``graph[j]`` on. The product has ``columns`` block
+        columns. Returns its offsets, columns (in any order) and blocks.
     """
 
     @kernel(reorder_sums=True)
     def product(indptr, indices, places, left, transposed, graph, to, right, columns):
         n, square = len(indptr) - 1, width * width
         step, stride = (1, width) if transposed else (width, 1)
-        # 1. Count the blocks of each row, so that arrays have their final length. ``last[j]`` is the last row
-        #    with a block in column j.
+        # 1. Count the blocks per row, to allocate arrays of final length. ``last[j]`` is the last row with a
+        #    block in column j.
         out, last = np.zeros(n + 1, np.int32), np.full(columns, -1, np.int64)
         for i in range(n):
             count = 0
@@ -37,8 +37,8 @@ def block_products(width: int) -> Any:
                         last[to[q]] = i
                         count += 1
             out[i + 1] = out[i] + count
-        # 2. Add up the products of blocks. Now ``last[j]`` is the place of the last block in column j. Row a
-        #    of a product is the combination of the rows of the right block by row a of the left one.
+        # 2. Sum the products of blocks. Now ``last[j]`` is the position of the last block in column j. Row a
+        #    of a product combines the rows of the right block with the coefficients in row a of the left.
         found, values = np.empty(out[n], np.int32), np.zeros(out[n] * square)
         for c in range(columns):
             last[c] = -1
@@ -62,16 +62,18 @@ def block_products(width: int) -> Any:
 
 @kernel
 def block_columns(indptr, indices, columns):
-    """Transpose a pattern of blocks by a counting sort; rows ascend within columns.
+    """Transpose a block pattern by a counting sort, with rows ascending in each column.
 
-    Returns offsets by column, rows, and the place of each block among those by rows.
+    Returns offsets by column, rows, and the position of each block in row order.
     """
     starts = np.zeros(columns + 1, np.int32)
+    # Count the blocks per column.
     for j in indices:
         starts[j + 1] += 1
     for j in range(columns):
         starts[j + 1] += starts[j]
     free = starts[:columns].copy()
+    # Distribute the blocks in row order.
     rows, places = np.empty(len(indices), np.int32), np.empty(len(indices), np.int32)
     for i in range(len(indptr) - 1):
         for k in range(indptr[i], indptr[i + 1]):

@@ -1,7 +1,7 @@
-"""Gauss–Seidel sweeps through matrices in blocks, and the inverses of their diagonal blocks.
+"""Block Gauss–Seidel sweeps, and inverses of diagonal blocks.
 
-Matrices of equal blocks are those of ``scipy.sparse.bsr_array``, blocks of unequal sizes those of a
-``csr_array`` with the offsets of its parts. Neither needs sorted indices. All are symmetric.
+Matrices with equal blocks are stored as ``scipy.sparse.bsr_array``, matrices with blocks of unequal size as
+``csr_array`` with offsets of the parts. Indices need not be sorted. All matrices are symmetric.
 """
 
 from __future__ import annotations
@@ -16,22 +16,22 @@ from agglo_core.compiled.compiling import kernel
 from agglo_core.multigrid.kernels.block_vectors import add_dots, add_product
 
 UNROLLED = 16
-"""Blocks of 2 to 16 unknowns have kernels of their own, 1.5 to 3 times as fast; others share one."""
+"""Maximum block size with a separate kernel, 1.5 to 3 times as fast as the common kernel."""
 
 Sweep = Callable[..., Any]
 
 
 @cache
 def block_sweeps(width: int) -> tuple[Sweep, Sweep]:
-    """Kernels ``(residual_sweep, sweep)`` for blocks of a size.
+    """Return the kernels ``(residual_sweep, sweep)`` for a block size.
 
     ``residual_sweep(indptr, indices, data, inverses, r, x)``
-        One sweep through the block rows in their order, which updates x and its residual r. Block (i, j) is
-        used as the transpose of (j, i), so that one pass through the matrix does both.
+        A forward sweep that updates x and its residual r. Block (i, j) serves as transpose of (j, i), so
+        that one pass through the matrix does both.
     ``sweep(indptr, indices, data, inverses, b, x, order)``
-        One sweep without a residual, in the order of the rows (1) or the opposite (−1).
+        A sweep without residual, forward (``order`` 1) or backward (−1).
 
-    Blocks, and the inverses of those of the diagonal, are stored one after the other in flat arrays.
+    Blocks and inverse diagonal blocks are stored in flat arrays.
     """
     if not 1 < width <= UNROLLED:
         return _residual_sweep, _sweep
@@ -40,7 +40,7 @@ def block_sweeps(width: int) -> tuple[Sweep, Sweep]:
     def residual_sweep(indptr, indices, data, inverses, r, x):
         step = np.empty(width, x.dtype)
         for i in range(len(indptr) - 1):
-            # x_i += D_i⁻¹ r_i, then r_j −= A_ijᵀ (change of x_i) for all j, i itself among them.
+            # x_i += D_i⁻¹ r_i, then r_j −= A_ijᵀ (change of x_i) for all j, including i.
             own = i * width
             for q in range(width):
                 step[q] = 0
@@ -48,21 +48,21 @@ def block_sweeps(width: int) -> tuple[Sweep, Sweep]:
             for q in range(width):
                 x[own + q] += step[q]
                 step[q] = -step[q]
-            for k in range(indptr[i], indptr[i + 1]):  # unsigned: no test whether it counts from the end
+            for k in range(indptr[i], indptr[i + 1]):  # unsigned: no test for negative indices
                 add_product(width, step, 0, 1, data, k * width * width, r, np.uint32(indices[k]) * width)
             for q in range(width):
-                r[own + q] = 0  # but for rounding it is
+                r[own + q] = 0  # zero except for rounding
 
     @kernel(reorder_sums=True)
     def sweep(indptr, indices, data, inverses, b, x, order):
         rows, left = len(indptr) - 1, np.empty(width, x.dtype)
         for turn in range(rows):
-            # x_i += D_i⁻¹ (b_i − Σ_j A_ij x_j), j running over the whole row.
+            # x_i += D_i⁻¹ (b_i − Σ_j A_ij x_j), with j over the whole row.
             i = turn if order > 0 else rows - 1 - turn
             own = i * width
             for q in range(width):
                 left[q] = 0
-            first = indptr[i] if order > 0 else indptr[i + 1] - 1  # memory is read in one direction
+            first = indptr[i] if order > 0 else indptr[i + 1] - 1  # read memory in one direction
             for h in range(indptr[i + 1] - indptr[i]):
                 k = first + order * h
                 add_dots(width, data, k * width * width, x, np.uint32(indices[k]) * width, left, 0)
@@ -75,7 +75,7 @@ def block_sweeps(width: int) -> tuple[Sweep, Sweep]:
 
 @kernel(reorder_sums=True)
 def _residual_sweep(indptr, indices, data, inverses, r, x):
-    # As above, for any size of blocks: loops over the rows of a block, which lie one after the other.
+    # As above for any block size, with loops over the contiguous rows of a block.
     n = len(x) // (len(indptr) - 1)
     step = np.empty(n, x.dtype)
     for i in range(len(indptr) - 1):
@@ -103,7 +103,7 @@ def _sweep(indptr, indices, data, inverses, b, x, order):
     rows = len(indptr) - 1
     n = len(x) // rows
     left = np.empty(n, x.dtype)
-    # As above, for any size of blocks: x_i += D_i⁻¹ (b_i − Σ_j A_ij x_j).
+    # As above for any block size: x_i += D_i⁻¹ (b_i − Σ_j A_ij x_j).
     for turn in range(rows):
         i = turn if order > 0 else rows - 1 - turn
         own = i * n
@@ -124,10 +124,11 @@ def _sweep(indptr, indices, data, inverses, b, x, order):
 
 @cache
 def block_product(width: int) -> Any:
-    """Kernel ``(indptr, indices, data, x)`` of A x for blocks of 2 to 16 unknowns in a flat array."""
+    """Return the kernel ``(indptr, indices, data, x)`` of A x for flat blocks of 2 to 16 unknowns."""
 
     @kernel(reorder_sums=True)
     def product(indptr, indices, data, x):
+        # y_i += A_ij x_j, block by block.
         y = np.zeros_like(x)
         for i in range(len(indptr) - 1):
             for k in range(indptr[i], indptr[i + 1]):
@@ -139,23 +140,23 @@ def block_product(width: int) -> Any:
 
 @kernel(reorder_sums=True)
 def sweep_parts(indptr, indices, data, offsets, places, inverses, b, x, order):
-    """Sweep once through parts of unequal sizes and update x, in the order 1 or −1 (reversed).
+    """Sweep once through parts of unequal sizes and update x, forward (``order`` 1) or backward (−1).
 
-    Part p has the rows ``offsets[p]:offsets[p + 1]`` of a CSR matrix, and the inverse of its diagonal block
-    is stored by rows from ``inverses[places[p]]``.
+    Part p has the rows ``offsets[p]:offsets[p + 1]`` of a CSR matrix, and its inverse diagonal block is
+    stored by rows from ``inverses[places[p]]``.
     """
     parts = len(offsets) - 1
     left = np.empty(len(b), x.dtype)
     for turn in range(parts):
         p = turn if order > 0 else parts - 1 - turn
-        # The residual of all rows of the part first: x_p must not change before.
+        # First the residual in all rows of the part, as x_p must not change before.
         first, n = offsets[p], offsets[p + 1] - offsets[p]
         for q in range(n):
             t = b[first + q]
             for k in range(indptr[first + q], indptr[first + q + 1]):
                 t -= data[k] * x[indices[k]]
             left[q] = t
-        # Then x_p += D_p⁻¹ times it.
+        # Then x_p += D_p⁻¹ residual.
         for q in range(n):
             t = x[first + q]
             for c in range(n):
@@ -167,15 +168,15 @@ def sweep_parts(indptr, indices, data, offsets, places, inverses, b, x, order):
 def invert_blocks(offsets, blocks):
     """Invert symmetric positive definite matrices, stored by rows one after the other, by Cholesky.
 
-    Matrix p has ``offsets[p + 1] - offsets[p]`` rows. Lower triangles are read, inverses take their place.
-    Returns the first matrix that is not positive definite to rounding, or −1.
+    Matrix p has ``offsets[p + 1] - offsets[p]`` rows. Lower triangles are read, and inverses overwrite the
+    matrices. Returns the first matrix that is not positive definite to rounding, or −1.
     """
     at = 0
     for p in range(len(offsets) - 1):
         n = offsets[p + 1] - offsets[p]
         a = blocks[at : at + n * n].reshape(n, n)
         at += n * n
-        # 1. a = L Lᵀ, L in the lower triangle. A pivot that cancels to 1e-15 of the entry is rounding.
+        # 1. a = L Lᵀ with L in the lower triangle. A pivot below 1e-15 of its entry is rounding.
         for j in range(n):
             pivot = a[j, j]
             least = 1e-15 * abs(pivot)
@@ -190,7 +191,7 @@ def invert_blocks(offsets, blocks):
                 for k in range(j):
                     t -= a[i, k] * a[j, k]
                 a[i, j] = t / pivot
-        # 2. L⁻¹ in the place of L, column by column. Diagonal entries below column j are still those of L.
+        # 2. L⁻¹ overwrites L column by column. Diagonal entries below column j still belong to L.
         for j in range(n):
             a[j, j] = 1.0 / a[j, j]
             for i in range(j + 1, n):
@@ -198,7 +199,7 @@ def invert_blocks(offsets, blocks):
                 for k in range(j, i):
                     t -= a[i, k] * a[k, j]
                 a[i, j] = t / a[i, i]
-        # 3. L⁻ᵀ L⁻¹ in the upper triangle: entry (i, j) needs rows from j on of L⁻¹ only. Then mirror it.
+        # 3. L⁻ᵀ L⁻¹ in the upper triangle, where entry (i, j) needs rows ≥ j of L⁻¹ only. Then mirror.
         for i in range(n):
             for j in range(i, n):
                 t = 0.0
@@ -213,10 +214,11 @@ def invert_blocks(offsets, blocks):
 
 @kernel(reorder_sums=True)
 def both_products(indptr, indices, data, v):
-    """Return A v and Aᵀ v for blocks ``data (·, n, n)``, in one pass through them."""
+    """Return A v and Aᵀ v for blocks ``data (·, n, n)`` in one pass."""
     n = data.shape[1]
     straight, transposed = np.zeros(len(v)), np.zeros(len(v))
     for i in range(len(indptr) - 1):
+        # Use each block for both products.
         own = i * n
         for k in range(indptr[i], indptr[i + 1]):
             at = indices[k] * n
@@ -231,7 +233,7 @@ def both_products(indptr, indices, data, v):
 
 @kernel
 def clear_tiny(values, least):
-    """Set to 0 what is smaller than ``least`` in magnitude."""
+    """Set entries with magnitude below ``least`` to 0."""
     for k in range(len(values)):
         if abs(values[k]) < least:
             values[k] = 0

@@ -1,7 +1,7 @@
-"""Products of small blocks with vectors, by vector instructions on the rows of a block.
+"""Products of small blocks with vectors, by vector instructions on block rows.
 
-The compiler unrolls loops over the 10 rows and columns of a block, and then finds nothing to vectorise. So
-the instructions are written here. All arrays are flat and of one dtype.
+Left alone, the compiler unrolls the loops over rows and columns and then does not vectorise. Therefore the
+instructions are generated here. All arrays are flat and of equal dtype.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ _FLAGS = ("contract", "reassoc", "nsz")
 
 
 def _add_product(typing, n, factors, start, stride, block, at, into, to):
-    """``into[to:to + n]`` += Σ_c factors[start + c · stride] · block[at + c · n:at + (c + 1) · n], c < n.
+    """Generate ``into[to:to + n] += Σ_c factors[start + c · stride] · block[at + c · n:at + (c + 1) · n]``.
 
-    n must be a literal, or a variable of the function around a kernel.
+    c runs from 0 to n − 1. n must be a literal, or a variable of the function around a kernel.
     """
     width = _literal(n)
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        # Σ_c (factor c in all lanes) · (row c of the block), added to the vector that was there.
+        # Σ_c (factor c in all lanes) · (block row c), added to the previous vector.
         lanes = _Lanes(context, builder, signature, args, width)
         totals = [lanes.vector(6, args[7]), None]
         for c in range(width):
             place = builder.add(args[2], builder.mul(args[3], ir.Constant(args[3].type, c)))
             factor = lanes.spread(builder.load(lanes.address(1, place)))
             product = builder.fmul(factor, lanes.row(4, args[5], c), flags=_FLAGS)
-            before = totals[c % 2]  # two sums: each addition waits for the one before
+            before = totals[c % 2]  # two alternating sums, because each addition waits for the previous
             totals[c % 2] = product if before is None else builder.fadd(before, product, flags=_FLAGS)
         first, second = totals
         lanes.store(6, args[7], first if second is None else builder.fadd(first, second, flags=_FLAGS))
@@ -45,14 +45,14 @@ def _add_product(typing, n, factors, start, stride, block, at, into, to):
 
 
 def _add_dots(typing, n, block, at, vector, start, into, to):
-    """``into[to + c]`` += Σ_q block[at + c · n + q] · vector[start + q], c and q < n.
+    """Generate ``into[to + c] += Σ_q block[at + c · n + q] · vector[start + q]``.
 
-    n must be a literal, or a variable of the function around a kernel.
+    c and q run from 0 to n − 1. n must be a literal, or a variable of the function around a kernel.
     """
     width = _literal(n)
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        # Row c times the vector, entry by entry; the sum over its lanes is entry c of the product.
+        # Block row c times vector, entry by entry. The sum over lanes is entry c of the product.
         lanes = _Lanes(context, builder, signature, args, width)
         other = lanes.vector(3, args[4])
         rows = [builder.fmul(lanes.row(1, args[2], c), other, flags=_FLAGS) for c in range(width)]
@@ -71,9 +71,9 @@ def _literal(n: Any) -> int:
 
 
 class _Lanes:
-    """Instructions for vectors of ``width`` entries, which zeros make up to a power of two.
+    """Instructions for vectors with ``width`` entries, padded with zeros to a power of two.
 
-    ``argument`` is the number of an array among the arguments of the intrinsic, ``place`` an index into it.
+    ``argument`` is the number of an array argument of the intrinsic, and ``place`` an index into this array.
     """
 
     def __init__(self, context: Any, builder: Any, signature: Any, args: Any, width: int) -> None:
@@ -90,13 +90,13 @@ class _Lanes:
         return self.builder.gep(array.data, [place])
 
     def vector(self, argument: int, place: Any) -> Any:
-        """Entries of an array from a place on."""
+        """Load array entries from a position on."""
         at = self.builder.bitcast(self.address(argument, place), self.short.as_pointer())
         short = self.builder.load(at, align=self.bits // 8)
         return self._shuffled(short, ir.Constant(self.short, None), range(self.count))
 
     def row(self, argument: int, at: Any, c: int) -> Any:
-        """Row c of a block, in one instruction where the processor has masks."""
+        """Load block row c, in one instruction on processors with masks."""
         builder = self.builder
         place = builder.add(at, ir.Constant(at.type, c * self.width))
         bit, pointer = ir.IntType(1), self.full.as_pointer()
@@ -109,7 +109,7 @@ class _Lanes:
         return builder.call(load, [target, align, mask, ir.Constant(self.full, None)])
 
     def spread(self, value: Any) -> Any:
-        """Vector of equal entries."""
+        """Return a vector of equal entries."""
         nothing, first = ir.Constant(self.full, ir.Undefined), ir.Constant(ir.IntType(32), 0)
         one = self.builder.insert_element(nothing, value, first)
         return self._shuffled(one, nothing, [0] * self.count)
@@ -120,10 +120,10 @@ class _Lanes:
         self.builder.store(short, at, align=self.bits // 8)
 
     def sums(self, vectors: list[Any]) -> Any:
-        """Vector whose entry c is the sum of the entries of vector c.
+        """Return a vector with the sum of vector c as entry c.
 
-        In each round two vectors (u, v) become one: the lower halves of both plus the upper halves of both.
-        The segments that belong to one vector are halved from ``count`` lanes to 1, in log₂ ``count`` rounds.
+        In each round, two vectors (u, v) are combined: the lower halves of both plus the upper halves of
+        both. Segments of one original vector are halved from ``count`` lanes to 1, in log₂ ``count`` rounds.
         """
         count, part = self.count, self.count
         vectors = [*vectors, *[None] * (count - len(vectors))]
@@ -136,7 +136,7 @@ class _Lanes:
         return vectors[0]
 
     def _halved(self, one: Any, other: Any, low: list[int], high: list[int]) -> Any:
-        # Vectors beyond ``width`` are None; they always come last.
+        # Vectors beyond ``width`` are None, always at the end.
         if one is None:
             return None
         other = ir.Constant(self.full, None) if other is None else other
@@ -149,13 +149,13 @@ class _Lanes:
 
 
 def _add_product_slowly(n, factors, start, stride, block, at, into, to):
-    """Twin of ``add_product`` for NUMBA_DISABLE_JIT, as a debugger can follow it."""
+    """Python twin of ``add_product`` for NUMBA_DISABLE_JIT, for debuggers."""
     rows = block[at : at + n * n].reshape(n, n)
     into[to : to + n] += factors[start + stride * np.arange(n)] @ rows
 
 
 def _add_dots_slowly(n, block, at, vector, start, into, to):
-    """Twin of ``add_dots``."""
+    """Python twin of ``add_dots``."""
     into[to : to + n] += block[at : at + n * n].reshape(n, n) @ vector[start : start + n]
 
 

@@ -1,8 +1,8 @@
-"""Classical coarsening: choice of the coarse unknowns, and interpolation of the others from them.
+"""Classical coarsening: choice of coarse unknowns, and interpolation of the other unknowns.
 
-Unknowns that stay on the coarse level are the C-points of the literature, those that go its F-points.
-Matrices are CSR with sorted columns and a symmetric pattern. Unknown i depends on j if −a_ij is at least θ
-times the largest −a_ik of its row: that entry is strong.
+Unknowns that stay on the coarse level are called C-points in the literature, the others F-points.
+Matrices are CSR with sorted columns and symmetric pattern. Unknown i depends on j if −a_ij is at least θ
+times the largest −a_ik of its row. Then entry (i, j) is strong.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from agglo_core.compiled.compiling import helper, kernel
 
 @kernel
 def strong_entries(indptr, indices, data, theta, least):
-    """Mark the strong entries of a matrix and the unknowns that need the coarse level.
+    """Mark the strong entries of a matrix, and the unknowns that need the coarse level.
 
-    An unknown does not need it if Σ_j |a_ij| over j ≠ i is at most ``least`` times a_ii: it has no strong
-    entries either.
+    An unknown with Σ_j≠i |a_ij| of at most ``least`` times a_ii does not need the coarse level, and has no
+    strong entries.
     """
     n = len(indptr) - 1
     strong = np.zeros(len(indices), np.bool_)
@@ -26,13 +26,14 @@ def strong_entries(indptr, indices, data, theta, least):
         own = 0.0
         total = 0.0
         most = 0.0
+        # Diagonal entry, sum of couplings, and largest negative entry of the row.
         for k in range(indptr[i], indptr[i + 1]):
             if indices[k] == i:
                 own = data[k]
             else:
                 total += abs(data[k])
                 most = max(most, -data[k])
-        # Only negative entries can be strong: a row without any has most = 0 and depends on none.
+        # Only negative entries can be strong. A row without negative entries has most = 0, no dependence.
         needy[i] = total > least * own
         if needy[i] and most > 0.0:
             for k in range(indptr[i], indptr[i + 1]):
@@ -44,10 +45,10 @@ def strong_entries(indptr, indices, data, theta, least):
 def coarse_points(indptr, indices, strong, needy):
     """Choose the unknowns that stay on the coarse level (Ruge, Stüben 1987, both passes).
 
-    First the free unknown on which most others depend stays, and those others go; what these depend on is
-    then worth more. Second, of two unknowns that go, one of which depends on the other, the first must
-    depend on one that stays and the other depends on; else one of them stays too. An unknown that needs the
-    coarse level and depends on none stays.
+    First pass: the free unknown with most dependents becomes a C-point, and its free dependents become
+    F-points, which raises the worth of the unknowns that these depend on. Second pass: if an F-point depends
+    on another F-point, both must depend on a common C-point, or else one becomes a C-point, too. An unknown
+    that needs the coarse level and depends on no other becomes a C-point.
     """
     start, dependent, worth = _dependents(indptr, indices, strong)
     stays = _independent(indptr, indices, strong, start, dependent, worth)
@@ -59,8 +60,8 @@ def coarse_points(indptr, indices, strong, needy):
 
 @helper(allocates=True)
 def _dependents(indptr, indices, strong):
-    """Return the unknowns that depend on each, as CSR, and their numbers."""
-    # The strong entries transposed, by a counting sort.
+    """Return the dependents of each unknown as CSR, and their number."""
+    # Transpose the strong entries by a counting sort.
     n = len(indptr) - 1
     start = np.zeros(n + 1, np.int64)
     for k in range(len(indices)):
@@ -81,10 +82,10 @@ def _dependents(indptr, indices, strong):
 def _independent(indptr, indices, strong, start, dependent, worth):
     """Choose C-points by the first pass of Ruge and Stüben.
 
-    ``worth (n,)`` is the number of free unknowns that depend on each, plus twice those that have gone; it is
-    changed. Free unknowns of one worth are a doubly linked list, the last changed at its head.
+    ``worth (n,)`` is the number of free dependents plus twice the F-point dependents, and is modified. Free
+    unknowns of equal worth form a doubly linked list with the last changed at the head.
     """
-    # Each dependent raises a worth once at most, when it goes: 2 · top bounds all worths.
+    # Each dependent raises a worth at most once, when it becomes an F-point: 2 · top bounds all worths.
     n = len(worth)
     top = worth.max()
     head = np.full(2 * top + 2, -1, np.int32)
@@ -94,7 +95,8 @@ def _independent(indptr, indices, strong, start, dependent, worth):
     stays = np.zeros(n, np.bool_)
     for i in range(n - 1, -1, -1):
         _link(i, worth, head, before, after)
-    # 1. A free unknown of the largest worth stays. Those of worth 0 are left: no F-point depends on them.
+    # 1. A free unknown with largest worth becomes a C-point. Unknowns of worth 0 are left, as no F-point
+    #    depends on them.
     while top > 0:
         i = head[top]
         if i < 0:
@@ -103,8 +105,8 @@ def _independent(indptr, indices, strong, start, dependent, worth):
         _unlink(i, worth, head, before, after)
         free[i] = False
         stays[i] = True
-        # 2. The free unknowns j that depend on it go; what j depends on is worth one more, since j can still
-        #    interpolate from it.
+        # 2. Its free dependents j become F-points. The unknowns that j depends on gain worth, since j can
+        #    interpolate from them.
         for m in range(start[i], start[i + 1]):
             j = dependent[m]
             if not free[j]:
@@ -118,7 +120,7 @@ def _independent(indptr, indices, strong, start, dependent, worth):
                     worth[q] += 1
                     _link(q, worth, head, before, after)
                     top = max(top, worth[q])
-        # 3. What i depends on is worth one less: i itself needs no interpolation.
+        # 3. The unknowns that i depends on lose worth, since i itself needs no interpolation.
         for k in range(indptr[i], indptr[i + 1]):
             q = indices[k]
             if strong[k] and free[q]:
@@ -130,7 +132,7 @@ def _independent(indptr, indices, strong, start, dependent, worth):
 
 @helper
 def _link(i, worth, head, before, after):
-    """Put i at the head of the list of its worth."""
+    """Insert i at the head of the list for its worth."""
     old = head[worth[i]]
     head[worth[i]] = i
     before[i] = -1
@@ -141,7 +143,7 @@ def _link(i, worth, head, before, after):
 
 @helper
 def _unlink(i, worth, head, before, after):
-    """Take i out of the list of its worth."""
+    """Remove i from the list for its worth."""
     if before[i] >= 0:
         after[before[i]] = after[i]
     else:
@@ -152,9 +154,9 @@ def _unlink(i, worth, head, before, after):
 
 @helper(allocates=True)
 def _second_pass(indptr, indices, strong, stays):
-    """Add C-points to ``stays`` until strongly coupled F-points share one (Ruge, Stüben, second pass).
+    """Add C-points to ``stays`` until strongly coupled F-points share a C-point (Ruge, Stüben, second pass).
 
-    Each F-point i is looked at once, in order: ``mark[j] == i`` says that i can interpolate from j.
+    Each F-point i is treated once, in order. ``mark[j] == i`` means that i can interpolate from j.
     """
     n = len(stays)
     mark = np.full(n, -1, np.int32)
@@ -164,8 +166,9 @@ def _second_pass(indptr, indices, strong, stays):
         for k in range(indptr[i], indptr[i + 1]):
             if strong[k] and stays[indices[k]]:
                 mark[indices[k]] = i
-        # Each F-point j that i depends on must depend on a C-point of i. The first j that does not becomes a
-        # candidate, counted as a C-point of i from here on, and stays unless there is a second one.
+        # Each F-point j that i depends on must depend on a C-point of i. The first j that violates this
+        # becomes a candidate, counts as C-point of i from here on, and stays unless there is a second
+        # violation.
         candidate = -1
         for k in range(indptr[i], indptr[i + 1]):
             j = indices[k]
@@ -178,7 +181,7 @@ def _second_pass(indptr, indices, strong, stays):
                     break
             if shared:
                 continue
-            if candidate >= 0:  # a second one: i itself settles both
+            if candidate >= 0:  # second violation: i itself becomes the C-point
                 candidate = i
                 break
             candidate = j
@@ -191,13 +194,14 @@ def _second_pass(indptr, indices, strong, stays):
 def classical_weights(indptr, indices, data, strong, stays, number):
     """Return the classical interpolation as CSR ``graph, to, weight``.
 
-    A C-point has the weight 1; an F-point takes from all C-points that it depends on. ``number`` is the
-    coarse number of each C-point. For an F-point i with the set C_i of these C-points the weights are w_ij =
-    −(a_ij + Σ_m a_im ā_mj / Σ_l∈C_i ā_ml) / d_i, j ∈ C_i, the first sum over the other strong entries, with ā
-    the negative part of a. The diagonal d_i is a_ii plus all entries that are not strong, and plus a_im where
-    the row of m is not coupled to C_i.
+    A C-point has weight 1. An F-point interpolates from all C-points that it depends on. ``number`` is the
+    coarse number of each C-point. For an F-point i with its set C_i of C-points, the weights are w_ij =
+    −(a_ij + Σ_m a_im ā_mj / Σ_l∈C_i ā_ml) / d_i for j ∈ C_i, with m over the other strong entries and ā the
+    negative part of a. The diagonal d_i is a_ii plus all weak entries, plus a_im if row m is not coupled
+    to C_i.
     """
     n = len(stays)
+    # Count the weights per row.
     graph = np.zeros(n + 1, np.int32)
     for i in range(n):
         size = 1 if stays[i] else 0
@@ -208,7 +212,7 @@ def classical_weights(indptr, indices, data, strong, stays, number):
     weight = np.empty(graph[n])
     slot = np.full(n, -1, np.int32)
     for i in range(n):
-        # 1. The entries of C_i. ``slot`` is the place of a C-point; those before ``first`` are of other rows.
+        # 1. The entries of C_i. ``slot`` is the position of a C-point. Slots before ``first`` are outdated.
         first = graph[i]
         if stays[i]:
             to[first] = number[i]
@@ -222,7 +226,7 @@ def classical_weights(indptr, indices, data, strong, stays, number):
                 to[end] = number[j]
                 weight[end] = data[k]
                 end += 1
-        # 2. All other entries, the diagonal one among them: distributed over C_i, or added to d_i.
+        # 2. All other entries, including the diagonal, are distributed over C_i or added to d_i.
         own = 0.0
         for k in range(indptr[i], indptr[i + 1]):
             j = indices[k]
@@ -243,7 +247,7 @@ def classical_weights(indptr, indices, data, strong, stays, number):
         total = 0.0
         for q in range(first, end):
             total -= weight[q]
-        own = max(own, total)  # weights add up to 1 at most
+        own = max(own, total)  # weights sum to at most 1
         for q in range(first, end):
             weight[q] /= -own
     return graph, to, weight
@@ -251,12 +255,13 @@ def classical_weights(indptr, indices, data, strong, stays, number):
 
 @kernel
 def coarse_first(indptr, indices, data, stays, place):
-    """Permute a CSR symmetrically so that C-points come first.
+    """Permute a CSR matrix symmetrically so that C-points come first.
 
-    ``place[i]`` is the new number of i; the order within C-points and within F-points must be kept.
+    ``place[i]`` is the new number of i. The order within C-points and within F-points must be kept.
     """
     n = len(stays)
     graph = np.zeros(n + 1, indptr.dtype)
+    # Row lengths in the new order.
     for i in range(n):
         graph[place[i] + 1] = indptr[i + 1] - indptr[i]
     for i in range(n):
@@ -264,8 +269,9 @@ def coarse_first(indptr, indices, data, stays, place):
     columns = np.empty_like(indices)
     values = np.empty_like(data)
     for i in range(n):
+        # Copy the rows, C-points before F-points.
         m = graph[place[i]]
-        for wanted in (True, False):  # columns stay sorted
+        for wanted in (True, False):  # keeps columns sorted
             for k in range(indptr[i], indptr[i + 1]):
                 if stays[indices[k]] == wanted:
                     columns[m] = place[indices[k]]

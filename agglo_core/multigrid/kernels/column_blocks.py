@@ -1,8 +1,8 @@
-"""Products with prolongations in blocks of one column.
+"""Products with prolongations stored in blocks of one column.
 
-Each part of n unknowns depends on a few coarse unknowns, and has n entries for each of them. Such a matrix is
-a ``scipy.sparse.bsr_array`` of blocks ``(n, 1)``, which scipy multiplies as if blocks were large. One array
-serves both directions: no transpose is kept.
+Each part of n unknowns depends on a few coarse unknowns, with n entries each. The matrix is a
+``scipy.sparse.bsr_array`` with blocks ``(n, 1)``, for which scipy's loops for large blocks are slow. A
+single array serves both directions, without stored transpose.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ Product = Callable[..., Any]
 
 @cache
 def column_products(width: int) -> tuple[Product, Product]:
-    """Kernels ``(restricted, prolonged)`` for blocks of a size, 0 for any size.
+    """Return the kernels ``(restricted, prolonged)`` for a block size, 0 for any size.
 
     ``restricted(indptr, indices, blocks, r, columns)``
-        Pᵀ r ``(columns,)``; block k, ``blocks[k] (n,)``, stands in column ``indices[k]``.
+        Pᵀ r ``(columns,)``. Block k, ``blocks[k] (n,)``, is in column ``indices[k]``.
     ``prolonged(indptr, indices, blocks, x, y)``
         x + P y, as a new array.
     """
@@ -32,6 +32,7 @@ def column_products(width: int) -> tuple[Product, Product]:
     def restricted(indptr, indices, blocks, r, columns):
         n = width if width > 0 else blocks.shape[1]
         found = np.zeros(columns, r.dtype)
+        # Add the product of each block with its part of r to its column.
         for i in range(len(indptr) - 1):
             own = i * n
             for k in range(indptr[i], indptr[i + 1]):
@@ -46,7 +47,7 @@ def column_products(width: int) -> tuple[Product, Product]:
         n = width if width > 0 else blocks.shape[1]
         found, row = np.empty_like(x), np.empty(n, x.dtype)
         for i in range(len(indptr) - 1):
-            # The rows of a part are added up in ``row`` before they are written.
+            # Sum the rows of a part in ``row`` before writing.
             own = i * n
             for q in range(n):
                 row[q] = x[own + q]

@@ -9,29 +9,32 @@ from agglo_core.compiled.compiling import helper, kernel
 
 @kernel
 def galerkin_product(indptr, indices, data, graph, to, weight, columns):
-    """Return the CSR of PᵀAP with sorted columns.
+    """Return PᵀAP as CSR with sorted columns.
 
-    A ``(n, n)`` is symmetric, the CSR ``indptr, indices, data``; P ``(n, columns)`` is ``graph, to, weight``.
+    A ``(n, n)`` is symmetric, given as CSR ``indptr, indices, data``. P ``(n, columns)`` is
+    ``graph, to, weight``.
     """
     start, rows, weights = _transposed(graph, to, weight, columns)
     half, half_to, half_values = _product(indptr, indices, data, graph, to, weight, columns)
     out, out_to, values = _product(start, rows, weights, half, half_to, half_values, columns)
-    return _transposed(out, out_to, values, columns)  # itself, but sorted
+    return _transposed(out, out_to, values, columns)  # the matrix itself, with sorted columns
 
 
 @helper(allocates=True)
 def _transposed(indptr, indices, data, columns):
-    """Return the transpose as CSR, its columns sorted.
+    """Return the transpose as CSR with sorted columns.
 
-    Counting sort by column: as rows are taken in their order, they ascend. Arrays may be longer than used.
+    Counting sort by column: rows are taken in order, so they ascend. Arrays may be longer than used.
     """
     n = len(indptr) - 1
+    # Count the entries per column.
     start = np.zeros(columns + 1, np.int32)
     for k in range(indptr[n]):
         start[indices[k] + 1] += 1
     for i in range(columns):
         start[i + 1] += start[i]
     fill = start[:-1].copy()
+    # Distribute the entries in row order.
     to = np.empty(start[columns], np.int32)
     values = np.empty(start[columns])
     for i in range(n):
@@ -47,8 +50,8 @@ def _transposed(indptr, indices, data, columns):
 def _product(indptr, indices, data, graph, to, weight, columns):
     """Multiply two CSR matrices row by row (Gustavson).
 
-    Columns of a row come in any order, and the arrays are longer than needed. ``slot[j]`` is the place of
-    column j; those before ``first`` are of earlier rows.
+    Columns in a row come in any order, and the arrays are longer than needed. ``slot[j]`` is the position of
+    column j. Slots before ``first`` belong to earlier rows.
     """
     n = len(indptr) - 1
     out = np.zeros(n + 1, np.int32)
@@ -59,8 +62,8 @@ def _product(indptr, indices, data, graph, to, weight, columns):
     m = 0
     for i in range(n):
         first = m
-        # 1. Room for the row. The number of columns is a bound that costs nothing; only if that does not fit
-        #    the entries of the rows that are combined are counted. Doubling keeps copies rare.
+        # 1. Reserve space for the row. The number of columns is a free bound. Only if this does not fit,
+        # count    the entries of the rows to be combined. Doubling keeps copies rare.
         if m + columns > size:
             most = 0
             for k in range(indptr[i], indptr[i + 1]):
@@ -73,7 +76,7 @@ def _product(indptr, indices, data, graph, to, weight, columns):
                 more = np.empty(size)
                 more[:m] = values[:m]
                 values = more
-        # 2. The combination of the rows of the second matrix by the entries of the row of the first.
+        # 2. Combine the rows of the second matrix with the entries in the row of the first.
         for k in range(indptr[i], indptr[i + 1]):
             a = data[k]
             for q in range(graph[indices[k]], graph[indices[k] + 1]):

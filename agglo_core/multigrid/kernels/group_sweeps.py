@@ -1,4 +1,4 @@
-"""Gauss–Seidel sweeps through disjoint groups of the parts of a matrix in blocks."""
+"""Gauss–Seidel sweeps through disjoint groups of parts of a block matrix."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from agglo_core.compiled.compiling import helper, kernel
 
 UNROLLED = 6
-"""Blocks of up to 6 unknowns have kernels of their own, larger ones share one.
+"""Maximum block size with a separate kernel. Larger blocks share a kernel.
 
 A larger value means more kernels to compile.
 """
@@ -21,18 +21,18 @@ Sweep = Callable[..., Any]
 
 @cache
 def group_sweeps(width: int) -> tuple[Sweep, Sweep]:
-    """Kernels ``(residual_sweep, sweep)`` for blocks of a size, 0 for any size.
+    """Return the kernels ``(residual_sweep, sweep)`` for a block size, 0 for any size.
 
-    Group g holds ``parts[offsets[g]:offsets[g + 1]]``, each part of the matrix being in one group, and the
-    inverse of the matrix on it is stored by rows from ``starts[g]``. The rows of the matrix come in the order
-    of ``parts``, those of ``x`` and the columns as they are: all that is stored is read from its beginning to
-    its end, which takes a third to a half of the time of any other order where it exceeds the cache.
+    Group g has the parts ``parts[offsets[g]:offsets[g + 1]]``. Each part belongs to one group. The inverse of
+    the matrix on a group is stored by rows from ``starts[g]``. Matrix rows follow the order of ``parts``,
+    ``x`` and the columns the original order: stored data are read from begin to end, which takes a third to a
+    half of the time of any other order for data beyond the cache.
 
     ``residual_sweep(offsets, parts, starts, inverses, indptr, indices, data, r, x)``
-        One sweep through the groups in their order, which updates x and its residual r. Block (i, j) is used
-        as the transpose of (j, i), so that one pass through the matrix does both.
+        A forward sweep through the groups that updates x and its residual r. Block (i, j) serves as
+        transpose of (j, i), so that one pass through the matrix does both.
     ``sweep(offsets, parts, starts, inverses, indptr, indices, data, b, x)``
-        One sweep without a residual.
+        A forward sweep without residual.
     """
 
     @kernel(reorder_sums=True)
@@ -40,8 +40,8 @@ def group_sweeps(width: int) -> tuple[Sweep, Sweep]:
         n = width if width > 0 else data.shape[1]
         step, (rest, solved) = np.empty(n, x.dtype), _room(offsets, n, x)
         for g in range(len(offsets) - 1):
-            # 1. The residual of the group, taken before any of its parts changes it, times the inverse on the
-            #    group; for a single part that is left to the next step.
+            # 1. The residual of the group, taken before any part changes it, times the inverse on the group.
+            #    A single part leaves this product to step 2.
             first, size = offsets[g], offsets[g + 1] - offsets[g]
             for a in range(size):
                 own, into = np.uint32(parts[first + a]) * n, rest[a * n : (a + 1) * n]
@@ -49,14 +49,14 @@ def group_sweeps(width: int) -> tuple[Sweep, Sweep]:
                     into[q] = r[own + q]
             if size > 1:
                 _solve(inverses[starts[g] :], rest, size * n, solved)
-            # 2. Part by part: x_i takes its step, and r_j −= A_ijᵀ step for all j.
+            # 2. Part by part: x_i takes its step, then r_j −= A_ijᵀ step for all j.
             for a in range(size):
                 i = np.uint32(parts[first + a])
                 if size > 1:
                     found = solved[a * n : (a + 1) * n]
                     for q in range(n):
                         step[q] = found[q]
-                else:  # most groups are of one part
+                else:  # most groups have one part
                     inverse = inverses[starts[g] : starts[g] + n * n]
                     for q in range(n):
                         step[q] = 0
@@ -67,7 +67,7 @@ def group_sweeps(width: int) -> tuple[Sweep, Sweep]:
                 for q in range(n):
                     x[i * n + q] += step[q]
                 for k in range(indptr[first + a], indptr[first + a + 1]):
-                    at = np.uint32(indices[k]) * n  # unsigned: no test whether it counts from the end
+                    at = np.uint32(indices[k]) * n  # unsigned: no test for negative indices
                     for c in range(n):
                         t = step[c]
                         for q in range(n):
@@ -75,7 +75,7 @@ def group_sweeps(width: int) -> tuple[Sweep, Sweep]:
             for a in range(size):
                 own = np.uint32(parts[first + a]) * n
                 for q in range(n):
-                    r[own + q] = 0  # but for rounding it is
+                    r[own + q] = 0  # zero except for rounding
 
     @kernel(reorder_sums=True)
     def sweep(offsets, parts, starts, inverses, indptr, indices, data, b, x):
@@ -83,7 +83,7 @@ def group_sweeps(width: int) -> tuple[Sweep, Sweep]:
         left, (rest, solved) = np.empty(n, x.dtype), _room(offsets, n, x)
         for g in range(len(offsets) - 1):
             first, size = offsets[g], offsets[g + 1] - offsets[g]
-            # 1. The residual b_i − Σ_j A_ij x_j of each part of the group.
+            # 1. The residual b_i − Σ_j A_ij x_j of each part in the group.
             for a in range(size):
                 i, into = np.uint32(parts[first + a]), rest[a * n : (a + 1) * n]
                 for q in range(n):
@@ -96,7 +96,7 @@ def group_sweeps(width: int) -> tuple[Sweep, Sweep]:
                             left[q] -= data[k, q, c] * t
                 for q in range(n):
                     into[q] = left[q]
-            # 2. x += A_g⁻¹ times it; for a single part ``left`` still holds it.
+            # 2. x += A_g⁻¹ residual. For a single part, ``left`` still holds the residual.
             if size > 1:
                 _solve(inverses[starts[g] :], rest, size * n, solved)
                 for a in range(size):
@@ -115,7 +115,7 @@ def group_sweeps(width: int) -> tuple[Sweep, Sweep]:
 
 @helper(allocates=True)
 def _room(offsets, n, like):
-    """Work arrays for right-hand side and solution of the largest group."""
+    """Return workspace for right-hand side and solution of the largest group."""
     most = 0
     for g in range(len(offsets) - 1):
         most = max(most, offsets[g + 1] - offsets[g])
@@ -124,7 +124,7 @@ def _room(offsets, n, like):
 
 @helper(reorder_sums=True)
 def _solve(inverse, rest, m, solved):
-    """Multiply ``rest[:m]`` by a symmetric matrix ``(m, m)`` stored by rows."""
+    """Multiply ``rest[:m]`` by a symmetric matrix ``(m, m)``, stored by rows."""
     for q in range(m):
         solved[q] = 0
     for e in range(m):

@@ -1,7 +1,7 @@
-"""Sparse block factors L D Lᵀ of the matrix on each patch of parts.
+"""Sparse block factors L D Lᵀ of the matrix on each patch.
 
 The cells around a vertex form a ring, each coupled to two others. The inverse of their matrix is full, but
-its factors hold at most three blocks for each cell: they are found in time proportional to the number of
+its factors have at most three blocks per cell. Therefore factorisation time is proportional to the number of
 cells, not to its cube.
 """
 
@@ -17,14 +17,14 @@ from agglo_core.compiled.compiling import helper, kernel
 
 @kernel
 def patch_orders(offsets, parts, indptr, indices):
-    """Order the parts of each patch by minimum degree, and find the blocks of L in that order.
+    """Order the parts of each patch by minimum degree, and find the blocks of L in this order.
 
-    Patch i has the parts ``parts[offsets[i]:offsets[i + 1]]`` of a block matrix. Returned are the parts,
-    permuted within patches so that the next is always one with the fewest neighbours; and of L the blocks
-    ``starts[a]:starts[a + 1]`` in the column of ``parts[a]``, the row of block h being at the place
-    ``below[h]`` of the patch.
+    Patch i has the parts ``parts[offsets[i]:offsets[i + 1]]`` of a block matrix. Returns the parts, permuted
+    within patches so that the next part always has the fewest neighbours, and the pattern of L: the column of
+    ``parts[a]`` has the blocks ``starts[a]:starts[a + 1]``, and the row of block h is the position
+    ``below[h]`` in the patch.
     """
-    # ``turn[a]`` is the place of part a in the order of elimination, −1 before it is eliminated.
+    # ``turn[a]`` is the position of part a in the elimination order, −1 before its elimination.
     most = 0
     for i in range(len(offsets) - 1):
         most = max(most, offsets[i + 1] - offsets[i])
@@ -34,7 +34,7 @@ def patch_orders(offsets, parts, indptr, indices):
     below, count = np.empty(4 * len(parts), np.int32), 0
     for i in range(len(offsets) - 1):
         first, size = offsets[i], offsets[i + 1] - offsets[i]
-        # 1. The graph of the patch, dense: which of its parts the matrix couples.
+        # 1. Dense coupling graph of the patch.
         for a in range(size):
             place[parts[first + a]] = a
             turn[a] = -1
@@ -44,12 +44,12 @@ def patch_orders(offsets, parts, indptr, indices):
                 b = place[indices[h]]
                 if b >= 0:
                     coupled[a, b] = coupled[b, a] = True
-        # Room for the blocks of this patch: fewer than size².
+        # Reserve space for the blocks of this patch, fewer than size².
         if count + size * size > len(below):
             longer = np.empty(2 * len(below) + size * size, np.int32)
             longer[:count] = below[:count]
             below = longer
-        # 2. Next is a part j with the fewest neighbours among those left, the first of several.
+        # 2. Choose the first part j with the fewest remaining neighbours.
         for s in range(size):
             j, fewest = -1, size + 1
             for a in range(size):
@@ -59,8 +59,8 @@ def patch_orders(offsets, parts, indptr, indices):
                         degree += coupled[a, b] and turn[b] < 0
                     if degree < fewest:
                         j, fewest = a, degree
-            # 3. Eliminate j: its neighbours left are the blocks of its column of L, and become coupled to one
-            #    another (fill).
+            # 3. Eliminate j. Its remaining neighbours are the blocks in its column of L, and become coupled
+            # to each    other (fill-in).
             turn[j] = s
             ordered[first + s] = parts[first + j]
             for a in range(size):
@@ -71,7 +71,7 @@ def patch_orders(offsets, parts, indptr, indices):
                         if coupled[j, b] and turn[b] < 0:
                             coupled[a, b] = True
             starts[first + s + 1] = count
-        # 4. Rows of L as places in the new order; work arrays are cleared for the next patch.
+        # 4. Convert rows of L to positions in the new order, and clear the workspace for the next patch.
         for h in range(starts[first], count):
             below[h] = turn[below[h]]
         for a in range(size):
@@ -83,13 +83,12 @@ def patch_orders(offsets, parts, indptr, indices):
 
 @cache
 def patch_factors(width: int) -> Any:
-    """Kernel of the block factors L D Lᵀ of the matrix on each patch, for blocks of a size.
+    """Return the kernel for block factors L D Lᵀ of the matrix on each patch, for a block size (0 for any).
 
-    Its arguments are ``(offsets, parts, starts, below, indptr, indices, data, pivots, factors)``. D is block
-    diagonal, the diagonal blocks of L are identities. ``pivots (·, n, n)`` are filled with the blocks of D⁻¹,
-    and ``factors (·, n, n)`` with those of −Lᵀ above the diagonal; patches are those of :func:`patch_orders`;
-    the size 0 stands for any. Returned is the first patch on which the matrix is not positive definite, −1 if
-    there is none.
+    The arguments are ``(offsets, parts, starts, below, indptr, indices, data, pivots, factors)``, with
+    patches from :func:`patch_orders`. D is block diagonal, and the diagonal blocks of L are identities. The
+    kernel fills ``pivots (·, n, n)`` with the blocks of D⁻¹, and ``factors (·, n, n)`` with the blocks of −Lᵀ
+    above the diagonal. It returns the first patch on which the matrix is not positive definite, or −1.
     """
 
     @kernel(reorder_sums=True)
@@ -98,12 +97,12 @@ def patch_factors(width: int) -> Any:
         most = 0
         for i in range(len(offsets) - 1):
             most = max(most, offsets[i + 1] - offsets[i])
-        W = np.empty((most * most, n, n))  # its upper half: block of places a ≤ b at a · most + b
+        W = np.empty((most * most, n, n))  # upper half: block (a, b), a ≤ b, at a · most + b
         D, L = np.empty((n, n)), np.empty((most, n, n))
         place = np.full(len(indptr) - 1, -1, np.int64)
         for i in range(len(offsets) - 1):
             first, size = offsets[i], offsets[i + 1] - offsets[i]
-            # 1. W: the matrix on the patch in the order of elimination, its upper half.
+            # 1. W: upper half of the matrix on the patch, in elimination order.
             for a in range(size):
                 place[parts[first + a]] = a
                 for b in range(a, size):
@@ -122,7 +121,7 @@ def patch_factors(width: int) -> Any:
                 place[parts[first + a]] = -1
 
             for a in range(size):
-                # 2. D_a is what the eliminations before left of the diagonal block; invert it.
+                # 2. D_a is the diagonal block after the previous eliminations. Invert it.
                 for r in range(n):
                     for q in range(n):
                         D[r, q] = W[a * most + a, r, q]
@@ -131,7 +130,7 @@ def patch_factors(width: int) -> Any:
                 for r in range(n):
                     for q in range(n):
                         pivots[first + a, r, q] = D[r, q]
-                # 3. Row a of −Lᵀ: blocks −D_a⁻¹ W_ab, for the places b below a in its column of L.
+                # 3. Row a of −Lᵀ: blocks −D_a⁻¹ W_ab for all b below a in its column of L.
                 low, high = starts[first + a], starts[first + a + 1]
                 for h in range(low, high):
                     k, m = a * most + below[h], h - low
@@ -143,7 +142,7 @@ def patch_factors(width: int) -> Any:
                                 L[m, r, q] -= D[r, c] * W[k, c, q]
                         for q in range(n):
                             factors[h, r, q] = L[m, r, q]
-                # 4. Schur complement: W_bc −= W_abᵀ D_a⁻¹ W_ac for all such b ≤ c.
+                # 4. Schur complement: W_bc −= W_abᵀ D_a⁻¹ W_ac for all these b ≤ c.
                 for h in range(low, high):
                     for g in range(low, high):
                         if below[h] <= below[g]:
@@ -159,9 +158,9 @@ def patch_factors(width: int) -> Any:
 
 @helper(reorder_sums=True)
 def _inverted(D, n):
-    """Invert a symmetric matrix in place, and return whether it is positive definite.
+    """Invert a symmetric matrix in place, and return True if positive definite.
 
-    Gauss–Jordan without pivoting: the pivots are those of Cholesky, squared, and must be positive.
+    Gauss–Jordan without pivoting: the pivots are the squared Cholesky pivots, and must be positive.
     """
     for j in range(n):
         if not D[j, j] > 0.0:
@@ -176,7 +175,7 @@ def _inverted(D, n):
                 D[r, j] = 0.0
                 for q in range(n):
                     D[r, q] -= factor * D[j, q]
-    for r in range(n):  # but for rounding it is symmetric
+    for r in range(n):  # remove asymmetry by rounding
         for q in range(r):
             D[q, r] = D[r, q]
     return True

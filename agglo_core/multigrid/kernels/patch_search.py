@@ -1,4 +1,4 @@
-"""Patches of a mesh: distinct sets of parts that meet at its vertices, none inside another."""
+"""Patches of a mesh: distinct sets of parts around its vertices, with no set inside another."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from agglo_core.compiled.compiling import helper, kernel
 
 @kernel
 def parts_at_vertices(cell_offsets, cell_vertices, vertex_groups, labels, n_groups, n_parts, most):
-    """Collect the distinct sets of 2 to ``most`` parts that meet at a group of vertices, as CSR.
+    """Collect the distinct sets of 2 to ``most`` parts that meet at a vertex group, as CSR.
 
-    Cell c has the vertices ``cell_vertices[cell_offsets[c]:cell_offsets[c + 1]]`` and the part ``labels[c]``;
-    ``vertex_groups`` is the group of each vertex. Parts ascend within sets; sets come by their first group.
+    Cell c has the vertices ``cell_vertices[cell_offsets[c]:cell_offsets[c + 1]]`` and the part ``labels[c]``.
+    ``vertex_groups`` is the group of each vertex. Parts ascend within sets, and sets follow their first
+    group.
     """
-    # 1. Parts of the cells around each group, with repetitions: counting sort.
+    # 1. Parts of the cells around each group, with repetitions, by counting sort.
     starts = np.zeros(n_groups + 1, np.int64)
     for h in range(len(cell_vertices)):
         starts[vertex_groups[cell_vertices[h]] + 1] += 1
@@ -30,11 +31,11 @@ def parts_at_vertices(cell_offsets, cell_vertices, vertex_groups, labels, n_grou
 
     offsets = np.zeros(n_groups + 1, np.int64)
     parts = np.empty(len(cell_vertices), np.int32)
-    latest = np.full(n_parts, -1, np.int64)  # the last set found that begins with a part,
-    previous = np.empty(n_groups, np.int64)  # and the one before it
+    latest = np.full(n_parts, -1, np.int64)  # last set that begins with a part,
+    previous = np.empty(n_groups, np.int64)  # and the previous set
     count, filled = 0, 0
     for g in range(n_groups):
-        # 2. The parts around, each once, sorted by insertion into the free end of ``parts``.
+        # 2. Distinct parts around the group, insertion-sorted into the free end of ``parts``.
         size = 0
         for h in range(starts[g], starts[g + 1]):
             part = around[h]
@@ -47,10 +48,10 @@ def parts_at_vertices(cell_offsets, cell_vertices, vertex_groups, labels, n_grou
                 parts[k] = parts[k - 1]
             parts[at] = part
             size += 1
-        # 3. One part alone is no patch, and more than ``most`` would make a large dense matrix.
+        # 3. A single part is no patch, and more than ``most`` parts would need a large dense matrix.
         if size < 2 or size > most:
             continue
-        # 4. Compare with the sets before that begin with the same part; a repeated one is overwritten by the
+        # 4. Compare with previous sets that begin with the same part. A repeated set is overwritten by the
         #    next, as ``filled`` stays.
         first = parts[filled]
         other = latest[first]
@@ -75,7 +76,7 @@ def parts_at_vertices(cell_offsets, cell_vertices, vertex_groups, labels, n_grou
 
 @helper
 def _before(parts, offsets, one, other):
-    """Return whether a set comes before another in lexicographic order."""
+    """Return True if a set comes before another in lexicographic order."""
     sizes = offsets[one + 1] - offsets[one], offsets[other + 1] - offsets[other]
     for k in range(min(sizes[0], sizes[1])):
         a, b = parts[offsets[one] + k], parts[offsets[other] + k]
@@ -86,11 +87,11 @@ def _before(parts, offsets, one, other):
 
 @kernel
 def without_contained(offsets, parts, n_parts):
-    """Drop the sets that a larger one contains, and add a set for each part in none.
+    """Drop sets contained in larger sets, and add a set for each part in no set.
 
-    Sets are CSR, distinct, their parts ascending; so is the result. The order of sets is lexicographic.
+    Sets are CSR, distinct, with ascending parts, also in the result. The order of sets is lexicographic.
     """
-    # 1. The sets that hold each part.
+    # 1. The sets that contain each part.
     count = len(offsets) - 1
     starts = np.zeros(n_parts + 1, np.int64)
     for h in range(len(parts)):
@@ -104,11 +105,11 @@ def without_contained(offsets, parts, n_parts):
             holders[cursor[parts[h]]] = s
             cursor[parts[h]] += 1
 
-    first_of = np.full(n_parts, -1, np.int64)  # sets that remain, linked by their smallest part
+    first_of = np.full(n_parts, -1, np.int64)  # remaining sets, linked by smallest part
     following = np.empty(count, np.int64)
     kept, room = 0, 0
     for s in range(count):
-        # 2. A larger set that contains s holds its rarest part: only the sets of that part are compared.
+        # 2. A larger set that contains s also contains its rarest part: compare only sets with this part.
         rare = parts[offsets[s]]
         for h in range(offsets[s] + 1, offsets[s + 1]):
             if starts[parts[h] + 1] - starts[parts[h]] < starts[rare + 1] - starts[rare]:
@@ -119,7 +120,7 @@ def without_contained(offsets, parts, n_parts):
             t = holders[i]
             if offsets[t + 1] - offsets[t] <= size:
                 continue
-            # Both ascend: one pass, given up when fewer members of t are left than s still needs.
+            # Both ascend: one pass, stopped when t has fewer members left than s needs.
             h, k = offsets[s], offsets[t]
             while h < offsets[s + 1] and offsets[t + 1] - k >= offsets[s + 1] - h:
                 if parts[h] == parts[k]:
@@ -130,7 +131,7 @@ def without_contained(offsets, parts, n_parts):
                 break
         if contained:
             continue
-        # 3. Insert s into the ascending list of its smallest part.
+        # 3. Insert s into the ascending list for its smallest part.
         first = parts[offsets[s]]
         before, after = -1, first_of[first]
         while after >= 0 and _before(parts, offsets, after, s):
@@ -143,7 +144,7 @@ def without_contained(offsets, parts, n_parts):
         kept += 1
         room += size
 
-    # 4. By smallest part, write the list of each part, or the part itself if no set holds it.
+    # 4. For each part write its list of sets, or the part itself if it is in no set.
     alone = 0
     for p in range(n_parts):
         alone += starts[p] == starts[p + 1]
@@ -169,11 +170,11 @@ def without_contained(offsets, parts, n_parts):
 
 @kernel
 def united(pairs, n_parts, most):
-    """Unite ``pairs (m, 2)`` in turn into sets of at most ``most`` parts.
+    """Unite ``pairs (m, 2)`` in turn to sets of at most ``most`` parts.
 
-    A pair is passed over if its union would be larger. Returns the sets as CSR, by their smallest parts.
+    A pair with a larger union is skipped. Returns the sets as CSR, sorted by smallest part.
     """
-    # 1. Sets are trees whose root is the smallest part; paths are halved on the way to it.
+    # 1. Sets are trees with the smallest part as root. Paths are halved during searches.
     above = np.arange(n_parts)  # towards the smallest part of a set
     size = np.ones(n_parts, np.int64)
     for h in range(len(pairs)):
@@ -188,7 +189,7 @@ def united(pairs, n_parts, most):
             a, b = min(a, b), max(a, b)
             above[b] = a
             size[a] += size[b]
-    # 2. Number the sets by their roots, which come before all their other parts; parents are numbered before.
+    # 2. Number the sets by their roots. Roots come before all other parts, and parents before children.
     number = np.empty(n_parts, np.int64)
     offsets = np.zeros(n_parts + 1, np.int64)
     count = 0

@@ -1,4 +1,4 @@
-"""Schwarz smoothing on patches of a block matrix: inverses on patches, and sweeps through them."""
+"""Schwarz smoothing on patches of a block matrix: inverses on patches, and sweeps."""
 
 from __future__ import annotations
 
@@ -10,17 +10,16 @@ import numpy as np
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.multigrid.kernels.block_vectors import add_dots, add_product
 
-_TINY = 1e-22  # of the largest entry: less is 0, lest products in single precision are denormal, and slow
+_TINY = 1e-22  # relative to the largest entry: smaller entries are set to 0, against slow denormals
 
 
 @kernel(reorder_sums=True)
 def patch_inverses(offsets, parts, indptr, indices, data, starts, half, out):
-    """Fill ``out`` with the inverses of the matrix on each patch i, by rows from ``starts[i]`` on.
+    """Fill ``out`` with the inverses of the matrix on each patch i, stored by rows from ``starts[i]`` on.
 
-    If ``half``, only the rows of their lower halves are stored, one after the other. The blocks ``data`` of
-    the matrix must be symmetric; only those in the lower half of a patch are read. Symmetric sweeps
-    (M. Goodnight, Amer. Statist. 33, 1979) invert that half in place. Returns the first patch that is not
-    positive definite, −1 if there is none.
+    If ``half``, only the rows of the lower halves are stored. The blocks ``data`` must be symmetric, and only
+    those in the lower half of a patch are read. The sweep operator (M. Goodnight, Amer. Statist. 33, 1979)
+    inverts this half in place. Returns the first patch that is not positive definite, or −1.
     """
     n = data.shape[1]
     most = 0
@@ -29,7 +28,7 @@ def patch_inverses(offsets, parts, indptr, indices, data, starts, half, out):
     room, pivots = np.empty(most * most), np.empty(most)
     place = np.full(len(indptr) - 1, -1, np.int64)
     for i in range(len(offsets) - 1):
-        # 1. W: the lower half of the matrix on the patch.
+        # 1. W: lower half of the matrix on the patch.
         first, size = offsets[i], offsets[i + 1] - offsets[i]
         m = size * n
         W = room[: m * m].reshape(m, m)
@@ -48,12 +47,12 @@ def patch_inverses(offsets, parts, indptr, indices, data, starts, half, out):
             place[parts[first + a]] = -1
 
         # 2. Sweep on each pivot j: with s = 1 / w_jj, w_rc −= w_rj s w_jc for r, c ≠ j, then w_rj *= s and
-        #    w_jj = −s. What is left is −W⁻¹.
+        #    w_jj = −s. The result is −W⁻¹.
         for j in range(m):
             if not W[j, j] > 0.0:
                 return i
-            # ``pivots`` is column j, above the diagonal by symmetry. Its entry j is 0, so that column j
-            # passes unchanged through the update of the rows below.
+            # ``pivots`` is column j, by symmetry also above the diagonal. Its entry j is 0, so that column j
+            # stays unchanged in the update of the rows below.
             scale = 1.0 / W[j, j]
             for c in range(j):
                 pivots[c] = W[j, c]
@@ -73,7 +72,7 @@ def patch_inverses(offsets, parts, indptr, indices, data, starts, half, out):
                 row[j] = factor
             W[j, j] = -scale
 
-        # 3. Store without tiny entries; the largest entry of a definite matrix is on the diagonal.
+        # 3. Store without tiny entries. The largest entry of a definite matrix is on the diagonal.
         least = 0.0
         for r in range(m):
             least = max(least, -W[r, r] * _TINY)
@@ -89,13 +88,13 @@ def patch_inverses(offsets, parts, indptr, indices, data, starts, half, out):
 
 @cache
 def patch_sweep(width: int) -> Any:
-    """Kernel of a multiplicative Schwarz sweep through overlapping patches.
+    """Return the kernel of a multiplicative Schwarz sweep through overlapping patches.
 
-    Its arguments are ``(offsets, parts, starts, below, pivots, factors, indptr, indices, data, b, x,
-    order)``. It solves for the unknowns of each overlapping patch in turn with the factors of
-    :mod:`.patch_factors`, the others staying as they are; x is changed. Patches are taken in their order
-    (``order`` 1 or 0) or the opposite (−1). For the order 0 b must be the residual b − A x, and is updated.
-    Blocks have the size ``width``, and are in flat arrays.
+    The arguments are ``(offsets, parts, starts, below, pivots, factors, indptr, indices, data, b, x,
+    order)``. The sweep solves for the unknowns of each patch in turn with the factors of
+    :mod:`.patch_factors`, keeping all other unknowns, and updates x. Patches are taken forward (``order`` 1
+    or 0) or backward (−1). For ``order`` 0, b must be the residual b − A x, and is updated. Blocks have the
+    size ``width``, and are stored in flat arrays.
     """
 
     @kernel(reorder_sums=True)
@@ -105,14 +104,14 @@ def patch_sweep(width: int) -> Any:
         for i in range(count):
             most = max(most, offsets[i + 1] - offsets[i])
         rest, better = np.empty(most * n, x.dtype), np.empty(most * n, x.dtype)
-        holder = np.full(len(indptr) - 1, -1, np.int32)  # the last patch that holds a part
+        holder = np.full(len(indptr) - 1, -1, np.int32)  # last patch that contains a part
         for turn in range(count):
             i = count - 1 - turn if order < 0 else turn
             first, size = offsets[i], offsets[i + 1] - offsets[i]
             for a in range(size):
-                holder[np.uint32(parts[first + a])] = i  # unsigned: no test whether it counts from the end
-            # 1. The right-hand side times −1: the residual for the order 0, which yields the change of x;
-            #    otherwise b − Σ_j A_ij x_j over j outside the patch, which yields x itself.
+                holder[np.uint32(parts[first + a])] = i  # unsigned: no test for negative indices
+            # 1. The right-hand side times −1: the residual for ``order`` 0, which gives the change of x,
+            #    otherwise b − Σ_j A_ij x_j with j outside the patch, which gives x itself.
             for a in range(size):
                 part = np.uint32(parts[first + a])
                 for q in range(n):
@@ -124,8 +123,8 @@ def patch_sweep(width: int) -> Any:
                         if holder[column] != i:
                             add_dots(width, data, h * block, x, column * n, rest, a * n)
 
-            # 2. L y = rest, forwards by columns of L: with b = ``below[h]``, block h of ``factors`` is
-            #    −(Lᵀ)_ab and is used as its transpose. D⁻¹ y at once; then Lᵀ better = D⁻¹ y, backwards.
+            # 2. L y = rest, forward by columns of L: with b = ``below[h]``, block h of ``factors`` is
+            # −(Lᵀ)_ab,    used as its transpose. D⁻¹ y in the same loop, then Lᵀ better = D⁻¹ y, backward.
             for a in range(size):
                 for h in range(starts[first + a], starts[first + a + 1]):
                     add_product(width, rest, a * n, 1, factors, h * block, rest, below[h] * n)
@@ -144,7 +143,7 @@ def patch_sweep(width: int) -> Any:
                     continue
                 for q in range(n):
                     x[part * n + q] -= better[a * n + q]
-                    b[part * n + q] = 0  # but for rounding it is
+                    b[part * n + q] = 0  # zero except for rounding
                 # The residual outside the patch: r_j −= A_ijᵀ (change of x_i).
                 for h in range(indptr[part], indptr[part + 1]):
                     column = np.uint32(indices[h])
@@ -175,8 +174,8 @@ def _multiply(inverses, start, rest, m, better):
 def patch_sum(offsets, parts, inverse_starts, inverses, weights, n, r):
     """Return Σ_i W R_iᵀ A_i⁻¹ R_i W r, the weighted sum of patch solutions.
 
-    R_i restricts to the patch, W multiplies each part by its weight; the lower halves of the inverses A_i⁻¹
-    are stored by rows from ``inverse_starts[i]``. Blocks have n unknowns.
+    R_i restricts to the patch, and W multiplies each part by its weight. The lower halves of the inverses
+    A_i⁻¹ are stored by rows from ``inverse_starts[i]``. Blocks have n unknowns.
     """
     most = 0
     for i in range(len(offsets) - 1):
@@ -184,7 +183,7 @@ def patch_sum(offsets, parts, inverse_starts, inverses, weights, n, r):
     there, better = np.empty(most, r.dtype), np.empty(most, r.dtype)
     x = np.zeros_like(r)
     for i in range(len(offsets) - 1):
-        # R_i W r, then A_i⁻¹ times it, then added with the weights.
+        # R_i W r, then A_i⁻¹ R_i W r, then the weighted sum.
         first, last = offsets[i], offsets[i + 1]
         for a in range(first, last):
             for c in range(n):

@@ -1,4 +1,4 @@
-"""Scaling of the unknowns of a block matrix that makes its diagonal blocks identities."""
+"""Scaling of the unknowns of a block matrix to identity diagonal blocks."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.multigrid.kernels.block_vectors import add_product
 
 _UNROLLED = 16
-"""Blocks of 2 to 16 unknowns have kernels of their own, with vectors of the processor; others share one."""
+"""Maximum block size with a separate kernel by vector instructions. Larger blocks share a kernel."""
 
 
 @cache
 def scale_blocks(width: int) -> Any:
-    """Kernel ``(indptr, indices, data)`` for blocks of a size, ``data (·, n, n)``.
+    """Return the kernel ``(indptr, indices, data)`` for a block size, with ``data (·, n, n)``.
 
-    It returns the first part whose diagonal block is missing or not positive definite, −1 if there is none;
-    T ``(parts, n, n)``, the inverses of the Cholesky factors L of the diagonal blocks; Lᵀ, stored alike; and
-    the blocks of T A Tᵀ, in the places of those of A.
+    The kernel returns the first part with a missing or not positive definite diagonal block (or −1), T
+    ``(parts, n, n)`` (the inverse Cholesky factors L⁻¹ of the diagonal blocks), Lᵀ in equal storage, and the
+    blocks of T A Tᵀ in the positions of A's blocks.
     """
     if not 1 < width <= _UNROLLED:
         return _scale_blocks
@@ -32,14 +32,14 @@ def scale_blocks(width: int) -> Any:
         scaled = np.zeros(data.shape)
         if failed >= 0:
             return failed, T, LT, scaled
-        # 1. ``right``: the transposes Tᵀ, as ``add_product`` combines rows.
+        # 1. ``right``: the transposes Tᵀ, because ``add_product`` combines rows.
         left, out, blocks = T.reshape(-1), scaled.reshape(-1), data.reshape(-1)
         right, half = np.empty(count * square), np.empty(square)
         for i in range(count):
             for r in range(width):
                 for q in range(width):
                     right[i * square + q * width + r] = T[i, r, q]
-        # 2. T_i A_ij T_jᵀ, row by row: row r of T_i A_ij, then that times T_jᵀ.
+        # 2. T_i A_ij T_jᵀ row by row: first row r of T_i A_ij, then its product with T_jᵀ.
         for i in range(count):
             for h in range(indptr[i], indptr[i + 1]):
                 other = np.uint32(indices[h]) * square
@@ -58,7 +58,7 @@ def scale_blocks(width: int) -> Any:
 def _factors(indptr, indices, data):
     """Factorise the diagonal blocks as L Lᵀ.
 
-    Returns the first part whose block is not positive definite, −1 for none, T = L⁻¹ and Lᵀ.
+    Returns the first part with a block that is not positive definite (or −1), T = L⁻¹, and Lᵀ.
     """
     n, count = data.shape[1], len(indptr) - 1
     T, LT = np.zeros((count, n, n)), np.zeros((count, n, n))
@@ -79,7 +79,7 @@ def _factors(indptr, indices, data):
             for r in range(j + 1, n):
                 for c in range(r, n):
                     upper[r, c] -= upper[j, r] * upper[j, c]
-        # 2. Row r of L⁻¹ from those above: L_rr (L⁻¹)_r = e_r − Σ_k<r L_rk (L⁻¹)_k.
+        # 2. Row r of L⁻¹ from the previous rows: L_rr (L⁻¹)_r = e_r − Σ_k<r L_rk (L⁻¹)_k.
         for r in range(n):
             for k in range(r):
                 for c in range(k + 1):
@@ -99,7 +99,7 @@ def _scale_blocks(indptr, indices, data):
         return failed, T, LT, scaled
     for i in range(count):
         left = T[i]
-        # ``half`` is T_i A_ij, multiplied by T_jᵀ; both T are lower triangles, whose zeros are left out.
+        # ``half`` is T_i A_ij, then multiplied by T_jᵀ. Zeros of the lower triangles T are skipped.
         for h in range(indptr[i], indptr[i + 1]):
             right, block, out = T[indices[h]], data[h], scaled[h]
             for r in range(n):

@@ -1,6 +1,7 @@
-"""Preconditioned conjugate gradients for one right-hand side: stops, restarts, reported convergence.
+"""Preconditioned conjugate gradients for one right-hand side: tests, restarts, verified convergence.
 
-The iteration is a generator that yields the products it needs: those of several columns are made together.
+The iteration is a generator that yields requests for products, so that products of several columns are
+computed together.
 """
 
 from __future__ import annotations
@@ -17,27 +18,27 @@ from agglo_core.problems.iteration_history import MET, TESTS, Ended, History
 from agglo_core.problems.residuals.sizes import Measure, size_ratio, two_norm
 
 _CONJUGATE = 0.3
-"""|zᵢ₊₁·rᵢ| over zᵢ₊₁·rᵢ₊₁, 0 if M is linear and symmetric: above this a step is lost."""
+"""Bound of |zᵢ₊₁·rᵢ| / zᵢ₊₁·rᵢ₊₁, which is 0 for linear symmetric M. Above, a step is lost."""
 _LOST = 4
-"""Steps lost until an iteration is given up."""
+"""Number of lost steps that ends the iteration."""
 _DIGIT = 0.01
-"""A step by which z·r falls below this part, a digit of the error, is not lost whatever it is."""
+"""A step that reduces z·r below this factor, a digit of the error, is never lost."""
 _DRIFT = 0.1
-"""Part of b − A x by which the residual of the recursion may differ from it; else it starts afresh."""
+"""Maximum relative drift of the recursive residual from b − A x. Above, the recursion restarts."""
 _LUCK = 2.0
-"""Times the tolerance: what is larger does not pass the tests by another rounding of x."""
+"""Sizes above this factor times the tolerance cannot pass the tests by a different rounding of x."""
 _STILL = 3
-"""Steps that move x by less than rounding until an iteration is given up."""
+"""Number of steps below rounding of x that ends the iteration."""
 _KNOWN = ("met", "most iterations", "stagnation")
-"""Ends at which the coefficients tell the error."""
+"""Ends for which the coefficients give the error."""
 
 
 @dataclass(eq=False)
 class Column:
     """Preconditioned conjugate gradients for one right-hand side ``b (n,)``, from ``start (n,)``.
 
-    :class:`~agglo_core.multigrid.krylov.recursion.Recursion` makes the steps. Where the tests may be passed
-    b − A x replaces its residual; if both differ much the recursion restarts from b − A x.
+    :class:`~agglo_core.multigrid.krylov.recursion.Recursion` makes the steps. Where the tests may be passed,
+    b − A x replaces the recursive residual. If both differ much, the recursion restarts from b − A x.
     """
 
     b: Float
@@ -46,23 +47,23 @@ class Column:
     measure: Measure
     energy: Measure
     ended: Ended = ""
-    size: float = 1.0  # of the residual, relative
+    size: float = 1.0  # relative size of the residual
     residuals: list[float] = field(default_factory=list)
     gains: list[float] = field(default_factory=list)
     _cg: Recursion = field(init=False)
-    _error: float = np.inf  # in the energy norm, relative, as far as it is known
-    _energy_norm: float = 0.0  # of x when last computed
+    _error: float = np.inf  # relative error in the energy norm, as far as known
+    _energy_norm: float = 0.0  # energy norm of x when last computed
     _gained: float = 0.0  # sum of the gains
     _exact: bool = True  # the residual is b − A x itself
-    _drifted: bool = False  # and differs so much from that of the recursion that this has to restart
+    _drifted: bool = False  # the exact residual differs too much: restart
     _restarts: Restarts = field(default_factory=Restarts)
-    _stuck: bool = False  # restarts gain nothing: x passes the tests now or never
-    _least: Iterate | None = None  # that of least residual
-    _still: int = 0  # steps in a row that move x by less than rounding
-    _lost: int = 0  # steps with a preconditioned residual that is not conjugate
-    _first_pass: int | None = None  # iterations when the tests were first passed
-    _next_test: int = 0  # iterations before the tests are made again
-    _probed_until: int = 0  # iterations up to which the last probe holds: twice those it came after
+    _stuck: bool = False  # restarts gain nothing: last chance for the tests
+    _least: Iterate | None = None  # iterate with smallest residual
+    _still: int = 0  # successive steps below rounding of x
+    _lost: int = 0  # steps with loss of conjugacy
+    _first_pass: int | None = None  # iteration when the tests were first passed
+    _next_test: int = 0  # iteration of the next test
+    _probed_until: int = 0  # validity of the last probe: twice its iteration
 
     @property
     def done(self) -> int:
@@ -81,10 +82,11 @@ class Column:
         if not self._exact or self._still >= _STILL:
             yield from self._settle()
         if self.ended not in _KNOWN:
+            # Without reliable coefficients the error is unknown.
             self._error = np.inf
 
     def history(self) -> History:
-        """Return the last iterate and how the iteration ended."""
+        """Return the last iterate and the outcome."""
         error = self._error if np.isfinite(self._error) else None
         sizes = (self.size, self._error)
         tests = tuple(name for name, each in zip(TESTS, sizes, strict=True) if each <= self.rules.tolerance)
@@ -121,11 +123,13 @@ class Column:
             self._cg.restart()
 
     def _iterate(self) -> Steps:
-        """Make one step, and end if it cannot be made or passes the tests."""
+        """Make one step, or end if no step is possible. Then apply the tests."""
+        # 1. Limits on iterations and on steps without effect.
         cg = self._cg
         if self._still >= _STILL or self.rules.exhausted(self.residuals, self.size):
             self.ended = "stagnation" if self._still >= _STILL else "most iterations"
             return
+        # 2. Curvature p·A p. A flat direction may be a null vector of A.
         Ap = yield "A", cg.p
         if cg.curve(Ap):
             self.ended = failure(cg.p, Ap, (yield "|A|", cg.p))
@@ -147,13 +151,13 @@ class Column:
             self.ended = "stagnation"
 
     def _count(self, gain: float) -> None:
-        """Record by how much a step lowered ‖e‖_A²."""
+        """Record the reduction of ‖e‖_A² by a step."""
         self.gains.append(gain)
         self._gained += gain
         self._still = self._still + 1 if gain <= np.finfo(float).eps ** 2 * self._gained else 0
 
     def _precondition(self) -> Steps:
-        """Compute z = M r; end if z·r is not positive."""
+        """Compute z = M r, and end unless z·r > 0."""
         cg = self._cg
         cg.precondition((yield "M", cg.r))
         if not np.isfinite(cg.zr):
@@ -163,7 +167,7 @@ class Column:
             self.ended = "underflow" if tiny else "indefinite preconditioner"
 
     def _turn(self) -> None:
-        """Choose the next direction; end if too many were not conjugate."""
+        """Choose the next direction, and end after too many losses of conjugacy."""
         cg, cross = self._cg, self._cg.cross()
         self._lost += abs(cross) > _CONJUGATE * cg.zr and cg.zr > _DIGIT * cg.zr_before
         if self._lost >= _LOST:
@@ -176,7 +180,7 @@ class Column:
     # Residuals computed from x, and restarts
 
     def _replace_residual(self) -> Steps:
-        """Replace the residual of the recursion by b − A x where the tests may be passed."""
+        """Replace the recursive residual by b − A x where the tests may be passed."""
         cg = self._cg
         length, self.size = two_norm(cg.r), self.measure(cg.r)
         self._exact, self._drifted = self._near(length / self.residuals[-1]), False
@@ -189,7 +193,7 @@ class Column:
             self.ended = "matrix not finite"
 
     def _near(self, fall: float) -> bool:
-        """Return whether x may pass the tests, with a residual ``fall`` times as long as the last."""
+        """Return True if x may pass the tests, with a residual ``fall`` times the last."""
         count = len(self.residuals)
         if count & (count - 1) == 0:
             self._energy_norm = self.energy(self._cg.x)
@@ -200,7 +204,7 @@ class Column:
         return count >= self._next_test and small and close
 
     def _judge_restart(self) -> Steps:
-        """Record a restart; where these gain nothing any more, return to the best of them."""
+        """Record a restart. If restarts gain nothing any more, return to the best iterate."""
         cg = self._cg
         self._stuck = self._restarts.add((self.size, cg.x, cg.r), cg.error_bound())
         self._estimate()
@@ -215,7 +219,7 @@ class Column:
     # The tests
 
     def _passes(self) -> bool:
-        """Return whether x passes the tests, and did so a tenth of the iterations ago."""
+        """Return True if x passes the tests, and passed them a tenth of the iterations before."""
         self._estimate()
         if not self._small():
             self._first_pass, self._next_test = None, self.done + 1 + self.done // 20
@@ -229,7 +233,7 @@ class Column:
         return (self.size <= most or stop == "energy") and (self._error <= most or stop == "residual")
 
     def _confirm(self) -> Steps:
-        """End, unless the error is shown to be larger, or an eigenvalue to be smaller, than estimated."""
+        """End, unless further products reveal a larger error or a smaller eigenvalue than estimated."""
         cg = self._cg
         if self.rules.stop != "residual" and cg.r.any():
             yield from self._compare()
@@ -245,7 +249,7 @@ class Column:
             self.ended = "met"
 
     def _compare(self) -> Steps:
-        """Lower θ where the bound of the error is below r·r / (r·Ar)^½, which ‖e‖_A exceeds for any M."""
+        """Lower θ if the error bound is below r·r / (r·Ar)^½, a lower bound of ‖e‖_A for any M."""
         cg = self._cg
         Ar = yield "A", cg.r
         length = max(0.0, float(cg.r @ Ar)) ** 0.5
@@ -262,15 +266,15 @@ class Column:
     # After the end
 
     def _fall_back(self, least: Iterate) -> Steps:
-        """Return to the iterate of least residual, as later ones may follow a null vector of A."""
+        """Return to the iterate with smallest residual, as later iterates may follow a null vector of A."""
         cg = self._cg
         if not least[0] >= self.size:
             (self.size, cg.x, cg.r), self._exact = least, False
         if self.ended == "singular matrix" and (yield from is_rounding(cg.r, cg.x, self.b)):
-            self.ended = "stagnation"  # the load is in the range of A as far as it can be
+            self.ended = "stagnation"  # the load lies in the range of A, up to rounding
 
     def _settle(self) -> Steps:
-        """Compute b − A x of the last iterate, and estimate its error if that is possible."""
+        """Compute b − A x for the last iterate, and estimate its error if possible."""
         cg = self._cg
         exact = self.b - (yield "A", cg.x)
         differ = _differ(cg.r, exact)
@@ -278,7 +282,7 @@ class Column:
         self.residuals[-1] = two_norm(exact)
         self._error = np.inf
         if differ and self.ended == "loss of conjugacy":
-            self.ended = "stagnation"  # it is rounding, not the preconditioner
+            self.ended = "stagnation"  # caused by rounding, not by the preconditioner
         if self.ended == "stagnation":
             yield from self._precondition()
             cg.restart()

@@ -1,4 +1,4 @@
-"""Smallest Ritz value and curvatures: what the coefficients of conjugate gradients show of the matrix."""
+"""Smallest Ritz value and curvatures from the coefficients of conjugate gradients."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from agglo_core.problems.residuals.sizes import two_norm
 
 @dataclass(eq=False)
 class RitzValue:
-    """Smallest eigenvalue that takes part in a run of conjugate gradients, as the run sees it.
+    """Smallest active eigenvalue, estimated from a run of conjugate gradients.
 
-    The coefficients of the iteration are those of the Lanczos process, whose smallest Ritz value falls to
-    that eigenvalue. What it fell by in the latter half of the iterations it is taken to fall by once more.
+    The coefficients are those of the Lanczos process, with a smallest Ritz value that decreases to this
+    eigenvalue. The estimate extrapolates by the reduction over the second half of the iterations.
 
     Attributes
     ----------
     steps, ratios : list of float
-        Length of each step, and r·r after it over that before.
+            Length of each step, and the ratio of r·r after and before.
     least : float
-        The value when it was last asked for by :meth:`refresh`.
+            Value at the last :meth:`refresh`.
     """
 
     steps: list[float] = field(default_factory=list)
@@ -34,16 +34,16 @@ class RitzValue:
     _at: int = 0
 
     def add(self, step: float, ratio: float) -> None:
-        """Take the coefficients of an iteration."""
+        """Append the coefficients of an iteration."""
         self.steps.append(step)
         self.ratios.append(ratio)
 
     def restart(self) -> None:
-        """Begin with a new run of the same matrix; what is known of the value is kept."""
+        """Begin a new run with the same matrix, keeping the value."""
         self.steps, self.ratios, self._at = [], [], 0
 
     def refresh(self) -> float:
-        """The value with all iterations so far; infinite without any."""
+        """Return the value from all iterations so far, or ∞ without iterations."""
         count = len(self.steps)
         if count != self._at:
             lowest, before = (
@@ -54,12 +54,12 @@ class RitzValue:
 
 
 def ritz_value(steps: Sequence[float], ratios: Sequence[float], *, largest: bool = False) -> float:
-    """Smallest or largest eigenvalue of the tridiagonal matrix of some iterations of conjugate gradients.
+    """Return the smallest or largest eigenvalue of the tridiagonal matrix of conjugate gradients.
 
     Parameters
     ----------
     steps, ratios : sequence of float
-        α of k iterations and β of all but the last.
+            α of k iterations, and β of all except the last.
     largest : bool
     """
     from scipy.linalg import eigvalsh_tridiagonal
@@ -72,9 +72,9 @@ def ritz_value(steps: Sequence[float], ratios: Sequence[float], *, largest: bool
 
 
 _FLAT = 1e-8
-"""Part of the largest curvature of the directions so far below which one may be a null vector."""
+"""Curvature below this factor times the largest curvature suggests a null vector."""
 _NULL = 1e-6
-"""Part of |A| |p| that A p of a null vector p is below: the square root of rounding, and some more."""
+"""For a null vector p, A p is below this factor times |A| |p|: slightly above the square root of rounding."""
 
 
 @dataclass(eq=False)
@@ -84,29 +84,29 @@ class Curvatures:
     Attributes
     ----------
     flat : bool
-        The last one is so far below the largest that its direction may be a null vector of A.
+            True if the last curvature is so far below the largest that p may be a null vector of A.
     """
 
     flat: bool = False
     _largest: float = 0.0
 
     def add(self, curvature: float, size: float) -> bool:
-        """Take the curvature of the next direction and p·M⁻¹p; return whether it is flat."""
+        """Add the curvature of the next direction with its p·M⁻¹p, and return True if flat."""
         self._largest = max(self._largest, curvature / size)
         self.flat = curvature <= _FLAT * self._largest * size
         return self.flat
 
 
 def failure(p: Float, Ap: Float, magnitudes: Float) -> Ended:
-    """Failure that a flat direction p shows: a singular or indefinite matrix; empty if there is none.
+    """Return the failure that a flat direction p reveals (singular or indefinite matrix), or an empty text.
 
-    A null vector of A to rounding makes it singular.
+    A null vector of A, up to rounding, makes A singular.
 
     Parameters
     ----------
     p, Ap : (n,) float
     magnitudes : (n,) float
-        |A| |p|, or 0 if A is not known entry by entry: then no vector is called a null vector.
+            |A| |p|, or 0 if A has no entries. Then no vector counts as null vector.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Plain conjugate gradients, whose iterates are judged some iterations later."""
+"""Plain conjugate gradients with tests that look some iterations ahead."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from agglo_core.progress import Tell, to_nobody
 
 _ILL_CONDITIONED = "the matrix is singular, or nearly so: "
 _AHEAD = 10
-"""Iterations by which the look-ahead follows an iterate, and that part of those done."""
+"""Minimum look-ahead in iterations, and divisor of the iteration number for larger look-aheads."""
 
 
 def conjugate_gradients(
@@ -31,7 +31,7 @@ def conjugate_gradients(
     energy: Measure | None = None,
     tell: Tell = to_nobody,
 ) -> History:
-    """Plain conjugate gradients from 0 until residual and energy error are ``tolerance`` or less.
+    """Run plain conjugate gradients from 0 until residual and energy error are at most ``tolerance``.
 
     Parameters
     ----------
@@ -39,28 +39,28 @@ def conjugate_gradients(
     b : (n,) float
     tolerance : float
     most : int
-        Iterations.
+            Maximum number of iterations.
     measure : callable, optional
-        Of residuals; by default :func:`~agglo_core.problems.residuals.row_scales.row_measure`.
+            Measure of residuals. Default: :func:`~agglo_core.problems.residuals.row_scales.row_measure`.
     energy : callable, optional
-        Of x: the norm that ‖e‖_A is compared with, e being the error; by default (b·x)^½.
+            Function of x: the norm to compare ‖e‖_A with, for the error e. Default: (b·x)^½.
     tell : callable, optional
-        Told how far the iteration has come, see :func:`iterated`.
+            Receives the progress of the iteration, see :func:`iterated`.
 
     Notes
     -----
-    Where the residual of the recursion is small enough b − A x is computed, and the iteration continues for
-    some steps whose coefficients give ‖e‖_A; these steps are not counted if x is right. If b − A x turns out
-    to be another vector the recursion restarts from it, and is given up once that gains nothing. So the count
-    is that of the first iterate which is right, as in the paper's tables;
-    :func:`~agglo_core.multigrid.krylov.pcg.pcg` counts all iterations.
+    If the recursive residual is small enough, b − A x is computed, and the iteration continues for some steps
+    with coefficients that give ‖e‖_A. These steps are not counted if x is accepted. If b − A x differs, the
+    recursion restarts from b − A x, and ends when restarts gain nothing. Hence the count is the number of the
+    first accepted iterate, as in the paper's tables, while :func:`~agglo_core.multigrid.krylov.pcg.pcg`
+    counts all iterations.
 
-    Values imposed by penalties on the diagonal are taken out of the system first, unless ``measure`` or
-    ``energy`` is given (:func:`~agglo_core.problems.residuals.row_scales.lifted`). Rows with penalties are
-    scaled to the size of the others, as products with such numbers leave no digits to the others.
+    Values imposed by diagonal penalties are eliminated first, unless ``measure`` or ``energy`` is given
+    (:func:`~agglo_core.problems.residuals.row_scales.lifted`). Rows with penalties are scaled to the size of
+    other rows, because such large numbers leave no digits to the others.
 
-    As in MATLAB's ``pcg``, an iteration that does not converge returns the iterate of smallest residual,
-    whose number is the length of the history; ``reason`` says how many iterations were done.
+    As in MATLAB's ``pcg``, an iteration without convergence returns the iterate with smallest residual, and
+    its number is the length of the history. ``reason`` gives the number of iterations done.
 
     Examples
     --------
@@ -77,6 +77,7 @@ def conjugate_gradients(
         tests = row_measure(A, load), energy_of_solution(load)
         history = conjugate_gradients(A, load, tolerance, most, *tests, tell)
         return replace(history, x=frozen_float(offset + history.x)) if offset.any() else history
+    # 1. Start from 0, with the row weights as preconditioner.
     weights = _weights(A)
     cg = Recursion(np.zeros(len(b)), b.copy())
     cg.precondition(_weighted(weights, cg.r))
@@ -87,6 +88,7 @@ def conjugate_gradients(
     residuals, sizes, best, smallest = [_length(cg, weights)], [ahead.measure(cg.r)], cg.x, 0
     gains: list[float] = []
     ahead.met, ahead.ended = not b.any(), "underflow" if b.any() and not cg.zr else ""
+    # 2. Iterate until the look-ahead accepts or gives up.
     while not (ahead.met or ahead.ended) and (len(gains) < most or ahead.x is not None):
         Ap = A @ cg.p
         ahead.ended = _breakdown(A, cg, Ap)
@@ -101,6 +103,7 @@ def conjugate_gradients(
         if sizes[-1] < sizes[smallest]:
             best, smallest = cg.x, len(sizes) - 1
         tell(*iterated(len(gains), sizes[-1], tolerance))
+    # 3. Converged: cut the history at the accepted iterate.
     if ahead.met:
         x = cg.x if ahead.x is None else ahead.x
         kept = frozen_float(residuals[: ahead.at + 1])
@@ -109,7 +112,7 @@ def conjugate_gradients(
         return History(
             frozen_float(x), kept, True, MET, ahead.error, TESTS, "met", gains=won, energy_norm=norm
         )
-    exact = b - A @ best  # rounding may keep it from the residual of the recursion
+    exact = b - A @ best  # may differ from the recursive residual by rounding
     size = max(sizes[smallest], ahead.measure(exact))
     reason = ahead.reason(size, smallest, len(gains)) + joints_told(A)
     kept = frozen_float([*residuals[:smallest], max(residuals[smallest], float(np.linalg.norm(exact)))])
@@ -118,7 +121,7 @@ def conjugate_gradients(
 
 
 def _breakdown(A: Any, cg: Recursion, Ap: Float) -> Ended:
-    """Return why no step can be made along p, or nothing."""
+    """Return the reason if no step along p is possible, or an empty text."""
     if cg.curve(Ap):
         ended = failure(cg.p, Ap, magnitudes(A, cg.p))
         if ended in ("singular matrix", "indefinite matrix"):
@@ -128,10 +131,10 @@ def _breakdown(A: Any, cg: Recursion, Ap: Float) -> Ended:
 
 @dataclass(eq=False)
 class _LookAhead:
-    """Decide whether an iterate is right from the steps that follow it.
+    """Accept or reject an iterate by the steps after it.
 
-    The candidate ``x`` is that of iteration ``at``, its energy norm is ``energy_norm``. What the steps after
-    it take from ‖e‖_A² and the bound at the last one add up to its error.
+    The candidate ``x`` is the iterate of iteration ``at``, with energy norm ``energy_norm``. Its error is the
+    sum of the reductions of ‖e‖_A² by later steps and the bound at the last step.
     """
 
     A: Any
@@ -146,18 +149,20 @@ class _LookAhead:
     x: Float | None = None
     at: int = 0
     energy_norm: float = 0.0
-    _text: str = ""  # of the reason, if not that of ``ended``
+    _text: str = ""  # text of the reason, if not determined by ``ended``
     _gained: float = 0.0
     _drift: float = 0.0
     _restarts: Restarts = field(default_factory=lambda: Restarts(patience=1))
 
     def check(self, cg: Recursion, done: int) -> float:
-        """Return the size of the residual after step number ``done``, that of b − A x where it decides."""
+        """Return the residual size after step ``done``, of b − A x where this decides."""
+        # 1. With a candidate: add the gain, and decide after the look-ahead.
         size = self.measure(cg.r)
         if self.x is not None:
             self._gained += cg.gain
             if done >= self.at + max(_AHEAD, self.at // _AHEAD) or not cg.zr:
                 self._decide(cg)
+        # 2. Without candidate: compute b − A x if x is likely accurate.
         elif size <= self.tolerance and self._likely(cg):
             exact = self.b - self.A @ cg.x
             size = max(size, self.measure(exact))
@@ -171,9 +176,9 @@ class _LookAhead:
         return size
 
     def _likely(self, cg: Recursion) -> bool:
-        """Return whether the bound of the error at this step is small enough."""
+        """Return True if the error bound at this step is small enough."""
         if self.energy_norm and not size_ratio(cg.error_bound(), self.energy_norm) <= self.tolerance:
-            return False  # even by an earlier Ritz value
+            return False  # by an earlier, larger Ritz value
         if not self._has_spectrum(cg):
             return False
         self.energy_norm = self.energy(cg.x)
@@ -181,7 +186,7 @@ class _LookAhead:
         return self.error <= self.tolerance
 
     def _decide(self, cg: Recursion) -> None:
-        """Accept the candidate if its error is small, or discard it."""
+        """Accept the candidate if its error is small, or discard the candidate."""
         if not self._has_spectrum(cg):
             return
         rounding = self._drift / float(np.sqrt(cg.ritz.least))
@@ -194,13 +199,13 @@ class _LookAhead:
                 self._restart(cg, self.b - self.A @ cg.x)
 
     def _has_spectrum(self, cg: Recursion) -> bool:
-        """Refresh the smallest Ritz value; end if it is not positive."""
+        """Refresh the smallest Ritz value, and end unless it is positive."""
         if not cg.ritz.refresh() > 0.0:
             self.ended, self._text = "singular matrix", _ILL_CONDITIONED
         return not self.ended
 
     def _restart(self, cg: Recursion, exact: Float) -> None:
-        """Restart from b − A x; end if the restart before has gained nothing."""
+        """Restart from b − A x, and end if the previous restart has gained nothing."""
         cg.r = exact
         cg.precondition(_weighted(self.weights, exact))
         cg.restart()
@@ -208,14 +213,14 @@ class _LookAhead:
             self.ended = "stagnation"
 
     def reason(self, size: float, at: int, done: int) -> str:
-        """Describe an iteration that has not converged."""
+        """Describe an iteration without convergence."""
         near = f", energy error about {self.error:.1e}" if size <= self.tolerance else ""
         wanted = f"smallest relative residual {size:.1e} in iteration {at} of {done}{near}"
         return f"{self._text or SAID.get(self.ended, '')}{wanted}, wanted {self.tolerance:.1e}"
 
 
 def _weights(A: Any) -> Float | None:
-    """Weights ``(n,)`` that scale rows with penalties to the size of the others; None without such rows."""
+    """Return weights ``(n,)`` that scale penalty rows to the size of other rows, or None."""
     rows = penalised_rows(A)
     if not len(rows):
         return None
@@ -231,5 +236,5 @@ def _weighted(weights: Float | None, r: Float) -> Float:
 
 
 def _length(cg: Recursion, weights: Float | None) -> float:
-    """‖r‖, which is known from r·r without weights."""
+    """Return ‖r‖, known from r·r without weights."""
     return float(np.sqrt(cg.zr)) if weights is None else two_norm(cg.r)

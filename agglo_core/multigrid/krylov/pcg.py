@@ -1,4 +1,4 @@
-"""Conjugate gradients with a preconditioner, for one right-hand side or several."""
+"""Preconditioned conjugate gradients for one or several right-hand sides."""
 
 from __future__ import annotations
 
@@ -36,68 +36,68 @@ def pcg(
     energy: Measure | None = None,
     tell: Tell = to_nobody,
 ) -> History:
-    """Conjugate gradients with a preconditioner.
+    """Solve A x = b by preconditioned conjugate gradients.
 
     Parameters
     ----------
     A : (n, n) sparse, array or LinearOperator
-        Symmetric, positive definite.
+            Symmetric positive definite matrix.
     b : (n,) float
     M : (n, n) sparse, array or LinearOperator, or callable, optional
-        Approximate inverse of A, symmetric and positive definite, such as a cycle; maps a residual ``(n,)``
-        to a correction ``(n,)``.
+            Approximate inverse of A, symmetric and positive definite, such as a cycle. Maps a residual
+            ``(n,)`` to a correction ``(n,)``.
     x0 : (n,) float, optional
-        To start from; by default 0.
+            Initial iterate. Default: 0.
     tolerance : float
-        Between 0 and 1.
+            Tolerance between 0 and 1.
     most : int
-        Iterations.
+            Maximum number of iterations.
     beta : "flexible" or "fletcher-reeves"
-        What of the last direction is kept: z·(r − r_before) / (z·r)_before (Polak–Ribière), which bears
-        with an M that changes a little or is not quite symmetric; or z·r / (z·r)_before, one product less.
+            Coefficient of the last direction: z·(r − r_before) / (z·r)_before (Polak–Ribière) tolerates an M
+            that changes a little or is slightly unsymmetric. z·r / (z·r)_before saves one product.
     stop : "energy", "residual" or "both"
-        What has to be ``tolerance`` or less: the estimate of the energy error, the measure of b − A x, or
-        both. Both are told in any case.
+            Quantities required to be at most ``tolerance``: the estimated energy error, the measure of b − A
+            x, or both. Both are reported in any case.
     probe : bool
-        Whether to look once, before converged is said, for eigenvalues of M A that b does not show, from a
-        random vector. That takes as many steps as lose four digits of its z·r, some three to five if M is
-        good; it is not needed where M is known to be good.
+            Before convergence, search once from a random vector for eigenvalues of M A that b does not show.
+            The search stops when z·r has lost four digits: three to five steps for a good M. Not necessary
+            for an M known to be good.
     pace : float, optional
-        Iterations that the residual may need in all, if it goes on to fall as in the first five: a slower
-        iteration ends there, as if five were ``most``. For an M whose quality is unknown.
+            Maximum total iterations, extrapolated from the reduction in the first five. A slower iteration
+            ends there, as if five were ``most``. For an M with unknown quality.
     measure : callable, optional
-        Of residuals; by default ‖r‖ / ‖b‖ or, if rows of A differ in size by a hundred and more,
-        :func:`~agglo_core.problems.residuals.row_scales.row_measure`.
+            Measure of residuals. Default: ‖r‖ / ‖b‖ or, if row sizes of A differ by a factor above 100,
+            :func:`~agglo_core.problems.residuals.row_scales.row_measure`.
     energy : callable, optional
-        Of x: the norm that ‖e‖_A is compared with, e being the error; by default (b·x)^½.
+            Function of x: the norm to compare ‖e‖_A with, for the error e. Default: (b·x)^½.
     tell : callable, optional
-        Told how far the iteration has come.
+            Receives the progress of the iteration.
 
     Returns
     -------
     History
-        With the last iterate, converged or not: its energy error is the smallest. After a breakdown it is the
-        iterate of least residual. ``ended`` names what broke down; where ``preconditioner_failed``, one in
-        double precision may go on from ``x``. A matrix on which an iteration finds a null vector is reported
-        as singular, and b as not in its range.
+            History with the last iterate, which has the smallest energy error, converged or not. After a
+            breakdown with the iterate of smallest residual. ``ended`` names the breakdown. After
+            ``preconditioner_failed``, an M in double precision may continue from ``x``. If a null vector of
+            the matrix is found, the matrix is reported as singular, and b as outside its range.
 
     Raises
     ------
     OptionError
-        For shapes that do not fit, values that are not real or not finite, options that are none.
+            For shapes that do not fit, values that are not real or not finite, or unknown options.
 
     Notes
     -----
-    Converged is said only of b − A x, computed from x: where the tests may be passed it takes the place of
-    the recursion's residual, and if the two differ by a tenth the iteration starts afresh from it, and is
-    given up once that gains nothing. The energy error is bounded by means of the smallest Ritz value of M A,
-    taken to fall by once more what it has fallen by; the tests have to be passed again after a tenth more
-    iterations, and with what the probe finds, so that slow modes show.
+    Convergence is always based on b − A x, computed from x. This vector replaces the recursive residual where
+    the tests may be passed. If both differ by a tenth, the iteration restarts, and ends when restarts gain
+    nothing. The energy error is bounded with the smallest Ritz value of M A, extrapolated by its last
+    reduction. The tests must be passed again after a tenth more iterations, and with the probe's eigenvalues,
+    so that slow modes are noticed.
 
-    Values that are imposed by large numbers on the diagonal of A are taken out of the system first
-    (:func:`~agglo_core.problems.residuals.row_scales.lifted`), unless ``measure`` or ``energy`` is given:
-    residuals and energies are then those of the other unknowns. Without that these numbers times the values
-    imposed make up all of ‖b‖ and of ‖x‖_A, and nothing is said of the other unknowns.
+    Values imposed by large diagonal numbers are eliminated first
+    (:func:`~agglo_core.problems.residuals.row_scales.lifted`), unless ``measure`` or ``energy`` is given.
+    Residuals and energies then describe the other unknowns. Otherwise the penalties times imposed values
+    would dominate ‖b‖ and ‖x‖_A, and hide the other unknowns.
 
     Examples
     --------
@@ -137,10 +137,11 @@ def pcg_columns(
     pace: float | None = None,
     tell: Tell = to_nobody,
 ) -> tuple[History, ...]:
-    """:func:`pcg` for several right-hand sides ``b (n, k)``, from ``x0 (n, k)``: a history of each column.
+    """Run :func:`pcg` for several right-hand sides ``b (n, k)`` from ``x0 (n, k)``, with a history per
+    column.
 
-    Each column has its own iteration, whose count and answer do not depend on the others; products with A,
-    and with an M that is not a callable, are computed together.
+    Each column has its own iteration, with count and result independent of the others. Products with A, and
+    with an M that is not a function, are computed together.
 
     Examples
     --------
@@ -162,11 +163,11 @@ def pcg_columns(
 
 
 def _lifted_columns(A: Any, b: Float, M: Any, x0: Float, rules: Rules, tell: Tell) -> tuple[History, ...]:
-    """Iterate on what is left of A x = b ``(n, k)`` without the values imposed by penalties."""
+    """Iterate on A x = b ``(n, k)`` after elimination of the values imposed by penalties."""
     rows = penalised_rows(A)
     offset, load = lifted(A, b, rows)
     start = x0 - offset
-    start[rows] = 0.0  # x0 − offset would be rounding there, times the penalty
+    start[rows] = 0.0  # x0 − offset is rounding error here, times the penalty
     columns = [
         Column(each, y, rules, row_measure(A, each), energy_of_solution(each))
         for each, y in zip(np.ascontiguousarray(load.T), np.ascontiguousarray(start.T), strict=True)
@@ -181,13 +182,14 @@ def _lifted_columns(A: Any, b: Float, M: Any, x0: Float, rules: Rules, tell: Tel
 
 
 def _iterate(A: Any, M: Any, columns: Sequence[Column], tell: Tell) -> None:
-    """Run the iterations of all columns side by side, each product for all that ask for it."""
+    """Run the iterations of all columns side by side, with joint products."""
 
     def sizes(vectors: list[Float]) -> list[Float]:
         return [magnitudes(A, each) for each in vectors]
 
     products = {"A": _product("A", fast_product(A)), "M": _product("M", M), "|A|": sizes}
     running: list[tuple[Column, Steps, Any]] = [(column, column.run(), None) for column in columns]
+    # In each round, collect the requests of all columns, and answer them by operator.
     while running:
         asked = [(column, steps, *_next(steps, answer)) for column, steps, answer in running]
         running = []
@@ -201,7 +203,7 @@ def _iterate(A: Any, M: Any, columns: Sequence[Column], tell: Tell) -> None:
 
 
 def _next(steps: Steps, answer: Any) -> Request | tuple[None, None]:
-    """What an iteration asks for next; None once it has ended."""
+    """Return the next request of an iteration, or None after its end."""
     try:
         return steps.send(answer)
     except StopIteration:
@@ -209,7 +211,7 @@ def _next(steps: Steps, answer: Any) -> Request | tuple[None, None]:
 
 
 def _product(name: str, operator: Any) -> Callable[[list[Float]], list[Float]]:
-    """The product of an operator with some vectors."""
+    """Return the joint product of an operator with several vectors."""
     if operator is None:
         return lambda vectors: vectors
     if not hasattr(operator, "shape"):

@@ -1,4 +1,4 @@
-"""Stopping rules of conjugate gradients, with restarts and a probe for modes that b hides."""
+"""Stopping rules of conjugate gradients, restarts, and a probe for modes hidden by b."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from agglo_core.problems.residuals.backward_error import LIMIT
 from agglo_core.problems.residuals.sizes import two_norm
 
 TRIAL = 5
-"""Iterations after which the pace is judged."""
+"""Number of iterations before the pace is judged."""
 
 Beta = Literal["flexible", "fletcher-reeves"]
 Stop = Literal["energy", "residual", "both"]
 
 Request = tuple[Literal["A", "M", "|A|"], Float]
-"""A product that is needed: the operator, and the vector ``(n,)``; ``|A|`` asks for |A| |x|, or less."""
+"""Requested product: operator and vector ``(n,)``. ``|A|`` requests |A| |x| or a lower bound."""
 
 Steps = Generator[Request, Float, None]
-"""Of an iteration: it is sent the products that it asks for."""
+"""Iteration that yields requests and receives products."""
 
 SAID = MappingProxyType[Ended, str](
     {
@@ -40,12 +40,12 @@ SAID = MappingProxyType[Ended, str](
         "underflow": "r·r is too small for floating-point numbers, scale b: ",
     }
 )
-"""Ends, as people are told of them."""
+"""Explanations of each end for reasons."""
 
 
 @dataclass(frozen=True)
 class Rules:
-    """Until when, and how, to iterate; see :func:`agglo_core.multigrid.krylov.pcg.pcg`."""
+    """Parameters of the iteration, see :func:`agglo_core.multigrid.krylov.pcg.pcg`."""
 
     tolerance: float
     most: int
@@ -55,14 +55,14 @@ class Rules:
     pace: float | None = None
 
     def exhausted(self, residuals: Sequence[float], size: float) -> bool:
-        """Whether the iteration is too long, or its first steps are too slow.
+        """Return True if the iteration is too long, or its first steps are too slow.
 
         Parameters
         ----------
         residuals : sequence of float
-            2-norms so far.
+                2-norms so far.
         size : float
-            Relative size of the last one.
+                Relative size of the last residual.
         """
         done = len(residuals) - 1
         if self.pace is None or done != TRIAL or size <= self.tolerance:
@@ -72,19 +72,19 @@ class Rules:
 
 
 Iterate = tuple[float, Float, Float]
-"""The relative size of b − A x, x and b − A x."""
+"""Relative size of b − A x, x, and b − A x."""
 
 
 @dataclass(eq=False)
 class Restarts:
-    """Restarts from b − A x, where the residual of the recursion has become another vector.
+    """Restarts from b − A x after drift of the recursive residual.
 
     Attributes
     ----------
     best : tuple
-        The iterate of least residual among them.
+            Iterate with smallest residual among the restarts.
     patience : int
-        Restarts in a row that may gain nothing: rounding differs from one to the next.
+            Number of successive restarts allowed without gain, because rounding differs between restarts.
     """
 
     best: Iterate = (np.inf, frozen_float([]), frozen_float([]))
@@ -93,9 +93,9 @@ class Restarts:
     _idle: int = 0
 
     def add(self, iterate: Iterate, bound: float = 1.0) -> bool:
-        """Record a restart, and a bound of its error if known; return whether these gain nothing any more.
+        """Record a restart with its error bound if known, and return True if restarts gain nothing any more.
 
-        Where rounding lets neither the residual nor the bound of the error fall they go up and down.
+        Where rounding prevents further reduction, residual and error bound go up and down.
         """
         idle = iterate[0] > 0.5 * self.best[0] and bound > 0.5 * self._bound
         self._idle, self._bound = (self._idle + 1 if idle else 0), min(bound, self._bound)
@@ -105,23 +105,23 @@ class Restarts:
 
 
 _MORE = 4
-"""Steps of a probe beyond twice the iterations done."""
+"""Maximum steps of a probe beyond twice the iterations done."""
 _FALL = 1e-4
-"""Part of its start to which z·r has to fall: by then every mode with a share like others' was seen."""
+"""Reduction of z·r that ends a probe: then every mode with an average share has been seen."""
 
 
 def probed(n: int, done: int) -> Generator[Request, Float, float]:
-    """Smallest Ritz value of M A after some steps from a random vector ``(n,)``.
+    """Estimate the smallest Ritz value of M A by steps from a random vector ``(n,)``.
 
-    Steps are at most four beyond twice the iterations ``done``; if M is good they end long before. No mode
-    can hide because b lacks it. Where that vector leads to a null vector of A, the steps are repeated
+    The number of steps is at most four plus twice the iterations ``done``, and much smaller for a good M. No
+    mode can hide by its absence from b. If the vector leads to a null vector of A, the steps are repeated
     from a random vector in the range of A.
 
     Returns
     -------
     float
-        An eigenvalue nearly, taken to fall by once more what it fell by in the latter half of the steps; 0 if
-        A or M is found not to be positive definite.
+            Approximate eigenvalue, extrapolated by the reduction over the second half of the steps, or 0 if A
+            or M is not positive definite.
     """
     most, start = _MORE + 2 * done, np.random.default_rng(n).normal(size=n)
     least = yield from _smallest_ritz_value(start, most)
@@ -131,7 +131,7 @@ def probed(n: int, done: int) -> Generator[Request, Float, float]:
 
 
 def _smallest_ritz_value(r: Float, most: int) -> Generator[Request, Float, float | None]:
-    """Smallest Ritz value from a residual; 0 for indefinite operators, None where A has a null vector."""
+    """Return the smallest Ritz value, 0 for indefinite operators, or None if A has a null vector."""
     cg = Recursion(np.zeros(len(r)), r)
     cg.precondition((yield "M", r))
     cg.restart()
@@ -153,6 +153,6 @@ def _smallest_ritz_value(r: Float, most: int) -> Generator[Request, Float, float
 
 
 def is_rounding(r: Float, x: Float, b: Float) -> Generator[Request, Float, bool]:
-    """Whether the residual r = b − A x is no more than what rounding to x and to entries of A makes of it."""
+    """Return True if r = b − A x is within the rounding of x and of entries of A."""
     magnitudes = yield "|A|", x
     return two_norm(r) <= 0.5 * LIMIT * two_norm(magnitudes + np.abs(b))
