@@ -1,4 +1,4 @@
-"""Multigrid on agglomerates: stacks of levels, cycles, and what they are made of."""
+"""Multigrid on agglomerates: level stacks, cycles, and their components."""
 
 from agglo_core.multigrid.coarse_solve import COARSE_SOLVERS, coarse_solver, direct_solver, symmetric_lu
 from agglo_core.multigrid.coarsening.aggregation import aggregation_stack, blockwise, pointwise

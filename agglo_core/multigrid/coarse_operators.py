@@ -1,4 +1,4 @@
-"""Coarse operators: the matrices of coarse levels."""
+"""Coarse operators: matrices of coarse levels."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from agglo_core.problems import Coarsening
 
 
 class Galerkin:
-    """Pᵀ A P: coarse corrections are the best in the energy norm."""
+    """Galerkin operator Pᵀ A P: coarse corrections are optimal in the energy norm."""
 
     def coarse_matrix(self, step: Coarsening, P: Any) -> Any:
         """Return the matrix ``(m, m)``."""
@@ -18,7 +18,7 @@ class Galerkin:
 
 
 class Rediscretised:
-    """The problem discretised anew on the agglomerates, with sizes and penalty of their own."""
+    """Rediscretisation on the agglomerates, with their own sizes and penalty."""
 
     def coarse_matrix(self, step: Coarsening, P: Any) -> Any:
         """Return the matrix ``(m, m)``.
@@ -26,9 +26,9 @@ class Rediscretised:
         Raises
         ------
         OptionError
-            If there is no discretisation, as of a linear system, or P leads to other unknowns than its.
+                Without a discretisation, as for linear systems, or if P maps to other unknowns.
         MeshError
-            For agglomerates that overlap themselves.
+                For self-overlapping agglomerates.
         """
         if step.rediscretised is None:
             raise OptionError(

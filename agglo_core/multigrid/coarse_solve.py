@@ -1,4 +1,4 @@
-"""Direct solution, of the coarsest level and of subdomains: by an inverse or a sparse factorisation."""
+"""Direct solvers for the coarsest level and subdomains, by inverses or sparse factorisations."""
 
 from __future__ import annotations
 
@@ -14,32 +14,32 @@ from agglo_core.arrays import Float
 from agglo_core.errors import OptionError
 from agglo_core.multigrid.stack import Real, Solve
 
-_MOST = 5_000  # unknowns, for a dense inverse: 200 MB and some 20 seconds
+_MOST = 5_000  # maximum unknowns of a dense inverse: 200 MB, about 20 seconds
 _ROUNDING = 3e-15
-"""Eigenvalues of a matrix of unit diagonal below this, times its size, are those of its null space."""
+"""Null-space bound: eigenvalues below this times n, for a matrix of size n with unit diagonal."""
 _SHIFT = 1e-11
-"""Added to the unit diagonal of a singular matrix that is too large for an inverse."""
+"""Shift of the unit diagonal for singular matrices too large for an inverse."""
 
 
 def direct_solver(A: Any, dtype: Any = np.float64, dense: int = 1500) -> Solve:
     """Return a function that solves A x = b for a symmetric matrix without negative eigenvalues.
 
-    Up to ``dense`` unknowns by an inverse, larger matrices by a sparse factorisation. For a singular matrix,
-    such as that of a problem with Neumann boundary alone, b must be in its range; the solution is then one of
-    many.
+    Matrices with up to ``dense`` unknowns are inverted, larger matrices use a sparse factorisation. For a
+    singular matrix, as for pure Neumann problems, b must be in the range of A, and the solution is not
+    unique.
 
     Parameters
     ----------
     A : (n, n) sparse
     dtype : numpy dtype
-        Of the solutions; matrices are factorised in double precision.
+            Type of the solutions. Matrices are factorised in double precision.
     dense : int
 
     Raises
     ------
     LinAlgError
-        If the matrix is not finite or has a negative diagonal entry, or, up to ``dense`` unknowns, another
-        negative eigenvalue.
+            If the matrix is not finite or has a negative diagonal entry, or, for up to ``dense`` unknowns,
+            any negative eigenvalue.
 
     Examples
     --------
@@ -68,7 +68,7 @@ class _ByInverse:
 
 
 class _ByFactors:
-    """Solution by sparse factors, which are made again when it is unpickled: SuperLU has no pickled form."""
+    """Solution by sparse factors, recomputed after unpickling, because SuperLU objects cannot be pickled."""
 
     def __init__(self, M: Any, dtype: Any) -> None:
         self.M, self.dtype = M, dtype
@@ -92,7 +92,7 @@ class _ByFactors:
 
 
 class _ScaledFactors(_ByFactors):
-    """Solution by the factors of a matrix scaled to a unit diagonal, shifted where it is singular."""
+    """Solution by the factors of a matrix scaled to unit diagonal, shifted if singular."""
 
     def __init__(self, M: Any, scale: Float, dtype: Any) -> None:
         self.scale, self.regular = scale, True
@@ -111,25 +111,24 @@ class _ScaledFactors(_ByFactors):
     def __call__(self, b: Real) -> Real:
         r = self.scale * np.asarray(b, np.float64)
         x = self.factors.solve(r)
-        for _ in range(0 if self.regular else 2):  # polynomials in the matrix: symmetric still
+        for _ in range(0 if self.regular else 2):  # polynomials in the matrix, hence still symmetric
             x = x + self.factors.solve(r - self.M @ x)
         return np.asarray(self.scale * x, self.dtype)
 
 
 def dense_solve(A: Any, dtype: Any = np.float64) -> Solve:
-    """Solve by the inverse, from a dense Cholesky factorisation: for up to about 1,500 unknowns.
+    """Return a solver by the inverse, from a dense Cholesky factorisation, for up to about 1,500 unknowns.
 
-    The matrix is first scaled to a unit diagonal. If it is semidefinite to rounding, that is if the trace of
-    its inverse is above 1 / (n · 3e-15), the pseudo-inverse of the scaled matrix takes the place of the
-    inverse: eigenvalues below n · 3e-15 times the largest count as 0, and a right-hand side loses its part in
-    their eigenvectors.
+    The matrix is first scaled to unit diagonal. For a matrix semidefinite to rounding, with an inverse of
+    trace above 1 / (n · 3e-15), the pseudo-inverse of the scaled matrix is used: eigenvalues below n · 3e-15
+    times the largest count as 0, and components of the right-hand side along their eigenvectors are removed.
 
     Raises
     ------
     OptionError
-        For more than 5,000 unknowns.
+            For more than 5,000 unknowns.
     LinAlgError
-        If the matrix has a negative eigenvalue, or entries that are not finite.
+            If the matrix has a negative eigenvalue, or entries that are not finite.
     """
     n = A.shape[0]
     if n > _MOST:
@@ -141,7 +140,7 @@ def dense_solve(A: Any, dtype: Any = np.float64) -> Solve:
 
 
 def _to_unit_diagonal(A: Any) -> Float:
-    """The factors ``(n,)`` of rows and columns that give the matrix a unit diagonal."""
+    """Return the scaling factors ``(n,)`` of rows and columns to unit diagonal."""
     n, diagonal = A.shape[0], A.diagonal()
     if not np.isfinite(A.data).all():
         raise np.linalg.LinAlgError(f"the matrix to be factorised ({n} rows) has entries that are not finite")
@@ -154,12 +153,12 @@ def _to_unit_diagonal(A: Any) -> Float:
 
 
 def _inverse(A: Float) -> Float:
-    """Inverse, or pseudo-inverse, of a matrix with a unit diagonal."""
+    """Return the inverse or pseudo-inverse of a matrix with unit diagonal."""
     least = len(A) * _ROUNDING
     factor, failed = dpotrf(A, lower=1)
     if not failed:
         half, failed = dpotri(factor, lower=1)
-        if not failed and half.trace() * least < 1.0:  # pivots alone may hide a small eigenvalue
+        if not failed and half.trace() * least < 1.0:  # pivots alone do not reveal small eigenvalues
             return np.asarray(np.tril(half) + np.tril(half, -1).T)
     values, vectors = np.linalg.eigh(A)
     if values[0] < -least * max(values[-1], 1.0):
@@ -172,7 +171,9 @@ def _inverse(A: Float) -> Float:
 
 
 def lu_solve(A: Any, dtype: Any = np.float64) -> Solve:
-    """Solve by a sparse LU factorisation in double precision (SuperLU); right-hand sides may be in single.
+    """Return a solver by sparse LU factorisation in double precision (SuperLU).
+
+    Right-hand sides may be in single precision.
 
     Raises
     ------
@@ -183,10 +184,10 @@ def lu_solve(A: Any, dtype: Any = np.float64) -> Solve:
 
 
 def symmetric_lu(M: Any, pivots: float = 0.0) -> Any:
-    """SuperLU of a symmetric ``(n, n)`` csc matrix, whose ``solve`` takes ``(n,)`` or ``(n, k)``.
+    """Return the SuperLU factors of a symmetric ``(n, n)`` csc matrix, or None for a zero pivot.
 
-    A pivot is taken from the diagonal unless it is below ``pivots`` times the largest entry of its column;
-    None if a pivot is zero.
+    ``solve`` of the factors accepts ``(n,)`` or ``(n, k)``. Pivots are diagonal entries unless below
+    ``pivots`` times the largest entry in the column.
 
     Examples
     --------
@@ -200,33 +201,33 @@ def symmetric_lu(M: Any, pivots: float = 0.0) -> Any:
     """
     try:
         return splu(M, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=pivots, options={"SymmetricMode": True})
-    except RuntimeError as error:  # SuperLU's word for a zero pivot
+    except RuntimeError as error:  # raised by SuperLU for a zero pivot
         if "singular" not in str(error):
             raise
         return None
 
 
 class Elimination:
-    """By an inverse up to 1,500 unknowns, then by a sparse factorisation: :func:`direct_solver`."""
+    """Direct solver by an inverse for up to 1,500 unknowns, else by factorisation: :func:`direct_solver`."""
 
     def solver_for(self, A: Any) -> Solve:
-        """Return a function that solves A x = b; errors as :func:`direct_solver`."""
+        """Return a function that solves A x = b, with errors as :func:`direct_solver`."""
         return direct_solver(A)
 
 
 class Dense:
-    """By a dense inverse: :func:`dense_solve`."""
+    """Direct solver by a dense inverse: :func:`dense_solve`."""
 
     def solver_for(self, A: Any) -> Solve:
-        """Return a function that solves A x = b; errors as :func:`dense_solve`."""
+        """Return a function that solves A x = b, with errors as :func:`dense_solve`."""
         return dense_solve(A)
 
 
 class SparseLU:
-    """By a sparse LU factorisation of SuperLU: :func:`lu_solve`."""
+    """Direct solver by a sparse LU factorisation of SuperLU: :func:`lu_solve`."""
 
     def solver_for(self, A: Any) -> Solve:
-        """Return a function that solves A x = b; errors as :func:`lu_solve`."""
+        """Return a function that solves A x = b, with errors as :func:`lu_solve`."""
         return lu_solve(A)
 
 
@@ -235,24 +236,24 @@ COARSE_SOLVERS: Final[Mapping[str, Callable[[Any, Any], Solve]]] = {
     "elimination": direct_solver,
     "lu": lu_solve,
 }
-"""Solvers of the coarsest level by name: functions of matrix and dtype."""
+"""Coarsest-level solvers by name, as functions of matrix and dtype."""
 
 
 def coarse_solver(given: str | Callable[[Any], Solve], A: Any, dtype: Any = np.float64) -> Solve:
-    """A solver of the coarsest level, in the precision of the stack.
+    """Return a solver for the coarsest level, in the precision of the stack.
 
     Parameters
     ----------
     given : "dense", "elimination", "lu" or callable
-        A callable makes a solver of right-hand sides in double precision from the matrix.
+            A function that returns a solver in double precision for a matrix, or a name.
     A : (n, n) sparse
-        Symmetric positive definite.
+            Symmetric positive definite matrix.
     dtype : float32 or float64
 
     Raises
     ------
     OptionError
-        For another name, or a callable that returns no function.
+            For another name, or a function that does not return a function.
     LinAlgError
         If the matrix cannot be factorised.
 
@@ -278,7 +279,7 @@ def coarse_solver(given: str | Callable[[Any], Solve], A: Any, dtype: Any = np.f
 
 
 class _InDouble:
-    """A solver of right-hand sides in double precision for those of a stack."""
+    """Adapter of a solver in double precision to the precision of a stack."""
 
     def __init__(self, solve: Solve, dtype: Any) -> None:
         self.solve, self.dtype = solve, dtype

@@ -1,4 +1,4 @@
-"""Multigrid methods put together from parts: transfer, coarse operator, smoother, coarse solver, by name."""
+"""Multigrid methods composed of named parts: transfer, coarse operator, smoother, coarse solver."""
 
 from __future__ import annotations
 
@@ -39,34 +39,34 @@ _COARSE_SOLVERS: Final[Mapping[str, Callable[[], Any]]] = MappingProxyType(
 
 
 class Composition:
-    """The parts of a multigrid method, each by name, as an object, or as a function.
+    """Parts of a multigrid method, each given by name, as object, or as function.
 
     Parameters
     ----------
     transfer : "smoothed", "injection", "aggregation", or a component of kind ``transfer``
-        What the unknowns of a coarse level are on the finer one: the functions of the coarse space, smoothed
-        or as they are; or near-null vectors on agglomerates, smoothed.
+            Representation of coarse unknowns on the finer level: coarse functions, smoothed or unchanged, or
+            smoothed near-null vectors on agglomerates.
     coarse_operator : "galerkin", "rediscretised", or a component of kind ``coarse_operator``
-        Matrices of coarse levels: Pᵀ A P, or the problem discretised on the agglomerates.
+            Matrices of coarse levels: Pᵀ A P, or rediscretisation on the agglomerates.
     smoother : "gauss_seidel", "block_jacobi", "chebyshev", or a component of kind ``smoother``
     coarse_solver : "elimination", "dense", "lu", or a component of kind ``coarse_solver``
-        For the coarsest level, and for smoothers that add the correction of the next one.
+            Solver for the coarsest level, and for smoothers that add the next coarse correction.
     registry : Registry, optional
-        Where names are looked up; by default the installed plugins.
+            Registry of names. Default: the installed plugins.
 
     Attributes
     ----------
     transfer, coarse_operator, smoother, coarse_solver : Member
-        The components (``tool``), and how errors call them.
+            The components (``tool``) with their titles in errors.
     title : str
-        The parts in words.
+            Description of the parts.
 
     Raises
     ------
     OptionError
-        For a name that no component has, and what is no component.
+            For an unknown name, or an object that is not a component.
     PluginError
-        If a component cannot be used.
+            For an unusable component.
 
     Examples
     --------
@@ -101,7 +101,7 @@ class Composition:
 
     @property
     def galerkin(self) -> bool:
-        """Whether coarse matrices are Pᵀ A P."""
+        """Return True if coarse matrices are Pᵀ A P."""
         return isinstance(self.coarse_operator.tool, Galerkin)
 
     def stack(
@@ -115,34 +115,34 @@ class Composition:
         corrections: bool = True,
         tell: Tell = to_nobody,
     ) -> LevelStack:
-        """The levels of a system on agglomerates, ready for cycles in double precision.
+        """Build the levels of a system on agglomerates, for cycles in double precision.
 
         Parameters
         ----------
         system : System
-            With a mesh, smoothers are given the patches of each level.
+                System. With a mesh, smoothers receive the patches of each level.
         labels : sequence of (n_blocks,) int
-            Agglomerate of each block (cell) on the coarse levels, finest first.
+                Agglomerate of each block (cell) on the coarse levels, finest first.
         injected : sequence of (n, m) sparse, optional
-            The coarse functions on the next finer level, finest first: of a discretisation. By default the
-            unknowns of a part become those of its children.
+                Coarse functions on the next finer level, finest first, from a discretisation. Default: the
+                unknowns of a part are copied to its children.
         rediscretised : sequence of callables, optional
-            Each makes the matrix of a coarse level.
+                Functions that return the coarse matrices.
         steps : int
-            Smoothing steps before and after the correction by the next level.
+                Smoothing steps before and after the coarse correction.
         corrections : bool
-            Whether smoothers that use it are given the correction by the next level.
+                Provide coarse corrections to smoothers that use them.
         tell : callable, optional
-            Told how far the set-up has come.
+                Receives the progress of the set-up.
 
         Raises
         ------
         OptionError
-            For parts that do not fit together, or do not fit the system.
+                For parts that do not fit each other or the system.
         PluginError
-            For what a part returns that is not what its kind promises.
+                For a result of a part that violates its protocol.
         LinAlgError
-            If a matrix is not positive definite; the message names the level.
+                If a matrix is not positive definite. The message names the level.
         """
         given = _checked(labels, system.n_blocks, injected, rediscretised)
         offsets, near_null = system.block_offsets, system.near_null
@@ -151,6 +151,7 @@ class Composition:
         levels: list[Level] = []
         for k, coarse in enumerate(given):
             tell(k / (len(given) + 1), f"level {k}")
+            # Coarse space, coarse matrix, and the inherited matrix Pᵀ A P.
             up = parents(own, coarse)
             inject = _injection(up, offsets) if injected is None else injected[k]
             anew = None if rediscretised is None else rediscretised[k]
@@ -160,6 +161,7 @@ class Composition:
                 below, blocks = self._matrix(step, space), _required(space.block_offsets)
                 same = self.galerkin and inherited is A
                 down = below if same else in_blocks(galerkin(inherited, space.P), blocks)
+                # Smoother, with the coarse correction and patches if needed.
                 wanted = corrections and getattr(self.smoother.tool, "uses_coarse", True)
                 correction = _correction(space.P, self._solver(down)) if wanted else None
                 patches = None if system.mesh is None else vertex_patches(system.mesh, own if k else None)
@@ -172,7 +174,7 @@ class Composition:
         return LevelStack(levels, self._solver(A))
 
     def _space(self, step: Coarsening) -> CoarseSpace:
-        """The coarse space of a transfer, checked, with its blocks."""
+        """Return the checked coarse space of a transfer, with its blocks."""
         with _guarded(self.transfer):
             made = self.transfer.tool.prolongation(step)
             space = made if isinstance(made, CoarseSpace) else CoarseSpace(made)
@@ -191,7 +193,7 @@ class Composition:
         return CoarseSpace(P, frozen_int(offsets), space.near_null)
 
     def _matrix(self, step: Coarsening, space: CoarseSpace) -> Any:
-        """The matrix of the coarse level, in blocks."""
+        """Return the coarse matrix in blocks."""
         m = space.P.shape[1]
         with _guarded(self.coarse_operator):
             made = self.coarse_operator.tool.coarse_matrix(step, space.P)
@@ -216,7 +218,7 @@ class Composition:
 
 
 def _solution(member: Member, solve: Solve, b: Real) -> Real:
-    """What the solver of a coarse level returns, checked."""
+    """Return the checked result of a coarse-level solver."""
     with _guarded(member):
         x: Real = np.asarray(solve(b))
         if x.shape != b.shape or x.dtype.kind != "f":
@@ -235,7 +237,7 @@ def _title(kind: str, given: Any) -> str:
 
 
 def _guarded(member: Member) -> Any:
-    """A context manager that says whose errors they are; those that are ours pass as they are."""
+    """Return a context manager that names the owner of errors, except for errors of agglo."""
     return attributed(member.title, spare=(AggloError, np.linalg.LinAlgError))
 
 
@@ -251,13 +253,13 @@ def _checked(labels: Sequence[Int], n: int, *others: Sequence[Any] | None) -> li
 
 
 def _injection(up: Int | None, offsets: Int) -> Any:
-    """The injection of a system that comes without any; None where there is none."""
+    """Return the default injection of a system, or None for variable blocks or missing parents."""
     sizes = np.diff(offsets)
     return None if up is None or sizes.min() != sizes.max() else injection(up, int(sizes[0]))
 
 
 def _correction(P: Any, solve: Solve) -> Callable[[Float], Float]:
-    """The map P B⁻¹ Pᵀ, with ``solve`` for B⁻¹."""
+    """Return the map P B⁻¹ Pᵀ, with ``solve`` for B⁻¹."""
     return partial(_corrected, P, solve, sparse.csr_array(P.T))
 
 
@@ -266,7 +268,7 @@ def _corrected(P: Any, solve: Solve, PT: Any, r: Float) -> Float:
 
 
 def _stored(what: str, given: Any, shape: tuple[int, int | None]) -> Any:
-    """A sparse matrix of real numbers, by rows or in blocks; with any number of columns for None."""
+    """Return a real sparse matrix by rows or in blocks, with any number of columns for None."""
     rows, columns = shape
     fits = sparse.issparse(given) and given.dtype.kind in "fiu" and given.shape[0] == rows
     if not fits or columns not in (None, given.shape[1]):

@@ -1,4 +1,4 @@
-"""Cycles through a stack of levels, as linear operators that precondition Krylov methods."""
+"""Multigrid cycles as linear operators for Krylov methods."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ from agglo_core.multigrid.stack import LevelStack, Real
 
 Kind = Literal["V", "W", "F", "K"]
 _NEXT = {"V": ("V",), "W": ("W", "W"), "F": ("F", "V"), "K": ("K",)}
-"""The cycles of a visit to the next level, one after the other, each for what the ones before left."""
+"""Cycles on the next level per visit, each applied to the residual of the previous."""
 
 
 def cycle(stack: LevelStack, kind: Kind = "V") -> LinearOperator:
-    """One cycle from zero: an approximate inverse of the finest matrix.
+    """Return a cycle from zero as an approximate inverse of the finest matrix.
 
     Parameters
     ----------
     stack : LevelStack
     kind : "V", "W", "F" or "K"
-        V and W are linear and, with mirrored smoothers, symmetric: for conjugate gradients. F visits the
-        next level twice, the second time by V, and is linear but not symmetric; K takes two steps of
-        flexible conjugate gradients on each level and is not linear: both need flexible methods outside
-        (Notay, Vassilevski, Numer. Linear Algebra Appl. 15, 2008).
+            V and W are linear and, with mirrored smoothers, symmetric: suitable for conjugate gradients. F
+            visits the next level twice, the second time by V, and is linear but not symmetric. K takes two
+            steps of flexible conjugate gradients on each level and is not linear. F and K need flexible outer
+            methods (Notay, Vassilevski, Numer. Linear Algebra Appl. 15, 2008).
 
     Returns
     -------
     LinearOperator
-        ``(n, n)``, in double precision whatever the stack computes with.
+            Operator ``(n, n)`` in double precision, whatever the precision of the stack.
 
     Raises
     ------
     OptionError
-        For another kind.
+            For an unknown kind.
 
     Examples
     --------
@@ -60,7 +60,7 @@ def cycle(stack: LevelStack, kind: Kind = "V") -> LinearOperator:
 
 
 def _applied(stack: LevelStack, kind: Kind, r: Any) -> Any:
-    """One cycle for a residual, scaled to a largest entry of 1: vectors of the stack may be in single."""
+    """Apply a cycle to a residual, scaled to a largest entry of 1 for stacks in single precision."""
     residual = np.asarray(r, dtype=np.float64).ravel()
     size = max(float(residual.max(initial=0.0)), -float(residual.min(initial=0.0)))
     if not size > 0.0 or not np.isfinite(size):
@@ -71,18 +71,18 @@ def _applied(stack: LevelStack, kind: Kind, r: Any) -> Any:
 
 
 def _between(forth: Any, back: Any, applied: Callable[[Any], Any], r: Any) -> Any:
-    """The cycle of a scaled matrix, for the matrix itself."""
+    """Apply the cycle of a scaled matrix to the unscaled matrix."""
     return back @ applied(forth @ np.asarray(r, dtype=np.float64).ravel())
 
 
 def _product(T: Any) -> Any:
-    """A matrix ready for many products, in small blocks if it has any."""
+    """Prepare a matrix for many products, in small blocks if possible."""
     ready = fast_product(T)
     return sparse.csr_array(T) if ready is T else ready
 
 
 def _solved(stack: LevelStack, at: int, b: Real, kind: str) -> Real:
-    """An approximate solution of A x = b on a level."""
+    """Return an approximate solution of A x = b on a level."""
     level = stack.levels[at]
     if level.smoother is None:
         return stack.coarse(b)
@@ -92,7 +92,7 @@ def _solved(stack: LevelStack, at: int, b: Real, kind: str) -> Real:
 
 
 def _corrected(stack: LevelStack, at: int, b: Real, kind: str) -> Real:
-    """Coarse-level correction: an approximate solution by one cycle for each visit of the level."""
+    """Return the coarse correction, by a cycle for each visit of the level."""
     level = stack.levels[at]
     if level.smoother is None:
         return stack.coarse(b)
@@ -105,18 +105,20 @@ def _corrected(stack: LevelStack, at: int, b: Real, kind: str) -> Real:
 
 
 def _two_steps(stack: LevelStack, at: int, b: Real, kind: str) -> Real:
-    """At most two steps of flexible conjugate gradients, preconditioned by the K-cycle."""
+    """Take at most two steps of flexible conjugate gradients, preconditioned by the K-cycle."""
     A = stack.levels[at].A
     p = _solved(stack, at, b, kind)
+    # First step along p.
     Ap = A @ p
     curvature, along = p @ Ap, p @ b
     if not curvature > 0.0:
         return p
     x: Real = (along / curvature) * p
     r = b - (along / curvature) * Ap
-    if r @ r <= 0.0625 * (b @ b):  # a quarter of the residual is left: one step will do
+    if r @ r <= 0.0625 * (b @ b):  # residual below a quarter: one step suffices
         return x
     z = _solved(stack, at, r, kind)
+    # Second step along z, made conjugate to p.
     z = z - ((z @ Ap) / curvature) * p
     Az = A @ z
     bent = z @ Az

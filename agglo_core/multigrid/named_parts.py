@@ -1,4 +1,4 @@
-"""The parts of a multigrid method: what each must offer, and how it is chosen."""
+"""Protocols of the parts of a multigrid method, and their choice by name."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ from agglo_core.registry.options import name_and_options
 
 @runtime_checkable
 class Transfer(Protocol):
-    """Says what the unknowns of a coarse level are on the next finer one; restriction is the transpose.
+    """Prolongation from a coarse level to the next finer level.
+
+    Restriction is the transpose.
 
     Examples
     --------
@@ -32,12 +34,12 @@ class Transfer(Protocol):
     """
 
     def prolongation(self, step: Coarsening) -> Any:
-        """Return P ``(n, m)`` sparse, the coarse unknowns part by part; or a CoarseSpace, which says more."""
+        """Return a sparse P ``(n, m)`` with coarse unknowns part by part, or a CoarseSpace."""
 
 
 @runtime_checkable
 class CoarseOperator(Protocol):
-    """Makes the matrix of a coarse level.
+    """Coarse matrix of a level.
 
     Examples
     --------
@@ -55,7 +57,7 @@ class CoarseOperator(Protocol):
 
 @runtime_checkable
 class CoarseSolver(Protocol):
-    """Solves on the coarsest level, and wherever a smoother adds the correction of the next level.
+    """Solver for the coarsest level, and for coarse corrections inside smoothers.
 
     Examples
     --------
@@ -71,30 +73,30 @@ class CoarseSolver(Protocol):
     """
 
     def solver_for(self, A: Any) -> Solve:
-        """Return a function that maps b ``(n,)`` to x with A x = b; LinAlgError if A cannot be factorised."""
+        """Return a function from b ``(n,)`` to x with A x = b, or raise LinAlgError."""
 
 
 def part(kind: str, given: Any, own: Mapping[str, Callable[[], Any]], registry: Registry | None) -> Member:
-    """The component that a choice stands for, and how errors call it.
+    """Return the component for a choice, with its title in errors.
 
     Parameters
     ----------
     kind : str
         ``transfer``, ``coarse_operator``, ``smoother`` or ``coarse_solver``.
     given : str, (str, dict), object or callable
-        A name, a name with options, an object with the method of the kind, or a function that does what
-        the method does.
+            A name, a name with options, an object with the method of the kind, or a function that replaces
+            the method.
     own : mapping
-        Our components by name; their names are reserved, so that no registry is needed.
+            Built-in components by name. The names are reserved, so that no registry is needed.
     registry : Registry, optional
-        Where other names are looked up; by default the installed plugins.
+            Registry of other names. Default: the installed plugins.
 
     Raises
     ------
     OptionError
-        If it is none of these, or no component has the name.
+            For any other object, or an unknown name.
     PluginError
-        If the component cannot be used.
+            For an unusable component.
     """
     method = KINDS[kind].methods[0]
     if isinstance(given, Member):

@@ -1,4 +1,4 @@
-"""The levels of a multigrid method, set up and ready for cycles."""
+"""Levels of a multigrid method, ready for cycles."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ Real = NDArray[np.floating[Any]]
 """Vector in single or double precision."""
 
 _UNROLLED = 6
-"""Blocks up to this height have kernels of their own."""
+"""Maximum block height with a separate kernel."""
 
 Solve = Callable[[Real], Real]
 """Maps a right-hand side ``(n,)`` to a solution."""
 
 
 class LevelSmoother(Protocol):
-    """A smoother set up on a level: what a cycle does before the correction by the next level, and after.
+    """Smoother set up on a level: pre- and post-smoothing of a cycle.
 
-    ``after`` must be the mirror image of ``before`` for the cycle to be symmetric: if before takes
-    x = B b from 0, after takes x + Bᵀ (b − A x).
+    For a symmetric cycle, ``after`` must be the adjoint of ``before``: if before computes x = B b from 0,
+    after computes x + Bᵀ (b − A x).
 
     Examples
     --------
@@ -52,32 +52,32 @@ class LevelSmoother(Protocol):
     """
 
     def before(self, b: Real) -> tuple[Real, Real]:
-        """Return x ``(n,)``, reached from 0, and the residual b − A x."""
+        """Return x ``(n,)`` after smoothing from 0, and the residual b − A x."""
         ...
 
     def after(self, b: Real, x: Real) -> Real:
-        """Return a better x of A x = b; the array given may be changed."""
+        """Return an improved x for A x = b. The given array may be modified."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Level(FieldState):
-    """One level: its matrix, and the way to the next coarser one, which the coarsest lacks.
+    """Level with its matrix and, except for the coarsest, the transfer to the next coarser level.
 
     Attributes
     ----------
     A : (n, n) sparse
     block_offsets : (parts + 1,) int
-        The unknowns of part p are ``block_offsets[p]:block_offsets[p + 1]``.
+            Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``.
     P : (n, m) sparse, optional
-        Prolongation from the next level.
+            Prolongation from the next coarser level.
     smoother : LevelSmoother, optional
     labels : (n_cells,) int, optional
-        Part of this level that holds each cell of the mesh, where parts are agglomerates.
+            Part on this level for each mesh cell, if parts are agglomerates.
     patches : Patches, optional
-        Groups of parts that are smoothed together.
+            Groups of parts to be smoothed together.
     visits : int
-        How often the level is visited for each visit of the one above, whatever the cycle.
+            Number of visits for each visit of the next finer level, for any cycle.
 
     Examples
     --------
@@ -101,11 +101,11 @@ class Level(FieldState):
 
     @cached_property
     def PT(self) -> Any:
-        """Pᵀ, stored by rows: the transpose of a matrix is made once, not in each cycle."""
+        """Pᵀ stored by rows, transposed once instead of in each cycle."""
         return sparse.csr_array(self.P.T)
 
     def restricted(self, r: Real) -> Real:
-        """Pᵀ r ``(m,)``."""
+        """Return Pᵀ r ``(m,)``."""
         columns = self._columns
         if columns is None or r.dtype != self.P.dtype:
             return np.asarray(self.PT @ r)
@@ -114,7 +114,7 @@ class Level(FieldState):
         return found
 
     def prolonged(self, x: Real, y: Real) -> Real:
-        """x + P y ``(n,)``, a new array."""
+        """Return x + P y ``(n,)`` as a new array."""
         columns = self._columns
         if columns is None or not x.dtype == y.dtype == self.P.dtype:
             return np.asarray(x + self.P @ y)
@@ -124,7 +124,7 @@ class Level(FieldState):
 
     @cached_property
     def _columns(self) -> tuple[Any, tuple[Any, ...]] | None:
-        """Kernels and arrays of a P in blocks of one column; None for another P."""
+        """Kernels and arrays for a P in blocks of one column, or None for another P."""
         P = self.P
         if P.format != "bsr" or P.blocksize[1] != 1 or P.indptr[-1] >= np.iinfo(np.int32).max:
             return None
@@ -138,17 +138,17 @@ class Level(FieldState):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LevelStack:
-    """The levels of a multigrid method, finest first, and the solver of the coarsest.
+    """Levels of a multigrid method, finest first, with the coarsest-level solver.
 
     Attributes
     ----------
     levels : sequence of Level
     coarse : callable
-        Solves on the last level.
+            Solver for the last level.
     dtype : numpy dtype
-        Precision of the vectors inside a cycle: float32 or float64.
+            Precision of the vectors in a cycle: float32 or float64.
     scaling : (n, n) sparse, optional
-        T, if the finest matrix of the levels is T A Tᵀ; a cycle preconditions A itself.
+            T, if the finest level matrix is T A Tᵀ. A cycle preconditions A itself.
 
     Examples
     --------
@@ -171,23 +171,23 @@ class LevelStack:
 
     @property
     def operators(self) -> list[tuple[Any, Any]]:
-        """``(A, P)`` of each level, finest first; P of the coarsest is None."""
+        """Pairs ``(A, P)`` per level, finest first, with P None on the coarsest level."""
         return [(level.A, level.P) for level in self.levels]
 
     @property
     def parts(self) -> tuple[int | None, ...]:
-        """Agglomerates of each level; None of a level that has no labels."""
+        """Number of agglomerates per level, None for a level without labels."""
         return tuple(None if each.labels is None else int(each.labels.max()) + 1 for each in self.levels)
 
     @property
     def operator_complexity(self) -> float:
-        """Matrix entries of all levels over those of the finest."""
+        """Matrix entries of all levels divided by finest entries."""
         entries = [level.A.nnz for level in self.levels]
         return float(sum(entries) / entries[0])
 
     @property
     def grid_complexity(self) -> float:
-        """Unknowns of all levels over those of the finest."""
+        """Unknowns of all levels divided by finest unknowns."""
         unknowns = [level.A.shape[0] for level in self.levels]
         return float(sum(unknowns) / unknowns[0])
 
@@ -203,7 +203,7 @@ class LevelStack:
 
     @property
     def memory(self) -> int:
-        """Bytes of the matrices and of what smoothers keep, each array counted once."""
+        """Bytes of matrices and smoother data, with each array counted once."""
         seen: dict[int, int] = {}
         for level in self.levels:
             _weigh((level.A, level.P, level.smoother), seen)
@@ -211,7 +211,7 @@ class LevelStack:
 
 
 def _weigh(thing: Any, seen: dict[int, int], depth: int = 4) -> None:
-    """Note the bytes of each array that a thing keeps, a few attributes deep."""
+    """Record the bytes of each array in an object, a few attributes deep."""
     if isinstance(thing, np.ndarray):
         whole = thing if thing.base is None else thing.base
         seen[id(whole)] = getattr(whole, "nbytes", thing.nbytes)

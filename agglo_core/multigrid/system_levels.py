@@ -1,4 +1,4 @@
-"""Multigrid for a matrix: levels made once, then solves and preconditioning with them."""
+"""Multigrid for a matrix: levels built once, for solves and preconditioning."""
 
 from __future__ import annotations
 
@@ -34,25 +34,25 @@ def build_levels(
 ) -> SystemLevels:
     """Build the levels of algebraic multigrid for a symmetric positive definite matrix.
 
-    With one unknown in each block, and no near-null vector other than a positive one, levels are classical
-    (Ruge and Stüben); otherwise they come from smoothed aggregation.
+    For scalar systems (one unknown per block, no near-null vector except a positive vector), levels are
+    classical (Ruge and Stüben). Otherwise they come from smoothed aggregation.
 
     Parameters
     ----------
     A : (n, n) sparse
     hierarchy : Hierarchy, optional
-        Its agglomerates become the aggregates; block c holds the unknowns of cell c. By default aggregates
-        come from the graph of the matrix.
+            Hierarchy with agglomerates to use as aggregates, where block c holds the unknowns of cell c. By
+            default, aggregates come from the matrix graph.
     block_offsets : (blocks + 1,) int, optional
-        The unknowns of block c are ``block_offsets[c]:block_offsets[c + 1]``; by default each unknown is a
-        block, or with a hierarchy n / n_cells unknowns are.
+            Block c has the unknowns ``block_offsets[c]:block_offsets[c + 1]``. Default: single unknowns, or
+            with a hierarchy n / n_cells unknowns per block.
     near_null : (n, m) float, optional
-        Vectors that A takes to nearly nothing, such as rigid motions; by default constants.
+            Near-null vectors of A, such as rigid motions. Default: constants.
 
     Raises
     ------
     OptionError
-        If A is not square, symmetric and finite with a positive diagonal, or the other arguments do not fit.
+            If A is not square, symmetric and finite with a positive diagonal, or other arguments do not fit.
 
     Examples
     --------
@@ -84,7 +84,7 @@ def build_levels(
 
 
 def is_classical(system: System) -> bool:
-    """Return whether classical coarsening can keep the near-null vectors of a system.
+    """Return True if classical coarsening can represent the near-null vectors of a system.
 
     Examples
     --------
@@ -101,13 +101,13 @@ def is_classical(system: System) -> bool:
 
 
 def stack_of_system(system: System, labels: Sequence[Int] = (), dtype: Any = np.float64) -> LevelStack:
-    """Build levels for a system: classical ones or, for blocks and near-null vectors, of aggregation.
+    """Build the levels of a system: classical, or by aggregation for blocks and near-null vectors.
 
     Parameters
     ----------
     system : System
     labels : sequence of (blocks,) int
-        Agglomerates, finest first, which become aggregates.
+            Agglomerates to use as aggregates, finest first.
     dtype : numpy dtype
         Precision of the cycles.
 
@@ -142,12 +142,12 @@ def stack_of_system(system: System, labels: Sequence[Int] = (), dtype: Any = np.
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SystemLevels:
-    """Levels of a matrix, for any number of solves and as a preconditioner.
+    """Levels of a matrix, for repeated solves and as a preconditioner.
 
     Attributes
     ----------
     system : System
-        The matrix, its blocks and near-null vectors; the right-hand side is 0.
+            Matrix with blocks and near-null vectors, and right-hand side 0.
     stack : LevelStack
 
     Examples
@@ -173,7 +173,7 @@ class SystemLevels:
         return repr(self.table)
 
     def aspreconditioner(self, kind: Kind = "V") -> LinearOperator:
-        """Return one cycle ``(n, n)`` of the kind "V", "W", "F" or "K"; V and W are symmetric."""
+        """Return a cycle ``(n, n)`` of kind "V", "W", "F" or "K". V and W are symmetric."""
         return cycle(self.stack, kind)
 
     def solve(
@@ -185,20 +185,20 @@ class SystemLevels:
         ----------
         b : (n,) float
         x0 : (n,) float, optional
-            To start from; by default 0.
+                Initial iterate. Default: 0.
         tolerance : float
-            Of residual and energy error; see :func:`agglo_core.multigrid.pcg`.
+                Tolerance of residual and energy error, see :func:`agglo_core.multigrid.pcg`.
         max_iterations : int
 
         Returns
         -------
         Solution
-            With the last iterate, converged or not.
+                Solution with the last iterate, converged or not.
 
         Raises
         ------
         OptionError
-            For a right-hand side or a start that does not fit or is not finite.
+                For a right-hand side or initial iterate that does not fit or is not finite.
         """
         A, right = self.system.A, frozen_float(real_array("b", b))
         history = pcg(

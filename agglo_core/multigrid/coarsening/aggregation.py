@@ -1,4 +1,4 @@
-"""Smoothed aggregation: levels from the graph of a matrix, or from agglomerates."""
+"""Smoothed aggregation: levels from the matrix graph, or from agglomerates."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ from agglo_core.multigrid.stack import Level, LevelSmoother, LevelStack
 from agglo_core.problems import MultigridLevel
 
 MakeSmoother = Callable[[Any, Int, Any], LevelSmoother]
-"""Makes the smoother of a level from its matrix, block offsets and precision."""
+"""Builds a level smoother from matrix, block offsets and precision."""
 
 _LEAST_NEIGHBOURS = 6.0
-"""On sparser graphs a coupling is measured as if parts had so many neighbours."""
+"""Minimum number of neighbours for the coupling strength, used on sparser graphs."""
 _LENIENT = 0.25
-"""Labels are split where couplings are weaker than this part of a strong one: at jumps, not at thin faces."""
+"""Labels are split at couplings below this fraction of a strong coupling: at jumps, not at thin faces."""
 _PIECES = 2.0
-"""Labels in more pieces than this, on average, do not suit the matrix."""
+"""Mean number of pieces per label above which labels do not suit the matrix."""
 _NEEDLESS = 0.1
-"""A part whose couplings add up to this part of its size needs no coarse unknown."""
+"""A part with a coupling sum of at most this fraction of its size needs no coarse unknown."""
 _HALVED = 0.5
-"""The same for single unknowns: a sweep halves their error, at least (as at Dirichlet boundaries)."""
+"""Bound for single unknowns: a sweep at least halves their error (as at Dirichlet boundaries)."""
 _SLOW = 0.7
-"""A level with more aggregates than this part of its parts is not worth having."""
+"""Maximum number of aggregates, relative to the number of parts, for a worthwhile level."""
 _FULL = 2.5
-"""Smoothing that makes a coarse matrix with so many times the entries of A, or of its level, is left out."""
+"""Smoothing is omitted if the coarse matrix would have more entries than this times A, or its level."""
 
 
 def pointwise(A: Any, block_offsets: Int, dtype: Any) -> LevelSmoother:
-    """Gauss–Seidel over single unknowns, whatever the parts.
+    """Return Gauss–Seidel over single unknowns, whatever the parts.
 
     Examples
     --------
@@ -56,7 +56,7 @@ def pointwise(A: Any, block_offsets: Int, dtype: Any) -> LevelSmoother:
 
 
 def blockwise(A: Any, block_offsets: Int, dtype: Any) -> LevelSmoother:
-    """Gauss–Seidel over parts, all unknowns of a part at once; LinAlgError if a block is not definite.
+    """Return block Gauss–Seidel over parts, or raise LinAlgError for a block that is not definite.
 
     Examples
     --------
@@ -87,49 +87,49 @@ def aggregation_stack(
     smoother: MakeSmoother = pointwise,
     coarsest: int = 500,
 ) -> LevelStack:
-    """Levels of smoothed aggregation for a symmetric positive (semi)definite matrix.
+    """Build levels of smoothed aggregation for a symmetric positive (semi)definite matrix.
 
     Parameters
     ----------
     A : (n, n) sparse
-        Scalar, or with several unknowns in each part.
+            Scalar matrix, or matrix with several unknowns per part.
     labels : sequence of (parts,) int, optional
-        Agglomerates, finest first, as in ``Hierarchy.levels``: each array has the label of each part *of A*,
-        whatever the level. Aggregates are these, split where they are not connected by strong couplings.
-        Further levels, and all by default, come from the graph of the matrix; so do levels whose labels fall
-        into more than two pieces on average, as where a coefficient jumps from cell to cell.
+            Agglomerates, finest first, as in ``Hierarchy.levels``: each array has the label of each part *of
+            A*, whatever the level. Aggregates are these labels, split where strong couplings do not connect
+            them. Further levels, and by default all levels, come from the matrix graph. So do levels with
+            labels in more than two pieces on average, as for a coefficient that jumps from cell to cell.
     near_null : (n, k) or (n,) float, optional
-        Vectors that A takes to nearly nothing. By default constants: one vector for each unknown of a part.
+            Near-null vectors of A. Default: constants, one vector per unknown of a part.
     block_offsets : (parts + 1,) int, optional
-        The unknowns of part p are ``block_offsets[p]:block_offsets[p + 1]``; by default single unknowns.
+            Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``. Default: single unknowns.
     theta : float
-        A coupling between parts i and j is strong if it is more than θ of what all ν couplings would be if
-        they were equal: −a_ij > θ max(a_ii, a_jj) / ν, with the mean number ν of neighbours, at least 6.
-        Blocks are measured by their Frobenius norms.
+            A coupling between parts i and j is strong if above θ times the value of ν equal couplings:
+            −a_ij > θ max(a_ii, a_jj) / ν, with the mean number ν of neighbours, at least 6. Blocks are
+            measured in the Frobenius norm.
     weak : float
-        Couplings at most this part of the diagonal are left out of the smoothing of prolongation.
+            Couplings up to this fraction of the diagonal are omitted from prolongation smoothing.
     dtype : numpy dtype
-        Precision of the cycles; levels are set up in double precision.
+            Precision of the cycles. Levels are built in double precision.
     smoother : callable, optional
-        Maps ``(A, block_offsets, dtype)`` to a LevelSmoother; by default Gauss–Seidel over unknowns,
-        :func:`pointwise`; :func:`blockwise` is better where parts hold several.
+            Function of ``(A, block_offsets, dtype)`` that returns a LevelSmoother. Default: Gauss–Seidel over
+            unknowns, :func:`pointwise`. For parts with several unknowns :func:`blockwise` is better.
     coarsest : int
-        A level of at most so many unknowns is solved directly.
+            Maximum number of unknowns to be solved directly.
 
     Raises
     ------
     OptionError
-        For arrays that do not fit the matrix, and a diagonal that is not positive.
+            For arrays that do not fit the matrix, or a diagonal that is not positive.
 
     Notes
     -----
-    Where smoothing would fill the coarse matrix, as on graphs with nodes of thousands of neighbours, the
-    prolongation of the level is the tentative one, whose coarse matrix has no more entries than that above.
+    If smoothing would fill the coarse matrix, as on graphs with nodes of thousands of neighbours, the level
+    uses the tentative prolongation, and the coarse matrix has no more entries than the finer matrix.
 
-    Vaněk, Mandel, Brezina, Computing 56 (1996). Strength is measured against the *larger* diagonal entry,
-    in the spirit of the quality of aggregates of Napov and Notay (SIAM J. Sci. Comput. 34, 2012): two parts
-    of large diagonal that are joined weakly must not share an unknown, since a jump between them costs little
-    and smoothing does not remove it; a part of small diagonal may lean on one of large diagonal.
+    Vaněk, Mandel, Brezina, Computing 56 (1996). Strength is measured against the *larger* diagonal entry, in
+    the spirit of the aggregate quality by Napov and Notay (SIAM J. Sci. Comput. 34, 2012): two weakly joined
+    parts with large diagonals must not share an unknown, since a jump between them has little energy and is
+    not removed by smoothing. A part with small diagonal may lean on a part with large diagonal.
 
     Examples
     --------
@@ -147,16 +147,19 @@ def aggregation_stack(
     holder = np.arange(len(offsets) - 1)
     finest = matrix.nnz
     while matrix.shape[0] > coarsest:
+        # 1. Coupling strength, and the aggregates of the level.
         part_of = frozen_int(np.repeat(np.arange(len(offsets) - 1), np.diff(offsets)))
         strength, scalar = Couplings.of(matrix, offsets, part_of), matrix.shape[0] == len(offsets) - 1
         wanted = _current(given[len(levels)], holder, len(offsets) - 1) if len(levels) < len(given) else None
         found, count = aggregates(strength, theta, wanted, _HALVED if scalar else _NEEDLESS)
         if count > 0.9 * len(found):
             break
+        # 2. Tentative prolongation, smoothed unless the coarse matrix would fill.
         start = tentative(found[part_of], count, B)
         P = smoothed(matrix, offsets, part_of, strength, start, B, weak)
         if product_entries(matrix, P) > _FULL * min(finest, matrix.nnz):
             P = start.T
+        # 3. Store the level and continue with the coarse matrix.
         levels.append(
             _level(matrix, offsets, dtype, holder, P.astype(dtype), smoother(matrix, offsets, dtype))
         )
@@ -171,10 +174,10 @@ def aggregates(
 ) -> tuple[Int, int]:
     """Return the aggregate of each part, −1 for none, and their number.
 
-    Parts whose couplings add up to ``needless`` times their size or less have none.
+    Parts with a coupling sum of at most ``needless`` times their size belong to no aggregate.
 
-    Given labels are split by strength. If that leaves too many pieces, aggregates come from the graph; if
-    these are too many, every coupling that draws parts together counts as strong.
+    Given labels are split by strength. If this leaves too many pieces, aggregates come from the graph. If
+    these are too many, every attractive coupling counts as strong.
     """
     n = len(strength.size)
     least = theta / max(strength.neighbours, _LEAST_NEIGHBOURS)
@@ -186,7 +189,7 @@ def aggregates(
     for threshold in (least, 0.0):
         if count > _SLOW * n:
             found, count = greedy_aggregates(*strength, threshold, needless)
-        if count == 0:  # no part needs a coarse unknown
+        if count == 0:  # no part needs a coarse unknown: use a single aggregate
             return np.zeros(n, np.int64), 1
     return frozen_int(found), int(count)
 
@@ -195,12 +198,12 @@ def _level(
     A: Any, offsets: Int, dtype: Any, holder: Int, P: Any = None, smoother: LevelSmoother | None = None
 ) -> Level:
     if isinstance(smoother, ScalarGaussSeidel):
-        return Level(smoother.matrix, offsets, P, smoother, frozen_int(holder))  # no second copy
+        return Level(smoother.matrix, offsets, P, smoother, frozen_int(holder))  # shares the matrix
     return Level(A.astype(dtype), offsets, P, smoother, frozen_int(holder))
 
 
 def _current(labels: Int, holder: Int, parts: int) -> Int:
-    """Label of each part of a level: that of the first part of A it holds."""
+    """Return the label of each part on a level, taken from its first part of A."""
     inside = np.flatnonzero(holder >= 0)[::-1]
     found = np.zeros(parts, np.int64)
     found[holder[inside]] = labels[inside]
@@ -208,7 +211,7 @@ def _current(labels: Int, holder: Int, parts: int) -> Int:
 
 
 def checked_labels(labels: Sequence[ArrayLike] | None, parts: int) -> list[Int]:
-    """The labels of each level, or OptionError if they are not one per part."""
+    """Return the labels of each level, or raise OptionError unless there is a label per part."""
     given = [frozen_int(each) for each in labels or ()]
     for at, each in enumerate(given):
         if each.shape != (parts,):

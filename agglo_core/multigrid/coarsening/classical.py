@@ -1,4 +1,4 @@
-"""Classical algebraic multigrid: some unknowns stay on the coarse level, the others interpolate from them."""
+"""Classical algebraic multigrid: some unknowns become coarse unknowns, the others interpolate."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ from agglo_core.multigrid.smoothers.scalar_gauss_seidel import ScalarGaussSeidel
 from agglo_core.multigrid.stack import Level, LevelStack, Real
 
 _NEEDLESS = 0.1
-"""An unknown whose couplings add up to this part of its diagonal entry needs no coarse level."""
+"""An unknown with a coupling sum of at most this fraction of its diagonal entry needs no coarse level."""
 _SLOW = 0.9
-"""A level that keeps more of the unknowns than this is not worth having."""
+"""Maximum fraction of unknowns kept on the coarse level, for a worthwhile level."""
 _FULL = 2.5
-"""Nor is one whose matrix has so many times the entries of the level above or of A."""
+"""Maximum entries of a coarse matrix relative to the next finer matrix and to A."""
 _NEGATIVE = 0.1
-"""A row is negative if it adds up to less than minus this part of its diagonal entry."""
+"""A row is negative if its sum is below minus this fraction of its diagonal entry."""
 _MANY = 0.01
-"""With more negative rows than this part, A does not take constants to nearly nothing."""
+"""Fraction of negative rows above which constants are not near-null vectors of A."""
 
 
 def classical_stack(
@@ -48,53 +48,53 @@ def classical_stack(
     coarsest: int = 500,
     groups: int = 1,
 ) -> LevelStack:
-    """Levels of classical coarsening for a scalar symmetric positive (semi)definite matrix.
+    """Build levels of classical coarsening for a scalar symmetric positive (semi)definite matrix.
 
-    They need fewer iterations than smoothed aggregation, most of all where coefficients jump or directions
-    differ, and hold more entries: two to three times those of A. Couplings should be negative entries; some
-    positive ones do no harm.
+    Classical levels need fewer iterations than smoothed aggregation, especially for jumping coefficients or
+    anisotropy, but more entries: two to three times those of A. Couplings should be negative entries, with
+    few positive exceptions.
 
     Parameters
     ----------
     A : (n, n) sparse
     labels : sequence of (n,) int, optional
-        Agglomerates, finest first, as in ``Hierarchy.levels``. After one classical step the unknowns that
-        stay are aggregated by these, as :func:`aggregation_stack` does; with a guide, after as many as leave
-        no more unknowns than the first has agglomerates. By default all levels are classical.
+            Agglomerates, finest first, as in ``Hierarchy.levels``. After one classical step, the coarse
+            unknowns are aggregated by labels as in :func:`aggregation_stack`. With a guide, classical steps
+            continue until no more unknowns are left than the finest agglomerates. By default all levels are
+            classical.
     near_null : (n,) or (n, 1) float, optional
-        A vector that A takes to nearly nothing, of positive entries. By default ones; where they are not
-        such a vector, as after a scaling of the unknowns, what Gauss–Seidel leaves of them. The levels are
-        then those of the matrix scaled by it, and the stack has the ``scaling``.
+            Near-null vector with positive entries. Default: ones, or Gauss–Seidel applied to ones if these
+            are not near-null, as after a scaling of the unknowns. The levels then belong to the matrix scaled
+            by this vector, with ``scaling`` in the stack.
     guide : (n, n) sparse, optional
-        A symmetric matrix of the same energy, within factors, whose couplings are negative where those of A
-        are not: it says in place of A which unknowns stay and how the others interpolate. Matrices of levels
-        are Galerkin products of A all the same.
+            Symmetric matrix with equivalent energy, and with negative couplings where those of A are
+            positive. It determines coarse unknowns and interpolation instead of A. Level matrices remain
+            Galerkin products of A.
     theta : float
-        Unknown i depends on j if −a_ij ≥ θ max_k −a_ik; between 0 and 1.
+            Unknown i depends on j if −a_ij ≥ θ max_k −a_ik, with θ between 0 and 1.
     dtype : numpy dtype
-        Precision of the cycles; levels are set up in double precision.
+            Precision of the cycles. Levels are built in double precision.
     coarsest : int
-        A level of at most so many unknowns is solved directly.
+            Maximum number of unknowns to be solved directly.
     groups : int
-        With more than 1, up to so many unknowns that strong couplings of either sign join are smoothed
-        together (:func:`~agglo_core.multigrid.coarsening.strong_groups.group_smoother`): they make up for
-        weights of interpolation that serve badly.
+            With more than 1, up to this number of unknowns joined by strong couplings of either sign are
+            smoothed together (:func:`~agglo_core.multigrid.coarsening.strong_groups.group_smoother`), which
+            compensates for poor interpolation weights.
 
     Raises
     ------
     OptionError
-        For arrays that do not fit the matrix, and entries of the diagonal or of ``near_null`` that are not
-        positive.
+            For arrays that do not fit the matrix, or entries of the diagonal or of ``near_null`` that are not
+            positive.
     LinAlgError
-        If the matrix is indefinite on a group.
+            If the matrix is indefinite on a group.
 
     Notes
     -----
-    Ruge, Stüben, Algebraic multigrid (in McCormick, Multigrid methods, 1987), with the second pass, by which
-    unknowns that depend on each other also depend on a common one that stays. Gauss–Seidel takes the
-    unknowns that stay first and mirrors that after the correction (:class:`CoarseFirst`): a sweep each is
-    then worth nearly two in the order of the matrix. Where a level would keep too much, smoothed aggregation
-    goes on from there.
+    Ruge, Stüben, Algebraic multigrid (in McCormick, Multigrid methods, 1987), with the second pass: unknowns
+    that depend on each other also depend on a common coarse unknown. Gauss–Seidel treats coarse unknowns
+    first, and mirrors this order after the correction (:class:`CoarseFirst`): these sweeps are worth nearly
+    twice as many in matrix order. Where a level would keep too many unknowns, smoothed aggregation continues.
 
     Examples
     --------
@@ -105,6 +105,7 @@ def classical_stack(
     [1000, 500, 250, 125]
     """
     matrix, _, vectors = checked_system(A, None, near_null)
+    # 1. Scale the matrix by the near-null vector.
     scale = _scale(matrix, None if near_null is None else vectors)
     D = None if scale is None else sparse.diags_array(scale)
     matrix = matrix if D is None else canonical(D @ matrix @ D)
@@ -113,6 +114,7 @@ def classical_stack(
         if guide.shape != matrix.shape:
             raise OptionError(f"guide has shape {guide.shape}; expected that of A, {matrix.shape}")
         guide = guide if D is None else canonical(D @ guide @ D)
+    # 2. Classical steps, until small enough or no longer efficient.
     given = checked_labels(labels, matrix.shape[0])
     if not 0.0 < theta <= 1.0:
         raise OptionError(f"theta must be between 0 and 1; given {theta!r}")
@@ -133,6 +135,7 @@ def classical_stack(
             raise np.linalg.LinAlgError("a coarse matrix is not positive definite: nor is A, or not by much")
         matrix, given = below, [each[stays] for each in given]
         guide = None if guide is None else csr_galerkin(guide, P)
+    # 3. Smoothed aggregation for the rest.
     if guide is not None:
         given = [each for each in given if _agglomerates([each]) < matrix.shape[0]]
     rest = aggregation_stack(matrix, labels=given or None, dtype=dtype, coarsest=coarsest)
@@ -141,12 +144,12 @@ def classical_stack(
 
 
 class CoarseFirst:
-    """Gauss–Seidel on the unknowns that stay on the coarse level, then on the others; and the mirror image.
+    """Gauss–Seidel on coarse unknowns first, then on the others, and in mirrored order after the correction.
 
     Parameters
     ----------
     A : (n, n) sparse
-        Symmetric, of positive diagonal, its columns sorted.
+            Symmetric matrix with positive diagonal and sorted columns.
     stays : (n,) bool
     dtype : numpy dtype
         Precision of the sweeps: float32 or float64.
@@ -169,29 +172,29 @@ class CoarseFirst:
         self._sweeps = ScalarGaussSeidel(sparse.csr_array((data, indices, indptr), shape=A.shape), dtype)
 
     def before(self, b: Real) -> tuple[Real, Real]:
-        """Return x ``(n,)``, by a sweep from 0, and b − A x."""
+        """Return x ``(n,)`` after a sweep from 0, and b − A x."""
         x, r = self._sweeps.before(b[self._order])
         return x[self._place], r[self._place]
 
     def after(self, b: Real, x: Real) -> Real:
-        """Return x after the sweep in the opposite order."""
+        """Return x after the sweep in opposite order."""
         return self._sweeps.after(b[self._order], x[self._order])[self._place]
 
 
 def _agglomerates(labels: Sequence[Int]) -> int:
-    """How many agglomerates labels have, 0 if there are none."""
+    """Return the number of agglomerates in labels, 0 without labels."""
     return max((len(np.unique(each)) for each in labels), default=0)
 
 
 def _scale(A: Any, near_null: Float | None) -> Float | None:
-    """The near-null vector ``(n,)``; None for constants."""
+    """Return the near-null vector ``(n,)``, or None for constants."""
     if near_null is None:
         negative = A.sum(axis=1) < -_NEGATIVE * A.diagonal()
         if negative.sum() <= _MANY * len(negative):
             return None
         ones = np.ones((len(negative), 1))
         near_null = smoothed_near_null(A, np.arange(len(negative) + 1), ones)
-        if not (near_null > 0.0).all():  # couplings of both signs: ones are as good
+        if not (near_null > 0.0).all():  # mixed signs of couplings: ones are as good
             return None
     if near_null.shape[1] != 1 or not (near_null > 0.0).all():
         raise OptionError("classical coarsening takes one near-null vector, of positive entries")
@@ -199,7 +202,7 @@ def _scale(A: Any, near_null: Float | None) -> Float | None:
 
 
 def _interpolation(A: Any, theta: float) -> tuple[Any, Mask]:
-    """P, and which unknowns stay: at least one."""
+    """Return P, and mark the coarse unknowns, at least one."""
     pattern = (A.indptr, A.indices)
     strong, needy = strong_entries(*pattern, A.data, theta, _NEEDLESS)
     stays = coarse_points(*pattern, strong, needy)

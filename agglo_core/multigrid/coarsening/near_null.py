@@ -1,4 +1,4 @@
-"""Vectors that a matrix takes to nearly nothing, made better or found."""
+"""Near-null vectors of a matrix: improvement of given vectors, or computation."""
 
 from __future__ import annotations
 
@@ -14,28 +14,27 @@ from agglo_core.multigrid.matrices.block_matrix import block_matrix
 def smoothed_near_null(
     A: Any, block_offsets: Int, near_null: ArrayLike | None = None, sweeps: int = 4
 ) -> Float:
-    """Return near-null vectors, smoothed: what block Gauss–Seidel for A x = 0 leaves of them.
+    """Return smoothed near-null vectors: the result of block Gauss–Seidel sweeps for A x = 0.
 
-    Vectors that A takes to zero stay as they are. By default constants are smoothed: where parts are of one
-    size column j starts as 1 at the j-th unknown of each part, the j-th component, and 0 elsewhere. Mean and
-    slopes of polynomials, say, are not all near-null vectors, but what sweeps leave of them nearly is. Where
-    sizes differ the j-th unknowns of parts are not taken to have anything in common: there is one column,
-    which starts as 1 everywhere.
+    Vectors in the null space of A stay unchanged. By default, constants are smoothed. For parts of equal
+    size, column j starts as 1 at the j-th unknown (component) of each part, and 0 elsewhere. For example,
+    mean and slopes of polynomials are not all near-null vectors, but after the sweeps nearly so. For parts of
+    unequal size, the j-th unknowns of parts are not related, and the single column starts as 1 everywhere.
 
     Parameters
     ----------
     A : (n, n) sparse
-        Symmetric and positive (semi)definite.
+            Symmetric positive (semi)definite matrix.
     block_offsets : (parts + 1,) int
-        The unknowns of part p are ``block_offsets[p]:block_offsets[p + 1]``.
+            Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``.
     near_null : (n, k) float, optional
     sweeps : int
-        Symmetric ones, forward and backward.
+            Number of symmetric sweeps, forward and backward.
 
     Returns
     -------
     (n, k) float
-        By default k is the size of parts, 1 if they differ.
+            By default, k is the part size, or 1 for unequal parts.
 
     Raises
     ------
@@ -44,8 +43,8 @@ def smoothed_near_null(
 
     Notes
     -----
-    The candidates of adaptive smoothed aggregation (Brezina and others, SIAM J. Sci. Comput. 25, 2004) start
-    from random vectors; these start from better ones.
+    Adaptive smoothed aggregation (Brezina and others, SIAM J. Sci. Comput. 25, 2004) starts from random
+    vectors. The vectors here are better starts.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Prolongation by smoothed aggregation: near-null vectors on aggregates, and one Jacobi step on them."""
+"""Prolongation of smoothed aggregation: near-null vectors on aggregates, smoothed by a Jacobi step."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from agglo_core.multigrid.kernels.aggregates import couplings, local_bases, spli
 
 
 class Couplings(NamedTuple):
-    """How strongly the parts of a matrix are coupled: CSR over parts, and the size of diagonal blocks."""
+    """Coupling strength between parts of a matrix: CSR over parts, and diagonal block sizes."""
 
     graph: Int
     to: Any
@@ -23,7 +23,7 @@ class Couplings(NamedTuple):
 
     @classmethod
     def of(cls, A: Any, offsets: Int, part_of: Int) -> Couplings:
-        """Those of a CSR whose part p is ``offsets[p]:offsets[p + 1]``."""
+        """Compute the couplings of a CSR matrix with parts ``offsets[p]:offsets[p + 1]``."""
         found = couplings(A.indptr, A.indices, A.data, offsets, part_of)
         return cls(*(frozen(array, array.dtype) for array in found))
 
@@ -35,22 +35,22 @@ class Couplings(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Tentative:
-    """Near-null vectors B cut at the borders of aggregates: B = T ``near_null``.
+    """Near-null vectors B cut at aggregate borders: B = T ``near_null``.
 
     Attributes
     ----------
     T : (n, m) sparse
-        Orthonormal columns.
+            Prolongation with orthonormal columns.
     offsets : (aggregates + 1,) int
-        The coarse unknowns of each aggregate.
+            Coarse unknowns of each aggregate.
     near_null : (m, k) float
-        B on the coarse level.
+            B on the coarse level.
     mask : (n, k) bool
-        Which columns of their aggregate the rows of T have.
+            Columns of the aggregate that the rows of T contain.
     holder : (n,) int
-        Aggregate of each unknown; −1: none.
+            Aggregate of each unknown, −1 for none.
     R : (aggregates, k, k) float
-        B in the basis of an aggregate.
+            B in the basis of each aggregate.
     """
 
     T: Any
@@ -61,7 +61,7 @@ class Tentative:
     R: Float
 
     def of(self, values: Float) -> Any:
-        """Return the matrix that is to ``values (n, k)`` what T is to B: the same combinations, cut alike."""
+        """Apply to ``values (n, k)`` the combinations and cuts that map B to T, and return the matrix."""
         single = self.R.shape[1] == 1
         back = 1.0 / np.where(self.R > 0.0, self.R, 1.0) if single else np.linalg.pinv(self.R)
         combined = np.einsum("ik,ikq->iq", values, back[self.holder])[self.mask]
@@ -74,7 +74,7 @@ def tentative(labels: Int, count: int, near_null: Float) -> Tentative:
     Parameters
     ----------
     labels : (n,) int
-        Aggregate of each unknown; −1: none.
+            Aggregate of each unknown, −1 for none.
     count : int
         Number of aggregates.
     near_null : (n, k) float
@@ -94,9 +94,11 @@ def tentative(labels: Int, count: int, near_null: Float) -> Tentative:
     array([2., 1.])
     """
     inside = np.flatnonzero(labels >= 0)
+    # Orthonormalise B on each aggregate.
     order = inside[np.argsort(labels[inside], kind="stable")]
     starts = np.concatenate(([0], np.cumsum(np.bincount(labels[inside], minlength=count))))
     Q, R, ranks = local_bases(frozen_int(starts), frozen_int(order), frozen_float(near_null))
+    # Assemble T from the columns that exist on each aggregate.
     offsets = np.concatenate(([0], np.cumsum(ranks)))
     columns = np.arange(near_null.shape[1])
     mask = (columns < ranks[labels][:, None]) & (labels >= 0)[:, None]
@@ -119,9 +121,10 @@ def smoothed(
 ) -> Any:
     """Return P = (I − ω D⁻¹ F)^steps T with ω = 4/3 λ_max(D⁻¹ F)⁻¹, as CSR.
 
-    F is A without its weak blocks, whose action on the near-null vectors goes to the diagonal: F B = A B. D
-    is the diagonal of A, by blocks: that of F may be small where a part has many weak neighbours, and would
-    then move it far towards the few strong ones. More than one step needs weak = 0, where F is A.
+    F is A without weak blocks, with their action on near-null vectors moved to the diagonal, so that F B = A
+    B. D is the block diagonal of A, because the diagonal of F may be small for a part with many weak
+    neighbours, and would move this part too far towards its few strong neighbours. More than one step
+    requires weak = 0 (F = A).
     """
     indptr, indices, data, left = split_weak(
         A.indptr, A.indices, A.data, offsets, part_of, *strength, weak, frozen_float(near_null)
@@ -145,13 +148,13 @@ def smoothed(
 
 
 def _csr(data: Float, indices: Any, indptr: Any, shape: tuple[int, int]) -> Any:
-    """CSR with indices as narrow as they may be: kernels are compiled for one width only."""
+    """Return a CSR matrix with the narrowest indices, because kernels are compiled for one width."""
     width = np.int32 if max(len(data), *shape) < 2**31 else np.int64
     return sparse.csr_array((data, indices.astype(width), indptr.astype(width)), shape=shape)
 
 
 def _largest_eigenvalue(K: Any) -> float:
-    """An estimate from above, by power iteration from a fixed start, bounded by the largest row sum."""
+    """Estimate the largest eigenvalue from above by power iteration, bounded by the largest row sum."""
     v = np.random.default_rng(0).standard_normal(K.shape[0])
     length = 1.0
     for _ in range(8):
@@ -164,13 +167,15 @@ def _largest_eigenvalue(K: Any) -> float:
 
 
 def _inverse_blocks(A: Any, offsets: Int, part_of: Int) -> Any:
-    """Inverses of the diagonal blocks of A, as a sparse matrix; blocks of one size at a time."""
+    """Return the inverse diagonal blocks of A as a sparse matrix, computed size by size."""
     n = A.shape[0]
+    # Collect the entries in diagonal blocks.
     row = np.repeat(np.arange(n), np.diff(A.indptr))
     inside = part_of[row] == part_of[A.indices]
     row, column, value = row[inside], A.indices[inside].astype(np.int64), A.data[inside]
     part, sizes = part_of[row], np.diff(offsets)
     found = []
+    # Invert all blocks of equal size together.
     for size in np.unique(sizes):
         group = np.flatnonzero(sizes == size)
         place = np.full(len(sizes), -1)

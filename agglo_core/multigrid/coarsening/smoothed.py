@@ -1,9 +1,9 @@
-"""Smoothed agglomeration: prolongations that a damped Jacobi step has smoothed, and Galerkin operators.
+"""Smoothed agglomeration: prolongations smoothed by a damped Jacobi step, for Galerkin operators.
 
 P. Vaněk, J. Mandel, M. Brezina, "Algebraic multigrid by smoothed aggregation for second and fourth order
-elliptic problems", Computing 56 (1996), with blocks in place of scalars. An injected prolongation of
-discontinuous polynomials jumps between agglomerates, and the penalty of the fine level makes these jumps
-far too stiff for the coarse one; the step takes them out.
+elliptic problems", Computing 56 (1996), with blocks instead of scalars. An injected prolongation of
+discontinuous polynomials jumps between agglomerates. With the penalty of the fine level, these jumps are far
+too stiff on the coarse level. The Jacobi step removes them.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from agglo_core.multigrid.smoothers.spectrum import largest_eigenvalue
 def smoothed_prolongation(
     A: Any, P: Any, damping: float = 4 / 3, *, scaled: bool = False
 ) -> sparse.bsr_array:
-    """Prolongation (I − (ω / λ_max) D⁻¹ A) P, D being the diagonal blocks of A.
+    """Return the prolongation (I − (ω / λ_max) D⁻¹ A) P, with the diagonal blocks D of A.
 
     Parameters
     ----------
     A : (n, n) bsr
-        Symmetric and positive definite, in square blocks.
+            Symmetric positive definite matrix in square blocks.
     P : (n, m) bsr
-        In blocks of the same size.
+            Prolongation in blocks of equal size.
     damping : float
-        ω; λ_max is the :func:`~agglo_core.multigrid.largest_eigenvalue` of D⁻¹A.
+            Damping ω. λ_max is the :func:`~agglo_core.multigrid.largest_eigenvalue` of D⁻¹A.
     scaled : bool
-        Whether D is the identity, as :func:`~agglo_core.multigrid.matrices.block_scaling.block_scaled` makes
-        it.
+            D is the identity, as after
+            :func:`~agglo_core.multigrid.matrices.block_scaling.block_scaled`.
 
     Raises
     ------

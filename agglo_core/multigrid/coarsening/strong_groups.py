@@ -1,4 +1,4 @@
-"""Gauss–Seidel over groups of unknowns that strong couplings join: lines, where a matrix has directions."""
+"""Gauss–Seidel over groups of strongly coupled unknowns: lines in anisotropic matrices."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from agglo_core.multigrid.smoothers.patches import joined_patches
 from agglo_core.problems import Patches
 
 _STRONG = 0.1
-"""A coupling of this part of the root of both diagonal entries joins its unknowns."""
+"""Minimum coupling relative to (a_ii a_jj)^½ that joins two unknowns."""
 _RAISED = 1e-6
-"""Part of the diagonal added to it: A may be semidefinite, and so singular on a group."""
+"""Relative increase of the diagonal, because A may be semidefinite, and singular on a group."""
 
 
 def strong_groups(A: Any, most: int) -> Patches:
-    """Groups of up to ``most`` unknowns, each unknown in one, made along the strongest couplings.
+    """Return disjoint groups of up to ``most`` unknowns, formed along the strongest couplings.
 
-    Couplings of either sign count: those of at least a tenth of the root of both diagonal entries.
+    Couplings of either sign count if at least a tenth of (a_ii a_jj)^½.
 
     Parameters
     ----------
     A : (n, n) csr_array
-        Symmetric, of positive diagonal.
+            Symmetric matrix with positive diagonal.
     most : int
 
     Raises
@@ -55,7 +55,7 @@ def strong_groups(A: Any, most: int) -> Patches:
 
 
 def group_smoother(A: Any, most: int, dtype: Any = np.float64) -> VertexPatches:
-    """Symmetric block Gauss–Seidel over :func:`strong_groups`, for a diagonal larger by a millionth.
+    """Return symmetric block Gauss–Seidel over :func:`strong_groups`, with a diagonal enlarged by 1e-6.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Transfers: what the unknowns of a coarse level are on the next finer one."""
+"""Transfers: prolongations from a coarse level to the next finer level."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from agglo_core.problems import Coarsening, CoarseSpace
 
 
 def parents(fine: Int, coarse: Int) -> Int | None:
-    """Part of ``coarse`` that holds each part of ``fine``, both labels ``(n,)``; None if they do not nest.
+    """Return the part in ``coarse`` of each part in ``fine`` (labels ``(n,)``), or None if not nested.
 
     Examples
     --------
@@ -33,9 +33,9 @@ def parents(fine: Int, coarse: Int) -> Int | None:
 
 
 class Injection:
-    """The functions of the coarse space as they are, where levels do not nest their L2 projections.
+    """Injection of the coarse functions, or of their L2 projections on levels that are not nested.
 
-    Polynomials on agglomerates, of a discretisation by polynomials; constants of a linear system.
+    The functions are polynomials on agglomerates for discretisations, and constants for linear systems.
     """
 
     def prolongation(self, step: Coarsening) -> Any:
@@ -44,8 +44,7 @@ class Injection:
         Raises
         ------
         OptionError
-            If the method has no coarse space of its own, as where the parts of a linear system have unequal
-            numbers of unknowns.
+                If the method has no own coarse space, as for linear systems with parts of unequal size.
         """
         if step.injected is None:
             raise OptionError(
@@ -69,20 +68,22 @@ class SmoothedInjection:
         self.damping = damping
 
     def prolongation(self, step: Coarsening) -> Any:
-        """Return P ``(n, m)``; errors as :class:`Injection`, LinAlgError if A is not positive definite."""
+        """Return P ``(n, m)``.
+
+        Errors are those of :class:`Injection`, and LinAlgError if A is not positive definite.
+        """
         return smoothed_prolongation(step.A, Injection().prolongation(step), self.damping)
 
 
 class Aggregation:
-    """Smoothed aggregation of near-null vectors, with the agglomerates as they are for aggregates.
+    """Smoothed aggregation of near-null vectors, with agglomerates as aggregates.
 
-    Where no near-null vectors are known they are found: see
-    :func:`~agglo_core.multigrid.smoothed_near_null`.
+    Unknown near-null vectors are computed by :func:`~agglo_core.multigrid.smoothed_near_null`.
 
     Parameters
     ----------
     weak : float
-        Couplings at most this part of the diagonal are left out of the smoothing.
+            Couplings up to this fraction of the diagonal are omitted from smoothing.
     """
 
     def __init__(self, weak: float = 0.01) -> None:
@@ -91,14 +92,14 @@ class Aggregation:
         self.weak = weak
 
     def prolongation(self, step: Coarsening) -> CoarseSpace:
-        """Return P with its blocks and the near-null vectors of the coarse level.
+        """Return P with its blocks, and the coarse near-null vectors.
 
         Raises
         ------
         OptionError
-            If agglomerates are not unions of those of the finer level.
+                If agglomerates are not unions of finer agglomerates.
         LinAlgError
-            If a diagonal block is not positive definite, where near-null vectors have to be found.
+                If a diagonal block is not positive definite and near-null vectors must be computed.
         """
         if step.parents is None:
             raise OptionError("aggregation needs agglomerates that are unions of those of the finer level")

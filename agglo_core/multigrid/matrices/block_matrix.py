@@ -1,4 +1,4 @@
-"""Symmetric matrices in blocks, ready for Gauss–Seidel sweeps in single or double precision."""
+"""Symmetric block matrices, prepared for Gauss–Seidel sweeps in single or double precision."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ from agglo_core.multigrid.kernels.block_sweeps import (
 from agglo_core.multigrid.stack import Real
 from agglo_core.problems.real_arrays import real_matrix
 
-_NOTHING = 1e-22  # of the largest entry: in single precision products of such numbers are denormal, and slow
+_NOTHING = 1e-22  # relative to the largest entry: smaller entries make slow denormal products
 _ASYMMETRY = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class BlockMatrix:
-    """A symmetric positive definite matrix with the inverses of its diagonal blocks.
+    """Symmetric positive definite matrix with its inverse diagonal blocks.
 
-    Made by :func:`block_matrix`.
+    Built by :func:`block_matrix`.
 
     Attributes
     ----------
     matrix : (n, n) bsr_array or csr_array
-        BSR if all parts have the same number of unknowns.
+            Matrix, as BSR if all parts have equally many unknowns.
     inverses : (n, n) bsr_array or csr_array
-        D⁻¹, D being the diagonal blocks, in the same form.
+            D⁻¹ for the diagonal blocks D, in equal format.
     block_offsets : (parts + 1,) int
 
     Examples
@@ -63,21 +63,21 @@ class BlockMatrix:
 
     @property
     def dtype(self) -> Any:
-        """float32 or float64."""
+        """Precision: float32 or float64."""
         return self.matrix.dtype
 
     @property
     def nnz(self) -> int:
-        """Entries stored."""
+        """Number of stored entries."""
         return int(self.matrix.nnz)
 
     def __matmul__(self, x: Any) -> Any:
         return self.matrix @ x
 
     def forward_from_zero(self, b: Real, sweeps: int = 1) -> tuple[Real, Real]:
-        """Return x ``(n,)`` after forward sweeps from 0 and the residual b − A x.
+        """Return x ``(n,)`` after forward sweeps from 0, and the residual b − A x.
 
-        For equal blocks the residual costs nothing: each sweep goes through the matrix once.
+        For equal blocks the residual has no extra cost: each sweep passes through the matrix once.
         """
         x, r = np.zeros(len(b), self.dtype), np.array(b, self.dtype)
         if self._width:
@@ -88,11 +88,11 @@ class BlockMatrix:
         return x, r - self.matrix @ x
 
     def forward(self, b: Real, x: Real, sweeps: int = 1) -> Real:
-        """Change x ``(n,)`` by block Gauss–Seidel sweeps from the first part to the last, and return it."""
+        """Update x ``(n,)`` by block Gauss–Seidel sweeps from the first part to the last, and return x."""
         return self._swept(b, x, sweeps, 1)
 
     def backward(self, b: Real, x: Real, sweeps: int = 1) -> Real:
-        """The mirror image: from the last part to the first."""
+        """Update x ``(n,)`` by block Gauss–Seidel sweeps from the last part to the first, and return x."""
         return self._swept(b, x, sweeps, -1)
 
     def _swept(self, b: Real, x: Real, sweeps: int, order: int) -> Real:
@@ -107,7 +107,7 @@ class BlockMatrix:
 
     @property
     def _width(self) -> int:
-        """Size of the blocks, 0 if they differ."""
+        """Block size, or 0 for variable blocks."""
         return int(self.matrix.blocksize[0]) if self.matrix.format == "bsr" else 0
 
     @cached_property
@@ -116,7 +116,7 @@ class BlockMatrix:
 
     @cached_property
     def _arrays(self) -> tuple[NDArray[Any], ...]:
-        """What the kernels take of matrix and inverses."""
+        """Kernel arguments for matrix and inverses."""
         A = self.matrix
         rows = (*_pattern(A), frozen(A.data, self.dtype).reshape(-1))
         inverses = frozen(self.inverses.data, self.dtype).reshape(-1)
@@ -128,24 +128,24 @@ class BlockMatrix:
 def block_matrix(
     A: Any, block_offsets: Int, dtype: Any = np.float64, *, symmetric: bool = False
 ) -> BlockMatrix:
-    """A symmetric positive definite matrix, ready for block Gauss–Seidel.
+    """Prepare a symmetric positive definite matrix for block Gauss–Seidel.
 
     Parameters
     ----------
     A : (n, n) sparse
     block_offsets : (parts + 1,) int
-        The unknowns of part p are ``block_offsets[p]:block_offsets[p + 1]``; parts may differ in size.
+            Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``. Sizes may differ.
     dtype : float32 or float64
-        Of the sweeps. Diagonal blocks are inverted in double precision.
+            Precision of the sweeps. Diagonal blocks are inverted in double precision.
     symmetric : bool
-        Whether A is known to be symmetric and finite: then it is not looked at.
+            Skip the checks of A, known to be symmetric and finite.
 
     Raises
     ------
     OptionError
-        If A is not symmetric or its indices are out of range, offsets do not fit it, or for another dtype.
+            If A is not symmetric or has indices out of range, for offsets that do not fit, or another dtype.
     LinAlgError
-        If a diagonal block is not positive definite; the message names its part.
+            If a diagonal block is not positive definite. The message names its part.
 
     Examples
     --------
@@ -166,7 +166,7 @@ def block_matrix(
 
 
 def in_blocks(A: Any, block_offsets: Int) -> Any:
-    """A as ``bsr_array`` if all parts have the same size, as ``csr_array`` otherwise; no entry stored twice.
+    """Return A as ``bsr_array`` if all parts have equal size, else as ``csr_array``, without duplicates.
 
     Raises
     ------
@@ -198,14 +198,14 @@ def in_blocks(A: Any, block_offsets: Int) -> Any:
 
 
 def block_inverses(A: Any, block_offsets: Int) -> Any:
-    """D⁻¹ ``(n, n)``, D being the diagonal blocks: a ``bsr_array``, or a ``csr_array`` if sizes differ.
+    """Return D⁻¹ ``(n, n)`` for the diagonal blocks D, as ``bsr_array``, or ``csr_array`` for unequal sizes.
 
     Raises
     ------
     OptionError
         If the offsets do not fit the matrix.
     LinAlgError
-        If a block is not positive definite; the message names its part.
+            If a block is not positive definite. The message names its part.
 
     Examples
     --------
@@ -238,7 +238,7 @@ def block_inverses(A: Any, block_offsets: Int) -> Any:
 
 
 def _diagonal(A: Any, offsets: Int) -> Float:
-    """Diagonal blocks, stored by rows one after the other."""
+    """Return the diagonal blocks, stored by rows one after the other."""
     sizes, places = np.diff(offsets), _places(offsets)
     blocks = np.zeros(int(np.sum(sizes**2)))
     if A.format == "bsr":
@@ -256,13 +256,16 @@ def _diagonal(A: Any, offsets: Int) -> Float:
 
 
 def _places(offsets: Int) -> Int:
-    """Where the block of each part starts, when they are stored by rows one after the other."""
+    """Return the start of each diagonal block in row-wise storage."""
     squares = np.diff(offsets) ** 2
     return frozen_int(np.cumsum(squares) - squares)
 
 
 def in_precision(A: Any, dtype: Any) -> Any:
-    """A sparse matrix in a precision; entries below 1e-22 of the largest become 0 if that is single."""
+    """Convert a sparse matrix to a precision.
+
+    In single precision, entries below 1e-22 times the largest become 0.
+    """
     if A.dtype == dtype:
         return A
     data = np.array(A.data, dtype, order="C")
@@ -272,12 +275,12 @@ def in_precision(A: Any, dtype: Any) -> Any:
 
 
 def _largest(data: NDArray[Any]) -> float:
-    """The largest magnitude; nothing as large as the data is made for it."""
+    """Return the largest magnitude without a temporary array."""
     return max(float(data.max(initial=0.0)), -float(data.min(initial=0.0)))
 
 
 def _require_symmetric(A: Any) -> None:
-    v = np.sqrt(2.0) * np.arange(A.shape[0]) ** 2 % 1.0 + 0.5  # as good as random, and cheap
+    v = np.sqrt(2.0) * np.arange(A.shape[0]) ** 2 % 1.0 + 0.5  # cheap substitute for a random vector
     blocks = frozen_float(A.data if A.format == "bsr" else A.data[:, None, None])
     there, back = both_products(*_pattern(A), blocks, frozen_float(v))
     gap = np.abs(there - back).max(initial=0.0)
@@ -288,6 +291,6 @@ def _require_symmetric(A: Any) -> None:
 
 
 def _pattern(A: Any) -> tuple[NDArray[Any], ...]:
-    """Offsets and columns as kernels take them."""
+    """Return offsets and columns with the index type of kernels."""
     small = max(A.indptr[-1], A.shape[0]) < np.iinfo(np.int32).max
     return tuple(frozen(each, np.int32 if small else np.int64) for each in (A.indptr, A.indices))

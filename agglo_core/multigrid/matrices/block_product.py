@@ -1,4 +1,4 @@
-"""Products of vectors with matrices in small blocks, which scipy multiplies as if blocks were large."""
+"""Fast products of vectors with small-block matrices, for which scipy's loops are slow."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from agglo_core.multigrid.kernels.block_sweeps import UNROLLED, block_product
 
 
 class BlockProduct:
-    """A matrix in square blocks, ready for many products with vectors ``(n,)``.
+    """Matrix in square blocks, prepared for many products with vectors ``(n,)``.
 
     Parameters
     ----------
     A : (n, n) bsr_array
-        In double precision, of blocks of 2 to 16 unknowns.
+            Matrix in double precision with blocks of 2 to 16 unknowns.
     """
 
     def __init__(self, A: Any) -> None:
@@ -26,7 +26,7 @@ class BlockProduct:
         self._kernel = block_product(int(A.blocksize[0]))
 
     def __matmul__(self, x: Float) -> Float:
-        if x.ndim != 1:  # several vectors make good use of a block
+        if x.ndim != 1:  # scipy is fast for several vectors
             several: Float = self._A @ x
             return several
         y: Float = self._kernel(*self._arrays, frozen_float(x))
@@ -34,7 +34,7 @@ class BlockProduct:
 
 
 def fast_product(A: Any) -> Any:
-    """A as :class:`BlockProduct` if it can be one, else A itself."""
+    """Return A as :class:`BlockProduct` if possible, else A itself."""
     if getattr(A, "format", "") != "bsr" or A.dtype != np.float64:
         return A
     rows, columns = A.blocksize

@@ -1,8 +1,8 @@
-"""Matrices in unknowns for which the diagonal blocks are identities.
+"""Scaling of block matrices to identity diagonal blocks.
 
-The local bases of flat or cut-off cells are nearly dependent, and coefficients differ from cell to cell by
-any factor: the blocks of such a matrix lose all digits in single precision. In a basis orthonormal in the
-energy of its own cell they lose none, and multigrid may run in single precision on any mesh.
+Local bases on flat or cut cells are nearly dependent, and coefficients differ between cells by any factor:
+in single precision, the blocks of such a matrix lose all digits. In bases that are orthonormal in the energy
+of their own cell, no digits are lost, and multigrid may run in single precision on any mesh.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from agglo_core.multigrid.kernels.unit_blocks import scale_blocks
 
 
 class Scaled(NamedTuple):
-    """A matrix whose diagonal blocks are identities, and the way to it.
+    """Matrix with identity diagonal blocks, and its transformation.
 
     Attributes
     ----------
     A : (n, n) bsr
-        T A Tᵀ: the solution of A x = b is x = Tᵀ y, where (T A Tᵀ) y = T b.
+            T A Tᵀ. The solution of A x = b is x = Tᵀ y with (T A Tᵀ) y = T b.
     T : (n, n) bsr
-        Block diagonal and lower triangular, as is its inverse L.
+            Block diagonal and lower triangular, like its inverse L.
     LT : (n, n) bsr
-        Lᵀ, which takes x to y.
+            Lᵀ, which maps x to y.
     """
 
     A: sparse.bsr_array
@@ -36,12 +36,12 @@ class Scaled(NamedTuple):
 
 
 def block_scaled(A: Any) -> Scaled:
-    """Scale the unknowns of each block of a matrix.
+    """Scale the unknowns of each block to an identity diagonal block.
 
     Parameters
     ----------
     A : (n, n) bsr
-        Symmetric and positive definite, in square blocks.
+            Symmetric positive definite matrix in square blocks.
 
     Raises
     ------

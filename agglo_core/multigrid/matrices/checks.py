@@ -1,4 +1,4 @@
-"""Matrices given from outside: checked, and brought to the form that kernels take."""
+"""Checks of user matrices, and conversion to the form for kernels."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from agglo_core.problems.real_arrays import real_matrix
 
 
 def canonical(A: Any) -> Any:
-    """CSR in double precision, its columns sorted and its arrays read-only."""
+    """Return a CSR matrix in double precision, with sorted columns and read-only arrays."""
     rows = sparse.csr_array(A, dtype=np.float64)
     if not rows.has_canonical_format:
-        rows = rows.copy()  # those of A are shared
+        rows = rows.copy()  # the arrays of A are shared
         rows.sum_duplicates()
     if rows.indices.dtype != np.int32 and rows.nnz < 2**31:
         rows.indices, rows.indptr = rows.indices.astype(np.int32), rows.indptr.astype(np.int32)
@@ -29,7 +29,8 @@ def canonical(A: Any) -> Any:
 def checked_system(
     A: Any, block_offsets: ArrayLike | None, near_null: ArrayLike | None
 ) -> tuple[Any, Int, Float]:
-    """Matrix, block offsets and near-null vectors, or an error that says what does not fit."""
+    """Return matrix, block offsets and near-null vectors, or raise OptionError with the misfit."""
+    # Matrix: finite, with positive diagonal.
     if not sparse.issparse(A) or A.shape[0] != A.shape[1] or np.iscomplexobj(A):
         raise OptionError(
             f"expected a real square sparse matrix; given {type(A).__name__} {getattr(A, 'shape', '')} "
@@ -42,12 +43,14 @@ def checked_system(
     if not (diagonal > 0.0).all():
         row = int(np.argmin(diagonal))
         raise OptionError(f"the diagonal of the matrix must be positive; row {row} has {diagonal[row]:g}")
+    # Block offsets: increasing from 0 to n.
     given = plain_array(
         np.arange(n + 1) if block_offsets is None else block_offsets, "block_offsets", OptionError
     )
     offsets = frozen_int(exact_cast(given, np.int64, "block_offsets", OptionError))
     if offsets.ndim != 1 or offsets[0] != 0 or offsets[-1] != n or (np.diff(offsets) < 1).any():
         raise OptionError(f"block_offsets must rise from 0 to {n}, the rows of the matrix")
+    # Near-null vectors: by default a constant per component.
     if near_null is None:
         component = np.arange(n) - np.repeat(offsets[:-1], np.diff(offsets))
         near_null = component[:, None] == np.arange(np.diff(offsets).max(initial=1))

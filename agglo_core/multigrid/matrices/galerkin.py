@@ -1,4 +1,4 @@
-"""Galerkin products Pᵀ A P, in blocks or entry by entry, and stacks of levels made by them."""
+"""Galerkin products Pᵀ A P, in blocks or entry by entry, and stacks built from these products."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from agglo_core.multigrid.stack import Level, LevelSmoother, LevelStack, Solve
 from agglo_core.problems import MultigridLevel, Patches
 
 _SAMPLE = 64
-"""Columns of a product that are counted to estimate its entries."""
+"""Number of sampled product columns to estimate the number of entries."""
 
 
 def csr_galerkin(A: Any, P: Any) -> Any:
-    """Pᵀ A P as ``csr_array`` with sorted columns, its arrays read-only.
+    """Return Pᵀ A P as ``csr_array`` with sorted columns and read-only arrays.
 
     Parameters
     ----------
     A : (n, n) csr
-        Symmetric, in double precision, its arrays read-only.
+            Symmetric matrix in double precision with read-only arrays.
     P : (n, m) csr
-        In double precision.
+            Prolongation in double precision.
     """
     m = P.shape[1]
     indptr, indices, data = galerkin_product(A.indptr, A.indices, A.data, P.indptr, P.indices, P.data, m)
@@ -42,7 +42,7 @@ def csr_galerkin(A: Any, P: Any) -> Any:
 
 
 def product_entries(A: Any, P: Any) -> float:
-    """Estimate the number of entries of Pᵀ A P from evenly spaced columns of it.
+    """Estimate the number of entries of Pᵀ A P from evenly spaced columns.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def product_entries(A: Any, P: Any) -> float:
 
 
 def have_kernels(*matrices: Any) -> bool:
-    """Whether there are kernels for the products: all in square blocks of one size from 2 to 16, double."""
+    """Return True if all matrices have square blocks of one size from 2 to 16 in double precision."""
     if any(each.format != "bsr" or each.dtype != np.float64 for each in matrices):
         return False
     sizes = {size for each in matrices for size in each.blocksize}
@@ -64,13 +64,13 @@ def have_kernels(*matrices: Any) -> bool:
 
 
 def block_matmat(A: Any, P: Any) -> sparse.bsr_array:
-    """A P; columns come in any order."""
+    """Return A P with columns in any order."""
     places = frozen_index(np.arange(len(A.indices)))
     return _product(frozen_index(A.indptr), frozen_index(A.indices), places, A, 0, P)
 
 
 def block_galerkin(A: Any, P: Any) -> sparse.bsr_array:
-    """Pᵀ A P, columns sorted."""
+    """Return Pᵀ A P with sorted columns."""
     columns = P.shape[1] // P.blocksize[1]
     pattern = block_columns(frozen_index(P.indptr), frozen_index(P.indices), columns)
     starts, rows, places = (frozen_index(each) for each in pattern)
@@ -80,7 +80,7 @@ def block_galerkin(A: Any, P: Any) -> sparse.bsr_array:
 
 
 def _product(indptr: Any, rows: Any, places: Any, left: Any, transposed: int, P: Any) -> sparse.bsr_array:
-    """The product of the blocks of a matrix, at their ``places``, with another matrix."""
+    """Return the product of matrix blocks, at their ``places``, with another matrix."""
     width, columns = int(P.blocksize[0]), P.shape[1] // int(P.blocksize[0])
     first, second = (frozen_float(each.data).reshape(-1) for each in (left, P))
     pattern = frozen_index(P.indptr), frozen_index(P.indices)
@@ -90,14 +90,14 @@ def _product(indptr: Any, rows: Any, places: Any, left: Any, transposed: int, P:
 
 
 def injection(parents: Int, width: int = 1) -> sparse.bsr_array:
-    """Prolongation that gives the ``width`` unknowns of a part to each of its children.
+    """Return the prolongation that copies the ``width`` unknowns of a part to each of its children.
 
     Parameters
     ----------
     parents : (n,) int
         Coarse part of each fine part: 0..parts − 1.
     width : int
-        Unknowns of a part.
+            Number of unknowns per part.
 
     Examples
     --------
@@ -115,7 +115,7 @@ def injection(parents: Int, width: int = 1) -> sparse.bsr_array:
 
 
 def galerkin(A: Any, P: Any) -> Any:
-    """Pᵀ A P, in blocks if A and P are.
+    """Return Pᵀ A P, in blocks if A and P are in blocks.
 
     Parameters
     ----------
@@ -154,37 +154,37 @@ def build_stack(
     patches: Sequence[Patches | None] | None = None,
     steps: int = 1,
 ) -> LevelStack:
-    """A stack of levels whose coarse matrices are Pᵀ A P, multiplied in double precision.
+    """Build a stack of levels with coarse matrices Pᵀ A P, multiplied in double precision.
 
     Parameters
     ----------
     A : (n, n) sparse
-        Symmetric positive definite.
+            Symmetric positive definite matrix.
     block_offsets : (parts + 1,) int, or a sequence of them
-        Of the finest level, when each coarse level has the blocks that the columns of its prolongation have
-        (single unknowns unless it is a ``bsr_array``); or of every level, finest first.
+            Offsets of the finest level, with coarse blocks taken from the columns of prolongations (single
+            unknowns unless ``bsr_array``), or offsets of every level, finest first.
     prolongations : sequence of (n, m) sparse
-        To each level from the next one, finest first.
+            Prolongations to each level from the next coarser level, finest first.
     smoother : str, object with ``setup``, or callable
         See :func:`smoother_setup`.
     coarse : "dense", "elimination", "lu" or callable
         See :func:`coarse_solver`.
     dtype : float32 or float64
-        Of the vectors of a cycle.
+            Precision of the vectors in a cycle.
     labels : sequence of (n_cells,) int, optional
-        Of each level, finest first: part that holds each cell of the mesh. Without them smoothers see each
-        part as a cell of its own.
+            Part of each mesh cell per level, finest first. Without labels, smoothers treat each part as a
+            cell.
     patches : sequence of Patches or None, optional
-        Of each level that is smoothed, finest first.
+            Patches of each smoothed level, finest first.
     steps : int
-        Smoothing steps before and after the correction by the next level.
+            Smoothing steps before and after the coarse correction.
 
     Raises
     ------
     OptionError
-        If shapes do not fit, or for options that are not accepted.
+            If shapes do not fit, or for invalid options.
     LinAlgError
-        If a matrix is not positive definite; the message names the level.
+            If a matrix is not positive definite. The message names the level.
 
     Examples
     --------
@@ -209,6 +209,7 @@ def build_stack(
             raise OptionError(
                 f"the prolongation to level {k} has the shape {P.shape}, the matrix there {A.shape}"
             )
+        # Set up the smoother on the level.
         A = in_blocks(A, offsets[k])
         own = labels[k] if labels is not None else frozen_int(np.arange(len(offsets[k]) - 1))
         groups = patches[k] if patches is not None else None
@@ -216,8 +217,10 @@ def build_stack(
         smooth = _set_up(setup, level, dtype, k)
         kept = None if labels is None else own
         single = (in_precision(each, dtype) for each in (A, _stored(P)))
+        # Store the level in the precision of the stack.
         levels.append(Level(next(single), offsets[k], next(single), smooth, kept, groups))
         A = galerkin(A, P)
+    # Coarsest level.
     A = in_blocks(A, offsets[-1])
     last = in_precision(A, dtype)
     levels.append(Level(last, offsets[-1], labels=None if labels is None else labels[len(levels)]))
@@ -236,7 +239,7 @@ def _stored(P: Any) -> Any:
 
 
 def _offsets(given: Any, prolongations: Sequence[Any]) -> list[Int]:
-    """Block offsets of every level."""
+    """Return the block offsets of every level."""
     if len(given) and np.ndim(given[0]):
         if len(given) != len(prolongations) + 1:
             raise OptionError(

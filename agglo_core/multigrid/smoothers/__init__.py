@@ -1,1 +1,1 @@
-"""Smoothers of a level: block sweeps, patches, polynomials."""
+"""Level smoothers: block sweeps, patches, polynomials."""

@@ -1,4 +1,4 @@
-"""Smoothers that are components, of anybody's making, on the levels of a stack."""
+"""Adapter for smoother components, including plugins, to the levels of a stack."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from agglo_core.multigrid.stack import Real
 from agglo_core.problems import MultigridLevel
 
 Guard = Callable[[], AbstractContextManager[None]]
-"""Makes a context manager that is entered around each call: it may say whose errors they are."""
+"""Makes a context manager around each call, for example to name the owner of errors."""
 
 
 class _Component(Protocol):
@@ -23,19 +23,20 @@ class _Component(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Adapted:
-    """What the ``setup`` of a smoother returned, checked at each call, on both sides of a correction.
+    """Result of a smoother's ``setup``, checked at each call, before and after a coarse correction.
 
-    If it has ``before`` and ``after`` besides being callable these are used, otherwise ``smooth(b, x)``: from
-    zero before, and again after. The cycle is then symmetric if smooth is.
-    It is given and returns vectors in double precision; those of the cycle may be in single.
+    If the result has methods ``before`` and ``after`` besides being callable, these are used. Otherwise
+    ``smooth(b, x)`` runs from zero before, and again after the correction, and the cycle is symmetric if
+    smooth is. Vectors are passed and returned in double precision, even if those of the cycle are in single
+    precision.
 
     Attributes
     ----------
     smooth : callable
     A : (n, n) sparse
-        The matrix of its level.
+            Level matrix.
     title : str
-        How errors call the smoother.
+            Title of the smoother in errors.
     guard : Guard
 
     Examples
@@ -54,7 +55,7 @@ class Adapted:
     guard: Guard = nullcontext
 
     def __call__(self, b: Real, x: Real) -> Real:
-        """``smooth(b, x)``; PluginError if it is no vector like b."""
+        """Return ``smooth(b, x)``, or raise PluginError unless it is a vector like b."""
         return self._checked("smooth(b, x)", b, self.smooth, b, x)
 
     def before(self, b: Real) -> tuple[Real, Real]:
@@ -99,22 +100,22 @@ class Adapted:
 def adapted(
     smoother: _Component, level: MultigridLevel, title: str = "smoother", guard: Guard = nullcontext
 ) -> Adapted:
-    """Set a component of kind ``smoother`` up on a level, for the cycles of a stack.
+    """Set up a component of kind ``smoother`` on a level, for the cycles of a stack.
 
     Parameters
     ----------
     smoother : object with ``setup``
-        See :class:`agglo_core.protocols.Smoother`.
+            Component, see :class:`agglo_core.protocols.Smoother`.
     level : MultigridLevel
-        Its matrix is in double precision.
+            Level with its matrix in double precision.
     title : str
-        How errors call the smoother.
+            Title of the smoother in errors.
     guard : Guard, optional
 
     Raises
     ------
     PluginError
-        If setup returns no function.
+            If setup does not return a function.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Additive Schwarz: aggregates as overlapping subdomains, with or without a coarse level."""
+"""Additive Schwarz: aggregates as overlapping subdomains, with or without coarse level."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from agglo_core.multigrid.matrices.checks import checked_system
 from agglo_core.multigrid.stack import Solve
 
 _DENSE = 150
-"""Subdomains of at most so many unknowns are inverted."""
+"""Maximum number of unknowns of subdomains to be inverted."""
 _MOST_STEPS = 8
-"""Of smoothing of the coarse level."""
+"""Maximum number of smoothing steps for the coarse prolongation."""
 
 
 def additive_schwarz(
@@ -33,37 +33,37 @@ def additive_schwarz(
     coarse: bool = True,
     near_null: ArrayLike | None = None,
 ) -> LinearOperator:
-    """The additive Schwarz preconditioner Σ R_iᵀ A_i⁻¹ R_i (+ P (Pᵀ A P)⁻¹ Pᵀ), symmetric.
+    """Return the symmetric additive Schwarz preconditioner Σ R_iᵀ A_i⁻¹ R_i (+ P (Pᵀ A P)⁻¹ Pᵀ).
 
     Parameters
     ----------
     A : (n, n) sparse
-        Symmetric positive (semi)definite.
+            Symmetric positive (semi)definite matrix.
     block_offsets : (parts + 1,) int or None
-        The unknowns of part p are ``block_offsets[p]:block_offsets[p + 1]``; None: single unknowns.
+            Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``. None for single unknowns.
     labels : (parts,) int
-        Subdomain of each part, 0..k−1: agglomerates of cells.
+            Subdomain of each part, 0..k−1: agglomerates of cells.
     overlap : int
-        Layers of neighbouring parts that are added to each subdomain.
+            Number of layers of neighbouring parts to add to each subdomain.
     coarse : bool
-        Add a coarse level, by smoothed aggregation with the subdomains as aggregates: counts of iterations
-        then do not grow with the number of subdomains of a given size.
+            Add a coarse level, by smoothed aggregation with the subdomains as aggregates. Then iteration
+            counts do not grow with the number of subdomains of fixed size.
     near_null : (n, k) or (n,) float, optional
-        For the coarse level; by default constants, see :func:`aggregation_stack`.
+            Near-null vectors for the coarse level. Default: constants, see :func:`aggregation_stack`.
 
     Returns
     -------
     LinearOperator
-        ``(n, n)``; every subdomain and the coarse level are factorised beforehand.
+            Operator ``(n, n)``, with all subdomains and the coarse level factorised in advance.
 
     Raises
     ------
     OptionError
-        For arrays that do not fit the matrix, negative labels or overlap.
+            For arrays that do not fit the matrix, or negative labels or overlap.
 
     Notes
     -----
-    Toselli and Widlund, Domain Decomposition Methods (2005), chapters 2 and 3; the coarse level after
+    Toselli and Widlund, Domain Decomposition Methods (2005), chapters 2 and 3. The coarse level follows
     Lasser and Toselli, Math. Comp. 71 (2002).
 
     Examples
@@ -95,7 +95,7 @@ def additive_schwarz(
 
 
 def _applied(local: Sequence[tuple[Int, Solve]], below: tuple[Any, Any, Solve] | None, b: Any) -> Float:
-    """The sum of the solutions on subdomains and, if there is one, on the coarse level."""
+    """Return the sum of the solutions on subdomains and on the coarse level, if any."""
     b = np.asarray(b, dtype=np.float64).ravel()
     x = np.zeros(len(b))
     for rows, solve in local:
@@ -107,7 +107,7 @@ def _applied(local: Sequence[tuple[Int, Solve]], below: tuple[Any, Any, Solve] |
 
 
 def _subdomains(strength: Couplings, offsets: Int, domain: Int, overlap: int) -> list[Int]:
-    """Unknowns of each subdomain, ascending."""
+    """Return the unknowns of each subdomain, ascending."""
     n = len(domain)
     graph = sparse.csr_array((np.ones(len(strength.to)), strength.to, strength.graph), shape=(n, n))
     member = sparse.csr_array((np.ones(n), (np.arange(n), domain)))
@@ -127,7 +127,7 @@ def _subdomains(strength: Couplings, offsets: Int, domain: Int, overlap: int) ->
 def _coarse_level(
     A: Any, offsets: Int, part_of: Int, strength: Couplings, domain: Int, B: Float
 ) -> tuple[Any, Any, Solve]:
-    """P, Pᵀ and the solver of Pᵀ A P; P is smoothed over half the width of a subdomain."""
+    """Return P, Pᵀ and the solver for Pᵀ A P, with P smoothed over half the subdomain width."""
     start = tentative(domain[part_of], int(domain.max()) + 1, B)
     width = np.sqrt(len(domain) / (int(domain.max()) + 1))
     steps = int(np.clip(round(0.5 * width), 1, _MOST_STEPS))

@@ -1,4 +1,4 @@
-"""Smoothers of the levels of a stack, by name or made from components of kind ``smoother``."""
+"""Level smoothers by name, or from components of kind ``smoother``."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from agglo_core.multigrid.stack import LevelSmoother, Real
 from agglo_core.problems import MultigridLevel
 
 SetUp = Callable[[MultigridLevel, Any], LevelSmoother]
-"""Makes a smoother from a level, whose matrices are in double precision, and the dtype of its vectors."""
+"""Builds a smoother from a level in double precision and the dtype of its vectors."""
 
 
 class GaussSeidel:
-    """Block Gauss–Seidel: forward sweeps before the correction by the next level, backward sweeps after.
+    """Block Gauss–Seidel: forward sweeps before the coarse correction, backward sweeps after.
 
-    As a plain smoother, ``smooth(b, x)``, it sweeps forward and then backward.
+    As a plain smoother, ``smooth(b, x)`` sweeps forward and then backward.
 
     Examples
     --------
@@ -39,20 +39,20 @@ class GaussSeidel:
     uses_coarse: ClassVar[bool] = False
 
     def setup(self, level: MultigridLevel, dtype: Any = np.float64) -> _Sweeps:
-        """Return the smoother of a level: as many sweeps as it has steps, on the parts of the level.
+        """Return the level smoother, with ``level.steps`` sweeps over the parts.
 
         Raises
         ------
         OptionError
             If the matrix is not symmetric.
         LinAlgError
-            If the block of a part is not positive definite.
+                If the block of a part is not positive definite.
         """
         return self.on(block_matrix(level.A, level.block_offsets, dtype), level.steps)
 
     @staticmethod
     def on(matrix: BlockMatrix, steps: int = 1) -> _Sweeps:
-        """Return the smoother of a level whose matrix is ready."""
+        """Return the smoother for a prepared level matrix."""
         return _Sweeps(matrix, steps)
 
 
@@ -77,8 +77,8 @@ class BlockJacobi:
 
     Notes
     -----
-    λ_max belongs to D⁻¹A, D being the diagonal blocks of the parts: see
-    :func:`~agglo_core.multigrid.largest_eigenvalue`.
+    λ_max belongs to D⁻¹A, with the diagonal blocks D of the parts
+    (:func:`~agglo_core.multigrid.largest_eigenvalue`).
 
     Examples
     --------
@@ -95,23 +95,24 @@ class BlockJacobi:
     uses_coarse: ClassVar[bool] = False
 
     def setup(self, level: MultigridLevel, dtype: Any = np.float64) -> _Steps:
-        """Return the smoother of a level: as many steps as the level says; errors as :class:`GaussSeidel`."""
+        """Return the level smoother with ``level.steps`` steps, with errors as :class:`GaussSeidel`."""
         A = block_matrix(level.A, level.block_offsets, dtype)
         damping = 4.0 / (3.0 * largest_eigenvalue(A, A.inverses.__matmul__))
         return _Steps(A, tuple((0.0, damping) for _ in range(level.steps)))
 
 
 class Chebyshev:
-    """A Chebyshev polynomial of D⁻¹A, D being the diagonal blocks of the parts.
+    """Chebyshev polynomial in D⁻¹A, with the diagonal blocks D of the parts.
 
-    It is small from λ_max / ``ratio`` to λ_max: see :func:`~agglo_core.multigrid.largest_eigenvalue`.
+    The polynomial is small from λ_max / ``ratio`` to λ_max
+    (:func:`~agglo_core.multigrid.largest_eigenvalue`).
 
     Parameters
     ----------
     degree : int
-        Applications of the matrix in one step.
+            Number of matrix applications per step.
     ratio : float
-        λ_max over the smallest eigenvalue that is smoothed.
+            Ratio of λ_max to the smallest eigenvalue to be smoothed.
 
     Notes
     -----
@@ -139,15 +140,15 @@ class Chebyshev:
         self.degree, self.ratio = degree, float(ratio)
 
     def setup(self, level: MultigridLevel, dtype: Any = np.float64) -> _Steps:
-        """Return the smoother of a level: as many steps as the level says; errors as :class:`GaussSeidel`."""
+        """Return the level smoother with ``level.steps`` steps, with errors as :class:`GaussSeidel`."""
         A = block_matrix(level.A, level.block_offsets, dtype)
-        most = 1.05 * largest_eigenvalue(A, A.inverses.__matmul__)  # the estimate may be a little low
+        most = 1.05 * largest_eigenvalue(A, A.inverses.__matmul__)  # the estimate may be slightly low
         centre, radius = 0.5 * (most + most / self.ratio), 0.5 * (most - most / self.ratio)
         return _Steps(A, _chebyshev(centre, radius, self.degree) * level.steps)
 
 
 def _chebyshev(centre: float, radius: float, degree: int) -> tuple[tuple[float, float], ...]:
-    """Factors of the last step and of D⁻¹ r that make each step (Saad, Iterative Methods, algorithm 12.1)."""
+    """Return the factors of the last step and of D⁻¹ r per step (Saad, Iterative Methods, algorithm 12.1)."""
     sigma = centre / radius
     rho = 1.0 / sigma
     steps = [(0.0, 1.0 / centre)]
@@ -160,7 +161,7 @@ def _chebyshev(centre: float, radius: float, degree: int) -> tuple[tuple[float, 
 
 @dataclass(frozen=True, eq=False)
 class _Steps:
-    """Steps d ← α d + β D⁻¹ r, x ← x + d: polynomials of D⁻¹A, which are their own mirror images."""
+    """Steps d ← α d + β D⁻¹ r, x ← x + d: self-adjoint polynomials in D⁻¹A."""
 
     A: BlockMatrix
     factors: tuple[tuple[float, float], ...]
@@ -193,22 +194,22 @@ SMOOTHERS: Final[Mapping[str, Callable[[], _Own]]] = {
     "chebyshev": Chebyshev,
     "gauss_seidel": GaussSeidel,
 }
-"""Our smoothers by name; their ``setup`` also takes the dtype of the vectors."""
+"""Built-in smoothers by name. Their ``setup`` also accepts the dtype of the vectors."""
 
 
 def smoother_setup(given: Any) -> SetUp:
-    """How a smoother is set up on levels.
+    """Return the set-up function of a smoother.
 
     Parameters
     ----------
     given : str, object with ``setup``, or callable
-        One of :data:`SMOOTHERS` by name; one of those or any component of kind ``smoother``; or a function of
-        level and dtype that returns a :class:`~agglo_core.multigrid.LevelSmoother`.
+            A name in :data:`SMOOTHERS`, a built-in smoother, a component of kind ``smoother``, or a function
+            of level and dtype that returns a :class:`~agglo_core.multigrid.LevelSmoother`.
 
     Raises
     ------
     OptionError
-        If it is none of these.
+            For any other object.
 
     Examples
     --------

@@ -1,7 +1,7 @@
 """Schwarz smoothing on patches: exact solves in overlapping groups of parts, in turn or all at once.
 
-Cell by cell smoothing cannot move the continuous part of an error of discontinuous polynomials; patches
-around vertices can. J. Schöberl, J. M. Melenk, C. Pechstein, S. Zaglmayr, "Additive Schwarz
+For discontinuous polynomials, cell-wise smoothing does not reduce the continuous part of the error, but
+patches around vertices do. J. Schöberl, J. M. Melenk, C. Pechstein, S. Zaglmayr, "Additive Schwarz
 preconditioning for p-version triangular and tetrahedral finite elements", IMA J. Numer. Anal. 28 (2008).
 """
 
@@ -27,11 +27,11 @@ from agglo_core.problems import MultigridLevel, Patches
 
 _TINY = 1e-22
 _CUBICS = 10
-"""Unknowns of a cell at degree 3, where overlapping patches serve most: factors are compiled for it."""
+"""Block size of cubics, where overlapping patches are most useful: factors are compiled for this size."""
 
 
 class _Inverses:
-    """Patches of a matrix in blocks, and the inverse of the matrix on each: its lower half, or all of it."""
+    """Inverses of a block matrix on patches, as lower halves or in full."""
 
     def __init__(self, A: Any, patches: Patches, dtype: Any, *, half: bool, some: bool = False) -> None:
         self.offsets, self.parts = _checked(A, patches, some)
@@ -53,9 +53,9 @@ class _Inverses:
 
 
 class _Groups:
-    """Patches that do not overlap, their inverses, and the rows of a matrix in their order: for sweeps.
+    """Disjoint patches with inverses and matrix rows in patch order, for sweeps.
 
-    Those from the last patch to the first have arrays of their own, which are read from their beginnings.
+    Backward sweeps have separate arrays, so that memory is always read from the beginning.
     """
 
     def __init__(self, A: Any, patches: Patches, dtype: Any, some: bool) -> None:
@@ -68,7 +68,7 @@ class _Groups:
 
 
 def _ordered(whole: _Inverses, groups: Int, indptr: Int, indices: Any, blocks: Real) -> tuple[Any, ...]:
-    """Groups in another order: offsets, parts, starts, inverses, and the rows of the matrix (a BSR)."""
+    """Return groups in another order: offsets, parts, starts, inverses, and matrix rows (BSR)."""
     offsets, members = _slices(whole.offsets, groups)
     starts, values = _slices(whole.starts, groups)
     parts = whole.parts[members]
@@ -79,14 +79,14 @@ def _ordered(whole: _Inverses, groups: Int, indptr: Int, indices: Any, blocks: R
 
 
 def _slices(starts: Int, chosen: Int) -> tuple[Int, Int]:
-    """Slices ``starts[i]:starts[i + 1]`` one after the other: where they start, and what they hold."""
+    """Concatenate the slices ``starts[i]:starts[i + 1]``, and return their new starts and their indices."""
     sizes = starts[chosen + 1] - starts[chosen]
     there = np.concatenate(([0], np.cumsum(sizes)))
     return frozen_int(there), frozen_int(np.repeat(starts[chosen] - there[:-1], sizes) + np.arange(there[-1]))
 
 
 class _Factors:
-    """Patches of a matrix in blocks, and the factors of the matrix on each."""
+    """Factors of a block matrix on patches."""
 
     def __init__(self, A: Any, patches: Patches, dtype: Any, some: bool) -> None:
         self.offsets, parts = _checked(A, patches, some)
@@ -106,14 +106,14 @@ class _Factors:
 
 
 def _without_tiny(values: Real) -> Real:
-    """Values of which the tiny ones become 0, lest single precision computes with denormal numbers."""
+    """Set tiny values to 0 in single precision, to avoid slow denormals."""
     if values.dtype == np.float32 and len(values):
         clear_tiny(values, values.dtype.type(_TINY * max(values.max(), -values.min())))
     return frozen(values, values.dtype)
 
 
 def _checked(A: Any, patches: Patches, some: bool) -> tuple[Int, Any]:
-    """Offsets and parts of patches that hold every part of a matrix, or ``some``, and no others."""
+    """Return offsets and parts of patches, checked to cover all parts, or only ``some``, and no others."""
     offsets, parts, n_parts = (
         frozen_int(patches.offsets),
         frozen_index(patches.parts),
@@ -134,28 +134,28 @@ def _require_definite(failed: int, offsets: Int, parts: Any) -> None:
 
 
 class VertexPatches:
-    """Multiplicative Schwarz: solves patch by patch, forwards before the coarse correction, backwards after.
+    """Multiplicative Schwarz: patch by patch, forward before the coarse correction, backward after.
 
     Parameters
     ----------
     A : (n, n) bsr
-        Symmetric and positive definite, in square blocks, one for each part.
+            Symmetric positive definite matrix in square blocks, one per part.
     patches : Patches
-        Every part must be in one.
+            Patches that cover every part.
     dtype : numpy dtype
-        Precision of sweeps; inverses and factors are computed in double precision.
+            Precision of sweeps. Inverses and factors are computed in double precision.
     some : bool
-        Whether parts may be in no patch: they stay as they are, and their rows are not looked at.
+            Allow parts outside patches. Their values stay unchanged, and their rows are ignored.
 
     Attributes
     ----------
     A : (n, n) bsr
-        The matrix in the precision of the sweeps.
+            Matrix in the precision of the sweeps.
 
     Raises
     ------
     OptionError
-        If a part is in no patch, or a patch holds a part that the matrix lacks.
+            If a part is in no patch, or a patch contains an unknown part.
     LinAlgError
         If the matrix is not positive definite on a patch.
 
@@ -172,7 +172,7 @@ class VertexPatches:
     def __init__(self, A: Any, patches: Patches, dtype: Any = np.float64, *, some: bool = False) -> None:
         self.A = in_precision(A, dtype)
         width, blocks = int(A.blocksize[0]), frozen(self.A.data, dtype)
-        if np.bincount(patches.parts, minlength=1).max() <= 1:  # they do not overlap
+        if np.bincount(patches.parts, minlength=1).max() <= 1:  # disjoint patches
             groups = _Groups(A, patches, dtype, some)
             first, again = group_sweeps(width if width <= UNROLLED else 0)
             self._first = partial(first, *groups.forwards)
@@ -185,17 +185,17 @@ class VertexPatches:
             self._first, self._forwards, self._backwards = (partial(again, order=k) for k in (0, 1, -1))
 
     def before(self, b: Real) -> tuple[Real, Real]:
-        """Return x ``(n,)`` of a sweep from zero, and the residual b − A x."""
+        """Return x ``(n,)`` after a sweep from zero, and the residual b − A x."""
         x, r = np.zeros(len(b), self.A.dtype), np.array(b, self.A.dtype)
         self._first(r, x)
         return x, r
 
     def after(self, b: Real, x: Real) -> Real:
-        """Return x after a sweep backwards; the array given is changed."""
+        """Return x after a backward sweep. The given array is modified."""
         return self._swept(b, np.ascontiguousarray(x, dtype=self.A.dtype), self._backwards)
 
     def sweep(self, b: Real, x: Real, *, back: bool = False) -> Real:
-        """Return x ``(n,)`` after a sweep through the patches, the last first if ``back``."""
+        """Return x ``(n,)`` after a forward sweep through the patches, or a backward sweep if ``back``."""
         return self._swept(b, np.array(x, self.A.dtype), self._backwards if back else self._forwards)
 
     def _swept(self, b: Real, x: Real, again: Callable[..., None]) -> Real:
@@ -204,11 +204,11 @@ class VertexPatches:
 
 
 class AdditivePatches:
-    """Additive Schwarz: the sum of the solutions on all patches, weighted by their overlap and damped.
+    """Additive Schwarz: the damped sum of all patch solutions, weighted by overlap.
 
-    A part that m patches share has the weight m^(−1/2) before and after each solve; damping is
-    4 / (3 λ_max). Slower to converge than :class:`VertexPatches`, the same in any order of the patches.
-    Parameters, attributes and errors are the same.
+    A part in m patches has the weight m^(−1/2) before and after each solve. The damping is 4 / (3 λ_max).
+    Convergence is slower than with :class:`VertexPatches`, but independent of the patch order. Parameters,
+    attributes and errors are those of :class:`VertexPatches`.
 
     Examples
     --------
@@ -231,7 +231,7 @@ class AdditivePatches:
         self._damping = self.A.dtype.type(4 / 3 / largest_eigenvalue(self.A, self._summed))
 
     def before(self, b: Real) -> tuple[Real, Real]:
-        """Return x ``(n,)`` of a step from zero, and the residual b − A x."""
+        """Return x ``(n,)`` after a step from zero, and the residual b − A x."""
         x = self._damping * self._summed(b)
         return x, b - self.A @ x
 
@@ -247,7 +247,7 @@ class AdditivePatches:
 
 
 class PatchSmoother:
-    """A component of kind ``smoother``: sweeps forwards and backwards through the patches of a level."""
+    """Component of kind ``smoother``: forward and backward sweeps through the patches of a level."""
 
     uses_coarse: ClassVar[bool] = False
 
@@ -257,7 +257,7 @@ class PatchSmoother:
         Raises
         ------
         OptionError
-            If the level comes without patches, or its parts have unequal numbers of unknowns.
+                If the level has no patches, or its parts have unequal numbers of unknowns.
         LinAlgError
             If the matrix is not positive definite on a patch.
         """

@@ -1,4 +1,4 @@
-"""Patches, sets of parts whose unknowns are solved for together: around vertices, or joined by faces."""
+"""Patches (sets of jointly solved parts): around vertices, or joined by faces."""
 
 from __future__ import annotations
 
@@ -11,32 +11,32 @@ from agglo_core.multigrid.kernels.patch_search import parts_at_vertices, united,
 from agglo_core.problems import Patches
 
 _SHORT = 0.4
-"""An edge is short below this part of the diameter of a cell beside it."""
+"""Maximum length of a short edge, relative to the diameter of an adjacent cell."""
 _JOINED = 3
 _MOST = 64
 
 
 def vertex_patches(mesh: Mesh, labels: Int | None = None, *, most: int = _MOST) -> Patches:
-    """Patches of the cells of a mesh, or of its agglomerates, around the vertices where they meet.
+    """Return the patches of mesh cells, or of agglomerates, around their common vertices.
 
-    A patch that lies in another is dropped; a part that meets no other is a patch of its own. Patches
-    ascend, compared part by part: a sweep through them runs through the mesh as its parts are numbered.
+    A patch inside another is dropped. A part without neighbours forms a separate patch. Patches are in
+    lexicographic order, so that sweeps follow the numbering of the parts.
 
     Parameters
     ----------
     mesh : Mesh
-        In 2-D or 3-D.
+            2-D or 3-D mesh.
     labels : (n_cells,) int, optional
-        Part of each cell, 0..k−1. By default the cells are the parts; then up to three vertices joined by
-        edges shorter than 0.4 of the diameter of a cell beside count as one: the patches around each would
-        hardly differ, and needles are smoothed together with all cells around them.
+            Part of each cell, 0..k−1. By default, the cells are the parts. Then up to three vertices joined
+            by edges shorter than 0.4 times the diameter of an adjacent cell count as one: their patches would
+            hardly differ, and needles are smoothed together with all cells around.
     most : int
-        A vertex where more parts meet has no patch, so that the dense matrices of patches stay small.
+            Maximum number of parts around a vertex with patch, to keep the dense matrices small.
 
     Raises
     ------
     MeshError
-        If the labels have another shape, or leave gaps.
+            If the labels have a wrong shape, or leave gaps.
 
     Examples
     --------
@@ -58,10 +58,10 @@ def vertex_patches(mesh: Mesh, labels: Int | None = None, *, most: int = _MOST) 
 
 
 def _joined_vertices(mesh: Mesh, most: int) -> tuple[Index, int]:
-    """Group of each point ``(n_points,)`` when the ends of short edges are one; and how many groups.
+    """Return the group of each point ``(n_points,)`` after joining short edges, and the number of groups.
 
-    Up to three are one, along the shortest edges; none where so many cells meet that all of three such
-    vertices might be more than ``most``.
+    Up to three points are joined, along the shortest edges. Points of too many cells are not joined, as the
+    cells around three of these might exceed ``most``.
     """
     ends, faces = _edges(mesh)
     lengths = np.linalg.norm(mesh.local_points[ends[:, 1]] - mesh.local_points[ends[:, 0]], axis=1)
@@ -78,7 +78,7 @@ def _joined_vertices(mesh: Mesh, most: int) -> tuple[Index, int]:
 
 
 def _edges(mesh: Mesh) -> tuple[Int, Int]:
-    """Ends of the edges of faces ``(m, 2)``, and the face of each; in 3-D those of several faces repeat."""
+    """Return the ends ``(m, 2)`` of face edges with their faces, repeated for shared edges in 3-D."""
     if mesh.dim == 2:
         return mesh.face_pairs, frozen_int(np.arange(mesh.n_faces))
     following = np.arange(1, len(mesh.face_vertices) + 1)
@@ -88,11 +88,11 @@ def _edges(mesh: Mesh) -> tuple[Int, Int]:
 
 
 def joined_patches(pairs: Int, n_parts: int, *, most: int = 8) -> Patches:
-    """Groups of parts, made by uniting pairs in their order as long as no group has more than ``most``.
+    """Join parts to groups by uniting pairs in order, with at most ``most`` parts per group.
 
-    Given the pairs of strongly coupled parts, the strongest first, block Gauss–Seidel over the groups does
-    what vertex patches do where the cells of a mesh are flat (lines through boundary layers, bundles of
-    slivers), in little more time than Gauss–Seidel over single parts: each part is in one group.
+    Given the pairs of strongly coupled parts, strongest first, block Gauss–Seidel over the groups replaces
+    vertex patches on meshes with flat cells (lines through boundary layers, bundles of slivers). The cost is
+    little above Gauss–Seidel over single parts, as each part belongs to one group.
 
     Parameters
     ----------
@@ -103,12 +103,12 @@ def joined_patches(pairs: Int, n_parts: int, *, most: int = 8) -> Patches:
     Returns
     -------
     Patches
-        Groups by their smallest parts, which ascend; a part in no pair is a group of its own.
+            Groups by ascending smallest part. A part in no pair forms a separate group.
 
     Raises
     ------
     OptionError
-        If a pair holds a number below 0 or above ``n_parts`` − 1.
+            For a number outside 0..``n_parts`` − 1 in a pair.
 
     Examples
     --------

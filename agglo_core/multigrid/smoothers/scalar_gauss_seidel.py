@@ -14,19 +14,19 @@ from agglo_core.multigrid.stack import Real
 
 
 class ScalarGaussSeidel:
-    """A forward sweep before the correction by the next level, a backward sweep after it.
+    """Gauss–Seidel smoother: a forward sweep before the coarse correction, a backward sweep after.
 
     Parameters
     ----------
     A : (n, n) sparse
-        Symmetric, of positive diagonal.
+            Symmetric matrix with positive diagonal.
     dtype : numpy dtype
         Precision of the sweeps: float32 or float64.
 
     Attributes
     ----------
     matrix : (n, n) csr_array
-        A in that precision; the sweeps use its arrays.
+            A in this precision, sharing its arrays with the sweeps.
 
     Raises
     ------
@@ -61,12 +61,12 @@ class ScalarGaussSeidel:
         self._inverse = frozen(1.0 / diagonal, dtype)
 
     def before(self, b: Real) -> tuple[Real, Real]:
-        """Return x ``(n,)``, by a forward sweep from 0, and b − A x."""
+        """Return x ``(n,)`` after a forward sweep from 0, and b − A x."""
         x, r = first_sweep(*self._A, self._inverse, frozen(b, self._dtype))
         return x, r
 
     def after(self, b: Real, x: Real) -> Real:
-        """Return x after a backward sweep; the array given is changed."""
+        """Return x after a backward sweep. The given array is modified."""
         x = np.ascontiguousarray(x, dtype=self._dtype)
         backward_sweep(*self._A, self._inverse, frozen(b, self._dtype), x)
         return x

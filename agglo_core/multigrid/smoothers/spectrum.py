@@ -1,4 +1,4 @@
-"""The largest eigenvalue of a preconditioned matrix, by Lanczos steps."""
+"""Largest eigenvalue of a preconditioned matrix, by Lanczos steps."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ _STEPS = 12
 
 
 def largest_eigenvalue(A: Any, precondition: Solve, steps: int = _STEPS) -> float:
-    """Largest eigenvalue of M⁻¹A, a little low: Lanczos from a fixed start, as conjugate gradients run it.
+    """Estimate the largest eigenvalue of M⁻¹A slightly from below, by Lanczos from a fixed start.
 
     Parameters
     ----------
     A : (n, n) sparse
-        Symmetric and positive definite.
+            Symmetric positive definite matrix.
     precondition : callable
-        Applies M⁻¹, symmetric and positive definite.
+            Applies M⁻¹, symmetric positive definite.
     steps : int
-        Matrix-vector products spent.
+            Number of matrix-vector products.
 
     Raises
     ------
     LinAlgError
-        If A or M turn out not to be positive definite.
+            If A or M is found not to be positive definite.
 
     Examples
     --------
@@ -39,6 +39,7 @@ def largest_eigenvalue(A: Any, precondition: Solve, steps: int = _STEPS) -> floa
     (1.901, 1.901)
     """
     r = np.random.default_rng(0).standard_normal(A.shape[0]).astype(A.dtype)
+    # Coefficients of conjugate gradients, as in the Lanczos process.
     z = precondition(r)
     p, rho = z, float(r @ z)
     lengths: list[float] = []
@@ -55,7 +56,7 @@ def largest_eigenvalue(A: Any, precondition: Solve, steps: int = _STEPS) -> floa
         z = precondition(r)
         before, rho = rho, float(r @ z)
         falls.append(rho / before)
-        if falls[-1] < 1e-20:  # all of the start is found
+        if falls[-1] < 1e-20:  # the Krylov space is exhausted
             break
         p = z + falls[-1] * p
     return ritz_value(lengths, falls[: len(lengths) - 1], largest=True)
