@@ -1,4 +1,4 @@
-"""MPI communication between the ranks of a distributed run, with error propagation.
+"""MPI communication between ranks, with error propagation.
 
 All messages pass through this module and are counted. Between two exchanges, each rank works alone inside
 :meth:`Ranks.together`: an error on any rank is raised on all ranks, so no rank waits for a failed rank.
@@ -59,12 +59,12 @@ class Traffic:
 
 
 class Ranks:
-    """Processes of an MPI communicator.
+    """Processes in an MPI communicator.
 
     Parameters
     ----------
     comm : mpi4py communicator, optional
-            Default: ``MPI.COMM_WORLD``. The communicator is duplicated to keep messages of others apart.
+            Default: ``MPI.COMM_WORLD``. The communicator is duplicated to separate messages from other users.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ class Ranks:
         return f"Ranks(rank {self.rank} of {self.size})"
 
     def gathered(self, value: T) -> list[T]:
-        """Return the values of all ranks, in rank order, on every rank."""
+        """Gather all ranks' values, in rank order, on every rank."""
         self._count(value, self.size - 1)
         self.meet()
         found: list[T] = self.comm.allgather(value)
@@ -108,7 +108,7 @@ class Ranks:
         return float(sum(self.gathered(value)))
 
     def largest(self, value: float) -> float:
-        """Return the largest value of all ranks."""
+        """Return the largest value over all ranks."""
         return max(self.gathered(value))
 
     def reduced(self, values: NDArray[Any], how: Literal["sum", "min", "max"]) -> NDArray[Any]:

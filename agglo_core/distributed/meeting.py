@@ -1,4 +1,4 @@
-"""Rendezvous of related rows: rows of many ranks meet on one rank, replies return to the senders."""
+"""Rendezvous for related rows: rows from many ranks meet on one rank, replies return to senders."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Meeting:
     ----------
     ranks : Ranks
     to : (n,) int
-            Destination rank of each local row.
+            Destination rank per local row.
     *columns : (n, …) arrays
             Data to send, row by row.
 
@@ -28,7 +28,7 @@ class Meeting:
     columns : list of (m, …) arrays
             Received rows, in sender order.
     senders : (m,) int
-            Sender of each received row.
+            Sender per received row.
     """
 
     def __init__(self, ranks: Ranks, to: Int, *columns: NDArray[Any]) -> None:
@@ -66,7 +66,7 @@ class Meeting:
 
 
 def rank_of_key(keys: UInt64, size: int) -> Int:
-    """Return the rank of uniformly distributed keys: equal intervals of 64-bit numbers in rank order."""
+    """Assign uniformly distributed keys to ranks: equal 64-bit intervals in rank order."""
     half = np.uint64(32)
     return frozen_int((keys >> half) * np.uint64(size) >> half)
 

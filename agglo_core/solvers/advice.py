@@ -26,7 +26,7 @@ _TITLES: Final[Mapping[str, str]] = MappingProxyType({"pardiso": "PARDISO", "sup
 
 @dataclass(frozen=True)
 class _Range:
-    """Numbers of entries: a direct solver is faster in ``least..most``, polydg_mg from ``other`` on."""
+    """Entry counts: a direct solver is faster in ``least..most``, polydg_mg from ``other`` on."""
 
     least: float
     most: float
@@ -92,12 +92,12 @@ def advice_of_direct(A: Any, kind: Kind, backend: str) -> str:
 
 
 def _unknowns(A: Any, entries: float) -> str:
-    """Return the unknowns, to two digits, of a matrix like A with that many entries."""
+    """Return the unknowns, to two digits, for a matrix like A with that many entries."""
     return f"{float(f'{entries * A.shape[0] / A.nnz:.1e}'):,.0f}"
 
 
 def _spec(backend: str, penalty: float | str) -> str:
-    """Return ``direct`` with options in the notation of the command line."""
+    """Return ``direct`` with options in command-line notation."""
     options = [] if penalty in (_PENALTY, "paper") else [f"penalty={penalty}"]
     options += [] if chosen_backend(AUTO) == backend else [f"backend={backend}"]
     return ":".join(filter(None, ("direct", ",".join(options))))

@@ -25,7 +25,7 @@ from agglo_core.errors import OptionError
 _log = logging.getLogger("agglo")
 
 AUTO: Final = "auto"
-"""Selects the first installed solver of PARDISO, CHOLMOD and SuperLU."""
+"""Selects the first installed solver among PARDISO, CHOLMOD and SuperLU."""
 Solves = Callable[[Any], Any]
 """Maps right-hand sides ``(n,)`` or ``(n, k)`` to solutions."""
 
@@ -109,7 +109,7 @@ BACKENDS: Final[Mapping[str, Callable[[Any], Solves]]] = MappingProxyType(
 PACKAGES: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
     {"pardiso": ("pypardiso.pardiso_wrapper", "pypardiso"), "cholmod": ("sksparse.cholmod", "scikit-sparse")}
 )
-"""Module and pip name of the package that each solver needs."""
+"""Module and pip name for each solver's package."""
 
 
 def chosen_backend(name: str) -> str:
@@ -173,7 +173,7 @@ def _path_of_mkl() -> Iterator[None]:
 
 @cache
 def _installed_mkl() -> str | None:
-    """Return the path of MKL's runtime library from the file list of the distribution ``mkl``."""
+    """Return the path of MKL's runtime library from the file list in the distribution ``mkl``."""
     try:
         files = metadata.files("mkl") or []
     except metadata.PackageNotFoundError:

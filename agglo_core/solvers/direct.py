@@ -1,4 +1,4 @@
-"""Sparse direct solver with error estimate, the baseline of multigrid methods."""
+"""Sparse direct solver with error estimate, the baseline for multigrid methods."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from agglo_core.solvers.stopwatch import Stopwatch
 
 
 class Direct:
-    """Factorisation of a linear or PolyDG system, with iterative refinement.
+    """Factorisation for linear or PolyDG systems, with iterative refinement.
 
     The levels of the hierarchy are not used. An iteration is one solve with the factors, and the first nearly
     always suffices. The energy error is estimated by a further solve for the remaining residual.
@@ -34,12 +34,12 @@ class Direct:
     degree : int
             Polynomial degree, 1..6.
     tolerance : float
-            Bound of the residual relative to the right-hand side (measured by
-            :class:`~agglo_core.solvers.residual_measure.ResidualMeasure`) and of the energy error.
+            Bound on the residual relative to the right-hand side (measured by
+            :class:`~agglo_core.solvers.residual_measure.ResidualMeasure`) and on the energy error.
     max_refinements : int
             Maximum number of solves after the first.
     penalty : float, "paper" or "sharp"
-            Penalty of jumps in the discretisation ``polydg``.
+            Jump penalty in the discretisation ``polydg``.
     scaled_basis : bool
             Scale the basis by each cell's bounding box. The paper does not.
     backend : "auto", "pardiso", "cholmod" or "superlu"

@@ -1,4 +1,4 @@
-"""Fine system of a solver: a discretised problem or a given linear system."""
+"""Fine system for a solver: a discretised problem or a given linear system."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class FineSystem(NamedTuple):
     def solution(
         self, history: History, operators: list[tuple[Any, Any]], watch: Stopwatch, tolerance: float
     ) -> Solution:
-        """Return the solution of A x = full from a history of A x = b, with the phases timed by ``watch``."""
+        """Return the solution of A x = full from a history for A x = b, with phases timed by ``watch``."""
         x = rest = self._solution_of_problem(history.x)
         lifting = None
         if self.offset is not None:
@@ -108,7 +108,7 @@ def discretisation(name: str, registry: Registry | None = None, **options: Any) 
 
 
 def fine_system(problem: Problem, hierarchy: Hierarchy, how: Any) -> FineSystem:
-    """Return the system on the mesh of a hierarchy.
+    """Return the system on a hierarchy's mesh.
 
     A linear system is taken as given. Any other problem is discretised by ``how.fine_system(problem, mesh)``
     if the discretisation accepts its kind.
@@ -165,7 +165,7 @@ def _width(problem: Linear, n: int) -> int:
 
 
 def own_mesh(hierarchy: Hierarchy) -> Mesh:
-    """Return the mesh of a hierarchy, or raise OptionError if graph and levels belong to another mesh."""
+    """Return the hierarchy's mesh, or raise OptionError if graph and levels belong to another mesh."""
     mesh, measures = hierarchy.fine, hierarchy.graph.measures
     if mesh is None:
         raise OptionError("a diffusion problem needs a mesh; this hierarchy belongs to a bare graph")
@@ -184,7 +184,7 @@ def own_mesh(hierarchy: Hierarchy) -> Mesh:
 
 
 def chosen_levels(hierarchy: Hierarchy, levels: int | None = None) -> list[Int]:
-    """Return the labels of the coarse levels of a multigrid method, finest first.
+    """Return the coarse-level labels for a multigrid method, finest first.
 
     Parameters
     ----------

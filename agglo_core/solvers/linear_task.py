@@ -34,7 +34,7 @@ class LinearTask:
     Raises
     ------
     OptionError
-            For a diffusion recipe, blocks that do not match the cells of the hierarchy, or invalid systems
+            For a diffusion recipe, blocks that do not match the hierarchy's cells, or invalid systems
             (see :class:`~agglo_core.problems.System`).
     """
 
@@ -173,7 +173,7 @@ class LinearTask:
         return solution
 
     def unsolved(self, reason: str) -> list[History]:
-        """Return the histories of an iteration that could not start."""
+        """Return histories for an iteration that could not start."""
         return [unsolved(each, reason) for each in self._b.T]
 
     def solution(

@@ -1,4 +1,4 @@
-"""Checks of option values, with errors that name option, given value and accepted values."""
+"""Option checks, with errors that name option, given value and accepted values."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def _is_number(value: Any) -> bool:
 
 
 def show_options(solver: Any) -> str:
-    """Return the name of a solver with the constructor options that differ from their defaults.
+    """Return a solver's name with the constructor options that differ from their defaults.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Plain conjugate gradients: the baseline of multigrid methods (paper, column CG)."""
+"""Plain conjugate gradients: the baseline for multigrid methods (paper, column CG)."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ class PlainCG:
             Discretisation for problems other than linear systems
             (:func:`~agglo_core.solvers.fine_system.fine_system`).
     tolerance : float
-            Bound of the residual relative to the right-hand side (measured by
-            :class:`~agglo_core.solvers.residual_measure.ResidualMeasure`) and of the energy error.
+            Bound on the residual relative to the right-hand side (measured by
+            :class:`~agglo_core.solvers.residual_measure.ResidualMeasure`) and on the energy error.
     max_iterations : int
     """
 

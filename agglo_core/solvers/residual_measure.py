@@ -1,4 +1,4 @@
-"""Size of a residual for stopping tests, robust to high contrast of the coefficient."""
+"""Residual size for stopping tests, robust to high-contrast coefficients."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from agglo_core.problems.residuals.sizes import energy_of_solution, relative_siz
 
 @dataclass(frozen=True, eq=False)
 class ResidualMeasure:
-    """Size of a residual ``r (n,)`` relative to the right-hand side ``b (n,)``.
+    """Size for residuals ``r (n,)`` relative to the right-hand side ``b (n,)``.
 
     For a constant coefficient κ the size is ‖r‖ / ‖b‖. Otherwise, as rows of A and the Dirichlet terms in b
     are proportional to κ, the size is the larger of two ratios:
 
-    - r and b divided by the coefficient of the cell, so that cells with small κ count;
+    - r and b divided by the cell coefficient, so that cells with small κ count;
     - r as is, with Dirichlet terms scaled to the smallest κ. An island of large κ among cells of small κ is
       held by forces of their size. Compared with Dirichlet terms at large κ elsewhere, a wrong value on the
       whole island would go unnoticed.
@@ -30,9 +30,9 @@ class ResidualMeasure:
     load : (n,) float, optional
             b without Dirichlet terms, or None if b has none.
     norm : callable, optional
-            Energy norm of a solution, including jumps from Dirichlet data, or None without such data.
+            Energy norm for solutions, including jumps from Dirichlet data, or None without such data.
     rows : callable, optional
-            Residual measure of a linear system, used instead of the measure above
+            Residual measure for linear systems, used instead of the measure above
             (:func:`~agglo_core.problems.residuals.row_scales.row_measure`).
     """
 
@@ -43,7 +43,7 @@ class ResidualMeasure:
     rows: Callable[[Float], float] | None = None
 
     def energy(self, x: Float) -> float:
-        """Energy norm of ``x (n,)``, the reference of the relative energy error."""
+        """Energy norm of ``x (n,)``, the reference for relative energy errors."""
         return energy_of_solution(self.b)(x) if self.norm is None else self.norm(x)
 
     @cached_property
@@ -56,7 +56,7 @@ class ResidualMeasure:
         return two_norm(counted), two_norm(self.b / self.kappa)
 
     def __call__(self, r: Float) -> float:
-        """Return the relative size of r, or 0 where r and b are 0."""
+        """Return the relative residual size, or 0 where r and b are 0."""
         if self.rows is not None:
             return self.rows(r)
         plain, scaled = self._sizes

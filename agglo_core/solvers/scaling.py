@@ -1,4 +1,4 @@
-"""Power-of-two scaling of right-hand sides and matrices, so that squares stay in range."""
+"""Power-of-two scaling for right-hand sides and matrices, so that squares stay in range."""
 
 from __future__ import annotations
 

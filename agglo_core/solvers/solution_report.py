@@ -38,7 +38,7 @@ def report(
             errors, the energy is bᵀx, and residuals are measured in the 2-norm.
     cg_tolerance : float, optional
             Tolerance for plain conjugate gradients from 0 with an equal stopping test. The report then
-            contains their number of iterations, or None if 10,000 do not suffice.
+            contains their iteration count, or None if 10,000 do not suffice.
     progress : callable, optional
             Receives the phases. Plain conjugate gradients take most of the time.
 
@@ -128,12 +128,12 @@ def _entries(A: Any) -> int | None:
 
 
 def _matrices(solution: Solution) -> list[Any]:
-    """Return the level matrices, finest first, or the system matrix of a solver without levels."""
+    """Return the level matrices, finest first, or the system matrix for solvers without levels."""
     return [A for A, _ in solution.operators] or [solution.A]
 
 
 def _solved(solution: Solution) -> tuple[Float, Float]:
-    """Return unknowns and right-hand side of the solved system, without an offset."""
+    """Return unknowns and right-hand side in the solved system, without an offset."""
     lifting = solution.lifting
     return (solution.x, solution.b) if lifting is None else (lifting.rest, lifting.load)
 
@@ -164,7 +164,7 @@ def _state(data: Mapping[str, Any]) -> str:
 
 
 def text(title: str, data: Mapping[str, Any], columns: int = _COLUMNS) -> str:
-    """Format the report as text of at most ``columns`` columns."""
+    """Format the report as text with at most ``columns`` columns."""
     lines = [f"{title}: {_levels(data['levels'])}"]
     lines += [f"solver: {data['choice']}"] if data["choice"] else []
     lines.append(_state(data))
@@ -187,7 +187,7 @@ def text(title: str, data: Mapping[str, Any], columns: int = _COLUMNS) -> str:
 
 
 def _levels(levels: Sequence[Mapping[str, Any]]) -> str:
-    """Return the chain of agglomerate counts, or of unknown counts where a level has no agglomerates."""
+    """Return a chain of agglomerate counts, or unknown counts if a level has no agglomerates."""
     cells, dofs = ([level[name] for level in levels] for name in ("cells", "dofs"))
     if None not in cells:
         return f"{dofs[0]:,} unknowns, cells {_chain(cells)}"

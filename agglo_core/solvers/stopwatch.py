@@ -1,4 +1,4 @@
-"""Wall and CPU time of the phases of a solve."""
+"""Wall and CPU time per solve phase."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Stopwatch:
     Attributes
     ----------
     wall, cpu : dict
-            Seconds per phase: wall time, and CPU time of all threads of this process.
+            Seconds per phase: wall time, and CPU time over all threads in this process.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Cell blocks by coordinates, independent of ranks: the top of a bisection tree shared by all ranks."""
+"""Cell blocks by coordinates, independent of ranks: the top of a bisection tree common to all ranks."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.errors import OptionError
 
 BLOCK_CELLS = {2: 16_384, 3: 131_072}
-"""Approximate maximum number of cells of a separate block, in 2-D and 3-D.
+"""Approximate maximum number of cells in a separate block, in 2-D and 3-D.
 
 In 3-D a larger share of a block's parts lies at its border, where shapes are worse.
 """
 
 _BITS = 32
-"""Bits of integer coordinates: rounding errors of cells in a row are far smaller than one step."""
+"""Bits per integer coordinate: rounding errors along a row of cells are far below one step."""
 
 _DIGIT = 4
 """Bits per median step: more bits mean fewer exchanges, but more counts in each."""
 
 
 class Reduced(Protocol):
-    """Reduction of equally shaped arrays from all ranks, entry by entry: :meth:`Ranks.reduced`."""
+    """Entrywise reduction across ranks, for arrays with equal shape: :meth:`Ranks.reduced`."""
 
     def __call__(self, values: NDArray[Any], how: Literal["sum", "min", "max"], /) -> NDArray[Any]: ...
 
@@ -49,12 +49,12 @@ def halvings(n_cells: int, dim: int, block_cells: int | None) -> int:
 
 
 def rank_of_block(block: Int, count: int, size: int) -> Int:
-    """Return the rank, of ``size``, of each block of ``count``. Blocks of a rank are consecutive."""
+    """Assign ``count`` blocks to ``size`` ranks, consecutive blocks to each rank."""
     return frozen_int(np.asarray(block) * size // count)
 
 
 def coordinate_blocks(points: Float, depth: int, reduced: Reduced = _alone) -> Int:
-    """Return the block ``(n,)`` of each local point, of ``2**depth`` blocks, by recursive halving.
+    """Assign each local point to a block ``(n,)``, one among ``2**depth``, by recursive halving.
 
     Each block is cut across the longest side of its box, at the coordinate that gives the most equal halves:
     points with equal coordinate, up to rounding, stay together. Blocks with equal leading digits are
@@ -96,7 +96,7 @@ def _on_grid(points: Float, reduced: Reduced) -> Int:
 
 
 def _longest_sides(axes: Int, block: Int, count: int, reduced: Reduced) -> Int:
-    """Return the axis of the longest side of each block's box."""
+    """Return the longest axis for each block's box."""
     low, high = np.full((len(axes), count), 1 << _BITS), np.full((len(axes), count), -1 << _BITS)
     for k, along in enumerate(axes):
         np.minimum.at(low[k], block, along)
@@ -106,7 +106,7 @@ def _longest_sides(axes: Int, block: Int, count: int, reduced: Reduced) -> Int:
 
 
 def _medians(along: Int, block: Int, count: int, reduced: Reduced) -> Int:
-    """Return the coordinate of each block that splits its points most evenly (≤ and >).
+    """Return a coordinate per block that splits its points most evenly (≤ and >).
 
     The middle point's coordinate is found digit by digit, by counting the points that share all digits so
     far.

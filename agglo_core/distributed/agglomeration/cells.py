@@ -1,4 +1,4 @@
-"""Graph of a rank's cells and ghosts, with agreement between ranks on edges."""
+"""Graph on a rank's cells and ghosts, with agreement between ranks on edges."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ _DIGITS = 2.0**30  # values are rounded to integers of this size, so that sums a
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Cells of one rank and its ghosts, with their owners.
+    """Own cells and ghosts on a rank, with their owners.
 
     Attributes
     ----------
     ranks : Ranks
     graph : Graph
-            Own cells and ghosts. Only data of own cells need be complete.
+            Own cells and ghosts. Only data on own cells need be complete.
     ids : (n,) int
             Global ids, increasing.
     owners : (n,) int
@@ -37,7 +37,7 @@ class Cells:
 
     @cached_property
     def own(self) -> Mask:
-        """Mask of own cells ``(n,)``."""
+        """Mask for own cells ``(n,)``."""
         mask: Mask = self.owners == self.ranks.rank
         return mask
 
@@ -47,7 +47,7 @@ class Cells:
         return frozen_int(np.repeat(np.arange(self.graph.n), np.diff(self.graph.indptr)))
 
     def total(self, values: Float) -> float:
-        """Return the sum over own cells of all ranks, independent of the distribution to the last digit."""
+        """Return the sum over all ranks' own cells, independent of the distribution to the last digit."""
         own = values[self.own]
         scale = self.ranks.largest(float(own.max(initial=0.0)))
         if not scale > 0:
@@ -73,7 +73,7 @@ def agreed(cells: Cells, forbidden: Mask) -> Mask:
 
 
 def among(row: Int, column: Int, pairs: Int, n: int) -> Mask:
-    """Mark entries of a graph with ``n`` nodes that join any of ``pairs (p, 2)``, in either direction."""
+    """Mark graph entries (``n`` nodes) that join a pair in ``pairs (p, 2)``, in either direction."""
     if not len(pairs):
         return np.zeros(len(row), bool)
     keys = np.concatenate((pairs[:, 0] * n + pairs[:, 1], pairs[:, 1] * n + pairs[:, 0]))

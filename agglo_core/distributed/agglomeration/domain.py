@@ -19,14 +19,14 @@ from agglo_core.registry.attribution import Member
 
 @dataclass(frozen=True, eq=False)
 class Links:
-    """Edges from nodes of a domain to nodes of others.
+    """Edges from nodes in a domain to nodes in others.
 
     Attributes
     ----------
     node : (e,) int
             Local node.
     to, domain : (e,) int
-            Id and domain of the remote node.
+            Remote node: its id and domain.
     interface : (e,) float
             Measure of the faces between the nodes.
     barred : (e,) bool
@@ -43,7 +43,7 @@ class Links:
     barrier: Mask
 
     def chosen(self, which: Mask | Int) -> Links:
-        """Return a selection of links."""
+        """Select links."""
         return Links(*(getattr(self, name)[which] for name in _LINK))
 
     def renamed(self, node: Int, to: Int, domain: Int) -> Links:
@@ -68,7 +68,7 @@ _LINK = ("node", "to", "domain", "interface", "barred", "barrier")
 
 @dataclass(frozen=True, eq=False)
 class Domain:
-    """Part of a graph of cells or agglomerates.
+    """Part of a graph on cells or agglomerates.
 
     Attributes
     ----------
@@ -81,9 +81,9 @@ class Domain:
     weights : (n, bounds) float
             Weights of each node, with a column per bound on part sizes.
     barriers : (p, 2) int
-            Pairs of nodes that no part may both contain, whatever lies between.
+            Node pairs that no part may contain, whatever lies between.
     links : Links
-            Edges to nodes of other domains.
+            Edges to nodes in other domains.
     """
 
     graph: Graph
@@ -99,7 +99,7 @@ class Domain:
         return self.graph.n
 
     def counted(self, bounds: Sequence[Member]) -> list[Member]:
-        """Return the bounds on part sizes with the cells and weights of the nodes filled in."""
+        """Return the bounds on part sizes, with the nodes' cells and weights filled in."""
         return [
             replace(each, tool=each.tool.counting(self.cells, frozen_float(self.weights[:, column])))
             for column, each in enumerate(bounds)
@@ -114,7 +114,7 @@ class Domain:
         return made.with_loads(self.graph.loads)
 
     def coarsened(self, labels: Int, first: int, to: Int) -> Domain:
-        """Return the domain of agglomerates ``labels (n,)`` with ids from ``first`` on.
+        """Return the coarse domain for agglomerates ``labels (n,)``, with ids from ``first`` on.
 
         ``to (e,)`` are the new ids at the links.
         """
@@ -132,7 +132,7 @@ class Domain:
         )
 
     def to_send(self) -> Domain:
-        """Return the domain with only the points of its own cells."""
+        """Return the domain with the points reduced to its own cells."""
         from agglo_core.compiled.graphs import numbered_as_met
 
         vertices, points = numbered_as_met(self.graph.vertices, len(self.graph.points))
@@ -144,16 +144,16 @@ class Domain:
 def joined(
     pieces: Sequence[Domain], number: int, renumbered: Callable[[Int], Int]
 ) -> tuple[Domain, list[Int]]:
-    """Join pieces to one domain. Return the domain and the node positions of each piece.
+    """Join pieces to one domain. Return the domain and each piece's node positions.
 
     Parameters
     ----------
     pieces : sequence of Domain
             Pieces, at least one.
     number : int
-            Number of the new domain.
+            New domain number.
     renumbered : callable
-            Map from old to new domain numbers of links.
+            Map from old to new domain numbers in links.
     """
     # Sort the nodes of all pieces by id.
     ids = np.concatenate([piece.ids for piece in pieces])

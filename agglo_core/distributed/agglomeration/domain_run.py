@@ -1,4 +1,4 @@
-"""Levels of one domain of a distributed run, built as on a whole mesh."""
+"""Levels of a single domain, built as on a whole mesh."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from agglo_core.registry.attribution import Member
 
 @dataclass(frozen=True)
 class DomainRun:
-    """Agglomeration of domains.
+    """Agglomeration on domains.
 
     Attributes
     ----------
     pipeline : Pipeline
     run : Run
-            Components of the run. Events are added to its statistics.
+            Run with its components. Events are added to its statistics.
     kept : Kept
-            Constraints of the run.
+            Run constraints.
     """
 
     pipeline: Pipeline
@@ -40,7 +40,7 @@ class DomainRun:
     kept: Kept
 
     def levels(self, domain: Domain, goals: Sequence[Goal], number: int, turn: int) -> list[Int]:
-        """Return the labels ``(n,)`` of each level in domain ``number`` after ``turn`` domain changes."""
+        """Return the labels ``(n,)`` per level in domain ``number`` after ``turn`` domain changes."""
         if domain.n == 0:
             return [frozen_int(np.empty(0))] * len(goals)
         kway = self.pipeline.method == "kway"
@@ -50,7 +50,7 @@ class DomainRun:
             return make(domain.by_itself(), goals, run, post, kway=kway, nested=self.pipeline.nested)
 
     def intermediate(self, domain: Domain, goal: Goal, number: int, turn: int) -> Int:
-        """Return the labels of an auxiliary level without bounds, used to form larger domains."""
+        """Return labels for an auxiliary level without bounds, used to form larger domains."""
         if domain.n == 0:
             return frozen_int(np.empty(0))
         run, post = self._seeded(number, turn), self._post(domain, ())

@@ -18,7 +18,7 @@ LEAST_PARTS = 16
 
 
 class Census(NamedTuple):
-    """Figures of all domains of a stage, one entry per domain, equal on every rank."""
+    """Figures for all domains in a stage, one entry per domain, equal on every rank."""
 
     nodes: Int
     alone: Int  # nodes without neighbours in any domain
@@ -34,7 +34,7 @@ class Census(NamedTuple):
 
     @property
     def scattered(self) -> int:
-        """Number of components caused by domain borders alone, beyond one per domain."""
+        """Number of extra components that are only due to domain borders."""
         return int(np.maximum(self.open - 1, 0).sum())
 
     def expected(self, goal: Goal, place: int) -> float:
@@ -43,7 +43,7 @@ class Census(NamedTuple):
 
 
 def row_of(domain: Domain, goals: Sequence[Goal], bounds: Sequence[Member]) -> list[float]:
-    """Return the census row of one domain."""
+    """Return the census row for one domain."""
     graph = domain.graph
     if domain.n == 0:
         return [0.0] * (5 + len(goals))
@@ -66,7 +66,7 @@ def row_of(domain: Domain, goals: Sequence[Goal], bounds: Sequence[Member]) -> l
 
 
 def census_of(rows: Sequence[Sequence[float]]) -> Census:
-    """Build the census from the rows of all domains."""
+    """Build the census from all domains' rows."""
     table = np.array(rows)
     nodes, alone, open_, fewest = (frozen_int(column) for column in table[:, :4].T)
     return Census(nodes, alone, open_, fewest, frozen_float(table[:, 4]), frozen_float(table[:, 5:]))
@@ -119,7 +119,7 @@ def _fits(goals: Sequence[Goal], number: int, census: Census) -> bool:
 
 
 def _shares(parts: int, census: Census, least: Int) -> Int:
-    """Return the parts of each domain: isolated nodes, and a share of the others."""
+    """Return the number of parts per domain: isolated nodes, and a share of the others."""
     alone, rest = census.alone, census.nodes - census.alone
     some = np.flatnonzero(rest)
     shares = np.array(alone)

@@ -28,16 +28,16 @@ class DistributedHierarchy:
     ----------
     mesh : DistributedMesh
     levels : sequence of (n_own,) int
-            Part of each own cell, by global id in 0..k−1 over all ranks. ``levels[0]`` is the finest.
+            Part containing each own cell, by global id in 0..k−1 over all ranks. ``levels[0]`` is the finest.
     bounds : sequence of (size + 1,) int
-            Rank r owns the parts ``bounds[level][r]:bounds[level][r + 1]`` of a level, on whatever ranks
+            Rank r owns the parts ``bounds[level][r]:bounds[level][r + 1]`` on a level, on whatever ranks
             their cells are.
     targets : sequence of mapping
-            Target of each level.
+            Target per level.
     nested : bool
             True if each level is a coarsening of the level before.
     statistics : mapping
-            Statistics of the run: counts of all ranks, and CPU seconds of the slowest rank. ``messages`` and
+            Run statistics: counts over all ranks, and CPU seconds of the slowest rank. ``messages`` and
             ``bytes`` were sent by this rank, ``sent_by_level`` for each level and its domains. The rest was
             sent before or after the levels.
 
@@ -97,19 +97,19 @@ class DistributedHierarchy:
         return ones_by_row(columns, self.parts[level])
 
     def mesh_of(self, level: int) -> DistributedMesh:
-        """Return the mesh of the agglomerates. Its graph across ranks is ``mesh_of(level).local.graph``."""
+        """Return the agglomerated mesh. Its graph across ranks is ``mesh_of(level).local.graph``."""
         self._check(level)
         return self.mesh.coarsen(self.levels[level], self.bounds[level])
 
     def components(self, level: int) -> Int:
-        """Return the number of connected components of each own agglomerate: 1 each."""
+        """Return the number of connected components per own agglomerate, normally 1."""
         self._check(level)
         return components_of_parts(self.mesh, self.levels[level], self.bounds[level])
 
     def quality(
         self, level: int, metrics: Iterable[Metric] = RATIOS, registry: Registry | None = None
     ) -> dict[str, float]:
-        """Return means of metrics over all agglomerates of ``level``, equal on all ranks.
+        """Return metric means over all agglomerates on ``level``, equal on all ranks.
 
         Further entries are ``connected``, the share of connected parts, and ``max_diameter``.
 

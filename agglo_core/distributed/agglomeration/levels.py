@@ -24,7 +24,7 @@ _FEWEST_CELLS = 4
 """Minimum number of nodes per intermediate agglomerate. Below, an intermediate level does not pay."""
 
 _SIZES_PER_PART = 4.0
-"""Intermediate agglomerates that fit in a row into a part of given size. No node exceeds its part."""
+"""Intermediate agglomerates that fit in a row into a part at the target size. No node exceeds its part."""
 
 _FEW_NODES = 4096
 """Number of nodes per domain up to which nodes are sent without intermediate agglomeration."""
@@ -46,7 +46,7 @@ class Level:
 def made_levels(
     stage: Stage, goals: Sequence[Goal], maker: DomainRun, turn: int = 0, told: Tell | None = None
 ) -> list[Level]:
-    """Build the levels of all goals, finest first.
+    """Build levels for all goals, finest first.
 
     Goals with enough parts for the given domains are built first, all at once. The others are built from the
     resulting agglomerates on half as many domains. Without any feasible goal, intermediate agglomerates are
@@ -110,7 +110,7 @@ def _through(
     turn: int,
     told: Tell | None,
 ) -> list[Level]:
-    """Build the levels from agglomerates of an intermediate level."""
+    """Build the levels from agglomerates on an intermediate level."""
     total = sum(int(nodes) for (nodes,) in stage.of_all(lambda domain: [domain.n]))
     with stage.ranks.together():
         own = {
@@ -151,7 +151,7 @@ def _between(census: Census, goal: Goal) -> Goal | None:
 
 
 def _share(domain: Domain, between: Goal, total: int) -> Goal:
-    """Return the goal of one domain, with its share of a count."""
+    """Return the goal for one domain, with its share in a count."""
     if domain.n == 0 or isinstance(between, SizeGoal):
         return between
     return CountGoal(max(1, round(between.parts * domain.n / total)), exact=False)

@@ -1,4 +1,4 @@
-"""Connected components across ranks, of parts and of the domain."""
+"""Connected components across ranks, for parts and for the domain."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from agglo_core.graph import Graph
 
 
 def components_of_parts(mesh: DistributedMesh, labels: Int, bounds: Int) -> Int:
-    """Return the number of connected components of each part owned by this rank.
+    """Return the number of connected components for each part owned by this rank.
 
-    Each rank finds the components of its own cells. The owner of a part joins components that touch.
+    Each rank finds the components in its own cells. The owner of a part joins components that touch.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def components_of_parts(mesh: DistributedMesh, labels: Int, bounds: Int) -> Int:
 
 
 def first_cells(mesh: DistributedMesh) -> Int:
-    """Return the first cell in the domain component of each own cell ``(n_own,)``. Collective."""
+    """Return for each own cell ``(n_own,)`` the first cell in its domain component. Collective."""
     ranks, own = mesh.ranks, mesh.global_ids[mesh.own]
     names, told = _touching(mesh, mesh.local.graph, frozen_int(np.zeros(len(own))))
     pieces, place, which = np.unique(names, return_index=True, return_inverse=True)
@@ -50,13 +50,13 @@ def first_cells(mesh: DistributedMesh) -> Int:
 
 
 def component_sizes(mesh: DistributedMesh, forbidden: Mask) -> Int:
-    """Return the number of cells of each domain component, in any order. Collective.
+    """Return the number of cells per domain component, in any order. Collective.
 
     Parameters
     ----------
     mesh : DistributedMesh
     forbidden : (m,) bool
-            Forbidden entries of the local graph, equal on both sides of borders between ranks.
+            Forbidden entries in the local graph, equal on both sides where ranks meet.
     """
     ranks = mesh.ranks
     with ranks.together():
@@ -78,9 +78,9 @@ def component_sizes(mesh: DistributedMesh, forbidden: Mask) -> Int:
 
 
 def _touching(mesh: DistributedMesh, graph: Graph, labels: Int) -> tuple[Int, Int]:
-    """Return the piece of each own cell ``(n_own,)``, and rows ``(e, 3)``: a part and two touching pieces.
+    """Return a piece per own cell ``(n_own,)``, and rows ``(e, 3)``: a part and two touching pieces.
 
-    A piece is a connected component of a part on a rank, by the ``graph`` of local cells. Each piece touches
+    A piece is a connected component of a part on a rank, in the local ``graph``. Each piece touches
     itself, too.
     """
     ranks = mesh.ranks
@@ -106,7 +106,7 @@ def _numbered(labels: Int) -> Int:
 
 
 def _joined(edges: Int) -> tuple[Int, Int]:
-    """Return the component of each piece, sorted by name, and the end positions of ``edges (e, 2)``."""
+    """Return a component per piece, sorted by name, and end positions for ``edges (e, 2)``."""
     names, place = np.unique(edges, return_inverse=True)
     ends = place.reshape(-1, 2)
     joins = sparse.coo_array((np.ones(len(ends), bool), tuple(ends.T)), shape=(len(names), len(names)))

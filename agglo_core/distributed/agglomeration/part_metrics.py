@@ -18,13 +18,13 @@ from agglo_core.shapes.metrics import UniformityFactor
 def means(
     coarse: DistributedMesh, components: Int, metrics: Iterable[Metric], registry: Registry | None
 ) -> dict[str, float]:
-    """Return means over the parts of a distributed mesh, or NaN where no part has a value.
+    """Return means over the parts in a distributed mesh, or NaN where no part has a value.
 
     Parameters
     ----------
     coarse : DistributedMesh
     components : (n_own,) int
-            Number of components of each own part.
+            Number of components per own part.
     metrics, registry
         As for :func:`agglo_core.quality`.
     """
@@ -55,7 +55,7 @@ def _refuse_unknown(member: Member) -> None:
 
 
 def _values(coarse: DistributedMesh, member: Member, largest: float) -> Float:
-    """Return values of own parts, with relative metrics scaled to the largest diameter of all ranks."""
+    """Return values for own parts, with relative metrics scaled to the largest diameter on all ranks."""
     local = coarse.local
     if not len(coarse.own):
         return np.empty(0)

@@ -33,14 +33,14 @@ _OF_PARTS = ("admissible", "incomplete")
 
 @dataclass(frozen=True, eq=False)
 class Kept:
-    """Constraints in local numbers of cells and ghosts.
+    """Constraints in local numbers, with ghosts.
 
     Attributes
     ----------
     forbidden : (m,) bool
             Graph entries that no part may cross.
     barriers : (p, 2) int
-            Pairs of cells that no part may both contain.
+            Cell pairs that no part may contain.
     bounds : sequence of Member
             Bounds on part sizes.
     weights : (n, len(bounds)) float
@@ -57,7 +57,7 @@ class Kept:
 
 
 def kept_rules(cells: Cells, pipeline: Pipeline, mesh: Mesh, registry: Registry) -> Kept:
-    """Return the constraints of a run, evaluated on own cells and ghosts.
+    """Return the run's constraints, evaluated on own cells and ghosts.
 
     A rule without effect on some ranks, such as a patch that lies elsewhere, still applies to the others.
 
@@ -95,7 +95,7 @@ def kept_rules(cells: Cells, pipeline: Pipeline, mesh: Mesh, registry: Registry)
 
 
 def _single_rules(pipeline: Pipeline) -> Iterator[Rules]:
-    """Yield the rules of a run one by one, so that a misfit affects no other rule."""
+    """Yield the run's rules one by one, so that a misfit affects no other rule."""
     for each in pipeline.constraints:
         yield Rules(constraints=(each,))
     for name in ("regions", "barriers", "where", "boundary_rules"):
@@ -122,7 +122,7 @@ def _asked(ranks: Ranks, rule: Rules, mesh: Mesh, graph: Graph, registry: Regist
 
 
 def with_ghosts(pipeline: Pipeline, exchange: Callable[[NDArray[Any]], NDArray[Any]], n_own: int) -> Pipeline:
-    """Return the pipeline with arrays of own cells extended to all local cells."""
+    """Return the pipeline with arrays extended from own cells to all local cells."""
     changed: dict[str, Any] = {}
     for name in RULES:
         value = getattr(pipeline, name)

@@ -45,7 +45,7 @@ def agglomerate(
             Components, targets and rules, as on one process. Arrays hold a value per own cell (``barriers``:
             per face of ``mesh.local``). Lines of cells end at rank borders.
     independent_of_ranks : bool, optional
-            Require labels independent of the number of ranks: True sends the cells of each block to one
+            Require labels independent of the number of ranks: True sends each block's cells to one
             rank if necessary, False lets each rank agglomerate its own cells. Default: blocks if nothing has
             to be sent. ``statistics["independent_of_ranks"]`` reports the outcome.
     block_cells : int, optional
@@ -104,7 +104,7 @@ def agglomerate(
 
 
 def _of_all_ranks(ranks: Ranks, run: Run) -> Statistics:
-    """Return summed counts, the depth of the deepest rank, and per phase the seconds of the slowest."""
+    """Return summed counts, the largest depth, and the largest seconds per phase over all ranks."""
     every = ranks.gathered(run.statistics)
     total = Statistics()
     for name in (each.name for each in fields(Statistics) if each.name != "seconds"):

@@ -1,6 +1,6 @@
-"""Stages of a distributed run: domains of a level, coarsened or joined on the way up.
+"""Stages in a distributed run: domains on a level, coarsened or joined on the way up.
 
-A domain's number determines its rank, and domains follow rank order. Hence the part ids of a level are
+A domain's number determines its rank, and domains follow rank order. Hence the part ids on a level are
 consecutive on every rank.
 """
 
@@ -19,14 +19,14 @@ from agglo_core.distributed.communication import Ranks
 
 @dataclass(frozen=True)
 class Numbering:
-    """Global part ids of a level, domain after domain.
+    """Global part ids on a level, domain after domain.
 
     Attributes
     ----------
     first : (count + 1,) int
-            First id of each domain, and the number of parts.
+            First id per domain, and the number of parts.
     bounds : (size + 1,) int
-            First id of each rank, and the number of parts.
+            First id per rank, and the number of parts.
     """
 
     first: Int
@@ -40,7 +40,7 @@ class Numbering:
 
 @dataclass(frozen=True)
 class Stage:
-    """All domains of a run at some stage.
+    """All domains at some stage.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Stage:
     count : int
         Number of domains on all ranks.
     domains : mapping of number to Domain
-            Domains of this rank.
+            Local domains.
     """
 
     ranks: Ranks
@@ -56,7 +56,7 @@ class Stage:
     domains: Mapping[int, Domain]
 
     def rank_of(self, domain: Int) -> Int:
-        """Return the ranks of the given domains."""
+        """Return the ranks for given domains."""
         return rank_of_block(domain, self.count, self.ranks.size)
 
     def of_all(self, asked: Callable[[Domain], Sequence[float]]) -> list[tuple[float, ...]]:
@@ -67,7 +67,7 @@ class Stage:
         return [rows[number] for number in range(self.count)]
 
     def numbered(self, labels: Mapping[int, Int]) -> Numbering:
-        """Return global ids for the parts ``labels`` 0..k−1 of each own domain."""
+        """Return global ids for the parts ``labels`` 0..k−1 in each own domain."""
         own = {number: int(each.max(initial=-1)) + 1 for number, each in labels.items()}
         counts = {number: k for told in self.ranks.gathered(own) for number, k in told.items()}
         first = np.concatenate(([0], np.cumsum([counts[number] for number in range(self.count)])))
@@ -77,7 +77,7 @@ class Stage:
         )
 
     def coarsened(self, labels: Mapping[int, Int], numbering: Numbering) -> Stage:
-        """Return the stage of agglomerates ``labels`` of each own domain."""
+        """Return the coarse stage for agglomerates ``labels`` per own domain."""
         new = self._ids_beyond(labels, numbering)
         with self.ranks.together():
             domains = {
@@ -87,7 +87,7 @@ class Stage:
         return Stage(self.ranks, self.count, domains)
 
     def _ids_beyond(self, labels: Mapping[int, Int], numbering: Numbering) -> dict[int, Int]:
-        """Exchange and return the new ids at the far ends of each domain's links."""
+        """Exchange and return the new ids at the far ends of links, per domain."""
         # Send the new ids of border nodes to each neighbour domain.
         parcels: dict[int, list[tuple[int, int, Int, Int]]] = {}
         for number, domain in self.domains.items():
@@ -110,7 +110,7 @@ class Stage:
         return found
 
     def halved(self) -> tuple[Stage, Return]:
-        """Join pairs of neighbour domains: half as many domains, on half of the ranks if each has one."""
+        """Join pairs of neighbour domains: half as many domains, on half the ranks if each has one."""
         pieces = [(number // 2, domain) for number, domain in sorted(self.domains.items())]
         return moved(self.ranks, pieces, (self.count + 1) // 2, lambda numbers: numbers // 2)
 
@@ -122,9 +122,9 @@ class Return:
     Attributes
     ----------
     sent : mapping of rank to list of int
-            Positions of the pieces sent to each rank.
+            Positions of pieces sent to each rank.
     received : mapping of rank to list of (int, (n,) int)
-            Own domain and node positions of each piece received from a rank.
+            Own domain and node positions for each piece received from a rank.
     """
 
     ranks: Ranks
@@ -132,7 +132,7 @@ class Return:
     received: Mapping[int, Sequence[tuple[int, Int]]]
 
     def brought(self, values: Mapping[int, Int]) -> list[Int]:
-        """Return node values of each piece in the order sent, from ``values`` by own domain."""
+        """Return node values for each piece in the order sent, from ``values`` by own domain."""
         parcels = {
             rank: [values[number][place] for number, place in pieces]
             for rank, pieces in self.received.items()
@@ -149,18 +149,18 @@ class Return:
 def moved(
     ranks: Ranks, pieces: Sequence[tuple[int, Domain]], count: int, renumbered: Callable[[Int], Int]
 ) -> tuple[Stage, Return]:
-    """Send pieces to the ranks of their domains and join them there.
+    """Send pieces to their domains' ranks, and join each domain's pieces there.
 
     Parameters
     ----------
     ranks : Ranks
     pieces : sequence of (int, Domain)
-            Local pieces with the number of their new domain. Each domain gets at least one piece, from any
+            Local pieces with their new domain numbers. Each domain gets at least one piece, from any
             rank.
     count : int
         Number of domains on all ranks.
     renumbered : callable
-            Map from old to new domain numbers of links.
+            Map from old to new domain numbers in links.
     """
     # Pack the pieces by destination rank.
     sent: dict[int, list[int]] = {}

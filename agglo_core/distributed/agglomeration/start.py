@@ -1,4 +1,4 @@
-"""Start of a distributed run: agreement on rules and goals, distribution of cells to domains."""
+"""Start of a distributed run: agreement on rules and goals, assignment of cells to domains."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from agglo_core.registry import Registry
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Cells, rules and goals of a run. Goals are equal on every rank."""
+    """Cells, rules and goals for a run. Goals are equal on every rank."""
 
     mesh: DistributedMesh
     cells: Cells
@@ -59,7 +59,7 @@ class Start:
         return Beginning(self.cells, Stage(ranks, ranks.size, dict(domains)), domains, None, in_blocks=False)
 
     def _in_blocks(self, block: Int, count: int, *, there: bool) -> Beginning:
-        """Return blocks ``(n,)`` of cells as domains, sent to their ranks unless already there."""
+        """Use cell blocks ``(n,)`` as domains, sent to their ranks unless already there."""
         ranks, numbers = self.cells.ranks, frozen_int(np.arange(count))
         ours = np.flatnonzero(rank_of_block(numbers, count, ranks.size) == ranks.rank)
         with ranks.together():
@@ -72,7 +72,7 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class Beginning:
-    """First domains, with the way back to the cells of each rank.
+    """First domains, with the way back to each rank's cells.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class Beginning:
     in_blocks: bool
 
     def of_own_cells(self, values: Mapping[int, Int]) -> Int:
-        """Return values of own cells in id order, from ``values`` by own domain."""
+        """Return values for own cells in id order, from ``values`` by own domain."""
         way, ids = self.way, np.concatenate([piece.ids for _, piece in self.pieces])
         found = [values[number] for number, _ in self.pieces] if way is None else way.brought(values)
         return frozen_int(np.concatenate(found)[np.argsort(ids)])

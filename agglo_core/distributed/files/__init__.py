@@ -1,1 +1,1 @@
-"""Files of meshes and hierarchies across ranks."""
+"""Mesh and hierarchy files across ranks."""

@@ -1,4 +1,4 @@
-"""VTK pieces, one per rank: agreement between ranks, removal of stale pieces."""
+"""VTK pieces, one per rank: agreement between ranks, cleanup of stale pieces."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def write_pieces(
 def write_agreed(folder: Path, stem: str, piece: Piece, ranks: Ranks, *, compress: bool = False) -> None:
     """Write ``STEM.pvtu`` and each rank's piece to ``STEM/``. Array names are equal on all ranks.
 
-    Array types are made equal, too, because VTK reads the types of a single piece.
+    Array types are made equal, too, because VTK reads types from a single piece.
     """
     data = {**piece.cell_data, **piece.derived}
     wide = {name for name, each in data.items() if each.dtype == np.int64 and not fits_in_index(each)}
@@ -56,7 +56,7 @@ def write_agreed(folder: Path, stem: str, piece: Piece, ranks: Ranks, *, compres
 
 
 def _usual(mesh: DistributedMesh) -> dict[str, int]:
-    """Return the face tag values to omit: the most common values of the first rank with cells."""
+    """Return the face tag values to omit: the most common values on the first rank with cells."""
     with mesh.ranks.together():
         own = usual_values(mesh.local) if len(mesh.own) else None
     found = [usual for usual in mesh.ranks.gathered(own) if usual is not None]
@@ -73,7 +73,7 @@ def _with_loops(piece: Piece, mesh: DistributedMesh) -> Piece:
 
 
 def remove_pieces(folder: Path, size: int) -> None:
-    """Remove stale pieces of ranks ≥ ``size``. May raise OSError."""
+    """Remove stale pieces for ranks ≥ ``size``. May raise OSError."""
     pattern = re.compile(re.escape(folder.name) + r"_(0|[1-9]\d*)\.vtu", re.ASCII)
     for file in sorted(folder.iterdir()) if folder.is_dir() else ():
         found = pattern.fullmatch(file.name)

@@ -38,7 +38,7 @@ class _Own(NamedTuple):
 
 
 def mesh_of_pieces(stored: Stored, file: Path, ranks: Ranks, *, allow_gaps: bool) -> DistributedMesh:
-    """Join the pieces of all ranks. ``stored`` holds this rank's pieces, possibly none.
+    """Join all ranks' pieces. ``stored`` holds this rank's pieces, possibly none.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def _without_gaps(mesh: DistributedMesh) -> DistributedMesh:
 
 
 class _Facts(NamedTuple):
-    """Facts about the cells of a rank, shared with all ranks."""
+    """Facts about a rank's cells, shared with all ranks."""
 
     dim: int
     point_ids: bool
@@ -122,7 +122,7 @@ def _own_cells(stored: Stored, name: str, *, allow_gaps: bool) -> _Own | None:
 
 
 def _of_used_points(soup: Soup, mesh: Mesh) -> Int:
-    """Return the global ids of the mesh points, in file order, without points that no cell uses."""
+    """Return the global mesh point ids, in file order, without points that no cell uses."""
     used = np.zeros(len(soup.points), bool)
     used[soup.vertices] = used[soup.solids.vertices] = True
     places = np.flatnonzero(used)
@@ -172,7 +172,7 @@ def _listed(mesh: Mesh, name: str, usual: int) -> tuple[tuple[Int, Int], Int]:
 
 
 def _with_usual(mesh: DistributedMesh, usual: Mapping[str, int]) -> DistributedMesh:
-    """Add the usual values to the face tags. Tags of hidden faces stay 0."""
+    """Add the usual values to the face tags. Tags on hidden faces stay 0."""
     local = mesh.local
     if not any(usual.values()):
         return mesh

@@ -1,4 +1,4 @@
-"""Reading of distributed meshes: pieces on the ranks that own them, other files on rank 0."""
+"""Reader for distributed meshes: pieces on their ranks, other files on rank 0."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ def read(
     ----------
     path : path
     ranks : Ranks, optional
-            Default: the ranks of ``MPI.COMM_WORLD``.
+            Default: all ranks in ``MPI.COMM_WORLD``.
     allow_gaps : bool
             Leave outer faces apart that lie on each other. By default they are joined, as in
             :func:`agglo_core.read`, and pieces with global point ids and such faces are refused.
     registry : Registry, optional
-            Registry of formats. Default: the installed plugins.
+            Format registry. Default: the installed plugins.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def read(
 
 
 def _shared_out(file: Path, size: int) -> list[list[str]]:
-    """Return the pieces of each rank."""
+    """Return the pieces per rank."""
     sources = sources_of(file_bytes(file))
     if not sources:
         raise FileError("there is no Piece in it")

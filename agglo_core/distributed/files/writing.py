@@ -1,4 +1,4 @@
-"""Writing of distributed meshes and hierarchies: one piece per rank and a list of the pieces."""
+"""Writer for distributed meshes and hierarchies: one piece per rank and a list of pieces."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def write(
             Equal on all ranks, in a shared folder.
     mesh : DistributedMesh
     hierarchy : DistributedHierarchy, optional
-            Hierarchy of this mesh.
+            Hierarchy on this mesh.
     compress : bool
             Write smaller files, at the cost of slower writing and reading.
 
@@ -113,7 +113,7 @@ def _no_level(name: str) -> bool:
 def _coarse(
     hierarchy: DistributedHierarchy, level: int, taken: set[str]
 ) -> tuple[DistributedMesh, Mapping[str, Int], Mapping[str, NDArray[Any]]]:
-    """Return the mesh of a level, tags of its own cells, and data of its agglomerates."""
+    """Return a level's mesh, its own cells' tags, and agglomerate data."""
     coarse = hierarchy.mesh_of(level)
     counts = _cells_of_parts(hierarchy, level)
     parents = np.full(len(coarse.own), -1)
@@ -133,7 +133,7 @@ def _coarse(
 
 
 def _cells_of_parts(hierarchy: DistributedHierarchy, level: int) -> Int:
-    """Return the number of cells of each agglomerate of this rank, counted across ranks."""
+    """Return the number of cells per local agglomerate, counted across ranks."""
     ranks, bounds = hierarchy.mesh.ranks, hierarchy.bounds[level]
     parts, cells = np.unique(hierarchy.levels[level], return_counts=True)
     owners = np.searchsorted(bounds, parts, side="right") - 1
@@ -145,7 +145,7 @@ def _cells_of_parts(hierarchy: DistributedHierarchy, level: int) -> Int:
 
 
 def _remove_stale(target: Path, size: int, levels: int | None) -> None:
-    """Remove pieces of more ranks, and levels of a deeper hierarchy, left by an earlier run."""
+    """Remove pieces and levels left by an earlier run with more ranks or a deeper hierarchy."""
     stem = re.escape(target.stem)
     for file in sorted(target.parent.glob("*.pvtu")):
         found = re.fullmatch(stem + r"(?:_level(0|[1-9]\d*))?\.pvtu", file.name, re.ASCII)

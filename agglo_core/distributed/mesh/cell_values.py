@@ -16,7 +16,7 @@ from agglo_core.mesh import Mesh
 
 
 class CellValues:
-    """Base of :class:`~agglo_core.distributed.DistributedMesh` for values of own cells and ghosts."""
+    """Base of :class:`~agglo_core.distributed.DistributedMesh` for values on own cells and ghosts."""
 
     ranks: Ranks
     local: Mesh
@@ -25,7 +25,7 @@ class CellValues:
 
     @cached_property
     def own(self) -> Int:
-        """Positions of own cells in the local mesh ``(n_own,)``, increasing."""
+        """Own cell positions in the local mesh ``(n_own,)``, increasing."""
         return frozen_int(np.flatnonzero(self.owners == self.ranks.rank))
 
     @cached_property
@@ -46,12 +46,12 @@ class CellValues:
         }
 
     def exchange(self, values: ArrayLike) -> NDArray[Any]:
-        """Return the values of all local cells ``(n_local, …)``, with ghost values from their owners.
+        """Return values for all local cells ``(n_local, …)``, with ghost values from their owners.
 
         Parameters
         ----------
         values : (n_own, …)
-                Values of own cells, by increasing global id.
+                Values on own cells, by increasing global id.
 
         Raises
         ------
@@ -76,12 +76,12 @@ class CellValues:
         return frozen(everything, everything.dtype)
 
     def gather(self, values: ArrayLike) -> NDArray[Any]:
-        """Return the values of all cells ``(n_cells, …)`` by global id on every rank, for small meshes.
+        """Gather values for all cells ``(n_cells, …)`` by global id on every rank, for small meshes.
 
         Parameters
         ----------
         values : (n_own, …)
-                Values of own cells, by increasing global id.
+                Values on own cells, by increasing global id.
 
         Raises
         ------

@@ -64,7 +64,7 @@ def own_cells(
 
 
 def all_cells(mesh: Mesh, global_ids: Int, owners: Int, point_ids: Int, face_ids: Int) -> WholeCells:
-    """Return all cells of a local mesh, including ghosts, with -1 beyond hidden faces."""
+    """Return all cells in a local mesh, including ghosts, with -1 beyond hidden faces."""
     sides = mesh.face_cells
     rank_of = np.append(owners, -1)
     number = np.append(global_ids, -1)
@@ -109,7 +109,7 @@ def local_mesh(whole: WholeCells, origin: Float, name: str) -> LocalMesh:
 def part_of_whole(mesh: Mesh, origin: Float, hidden: Mask) -> Mesh:
     """Set the cached mesh properties that depend on the whole mesh, and return the mesh.
 
-    With the centre of the whole mesh as origin, geometry is equal on any number of ranks. Hidden faces do not
+    With the whole mesh's centre as origin, geometry is equal on any number of ranks. Hidden faces do not
     belong to the boundary.
     """
     mesh.__dict__["origin"] = origin
@@ -127,7 +127,7 @@ def _turned(offsets: Int, vertices: Int, turned: Mask) -> Int:
 
 
 def common_origin(own: WholeCells, ranks: Ranks) -> Float:
-    """Return the centre ``(d,)`` of the bounding box of all ranks' own cells."""
+    """Return the centre ``(d,)`` of the bounding box over all ranks' own cells."""
     x = own.coordinates
     box = [(column.min(initial=np.inf), column.max(initial=-np.inf)) for column in x.T]
     boxes = np.array(ranks.gathered(np.array(box)))  # (size, d, 2)

@@ -25,10 +25,10 @@ def joined_across(own: WholeCells, ranks: Ranks, name: str) -> Mesh | None:
     Parameters
     ----------
     own : WholeCells
-            Cells of this rank, with their neighbours on other ranks.
+            Own cells, with their neighbours on other ranks.
     ranks : Ranks
     name : str
-            Name of the mesh.
+            Mesh name.
 
     Returns
     -------
@@ -66,7 +66,7 @@ def _shut(mesh: Mesh, faces: Mask) -> Mesh:
 
 
 def _not_ours(mesh: Mesh, hidden: Mask, is_own: Mask) -> Mask:
-    """Return the outer faces of other ranks in 3-D that neither tile nor equal an own face.
+    """Return foreign outer faces in 3-D that neither tile nor equal an own face.
 
     Only the owner can split a large face, because some faces on top may be missing here. In 2-D each edge is
     cut at the points on the edge, regardless of other ranks.
@@ -86,7 +86,7 @@ def _not_ours(mesh: Mesh, hidden: Mask, is_own: Mask) -> Mask:
 
 
 def _cells_of(mesh: Mesh, own: WholeCells, whole: WholeCells, is_own: Mask) -> Mesh:
-    """Extract the own cells with their tags from a mesh of own and foreign cells."""
+    """Extract the own cells with their tags from a mesh with foreign cells."""
     number = np.append(np.where(is_own, np.cumsum(is_own) - 1, -1), (-1, -1))  # dummy cell, and -1
     sides = frozen_int(number[mesh.face_cells])
     alone = WholeCells(

@@ -1,4 +1,4 @@
-"""Join the given cells of all ranks to one mesh."""
+"""Join all ranks' given cells to one mesh."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ FaceTags = Mapping[str, tuple[Any, ArrayLike]]
 
 
 def across_ranks(given: GivenCells, face_tags: FaceTags | None, ranks: Ranks) -> WholeCells:
-    """Return the cells of this rank, with faces numbered and oriented as on a single process.
+    """Return the local cells, with faces numbered and oriented as on a single process.
 
-    A face belongs to its cell with the smaller global id. Faces follow the order of their owner cells, and
+    A face belongs to its cell with the smaller global id. Faces follow their owner cells' order, and
     within a cell the cell's order.
     """
     mesh, offsets = given.mesh, given.mesh.face_offsets
@@ -73,7 +73,7 @@ def across_ranks(given: GivenCells, face_tags: FaceTags | None, ranks: Ranks) ->
 def _listed_tags(
     face_tags: FaceTags, names: list[str], given: GivenCells, vertices: Int
 ) -> NDArray[np.int64]:
-    """Return the tags ``(n_faces, len(names))`` of faces listed by points, 0 for other faces."""
+    """Return face tags ``(n_faces, len(names))`` from faces listed by points, 0 elsewhere."""
     tags = np.zeros((given.mesh.n_faces, len(names)), np.int64)
     if not face_tags:
         return tags
@@ -91,7 +91,7 @@ def _listed_tags(
 
 
 def _listed(what: str, faces: Any, given: GivenCells, keys: FaceKeys) -> Int:
-    """Return the face numbers of faces listed by points, or raise MeshError for an unknown face."""
+    """Return the numbers for faces listed by points, or raise MeshError for an unknown face."""
     offsets, points = loops_as_csr(faces)
     check_offsets(offsets, len(points), "face")
     known = (points >= 0) & (points < len(given.numbers))
@@ -107,7 +107,7 @@ def _listed(what: str, faces: Any, given: GivenCells, keys: FaceKeys) -> Int:
 
 
 def _found(sought: FaceKeys, keys: FaceKeys) -> Int:
-    """Return the position of each sought face among the keys, or -1."""
+    """Look up each sought face among the keys, with -1 if missing."""
     if not len(sought.low):
         return frozen_int([])
     every = np.concatenate((keys.low, sought.low)), np.concatenate((keys.mixed, sought.mixed))
@@ -139,7 +139,7 @@ def _from_owners(
     beyond: Beyond,
     ranks: Ranks,
 ) -> tuple[Int, Int]:
-    """Return numbers and points of all faces, with those owned by other ranks received from there."""
+    """Return numbers and points for all faces, received from other ranks for faces owned there."""
     parcels = {}
     for rank in distinct(beyond.ranks).tolist():
         told = np.flatnonzero((beyond.ranks == rank) & mine[border])
@@ -153,7 +153,7 @@ def _from_owners(
 
 
 def _sides(cells: Int, border: Int, beyond: Beyond, rank: int) -> tuple[Int, Int]:
-    """Return both cells of each face and their ranks, owner first."""
+    """Return both cells per face and their ranks, owner first."""
     sides, owners = cells.copy(), np.where(cells >= 0, rank, -1)
     sides[border, 1], owners[border, 1] = beyond.cells, beyond.ranks
     turned = border[beyond.cells < cells[border, 0]]

@@ -53,16 +53,16 @@ def _check_integers(what: str, values: NDArray[Any]) -> None:
 
 
 def moved(own: WholeCells, known: Int, number: Int, to: Int, ranks: Ranks) -> WholeCells:
-    """Return the cells of this rank after moving, where cells with equal new number become one cell.
+    """Return the local cells after moving, where cells with equal new number become one cell.
 
-    Faces inside a joined cell vanish. A cell tag survives if constant on the cells of each number.
+    Faces inside a joined cell vanish. A cell tag survives if constant for each number.
 
     Parameters
     ----------
     own : WholeCells
-            Cells of this rank before moving.
+            Local cells before moving.
     known, number, to : (n,) int
-            Global ids of own cells and ghosts (increasing), their new numbers, and their new ranks.
+            Global ids for own cells and ghosts (increasing), their new numbers, and their new ranks.
     """
     # Renumber cells and faces, and drop faces inside joined cells.
     sides = places(own.face_cells, known)
@@ -100,6 +100,6 @@ def moved(own: WholeCells, known: Int, number: Int, to: Int, ranks: Ranks) -> Wh
 
 
 def _constant(cells: Int, tags: Mapping[str, Int]) -> set[str]:
-    """Return the names of tags with equal values wherever a cell is listed repeatedly."""
+    """Return tag names with equal values wherever a cell is listed repeatedly."""
     _, first, cell = np.unique(cells, return_index=True, return_inverse=True)
     return {name for name, values in tags.items() if (values[first][cell] == values).all()}

@@ -13,7 +13,7 @@ from agglo_core.distributed.meeting import Meeting, groups, rank_of_key, refuse_
 
 
 def check_ids(ids: Int, n: int, ranks: Ranks) -> None:
-    """Raise MeshError on all ranks unless the ``ids`` of all ranks are a permutation of 0..n−1.
+    """Raise MeshError on all ranks unless all ranks' ``ids`` form a permutation of 0..n−1.
 
     The number of ids must add up to n over the ranks.
     """
@@ -32,7 +32,7 @@ def check_ids(ids: Int, n: int, ranks: Ranks) -> None:
 
 
 def shared_points(ids: Int, points: Float, ranks: Ranks) -> Mask:
-    """Mark the points ``(n, d)`` of this rank (each listed once) that other ranks have, too.
+    """Mark the local points ``(n, d)`` (each listed once) that other ranks have, too.
 
     Raises
     ------
@@ -60,9 +60,9 @@ def shared_points(ids: Int, points: Float, ranks: Ranks) -> Mask:
 
 
 def numbered_by_place(points: Float, ranks: Ranks) -> Int:
-    """Return global ids ``(n,)`` of points ``(n, d)``, equal for points with exactly equal coordinates.
+    """Number points ``(n, d)`` globally, with equal ids ``(n,)`` for exactly equal coordinates.
 
-    The ids do not depend on the distribution of points over the ranks.
+    The ids do not depend on how points are distributed over the ranks.
     """
     points = points + 0.0  # -0.0 equals 0.0
     key = np.zeros(len(points), np.uint64)
@@ -78,14 +78,14 @@ def numbered_by_place(points: Float, ranks: Ranks) -> Int:
 
 
 class FaceKeys(NamedTuple):
-    """Keys of faces ``(n,)``, equal for faces with equal points in any order."""
+    """Keys for faces ``(n,)``, equal for faces with equal points in any order."""
 
     low: Int  # the smallest point
     mixed: UInt64  # sum of the hashes of all points
 
 
 class Beyond(NamedTuple):
-    """Opposite side of each face ``(n,)`` if on another rank, else -1."""
+    """Opposite side per face ``(n,)`` if on another rank, else -1."""
 
     cells: Int
     ranks: Int
@@ -94,7 +94,7 @@ class Beyond(NamedTuple):
 
 
 def face_keys(vertices: Int, offsets: Int) -> FaceKeys:
-    """Return the keys of faces with global points ``vertices[offsets[f]:offsets[f + 1]]``."""
+    """Return keys for faces with global points ``vertices[offsets[f]:offsets[f + 1]]``."""
     if len(offsets) < 2:
         return FaceKeys(frozen_int([]), np.empty(0, np.uint64))
     mixed = np.add.reduceat(splitmix(vertices.view(np.uint64)), offsets[:-1])
@@ -104,14 +104,14 @@ def face_keys(vertices: Int, offsets: Int) -> FaceKeys:
 def cells_beyond(
     vertices: Int, offsets: Int, cells: Int, tags: NDArray[np.int64], numbers: Int, ranks: Ranks
 ) -> Beyond:
-    """Return the cells of other ranks at faces ``(n,)``, a superset of the faces between ranks.
+    """Return foreign cells at faces ``(n,)``, which must include all faces between ranks.
 
     Parameters
     ----------
     vertices, offsets : CSR
-            Global points of each face in the owner's orientation.
+            Global points per face in the owner's orientation.
     cells : (n, 2) int
-            Global ids of own cells on both sides, -1 for none.
+            Global own cell ids on both sides, -1 for none.
     tags : (n, k) int
             Face tags, 0 for no tag.
     numbers : (n,) int
@@ -121,7 +121,7 @@ def cells_beyond(
     ------
     MeshError
             On all ranks, with cells and ranks: for a face with three cells, two cells on one side of a face,
-            or ranks with different tags of a face.
+            or ranks with different face tags.
     """
     # Collect the sides of each face on one rank and pair them.
     low, mixed = face_keys(vertices, offsets)
@@ -162,7 +162,7 @@ def _turns(vertices: Int, offsets: Int, low: Int) -> Int:
 
 
 def _third_cell(sides: Int, bounds: Int, senders: Int) -> str | None:
-    """Return a description of the first face with more than two cells, or None."""
+    """Describe the first face with more than two cells, or return None."""
     count = np.diff(np.append(0, np.cumsum((sides >= 0).sum(axis=1)))[bounds])
     many = np.flatnonzero(count > 2)
     if not len(many):

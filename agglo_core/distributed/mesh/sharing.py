@@ -1,4 +1,4 @@
-"""Distribution of a mesh from rank 0 to all ranks."""
+"""Mesh distribution from rank 0 to all ranks."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from agglo_core.mesh import Mesh
 _METHODS = ("coordinates", "curve")
 
 _LARGEST_SHARE = 1.6
-"""Maximum cells of a rank over the mean, for whole blocks. Four blocks on three ranks have 1.5."""
+"""Maximum cells per rank over the mean, for whole blocks. Four blocks on three ranks have 1.5."""
 
 
 def _along_curve(centroids: Float, size: int) -> Int:
-    """Return the rank of each cell by intervals of a Morton curve."""
+    """Assign cells to ranks by intervals on a Morton curve."""
     rank = np.empty(len(centroids), np.int64)
     rank[curve_order(centroids)] = np.arange(len(rank)) * size // len(rank)
     return frozen_int(rank)
 
 
 def _by_coordinates(centroids: Float, size: int, block_cells: int | None) -> Int:
-    """Return the rank of each cell by whole coordinate blocks, or by boxes if blocks are too uneven."""
+    """Assign cells to ranks by whole coordinate blocks, or by boxes if blocks are too uneven."""
     depth = halvings(len(centroids), centroids.shape[1], block_cells)
     rank = rank_of_block(coordinate_blocks(centroids, depth), 1 << depth, size)
     largest = int(np.bincount(rank).max(initial=0))
@@ -38,7 +38,7 @@ def _by_coordinates(centroids: Float, size: int, block_cells: int | None) -> Int
 
 
 def _in_boxes(centroids: Float, size: int) -> Int:
-    """Return the rank of each cell by recursive halving across the longer side of its box."""
+    """Assign cells to ranks by recursive halving across the longest side of the box."""
     rank = np.zeros(len(centroids), np.int64)
     waiting = [(np.arange(len(rank)), 0, size)]
     while waiting:
@@ -56,7 +56,7 @@ def _in_boxes(centroids: Float, size: int) -> Int:
 
 
 def scattered(mesh: Mesh | None, ranks: Ranks, method: str, block_cells: int | None) -> WholeCells:
-    """Return the cells of this rank, sent by rank 0.
+    """Return the local cells, sent by rank 0.
 
     Raises
     ------

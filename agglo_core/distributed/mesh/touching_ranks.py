@@ -21,7 +21,7 @@ _log = logging.getLogger("agglo")
 
 
 class _Rim(NamedTuple):
-    """Outer faces and their cells (positions in WholeCells), with the bounding boxes of the faces."""
+    """Outer faces and their cells (positions in WholeCells), with bounding boxes."""
 
     faces: Int
     cells: Int
@@ -37,7 +37,7 @@ def refuse_hanging_vertices(own: WholeCells, ranks: Ranks) -> None:
     Parameters
     ----------
     own : WholeCells
-            Cells of this rank, with their neighbours on other ranks.
+            Own cells, with their neighbours on other ranks.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def _named(near: WholeCells, cell: int) -> str:
 
 
 def cells_near(own: WholeCells, ranks: Ranks) -> WholeCells:
-    """Return own cells with outer faces, and cells of other ranks that may touch them."""
+    """Return own cells with outer faces, and foreign cells that may touch them."""
     with ranks.together():
         rim = _rim(own)
         box = (rim.low.min(axis=0), rim.high.max(axis=0)) if len(rim.faces) else None
@@ -127,7 +127,7 @@ def _parcels(
 
 
 def _contacts(near: WholeCells) -> tuple[Int, Mask]:
-    """Return pairs of cells with outer faces that lie on each other, and mark pairs with shared points."""
+    """Return cell pairs with outer faces that lie on each other, and mark pairs with shared points."""
     if not len(near.cells):
         return frozen_int(np.empty((0, 2))), np.empty(0, bool)
     mesh, hidden = local_mesh(near, 0.5 * (near.coordinates.min(axis=0) + near.coordinates.max(axis=0)), "")
@@ -140,7 +140,7 @@ def _contacts(near: WholeCells) -> tuple[Int, Mask]:
 
 
 def _sharing(offsets: Int, vertices: Int, pairs: Int) -> Mask:
-    """Mark pairs of faces with a shared point."""
+    """Mark face pairs with a shared point."""
     (a, first), (b, second) = (gather(offsets, frozen_int(column)) for column in pairs.T)
     n = int(vertices.max(initial=0)) + 1
     row = np.repeat(np.arange(len(pairs)), np.diff(a))

@@ -14,7 +14,7 @@ from agglo_core.mesh.elements import gather
 
 
 class WholeCells(NamedTuple):
-    """Some cells of a mesh with all their faces and points, each by increasing global number.
+    """Some mesh cells with all their faces and points, each by increasing global number.
 
     A face on two ranks has equal number, sides and loop on both.
     """
@@ -33,7 +33,7 @@ class WholeCells(NamedTuple):
 
 
 def places(sought: Int, among: Int) -> Int:
-    """Return the position of each sought number in the increasing ``among (n,)``, or -1."""
+    """Look up sought numbers in the increasing ``among (n,)``, with -1 if missing."""
     if not len(among):
         return frozen_int(np.full(np.shape(sought), -1))
     found = np.minimum(np.searchsorted(among, sought), len(among) - 1)
@@ -52,7 +52,7 @@ def distinct(values: NDArray[np.int64]) -> Int:
 
 
 def taken(whole: WholeCells, cells: Int, faces: Int) -> WholeCells:
-    """Return the cells and faces at the given positions (increasing), with the points of these faces."""
+    """Select cells and faces at the given positions (increasing), with their points."""
     offsets, entries = gather(whole.face_offsets, faces)
     vertices = whole.face_vertices[entries]
     used = np.zeros(len(whole.points), bool)
@@ -76,7 +76,7 @@ def taken(whole: WholeCells, cells: Int, faces: Int) -> WholeCells:
 
 
 def joined(parts: Sequence[WholeCells]) -> WholeCells:
-    """Merge cells, faces and points of the parts, where the first occurrence wins."""
+    """Merge cells, faces and points from all parts, where the first occurrence wins."""
     if len(parts) == 1:
         return parts[0]
     _, cells = _merged([part.cells for part in parts])
@@ -105,7 +105,7 @@ def joined(parts: Sequence[WholeCells]) -> WholeCells:
 
 
 def _merged(numbers: Sequence[Int]) -> tuple[Int, Int]:
-    """Return the distinct numbers, increasing, and the first position of each in all lists combined."""
+    """Return the distinct numbers, increasing, with first positions in all lists combined."""
     different, first = np.unique(np.concatenate(numbers), return_index=True)
     return frozen_int(different), frozen_int(first)
 
@@ -123,7 +123,7 @@ def parcels(
     ----------
     whole : WholeCells
     cells, faces : (ranks (k,), places (k,))
-            Pairs of destination rank and position, possibly repeated.
+            Destination ranks and positions, possibly repeated.
     always : iterable of int
             Ranks that receive a parcel in any case, if only with tag names.
     """

@@ -1,1 +1,1 @@
-"""Solutions across ranks: files of pieces, error norms."""
+"""Solutions across ranks: piece files, error norms."""

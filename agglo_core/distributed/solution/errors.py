@@ -1,4 +1,4 @@
-"""Error norms of a distributed solution, measured by each rank on its own cells."""
+"""Error norms for a distributed solution, measured by each rank on its own cells."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from agglo_core.problems import Discretisation, Problem
 def error_norms(
     mesh: DistributedMesh, problem: Problem, how: Discretisation, x: ArrayLike
 ) -> dict[str, float]:
-    """Compute the error norms of a solution on the whole mesh, equal on every rank. Collective.
+    """Compute error norms on the whole mesh, equal on every rank. Collective.
 
-    Each rank contributes the squares of its own cells and of its halves of their faces.
+    Each rank contributes the squares on its own cells and half their faces.
 
     Parameters
     ----------
     mesh : DistributedMesh
     problem : Problem
-            The problem as posed on the cells of this rank.
+            The problem as posed on the local cells.
     how : Discretisation
             Interpretation of the unknowns. Its ``errors_in`` measures part of a mesh.
     x : (n_own unknowns,) float
-            Unknowns of the own cells by increasing global id, equally many per cell.
+            Unknowns on own cells by increasing global id, equally many per cell.
 
     Returns
     -------

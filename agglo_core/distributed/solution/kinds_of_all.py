@@ -1,4 +1,4 @@
-"""Tag combinations of a distributed mesh."""
+"""Tag combinations in a distributed mesh."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
 from agglo_core.mesh.tagging import BoundaryKinds, distinct
 
 _MOST = 1_000
-"""Maximum number of values of a cell tag. Tags with more values per rank, such as ids, are ignored."""
+"""Maximum number of values per cell tag. Tags with more values on a rank, such as ids, are ignored."""
 
 
 def kinds_of_all(mesh: DistributedMesh) -> tuple[Mapping[str, Int], BoundaryKinds]:
-    """Return ``cell_kinds`` and ``boundary_kinds`` of the whole mesh on every rank. Collective."""
+    """Return ``cell_kinds`` and ``boundary_kinds`` for the whole mesh on every rank. Collective."""
     # Number the components of the domain by their first cell.
     ranks, local = mesh.ranks, mesh.local
     component = np.full(local.n_cells, -1)
@@ -37,7 +37,7 @@ def kinds_of_all(mesh: DistributedMesh) -> tuple[Mapping[str, Int], BoundaryKind
 
 
 def _of_all(ranks: Ranks, columns: Sequence[Int]) -> list[Int]:
-    """Return the distinct rows of all ranks' tables."""
+    """Return the distinct rows in all ranks' tables."""
     with ranks.together():
         own = distinct(columns)
     every = ranks.gathered(own)

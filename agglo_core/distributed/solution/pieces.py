@@ -1,4 +1,4 @@
-"""Writing a distributed solution: one piece per rank and a list of the pieces."""
+"""Writer for distributed solutions: one piece per rank and a list of pieces."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ def write_solution(
     how : Discretisation
             Interpretation of the unknowns.
     x : (n_own unknowns,) float
-            Unknowns of the own cells by increasing global id, equally many per cell.
+            Unknowns on own cells by increasing global id, equally many per cell.
     name : str
-            Name of the function.
+            Function name.
 
     Raises
     ------
@@ -95,7 +95,7 @@ def by_cell(mesh: DistributedMesh, x: ArrayLike) -> Float:
 
 
 def _of_own_cells(samples: Samples, mesh: DistributedMesh) -> Samples:
-    """Return the samples of own cells."""
+    """Return the samples on own cells."""
     kept = (mesh.owners == mesh.ranks.rank)[samples.cells]
     number = np.cumsum(kept) - 1
     simplices = samples.simplices[kept[samples.simplices[:, 0]]]

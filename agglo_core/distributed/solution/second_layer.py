@@ -1,4 +1,4 @@
-"""Second ghost layer, for computations that need the neighbours of ghosts."""
+"""Second ghost layer, for computations that need ghosts' neighbours."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from agglo_core.mesh import Mesh
 
 
 class _Seen(NamedTuple):
-    """Cells of a rank, and a mark ``(n_faces,)`` on faces to cells outside."""
+    """Local cells, and a mark ``(n_faces,)`` on faces to cells outside."""
 
     cells: WholeCells
     hidden: Mask
@@ -27,7 +27,7 @@ def with_second_layer(mesh: DistributedMesh) -> tuple[Mesh, Int]:
     Collective.
 
     Here ghosts have all their neighbours, as needed for penalties at a face that depend on all faces of both
-    cells. ``outer_faces`` excludes faces to cells outside this mesh. The kinds of cells and of boundary faces
+    cells. ``outer_faces`` excludes faces to cells outside this mesh. The kinds of cells and boundary faces
     are those of the whole mesh, so that problems defined by tag fit every rank.
 
     Examples
