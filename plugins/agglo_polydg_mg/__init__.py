@@ -1,11 +1,11 @@
-"""Declaration of the discretisation PolyDG, its solvers and smoothers."""
+"""Declare the discretisation PolyDG, its solvers and its smoother."""
 
 from agglo_core.authoring import Component, hookimpl
 
 
 @hookimpl
 def agglo_components() -> list[Component]:
-    """Return the discretisation, its solvers and a smoother."""
+    """Return the components: a discretisation, four solvers and a smoother."""
     return [
         Component(
             kind="discretisation",

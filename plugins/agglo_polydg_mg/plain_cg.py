@@ -1,4 +1,4 @@
-"""PolyDG by plain conjugate gradients: the baseline of multigrid methods (paper, column CG)."""
+"""Solve PolyDG systems by plain conjugate gradients, the paper's baseline (column CG)."""
 
 from __future__ import annotations
 
@@ -8,20 +8,21 @@ from agglo_polydg_mg.polydg import PolyDG
 
 
 class PlainCG(solvers.PlainCG):
-    """Conjugate gradients from zero on the system of the mesh, without a preconditioner.
+    """Solve PolyDG systems by conjugate gradients from zero, without a preconditioner.
 
     Parameters
     ----------
     degree : int
-        Of the polynomials, 1..6.
+        Polynomial degree, 1..6.
     tolerance : float
-        Of the residual relative to the right-hand side, by
-        :class:`~agglo_core.solvers.residual_measure.ResidualMeasure`, and of the energy error.
+        Limit for the residual relative to the right-hand side, measured by
+        :class:`~agglo_core.solvers.residual_measure.ResidualMeasure`, and for the energy error.
     max_iterations : int
-        If these are not enough, the solution is the iterate of smallest residual, and ``iterations`` its
-        number, as in the paper's tables; ``reason`` says how many were done.
+        If these do not suffice, the solution is the iterate with the smallest residual, and
+        ``iterations`` is its number, as in the paper's tables; ``reason`` gives the number of
+        iterations done.
     penalty : float, "paper" or "sharp"
-        Of jumps: the constant C, ``paper`` for C = 10, or ``sharp``, see
+        Jump penalty: the constant C, ``paper`` for C = 10, or ``sharp``, see
         :class:`~agglo_polydg_mg.polydg.PolyDG`.
     scaled_basis : bool
         Scale the basis by the size of each cell's bounding box. The paper does not.

@@ -1,4 +1,4 @@
-"""PolyDG as a discretisation: matrices, loads, samples and error norms for given options."""
+"""Provide PolyDG as a discretisation: matrices, loads, samples and error norms."""
 
 from __future__ import annotations
 
@@ -36,18 +36,20 @@ from agglo_polydg_mg.space.sampling import evaluate, samples_of
 
 @dataclass(frozen=True)
 class PolyDG:
-    """How a diffusion problem becomes a matrix: a :class:`~agglo_core.problems.Discretisation`.
+    """Discretise diffusion problems by discontinuous polynomials.
+
+    Implements :class:`~agglo_core.problems.Discretisation`.
 
     Attributes
     ----------
     degree : int
-        Of the polynomials, 1..6.
+        Polynomial degree, 1..6.
     penalty : float, "paper" or "sharp"
-        Constant C of the penalty of jumps; ``paper`` is C = 10, ``sharp`` the least one that is provably
-        coercive: :func:`~agglo_polydg_mg.forms.sharp_penalty.sharp_penalty`.
+        Constant C of the jump penalty; ``paper`` is C = 10, ``sharp`` the smallest penalty that is
+        provably coercive: :func:`~agglo_polydg_mg.forms.sharp_penalty.sharp_penalty`.
     scaled_basis : bool
-        Whether the basis is scaled by the size of the bounding boxes, and those of flat cells are turned; the
-        paper's is not.
+        Scale the basis by the size of the bounding boxes, and rotate the boxes of flat cells. The
+        paper's basis has neither.
 
     Raises
     ------
@@ -67,29 +69,32 @@ class PolyDG:
         solvers.require_truth("scaled_basis", self.scaled_basis)
 
     def basis(self, mesh: Mesh) -> Basis:
-        """Basis of the space on a mesh.
+        """Return the basis on a mesh.
 
-        With the sharp penalty, in 2-D, edges that continue one another between two cells are one side.
+        With the sharp penalty, in 2-D, collinear edges between two cells are merged into one side.
         """
         seen = with_straight_sides(mesh) if self.penalty == "sharp" else mesh
         return Basis(seen, self.degree, self.scaled_basis)
 
     def check(self, problem: Problem, mesh: Mesh) -> None:
-        """Raise OptionError for boundary data that do not fit."""
+        """Raise OptionError if the boundary data do not fit the mesh."""
         self.basis(mesh)
         boundary_faces(mesh, _diffusion(problem))
 
     def assemble(self, problem: Problem, mesh: Mesh) -> System:
-        """Matrix and right-hand side on a mesh; see :func:`~agglo_polydg_mg.forms.assembly.discretise`."""
+        """Return matrix and right-hand side on a mesh.
+
+        See :func:`~agglo_polydg_mg.forms.assembly.discretise`.
+        """
         return self.lifted(problem, mesh).system
 
     def lifted(
         self, problem: Problem, mesh: Mesh, basis: Basis | None = None, units: UnitForms | None = None
     ) -> Lifted:
-        """System on a mesh, with the load that is left without the offset of the Dirichlet data.
+        """Return the system on a mesh, and the load that remains without the Dirichlet offset.
 
-        A :meth:`basis` of the mesh, and ``units`` of it, spare what is geometry alone, where there has been a
-        problem before.
+        If an earlier problem on the mesh left its :meth:`basis` and ``units``, both save the purely
+        geometric work.
         """
         asked, basis = _diffusion(problem), basis or self.basis(mesh)
         found = lifted(basis.mesh, self.degree, asked, penalty=self.penalty, basis=basis, units=units)
@@ -98,15 +103,19 @@ class PolyDG:
     def fine_system(
         self, problem: Problem, mesh: Mesh, basis: Basis | None = None, units: UnitForms | None = None
     ) -> solvers.FineSystem:
-        """System of a problem on a mesh as solvers take it, with ``basis`` and ``units`` of an earlier one.
+        """Return the system on a mesh in the form that solvers take.
+
+        ``basis`` and ``units`` may come from an earlier problem.
 
         Raises
         ------
         OptionError
-            As :func:`~agglo_polydg_mg.forms.assembly.discretise`, and for values that are not finite.
+            See :func:`~agglo_polydg_mg.forms.assembly.discretise`; also for values that are not finite.
         """
+        # 1. Discretise
         asked, basis = _diffusion(problem), basis or self.basis(mesh)
         system, load, offset, sigma = self.lifted(asked, mesh, basis, units)
+        # 2. Rescale data of extreme size, and discretise again
         factor = solvers.factor_for(float(np.abs(load).max()) or solvers.data_size(mesh, asked))
         if factor != 1.0:
             asked = solvers.times(asked, factor)
@@ -126,36 +135,42 @@ class PolyDG:
         )
 
     def matrix_kind(self, problem: Problem, fine: solvers.FineSystem) -> str:
-        """Kind of the matrix as the advice on solvers knows it: what polydg_mg would smooth."""
-        assert fine.meaning is not None  # it was discretised here
+        """Return the matrix kind for the solver advice: the object that polydg_mg would smooth."""
+        assert fine.meaning is not None  # set by fine_system
         assert fine.sigma is not None
         mesh = self.basis(fine.meaning[1]).mesh
         return choose(mesh, fine.sigma, cell_means(mesh, _diffusion(problem).kappa), self.degree).kind
 
     def coarse_operator(self, problem: Problem, mesh: Mesh, labels: Int) -> Any:
-        """Matrix on agglomerates, rediscretised: their own penalty, the means of κ over their cells."""
+        """Rediscretise on agglomerates, with their own penalty and cell means of κ."""
         return self.assemble(corrections(problem, mesh, labels), mesh.coarsen(labels)).A
 
     def project(self, mesh: Mesh, function: Field) -> Float:
-        """Coefficients ``(n,)`` of the L2 projection."""
+        """Return the coefficients ``(n,)`` of the L2 projection."""
         return self.basis(mesh).project(function)
 
     def evaluate(self, mesh: Mesh, x: Float, points: Float) -> Float:
-        """Values ``(q,)`` at points ``(q, d)``; NaN outside."""
+        """Evaluate a discrete function at points ``(q, d)``.
+
+        Returns values ``(q,)``, NaN outside the mesh.
+        """
         return evaluate(self.basis(mesh), x, points)
 
     def sample(self, mesh: Mesh, x: Float) -> Samples:
-        """The function at points of triangles, or tetrahedra, that make up the cells."""
+        """Sample the function at points of the triangles or tetrahedra that make up the cells."""
         return samples_of(self.basis(mesh), x)
 
     def errors(self, problem: Problem, mesh: Mesh, x: Float) -> Mapping[str, float]:
-        """``l2`` and ``dg`` of :class:`~agglo_polydg_mg.forms.norms.Errors`, if the problem has ``exact``."""
+        """Return the errors ``l2`` and ``dg`` if the problem has ``exact``.
+
+        See :class:`~agglo_polydg_mg.forms.norms.Errors`.
+        """
         return self.errors_in(problem, mesh, x)
 
     def errors_in(
         self, problem: Problem, mesh: Mesh, x: Float, cells: Mask | None = None
     ) -> Mapping[str, float]:
-        """As :meth:`errors`, over the chosen ``cells (n_cells,)`` and half of their faces to others."""
+        """Return the :meth:`errors` over ``cells (n_cells,)`` and half of their faces to other cells."""
         asked = _diffusion(problem)
         if asked.exact is None:
             return {}
@@ -165,14 +180,17 @@ class PolyDG:
         return {"l2": found.l2 / factor, "dg": found.dg / factor}
 
     def load(self, problem: Problem, mesh: Mesh, b: Float) -> Float:
-        """Load ``(n,)`` of source and Neumann data: b itself where there are no Dirichlet data."""
+        """Return the load ``(n,)`` from source and Neumann data: b itself without Dirichlet data."""
         asked = _diffusion(problem)
         return load(self.basis(mesh), asked) if asked.dirichlet else b
 
     def residual_measure(
         self, problem: Problem, mesh: Mesh, b: Float, basis: Basis | None = None
     ) -> solvers.ResidualMeasure:
-        """Measure of the residuals of the problem with right-hand side ``b (n,)``; κ is its mean in cells."""
+        """Return the residual measure for a problem with right-hand side ``b (n,)``.
+
+        It weights by the cell means of κ.
+        """
         asked, basis = _diffusion(problem), basis or self.basis(mesh)
         kappa = cell_means(mesh, asked.kappa)
         norm = EnergyNorm(basis, asked, self.penalty) if asked.dirichlet else None
@@ -183,9 +201,12 @@ class PolyDG:
 
 
 def _finite(values: Float) -> bool:
-    """Whether all values are; their squares need not be, but if these are that is faster to tell."""
+    """Return True if all values are finite.
+
+    The sum of squares is tested first: it is fast, and if it is finite all values are.
+    """
     flat = values.ravel()
-    with np.errstate(over="ignore"):  # the square may, though no entry does
+    with np.errstate(over="ignore"):  # a square may overflow although no entry does
         return bool(np.isfinite(flat @ flat) or np.isfinite(flat).all())
 
 
@@ -196,7 +217,7 @@ def _diffusion(problem: Problem) -> Diffusion:
 
 
 def corrections(problem: Problem, mesh: Mesh, labels: Int) -> Diffusion:
-    """The problem of the corrections on agglomerates: the same conditions, with data 0."""
+    """Return the problem for corrections on agglomerates: equal conditions with zero data."""
     asked = _diffusion(problem)
     return Diffusion(
         kappa=_averaged(asked.kappa, mesh, labels),
@@ -208,7 +229,10 @@ def corrections(problem: Problem, mesh: Mesh, labels: Int) -> Diffusion:
 
 
 def _averaged(kappa: Field, mesh: Mesh, labels: Int) -> Field:
-    """Coefficient of the agglomerates: the mean over their cells, a callable taken at centroids."""
+    """Average the coefficient over the cells of each agglomerate.
+
+    A callable is evaluated at cell centroids.
+    """
     if not callable(kappa) and np.ndim(kappa) == 0:
         return kappa
     cells = sample(kappa, mesh.cell_centroids, "kappa") if callable(kappa) else np.asarray(kappa, float)

@@ -1,4 +1,4 @@
-"""The transfer between the spaces of polynomials on a mesh and on its agglomerates."""
+"""Transfer between polynomial spaces on a mesh and on its agglomerates."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from agglo_polydg_mg.space.polynomials import legendre, orders
 
 
 def project_between(fine: Basis, coarse: Basis, labels: Int) -> sparse.bsr_array:
-    """Prolongation ``(fine.n, coarse.n)`` from agglomerates to cells: injection, so the L2 projection.
+    """Return the prolongation ``(fine.n, coarse.n)`` from agglomerates to cells.
 
-    A polynomial of an agglomerate is one of each of its cells; only the box changes. The shape of the cells
-    does not enter.
+    The prolongation is injection, hence the L2 projection: a polynomial on an agglomerate is a polynomial
+    on each of its cells. Only the box changes; cell shapes have no influence.
 
     Parameters
     ----------
     fine, coarse : Basis
-        Of a mesh and of ``mesh.coarsen(labels)``; the coarse degree must not be higher.
+        Bases on a mesh and on ``mesh.coarsen(labels)``; the coarse degree must not be higher.
     labels : (fine.mesh.n_cells,) int
         Agglomerate of each cell.
 
@@ -34,6 +34,7 @@ def project_between(fine: Basis, coarse: Basis, labels: Int) -> sparse.bsr_array
     labels = np.asarray(labels)
     if labels.shape != (fine.mesh.n_cells,) or labels.max() + 1 != coarse.mesh.n_cells:
         raise OptionError(f"labels of shape {labels.shape} do not lead from {fine.mesh!r} to {coarse.mesh!r}")
+    # Rotated boxes need Gauss points, parallel boxes a product per axis
     blocks = np.empty((len(labels), fine.n_local, coarse.n_local))
     turned = np.zeros(len(labels), bool)
     if fine.mesh.dim == 2:
@@ -45,7 +46,7 @@ def project_between(fine: Basis, coarse: Basis, labels: Int) -> sparse.bsr_array
 
 
 def _stretched(fine: Basis, coarse: Basis, cells: Int, labels: Int) -> Float:
-    """Coefficients ``(n, fine.n_local, coarse.n_local)`` where boxes have the same directions."""
+    """Return the coefficients ``(n, fine.n_local, coarse.n_local)`` for parallel boxes."""
     outer, inner = coarse.halves[labels], fine.halves[cells]
     shift = fine.centres[cells] - coarse.centres[labels] + (fine.mesh.origin - coarse.mesh.origin)
     dim = fine.mesh.dim
@@ -59,9 +60,9 @@ def _stretched(fine: Basis, coarse: Basis, cells: Int, labels: Int) -> Float:
 
 
 def _sampled(fine: Basis, coarse: Basis, cells: Int, labels: Int) -> Float:
-    """Coefficients ``(n, fine.n_local, coarse.n_local)`` of the polynomials of agglomerates in cells.
+    """Return the coefficients ``(n, fine.n_local, coarse.n_local)`` for boxes in any direction.
 
-    By Gauss points in the boxes of the cells, whatever the directions of these are.
+    They are computed by Gauss points in the boxes of the cells.
     """
     nodes, weights = gauss(fine.degree + 1)
     u, v = (each.ravel() for each in np.meshgrid(nodes, nodes, indexing="ij"))
@@ -77,7 +78,7 @@ def _sampled(fine: Basis, coarse: Basis, cells: Int, labels: Int) -> Float:
 
 
 def _restricted(shift: Float, stretch: Float, degree: int) -> Float:
-    """Coefficients ``(n, k, i)`` of L_i(shift + stretch t) in the L_k(t)."""
+    """Return the coefficients ``(n, k, i)`` of L_i(shift + stretch t) in the L_k(t)."""
     nodes, weights = gauss(degree + 1)
     wide = legendre(shift[:, None] + stretch[:, None] * nodes, degree)
     return np.triu(np.einsum("inq,kq,q->nki", wide, legendre(nodes, degree), weights))

@@ -1,6 +1,6 @@
-"""Kernels of the continuous space: clusters of vertices, unknowns of corners, fits of traces.
+"""Kernels of the continuous space: vertex clusters, corner unknowns, trace fits.
 
-A corner is a cell at a cluster of vertices. ``ends (F, 2, 2)`` holds the corners of the cells at each face:
+A corner is a pair of a cell and a vertex cluster. ``ends (F, 2, 2)`` contains the corners at each face:
 ``ends[f, side, k]`` is the corner of cell ``face_cells[f, side]`` at vertex ``face_vertices[f, k]``.
 """
 
@@ -22,13 +22,14 @@ def _root(parents, i):
 
 @kernel
 def cluster_vertices(points, edges, limits):
-    """Return the cluster ``(n_points,)`` of each vertex, joined along short edges.
+    """Cluster vertices along short edges, and return the cluster ``(n_points,)`` of each vertex.
 
-    The ends of ``edges (q, 2)`` are joined in their order, unless the bounding box of the joined cluster
-    would have a diagonal longer than the ``limits (q,)``, lengths, of any of its edges. A chain of short
-    edges becomes a few clusters and never one.
+    The ends of ``edges (q, 2)`` are joined in order, unless the bounding box of the joined cluster would
+    have a diagonal longer than the ``limits (q,)`` of any of its edges. A chain of short edges becomes
+    several clusters, never a single cluster.
     """
-    # Clusters are trees. A root has the smallest limit of its edges and its box (x_min, y_min, x_max, y_max).
+    # Clusters are trees. A root stores the smallest limit of its edges and its box (x_min, y_min, x_max,
+    # y_max).
     n = len(points)
     parents, limit = np.arange(n), np.full(n, np.inf)
     boxes = np.concatenate((points, points), axis=1)
@@ -36,7 +37,7 @@ def cluster_vertices(points, edges, limits):
         a, b = _root(parents, edges[q, 0]), _root(parents, edges[q, 1])
         if a == b:
             continue
-        # Join only if the diagonal of the common box meets the limits of this edge and of both clusters.
+        # Join only if the diagonal of the common box respects the limits of this edge and of both clusters.
         least = min(limits[q], min(limit[a], limit[b]))
         width = max(boxes[a, 2], boxes[b, 2]) - min(boxes[a, 0], boxes[b, 0])
         height = max(boxes[a, 3], boxes[b, 3]) - min(boxes[a, 1], boxes[b, 1])
@@ -45,7 +46,7 @@ def cluster_vertices(points, edges, limits):
             for x in range(2):
                 boxes[a, x] = min(boxes[a, x], boxes[b, x])
                 boxes[a, 2 + x] = max(boxes[a, 2 + x], boxes[b, 2 + x])
-    # The number of a cluster is that of the vertex at its root: numbers leave gaps.
+    # A cluster takes the number of its root vertex: numbers leave gaps.
     for i in range(n):
         parents[i] = _root(parents, i)
     return parents
@@ -55,7 +56,7 @@ def cluster_vertices(points, edges, limits):
 def corners_of_cells(offsets, faces, face_vertices, face_cells, clusters):
     """Number the corners, cell by cell.
 
-    Returns their offsets ``(n_cells + 1,)`` and ``ends (F, 2, 2)``, −1 outside the domain. Cell c has the
+    Returns corner offsets ``(n_cells + 1,)`` and ``ends (F, 2, 2)``, −1 outside the domain. Cell c has the
     faces ``faces[offsets[c]:offsets[c + 1]]``.
     """
     ends = np.full((len(face_cells), 2, 2), -1)
@@ -80,18 +81,19 @@ def corners_of_cells(offsets, faces, face_vertices, face_cells, clusters):
 
 @kernel
 def corner_unknowns(offsets, faces, face_cells, ends, starts, coupling, stiffness, order, weak, comparable):
-    """Unite corners into unknowns where cells are tied together.
+    """Unite corners into unknowns where strong faces couple the cells.
 
     Returns the unknown ``(m,)`` of each corner, numbered by first cell, and the number of unknowns.
-    ``coupling (F,)`` is the energy of a jump of 1 across a face, ``stiffness (n_cells,)`` the largest that it
-    could be in a cell; cells come in ``order (n_cells,)`` of falling stiffness. At each of its corners a cell
-    meets the unknowns of the cells across its faces that came before, except across faces whose coupling
-    times ``weak`` is less than its stiffness. A single unknown is shared: the weaker cell follows the
-    stronger. Several are united where ``comparable`` times its own stiffness is at least that of the second
-    of them: otherwise groups that touch at the corner only would be tied together by nothing but a weak
-    cell, which then has an unknown of its own.
+    ``coupling (F,)`` is the energy of a unit jump across a face, ``stiffness (n_cells,)`` the largest
+    possible such energy in a cell; ``order (n_cells,)`` sorts the cells by decreasing stiffness.
+
+    At each of its corners a cell joins the unknowns of earlier cells across its faces, except across faces
+    with ``coupling * weak < stiffness``. A single unknown is shared: the weaker cell follows the stronger
+    cell. Several unknowns are united if ``comparable`` times the cell's own stiffness is at least the
+    second largest stiffness of these unknowns. Otherwise a weak cell would couple groups that touch only at
+    the corner; the cell then gets its own unknown.
     """
-    # Groups of corners are trees; ``strength`` at a root is the largest stiffness of the cells of its group.
+    # Corner groups are trees; ``strength`` at a root is the largest stiffness of the cells in its group.
     m = starts[-1]
     parents, rank = np.arange(m), np.empty(len(order), np.int64)
     for i in range(len(order)):
@@ -99,19 +101,20 @@ def corner_unknowns(offsets, faces, face_cells, ends, starts, coupling, stiffnes
     strongest, best, second, strength = np.full(m, -1), np.zeros(m), np.zeros(m), np.empty(m)
     for c in order:
         strength[starts[c] : starts[c + 1]] = stiffness[c]
-        # Two passes over the faces: the first finds, at each corner, the strongest group beyond them and the
-        # strength of the second; the second joins, as how many groups there are must be known before.
+        # Two passes over the faces. The first finds, at each corner, the strongest group across them and
+        # the strength of the second strongest. The second pass joins, because the number of groups must be
+        # known before.
         for again in range(2):
             for h in range(offsets[c], offsets[c + 1]):
                 f = faces[h]
                 side = 0 if face_cells[f, 0] == c else 1
                 other = face_cells[f, 1 - side]
-                # Skip the boundary, cells that come later (they will look at this one) and weak faces.
+                # Skip the boundary, later cells (they will visit this cell) and weak faces.
                 if other < 0 or rank[other] > rank[c] or coupling[f] * weak < stiffness[c]:
                     continue
                 for k in range(2):
                     mine, root = ends[f, side, k], _root(parents, ends[f, 1 - side, k])
-                    # A corner with one group beyond it has second 0 and always joins.
+                    # With a single group across the corner, second is 0 and the corner joins.
                     if again:
                         own = _root(parents, mine)
                         if own != root and stiffness[c] * comparable >= second[mine]:
@@ -120,7 +123,7 @@ def corner_unknowns(offsets, faces, face_cells, ends, starts, coupling, stiffnes
                         strongest[mine], best[mine], second[mine] = root, strength[root], best[mine]
                     elif root != strongest[mine]:
                         second[mine] = max(second[mine], strength[root])
-    # Each group is an unknown; corners go by cell, so that unknowns are numbered by their first cell.
+    # Each group is an unknown. Corners are ordered by cell, so unknowns are numbered by their first cell.
     numbers, unknowns, count = np.full(m, -1), np.empty(m, np.int64), 0
     for i in range(m):
         root = _root(parents, i)
@@ -133,10 +136,10 @@ def corner_unknowns(offsets, faces, face_cells, ends, starts, coupling, stiffnes
 
 @helper
 def _polynomials(x, y, box, roots, out):
-    """Write the polynomials of a cell, not scaled, at a point to ``out``.
+    """Write the unscaled polynomials of a cell at a point to ``out``.
 
-    They are (i + 1/2)^½ (j + 1/2)^½ L_i(x̂) L_j(ŷ), numbered by total degree, with L_i of value 1 at 1 and
-    ``roots (degree + 1,)`` the factors (i + 1/2)^½.
+    They are (i + 1/2)^½ (j + 1/2)^½ L_i(x̂) L_j(ŷ), numbered by total degree, with L_i(1) = 1; ``roots
+    (degree + 1,)`` the factors (i + 1/2)^½.
     """
     degree = len(roots) - 1
     x, y = along_box(x - box[0], y - box[1], box)
@@ -160,7 +163,7 @@ def _polynomials(x, y, box, roots, out):
 
 @helper
 def _add_point(weight, values, normal, n):
-    """Add weight times the products of the polynomials at a point to the lower half of a matrix."""
+    """Add ``weight`` times the outer product of the polynomial values to the lower half of a matrix."""
     for i in range(n):
         t = weight * values[i]
         for j in range(i + 1):
@@ -171,8 +174,8 @@ def _add_point(weight, values, normal, n):
 def solve_rows(normal, right, n, count):
     """Replace the rows of ``right (count, n)`` by the solutions x of ``normal`` x = row.
 
-    Only the lower half of ``normal (n, n)``, symmetric and positive definite, is read. It becomes the
-    Cholesky factor.
+    Only the lower half of the symmetric positive definite ``normal (n, n)`` is read. The Cholesky factor
+    overwrites it.
     """
     # 1. normal = L Lᵀ.
     for i in range(n):
@@ -203,19 +206,19 @@ def fit_traces(
 ):  # fmt: skip
     """Fit a polynomial q_u of each cell to the trace of each of its unknowns u.
 
-    Returns the unknowns of each cell, as offsets ``(n_cells + 1,)`` and indices, and the coefficients
-    ``(·, n)`` of each q_u. It minimises ∫ (q − trace)² ds over the cell's boundary, after a map that makes
-    the bounding box a square, plus ``regularisation`` times the squares of total degree times coefficient,
-    from degree 2 on.
+    Returns the unknowns of each cell, as offsets ``(n_cells + 1,)`` and indices, and the coefficients ``(·,
+    n)`` of each q_u. The fit minimises ∫ (q − trace)² ds over the cell boundary, after mapping the bounding
+    box to a square, plus ``regularisation`` times the squares of total degree times coefficient, from
+    degree 2 on.
 
     The trace is linear between the corners of a face, plus the bubbles 4t(1 − t)(2t − 1)^k numbered from
-    ``bubbles (F,)`` on, if that is not negative; on faces that are ``held (F,)`` row k of ``orthogonal``
-    times the functions at the ends and the bubbles is added to bubble k. A cell with more than ``squares²``
-    corners has one unknown for each square of a grid on its box, that of the first vertex there: the
-    polynomial fits the values at these vertices. ``nodes`` and ``weights`` are a rule on [0, 1]; ``room`` is
-    an upper bound of the rows of the result.
+    ``bubbles (F,)`` on, if nonnegative. On faces with ``held (F,)``, row k of ``orthogonal`` times the end
+    functions and the bubbles is added to bubble k. A cell with more than ``squares²`` corners has one
+    unknown per square of a grid on its box, taken from the first vertex there: the polynomial fits the
+    values at these vertices. ``nodes`` and ``weights`` are a rule on [0, 1]; ``room`` is an upper bound for
+    the number of rows of the result.
     """
-    # 0. Workspaces: rows of ``right`` for the cell with the most unknowns.
+    # 0. Workspaces. ``right`` has a row for each unknown of the largest cell.
     n, most, extra = (degree + 1) * (degree + 2) // 2, squares * squares, degree - 1
     counts, indices = np.zeros(len(offsets), np.int64), np.empty(room, np.int32)
     fitted = np.empty((room, n))
@@ -229,8 +232,8 @@ def fit_traces(
         roots[i] = np.sqrt(i + 0.5)
     position = 0
     for c in range(len(offsets) - 1):
-        # 1. The unknowns of the corners come first, bubbles after them. With ``many`` corners they are only
-        #    known once the squares are.
+        # 1. Corner unknowns come first, then bubbles. With ``many`` corners the unknowns are only known
+        # after the grid squares are.
         corners = starts[c + 1] - starts[c]
         box = boxes[c]
         many = corners > most
@@ -242,13 +245,13 @@ def fit_traces(
         for h in range(offsets[c], offsets[c + 1]):
             f = faces[h]
             side = 0 if face_cells[f, 0] == c else 1
-            # 2. The length of the face on the square [−1, 1]² weights its part of the integral.
+            # 2. The face length on the square [−1, 1]² weights its part of the integral.
             a, b = face_vertices[f, 0], face_vertices[f, 1]
             ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
             ex, ey = along_box(bx - ax, by - ay, box)
             length = np.sqrt((ex / box[2]) ** 2 + (ey / box[3]) ** 2)
-            # 3. Many corners: half of the length goes to each end, or rather to the first vertex found in
-            #    the square of the grid where the end lies: N and the right-hand side take the value there.
+            # 3. Many corners: each end takes half of the length. The point is the first vertex found in the
+            # grid square of the end: N and the right-hand side take the value there.
             if many:
                 for k in range(2):
                     v = face_vertices[f, k]
@@ -266,8 +269,8 @@ def fit_traces(
                     for j in range(n):
                         right[i, j] += 0.5 * length * values[j]
                 continue
-            # 4. Otherwise quadrature along the face: N += w p pᵀ, and w p times the functions 1 − t, t and
-            #    the bubbles to the right-hand sides. A corner collects from both of its faces.
+            # 4. Few corners: quadrature along the face. Add w p pᵀ to N, and w p times the functions 1 − t,
+            # t and the bubbles to the right-hand sides. A corner collects contributions of both its faces.
             first, last = ends[f, side, 0] - starts[c], ends[f, side, 1] - starts[c]
             for q in range(len(nodes)):
                 t, weight = nodes[q], weights[q] * length
@@ -286,17 +289,17 @@ def fit_traces(
                 for k in range(extra):
                     indices[position + count + k] = bubbles[f] + k
                 count += extra
-        # 5. The regularisation keeps polynomials small that vanish on the boundary; constants and linear
-        #    functions stay free, so that they are reproduced.
+        # 5. The regularisation limits polynomials that vanish on the boundary. Constants and linear
+        # functions are exempt, so that they are reproduced.
         k = 0
         for total in range(degree + 1):
             for _ in range(total + 1):
                 normal[k, k] += regularisation * total * total if total > 1 else 0.0
                 k += 1
         solve_rows(normal, right, n, count)
-        # 6. On held faces bubble k takes its multiples of the end functions and of the bubbles before it.
-        #    The fit is linear in the trace, so solutions are combined instead of right-hand sides; the last
-        #    bubble first, since it needs the others unchanged.
+        # 6. On held faces add to bubble k its multiples of the end functions and of lower bubbles. The fit
+        # is linear in the trace, so solutions are combined instead of right-hand sides. The last bubble is
+        # first, because it needs the others unchanged.
         column = corners
         for h in range(offsets[c], offsets[c + 1]):
             f = faces[h]
@@ -312,7 +315,7 @@ def fit_traces(
                         for i in range(k):
                             right[column + k, j] += orthogonal[k, 2 + i] * right[column + i, j]
             column += extra
-        # 7. Coefficients of the scaled polynomials of the cell.
+        # 7. Convert to coefficients of the scaled polynomials.
         for i in range(count):
             for j in range(n):
                 fitted[position + i, j] = right[i, j] / scale[c]

@@ -1,9 +1,9 @@
-"""A continuous space inside the discontinuous one: where the slow modes of cell by cell smoothing live.
+"""Conforming auxiliary space for the smooth errors that cell-wise smoothing leaves.
 
 The penalty pushes the solution towards continuity. The space has one unknown per vertex and p − 1 bubbles
-per face; on each cell a function of it is the polynomial of degree p next to the trace that the unknowns
-give on the boundary. The idea of an auxiliary space: J. Xu, Computing 56 (1996); for discontinuous methods
-V. Dobrev, R. Lazarov, P. Vassilevski, L. Zikatanov, Numer. Linear Algebra Appl. 13 (2006).
+per face. On each cell, a function is the polynomial of degree p closest to the trace that the unknowns
+define on the boundary. Auxiliary spaces: J. Xu, Computing 56 (1996); for discontinuous methods V. Dobrev,
+R. Lazarov, P. Vassilevski, L. Zikatanov, Numer. Linear Algebra Appl. 13 (2006).
 """
 
 from __future__ import annotations
@@ -19,41 +19,41 @@ from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.gauss_points import gauss
 
 _SHORT = 0.5
-"""A face is short below this fraction of |K| / diam K: its ends share an unknown, it has no bubbles."""
+"""Fraction of |K| / diam K below which a face is short: its ends share an unknown, and it has no bubbles."""
 _WEAK = 10.0
-"""A face is weak if a jump across it costs less than what it could in either cell, divided by this."""
+"""A face is weak if a unit jump costs less than 1 / this factor of the maximum in either cell."""
 _COMPARABLE = 3.0
-"""A cell unites two groups whose stiffness is at most this many times its own."""
+"""A cell unites two groups if the second group's stiffness is at most this multiple of its own."""
 _SQUARES = 6
-"""Cells with more corners than the square of this depend on one corner in each square of a grid only."""
+"""Grid size: cells with more corners than its square depend on only one corner per grid square."""
 _UNROLLED = 10
-"""Blocks up to this size have a kernel of their own for PᵀAP."""
+"""Block sizes up to this limit have a specialised kernel for PᵀAP."""
 _REGULARISATION = 1e-4
-"""Times the squared degree: keeps polynomials small that vanish on the boundary."""
+"""Factor of the squared degree: limits polynomials that vanish on the boundary."""
 _DIRECTION = (1.0, 0.618)
-"""Bubbles of odd order have the sign that belongs to faces which run this way."""
+"""Reference direction: the sign of odd bubbles follows faces in this direction."""
 
 
 @dataclass(frozen=True, eq=False)
 class ConformingSpace:
-    """A space of one unknown per vertex and, after these, bubbles on faces.
+    """A continuous space with one unknown per vertex, followed by face bubbles.
 
     Attributes
     ----------
     offsets : (n_cells + 1,) int
-        The unknowns of cell c are ``unknowns[offsets[c]:offsets[c + 1]]``.
+        Cell c has the unknowns ``unknowns[offsets[c]:offsets[c + 1]]``.
     unknowns : (m,) int
     fitted : (m, n_local) float
-        Coefficients in the cell of the function that belongs to the unknown.
+        Coefficients of each unknown's function in the cell.
     n_vertices, n : int
-        Unknowns of vertices, and all.
+        Number of vertex unknowns, and of all unknowns.
     ends : (n_faces, 2, 2) int
-        Unknowns at both ends of each face, of the cells on both sides; −1 for none.
+        Unknowns at both ends of each face, for the cells on both sides; −1 for none.
     bubbles : (n_faces,) int
-        First bubble of each face, −1 if it has none.
+        First bubble of each face, −1 if the face has none.
     bubbles_of_a_face : int
     jumps : (n_faces,) float
-        What a jump of 1 across each face costs.
+        Energy of a unit jump across each face.
     """
 
     offsets: Int
@@ -67,9 +67,9 @@ class ConformingSpace:
     jumps: Float
 
     def prolongation(self, dtype: Any = np.float64, scale: Float | None = None) -> sparse.bsr_array:
-        """P ``(n_cells · n_local, n)`` in blocks of one column; what is only rounding is 0.
+        """Return P ``(n_cells · n_local, n)`` in blocks of one column, with rounding errors set to 0.
 
-        With ``scale (n_cells, n_local, n_local)`` the rows of each cell are multiplied by its block.
+        ``scale (n_cells, n_local, n_local)``, if given, multiplies the rows of each cell by its block.
         """
         from agglo_polydg_mg.auxiliary.galerkin_kernels import scaled_rows
 
@@ -86,11 +86,12 @@ class ConformingSpace:
         small_bubbles: float = 0.0,
         small_vertices: float = 0.0,
     ) -> sparse.csr_array:
-        """C = Pᵀ A P ``(n, n)``, columns sorted, without small entries.
+        """Return C = Pᵀ A P ``(n, n)`` with sorted columns, without small entries.
 
-        Those are |c_ij| ≤ ``small`` (c_ii c_jj)^½; between two bubbles ``small_bubbles`` stands for
-        ``small``, and the diagonal takes their magnitude, so that C stays definite. Between two vertices the
-        diagonal takes those up to ``small_vertices``, so that C does to constants what it did.
+        Entries |c_ij| ≤ ``small`` (c_ii c_jj)^½ are dropped; between two bubbles the factor is
+        ``small_bubbles``, and their magnitude is added to the diagonal, so that C stays definite. Between
+        two vertices, entries up to ``small_vertices`` move to the diagonal, so that C acts on constants as
+        before.
         """
         from agglo_polydg_mg.auxiliary.galerkin_kernels import half_product, thinned
 
@@ -107,30 +108,31 @@ class ConformingSpace:
 def conforming_space(
     basis: Basis, sigma: Float, kappa: Float, *, bubbles: bool = True, orthogonal: bool = True
 ) -> ConformingSpace:
-    """The continuous space of a basis.
+    """Build the continuous space of a basis.
 
-    Vertices joined by faces shorter than half of |K| / diam K share an unknown, as long as they lie that
-    close together.
+    Vertices joined by faces shorter than half of |K| / diam K share an unknown, if they lie that close
+    together.
 
-    A vertex has an unknown for each group of cells that are tied together there. Cells are tied by their
-    face unless it is weak: a jump across it costs little, in both cells, next to what jumps within reach
-    of the cell cost. So the space is discontinuous across the sides of the flat cells of boundary layers,
-    where the penalty is small and smoothing slow. Where κ jumps the weaker cell follows the stronger,
-    but does not tie together two stronger ones that touch at the vertex only.
+    A vertex has an unknown for each group of coupled cells around it. A face couples its cells unless it is
+    weak: a jump across it costs little, in both cells, relative to other jumps in the cell. So the space is
+    discontinuous across the sides of flat cells in boundary layers, where the penalty is small and
+    smoothing slow. Where κ jumps the weaker cell follows the stronger cell, but does not couple two
+    stronger cells that touch only at the vertex.
 
-    On the long faces of flat cells, whose ends belong to the cells beside them alone, bubbles are orthogonal
-    to linear functions: constants along such cells would else be mixtures of both.
+    On long faces of flat cells whose end unknowns belong only to the adjacent cells, bubbles are orthogonal
+    to linear functions: otherwise constants along such cells would mix both.
 
-    A cell with more than 36 corners (a large cell among small ones, one with many holes) depends on at most
-    36 of them and on no bubbles, so that time and memory grow with the number of edges, not its square.
+    A cell with more than 36 corners (a large cell among small cells, or a cell with many holes) depends on
+    at most 36 of them and on no bubbles, so that time and memory grow linearly with the number of edges,
+    not quadratically.
 
     Parameters
     ----------
     basis : Basis
     sigma : (n_faces,) float
-        Penalty of the faces in 1 / length.
+        Face penalty in 1 / length.
     kappa : (n_cells,) float
-        Coefficient of the cells.
+        Cell coefficient.
     bubbles : bool
         Whether faces have p − 1 bubbles each.
     orthogonal : bool
@@ -138,22 +140,26 @@ def conforming_space(
     """
     from agglo_polydg_mg.auxiliary.conforming_kernels import corner_unknowns, corners_of_cells, fit_traces
 
+    # 1. Cluster vertices and number the corners
     mesh, p = basis.mesh, basis.degree
     topology = (*mesh.cell_faces, mesh.face_pairs, mesh.face_cells)
     short, clusters = _clusters(mesh)
     starts, ends = (frozen_int(each) for each in corners_of_cells(*topology, clusters))
+    # 2. Unite corners into vertex unknowns
     offsets, faces = mesh.cell_faces
     coupling, stiffness = _stiffness(mesh, sigma, kappa)
     order = frozen_int(np.argsort(-stiffness, kind="stable"))
     parts = offsets, faces, mesh.face_cells, ends, starts, coupling, stiffness, order
     found = corner_unknowns(*parts, _WEAK, _COMPARABLE)
     unknowns, n_vertices = frozen_int(found[0]), int(found[1])
+    # 3. Number the bubbles
     extra = p - 1 if bubbles else 0
     first, n = _bubbles(mesh, starts, short, n_vertices, extra)
     at_ends = np.where(ends < 0, -1, unknowns[ends])
     corners = np.bincount(unknowns, minlength=n_vertices)
     held = _held_by_a_face(mesh, at_ends, corners, orthogonal and n > n_vertices)
     nodes, weights = gauss(p + 1)
+    # 4. Fit polynomials to the traces
     room = len(unknowns) + 2 * (n - n_vertices)
     cells, indices, fitted = fit_traces(
         mesh.local_points,
@@ -173,8 +179,9 @@ def conforming_space(
         _SQUARES,
         room,
     )
+    # 5. Renumber: cells with many corners leave some unknowns unused
     used = np.zeros(n, bool)
-    used[indices] = True  # of cells with many corners not all are
+    used[indices] = True  # cells with many corners skip some
     places = np.where(used, np.cumsum(used) - 1, -1)
     counts = int(used[:n_vertices].sum()), int(used.sum())
     fitted *= bubble_signs(mesh, first, extra, n)[indices, None]
@@ -191,14 +198,17 @@ def conforming_space(
 
 
 def directions(mesh: Mesh) -> Float:
-    """Vectors ``(n_faces, 2)`` along the faces, all to one side."""
+    """Return face vectors ``(n_faces, 2)`` that all point to one side."""
     a, b = mesh.face_pairs.T
     vectors = mesh.local_points[b] - mesh.local_points[a]
     return frozen_float(np.where(vectors @ _DIRECTION < 0.0, -1.0, 1.0)[:, None] * vectors)
 
 
 def bubble_signs(mesh: Mesh, bubbles: Int, extra: int, n: int) -> Float:
-    """Sign ``(n,)`` of each unknown's function: bubbles of odd order change it as a face is turned."""
+    """Return the sign ``(n,)`` of each unknown's function.
+
+    Odd bubbles change sign when the face direction is reversed.
+    """
     signs, on = np.ones(n), bubbles >= 0
     a, b = mesh.face_pairs[on].T
     turned = (mesh.local_points[b] - mesh.local_points[a]) @ _DIRECTION < 0.0
@@ -208,9 +218,10 @@ def bubble_signs(mesh: Mesh, bubbles: Int, extra: int, n: int) -> Float:
 
 
 def _held_by_a_face(mesh: Mesh, ends: Int, corners: Int, bubbles: bool) -> Mask:
-    """Whether the unknowns at both ends of a face ``(n_faces, 2, 2)`` belong to the cells beside it alone.
+    """Return True for faces ``(n_faces,)`` whose end unknowns belong only to the adjacent cells.
 
-    ``corners (n_vertices,)`` is the number of cells that each belongs to. Without ``bubbles`` nobody asks.
+    ``corners (n_vertices,)`` is the number of cells per unknown. Without ``bubbles`` the result is not
+    needed and all False.
     """
     if not bubbles:
         return np.zeros(mesh.n_faces, bool)
@@ -222,9 +233,10 @@ def _held_by_a_face(mesh: Mesh, ends: Int, corners: Int, bubbles: bool) -> Mask:
 
 
 def _orthogonal(extra: int) -> Float:
-    """What of linear functions ((1 − s)/2, (1 + s)/2) and of the bubbles (1 − s²) s^k before to add to each.
+    """Return the multiples that make bubbles orthogonal to all lower trace functions.
 
-    ``(extra, 2 + extra)``, so that the bubbles are orthogonal on −1..1 to all of these.
+    Row k of the table ``(extra, 2 + extra)`` refers to the linear functions (1 − s)/2, (1 + s)/2 and the
+    lower bubbles (1 − s²) s^k on −1..1.
     """
     nodes, weights = gauss(extra + 2)
     values = [0.5 * (1.0 - nodes), 0.5 * (1.0 + nodes), *((1.0 - nodes**2) * nodes**k for k in range(extra))]
@@ -237,7 +249,7 @@ def _orthogonal(extra: int) -> Float:
 
 
 def _clusters(mesh: Mesh) -> tuple[Mask, Int]:
-    """Whether each face is short, and the cluster of each vertex."""
+    """Return a mask of short faces, and the cluster of each vertex."""
     from agglo_polydg_mg.auxiliary.conforming_kernels import cluster_vertices
 
     limits = _SHORT * mesh.cell_measures / mesh.cell_diameters
@@ -253,7 +265,10 @@ def _clusters(mesh: Mesh) -> tuple[Mask, Int]:
 
 
 def _bubbles(mesh: Mesh, starts: Int, short: Mask, first: int, each: int) -> tuple[Int, int]:
-    """First bubble of each face ``(F,)``, −1 if it has none, by first cell; and the number of unknowns."""
+    """Return the first bubble ``(F,)`` of each face by first cell, and the number of unknowns.
+
+    Faces without bubbles have −1.
+    """
     numbers = np.full(mesh.n_faces, -1)
     if not each:
         return frozen_int(numbers), first
@@ -267,7 +282,7 @@ def _bubbles(mesh: Mesh, starts: Int, short: Mask, first: int, each: int) -> tup
 
 
 def _stiffness(mesh: Mesh, sigma: Float, kappa: Float) -> tuple[Float, Float]:
-    """What a jump of 1 across each face costs ``(F,)``, and the most that it could in each cell."""
+    """Return the energy of a unit jump across each face ``(F,)``, and the largest per cell."""
     owner, other = mesh.face_cells.T
     own, beyond = kappa[owner], kappa[np.where(other < 0, owner, other)]
     jump = sigma * mesh.face_measures

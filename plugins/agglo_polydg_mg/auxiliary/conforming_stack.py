@@ -1,7 +1,7 @@
-"""Levels of the recipe with a continuous space: cells, vertices and bubbles, then aggregates of vertices.
+"""Build the levels with a continuous space: cells, vertices and bubbles, then vertex aggregates.
 
-Smoothing on cells removes what is discontinuous; the rest is a scalar problem on vertices, which has its
-own multigrid. There are no discontinuous coarse levels at all.
+Cell smoothing removes the discontinuous errors. The rest is a scalar problem on vertices with its own
+multigrid. No coarse level is discontinuous.
 """
 
 from __future__ import annotations
@@ -21,27 +21,29 @@ from agglo_polydg_mg.auxiliary.solid_space import solid_space
 from agglo_polydg_mg.space.basis import Basis
 
 _SMALL = 1e-5
-"""Entries of the matrix with bubbles below this times the root of both diagonal ones are left out."""
+"""Entries of the matrix with bubbles up to this multiple of the geometric mean of both diagonal entries are
+dropped."""
 _SMALL_BUBBLES = 0.03
-"""The same between two bubbles: on squares and triangles that halves the matrix at no iteration."""
+"""Drop limit between two bubbles: on squares and triangles it halves the matrix and costs no iteration."""
 _SMALLEST_KAPPA = 0.01
-"""Nothing above this times the ratio of the smallest κ to the largest is left out: groups of vertices where κ
-is large hang on entries as small as its jumps."""
+"""The drop limit is at most this factor times κ_min / κ_max: vertex groups with large κ are coupled by
+entries as small as its jumps."""
 _ROUNDING = 1e-13
-"""The same without bubbles, and whatever κ is."""
+"""Drop limit without bubbles, and lower bound of the drop limit for any κ."""
 _SMALL_VERTICES = 0.01
-"""Where single cells are smoothed, κ is of one size and there are no bubbles, positive entries up to this go
-to the diagonal: of polygons a quarter. In space they are so many that iterations rise by half."""
+"""Limit for positive entries that move to the diagonal, if single cells are smoothed, κ is nearly constant
+and there are no bubbles: a quarter of the entries on polygons. In 3-D there are so many that iterations
+would rise by half."""
 _WEAK = 0.05
-"""Couplings of vertices up to this part of the diagonal do not smooth the prolongation of aggregates: four in
-five of those of squares, which cost more in coarse matrices than they save in iterations."""
+"""Vertex couplings up to this fraction of the diagonal do not smooth the prolongation of aggregates: four
+fifths of the couplings on squares, which cost more in coarse matrices than they save in iterations."""
 _GROUPS = 64
-"""Unknowns that strong couplings join in layers, and that are smoothed together on classical levels."""
+"""Largest group of strongly coupled unknowns smoothed together on classical levels in layers."""
 _SWEEPS = 2
-"""Sweeps of linear tetrahedra: their vertices are so few that a second one takes less than the iterations it
-saves, a quarter of them."""
+"""Sweeps for linear tetrahedra: they have so few vertices that a second sweep costs less than the
+iterations it saves, a quarter."""
 _ONE_SIZE = 4.0
-"""Ratio of the largest to the smallest κ up to which it is of one size."""
+"""Ratio κ_max / κ_min up to which κ counts as nearly constant."""
 
 
 def conforming_stack(
@@ -58,51 +60,51 @@ def conforming_stack(
     layers: bool = False,
     dtype: Any = np.float32,
 ) -> multigrid.LevelStack:
-    """Set up the levels for a system of symmetric interior penalty.
+    """Build the levels for a symmetric interior penalty system.
 
-    The first is the system itself. The second has the vertices and the bubbles of
-    :func:`~agglo_polydg_mg.auxiliary.conforming_space.conforming_space`, the third the vertices alone (where
-    there are no bubbles the second is that; in layers, too, where points of the faces take the place of
-    bubbles), the others are smoothed aggregation or classical multigrid.
+    The first level is the system itself. The second has the vertices and bubbles of
+    :func:`~agglo_polydg_mg.auxiliary.conforming_space.conforming_space`, the third the vertices alone.
+    Without bubbles, and in layers, where face points replace bubbles, these two are a single level.
+    Smoothed aggregation or classical multigrid follows.
 
     Parameters
     ----------
     system : System
-        With a matrix in blocks (BSR), as :func:`~agglo_polydg_mg.forms.assembly.discretise` makes it.
+        System with a block matrix (BSR) from :func:`~agglo_polydg_mg.forms.assembly.discretise`.
     basis : Basis
-        Of the system.
+        Basis of the system.
     sigma : (n_faces,) float
-        Penalty of the faces in 1 / length, 0 on natural faces.
+        Face penalty in 1 / length, 0 on natural faces.
     kappa : (n_cells,) float
-        Coefficient of the cells.
+        Cell coefficient.
     labels : sequence of (n_cells,) int, optional
-        Agglomerates, finest first: a vertex belongs to that of its first cell, and agglomerates are split
-        where vertices are joined weakly. By default aggregates come from the matrix alone.
+        Agglomerates, finest first: a vertex belongs to the agglomerate of its first cell, and agglomerates
+        are split at weak vertex couplings. By default the matrix alone defines the aggregates.
     smoother : callable
-        Makes the smoother of the first level from matrix, block offsets and precision. Symmetric block
-        Gauss–Seidel on cells by default; see :func:`~agglo_polydg_mg.solver.choose.choose`.
+        Returns the smoother of the first level from matrix, block offsets and precision. By default
+        symmetric block Gauss–Seidel on cells; see :func:`~agglo_polydg_mg.solver.choose.choose`.
     scale : (n_cells, n_local, n_local) float, optional
-        Blocks that take the coefficients of each cell to the unknowns of the first level, if it has others.
+        Blocks that map the coefficients of each cell to the unknowns of the first level, if these differ.
     bubbles : bool
         Whether faces have p − 1 bubbles each.
     vertices : "aggregates" or "classical"
-        Smoothed aggregation below the vertices, or classical levels: then agglomerates of ``labels`` come
-        after a first classical step.
+        Smoothed aggregation below the vertices, or classical levels: then the agglomerates of ``labels``
+        follow a first classical step.
     layers : bool
-        Whether classical levels are to be guided by the
-        :func:`~agglo_polydg_mg.auxiliary.coupling_network.coupling_network`, with bubbles by the
-        :func:`~agglo_polydg_mg.auxiliary.nodal_traces.nodal_network` of vertices and points of faces.
+        Guide classical levels by the :func:`~agglo_polydg_mg.auxiliary.coupling_network.coupling_network`,
+        with bubbles by the :func:`~agglo_polydg_mg.auxiliary.nodal_traces.nodal_network` of vertices and
+        face points.
     dtype : float32 or float64
-        Precision of the cycle; matrices are set up in double precision.
+        Precision of the cycle; the set-up uses double precision.
     """
-    # 1. The continuous space, with bubbles or with points of the faces instead of them
+    # 1. Build the continuous space, with bubbles or with face points
     nodal_traces = layers and vertices == "classical" and bubbles and basis.degree > 1
     if basis.mesh.dim == 2:
         space = conforming_space(basis, sigma, kappa, bubbles=bubbles, orthogonal=not nodal_traces)
     else:
         space = solid_space(basis, bubbles=bubbles)
     has_bubbles = space.n > space.n_vertices
-    # 2. Its Galerkin matrix C, without small entries
+    # 2. Compute its Galerkin matrix C, without small entries
     constant_kappa = bool(kappa.max() <= _ONE_SIZE * kappa.min())
     lumps_vertices = (
         basis.mesh.dim == 2 and smoother is None and not (has_bubbles or layers) and constant_kappa
@@ -116,7 +118,7 @@ def conforming_stack(
         _SMALL_VERTICES if lumps_vertices else 0.0,
     )
     P, guide = space.prolongation(dtype, scale), None
-    # 3. The guide of classical levels in layers
+    # 3. Build the guide of classical levels in layers
     if nodal_traces:
         T = nodal_basis(space, basis.mesh)
         C, P = sparse.csr_array(T.T @ C @ T), sparse.csr_array(P.tocsr() @ T.astype(dtype))
@@ -124,7 +126,7 @@ def conforming_stack(
         guide = nodal_network(space, basis.mesh, kappa)
     elif layers and vertices == "classical":
         guide = coupling_network(space, basis.mesh, kappa)
-    # 4. The levels: cells, bubbles if there are any, then multigrid on the vertices
+    # 4. Stack the levels: cells, bubbles if there are any, then multigrid on the vertices
     cell_smoother = (smoother or _sweeps_for(basis))(system.A, system.block_offsets, dtype)
     levels = [multigrid.Level(system.A, system.block_offsets, P, cell_smoother)]
     if has_bubbles and not nodal_traces:
@@ -147,20 +149,20 @@ def conforming_stack(
 
 
 def cell_sweeps(A: Any, block_offsets: Int, dtype: Any, sweeps: int = 1) -> multigrid.LevelSmoother:
-    """Symmetric block Gauss–Seidel on cells, for a matrix that is symmetric as it was assembled."""
+    """Return symmetric block Gauss–Seidel on cells, for a matrix symmetric by assembly."""
     matrix = multigrid.block_matrix(A, block_offsets, dtype, symmetric=True)
     return multigrid.GaussSeidel.on(matrix, sweeps)
 
 
 def _sweeps_for(basis: Basis) -> Callable[[Any, Int, Any], multigrid.LevelSmoother]:
-    """Sweeps on cells, as many as serve a space."""
+    """Return cell sweeps with the best number for a space."""
     linear = basis.mesh.dim == 3 and basis.degree == 1
     tetrahedra = linear and int(np.diff(basis.mesh.cell_faces[0]).max()) == 4
     return partial(cell_sweeps, sweeps=_SWEEPS if tetrahedra else 1)
 
 
 def labels_of_unknowns(space: ConformingSpace, labels: Int) -> Int:
-    """Label ``(n,)`` of the first cell that has each unknown, those of vertices first."""
+    """Return the label ``(n,)`` of each unknown's first cell, vertices first."""
     cells = np.repeat(labels, np.diff(space.offsets))[::-1]
     found = np.empty(space.n, np.int64)
     found[space.unknowns[::-1]] = cells
@@ -168,7 +170,7 @@ def labels_of_unknowns(space: ConformingSpace, labels: Int) -> Int:
 
 
 def _with_bubbles(C: Any, space: ConformingSpace, dtype: Any) -> multigrid.Level:
-    """The level of vertices and bubbles, which come after them: its prolongation adds zeros."""
+    """Build the level of vertices and bubbles, with zeros for the bubbles in its prolongation."""
     P = sparse.csr_array(sparse.eye_array(space.n, space.n_vertices, dtype=dtype))
     sweeps = multigrid.ScalarGaussSeidel(C, dtype)
     return multigrid.Level(sweeps.matrix, frozen_int(np.arange(space.n + 1)), P, sweeps)

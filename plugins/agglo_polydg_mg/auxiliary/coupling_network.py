@@ -1,8 +1,8 @@
-"""A network of the unknowns of the continuous space, whose couplings all draw together.
+"""Build an M-matrix surrogate for the continuous space, used to guide coarsening.
 
-In flat cells the matrix of the space is no guide to coarsening: a polynomial fits values at four corners in
-the mean only, so that many couplings are positive, and large. The network has the same energy within factors
-and no positive coupling: classical levels take from it which unknowns stay and how the others interpolate.
+In flat cells the matrix of the space is no guide: a polynomial fits the values at four corners only in the
+mean, so that many couplings are positive and large. The network is spectrally equivalent and has no
+positive coupling. Classical levels use it to choose C-points and interpolation.
 """
 
 from __future__ import annotations
@@ -17,27 +17,28 @@ from agglo_core.authoring import Float, Int, Mesh, frozen_int
 from agglo_polydg_mg.auxiliary.conforming_space import ConformingSpace
 
 _HELD = 2.0
-"""An unknown is held if its jump at the boundary costs more than this many times its couplings."""
+"""An unknown is held if its boundary jump costs more than this multiple of its couplings."""
 
 Edges = tuple[Any, Any, Any]
 """Unknowns at both ends, and conductances."""
 
 
 def coupling_network(space: ConformingSpace, mesh: Mesh, kappa: Float) -> sparse.csr_array:
-    """Symmetric matrix ``(n, n)``, diagonally dominant, without positive entries off the diagonal.
+    """Return the symmetric, diagonally dominant network ``(n, n)`` without positive couplings.
 
-    In each cell, vertices are joined along its faces, by what the difference between them costs at least. On
-    rectangles that is the five-point matrix, on triangles the matrix of linear elements without its positive
-    couplings. Across faces that do not tie their cells, unknowns of one vertex are joined by what a jump
-    costs. Bubbles are not joined; see :func:`~agglo_polydg_mg.auxiliary.nodal_traces.nodal_network`.
+    In each cell, the vertices are joined along its faces; the weight is a lower bound for the energy of
+    their difference. On rectangles the result is the five-point matrix, on triangles the matrix of linear
+    elements without its positive couplings. Across faces that do not couple their cells, the unknowns of a
+    vertex are joined by the energy of a jump. Bubbles are not joined; see
+    :func:`~agglo_polydg_mg.auxiliary.nodal_traces.nodal_network`.
 
     Parameters
     ----------
     space : ConformingSpace
     mesh : Mesh
-        In 2-D, that of the space.
+        The mesh of the space, in 2-D.
     kappa : (n_cells,) float
-        Coefficient of the cells.
+        Cell coefficient.
     """
     edges = [_along_faces(space, mesh, kappa, side) for side in (0, 1)]
     edges += [across_faces(space, mesh, end) for end in (0, 1)]
@@ -46,10 +47,10 @@ def coupling_network(space: ConformingSpace, mesh: Mesh, kappa: Float) -> sparse
 
 
 def network(edges: Sequence[Edges], ground: Any) -> sparse.csr_array:
-    """The matrix ``(n, n)`` of edges, what each unknown costs by itself being ``ground (n,)``.
+    """Return the matrix ``(n, n)`` of edges and diagonal costs ``ground (n,)``.
 
-    Edges without an unknown at one end, and of no conductance, are left out. One to an unknown that the
-    boundary holds is a cost of the other: there is nothing to interpolate from.
+    Edges without an unknown at one end, and edges without conductance, are left out. An edge to an unknown
+    held by the boundary becomes a diagonal cost of the other end: there is nothing to interpolate from.
     """
     n = len(ground)
     first, second, weights = (np.concatenate(each) for each in zip(*edges, strict=True))
@@ -68,14 +69,17 @@ def network(edges: Sequence[Edges], ground: Any) -> sparse.csr_array:
 
 
 def _along_faces(space: ConformingSpace, mesh: Mesh, kappa: Float, side: int) -> Edges:
-    """Between the ends of each face, in the cell on one side of it."""
+    """Return edges between the ends of each face, for the cells on one side."""
     faces, weights = cotangents(mesh, kappa, side)
     first, second = space.ends[faces, side].T
     return first, second, weights
 
 
 def cotangents(mesh: Mesh, kappa: Float, side: int) -> tuple[Int, Any]:
-    """Faces ``(m,)`` with a cell on that side, and what the difference between their ends costs there."""
+    """Return the faces ``(m,)`` with a cell on one side, and their weights.
+
+    The weight is the energy of a unit difference between the ends of the face in this cell.
+    """
     faces = np.flatnonzero(mesh.face_cells[:, side] >= 0)
     cells, squares = mesh.face_cells[faces, side], mesh.face_measures**2
     offsets, of_cells = mesh.cell_faces
@@ -87,14 +91,14 @@ def cotangents(mesh: Mesh, kappa: Float, side: int) -> tuple[Int, Any]:
 
 
 def across_faces(space: ConformingSpace, mesh: Mesh, end: int) -> Edges:
-    """Between the unknowns that the cells beside a face have at one of its ends."""
+    """Return edges between the unknowns of adjacent cells at one end of each face."""
     inner = mesh.face_cells[:, 1] >= 0
     first, second = space.ends[inner, :, end].T
     return first, second, 0.5 * space.jumps[inner]
 
 
 def at_boundary(space: ConformingSpace, mesh: Mesh) -> Any:
-    """What each unknown costs by its jump at the boundary ``(n,)``."""
+    """Return the energy ``(n,)`` of a unit jump of each unknown at the boundary."""
     outer = np.flatnonzero(mesh.face_cells[:, 1] < 0)
     jumps = space.jumps[outer]
     ends = space.ends[outer, 0]

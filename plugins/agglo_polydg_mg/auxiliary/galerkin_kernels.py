@@ -1,7 +1,7 @@
-"""Kernels of C = Pᵀ A P for A in blocks and cells with a few unknowns of C each.
+"""Kernels of C = Pᵀ A P for a block matrix A and few unknowns of C per cell.
 
 ``offsets, indices`` are the unknowns of the cells, ``fitted (·, n)`` the columns of P on the cell. C is
-symmetric: the upper half of it is computed, its rows beginning with the diagonal entry.
+symmetric: only its upper half is computed, with the diagonal entry first in each row.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from agglo_core.authoring import helper, kernel
 
 _MOST_ADDED = 0.25
-"""A row whose small entries add up to more than this part of its diagonal one keeps them.
+"""A row keeps its small entries if their sum exceeds this fraction of its diagonal entry.
 
 A larger value drops more entries and moves more weight to the diagonal.
 """
@@ -23,8 +23,8 @@ A larger value drops more entries and moves more weight to the diagonal.
 
 @helper(allocates=True)
 def _holders(offsets, indices, size):
-    """Return the places of each unknown in ``indices``, as a CSR, and the cell of each place."""
-    # Counting sort of the places by unknown.
+    """Return the positions of each unknown in ``indices``, as a CSR, and the cell of each position."""
+    # Counting sort of the positions by unknown.
     starts = np.zeros(size + 1, np.int64)
     for k in indices:
         starts[k + 1] += 1
@@ -42,12 +42,12 @@ def _holders(offsets, indices, size):
 
 @cache
 def half_product(width: int) -> Callable[..., Any]:
-    """Kernel of the upper half of C for blocks of a size, 0 for any size.
+    """Return the kernel of the upper half of C for a block size, 0 for any size.
 
-    Its arguments are ``(indptr, columns, blocks, offsets, indices, fitted, size)``. It returns rows, columns
-    and values of the upper half of C ``(size, size)``; the diagonal entry comes first in its row, the others
-    are not sorted. Row v is Pᵀ (A p), p being column v of P: A p lives on the cells of v and their
-    neighbours. ``indptr, columns, blocks`` are A, symmetric, in blocks.
+    Its arguments are ``(indptr, columns, blocks, offsets, indices, fitted, size)``. It returns rows,
+    columns and values of the upper half of C ``(size, size)``; the diagonal entry is first in its row, the
+    others are not sorted. ``indptr, columns, blocks`` are the symmetric block matrix A. Row v is Pᵀ (A p)
+    with column p = P[:, v]: A p is nonzero on the cells of v and their neighbours.
     """
 
     @kernel(reorder_sums=True)
@@ -58,8 +58,8 @@ def half_product(width: int) -> Callable[..., Any]:
         found, values = np.empty(16 * size, np.int32), np.empty(16 * size)
         turn, near, product = np.full(len(offsets) - 1, -1), np.empty(64, np.int64), np.empty(64 * n)
         for v in range(size):
-            # 1. A p, cell by cell: as A is symmetric, it is Σ_i A_ijᵀ p_i in cell j, over the cells i of v.
-            #    ``turn[j]`` is the place of cell j in ``near``, −1 if j was not met in this row.
+            # 1. A p, cell by cell: A is symmetric, so A p is Σ_i A_ijᵀ p_i in cell j, over the cells i of
+            # v. ``turn[j]`` is the position of cell j in ``near``, −1 if j is not yet visited in this row.
             count, first, room = 0, position, 1
             for h in range(starts[v], starts[v + 1]):
                 i, own = np.uint32(cell_of[h]), np.uint32(places[h])
@@ -78,13 +78,13 @@ def half_product(width: int) -> Callable[..., Any]:
                         t = fitted[own, a]
                         for b in range(n):
                             product[into + b] += t * blocks[k, a, b]
-            # 2. ``room`` bounds the entries of the row, since each unknown of each of these cells counts.
+            # 2. ``room`` bounds the number of entries in the row: it counts all unknowns of these cells.
             while position + room > len(found):
                 found, values = _longer(found), _longer(values)
             slot[v], found[position], values[position] = position, v, 0.0
             position += 1
-            # 3. Row v of Pᵀ (A p), from v on: each unknown w of a cell adds up what its cells contribute.
-            #    Slots before ``first`` belong to earlier rows.
+            # 3. Row v of Pᵀ (A p), from v on: each unknown w sums the contributions of its cells. Slots
+            # before ``first`` belong to earlier rows.
             for s in range(count):
                 j, along = np.uint32(near[s]), np.uint32(s) * n
                 turn[j] = -1
@@ -108,7 +108,7 @@ def half_product(width: int) -> Callable[..., Any]:
 
 @helper(allocates=True)
 def _longer(array):
-    """Return a copy of twice the length, its second half not initialised."""
+    """Return a copy with twice the length, the second half uninitialised."""
     longer = np.empty(2 * len(array), array.dtype)
     for k in range(len(array)):
         longer[k] = array[k]
@@ -117,23 +117,24 @@ def _longer(array):
 
 @kernel
 def thinned(rows, columns, values, vertices, small, small_bubbles, small_vertices):
-    """Drop entries c_ij that are small next to their diagonal entries from a symmetric matrix C.
+    """Drop entries c_ij that are small relative to their diagonal entries from a symmetric matrix C.
 
-    C is given by its upper half, the diagonal entry first in each row; the result is a CSR of both halves
-    with sorted columns. Unknowns from ``vertices`` on are bubbles. With d_ij = (c_ii c_jj)^½:
+    C is given by its upper half, with the diagonal entry first in each row. The result is a CSR of both
+    halves with sorted columns. Unknowns from ``vertices`` on are bubbles. With d_ij = (c_ii c_jj)^½:
 
-    - entries |c_ij| ≤ ``small`` d_ij are dropped, and between two bubbles those up to ``small_bubbles`` d_ij;
-      the latter add |c_ij| (c_ii / c_jj)^½ to c_ii and |c_ij| (c_jj / c_ii)^½ to c_jj, which makes the
-      change semidefinite;
+    - entries |c_ij| ≤ ``small`` d_ij are dropped, and between two bubbles entries up to ``small_bubbles``
+      d_ij; the latter add |c_ij| (c_ii / c_jj)^½ to c_ii and |c_ij| (c_jj / c_ii)^½ to c_jj, which makes
+      the change semidefinite;
     - between two vertices other entries 0 < c_ij ≤ ``small_vertices`` d_ij move to both diagonal entries:
-      rows keep their sums, and the change is semidefinite, which it would not be for negative entries. They
-      stay if nothing but such entries joins the groups of both vertices, and in rows with too much of them.
+      rows keep their sums, and the change is semidefinite, unlike for negative entries. Entries stay if
+      only small entries join the groups of both vertices, and in rows where small entries are too large in
+      total.
     """
     n = len(rows) - 1
     root, added, light = np.zeros(n), np.zeros(n), np.zeros(n)
     for i in range(n):
         root[i] = np.sqrt(max(values[rows[i]], 0.0))
-    # 1. Groups of unknowns that larger entries join; ``light`` sums the magnitudes of the others by vertex.
+    # 1. Group the unknowns joined by larger entries. ``light`` sums the magnitudes of the others by vertex.
     group = np.arange(n)
     for i in range(vertices if small_vertices > 0.0 else 0):
         for k in range(rows[i] + 1, rows[i + 1]):
@@ -143,7 +144,7 @@ def thinned(rows, columns, values, vertices, small, small_bubbles, small_vertice
             elif j < vertices:
                 light[i] += size
                 light[j] += size
-    # 2. Choose the entries that stay, add the others to ``added``, and count entries of both halves by row.
+    # 2. Choose the entries to keep, add the others to ``added``, and count entries of both halves by row.
     kept, starts = np.empty(len(columns), np.bool_), np.zeros(n + 1, np.int32)
     for i in range(n):
         firm = light[i] > _MOST_ADDED * root[i] ** 2
@@ -167,13 +168,13 @@ def thinned(rows, columns, values, vertices, small, small_bubbles, small_vertice
     for j in range(n):
         starts[j + 1] += starts[j]
     places, sorted_columns, found = starts[:-1].copy(), np.empty(starts[n], np.int32), np.empty(starts[n])
-    for i in range(n):  # what lies left of the diagonal, rows being taken in their order, comes sorted
+    for i in range(n):  # the part left of the diagonal comes sorted, as rows are visited in order
         for k in range(rows[i] + 1, rows[i + 1]):
             if kept[k]:
                 j = columns[k]
                 sorted_columns[places[j]], found[places[j]] = i, values[k]
                 places[j] += 1
-    for j in range(n):  # and its transpose too
+    for j in range(n):  # and so does its transpose
         left = places[j]
         sorted_columns[left], found[left] = j, values[rows[j]] + added[j]
         places[j] += 1
@@ -186,7 +187,7 @@ def thinned(rows, columns, values, vertices, small, small_bubbles, small_vertice
 
 @helper
 def _group_of(group, i):
-    """Return the root of the tree of i, halving the path to it."""
+    """Return the root of the tree of i, halving the path."""
     while group[i] != i:
         group[i] = group[group[i]]
         i = group[i]
@@ -195,7 +196,7 @@ def _group_of(group, i):
 
 @kernel(reorder_sums=True)
 def scaled_rows(blocks, offsets, rows):
-    """Multiply each of ``rows[offsets[c]:offsets[c + 1]]``, of n entries, by the ``(n, n)`` block c."""
+    """Multiply each of ``rows[offsets[c]:offsets[c + 1]]``, with n entries, by the ``(n, n)`` block c."""
     found = np.empty_like(rows)
     for c in range(len(blocks)):
         for k in range(offsets[c], offsets[c + 1]):

@@ -1,7 +1,7 @@
-"""The recipe with a continuous space where single cells are too little to smooth with: several at once.
+"""Build the levels with a continuous space and a group smoother, where single cells are too small.
 
-The unknowns of each cell are scaled so that its diagonal block is the identity: in single precision the
-blocks of flat cells would otherwise keep no digit.
+The unknowns of each cell are scaled so that its diagonal block is the identity: otherwise single precision
+would lose all digits in the blocks of flat cells.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from agglo_polydg_mg.auxiliary.strong_faces import strong_pairs
 from agglo_polydg_mg.space.basis import Basis
 
 _SMALL = 0.25
-"""Levels whose matrix has at most this part of the entries of the one above are visited twice under patches,
-which leave so little that a single visit is what iterations wait for."""
+"""Entry ratio up to which a level is visited twice below patches. Patches leave so little error that a
+single visit would limit convergence."""
 _SMALL_GIVEN = 0.7
-"""The same where agglomerates are given, which leave more than classical levels do."""
+"""Entry ratio for given agglomerates, which leave more error than classical levels."""
 
 
 def grouped_stack(
@@ -37,18 +37,19 @@ def grouped_stack(
     dtype: Any = np.float32,
     overlap: bool = False,
 ) -> multigrid.LevelStack:
-    """Levels of :func:`~agglo_polydg_mg.auxiliary.conforming_stack.conforming_stack`, the first smoothed by
-    groups.
+    """Build the levels of a conforming stack, the first smoothed by groups.
 
-    Parameters are the same, but for ``overlap``: by default groups are up to eight cells that
-    :func:`~agglo_polydg_mg.auxiliary.strong_faces.strong_pairs` join, if True the vertex patches, which
-    take half the iterations and several times the time and memory of a sweep.
+    Other parameters and the levels are documented in
+    :func:`~agglo_polydg_mg.auxiliary.conforming_stack.conforming_stack`. By default groups are up to eight
+    cells joined by :func:`~agglo_polydg_mg.auxiliary.strong_faces.strong_pairs`. With ``overlap`` they are
+    the vertex patches, which take half the iterations and several times the time and memory of a sweep.
 
     Raises
     ------
     LinAlgError
         If the matrix is not positive definite on a cell or a group.
     """
+    # 1. Scale the cells, and choose the groups
     scaled = multigrid.block_scaled(system.A)
     mesh = basis.mesh
     if overlap:
@@ -56,6 +57,7 @@ def grouped_stack(
     else:
         groups = multigrid.joined_patches(strong_pairs(mesh, sigma), mesh.n_cells)
     smoother = multigrid.VertexPatches(scaled.A, groups, dtype)
+    # 2. Build the levels with the group smoother
     stack = conforming_stack(
         system,
         basis,
@@ -69,6 +71,7 @@ def grouped_stack(
         layers=layers,
         dtype=dtype,
     )
+    # 3. Below patches, visit small levels twice
     first, *below = stack.levels
     top = replace(first, A=smoother.A, patches=groups)
     if overlap:

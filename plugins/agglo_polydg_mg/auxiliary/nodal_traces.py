@@ -1,9 +1,9 @@
-"""Values at points of faces in place of bubbles: in thin triangles smoothing takes bubbles for vertices.
+"""Nodal face basis for stretched elements, where bubble and vertex modes couple strongly.
 
-Across a flat cell a trace costs what its mean square does, and in the mean square the function of a vertex
-is nearly a sum of bubbles. Functions that are 1 at one Gauss–Lobatto point of a face and 0 at the others are
-nearly orthogonal. Constants have the value 1 everywhere, and the matrix of linear elements between these
-points has the same energy within factors (S. Orszag, J. Comput. Phys. 37, 1980): it guides classical levels.
+Across a flat cell the energy of a trace is its mean square, and in the mean square the function of a vertex
+is nearly a sum of bubbles. Functions that are 1 at one Gauss–Lobatto point of a face and 0 at the others
+are nearly orthogonal. Constants have the value 1 everywhere, and the matrix of linear elements between
+these points is spectrally equivalent (S. Orszag, J. Comput. Phys. 37, 1980): it guides classical levels.
 """
 
 from __future__ import annotations
@@ -25,17 +25,18 @@ from agglo_polydg_mg.auxiliary.coupling_network import (
 
 
 def on_nodes(space: ConformingSpace, mesh: Mesh) -> Mask:
-    """Faces ``(n_faces,)`` with bubbles and one unknown at each end, the same in the cells on both sides."""
+    """Return True for faces ``(n_faces,)`` with bubbles and an equal unknown of both cells at each end."""
     inner = mesh.face_cells[:, 1] >= 0
     return (space.bubbles >= 0) & (~inner | (space.ends[:, 0] == space.ends[:, 1]).all(axis=1))
 
 
 def nodal_basis(space: ConformingSpace, mesh: Mesh) -> sparse.csr_array:
-    """T ``(n, n)``: unknowns of a space from values at its vertices and at the inner points of its faces.
+    """Return T ``(n, n)``, the map from vertex and face point values to the unknowns of a space.
 
-    The points of a face have the numbers of its bubbles, and run from its first end to the other. Faces that
-    are not :func:`on_nodes` keep their bubbles.
+    The points of a face take the numbers of its bubbles, from its first end to the second. Faces outside
+    :func:`on_nodes` keep their bubbles.
     """
+    # 1. Bubble coefficients from values at points
     faces, extra = np.flatnonzero(on_nodes(space, mesh)), space.bubbles_of_a_face
     t = _points(extra)
     powers = np.arange(extra)
@@ -43,6 +44,7 @@ def nodal_basis(space: ConformingSpace, mesh: Mesh) -> sparse.csr_array:
     inverse = np.linalg.inv(values)  # coefficients of bubbles from values at points
     first = space.bubbles[faces]
     signs = bubble_signs(mesh, space.bubbles, extra, space.n)
+    # 2. Rows of the bubbles on nodal faces
     rows, columns, entries = [], [], []
     for k in range(extra):
         own = signs[first + k]
@@ -50,6 +52,7 @@ def nodal_basis(space: ConformingSpace, mesh: Mesh) -> sparse.csr_array:
         weights = (-(inverse[k] @ (1.0 - t)), -(inverse[k] @ t), *inverse[k])
         rows += [first + k] * len(weights)
         entries += [weight * own for weight in weights]
+    # 3. Identity for all other unknowns
     kept = np.ones(space.n)
     kept[(first[:, None] + powers).ravel()] = 0.0
     everywhere = np.arange(space.n)
@@ -60,19 +63,19 @@ def nodal_basis(space: ConformingSpace, mesh: Mesh) -> sparse.csr_array:
 
 
 def nodal_network(space: ConformingSpace, mesh: Mesh, kappa: Float) -> sparse.csr_array:
-    """Network ``(n, n)`` of the unknowns of :func:`nodal_basis`, as coupling_network is of the space's own.
+    """Return the network ``(n, n)`` of the unknowns of :func:`nodal_basis`.
 
-    Points that follow each other on a face are joined, and points of two faces of a cell that lie at the same
-    place of both: on lines that run alongside the third face of a triangle, and from side to side of a
-    quadrilateral.
+    It corresponds to :func:`~agglo_polydg_mg.auxiliary.coupling_network.coupling_network`. Successive
+    points on a face are joined. So are points of two faces of a cell at equal positions: along lines
+    parallel to the third face of a triangle, and from side to side of a quadrilateral.
 
     Parameters
     ----------
     space : ConformingSpace
     mesh : Mesh
-        In 2-D, that of the space.
+        The mesh of the space, in 2-D.
     kappa : (n_cells,) float
-        Coefficient of the cells.
+        Cell coefficient.
     """
     nodal = on_nodes(space, mesh)
     edges = [each for side in (0, 1) for each in _along_faces(space, mesh, kappa, side, nodal)]
@@ -86,19 +89,19 @@ def nodal_network(space: ConformingSpace, mesh: Mesh, kappa: Float) -> sparse.cs
 
 
 def _points(extra: int) -> Float:
-    """Inner Gauss–Lobatto points ``(extra,)`` of 0..1."""
+    """Return the inner Gauss–Lobatto points ``(extra,)`` of 0..1."""
     legendre = np.polynomial.Legendre.basis(extra + 1)
     return frozen_float(0.5 + 0.5 * np.sort(legendre.deriv().roots().real))
 
 
 def _shares(extra: int) -> Float:
-    """Half the distance between the neighbours of each inner point ``(extra,)``."""
+    """Return half the distance between the neighbours of each inner point ``(extra,)``."""
     t = np.concatenate(([0.0], _points(extra), [1.0]))
     return frozen_float(0.5 * (t[2:] - t[:-2]))
 
 
 def _along_faces(space: ConformingSpace, mesh: Mesh, kappa: Float, side: int, nodal: Mask) -> list[Edges]:
-    """Between points that follow each other on a face, in the cell on one side of it."""
+    """Return edges between successive points on a face, for the cells on one side."""
     faces, weights = cotangents(mesh, kappa, side)
     extra, own = space.bubbles_of_a_face, nodal[faces]
     start, end = space.ends[faces, side].T
@@ -110,7 +113,7 @@ def _along_faces(space: ConformingSpace, mesh: Mesh, kappa: Float, side: int, no
 
 
 def _in_triangles(space: ConformingSpace, mesh: Mesh, kappa: Float, nodal: Mask) -> list[Edges]:
-    """Between two faces, alongside the third."""
+    """Return edges between two faces of a triangle, parallel to the third."""
     offsets, of_cells = mesh.cell_faces
     cells = np.flatnonzero(np.diff(offsets) == 3)
     faces = of_cells[offsets[cells][:, None] + np.arange(3)]
@@ -124,7 +127,7 @@ def _in_triangles(space: ConformingSpace, mesh: Mesh, kappa: Float, nodal: Mask)
         a, b = mesh.face_pairs[e[both]], mesh.face_pairs[f[both]]
         turned = [
             ~(x[:, :1] == y).any(axis=1) for x, y in ((a, b), (b, a))
-        ]  # whether it ends where they meet
+        ]  # True if the face ends at the common vertex
         weights = (kappa[cells] * cotangent)[both]
         for k, place in enumerate(places):
             ends = [
@@ -136,7 +139,7 @@ def _in_triangles(space: ConformingSpace, mesh: Mesh, kappa: Float, nodal: Mask)
 
 
 def _in_quadrilaterals(space: ConformingSpace, mesh: Mesh, kappa: Float, nodal: Mask) -> list[Edges]:
-    """Between opposite faces."""
+    """Return edges between opposite faces of quadrilaterals."""
     cells, pairs = _opposite_faces(mesh)
     extra, squares = space.bubbles_of_a_face, mesh.face_measures[pairs] ** 2
     points = mesh.local_points[mesh.face_pairs[pairs]]
@@ -154,7 +157,7 @@ def _in_quadrilaterals(space: ConformingSpace, mesh: Mesh, kappa: Float, nodal: 
 
 
 def _opposite_faces(mesh: Mesh) -> tuple[Int, Any]:
-    """Quadrilaterals ``(q,)``, and both pairs of their faces without a common vertex ``(q, 2, 2)``."""
+    """Return quadrilaterals ``(q,)``, and both pairs of opposite faces ``(q, 2, 2)``."""
     offsets, of_cells = mesh.cell_faces
     cells = np.flatnonzero(np.diff(offsets) == 4)
     faces = of_cells[offsets[cells][:, None] + np.arange(4)]

@@ -1,9 +1,9 @@
-"""Multigrid levels for PolyDG by smoothed agglomeration: few iterations on any mesh.
+"""Build multigrid levels by smoothed agglomeration: few iterations on any mesh.
 
-Each level is smoothed by vertex patches, or cell by cell, which in space is cheaper; prolongations are
-injections between polynomials on nested agglomerates, smoothed by a damped step of block
-Jacobi; coarse matrices are Galerkin products. The unknowns of each cell are scaled so that its diagonal block
-is the identity: in single precision the blocks of flat cells would otherwise keep no digit.
+Each level is smoothed by vertex patches or, cheaper in 3-D, cell by cell. Prolongations are injections
+between polynomials on nested agglomerates, smoothed by a damped step of block Jacobi; coarse matrices are
+Galerkin products. The unknowns of each cell are scaled so that its diagonal block is the identity:
+otherwise single precision would lose all digits in the blocks of flat cells.
 """
 
 from __future__ import annotations
@@ -33,25 +33,25 @@ def patch_stack(
     overlap: bool = True,
     coarse_degree: int | None = None,
 ) -> multigrid.LevelStack:
-    """Levels of a multigrid method of polynomials on agglomerates, to the first of at most 1500 unknowns.
+    """Build multigrid levels of polynomials on agglomerates, down to at most 1500 unknowns.
 
     Parameters
     ----------
     basis : Basis
-        Of the space on the mesh.
+        Basis on the mesh.
     A : (n, n) sparse
-        Symmetric and positive definite matrix of that space.
+        Symmetric and positive definite matrix in that basis.
     labels : sequence of (n_cells,) int
-        Agglomerate of each cell on the coarse levels, finest first, each nested in the next. About 8
-        cells to an agglomerate, and 8 agglomerates to one of the next level, serve well.
+        Agglomerate of each cell on the coarse levels, finest first, each nested in the next. About 8 cells
+        per agglomerate, and 8 agglomerates per agglomerate of the next level, serve well.
     dtype : numpy dtype
-        Precision of the cycle: float32 takes half the memory and less time, and as few iterations.
+        Precision of the cycle: float32 takes half the memory, less time, and as few iterations.
     damping : float
-        Of :func:`~agglo_core.multigrid.smoothed_prolongation`.
+        Damping of :func:`~agglo_core.multigrid.smoothed_prolongation`.
     overlap : bool
-        Whether vertex patches are smoothed, or else single cells and agglomerates: block Gauss–Seidel.
+        Smooth vertex patches instead of single cells and agglomerates (block Gauss–Seidel).
     coarse_degree : int, optional
-        Degree of the polynomials on agglomerates; by default that of the mesh.
+        Polynomial degree on agglomerates; by default the degree on the mesh.
 
     Raises
     ------
@@ -61,6 +61,7 @@ def patch_stack(
         If A is not positive definite.
     """
     mesh, low = basis.mesh, basis.degree if coarse_degree is None else min(basis.degree, coarse_degree)
+    # 1. Scale the diagonal blocks to the identity
     fine = block_matrix(A, basis.n_local)
     fine.sort_indices()
     A, T, LT = multigrid.block_scaled(fine)
@@ -69,6 +70,7 @@ def patch_stack(
     for at, coarse in enumerate(labels):
         if A.shape[0] <= _DENSE:
             break
+        # 2. Prolongation: injection from the next level, smoothed
         nested = multigrid.parents(own, coarse)
         if nested is None:
             raise OptionError(f"the agglomerates of level {at} are not unions of those of the level before")
@@ -76,6 +78,7 @@ def patch_stack(
         P = multigrid.smoothed_prolongation(
             A, LT @ project_between(basis, below, nested), damping, scaled=True
         )
+        # 3. Smoother
         offsets, patches = _offsets(A, basis.n_local), None
         smoother: Any = None
         if overlap:
@@ -84,10 +87,12 @@ def patch_stack(
         else:
             smoother = cell_sweeps(A, offsets, dtype)
         finer = smoother.A if overlap else A.astype(dtype)
+        # 4. Scaled Galerkin matrix
         A, T, LT = multigrid.block_scaled(multigrid.galerkin(A, P))
         P = sparse.bsr_array(P @ T.T).astype(dtype)
         levels.append(multigrid.Level(finer, offsets, P, smoother, own, patches))
         basis, own = below, coarse
+    # 5. Coarsest level
     levels.append(multigrid.Level(A.astype(dtype), _offsets(A, basis.n_local), labels=own))
     return multigrid.LevelStack(levels, multigrid.direct_solver(A, dtype, _DENSE), dtype, scaling)
 

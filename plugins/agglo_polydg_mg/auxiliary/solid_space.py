@@ -1,4 +1,4 @@
-"""The continuous space inside the discontinuous one, on polyhedra: vertices, and from degree 2 on edges."""
+"""Conforming auxiliary space on polyhedra: vertices, and from degree 2 on edges."""
 
 from __future__ import annotations
 
@@ -11,16 +11,15 @@ from agglo_polydg_mg.space.gauss_points import simplex_rule
 from agglo_polydg_mg.space.polynomials import orders
 
 _REGULARISATION = 1e-4
-"""Times the squared degree: keeps polynomials small that vanish on the surface."""
+"""Factor of the squared degree: limits polynomials that vanish on the surface."""
 
 
 def solid_space(basis: Basis, *, bubbles: bool = True) -> ConformingSpace:
-    """The continuous space of a basis in 3-D, as
-    :func:`~agglo_polydg_mg.auxiliary.conforming_space.conforming_space`.
+    """Build the continuous space of a basis in 3-D.
 
-    One unknown for each vertex and, from degree 2 on, one for each edge between triangles, the bubble
-    4 λ_a λ_b. On each cell a function of it is the polynomial next to the trace on the surface, at degree 1
-    to the values at the corners.
+    It corresponds to :func:`~agglo_polydg_mg.auxiliary.conforming_space.conforming_space`. Each vertex has
+    one unknown and, from degree 2 on, so has each edge between triangles: the bubble 4 λ_a λ_b. On each
+    cell a function is the polynomial closest to the trace on the surface, at degree 1 to the corner values.
 
     Parameters
     ----------
@@ -53,7 +52,7 @@ def _space(offsets: Int, unknowns: Index, fitted: Float, n_vertices: int, n: int
 
 
 def _vertices(mesh: Mesh) -> tuple[Int, int]:
-    """Unknown of each vertex of each face ``(v,)``, numbered by first cell, and how many there are."""
+    """Return the vertex unknowns at each face vertex ``(v,)``, numbered by first cell, and their number."""
     used, first = np.unique(mesh.cell_vertices[1], return_index=True)
     numbers = np.full(mesh.n_points, -1)
     numbers[used[np.argsort(first)]] = np.arange(len(used))
@@ -61,7 +60,10 @@ def _vertices(mesh: Mesh) -> tuple[Int, int]:
 
 
 def _edges(mesh: Mesh, numbers: Int, n_vertices: int, wanted: bool) -> tuple[Int, int]:
-    """Unknown of the edge from each vertex of a face to the next ``(v,)``, −1 for none, and the unknowns."""
+    """Return the edge unknown from each face vertex to the next ``(v,)``, and the number of unknowns.
+
+    Edges without an unknown have −1.
+    """
     edges = np.full(len(numbers), -1)
     slots = np.flatnonzero(np.repeat(np.diff(mesh.face_offsets) == 3, np.diff(mesh.face_offsets)))
     if not wanted or not len(slots):

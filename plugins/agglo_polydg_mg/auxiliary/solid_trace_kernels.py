@@ -1,4 +1,4 @@
-"""Kernels of the continuous space of polyhedra: polynomials of cells fitted to traces on their surface."""
+"""Kernels of the continuous space on polyhedra: fit cell polynomials to surface traces."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from agglo_polydg_mg.space.solid_kernels import in_box
 
 @helper
 def _place(unknown, indices, position, count):
-    """Return the place of an unknown among the first ``count`` of a cell, or ``count``."""
+    """Return the position of an unknown among the first ``count`` of a cell, or ``count``."""
     for i in range(count):
         if indices[position + i] == unknown:
             return i
@@ -21,7 +21,7 @@ def _place(unknown, indices, position, count):
 
 @helper
 def _polynomials(x, y, z, orders, table, lines, out):
-    """Write the polynomials of a cell, not scaled, at a point of [−1, 1]³ to ``out``."""
+    """Write the unscaled polynomials of a cell at a point of [−1, 1]³ to ``out``."""
     degree = table.shape[1]
     legendre_at(x, degree, table, lines[0])
     legendre_at(y, degree, table, lines[1])
@@ -32,7 +32,7 @@ def _polynomials(x, y, z, orders, table, lines, out):
 
 @helper
 def _corners(points, face_vertices, first, last, box, ring):
-    """Write the corners of a face in box coordinates to ``ring``, and their mean to the row after."""
+    """Write the corners of a face in box coordinates to ``ring``, and their mean to the next row."""
     count = last - first
     ring[count] = 0.0
     for k in range(count):
@@ -43,7 +43,7 @@ def _corners(points, face_vertices, first, last, box, ring):
 
 @helper
 def _size(a, b, c):
-    """Twice the area of a triangle."""
+    """Return twice the area of a triangle."""
     x = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
     y = (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2])
     z = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
@@ -57,16 +57,17 @@ def fit_solid_traces(
 ):  # fmt: skip
     """Fit a polynomial q_u of each cell to the trace of each of its unknowns u.
 
-    Returns the unknowns of each cell, as offsets ``(n_cells + 1,)`` and indices, and the coefficients
-    ``(·, n)`` of each q_u. It minimises ∫ (q − trace)² ds over the cell's surface, after a map that makes the
-    bounding box a cube, plus ``regularisation`` times the squares of total degree times coefficient, from
-    degree 2 on.
+    Returns the unknowns of each cell, as offsets ``(n_cells + 1,)`` and indices, and the coefficients ``(·,
+    n)`` of each q_u. The fit minimises ∫ (q − trace)² ds over the cell surface, after mapping the bounding
+    box to a cube, plus ``regularisation`` times the squares of total degree times coefficient, from degree
+    2 on.
 
-    A face is cut into triangles around the mean of its corners, on which the trace is linear, the value there
-    being the mean; a triangle stays as it is. The unknown of vertex ``face_vertices[k]`` is ``numbers[k]``,
-    that of the edge from there to the next vertex of the face ``edges[k]``, if that is not negative: the
-    bubble 4 λ_a λ_b, in triangles. ``rule (q, 2)`` and ``weights (q,)`` are a rule on the triangle. ``room``
-    is an upper bound of the rows of the result, ``most`` of the unknowns of a cell or face.
+    A face is cut into triangles around the mean of its corners. The trace is linear on these triangles,
+    with the mean of the corner values at the centre; a triangular face stays uncut. Vertex
+    ``face_vertices[k]`` has the unknown ``numbers[k]``, the edge from there to the next vertex of the face
+    ``edges[k]``, if nonnegative: the bubble 4 λ_a λ_b, on triangles. ``rule (q, 2)`` and ``weights (q,)``
+    are a rule on the triangle. ``room`` bounds the number of rows of the result, ``most`` the number of
+    unknowns of a cell or face.
     """
     n, table = len(orders), recurrences(orders[len(orders) - 1, 2])
     counts, indices = np.zeros(len(offsets), np.int64), np.empty(room, np.int32)
@@ -81,8 +82,8 @@ def fit_solid_traces(
             f = faces[h]
             first, last = face_offsets[f], face_offsets[f + 1]
             sides = last - first
-            # 1. Place in the cell of each unknown of the face, vertices before edges; −1 for an edge without
-            #    one. Faces share vertices and edges, so unknowns are looked up before they are added.
+            # 1. Position in the cell of each face unknown, vertices before edges; −1 for an edge without
+            # unknown. Faces share vertices and edges, so unknowns are looked up before they are added.
             _corners(points, face_vertices, first, last, boxes[c], ring)
             for k in range(2 * sides):
                 unknown = numbers[first + k] if k < sides else edges[first + k - sides]
@@ -108,8 +109,8 @@ def fit_solid_traces(
                         rest * centre[2] + s * ring[k, 2] + t * ring[after, 2],
                         orders, table, lines, values,
                     )  # fmt: skip
-                    # ``share``: the value of each trace function of the face at the point. At the centre the
-                    # trace is the mean: 1 / sides of each vertex.
+                    # ``share``: the value of each trace function of the face at the point. At the centre
+                    # the trace is the mean: 1 / sides for each vertex.
                     for i in range(2 * sides):
                         share[i] = rest / sides if i < sides and sides > 3 else 0.0
                     share[k] += s
@@ -117,7 +118,7 @@ def fit_solid_traces(
                     if sides == 3:
                         share[2] += rest
                         share[3], share[4], share[5] = 4.0 * s * t, 4.0 * t * rest, 4.0 * rest * s
-                    # N += w p pᵀ, lower half, and w p times each trace function to its right-hand side.
+                    # Add w p pᵀ to N, lower half, and w p times each trace function to its right-hand side.
                     for i in range(n):
                         weighted = size * weights[q] * values[i]
                         for j in range(i + 1):
@@ -125,12 +126,11 @@ def fit_solid_traces(
                         for j in range(2 * sides):
                             if place[j] >= 0:
                                 right[place[j], i] += weighted * share[j]
-        # 3. The regularisation keeps polynomials small that vanish on the surface; those of degree 0 and 1
-        #    stay free.
+        # 3. The regularisation limits polynomials that vanish on the surface; degrees 0 and 1 are exempt.
         for k in range(n):
             total = orders[k, 0] + orders[k, 1] + orders[k, 2]
             normal[k, k] += regularisation * total * total if total > 1 else 0.0
-        # 4. Solve for all unknowns of the cell; coefficients are those of its scaled polynomials.
+        # 4. Solve for all unknowns of the cell, and convert to coefficients of its scaled polynomials.
         solve_rows(normal, right, n, count)
         for i in range(count):
             for j in range(n):
@@ -142,10 +142,11 @@ def fit_solid_traces(
 
 @kernel
 def fit_corners(points, offsets, vertices, boxes, scale):
-    """Fit linear polynomials of each cell to values at its corners by least squares.
+    """Fit linear polynomials of each cell to its corner values by least squares.
 
-    Returns the unknowns ``(v,)`` of ``vertices``, numbered by first cell, the coefficients ``(v, 4)`` and the
-    number of unknowns. Where a trace is linear, or a cell a box, :func:`fit_solid_traces` yields the same.
+    Returns the unknowns ``(v,)`` of ``vertices``, numbered by first cell, the coefficients ``(v, 4)`` and
+    the number of unknowns. If the trace is linear, or the cell a box, the result equals
+    :func:`fit_solid_traces`.
     """
     numbers, count = np.full(len(points), -1), 0
     unknowns, fitted = np.empty(len(vertices), np.int32), np.empty((len(vertices), 4))

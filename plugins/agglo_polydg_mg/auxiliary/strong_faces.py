@@ -1,4 +1,4 @@
-"""Faces whose penalty is large or small next to those of the other faces of their cells."""
+"""Find faces whose penalty is large or small relative to the other faces of their cells."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from agglo_core.authoring import Float, Int, Mesh, frozen_float, frozen_int
 
 _STRONG = 3.0
 _JOINED = 2.0
-"""Cells are smoothed together if the penalty between them is this many times the smallest of one of them."""
+"""Cells are smoothed together if the penalty between them exceeds this multiple of the smallest in either
+cell."""
 _WEAK = 0.1
 
 
 def strong_pairs(mesh: Mesh, sigma: Float) -> Int:
-    """Cells ``(m, 2)`` on both sides of faces with more than twice a smallest penalty, strongest first.
+    """Return the cell pairs ``(m, 2)`` across faces with more than twice a smallest penalty, strongest first.
 
     Parameters
     ----------
@@ -28,13 +29,19 @@ def strong_pairs(mesh: Mesh, sigma: Float) -> Int:
 
 
 def strong_part(mesh: Mesh, sigma: Float) -> float:
-    """Part of the inner faces whose penalty is more than 3 times the smallest of one of their cells."""
+    """Return the fraction of strong inner faces.
+
+    Their penalty is more than 3 times the smallest penalty in one of their cells.
+    """
     strength = _strength(mesh, sigma)
     return float(np.mean(strength > _STRONG)) if len(strength) else 0.0
 
 
 def weak_part(mesh: Mesh, sigma: Float) -> float:
-    """Part of the inner faces at which a jump costs less than 0.1 of the most in both of their cells."""
+    """Return the fraction of weak inner faces.
+
+    A jump across them costs less than 0.1 times the maximum in both of their cells.
+    """
     jump, inner = sigma * mesh.face_measures, mesh.face_cells[:, 1] >= 0
     offsets, faces = mesh.cell_faces
     most = np.maximum.reduceat(jump[faces], offsets[:-1])
@@ -44,7 +51,7 @@ def weak_part(mesh: Mesh, sigma: Float) -> float:
 
 
 def _strength(mesh: Mesh, sigma: Float) -> Float:
-    """Penalty of each inner face over the smallest penalty of the faces of its cells."""
+    """Return the penalty of each inner face over the smallest penalty in its two cells."""
     inner = mesh.face_cells[:, 1] >= 0
     offsets, faces = mesh.cell_faces
     positive = np.where(sigma > 0.0, sigma, np.inf)[faces]

@@ -1,10 +1,9 @@
-"""The levels of a hierarchy that multigrid uses, and the transfer of unknowns between them.
+"""Transfer unknowns between the levels of a hierarchy.
 
-The spaces of two levels are nested where every agglomerate of the coarser one is a union of
-agglomerates of the finer: prolongation is then injection. Otherwise it is the L2 projection. All
-agglomerates are unions of fine cells, so the products it needs are sums over the fine mesh:
-with J_k the injection of level k into the fine space and M the fine mass matrix,
-P = (J_kᵀ M J_k)⁻¹ J_kᵀ M J_{k+1}.
+The spaces of two levels are nested if every coarse agglomerate is a union of fine agglomerates: then
+prolongation is injection. Otherwise it is the L2 projection. All agglomerates are unions of fine cells, so
+the required products are sums over the fine mesh: with J_k the injection of level k into the fine space and
+M the fine mass matrix, P = (J_kᵀ M J_k)⁻¹ J_kᵀ M J_{k+1}.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from agglo_polydg_mg.space.basis import block_diagonal
 
 
 def l2_projection(fine: Any, coarse: Any, mass: Any, width: int) -> sparse.bsr_array:
-    """Prolongation between spaces that do not nest.
+    """Return the prolongation between spaces that are not nested.
 
     Parameters
     ----------
@@ -28,7 +27,7 @@ def l2_projection(fine: Any, coarse: Any, mass: Any, width: int) -> sparse.bsr_a
     mass : sparse
         Mass matrix M of the mesh.
     width : int
-        Unknowns of a cell.
+        Number of unknowns per cell.
     """
     weighted = sparse.bsr_array(fine.T @ mass, blocksize=(width, width))
     inverses = frozen_float(np.linalg.inv(diagonal_blocks(weighted @ fine, width)))
@@ -36,12 +35,12 @@ def l2_projection(fine: Any, coarse: Any, mass: Any, width: int) -> sparse.bsr_a
 
 
 def block_matrix(A: Any, width: int) -> sparse.bsr_array:
-    """``A`` in blocks of ``width``, with 32-bit indices where they suffice."""
+    """Return ``A`` in blocks with size ``width``, with 32-bit indices if they suffice."""
     return sparse.bsr_array(A, blocksize=(width, width))
 
 
 def diagonal_blocks(A: Any, width: int) -> Float:
-    """Diagonal blocks ``(n, w, w)`` of a square matrix; zero where none is stored."""
+    """Return the diagonal blocks ``(n, w, w)`` of a square matrix, zero if not stored."""
     bsr = block_matrix(A, width)
     n = bsr.shape[0] // width
     rows = np.repeat(np.arange(n), np.diff(bsr.indptr))

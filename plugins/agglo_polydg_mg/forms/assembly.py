@@ -1,9 +1,9 @@
 """Symmetric interior penalty discretisation of −∇·(κ∇u) = f on polygons and polyhedra.
 
-a(u, v) = Σ_K ∫ κ∇u·∇v − Σ_F ∫ ({κ∇u}·[v] + {κ∇v}·[u]) + Σ_F γ_F σ_F ∫ [u][v], boundary faces with
-Dirichlet data included (Nitsche). Where κ jumps, averages are weighted with the κ of the other side and
-γ is the harmonic mean (A. Ern, A. Stephansen, P. Zunino, IMA J. Numer. Anal. 29, 2009), so that the
-constants do not depend on the ratio; for κ = 1 averages are arithmetic and γ = 1.
+a(u, v) = Σ_K ∫ κ∇u·∇v − Σ_F ∫ ({κ∇u}·[v] + {κ∇v}·[u]) + Σ_F γ_F σ_F ∫ [u][v], boundary faces with Dirichlet
+data included (Nitsche). If κ jumps, averages are weighted with κ from the other side and γ is the harmonic
+mean (A. Ern, A. Stephansen, P. Zunino, IMA J. Numer. Anal. 29, 2009), so that the constants do not depend
+on the ratio; for κ = 1 averages are arithmetic and γ = 1.
 """
 
 from __future__ import annotations
@@ -42,26 +42,26 @@ from agglo_polydg_mg.space.basis import Basis, stiffness
 from agglo_polydg_mg.space.gauss_points import gauss
 from agglo_polydg_mg.space.quadrature import per_cell, sample, weighted_moments
 
-_FEW = 4_000  # cells whose blocks one thread adds up in some ten milliseconds
+_FEW = 4_000  # cells; one thread adds up their blocks in some ten milliseconds
 
 
 def discretise(
     mesh: Mesh, degree: int, problem: Diffusion, *, penalty: Penalty = PAPER, scaled_basis: bool = False
 ) -> System:
-    """Matrix and right-hand side of a diffusion problem with polynomials of degree p on each cell.
+    """Assemble matrix and right-hand side for a diffusion problem, with polynomials of degree p per cell.
 
     Parameters
     ----------
     mesh : Mesh
-        Cells of any shape.
+        Cells may have any shape.
     degree : int
         p, 1..6.
     problem : Diffusion
-        Dirichlet and Neumann data refer to the face tag ``problem.boundary``. Without any u = 0 on the
-        whole boundary; with some, faces that have none are insulated. A callable κ is sampled inside the
-        cells and just inside their faces, so it may jump between cells.
+        Dirichlet and Neumann data refer to the face tag ``problem.boundary``. Without data, u = 0 on the
+        whole boundary; otherwise faces without data are insulated. A callable κ is sampled inside the cells
+        and just inside their faces, so it may jump between cells.
     penalty : float, "paper" or "sharp"
-        Constant C of :func:`~agglo_polydg_mg.forms.penalty.face_penalty`, 10 in the paper; or
+        Constant C for :func:`~agglo_polydg_mg.forms.penalty.face_penalty`, 10 in the paper; or
         :func:`~agglo_polydg_mg.forms.sharp_penalty.sharp_penalty`.
     scaled_basis : bool
         See :class:`~agglo_polydg_mg.space.basis.Basis`.
@@ -69,27 +69,27 @@ def discretise(
     Raises
     ------
     MeshError
-        For degenerate cells; in 3-D, with a constant C, for cells that are not convex.
+        For degenerate cells; in 3-D, with a constant C, for nonconvex cells.
     OptionError
-        For a degree outside 1..6, κ that is not positive, data that are not finite or of another
-        shape, tags the boundary does not have, a component of the domain without Dirichlet faces
-        (the solution would be known up to a constant only).
+        For a degree outside 1..6, nonpositive κ, data with nonfinite values or the wrong shape, tags
+        missing on the boundary, or a domain component without Dirichlet faces (where the solution is unique
+        only up to a constant).
     """
     return lifted(mesh, degree, problem, penalty=penalty, scaled_basis=scaled_basis).system
 
 
 class Lifted(NamedTuple):
-    """A system, and the same for u − c, c being the offset of the Dirichlet data in each cell.
+    """A system, and its load for u − c with the Dirichlet offset c in each cell.
 
     Attributes
     ----------
     system : System
     load : (n,) float
-        b − A c, from data g − c and so without the rounding of what cancels; b itself if c = 0.
+        b − A c, computed from the data g − c and so without cancellation; b itself if c = 0.
     offset : (n,) float
         Coefficients of c.
     sigma : (n_faces,) float
-        Penalty of the jumps.
+        Jump penalty.
     """
 
     system: System
@@ -108,19 +108,22 @@ def lifted(
     basis: Basis | None = None,
     units: UnitForms | None = None,
 ) -> Lifted:
-    """As :func:`discretise`, together with the load that is left without the :func:`data_offset`.
+    """Assemble like :func:`discretise`, and return the load without the :func:`data_offset` too.
 
-    A ``basis`` of an earlier problem, of that mesh and degree, keeps what is geometry alone; ``units`` keep
-    what κ scales too, where it is one number in each cell.
+    A ``basis`` from an earlier problem with this mesh and degree keeps the purely geometric data; ``units``
+    keep parts that κ only scales, if κ is constant in each cell.
     """
+    # 1. Check the data
     basis = basis or Basis(mesh, degree, scaled_basis)
     boundary = boundary_faces(mesh, problem)
     kappa = positive(mesh, problem.kappa)
     kept = units if units is not None and units.fit and not callable(kappa) else None
+    # 2. Penalty and matrix
     on_faces = face_coefficients(mesh, kappa, all_faces(mesh), degree + 2)
     inside = stiffness(basis, kappa) if kept is None else None
     sigma = jump_penalty(basis, kappa, penalty, boundary.natural, on_faces, inside, kept)
     A = _matrix(basis, inside, on_faces, sigma, kappa, kept)
+    # 3. Load and Dirichlet data
     loads = load(basis, problem).reshape(mesh.n_cells, -1)
     g = dirichlet_values(basis, problem, boundary)
     offsets = frozen_int(np.arange(mesh.n_cells + 1) * basis.n_local)
@@ -131,6 +134,7 @@ def lifted(
     functional = dirichlet_load(basis, boundary, own, sigma)
     b = frozen_float((loads + functional(g)).ravel())
     system = System.trusted(A, b, offsets, mesh)
+    # 4. Load without the Dirichlet offset
     c = data_offset(basis, problem, boundary, own)
     if not c.any():
         return Lifted(system, b, frozen_float(np.zeros(basis.n)), sigma)
@@ -139,7 +143,7 @@ def lifted(
 
 
 def load(basis: Basis, problem: Diffusion) -> Float:
-    """Load ``(n,)`` of source and Neumann data: b without the terms of Dirichlet data.
+    """Return the load ``(n,)`` from source and Neumann data: b without Dirichlet terms.
 
     Its product with the coefficients of u is the work of the loads, ∫ f u + ∫ flux u.
     """
@@ -158,10 +162,10 @@ def jump_penalty(
     inside: Float | None = None,
     units: UnitForms | None = None,
 ) -> Float:
-    """Penalty σ of each face ``(n_faces,)``, 0 on ``natural`` ones, for κ as :func:`positive` returns it.
+    """Return the face penalty σ ``(n_faces,)``, 0 on ``natural`` faces.
 
-    ``on_faces`` are its :func:`face_coefficients` for degree + 2, ``inside`` its :func:`stiffness`, where
-    they are at hand; so are ``units``, if κ is one number in each cell.
+    κ comes from :func:`positive`. If available, pass its :func:`face_coefficients` for degree + 2 as
+    ``on_faces``, its :func:`stiffness` as ``inside``, and, if κ is constant in each cell, ``units``.
     """
     if penalty != "sharp":
         constant = PAPER if penalty == "paper" else penalty
@@ -178,6 +182,7 @@ def _matrix(
 ) -> sparse.bsr_array:
     from agglo_polydg_mg.forms.face_kernels import face_blocks, scaled_blocks
 
+    # 1. Stiffness on the diagonal blocks
     mesh = basis.mesh
     rule = gauss(basis.degree + 1 if on_faces.shape[2] == 1 else on_faces.shape[2])
     indptr, indices, diagonal, slots = basis.pattern
@@ -187,8 +192,8 @@ def _matrix(
     across, cells = basis.across, mesh.face_cells if mesh.dim == 2 else basis.sides.cells
 
     def add(start: int, stop: int) -> None:
-        """Rows of the cells of one strip of the mesh; only faces between two strips are looked at twice."""
-        mine = np.zeros(mesh.n_cells + 1, bool)  # the last one is outside
+        """Add the cell rows in one mesh strip. Only faces between two strips are visited twice."""
+        mine = np.zeros(mesh.n_cells + 1, bool)  # last entry: outside
         mine[across[start:stop]] = True
         faces = frozen_int(np.flatnonzero(mine.take(cells).any(axis=1)))
         if mesh.dim == 3:
@@ -199,6 +204,7 @@ def _matrix(
             parts = slots, diagonal, sigma, frozen_float(kappa), units.stiffness, units.faces
             scaled_blocks(cells, faces, mine, *parts, blocks)
 
+    # 2. Faces, strip by strip
     points, pairs = mesh.local_points, mesh.face_pairs if mesh.dim == 2 else None
     frames = basis.boxes, basis.scale
     over_ranges(add, mesh.n_cells, few=_FEW, shares=1)
@@ -206,7 +212,7 @@ def _matrix(
 
 
 def positive(mesh: Mesh, kappa: Field) -> Field:
-    """κ as ``(n_cells,)`` values or as a callable, which raises OptionError where it is not positive."""
+    """Return κ as ``(n_cells,)`` values or as a callable that raises OptionError unless positive."""
     if callable(kappa):
 
         def checked(points: Float) -> Float:
@@ -227,10 +233,10 @@ def positive(mesh: Mesh, kappa: Field) -> Field:
 
 
 def cell_means(mesh: Mesh, field: Field) -> Float:
-    """Mean of κ over each cell ``(n_cells,)``."""
+    """Return the mean of κ over each cell ``(n_cells,)``."""
     if not callable(field):
         return per_cell(field, mesh.n_cells, "kappa")
     unit = [0.0, 0.0, 1.0, 1.0, 1.0, 0.0] if mesh.dim == 2 else [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]
     boxes = np.tile(unit, (mesh.n_cells, 1))
     integrals = weighted_moments(mesh, field, boxes, 0, "kappa")[:, 0]
-    return frozen_float(2.0 ** (0.5 * mesh.dim) * integrals / mesh.cell_measures)  # L₀ is the root of 1/2
+    return frozen_float(2.0 ** (0.5 * mesh.dim) * integrals / mesh.cell_measures)  # L₀ = √½

@@ -1,4 +1,4 @@
-"""Boundary data: which faces have Dirichlet or Neumann data, and their part of the right-hand side."""
+"""Boundary data: Dirichlet and Neumann faces, and their right-hand sides."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from agglo_polydg_mg.space.quadrature import per_cell, sample
 
 
 class Boundary(NamedTuple):
-    """Tags ``(n_faces,)`` of all faces, and the boundary faces with Dirichlet data and without (natural)."""
+    """Face tags ``(n_faces,)``, and the boundary faces with and without (natural) Dirichlet data."""
 
     tags: Int
     dirichlet: Int
@@ -22,16 +22,17 @@ class Boundary(NamedTuple):
 
 
 def boundary_faces(mesh: Mesh, problem: Diffusion) -> Boundary:
-    """Faces of the boundary with Dirichlet data and without; ``tags`` are those of all faces.
+    """Return the boundary faces with and without Dirichlet data, and all face tags.
 
-    Without any data all of them are Dirichlet faces, with value 0.
+    Without any data all boundary faces are Dirichlet faces, with value 0.
 
     Raises
     ------
     OptionError
-        For a face tag the mesh does not have, a value in both kinds of data or on no face, a component
-        without Dirichlet faces.
+        For an unknown face tag, a value in both kinds of data or on no face, or a component without
+        Dirichlet faces.
     """
+    # 1. Check the tags
     tags = _tags(mesh, problem.boundary)
     outer, kinds = mesh.face_cells[:, 1] < 0, mesh.boundary_kinds
     on_boundary = kinds.tags.get(problem.boundary, np.zeros_like(kinds.component))
@@ -42,6 +43,7 @@ def boundary_faces(mesh: Mesh, problem: Diffusion) -> Boundary:
     unknown = sorted({*problem.dirichlet, *problem.neumann} - set(present))
     if unknown:
         raise OptionError(f"no boundary face has the tag {unknown[0]}; the boundary has the tags {present}")
+    # 2. Split the boundary faces
     given = problem.dirichlet or problem.neumann
     dirichlet = outer & np.isin(tags, list(problem.dirichlet)) if given else outer
     natural = outer & ~dirichlet
@@ -51,7 +53,7 @@ def boundary_faces(mesh: Mesh, problem: Diffusion) -> Boundary:
 
 
 def _tags(mesh: Mesh, name: str) -> Int:
-    """Values of the face tag ``name``; 0 if it is ``boundary`` and the mesh has no such tag."""
+    """Return the face tag ``name``, or 0 if it is ``boundary`` and the mesh has no such tag."""
     if name in mesh.face_tags:
         return mesh.face_tags[name]
     if name != Diffusion.boundary:
@@ -61,7 +63,10 @@ def _tags(mesh: Mesh, name: str) -> Int:
 
 
 def _require_dirichlet(component: Int, dirichlet: Mask) -> None:
-    """Raise OptionError if some component, of those that kinds of faces are on, has no Dirichlet face."""
+    """Raise OptionError if some component has no Dirichlet face.
+
+    ``component`` and ``dirichlet`` refer to the face kinds.
+    """
     free = np.setdiff1d(component, component[dirichlet])
     if len(free):
         raise OptionError(
@@ -74,7 +79,7 @@ def _require_dirichlet(component: Int, dirichlet: Mask) -> None:
 def boundary_values(
     mesh: Mesh, boundary: Boundary, data: Mapping[int, Field], faces: Int, points: Float, name: str
 ) -> Float:
-    """Data ``(t, q)`` on boundary ``faces (t,)`` at ``points (t, q, d)``, 0 where the tag has none."""
+    """Return data ``(t, q)`` on boundary ``faces (t,)`` at ``points (t, q, d)``, 0 for tags without data."""
     values = np.zeros(points.shape[:2])
     for tag, field in data.items():
         on = boundary.tags[faces] == tag
@@ -88,7 +93,7 @@ def boundary_values(
 
 
 def dirichlet_values(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
-    """Dirichlet data ``(t, q)`` at the points of the :func:`rule_of` the faces ``boundary.dirichlet``."""
+    """Return Dirichlet data ``(t, q)`` at the points of the :func:`rule_of` ``boundary.dirichlet``."""
     if not problem.dirichlet:
         return np.zeros((len(boundary.dirichlet), basis.degree + 2))
     rule = rule_of(basis, boundary.dirichlet)
@@ -96,18 +101,19 @@ def dirichlet_values(basis: Basis, problem: Diffusion, boundary: Boundary) -> Fl
 
 
 def rule_of(basis: Basis, faces: Int) -> FaceRule:
-    """Points of faces at which boundary data are taken."""
+    """Return the quadrature rule for boundary data on faces."""
     return face_rule(basis.mesh, faces, basis.degree + 2)
 
 
 def data_offset(basis: Basis, problem: Diffusion, boundary: Boundary, kappa: Float) -> Float:
-    """What Dirichlet data have in common, in each cell ``(n_cells,)``.
+    """Return the constant part of the Dirichlet data in each cell ``(n_cells,)``.
 
-    In each component of the domain it is the number nearest to 0 between the least and the largest of the
-    data: 0 if they change sign. Only faces count whose κ is at least a hundredth of the largest: they decide
-    what rounding does. A constant added to the data is added to the solution, whatever κ, and alters nothing
-    else. ``kappa (f, 1)`` or ``(t, q)`` is the coefficient in the owners of the Dirichlet faces.
+    In each domain component it is the number nearest to 0 between the minimum and maximum of the data: 0 if
+    they change sign. Only faces with κ at least a hundredth of the largest count: they determine the
+    rounding. A constant added to the data is added to the solution, for any κ, and alters nothing else.
+    ``kappa (f, 1)`` or ``(t, q)`` is the coefficient in the owners of the Dirichlet faces.
     """
+    # 1. Data, component and coefficient per face
     mesh = basis.mesh
     g, component = dirichlet_values(basis, problem, boundary), mesh.graph.components()
     if not g.any():
@@ -115,6 +121,7 @@ def data_offset(basis: Basis, problem: Diffusion, boundary: Boundary, kappa: Flo
     rule = rule_of(basis, boundary.dirichlet)
     of_face = component[mesh.face_cells[rule.faces, 0]]
     of_kappa = on_pieces(kappa, boundary.dirichlet, rule).max(axis=1)
+    # 2. Data range per component, over faces with large κ
     n = int(component.max()) + 1
     largest, least, most = np.zeros(n), np.full(n, np.inf), np.full(n, -np.inf)
     np.maximum.at(largest, of_face, of_kappa)
@@ -125,10 +132,11 @@ def data_offset(basis: Basis, problem: Diffusion, boundary: Boundary, kappa: Flo
 
 
 def dirichlet_load(basis: Basis, boundary: Boundary, kappa: Float, sigma: Float) -> Callable[[Float], Float]:
-    """Map from data g ``(t, q)`` to its right-hand side ``(n_cells, n_local)``: ∫ σκ g v − κ g ∂v/∂n.
+    """Return the map from data g ``(t, q)`` to its right-hand side ``(n_cells, n_local)``.
 
-    g is given as by :func:`dirichlet_values`; ``kappa (f, 1)`` or ``(t, q)`` is the coefficient in the owners
-    of the Dirichlet faces, ``sigma (n_faces,)`` the penalty.
+    The right-hand side is ∫ σκ g v − κ g ∂v/∂n. The data come from :func:`dirichlet_values`;
+    ``kappa (f, 1)`` or ``(t, q)`` is the coefficient in the owners of the Dirichlet faces,
+    ``sigma (n_faces,)`` the penalty.
     """
     mesh, rule = basis.mesh, rule_of(basis, boundary.dirichlet)
     tests, faces = _traces(basis, rule), rule.faces
@@ -142,21 +150,21 @@ def dirichlet_load(basis: Basis, boundary: Boundary, kappa: Float, sigma: Float)
 
 
 def neumann_load(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
-    """Right-hand side ``(n_cells, n_local)`` of Neumann data: ∫ flux v."""
+    """Return the right-hand side ``(n_cells, n_local)`` for Neumann data: ∫ flux v."""
     rule = rule_of(basis, boundary.natural)
     g = boundary_values(basis.mesh, boundary, problem.neumann, rule.faces, rule.points, "neumann")
     return _gathered(basis, rule.faces, rule.weights * g, _traces(basis, rule))
 
 
 def _traces(basis: Basis, rule: FaceRule) -> Float:
-    """Values ``(t, q, n_local)`` of the polynomials of the owners at the points of a rule."""
+    """Return the owner's polynomials ``(t, q, n_local)`` at the points of a rule."""
     count, n, dim = rule.points.shape
     cells = np.repeat(basis.mesh.face_cells[rule.faces, 0], n)
     return basis.values(cells, rule.points.reshape(-1, dim)).reshape(count, n, basis.n_local)
 
 
 def _gathered(basis: Basis, faces: Int, values: Float, tests: Float) -> Float:
-    """Σ_q values (t, q) tests (t, q, k), summed over the faces of each cell."""
+    """Return Σ_q values (t, q) tests (t, q, k), summed over the faces of each cell."""
     load = np.zeros((basis.mesh.n_cells, basis.n_local))
     np.add.at(load, basis.mesh.face_cells[faces, 0], np.einsum("tq,tqk->tk", values, tests))
     return load

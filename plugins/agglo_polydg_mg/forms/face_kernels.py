@@ -1,6 +1,6 @@
-"""Kernels of the faces: their blocks of the matrix, made at once or kept for κ = 1 and scaled.
+"""Kernels for faces: matrix blocks, computed directly or scaled from κ = 1.
 
-Polynomials and boxes are those of :mod:`~agglo_polydg_mg.space.legendre_kernels`.
+Polynomials and boxes are defined in :mod:`~agglo_polydg_mg.space.legendre_kernels`.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from agglo_polydg_mg.space.legendre_kernels import CONSTANT, LANES, along_box, r
 
 @kernel
 def block_pattern(offsets, faces, face_cells):
-    """Sparsity pattern of the blocks of cells with themselves and with their neighbours.
+    """Compute the sparsity pattern of cell blocks, coupling each cell with itself and its neighbours.
 
-    Cell c has the faces ``faces[offsets[c]:offsets[c + 1]]``; ``face_cells (F, 2)`` are owner and neighbour,
-    −1 outside. Returns row offsets ``(n + 1,)``, sorted columns, the places ``(n,)`` of the diagonal and
-    ``(F, 2, 2)`` of the faces (row of owner or neighbour, column of owner or neighbour). Cells are visited
-    in their order, so rows fill from left to right.
+    Cell c has the faces ``faces[offsets[c]:offsets[c + 1]]``; ``face_cells (F, 2)`` are owner and
+    neighbour, −1 outside. Returns row offsets ``(n + 1,)``, sorted columns, the diagonal positions ``(n,)``
+    and the face positions ``(F, 2, 2)`` (row of owner or neighbour, column of owner or neighbour). Cells
+    are visited in order, so rows fill from left to right.
     """
     n = len(offsets) - 1
     indptr, last, slots = (
@@ -26,8 +26,8 @@ def block_pattern(offsets, faces, face_cells):
         np.full(n, -1),
         np.zeros((len(face_cells), 2, 2), np.int64),
     )
-    # 1. Number of blocks in each row. Cell c is a column of its own row and, once however many faces they
-    #    share, of the row of each neighbour: last[row] is the column counted last in that row.
+    # 1. Count the blocks in each row. Cell c is a column in its own row and, regardless of the number of
+    # shared faces, once in each neighbour's row: last[row] is the last column counted in that row.
     for c in range(n):
         indptr[c + 1] += 1
         last[c] = c
@@ -36,12 +36,12 @@ def block_pattern(offsets, faces, face_cells):
             if row >= 0 and last[row] != c:
                 indptr[row + 1] += 1
                 last[row] = c
-    # 2. Offsets of the rows.
+    # 2. Row offsets.
     for c in range(n):
         indptr[c + 1] += indptr[c]
     indices, diagonal, free = np.empty(indptr[n], np.int64), np.empty(n, np.int64), indptr[:n].copy()
-    # 3. Columns, c = 0, 1, ..., so that those of each row rise; free[row] is the next place in the row. Every
-    #    face notes the place of its block in column c of both rows.
+    # 3. Columns in the order c = 0, 1, ..., so that each row is sorted; free[row] is the next free
+    # position. Every face stores the position of its block in column c for both rows.
     for c in range(n):
         diagonal[c] = free[c]
         indices[free[c]] = c
@@ -53,7 +53,7 @@ def block_pattern(offsets, faces, face_cells):
             row = face_cells[f, 1 - side]
             if row < 0:
                 continue
-            # A further face between the same cells has the block that was written last in this row.
+            # A further face between the same cells uses the block written last in this row.
             if free[row] == indptr[row] or indices[free[row] - 1] != c:
                 indices[free[row]] = c
                 free[row] += 1
@@ -63,11 +63,11 @@ def block_pattern(offsets, faces, face_cells):
 
 @helper
 def _along(start, step, s, table, values, slopes):
-    """Write Legendre polynomials ``(degree + 1, LANES)`` and their slopes at start + s step, a point a lane.
+    """Write Legendre polynomials ``(degree + 1, LANES)`` and slopes at start + s step, a point per lane.
 
-    The rows a, b, c, d of the ``table`` are those of ``recurrences``.
+    The rows a, b, c, d of ``table`` are defined in ``recurrences``.
     """
-    # L_0, L_1 and their slopes; the recurrences in a, b and c, d give the others.
+    # L_0, L_1 and their slopes first; the recurrences in a, b and c, d give all others.
     for lane in range(LANES):
         values[0, lane], slopes[0, lane] = CONSTANT, 0.0
         values[1, lane] = table[0, 0] * (start[lane] + s * step[lane]) * CONSTANT
@@ -83,7 +83,7 @@ def _along(start, step, s, table, values, slopes):
 
 @helper
 def _sum_points(jumps, rest, sums):
-    """Write the lower halves of Σ_q j rᵀ + r jᵀ in each lane, j = jumps[q] and r = rest[q], to ``sums``."""
+    """Write the lower halves of Σ_q j rᵀ + r jᵀ per lane to ``sums``, with j = jumps[q] and r = rest[q]."""
     for i in range(jumps.shape[1]):
         for j in range(i + 1):
             for lane in range(LANES):
@@ -96,12 +96,12 @@ def _sum_points(jumps, rest, sums):
 
 @helper
 def _scatter(sums, lane, m, f, face_cells, mine, slots, blocks):
-    """Add the contributions of face f in one lane to its blocks in the rows of cells that are ``mine``.
+    """Add the contributions of face f in one lane to the blocks in rows of ``mine`` cells.
 
-    ``sums (2 m, 2 m, LANES)`` are lower halves, the m rows of the owner before those of the neighbour.
+    ``sums (2 m, 2 m, LANES)`` contain lower halves, the owner's m rows before the neighbour's.
     """
     owner, neighbour = face_cells[f, 0], face_cells[f, 1]
-    # The blocks on the diagonal are symmetric: their lower halves are in sums.
+    # Diagonal blocks are symmetric: ``sums`` contains their lower halves.
     for side in range(2):
         if face_cells[f, side] < 0 or not mine[face_cells[f, side]]:
             continue
@@ -114,7 +114,7 @@ def _scatter(sums, lane, m, f, face_cells, mine, slots, blocks):
             blocks[own, i, i] += sums[start + i, start + i, lane]
     if neighbour < 0:
         return
-    # The block (neighbour, owner) is in sums, the block (owner, neighbour) is its transpose.
+    # ``sums`` contains the block (neighbour, owner); the block (owner, neighbour) is its transpose.
     lower, upper = slots[f, 1, 0], slots[f, 0, 1]
     if mine[neighbour]:
         for i in range(m):
@@ -128,7 +128,7 @@ def _scatter(sums, lane, m, f, face_cells, mine, slots, blocks):
 
 @helper
 def _choose(following, faces, sigma, chosen):
-    """Write at most ``LANES`` faces of σ > 0 to ``chosen``, and return how many and where to go on."""
+    """Write up to ``LANES`` faces with σ > 0 to ``chosen``, and return their number and the next position."""
     count = 0
     while count < LANES and following < len(faces):
         if sigma[faces[following]] != 0.0:
@@ -140,7 +140,7 @@ def _choose(following, faces, sigma, chosen):
 
 @helper(allocates=True)
 def _rooms(rules, m, degree):
-    """Workspace of :func:`_add_up` for traces, polynomials along the axes, and frames of faces."""
+    """Return the workspace of :func:`_add_up`: traces, polynomials along the axes, and face frames."""
     return np.empty((2, rules, 2 * m, LANES)), np.empty((4, degree + 1, LANES)), np.empty((8, LANES))
 
 
@@ -151,9 +151,9 @@ def _add_up(
 ):  # fmt: skip
     """Write Σ_q j rᵀ + r jᵀ of ``chosen`` faces to the lower halves ``sums (2 m, 2 m, LANES)``.
 
-    j are the jumps of the polynomials of both cells, r = stiff j − mean g with the sum g of their normal
-    derivatives; ``means`` and ``stiffs (q, LANES)`` are given at each point. With mean = γ/2 and
-    stiff = σγ/2 that is the form of the face, j being weighted by the Gauss rule.
+    Here j are the polynomial jumps between both cells and r = stiff j − mean g, with the sum g of their
+    normal derivatives; ``means`` and ``stiffs (q, LANES)`` are given at each point. With mean = γ/2 and
+    stiff = σγ/2 this is the bilinear form of the face, j being weighted by the Gauss rule.
     """
     traces, lines, frame = rooms
     jumps, rest, degree, m = traces[0], traces[1], table.shape[1], traces.shape[2] // 2
@@ -161,9 +161,9 @@ def _add_up(
     x, y, along_x, along_y = frame[0], frame[1], frame[2], frame[3]
     nx, ny, signed, length = frame[4], frame[5], frame[6], frame[7]
     for side in range(2):
-        # 1. Each face in the box of its cell, mapped to [−1, 1]²: the point of its first vertex, the step to
-        #    the second, and the coefficients of ∂/∂x̂ and ∂/∂ŷ in the derivative along the owner's outward
-        #    normal. Lanes without a cell, or without a face, stay 0: so do their traces.
+        # 1. Map each face to the box [−1, 1]² of its cell: the first vertex, the step to the second, and
+        # the coefficients of ∂/∂x̂ and ∂/∂ŷ in the derivative along the owner's outward normal. Lanes
+        # without a cell or face stay 0, and so do their traces.
         frame[:] = 0.0
         for lane in range(count):
             f = chosen[lane]
@@ -180,15 +180,14 @@ def _add_up(
             nx[lane] = scale[c] * ey * wide / length[lane]
             ny[lane] = -scale[c] * ex * high / length[lane]
             signed[lane] = scale[c] * (1.0 - 2.0 * side)
-        # 2. Traces at the Gauss points: the weight and the length of the face go into j alone, so that j rᵀ
-        #    has them once. The jump is the owner's value minus the neighbour's, and both sides share one
-        #    normal.
+        # 2. Traces at the Gauss points. Weight and face length multiply only j, so that they enter j rᵀ
+        # once. The jump is the owner's value minus the neighbour's, and both sides share one normal.
         for q in range(len(nodes)):
             s, mean, stiff = 0.5 * (1.0 + nodes[q]), means[q], stiffs[q]
             _along(x, along_x, s, table, lx, dx)
             _along(y, along_y, s, table, ly, dy)
             k, half = side * m, 0.5 * weights[q]
-            # Polynomials by total degree, those of the neighbour after those of the owner.
+            # Polynomials by total degree, first the owner's, then the neighbour's.
             for total in range(degree + 1):
                 for j in range(total + 1):
                     i = total - j
@@ -198,7 +197,7 @@ def _add_up(
                         rest[q, k, lane] = stiff[lane] * value - mean[lane] * slope
                         jumps[q, k, lane] = half * length[lane] * value
                     k += 1
-    # 3. The form, from the traces of both sides.
+    # 3. The bilinear form, from the traces of both sides.
     _sum_points(jumps, rest, sums)
 
 
@@ -206,13 +205,13 @@ def _add_up(
 def face_blocks(
     points, face_vertices, face_cells, faces, mine, slots, boxes, scale, sigma, kappa, nodes, weights, blocks,
 ):  # fmt: skip
-    """Add ∫ −{κ∇u·n}[v] − {κ∇v·n}[u] + γσ[u][v] over ``faces (k,)`` to the blocks of cells that are ``mine``.
+    """Add ∫ −{κ∇u·n}[v] − {κ∇v·n}[u] + γσ[u][v] over ``faces (k,)`` to the rows of ``mine`` cells.
 
-    A block ``(m, m)`` is that of the cell of its row; ``slots (F, 2, 2)`` is the place of the block (owner or
-    neighbour, owner or neighbour). ``kappa (F, 2, 1 or q)`` is the coefficient on both sides, ``sigma (F,)``
-    the penalty without it. Faces of σ = 0 are skipped. Averages and penalty are weighted harmonically,
-    γ = 2 κ κ' / (κ + κ'). With jumps j and r = γσ/2 j − g, g the average, each point adds j rᵀ + r jᵀ. Faces
-    go ``LANES`` at a time.
+    Each block ``(m, m)`` is stored in its row cell; ``slots (F, 2, 2)`` gives the block position for (owner
+    or neighbour, owner or neighbour). ``kappa (F, 2, 1 or q)`` is the coefficient on both sides,
+    ``sigma (F,)`` the penalty without κ. Faces with σ = 0 are skipped. Averages and penalty are weighted
+    harmonically, γ = 2 κ κ' / (κ + κ'). With jumps j and r = γσ/2 j − g, g the average, each point adds j
+    rᵀ + r jᵀ. Each pass takes ``LANES`` faces.
     """
     m, rules = blocks.shape[1], len(nodes)
     degree = int(np.sqrt(2.0 * m)) - 1  # m = (degree + 1)(degree + 2) / 2
@@ -220,7 +219,7 @@ def face_blocks(
     chosen, means, stiffs = np.empty(LANES, np.int64), np.zeros((rules, LANES)), np.zeros((rules, LANES))
     count, following = _choose(0, faces, sigma, chosen)
     while count > 0:
-        # γ/2 inside, the weight of both normal derivatives; at the boundary, with one side, κ.
+        # Inside, γ/2 weights both normal derivatives; at the boundary, with one side, κ does.
         for q in range(rules):
             at = min(q, kappa.shape[2] - 1)
             for lane in range(count):
@@ -228,7 +227,7 @@ def face_blocks(
                 inner = face_cells[chosen[lane], 1] >= 0
                 means[q, lane] = own * (other / (own + other)) if inner else own
                 stiffs[q, lane] = (1.0 if inner else 0.5) * sigma[chosen[lane]] * means[q, lane]
-        # j rᵀ + r jᵀ at all Gauss points, then each face to its four blocks.
+        # Sum j rᵀ + r jᵀ over all Gauss points, then scatter each face to its four blocks.
         _add_up(
             points, face_vertices, face_cells, chosen, count, boxes, scale, means, stiffs, nodes, weights,
             table, rooms, sums,
@@ -242,10 +241,10 @@ def face_blocks(
 def unit_faces(
     points, face_vertices, face_cells, first, lengths, boxes, scale, nodes, weights, degree, units
 ):  # fmt: skip
-    """Write the forms of faces ``first``, ... for κ κ' / (κ + κ') = 1, at the boundary for κ = 1.
+    """Write the face forms for κ κ' / (κ + κ') = 1, or κ = 1 at the boundary, starting at face ``first``.
 
-    The lower halves, row by row, of the form on both cells: of the jumps, σ being 1, to ``units[k, 0]``, of
-    the averages to ``units[k, 1]``. Faces of ``lengths`` 0 are left as they are.
+    Each form on both cells is stored as its lower half, row by row: the jump form with σ = 1 in
+    ``units[k, 0]``, the average form in ``units[k, 1]``. Faces with ``lengths`` 0 are left unchanged.
     """
     m, rules = (degree + 1) * (degree + 2) // 2, len(nodes)
     table, rooms, sums = recurrences(degree), _rooms(rules, m, degree), np.empty((2 * m, 2 * m, LANES))
@@ -257,7 +256,7 @@ def unit_faces(
         for lane in range(count):
             for q in range(rules):
                 stiffs[q, lane] = 1.0 if face_cells[chosen[lane], 1] >= 0 else 0.5
-        # The form is linear in mean and stiff: first the jumps alone, then the averages alone.
+        # The form is linear in mean and stiff: compute the jumps alone, then the averages alone.
         for part in range(2):
             _add_up(
                 points, face_vertices, face_cells, chosen, count, boxes, scale, ones if part else none,
@@ -274,20 +273,20 @@ def unit_faces(
 
 @kernel
 def scaled_blocks(face_cells, faces, mine, slots, diagonal, sigma, kappa, stiffness, units, blocks):
-    """Add up the blocks of :func:`face_blocks` for ``kappa (n,)`` in the cells, from :func:`unit_faces`.
+    """Add up the blocks of :func:`face_blocks` for ``kappa (n,)`` per cell, from :func:`unit_faces`.
 
-    ``units (F, 2, m (2 m + 1))`` are the forms of all faces; entry (i, j), i >= j, of a lower half is at
-    i (i + 1) / 2 + j. The ``stiffness (n, m, m)`` of the cells, for κ = 1, is added to their blocks on the
+    ``units (F, 2, m (2 m + 1))`` are the forms of all faces; entry (i, j), i >= j, of a lower half is at i
+    (i + 1) / 2 + j. The cell ``stiffness (n, m, m)``, for κ = 1, is added to the blocks at
     ``diagonal (n,)``.
     """
     m, both = blocks.shape[1], np.empty(units.shape[2])
-    # 1. ∫ κ∇u·∇v of each cell.
+    # 1. Add ∫ κ∇u·∇v of each cell.
     for c in range(len(diagonal)):
         if mine[c]:
             for i in range(m):
                 for j in range(m):
                     blocks[diagonal[c], i, j] += kappa[c] * stiffness[c, i, j]
-    # 2. The form of each face, scaled by its penalty and by κ κ' / (κ + κ'), at the boundary by κ.
+    # 2. Scale the form of each face by its penalty and by κ κ' / (κ + κ'), at the boundary by κ.
     for f in faces:
         if sigma[f] == 0.0:
             continue
@@ -298,8 +297,8 @@ def scaled_blocks(face_cells, faces, mine, slots, diagonal, sigma, kappa, stiffn
         stiff = sigma[f] * mean
         for k in range(len(both)):
             both[k] = stiff * jumps[k] + mean * averages[k]
-        # 3. The blocks on the diagonal, which are symmetric, then the block (neighbour, owner) and its
-        #    transpose, each if its row belongs to a cell that is mine.
+        # 3. Add the symmetric diagonal blocks, then the block (neighbour, owner) and its transpose, each if
+        # its row belongs to a cell in ``mine``.
         for side in range(2):
             if face_cells[f, side] < 0 or not mine[face_cells[f, side]]:
                 continue

@@ -1,4 +1,4 @@
-"""Gauss points of faces: of edges, or of the triangles that faces in space are made of."""
+"""Gauss points on faces: on edges, or on the triangles of 3-D faces."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from agglo_polydg_mg.space.gauss_points import gauss, simplex_rule
 from agglo_polydg_mg.space.quadrature import per_cell, sample
 from agglo_polydg_mg.space.solid_geometry import triangles_of_faces
 
-_INTO = 1e-7  # of the size of a face
+_INTO = 1e-7  # shift relative to the face size
 
 
 class FaceRule(NamedTuple):
-    """Gauss points of the pieces of faces: in 2-D the faces themselves, in 3-D their triangles.
+    """Gauss points on face pieces: in 2-D the faces themselves, in 3-D their triangles.
 
     Attributes
     ----------
     faces : (t,) int
         Face of each piece.
     points : (t, q, d) float
-        Relative to the mesh's origin; in 2-D from the first vertex of the face to the second.
+        Relative to the mesh origin; in 2-D from the first face vertex to the second.
     weights : (t, q) float
-        They sum to the measures of the faces.
+        They sum to the face measures.
     normals : (t, d) float
         Unit normals, outward from the owner.
     """
@@ -36,13 +36,15 @@ class FaceRule(NamedTuple):
 
 
 def face_rule(mesh: Mesh, faces: Int, n: int) -> FaceRule:
-    """Points of some faces, exact up to degree 2n − 1."""
+    """Return the Gauss points of some faces, exact up to degree 2n − 1."""
+    # 2-D: points along each edge
     if mesh.dim == 2:
         start, end = (mesh.local_points[mesh.face_pairs[faces, k]][:, None] for k in range(2))
         along = 0.5 * (1 + gauss(n)[0])[:, None]
         weights = mesh.face_measures[faces][:, None] * gauss(n)[1] / 2
         points = frozen_float(start + along * (end - start))
         return FaceRule(faces, points, frozen_float(weights), frozen_float(mesh.face_normals[faces]))
+    # 3-D: points on the triangles, with signed areas where a face is not convex
     own, corners = triangles_of_faces(mesh, faces)
     reference, weights = simplex_rule(2, n)
     u, v = (corners[:, None, k] - corners[:, None, 0] for k in (1, 2))
@@ -55,16 +57,15 @@ def face_rule(mesh: Mesh, faces: Int, n: int) -> FaceRule:
 
 
 def all_faces(mesh: Mesh) -> Int:
-    """Numbers ``(n_faces,)`` of all faces."""
+    """Return the numbers ``(n_faces,)`` of all faces."""
     return frozen_int(np.arange(mesh.n_faces))
 
 
 def face_coefficients(mesh: Mesh, kappa: Field, faces: Int, n: int) -> Float:
-    """κ on both sides of some faces; outside the domain as inside.
+    """Return κ on both sides of some faces, with the inner value outside the domain.
 
-    Values per cell are taken as they are, a row for each face ``(f, 2, 1)``. A callable is sampled at the
-    points of :func:`face_rule`, a row for each piece ``(t, 2, q)``, moved into either cell by 1e-7 of the
-    face's size.
+    Cell values are used directly, one row per face ``(f, 2, 1)``. A callable is sampled at the points of
+    :func:`face_rule`, one row per piece ``(t, 2, q)``, shifted into either cell by 1e-7 of the face size.
     """
     if not callable(kappa):
         return frozen_float(per_cell(kappa, mesh.n_cells, "kappa")[_both(mesh, faces)][:, :, None])
@@ -79,7 +80,7 @@ def face_coefficients(mesh: Mesh, kappa: Field, faces: Int, n: int) -> Float:
 
 
 def on_pieces(coefficients: Float, faces: Int, rule: FaceRule) -> Float:
-    """Rows of :func:`face_coefficients` for each piece of a rule of the same ascending ``faces``."""
+    """Return the rows of :func:`face_coefficients` for each piece of a rule on these ascending ``faces``."""
     if len(coefficients) == len(rule.faces):
         return coefficients
     return frozen_float(coefficients[np.searchsorted(faces, rule.faces)])

@@ -1,8 +1,9 @@
-"""Helpers of the kernels of the sharp penalty, on small matrices: factors, bounds, shares of the faces.
+"""Helpers of the sharp penalty kernels on small matrices: factors, bounds, face weights.
 
-A form is a matrix of a face, its lower half row by row, and its trace. Upper bounds of largest eigenvalues
-are computed for ``LANES`` matrices at a time, so that their powers are computed side by side: the matrices
-themselves are too small for fast loops. What a cell requires is then distributed among its faces.
+A form is the lower half of a face matrix, row by row, followed by its trace. Upper bounds for largest
+eigenvalues are computed for ``LANES`` matrices at a time, so that their powers are computed side by side:
+the matrices alone are too small for fast loops. The requirement of each cell is then distributed among its
+faces.
 """
 
 from __future__ import annotations
@@ -12,22 +13,22 @@ import numpy as np
 from agglo_core.authoring import helper, kernel
 from agglo_polydg_mg.space.legendre_kernels import LANES
 
-# The bound exceeds the eigenvalue by a factor n^(1/64) at most: 5 % for n = 27, 1 % for n = 2. One squaring
-# more costs a product of matrices for each cell and weighting, and halves the excess; one less doubles it.
+# Number of squarings in the eigenvalue bound. The bound exceeds the eigenvalue by a factor n^(1/64) at
+# most: 5 % for n = 27, 1 % for n = 2. One more squaring costs a matrix product for each cell and weighting,
+# and halves the excess; one less doubles it.
 SQUARINGS = 5
 
 
 @helper
 def factorise(matrix, n, tolerance):
-    """Compute a Cholesky factor in place, and return False where a pivot is rounding.
+    """Compute a Cholesky factor in place, and return False if a pivot is rounding.
 
-    The factor is in the lower half, its diagonal inverted. Of ``matrix`` only the lower half of the first n
-    rows is read. A pivot, what is left of a diagonal entry, counts as rounding below ``tolerance`` times that
-    entry.
+    The factor is in the lower half, its diagonal inverted. Only the lower half of the first n rows in
+    ``matrix`` is read. A pivot counts as rounding below ``tolerance`` times its original diagonal entry.
     """
     for j in range(n):
-        # The pivot, the square of L's diagonal entry, is what the columns before leave of the diagonal of the
-        # matrix. The test fails for NaN too.
+        # The pivot, the square of L's diagonal entry, is the diagonal entry reduced by the earlier columns.
+        # The test fails for NaN too.
         diagonal = matrix[j, j]
         pivot = diagonal
         for k in range(j):
@@ -45,14 +46,14 @@ def factorise(matrix, n, tolerance):
 
 @helper
 def square(lanes, scaled, traces, inverse):
-    """Divide symmetric matrices by their ``traces``, which are written, and square them in place.
+    """Divide symmetric matrices by their traces, and square them in place.
 
-    Only the lower halves of ``lanes (n, n, LANES)`` are read and written; ``scaled`` is workspace for whole
-    matrices, ``inverse (LANES,)`` for one over the traces.
+    Only the lower halves of ``lanes (n, n, LANES)`` are read and written; the traces are written to
+    ``traces``; ``scaled`` is workspace for whole matrices, ``inverse (LANES,)`` for inverse traces.
     """
     n = len(lanes)
-    # 1. Traces: divided by them, positive semidefinite matrices have eigenvalues of at most 1, whose powers
-    #    do not overflow. Matrices that are 0 stay so.
+    # 1. Traces. Divided by them, positive semidefinite matrices have eigenvalues of at most 1, whose powers
+    # do not overflow. Zero matrices stay zero.
     for lane in range(LANES):
         traces[lane] = 0.0
     for i in range(n):
@@ -60,18 +61,18 @@ def square(lanes, scaled, traces, inverse):
             traces[lane] += lanes[i, i, lane]
     for lane in range(LANES):
         inverse[lane] = 1.0 / traces[lane] if traces[lane] > 0.0 else 0.0
-    # 2. The scaled matrices, both halves: rows of both factors are then contiguous.
+    # 2. Scaled matrices, both halves: rows of both factors are then contiguous.
     for i in range(n):
         for j in range(i + 1):
             for lane in range(LANES):
                 scaled[i, j, lane] = scaled[j, i, lane] = inverse[lane] * lanes[i, j, lane]
-    # 3. Their squares, lower halves.
+    # 3. Squares, lower halves.
     for i in range(n):
         for j in range(i + 1):
             out, left, right = lanes[i, j], scaled[i], scaled[j]
             for lane in range(LANES):
                 out[lane] = 0.0
-            for k in range(0, n - 3, 4):  # by fours: sums stay in registers
+            for k in range(0, n - 3, 4):  # unrolled by four: sums stay in registers
                 for lane in range(LANES):
                     out[lane] += (
                         left[k, lane] * right[k, lane]
@@ -86,11 +87,11 @@ def square(lanes, scaled, traces, inverse):
 
 @helper
 def complete(lanes, scaled, traces, inverse, bounds):
-    """Compute the ``bounds`` from matrices that have been squared once, and their first ``traces``."""
-    # 1. The other squarings. With G_0 = G and G_{k+1} = (G_k / tr G_k)² the lanes hold G_5.
+    """Compute the ``bounds`` from matrices squared once, and from their first ``traces``."""
+    # 1. The remaining squarings. With G_0 = G and G_{k+1} = (G_k / tr G_k)² the lanes hold G_5.
     for step in range(1, SQUARINGS):
         square(lanes, scaled, traces[step], inverse)
-    # 2. Frobenius norms of G_5, which bound its largest eigenvalues λ_5.
+    # 2. Frobenius norms of G_5, upper bounds of its largest eigenvalues λ_5.
     for lane in range(LANES):
         bounds[lane] = 0.0
     for i in range(len(lanes)):
@@ -98,7 +99,7 @@ def complete(lanes, scaled, traces, inverse, bounds):
             twice = 1.0 if i == j else 2.0
             for lane in range(LANES):
                 bounds[lane] += twice * lanes[i, j, lane] * lanes[i, j, lane]
-    # 3. Back to G: λ_k = tr G_k √λ_{k+1}. Every root halves the relative excess.
+    # 3. Return to G: λ_k = tr G_k √λ_{k+1}. Every root halves the relative excess.
     for lane in range(LANES):
         bound = np.sqrt(bounds[lane])
         for step in range(SQUARINGS - 1, -1, -1):
@@ -108,10 +109,10 @@ def complete(lanes, scaled, traces, inverse, bounds):
 
 @kernel
 def largest_bounds(lanes, bounds):
-    """Upper ``bounds (LANES,)`` of the largest eigenvalues of symmetric positive semidefinite matrices.
+    """Write upper ``bounds (LANES,)`` for the largest eigenvalues of positive semidefinite matrices.
 
-    λ^(2^k) is an eigenvalue of the 2^k-th power, and none of these exceeds its Frobenius norm. ``lanes``
-    holds the lower halves ``(n, n, LANES)`` and is overwritten.
+    λ^(2^k) is an eigenvalue of the 2^k-th power, which its Frobenius norm bounds. ``lanes`` contains the
+    lower halves ``(n, n, LANES)`` and is overwritten.
     """
     scaled, traces, inverse = np.empty(lanes.shape), np.empty((SQUARINGS, LANES)), np.empty(LANES)
     square(lanes, scaled, traces[0], inverse)
@@ -120,7 +121,7 @@ def largest_bounds(lanes, bounds):
 
 @helper
 def whiten(slopes, q, factor, n):
-    """Replace ``slopes[q]`` by L⁻¹ ``slopes[q]``, L being a Cholesky factor with its diagonal inverted."""
+    """Replace ``slopes[q]`` by L⁻¹ ``slopes[q]``, for a Cholesky factor L with inverted diagonal."""
     for i in range(n):
         value = slopes[q, i]
         for k in range(i):
@@ -132,7 +133,7 @@ def whiten(slopes, q, factor, n):
 def _gather(forms, base, weights, start, first, last, n, whole, lanes, lane):
     """Write Σ_F weights[F] forms[F] over the faces ``first`` to ``last`` of a cell to a lane.
 
-    ``whole`` is workspace for the sum, which is contiguous there and strided in the lane.
+    ``whole`` is workspace for the sum, contiguous there and strided in the lane.
     """
     place = 0
     for k in range(len(whole)):
@@ -149,9 +150,9 @@ def _gather(forms, base, weights, start, first, last, n, whole, lanes, lane):
 
 @helper
 def _spread(lanes, lane, n, whole):
-    """Write the matrix in a lane to ``whole``, row by row: its product with a form is the trace of both.
+    """Write the matrix in a lane to ``whole``, row by row.
 
-    A form is a lower half, so entries off the diagonal count twice.
+    Entries off the diagonal are doubled: the product with a form, a lower half, is then the trace of both.
     """
     place = 0
     for i in range(n):
@@ -162,7 +163,7 @@ def _spread(lanes, lane, n, whole):
 
 @helper(reorder_sums=True)
 def _against(form, whole, size):
-    """Trace of the product of a form and the matrix that is :func:`_spread`."""
+    """Return the trace of the product of a form and a matrix from :func:`_spread`."""
     value = 0.0
     for k in range(size):
         value += form[k] * whole[k]
@@ -171,7 +172,10 @@ def _against(form, whole, size):
 
 @helper(allocates=True)
 def balancing(most, n):
-    """Workspace of :func:`balance`, for ``most`` faces: separate arrays, or loops are slow."""
+    """Return the workspace of :func:`balance` for ``most`` faces.
+
+    Separate arrays are faster than a single array.
+    """
     return (
         np.empty(most), np.empty(most), np.empty(most), np.empty((n, n, LANES)), np.empty((n, n, LANES)),
         np.empty((SQUARINGS, LANES)), np.empty(LANES), np.empty(LANES), np.empty(LANES),
@@ -185,14 +189,15 @@ def balance(
 ):  # fmt: skip
     """Write the s_KF of cells ``begin`` to ``end``, at most ``LANES``, to ``asked (F, 2)``.
 
-    They meet Σ_F T_F / s_F ≤ S, T_F being the forms in coordinates in which S is the identity: s_F = λ w_F, λ
-    a bound of the largest eigenvalue of Σ_F T_F / w_F, for the better of two weights w (``mathematics.md``,
-    "The sharp penalty"). The form of face h of the list is ``forms[h - base]`` times ``shares[k]``, k counted
-    from the first face of the first of these cells; a face with ``lengths[k]`` 0 asks for nothing.
+    They satisfy Σ_F T_F / s_F ≤ S, with the forms T_F in coordinates where S is the identity: s_F = λ w_F,
+    λ a bound for the largest eigenvalue of Σ_F T_F / w_F, for the better of two weights w
+    (``mathematics.md``, "The sharp penalty"). List face h has the form ``forms[h - base]`` times
+    ``shares[k]``, with k counted from the first face of the first of these cells; a face with
+    ``lengths[k]`` 0 needs no penalty.
     """
     first, second, inverse, lanes, scaled, traces, of_traces, uniform, balanced, whole = rooms
     start, last = offsets[begin], forms.shape[1] - 1
-    # 1. First weights w_F² = tr(T_F) / |F|, and G = Σ_F T_F / w_F, a cell a lane.
+    # 1. First weights w_F² = tr(T_F) / |F|, and G = Σ_F T_F / w_F, one cell per lane.
     lanes[:] = 0.0
     for c in range(begin, end):
         for h in range(offsets[c], offsets[c + 1]):
@@ -202,8 +207,8 @@ def balance(
                 first[k] = np.sqrt(forms[h - base, last] * shares[k] / lengths[k])
                 inverse[k] = shares[k] / first[k] if first[k] > 0.0 else 0.0
         _gather(forms, base, inverse, start, offsets[c], offsets[c + 1], n, whole, lanes, c - begin)
-    # 2. Second weights w_F² = tr(G² T_F) / |F|. The lanes hold (G / tr G)², the first step to the bound of λ
-    #    as well; here tr G comes back.
+    # 2. Second weights w_F² = tr(G² T_F) / |F|. The lanes hold (G / tr G)², which is also the first step to
+    # the bound for λ; here tr G is multiplied back.
     square(lanes, scaled, traces[0], of_traces)
     for c in range(begin, end):
         _spread(lanes, c - begin, n, whole)
@@ -214,14 +219,14 @@ def balance(
                 spread = shares[k] * _against(forms[h - base], whole, last) / lengths[k]
                 second[k] = traces[0, c - begin] * np.sqrt(max(0.0, spread))
                 inverse[k] = shares[k] / second[k] if second[k] > 0.0 else 0.0
-    # 3. λ of the first weights, then the sum for the second ones, and their λ.
+    # 3. λ for the first weights, then the sum for the second weights, and their λ.
     complete(lanes, scaled, traces, of_traces, uniform)
     lanes[:] = 0.0
     for c in range(begin, end):
         _gather(forms, base, inverse, start, offsets[c], offsets[c + 1], n, whole, lanes, c - begin)
     square(lanes, scaled, traces[0], of_traces)
     complete(lanes, scaled, traces, of_traces, balanced)
-    # 4. Of both, s = λ w of smaller Σ_F |F| s_F: the penalty of a jump of one.
+    # 4. Choose s = λ w with the smaller Σ_F |F| s_F, the penalty of a unit jump.
     for c in range(begin, end):
         before, after, lane = 0.0, 0.0, c - begin
         for k in range(offsets[c] - start, offsets[c + 1] - start):
@@ -236,7 +241,7 @@ def balance(
 
 @helper
 def most_faces(offsets):
-    """Largest number of faces, counted for each cell, of ``LANES`` successive cells."""
+    """Return the largest number of faces in ``LANES`` successive cells, counted per cell."""
     n_cells, most = len(offsets) - 1, 0
     for begin in range(0, n_cells, LANES):
         most = max(most, offsets[min(begin + LANES, n_cells)] - offsets[begin])

@@ -1,4 +1,4 @@
-"""Norms of functions and errors, with their jumps across faces."""
+"""Norms of functions and errors, including their face jumps."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from agglo_polydg_mg.forms.penalty import PAPER, Penalty
 from agglo_polydg_mg.space.basis import Basis, stiffness
 from agglo_polydg_mg.space.quadrature import Batch, inside, sample
 
-_FACES = 20_000  # taken at once
+_FACES = 20_000  # per batch
 
 Outside = Callable[[Int, Float], Float]
-"""Values ``(t, q)`` outside of boundary faces ``(t,)`` at points ``(t, q, d)`` relative to the origin."""
+"""Outer values ``(t, q)`` on boundary faces ``(t,)`` at points ``(t, q, d)`` relative to the origin."""
 
 
 @dataclass(frozen=True, eq=False)
 class EnergyNorm:
-    """The DG norm of what ``x (n,)`` stands for, with the jumps to the Dirichlet data at the boundary.
+    """The DG norm of a discrete function, with its jumps to the Dirichlet data.
 
-    (‖√κ ∇u‖² + Σ_F γσ ‖[u]‖² + Σ_F κσ ‖u − g‖²)^½. It is a sum of squares, hence exact to rounding, where
-    a(u, u) is not: that holds σ‖g‖², which may be anything beside the energy of u. u and g are taken
+    (‖√κ ∇u‖² + Σ_F γσ ‖[u]‖² + Σ_F κσ ‖u − g‖²)^½. It is a sum of squares, hence exact to rounding. In
+    contrast, a(u, u) contains σ‖g‖², which may exceed the energy of u by any factor. u and g are taken
     without the :func:`~agglo_polydg_mg.forms.boundary.data_offset`.
     """
 
@@ -37,7 +37,7 @@ class EnergyNorm:
     penalty: Penalty
 
     def __call__(self, x: Float) -> float:
-        """The norm."""
+        """Return the norm of the function with coefficients ``x (n,)``."""
         u, kappa = self.basis.coefficients(x), self._kappa
         inside = float(np.einsum("ci,cij,cj->", u, self._blocks, u, optimize=True))
         return float(np.sqrt(inside + jumps(self.basis, x, self._data, kappa, self._sigma)))
@@ -70,7 +70,7 @@ class EnergyNorm:
 
 
 def offset_of(basis: Basis, problem: Diffusion) -> Float:
-    """The :func:`~agglo_polydg_mg.forms.boundary.data_offset` of a problem ``(n_cells,)``."""
+    """Return the :func:`~agglo_polydg_mg.forms.boundary.data_offset` of a problem ``(n_cells,)``."""
     mesh, boundary = basis.mesh, boundary_faces(basis.mesh, problem)
     kappa = positive(mesh, problem.kappa)
     own = face_coefficients(mesh, kappa, boundary.dirichlet, basis.degree + 2)[:, 0]
@@ -78,10 +78,11 @@ def offset_of(basis: Basis, problem: Diffusion) -> Float:
 
 
 def jumps(basis: Basis, x: Float, outside: Outside, kappa: Field, sigma: Float) -> float:
-    """Σ_F γσ ‖[u]‖² over interior and Dirichlet faces, of the function with coefficients ``x (n,)``."""
+    """Return Σ_F γσ ‖[u]‖² over inner and Dirichlet faces, for coefficients ``x (n,)``."""
     mesh, n, total = basis.mesh, basis.degree + 4, 0.0
     chosen = np.flatnonzero(sigma > 0)
     for first in range(0, len(chosen), _FACES):
+        # 1. Quadrature points and coefficients
         faces = frozen_int(chosen[first : first + _FACES])
         rule = face_rule(mesh, faces, n)
         own, points = rule.faces, rule.points
@@ -89,28 +90,31 @@ def jumps(basis: Basis, x: Float, outside: Outside, kappa: Field, sigma: Float) 
             mesh.face_cells[own, 1] >= 0,
             on_pieces(face_coefficients(mesh, kappa, faces, n), faces, rule),
         )
+        # 2. Jumps to the neighbour, or to the outer values
         jump = _traces(basis, x, mesh.face_cells[own, 0], points)
         jump[inner] -= _traces(basis, x, mesh.face_cells[own[inner], 1], points[inner])
         jump[~inner] -= outside(frozen_int(own[~inner]), points[~inner])
-        harmonic = 2 * both[:, 0] * (both[:, 1] / both.sum(axis=1))  # κ itself where both sides agree
+        # 3. Weighted sum of squares
+        harmonic = 2 * both[:, 0] * (both[:, 1] / both.sum(axis=1))  # κ itself if both sides agree
         total += float((rule.weights * sigma[own, None] * harmonic * jump**2).sum())
     return total
 
 
 def _traces(basis: Basis, x: Float, cells: Int, points: Float) -> Float:
-    """Values ``(f, q)`` of the function in ``cells (f,)`` at ``points (f, q, d)``."""
+    """Return the values ``(f, q)`` of the function in ``cells (f,)`` at ``points (f, q, d)``."""
     values = basis.values(np.repeat(cells, points.shape[1]), points.reshape(-1, points.shape[2]))
     rows = np.repeat(basis.coefficients(x)[cells], points.shape[1], axis=0)
     return np.asarray(np.einsum("qk,qk->q", values, rows).reshape(points.shape[:2]))
 
 
-_STEP = 1e-4  # of the box's half side: differences of fourth order are then exact to about 1e-12
+_STEP = 1e-4  # step / half box side: fourth-order differences are then exact to about 1e-12
 
 
 class Errors(NamedTuple):
-    """Norms of u − u_h: ``l2``, ``h1`` = ‖∇(u − u_h)‖ cell by cell, and
+    """Norms of the error u − u_h.
 
-    ``dg`` = (‖√κ ∇(u − u_h)‖² + Σ_F γσ ‖[u − u_h]‖²)^½, the jumps over Dirichlet faces included.
+    ``h1`` = ‖∇(u − u_h)‖ cell by cell, and ``dg`` = (‖√κ ∇(u − u_h)‖² + Σ_F γσ ‖[u − u_h]‖²)^½, including
+    jumps over Dirichlet faces.
     """
 
     l2: float
@@ -127,7 +131,7 @@ def errors(
     penalty: Penalty = PAPER,
     chosen: Mask | None = None,
 ) -> Errors:
-    """Error of the function with coefficients ``x (n,)`` against ``problem.exact``.
+    """Return the error of the function with coefficients ``x (n,)`` against ``problem.exact``.
 
     Parameters
     ----------
@@ -136,26 +140,28 @@ def errors(
     problem : Diffusion
         Its ``exact`` solution must be continuous across faces.
     gradient : callable of points ``(q, d)`` returning ``(q, d)``, optional
-        Of the exact solution; by default its central differences over a ten-thousandth of the box.
+        Exact gradient; by default central differences over a ten-thousandth of the box.
     penalty : float, "paper" or "sharp"
-        The penalty of the discretisation, which the DG norm contains.
+        Penalty of the discretisation, contained in the DG norm.
     chosen : (n_cells,) bool, optional
-        The cells that count, by default all; half a face counts for each of its cells.
+        Cells to include, by default all; each cell contributes half of its inner faces.
 
     Raises
     ------
     OptionError
-        If the problem has no exact solution; as :func:`~agglo_polydg_mg.forms.assembly.discretise`.
+        If the problem has no exact solution; see also :func:`~agglo_polydg_mg.forms.assembly.discretise`.
     """
     exact = problem.exact
     if exact is None:
         raise OptionError("this problem has no exact solution to compare with")
+    # 1. Penalty, and function without the data offset
     kappa = positive(basis.mesh, problem.kappa)
     natural = boundary_faces(basis.mesh, problem).natural
     sigma = jump_penalty(basis, kappa, penalty, natural)
     c = offset_of(basis, problem)
     rest = x - basis.constants(c)
     coefficients = basis.coefficients(rest)
+    # 2. Integrals over the cells, in batches
     sums = np.zeros(3)
     for batch in inside(basis.mesh, 2 * basis.degree + 6):
         cells, points = batch.cells, batch.points + basis.mesh.origin
@@ -171,23 +177,25 @@ def errors(
         values = sample(exact, points.reshape(-1, basis.mesh.dim) + basis.mesh.origin, "exact")
         return values.reshape(points.shape[:2]) - c[basis.mesh.face_cells[faces, 0], None]
 
+    # 3. Face jumps
     counted = sigma if chosen is None else sigma * _shares(basis.mesh, chosen)
     sums[2] += jumps(basis, rest, outside, kappa, counted)
     return Errors(*np.sqrt(sums).tolist())
 
 
 def _shares(mesh: Mesh, chosen: Mask) -> Float:
-    """Which part of each face ``(n_faces,)`` belongs to the chosen cells."""
+    """Return the fraction of each face ``(n_faces,)`` that belongs to the chosen cells."""
     sides = mesh.face_cells
     return np.asarray(np.append(chosen, False)[sides].sum(axis=1) / (sides >= 0).sum(axis=1))
 
 
 def _differences(basis: Basis, exact: Callable[[Float], Float], offset: Float, batch: Batch) -> Float:
-    """Gradient ``(q, d)`` of a callable by central differences of fourth order.
+    """Return the gradient ``(q, d)`` of a callable by fourth-order central differences.
 
-    The steps grow with what the offset ``(n_cells,)`` exceeds all the rest by: the callable's own rounding is
-    of its size.
+    The steps grow with the ratio of the offset ``(n_cells,)`` to the remaining values: the rounding error
+    of the callable is proportional to the offset.
     """
+    # 1. Step lengths, along the axes
     cells = batch.cells
     centres = sample(exact, batch.points + basis.mesh.origin, "exact") - offset[cells]
     excess = float(np.abs(offset).max()) / (float(np.abs(centres).max()) or 1.0)
@@ -196,6 +204,7 @@ def _differences(basis: Basis, exact: Callable[[Float], Float], offset: Float, b
         c, s = np.abs(basis.boxes[:, 4:].T[:, :, None])
         extents = c * extents + s * extents[:, ::-1]  # along the axes
     steps = _STEP * max(1.0, excess) ** 0.2 * extents[cells]
+    # 2. Differences along each axis
     result = np.empty_like(steps)
     for axis in range(basis.mesh.dim):
         h = np.zeros_like(steps)

@@ -1,8 +1,8 @@
-"""The penalty of the jumps, from the largest triangle or tetrahedron that fits on each face.
+"""Jump penalty from the largest triangle or tetrahedron that fits on each face.
 
 A. Cangiani, E. Georgoulis, P. Houston, "hp-version discontinuous Galerkin methods on polygonal and
-polyhedral meshes", M3AS 24 (2014): the inverse inequality on a face of a polygon holds with the
-triangle's height in place of the polygon's diameter, however many small faces the polygon has.
+polyhedral meshes", M3AS 24 (2014): the inverse inequality on a polygon face holds with the triangle height
+instead of the polygon diameter, for any number of small faces.
 """
 
 from __future__ import annotations
@@ -25,31 +25,31 @@ from agglo_core.authoring import (
 )
 from agglo_polydg_mg.space.solid_geometry import require_convex, solid_heights
 
-_FEW = 10_000  # cells one thread looks at in some milliseconds
+_FEW = 10_000  # cells; one thread takes some milliseconds for them
 
 PAPER = 10.0
-"""Constant C of the paper."""
+"""The paper's constant C."""
 
 Penalty = float | Literal["paper", "sharp"]
 """A constant C; ``paper`` is C = 10, ``sharp`` :func:`~agglo_polydg_mg.forms.sharp_penalty.sharp_penalty`."""
 
 
 def face_penalty(mesh: Mesh, degree: int, constant: float = PAPER, natural: Int | None = None) -> Float:
-    """Penalty σ = C p² max |F| / |T_F| over the two sides of each face ``(n_faces,)``, in 1 / length.
+    """Return the penalty σ = C p² max |F| / |T_F| over both sides of each face ``(n_faces,)``, in 1 / length.
 
-    T_F is the largest triangle with base F that lies in the cell and has its apex in one of the cell's
-    vertices. On squares of side h this is 20 p² / h with C = 10. Faces of no length have σ = 0, and so
-    have the ``natural`` ones (of Neumann data), which are not penalised. In 3-D T_F is the largest
-    tetrahedron, or pyramid, σ = 3 C p² / h with its height h; cells must be convex.
+    T_F is the largest triangle with base F that lies in the cell and has its apex at a cell vertex. On
+    squares with side h this is 20 p² / h with C = 10. Faces with length 0 have σ = 0, and so have the
+    unpenalised ``natural`` faces (with Neumann data). In 3-D T_F is the largest tetrahedron or pyramid,
+    σ = 3 C p² / h with its height h; cells must be convex.
 
-    The search takes time that grows with the square of the number of edges of a cell: nothing for
-    connected agglomerates, seconds for thousands of loose cells that are called one agglomerate.
+    The search time grows with the square of the number of edges per cell: negligible for connected
+    agglomerates, seconds for an agglomerate of thousands of loose cells.
 
     Raises
     ------
     MeshError
-        Naming cells with a face from which no vertex is visible: they overlap themselves, or are flat. In
-        3-D, cells that are not convex: the sharp penalty takes any.
+        For cells with a face from which no vertex is visible: they overlap themselves, or are flat. In 3-D,
+        for nonconvex cells, which only the sharp penalty accepts.
     OptionError
         If ``constant`` is not positive.
     """
@@ -69,14 +69,14 @@ def face_penalty(mesh: Mesh, degree: int, constant: float = PAPER, natural: Int 
 
 
 def simplex_heights(mesh: Mesh, cells: Mask) -> Float:
-    """Heights ``(n_faces, 2)`` of the largest triangles, or tetrahedra, that fit on faces in some cells.
+    """Return the heights ``(n_faces, 2)`` of the largest simplices on the faces of some cells.
 
-    ``cells (n_cells,)`` says in which; heights of others mean nothing.
+    ``cells (n_cells,)`` selects the cells; heights in other cells are undefined.
 
     Raises
     ------
     MeshError
-        In 3-D, if one of them is not convex.
+        In 3-D, if a selected cell is not convex.
     """
     if mesh.dim == 2:
         return triangle_heights(mesh)
@@ -86,10 +86,10 @@ def simplex_heights(mesh: Mesh, cells: Mask) -> Float:
 
 
 def triangle_heights(mesh: Mesh) -> Float:
-    """Height ``(n_faces, 2)`` over each face of the largest triangle in the owner and in the neighbour.
+    """Return the height ``(n_faces, 2)`` over each face of the largest triangle in owner and neighbour.
 
-    Its base is the face, its apex a vertex of the cell, and it lies in the cell. Infinite outside the
-    domain and for faces of no length; 0 if no vertex is visible from a face.
+    Its base is the face, its apex a cell vertex, and it lies in the cell. Infinite outside the domain and
+    for faces with length 0; 0 if no vertex is visible from a face.
     """
     from agglo_polydg_mg.forms.triangle_kernels import largest_triangles
 

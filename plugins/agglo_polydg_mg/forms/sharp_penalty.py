@@ -1,9 +1,9 @@
-"""The least penalty of the jumps that keeps the bilinear form provably coercive, cell by cell.
+"""Smallest jump penalty that keeps the bilinear form provably coercive, cell by cell.
 
-The local trace inverse inequality is taken as it is, without a constant of the literature: the largest
-eigenvalue of a small matrix for each cell (K. Shahbazi, J. Comput. Phys. 205, 2005, and Y. Epshteyn,
-B. Rivière, J. Comput. Appl. Math. 206, 2007, have explicit ones for simplices). The derivation is in
-``docs/mathematics.md``.
+The local trace inverse inequality is evaluated exactly, without a constant from the literature, as the
+largest eigenvalue of a small matrix for each cell (K. Shahbazi, J. Comput. Phys. 205, 2005, and Y.
+Epshteyn, B. Rivière, J. Comput. Appl. Math. 206, 2007, give explicit constants for simplices). The
+derivation is in ``docs/mathematics.md``.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.gauss_points import gauss
 from agglo_polydg_mg.space.quadrature import inside, sample
 
-_FEW = 2_000  # cells one thread looks at in some milliseconds
+_FEW = 2_000  # cells; one thread takes some milliseconds for them
 
 MARGIN = 0.25
-"""Least eigenvalue of the matrix A relative to the square of the DG norm."""
+"""Smallest eigenvalue of the matrix A relative to the square of the DG norm."""
 
 
 def sharp_penalty(
@@ -32,13 +32,13 @@ def sharp_penalty(
     natural: Int | None = None,
     units: UnitForms | None = None,
 ) -> Float:
-    """Penalty σ ``(n_faces,)``, in 1 / length, for which a(v, v) >= MARGIN · ‖v‖²_DG whatever v.
+    """Return the penalty σ ``(n_faces,)``, in 1 / length, with a(v, v) >= MARGIN · ‖v‖²_DG for all v.
 
-    ‖v‖²_DG = Σ_K ‖√κ ∇v‖² + Σ_F γσ ‖[v]‖². Each cell names what it needs of its faces, σ_F is the sum of the
-    two. Where a cell is so thin that its stiffness matrix is singular to rounding, it asks for the constants
-    of the triangles that fit on its faces times their number: safe, and larger than need be. In 3-D faces
-    between the same two cells have one penalty, and so have those of a cell at the boundary that look one
-    way.
+    ‖v‖²_DG = Σ_K ‖√κ ∇v‖² + Σ_F γσ ‖[v]‖². Each cell computes its requirement for each of its faces, and
+    σ_F is the sum of the two. If a cell is so thin that its stiffness matrix is singular to rounding, its
+    requirement follows from the triangles that fit on its faces, times their number: safe, but larger than
+    necessary. In 3-D all faces between two cells share one penalty, and so do a cell's boundary faces with
+    the same main direction.
 
     Parameters
     ----------
@@ -46,19 +46,20 @@ def sharp_penalty(
     kappa : number, ``(n_cells,)`` or callable
         The coefficient.
     on_faces : (n_faces, 2, 1) or (t, 2, q) float
-        The same on both sides of the faces, at the Gauss points of their pieces where it is a callable.
+        The coefficient on both sides of the faces, at the Gauss points of their pieces for a callable.
     blocks : (n_cells, n_local, n_local) float, or None
         ∫ κ∇φ_i·∇φ_j of each cell; not needed if there are ``units``.
     natural : (k,) int, optional
-        Faces of Neumann data: they have no penalty, and ask for none.
+        Neumann faces: they have no penalty, and no requirement.
     units : UnitForms, optional
-        Of an earlier problem, if κ is one number in each cell.
+        From an earlier problem, if κ is constant in each cell.
 
     Raises
     ------
     MeshError
-        Naming cells that overlap themselves, or are flat; in 3-D, that are too thin and not convex.
+        For cells that overlap themselves, or are flat; in 3-D, for cells that are too thin and not convex.
     """
+    # 1. Requirements by eigenvalues
     held = np.ones(basis.mesh.n_faces, bool)
     if natural is not None:
         held[natural] = False
@@ -68,13 +69,18 @@ def sharp_penalty(
         assert blocks is not None
         ask = _asked if basis.mesh.dim == 2 else asked_by_solids
         asked, resolved = ask(basis, on_faces, blocks, held)
+    # 2. Requirements of thin cells by simplices
     if not resolved.all():
         asked += _by_simplices(basis, kappa, on_faces, held, ~resolved)
+    # 3. Sum of both sides
     return frozen_float(asked.sum(axis=1) / (1.0 - MARGIN) ** 2)
 
 
 def _asked(basis: Basis, on_faces: Float, blocks: Float, held: np.ndarray) -> tuple[Float, np.ndarray]:
-    """What cells ask of their faces ``(n_faces, 2)``, and which are not too thin for that ``(n_cells,)``."""
+    """Return cell requirements for their faces ``(n_faces, 2)``, and a mask of resolved cells ``(n_cells,)``.
+
+    Cells too thin for the eigenvalue problem are not resolved.
+    """
     from agglo_polydg_mg.forms.trace_kernels import side_penalties
 
     mesh = basis.mesh
@@ -91,12 +97,14 @@ def _asked(basis: Basis, on_faces: Float, blocks: Float, held: np.ndarray) -> tu
 
 
 def _by_simplices(basis: Basis, kappa: Field, on_faces: Float, held: np.ndarray, thin: np.ndarray) -> Float:
-    """What the ``thin`` cells ``(n_cells,)`` ask of their faces ``(n_faces, 2)``, by triangles inside them.
+    """Return the requirements of ``thin`` cells ``(n_cells,)`` for their faces ``(n_faces, 2)``.
 
-    On a triangle T of height h over the face F, ‖q‖²_F <= p (p + 1) / h ‖q‖²_T for polynomials q of degree
-    p − 1 (T. Warburton, J. Hesthaven, Comput. Methods Appl. Mech. Engrg. 192, 2003), on a tetrahedron
-    p (p + 2) / h. The triangles of a cell overlap, at worst all of them.
+    They come from simplices inside the cells. On a triangle T with height h over the face F, ‖q‖²_F <= p
+    (p + 1) / h ‖q‖²_T for polynomials q with degree p − 1 (T. Warburton, J. Hesthaven, Comput. Methods
+    Appl. Mech. Engrg. 192, 2003), on a tetrahedron p (p + 2) / h. The triangles of a cell overlap, at worst
+    all of them.
     """
+    # 1. Sides of thin cells with penalised faces
     mesh, p = basis.mesh, basis.degree
     heights = simplex_heights(mesh, thin)
     inner = mesh.face_cells[:, 1] >= 0
@@ -106,8 +114,9 @@ def _by_simplices(basis: Basis, kappa: Field, on_faces: Float, held: np.ndarray,
     if (heights[counts > 0] == 0).any():
         cells = np.unique(sides[(counts > 0) & (heights == 0)])[:5].tolist()
         raise MeshError(f"cells {cells} overlap themselves, or are flat: nothing fits on some face")
+    # 2. Largest ωκ on each face, number of faces and least κ of each cell
     own, across = on_faces[:, 0], on_faces[:, 1]
-    half = 0.5 * own * (across / (own + across))  # ωκ/2, the same from either side
+    half = 0.5 * own * (across / (own + across))  # ωκ/2, equal from both sides
     most = _largest(np.where(_of_rows(mesh, inner, own)[:, None], half, own).max(axis=1), mesh)
     n_faces = np.bincount(sides.ravel(), counts.ravel(), mesh.n_cells)
     least = _least(mesh, kappa, p)
@@ -117,14 +126,14 @@ def _by_simplices(basis: Basis, kappa: Field, on_faces: Float, held: np.ndarray,
 
 
 def _of_rows(mesh: Mesh, values: np.ndarray, rows: Float) -> np.ndarray:
-    """Values of faces for each row of the coefficients of faces, or of their pieces."""
+    """Return face values for each row of the coefficients, given per face or per piece."""
     if len(values) == len(rows):
         return values
     return np.repeat(values, np.diff(mesh.face_offsets) - mesh.dim + 1)
 
 
 def _largest(rows: Float, mesh: Mesh) -> Float:
-    """Largest value of each face ``(n_faces,)`` from values of faces, or of their pieces."""
+    """Return the largest value per face ``(n_faces,)`` from values per face or per piece."""
     if len(rows) == mesh.n_faces:
         return rows
     starts = mesh.face_offsets[:-1] - (mesh.dim - 1) * np.arange(mesh.n_faces)
@@ -132,7 +141,7 @@ def _largest(rows: Float, mesh: Mesh) -> Float:
 
 
 def _least(mesh: Mesh, kappa: Field, degree: int) -> Float:
-    """Least κ of each cell ``(n_cells,)``: of a callable, at the points where it is integrated."""
+    """Return the least κ of each cell ``(n_cells,)``, for a callable at its quadrature points."""
     if not callable(kappa):
         return np.broadcast_to(np.asarray(kappa, float), (mesh.n_cells,))
     least = np.full(mesh.n_cells, np.inf)

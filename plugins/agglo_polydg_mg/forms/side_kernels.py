@@ -1,8 +1,8 @@
-"""Kernels of the sides of polyhedra: their list, and their blocks of the matrix.
+"""Kernels for the sides of polyhedra: their list, and their matrix blocks.
 
-On each side both cells' polynomials are written in powers of the coordinates of one frame, a box that holds
-the side. All faces of the side add to the integrals of these powers, weighted by penalty and by normals; what
-is done with the integrals afterwards does not depend on how many faces there are.
+On each side the polynomials of both cells are written in powers of the coordinates of one frame, a box that
+contains the side. All faces of the side contribute to the integrals of these powers, weighted by penalty
+and by normals; all later work is independent of the number of faces.
 """
 
 from __future__ import annotations
@@ -15,23 +15,23 @@ from agglo_polydg_mg.space.legendre_kernels import CONSTANT, recurrences
 
 @kernel
 def sides_of_cells(offsets, faces, face_cells, normals):
-    """Group the faces of polyhedra in sides: the arrays of :class:`~agglo_polydg_mg.forms.sides.Sides`.
+    """Group the faces of polyhedra into sides: the arrays of :class:`~agglo_polydg_mg.forms.sides.Sides`.
 
-    Cell c has the faces ``faces[offsets[c]:offsets[c + 1]]``; ``normals (F, 3)`` point outward from
-    the owner.
+    Cell c has the faces ``faces[offsets[c]:offsets[c + 1]]``; ``normals (F, 3)`` point outward from the
+    owner.
     """
     n, count = len(offsets) - 1, 0
     of_faces, last, outer = np.empty(len(face_cells), np.int64), np.full(n, -1), np.empty(6, np.int64)
     cells = np.full((len(face_cells), 2), -1)
     for c in range(n):
-        # Sides are numbered by their first cells. Those that cell c makes start here: what last holds for a
-        # neighbour is of this turn, and not of an earlier cell, if it is at least start.
+        # Sides are numbered by their first cells. Sides created by cell c start here: an entry of ``last``
+        # belongs to this cell, and not to an earlier one, if it is at least start.
         start = count
         for k in range(6):
             outer[k] = -1
         for h in range(offsets[c], offsets[c + 1]):
             f = faces[h]
-            # At the boundary: the side of the direction ±x, ±y or ±z the face looks to most.
+            # At the boundary: one side for each main direction ±x, ±y or ±z of the face normals.
             if face_cells[f, 1] < 0:
                 axis = 0
                 for k in range(1, 3):
@@ -44,7 +44,7 @@ def sides_of_cells(offsets, faces, face_cells, normals):
                     count += 1
                 of_faces[f] = outer[way]
                 continue
-            # Inside: one side for each neighbour, made by the cell of the lower number.
+            # Inside: one side per neighbour, created by the cell with the lower number.
             other = face_cells[f, 0] + face_cells[f, 1] - c
             if other < c:
                 continue
@@ -60,7 +60,7 @@ def sides_of_cells(offsets, faces, face_cells, normals):
 
 @helper(allocates=True)
 def _members(groups, count):
-    """Members of each group, as offsets ``(count + 1,)`` and members ``(n,)``, by counting sort."""
+    """Return offsets ``(count + 1,)`` and members ``(n,)`` of the groups, by counting sort."""
     ends, members = np.zeros(count + 1, np.int64), np.empty(len(groups), np.int64)
     for f in range(len(groups)):
         ends[groups[f] + 1] += 1
@@ -75,7 +75,7 @@ def _members(groups, count):
 
 @helper(allocates=True)
 def _sides_by_cells(cells, n):
-    """Sides of each cell, as offsets ``(n + 1,)`` and sides, by counting sort."""
+    """Return the sides of each cell, as offsets ``(n + 1,)`` and sides, by counting sort."""
     ends = np.zeros(n + 1, np.int64)
     for s in range(len(cells)):
         for k in range(2):
@@ -94,10 +94,10 @@ def _sides_by_cells(cells, n):
 
 @helper
 def _frame(owner, neighbour, boxes, frame):
-    """Write centre and half sides of a box that holds the side of two cells.
+    """Write centre and half sides of a box that contains the side of two cells.
 
-    At the boundary it is the owner's box. Inside its centre is that of the overlap of both boxes. Its half
-    sides are those of the smaller box: the overlap may be flat, and coordinates are divided by them.
+    At the boundary it is the owner's box. Inside it is centred on the overlap of both boxes, with the half
+    sides of the smaller box: the overlap may be flat, and coordinates are divided by the half sides.
     """
     for d in range(3):
         low, high = boxes[owner, d] - boxes[owner, 3 + d], boxes[owner, d] + boxes[owner, 3 + d]
@@ -113,11 +113,11 @@ def _frame(owner, neighbour, boxes, frame):
 def _in_powers(box, scale, frame, table, powers, terms, lines, out):
     """Write the coefficients T ``(t,)`` of a cell's polynomials in powers ξ of a frame, at the ``terms``.
 
-    T is a sparse matrix: a polynomial of degrees (i, j, k) has powers up to these along each axis alone.
+    T is a sparse matrix: a polynomial with degrees (i, j, k) only has powers up to these along each axis.
     """
     degree = table.shape[1]
-    # 1. Along each axis x̂ = at + stretch ξ. Row k of the line has the coefficients of L_k(x̂) in powers of
-    #    ξ, by the recurrence L_{k+1} = a x̂ L_k − b L_{k−1}.
+    # 1. Along each axis x̂ = at + stretch ξ. Row k of ``line`` has the coefficients of L_k(x̂) in powers of
+    # ξ, by the recurrence L_{k+1} = a x̂ L_k − b L_{k−1}.
     for d in range(3):
         at, stretch, line = (frame[d] - box[d]) / box[3 + d], frame[3 + d] / box[3 + d], lines[d]
         line[0, 0] = CONSTANT
@@ -131,7 +131,7 @@ def _in_powers(box, scale, frame, table, powers, terms, lines, out):
                 if i < k:
                     value -= b * line[k - 1, i]
                 line[k + 1, i] = value
-    # 2. Coefficients of the products of three.
+    # 2. Coefficients of the triple products.
     for t in range(len(out)):
         i, a = terms[t, 0], terms[t, 1]
         value = scale * lines[0, powers[i, 0], powers[a, 0]] * lines[1, powers[i, 1], powers[a, 1]]
@@ -159,18 +159,18 @@ def _add_face(
     points, face_offsets, face_vertices, f, vector, turned, sigma, kappa, inner, frame, rule, weights,
     powers, along, weighted, local, stiff, normal,
 ):  # fmt: skip
-    """Add ∫ γσ ξ^powers of a face to ``stiff``, and ∫ γ/2 n ξ^powers, κ at the boundary, to ``normal``.
+    """Add ∫ γσ ξ^powers of a face to ``stiff``, and ∫ γ/2 n ξ^powers to ``normal``.
 
-    The face is a fan of triangles about its first vertex, ``vector (3,)`` its normal outward from the owner;
-    ``turned`` if the owner is the second cell of the side. The powers of ``normal`` are those of lower
-    degree, < 2p.
+    At the boundary κ replaces γ/2. The face is a fan of triangles about its first vertex, ``vector (3,)``
+    its normal outward from the owner; ``turned`` is True if the owner is the second cell of the side. The
+    powers in ``normal`` have lower degree, < 2p.
     """
     first, lower = face_offsets[f], normal.shape[1]
     a = points[face_vertices[first]]
     for k in range(first + 1, face_offsets[f + 1] - 1):
         b, c = points[face_vertices[k]], points[face_vertices[k + 1]]
-        # 1. Normal and twice the area of the triangle, which is negative where it is turned against the face:
-        #    in the fan of a face that is not convex triangles overlap, and have to cancel.
+        # 1. Normal and twice the area of the triangle, negative if it is reversed relative to the face: in
+        # the fan of a nonconvex face triangles overlap and must cancel.
         x = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
         y = (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2])
         z = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
@@ -179,16 +179,16 @@ def _add_face(
             continue
         if x * vector[0] + y * vector[1] + z * vector[2] < 0.0:
             size = -size
-        # 2. γ/2 at each point, at the boundary κ. Coefficients of triangles are numbered through all faces:
-        #    those before f have a triangle for each vertex but two.
+        # 2. γ/2 at each point, at the boundary κ. Triangles are numbered through all faces: each face
+        # before f has two triangles fewer than vertices.
         row = f if kappa.shape[2] == 1 else first - 2 * f + k - first - 1
         for q in range(len(weights)):
             at = min(q, kappa.shape[2] - 1)
             own, other = kappa[row, 0, at], kappa[row, 1, at]
             mean = own * (other / (own + other)) if inner else own
             weighted[q] = mean * weights[q] * size
-        # 3. Integrals of the powers, once for both results. The unit normal points from the first cell of the
-        #    side to the second one.
+        # 3. Integrals of the powers, once for both results. The unit normal points from the first cell of
+        # the side to the second.
         local[:] = 0.0
         _add_triangle(a, b, c, weighted, frame, rule, powers, along, local)
         size = -size if turned else size
@@ -205,8 +205,8 @@ def _add_face(
 
 @helper
 def _gradients(normal, frame, lowered, powers, out):
-    """``out[a, b]`` = ∫ γ/2 ξ^a ∂ξ^b/∂n from the integrals with normals."""
-    # ∂ξ^b/∂x_d = b_d / (half side) ξ^(b − e_d); lowered is the place of ξ^(a + b − e_d).
+    """Write ``out[a, b]`` = ∫ γ/2 ξ^a ∂ξ^b/∂n, from the integrals with normals."""
+    # ∂ξ^b/∂x_d = b_d / (half side) ξ^(b − e_d); lowered is the index of ξ^(a + b − e_d).
     for a in range(len(out)):
         for b in range(len(out)):
             value = 0.0
@@ -218,10 +218,9 @@ def _gradients(normal, frame, lowered, powers, out):
 
 @helper
 def _transformed(form, left, right, terms, rooms, out):
-    """Write (L form Rᵀ)ᵀ to ``out``, L and R having the entries ``left`` and ``right`` at ``terms``.
+    """Write (L form Rᵀ)ᵀ to ``out``, with the entries ``left`` of L and ``right`` of R at ``terms``.
 
-    Rows are added to rows in both products, with the product L form transposed between them: so all loops run
-    along rows.
+    Both products add rows to rows, with L form transposed between them, so that all loops run along rows.
     """
     first, second = rooms[0], rooms[1]
     n = len(out)
@@ -231,7 +230,7 @@ def _transformed(form, left, right, terms, rooms, out):
         i, a, value = terms[t, 0], terms[t, 1], left[t]
         for b in range(n):
             first[i, b] += value * form[a, b]
-    # 2. Its transpose; R times it.
+    # 2. Its transpose, multiplied by R.
     for i in range(n):
         for b in range(n):
             second[b, i] = first[i, b]
@@ -246,10 +245,10 @@ def _transformed(form, left, right, terms, rooms, out):
 def _add_own(form, gradients, sign, sums, left, terms, rooms, block):
     """Add the form of a side on one cell's polynomials to its block, which stays symmetric.
 
-    ``form`` are the integrals of γσ ξ^powers; ``sign`` is that of the cell's values in the jump.
+    ``form`` contains the integrals of γσ ξ^powers; ``sign`` is the sign of the cell's values in the jump.
     """
     n, whole, out = len(block), rooms[2], rooms[3]
-    # γσ ξ^a ξ^b ∓ γ/2 (ξ^a ∂ξ^b/∂n + ξ^b ∂ξ^a/∂n), then in the polynomials of the cell.
+    # γσ ξ^a ξ^b ∓ γ/2 (ξ^a ∂ξ^b/∂n + ξ^b ∂ξ^a/∂n), then transformed to the polynomials of the cell.
     for a in range(n):
         for b in range(n):
             whole[a, b] = form[sums[a, b]] - sign * (gradients[a, b] + gradients[b, a])
@@ -266,12 +265,12 @@ def side_blocks(
     points, face_offsets, face_vertices, face_cells, vectors, side_offsets, side_faces, side_cells, sides,
     mine, slots, boxes, scale, sigma, kappa, rule, weights, powers, sums, lowered, terms, blocks,
 ):  # fmt: skip
-    """Add ∫ −{κ∇u·n}[v] − {κ∇v·n}[u] + γσ[u][v] over ``sides (k,)`` to the blocks of cells that are ``mine``.
+    """Add ∫ −{κ∇u·n}[v] − {κ∇v·n}[u] + γσ[u][v] over ``sides (k,)`` to the rows of ``mine`` cells.
 
-    A block ``(m, m)`` is that of the cell of its row; ``slots (S, 2, 2)`` is the place of the block (owner or
-    neighbour, owner or neighbour). ``kappa`` is the coefficient on both sides, of faces ``(F, 2, 1)`` or of
-    the points of their triangles ``(t, 2, q)``; ``sigma (F,)`` the penalty without it. Faces of σ = 0 are
-    skipped. ``vectors (F, 3)`` are normals outward from the owners. The tables are those of ``monomials``.
+    Each block ``(m, m)`` is stored in its row cell; ``slots (S, 2, 2)`` gives the block position for (owner
+    or neighbour, owner or neighbour). ``kappa`` is the coefficient on both sides, per face ``(F, 2, 1)`` or
+    per triangle point ``(t, 2, q)``; ``sigma (F,)`` the penalty without κ. Faces with σ = 0 are skipped.
+    ``vectors (F, 3)`` are normals outward from the owners. The tables come from ``monomials``.
     """
     n, degree = blocks.shape[1], powers[len(powers) - 1, 2] // 2
     table, lines = recurrences(degree), np.zeros((3, degree + 1, degree + 1))
@@ -281,8 +280,8 @@ def side_blocks(
     left, right, rooms = np.empty(len(terms)), np.empty(len(terms)), np.empty((4, n, n))
     for s in sides:
         owner, neighbour = side_cells[s, 0], side_cells[s, 1]
-        # 1. Moments of the side in its frame: m_α = ∫ γσ ξ^α for |α| ≤ 2p in stiff, n_α = ∫ γ/2 n ξ^α for |α|
-        #    < 2p in normal. Only here the number of faces counts.
+        # 1. Moments of the side in its frame: m_α = ∫ γσ ξ^α for |α| ≤ 2p in stiff, n_α = ∫ γ/2 n ξ^α for
+        # |α| < 2p in normal. Only this step depends on the number of faces.
         _frame(owner, neighbour, boxes, frame)
         stiff[:] = 0.0
         normal[:] = 0.0
@@ -294,8 +293,8 @@ def side_blocks(
                     kappa, neighbour >= 0, frame, rule, weights, powers, along, weighted, local, stiff,
                     normal,
                 )  # fmt: skip
-        # 2. The form on the powers, Q, is transformed to the polynomials: T Q Tᵀ with the coefficients T of
-        #    the owner, then of the neighbour, whose values have the minus sign in the jump.
+        # 2. Transform the form on the powers, Q, to the polynomials: T Q Tᵀ with the coefficients T of the
+        # owner, then of the neighbour, whose values have the minus sign in the jump.
         _gradients(normal, frame, lowered, powers, gradients)
         _in_powers(boxes[owner], scale[owner], frame, table, powers, terms, lines, left)
         if mine[owner]:
@@ -305,8 +304,8 @@ def side_blocks(
         _in_powers(boxes[neighbour], scale[neighbour], frame, table, powers, terms, lines, right)
         if mine[neighbour]:
             _add_own(stiff, gradients, -1.0, sums, right, terms, rooms, blocks[slots[s, 1, 1]])
-        # 3. The coupling: v of the neighbour and u of the owner, −γσ vu + γ/2 v ∂u/∂n − γ/2 u ∂v/∂n; and its
-        #    transpose.
+        # 3. The coupling: v of the neighbour and u of the owner, −γσ vu + γ/2 v ∂u/∂n − γ/2 u ∂v/∂n, and
+        # its transpose.
         whole, out = rooms[2], rooms[3]
         for a in range(n):
             for b in range(n):

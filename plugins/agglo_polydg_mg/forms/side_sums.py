@@ -1,4 +1,4 @@
-"""Contributions of the sides of polyhedra to the matrix, and to the penalty that cells need."""
+"""Side contributions of polyhedra to the matrix and to the penalty."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.gauss_points import simplex_rule
 from agglo_polydg_mg.space.polynomials import monomials, orders
 
-_FEW = 2_000  # cells one thread looks at in some milliseconds
+_FEW = 2_000  # cells; one thread takes some milliseconds for them
 
 
 def add_sides(basis: Basis, sides: Int, mine: Mask, sigma: Float, on_faces: Float, blocks: Float) -> None:
-    """Add what ``sides (k,)`` contribute to the ``blocks`` of the rows of cells that are ``mine``.
+    """Add the contributions of ``sides (k,)`` to the ``blocks`` in the rows of ``mine`` cells.
 
-    ``sigma (n_faces,)`` is the penalty, ``on_faces`` what
-    :func:`~agglo_polydg_mg.forms.face_quadrature.face_coefficients` makes of κ for all faces.
+    ``sigma (n_faces,)`` is the penalty, ``on_faces`` the
+    :func:`~agglo_polydg_mg.forms.face_quadrature.face_coefficients` for all faces.
     """
     from agglo_polydg_mg.forms.side_kernels import side_blocks
 
@@ -31,12 +31,13 @@ def add_sides(basis: Basis, sides: Int, mine: Mask, sigma: Float, on_faces: Floa
 
 
 def asked_by_solids(basis: Basis, on_faces: Float, blocks: Float, held: Mask) -> tuple[Float, Mask]:
-    """What cells ask of the penalty of the ``held`` faces ``(n_faces, 2)``; which can ``(n_cells,)``.
+    """Return cell requirements for the ``held`` faces ``(n_faces, 2)``, and a mask of resolved cells.
 
-    As in 2-D, with sides in place of faces: all faces of a side have the penalty that a cell asks of it.
+    As in 2-D, with sides instead of faces: all faces of a side have the penalty required for the side.
     """
     from agglo_polydg_mg.forms.side_trace_kernels import solid_penalties
 
+    # 1. Arrays in the order of the walk
     mesh, p, own = basis.mesh, basis.degree, basis.sides
     asked = np.zeros((len(own.cells), 2))
     given = held, on_faces, *_rule(p, on_faces), orders(p, 3)
@@ -49,11 +50,13 @@ def asked_by_solids(basis: Basis, on_faces: Float, blocks: Float, held: Mask) ->
         beside, joined = frozen_int(walk.turns[beside]), frozen_int(walk.turns[joined])
     shape = mesh.local_points, mesh.face_offsets, mesh.face_vertices, beside, mesh.face_normals
 
+    # 2. Requirements for the sides
     def ask(start: int, stop: int) -> np.ndarray:
         cells = offsets[start : stop + 1], sides, start, *(each[start:stop] for each in of_cells)
         return np.asarray(solid_penalties(*shape, own.offsets, own.faces, joined, *cells, *given, asked))
 
     resolved = np.concatenate(over_ranges(ask, mesh.n_cells, few=_FEW))
+    # 3. Spread to the faces, in owner–neighbour order
     resolved = resolved if walk is None else walk.back(resolved)
     turned = mesh.face_cells[:, 0] != own.cells[own.of_faces, 0]
     of_faces = np.where(held[:, None], asked[own.of_faces], 0.0)
@@ -62,6 +65,6 @@ def asked_by_solids(basis: Basis, on_faces: Float, blocks: Float, held: Mask) ->
 
 
 def _rule(n: int, on_faces: Float) -> tuple[Float, Float]:
-    """Points and weights of triangles: those at which the coefficient is given, or n in each direction."""
+    """Return points and weights on triangles: the coefficient's points, or n in each direction."""
     count = on_faces.shape[2]
     return simplex_rule(2, n if count == 1 else round(np.sqrt(count)))

@@ -22,7 +22,7 @@ def _slopes_at(values, table, out):
 
 @helper
 def _normal_slopes(x, y, z, normal, table, lines, orders, slopes):
-    """Write derivatives along ``normal`` of the polynomials except the constant at a point of the box.
+    """Write derivatives along ``normal`` of all nonconstant polynomials at a point of the box.
 
     ``normal (3,)`` are the coefficients of ∂/∂x̂, ∂/∂ŷ, ∂/∂ẑ; the result is ``slopes[0]``.
     """
@@ -57,9 +57,9 @@ def _trace_face(
     points, face_offsets, face_vertices, f, vector, side, outer, kappa, rule, weights, orders, box, scale,
     factor, rooms, form,
 ):  # fmt: skip
-    """Add L⁻¹ T_F L⁻ᵀ of a face to the form of a side, and return the area of the face.
+    """Add L⁻¹ T_F L⁻ᵀ of a face to the form of a side, and return the face area.
 
-    L is the Cholesky ``factor`` of the stiffness of the cell; the face is a fan of triangles about its first
+    L is the Cholesky ``factor`` of the cell stiffness; the face is a fan of triangles about its first
     vertex, ``vector (3,)`` its normal outward from the owner.
     """
     table, lines, slopes, normal = rooms[0], rooms[1], rooms[2], rooms[3]
@@ -67,8 +67,8 @@ def _trace_face(
     a = points[face_vertices[first]]
     for k in range(first + 1, face_offsets[f + 1] - 1):
         b, c = points[face_vertices[k]], points[face_vertices[k + 1]]
-        # 1. Normal and twice the area of the triangle, negative where it is turned against the face: in the
-        #    fan of a face that is not convex triangles overlap, and have to cancel.
+        # 1. Normal and twice the area of the triangle, negative if it is reversed relative to the face: in
+        # the fan of a nonconvex face triangles overlap and must cancel.
         x = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
         y = (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2])
         z = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
@@ -78,12 +78,12 @@ def _trace_face(
         if x * vector[0] + y * vector[1] + z * vector[2] < 0.0:
             size = -size
         area += 0.5 * size
-        # The derivative along the unit normal in coordinates of the box. Its sign does not matter.
+        # The derivative along the unit normal in box coordinates. Its sign does not matter.
         normal[0], normal[1] = scale * x / size / box[3], scale * y / size / box[4]
         normal[2] = scale * z / size / box[5]
         # 2. y = L⁻¹ ∂φ/∂n at the points of the triangle, with the weights of T_F: c = ωκ/2 inside, κ at the
-        #    boundary. Coefficients of triangles are numbered through all faces: those before f have a
-        #    triangle for each vertex but two.
+        # boundary. Triangles are numbered through all faces: each face before f has two triangles fewer
+        # than vertices.
         row = f if kappa.shape[2] == 1 else first - 2 * f + k - first - 1
         for q in range(len(weights)):
             at = min(q, kappa.shape[2] - 1)
@@ -106,11 +106,11 @@ def solid_penalties(
     points, face_offsets, face_vertices, face_cells, vectors, side_offsets, side_faces, side_cells, offsets,
     cell_sides, first_cell, boxes, scale, fill, blocks, held, kappa, rule, weights, orders, asked,
 ):  # fmt: skip
-    """Write the penalties s that cells ``first_cell``, ... need on their sides to ``asked (S, 2)``.
+    """Write the required penalties s of the sides of cells from ``first_cell`` on to ``asked (S, 2)``.
 
-    As ``side_penalties`` in ``trace_kernels``; only faces that are ``held`` count, and all faces of a side
-    have one s. ``kappa`` is the coefficient on both sides, of faces ``(F, 2, 1)`` or of the points of their
-    triangles ``(t, 2, q)``; ``vectors (F, 3)`` are normals outward from the owners.
+    As in ``side_penalties`` of ``trace_kernels``, but all faces of a side have one s; only ``held`` faces
+    count. ``kappa`` is the coefficient on both sides, per face ``(F, 2, 1)`` or per triangle point
+    ``(t, 2, q)``; ``vectors (F, 3)`` are normals outward from the owners.
     """
     n, n_cells, most = len(orders) - 1, len(offsets) - 1, most_faces(offsets)
     degree = orders[len(orders) - 1, 2]
@@ -120,13 +120,13 @@ def solid_penalties(
     for begin in range(0, n_cells, LANES):
         end, start = min(begin + LANES, n_cells), offsets[begin]
         for c in range(begin, end):
-            # 1. S = L Lᵀ, the stiffness without the constant. Where a pivot is rounding nothing can be said
-            #    of the cell: its sides get no forms.
+            # 1. S = L Lᵀ, the stiffness without the constant. If a pivot is rounding the cell is
+            # unresolved: its sides get no forms.
             for i in range(n):
                 for j in range(i + 1):
                     factor[i, j] = blocks[c, i + 1, j + 1]
             resolved[c] = factorise(factor, n, RESOLVED / fill[c])
-            # 2. The form of each side, the sum of those of its faces, and its area.
+            # 2. The form of each side, summed over its faces, and its area.
             for h in range(offsets[c], offsets[c + 1]):
                 s, k = cell_sides[h], h - start
                 areas[k] = 0.0
@@ -140,7 +140,7 @@ def solid_penalties(
                         points, face_offsets, face_vertices, f, vectors[f], side, side_cells[s, 1] < 0, kappa,
                         rule, weights, orders, boxes[c], scale[c], factor, tracing, forms[k],
                     )  # fmt: skip
-        # 3. s_F of all sides of these cells.
+        # 3. s_F for all sides of these cells.
         balance(
             offsets,
             cell_sides,

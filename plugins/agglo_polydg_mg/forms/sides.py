@@ -1,8 +1,9 @@
-"""Sides of cells: what two cells share is one side, however many faces it is made of.
+"""Sides of cells: the common boundary of two cells is one side, for any number of faces.
 
-An agglomerate has thousands of small faces, and some fifteen neighbours. In 3-D integrals over faces are
-added up per side before anything is made of them, and a side has one penalty. In 2-D edges that continue one
-another between two cells become one edge."""
+An agglomerate has thousands of small faces, and some fifteen neighbours. In 3-D face integrals are summed
+per side before further processing, and a side has one penalty. In 2-D collinear edges between two cells are
+merged into one edge.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ from agglo_core.authoring import Int, Mesh, frozen_int
 
 
 class Sides(NamedTuple):
-    """Sides of the cells of a mesh in 3-D, by cells.
+    """Sides of the cells of a 3-D mesh, grouped by cell.
 
     Attributes
     ----------
@@ -39,7 +40,9 @@ class Sides(NamedTuple):
 
 
 def sides_of(mesh: Mesh) -> Sides:
-    """The sides of a mesh in 3-D; at the boundary a cell has one for each direction its faces look to most.
+    """Return the sides of a 3-D mesh.
+
+    At the boundary a cell has one side per main direction of its face normals.
 
     Examples
     --------
@@ -56,10 +59,10 @@ def sides_of(mesh: Mesh) -> Sides:
 
 
 def with_straight_sides(mesh: Mesh) -> Mesh:
-    """The mesh, or if some of its edges continue one another between the same cells, that where they are one.
+    """Return the mesh with collinear edges between the same two cells merged.
 
-    What cells ask of the penalty of their sides then does not depend on how these are divided. Agglomerates
-    have such edges, other meshes nearly never: that is found out from the edges at each vertex.
+    The penalty required for the sides then does not depend on their subdivision. Agglomerates have such
+    edges, other meshes almost never: a test of the edges at each vertex decides.
     """
     if mesh.dim != 2 or not _has_runs(mesh):
         return mesh
@@ -68,7 +71,7 @@ def with_straight_sides(mesh: Mesh) -> Mesh:
 
 
 def _has_runs(mesh: Mesh) -> bool:
-    """Whether two edges with the same cells beside them meet at a vertex that no other has."""
+    """Return True if two edges between the same cells meet at a vertex without other edges."""
     degree = np.bincount(mesh.face_vertices, minlength=mesh.n_points)
     pairs = mesh.face_pairs
     lone = np.flatnonzero((degree[pairs] == 2).any(axis=1))

@@ -1,6 +1,6 @@
 """Kernels of the sharp penalty in 2-D: the trace inverse inequality of each cell.
 
-Either at once, whatever κ; or in two parts where κ is one number in each cell: what is geometry alone is
+They compute it directly for any κ, or in two steps if κ is constant in each cell: the geometric part is
 kept, and scaled by each κ.
 """
 
@@ -12,18 +12,18 @@ from agglo_core.authoring import helper, kernel
 from agglo_polydg_mg.forms.form_kernels import balance, balancing, factorise, most_faces, whiten
 from agglo_polydg_mg.space.legendre_kernels import CONSTANT, LANES, along_box, recurrences
 
-# Ratio of a Cholesky pivot to its diagonal entry, times the part of its box a cell fills, below which the
-# stiffness of a cell counts as singular. Smaller lets rounding decide the penalty, larger gives more cells
-# the safe constants of triangles, which are larger than need be.
+# Ratio of a Cholesky pivot to its diagonal entry, times the cell's fraction of its box, below which the
+# stiffness of a cell counts as singular. A smaller value lets rounding decide the penalty, a larger value
+# gives more cells the safe triangle constants, which are larger than necessary.
 RESOLVED = 1e-10
 
 
 @helper
 def _normal_slopes(x, y, along_x, along_y, table, lines, slopes, q):
-    """Write normal derivatives of the polynomials except the constant at a point of the box to ``slopes[q]``.
+    """Write normal derivatives of all nonconstant polynomials at a point of the box to ``slopes[q]``.
 
-    ``along_x`` and ``along_y`` are the coefficients of ∂/∂x̂ and ∂/∂ŷ; ``lines (4, degree + 1)`` is workspace
-    for the polynomials in x̂ and ŷ, then their derivatives.
+    ``along_x`` and ``along_y`` are the coefficients of ∂/∂x̂ and ∂/∂ŷ; ``lines (4, degree + 1)`` is
+    workspace for the polynomials in x̂ and ŷ, then their derivatives.
     """
     degree = table.shape[1]
     # L_k and L'_k along both axes, by the recurrences in a, b and c, d.
@@ -59,7 +59,7 @@ def _face_form(slopes, masses, n, forms, face):
 
 @helper(allocates=True)
 def _tracing(rules, degree, n):
-    """Workspace of :func:`_trace`, and the recurrences of its polynomials."""
+    """Return the workspace of :func:`_trace`, and its polynomial recurrences."""
     return (
         recurrences(degree), np.empty((4, degree + 1)), np.empty((rules, n)), np.empty(rules),
         np.empty((n, n)),
@@ -73,13 +73,14 @@ def _trace(
 ):  # fmt: skip
     """Write the form of each face h of cells ``begin`` to ``end`` to ``forms[h - base]``.
 
-    It is L⁻¹ T_F L⁻ᵀ with the Cholesky factor L of the stiffness S without the constant, for which T_F is 0.
-    ``lengths`` are those of the faces, counted from the first of these cells; 0 where there is no form.
+    It is L⁻¹ T_F L⁻ᵀ with the Cholesky factor L of the stiffness S without the constant, for which T_F is
+    0. ``lengths`` receives the face lengths, counted from the first of these cells; 0 for faces without
+    form.
     """
     table, lines, slopes, masses, factor = rooms
     start = offsets[begin]
     for c in range(begin, end):
-        # 1. S = L Lᵀ. Where a pivot is rounding nothing can be said of the cell.
+        # 1. S = L Lᵀ. If a pivot is rounding the cell is unresolved.
         for i in range(n):
             for j in range(i + 1):
                 factor[i, j] = blocks[c, i + 1, j + 1]
@@ -89,8 +90,8 @@ def _trace(
             lengths[k] = 0.0
             if not (resolved[c] and held[f]):
                 continue
-            # 2. The face in the box of the cell mapped to [−1, 1]²: its first vertex, the step to the second,
-            #    and the normal derivative as a combination of ∂/∂x̂ and ∂/∂ŷ. Its sign does not matter.
+            # 2. Map the face to the box [−1, 1]² of the cell: its first vertex, the step to the second, and
+            # the normal derivative as a combination of ∂/∂x̂ and ∂/∂ŷ. Its sign does not matter.
             a, b = face_vertices[f, 0], face_vertices[f, 1]
             ex, ey = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
             length = np.sqrt(ex * ex + ey * ey)
@@ -122,19 +123,19 @@ def side_penalties(
     points, offsets, faces, face_vertices, face_cells, first_cell, held, boxes, scale, fill, blocks, kappa,
     nodes, weights, degree, asked,
 ):  # fmt: skip
-    """Write the penalties s that cells ``first_cell``, ... need on their faces to ``asked (F, 2)``.
+    """Write the required penalties s of the faces of cells from ``first_cell`` on to ``asked (F, 2)``.
 
     With S the stiffness ``blocks (n, m, m)`` without the constant and T_F = ∫_F c ∂v/∂n ∂w/∂n, c = ωκ/2
-    inside and κ at the boundary, ω the weight of the cell in the average: Σ_F T_F / s_F <= S. The
-    result ``(n,)`` is False for cells whose S is singular to rounding: they ask for nothing. Faces that are
-    not ``held`` have no penalty. ``fill (n,)`` is the part of its bounding box a cell fills;
+    inside and κ at the boundary, ω the cell's weight in the average: Σ_F T_F / s_F <= S. The result
+    ``(n,)`` is False for cells whose S is singular to rounding: they require nothing. Only ``held`` faces
+    have a penalty. ``fill (n,)`` is the fraction of its bounding box that a cell fills;
     ``kappa (F, 2, 1 or q)`` the coefficient on both sides, ``nodes`` and ``weights (q,)`` a Gauss rule.
     """
     n, n_cells, most = (degree + 1) * (degree + 2) // 2 - 1, len(offsets) - 1, most_faces(offsets)
     resolved, forms = np.ones(n_cells, np.bool_), np.zeros((most, (n * (n + 1)) // 2 + 1))
     lengths, shares = np.empty(most), np.ones(most)
     tracing, rooms = _tracing(len(nodes), degree, n), balancing(most, n)
-    # A round of cells at a time: their forms, then the penalties that they need.
+    # One batch of cells at a time: their forms, then the required penalties.
     for begin in range(0, n_cells, LANES):
         end, start = min(begin + LANES, n_cells), offsets[begin]
         _trace(
@@ -153,9 +154,9 @@ def whitened_forms(
     points, offsets, faces, face_vertices, face_cells, first_cell, held, boxes, scale, fill, blocks, kappa,
     nodes, weights, degree, forms,
 ):  # fmt: skip
-    """Write the forms that :func:`side_penalties` makes to ``forms (h, k)``, with the result of that kernel.
+    """Write the forms of :func:`side_penalties` to ``forms (h, k)``, and return the mask of resolved cells.
 
-    T_F of each face h of the list, whitened by the stiffness: the lower half, row by row, and its trace.
+    T_F of each list face h, whitened by the stiffness: the lower half, row by row, and its trace.
     """
     n, n_cells, most = (degree + 1) * (degree + 2) // 2 - 1, len(offsets) - 1, most_faces(offsets)
     resolved, lengths, rooms = np.ones(n_cells, np.bool_), np.empty(most), _tracing(len(nodes), degree, n)
@@ -174,15 +175,15 @@ def scaled_penalties(
 ):  # fmt: skip
     """Write the penalties of :func:`side_penalties` for ``kappa (n,)``, from :func:`whitened_forms`.
 
-    The ``forms`` and ``resolved`` are those of all cells, for c = κ = 1. As S is proportional to κ, the
-    whitened form of a face is c / κ times that: (1/2) κ' / (κ + κ') inside, 1 at the boundary.
+    ``forms`` and ``resolved`` cover all cells, for c = κ = 1. As S is proportional to κ, the whitened form
+    of a face is scaled by c / κ: (1/2) κ' / (κ + κ') inside, 1 at the boundary.
     """
     n, n_cells, most = (degree + 1) * (degree + 2) // 2 - 1, len(offsets) - 1, most_faces(offsets)
     lengths, shares, rooms = np.empty(most), np.empty(most), balancing(most, n)
     for begin in range(0, n_cells, LANES):
         end, start = min(begin + LANES, n_cells), offsets[begin]
         for c in range(begin, end):
-            # c / κ for each face; a length of 0 means that the face has no form.
+            # c / κ for each face; length 0 means that the face has no form.
             cell = first_cell + c
             for h in range(offsets[c], offsets[c + 1]):
                 f, k = faces[h], h - start

@@ -1,4 +1,4 @@
-"""Matrix parts for κ = 1, which a coefficient only scales, kept from one problem to the next."""
+"""Matrix parts for κ = 1, which a coefficient only scales, kept between problems."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from agglo_core.authoring import Field, Float, frozen_float, over_ranges
 from agglo_polydg_mg.space.basis import Basis, stiffness
 from agglo_polydg_mg.space.gauss_points import gauss
 
-_FEW: Final = 2_000  # cells or faces one thread looks at in some milliseconds
+_FEW: Final = 2_000  # cells or faces; one thread takes some milliseconds for them
 _MOST: Final = 2**31
-"""Bytes kept at most; a basis needs about twice those of its matrix, 2.5 kB for a triangle with p = 2."""
+"""Memory limit in bytes; a basis needs about twice the matrix size, 2.5 kB per triangle with p = 2."""
 
 
 @dataclass(frozen=True, eq=False)
 class UnitForms:
-    """Parts of the matrices of a basis that do not depend on κ, where it is one number in each cell.
+    """Matrix parts of a basis that do not depend on κ, if κ is constant in each cell.
 
-    Of a face, κ scales its block by the harmonic mean of both sides, and what its cells ask of its penalty by
-    the share κ of the other side has in their sum; of a cell, its stiffness. They are made when first asked
-    for; not for a basis so large that they do not ``fit``.
+    For a face, κ scales its block by the harmonic mean of both sides, and the required penalty by κ of the
+    other side over the sum; for a cell, κ scales its stiffness. The parts are computed on first use, unless
+    the basis is so large that they do not ``fit``.
     """
 
     basis: Basis
 
     @property
     def fit(self) -> bool:
-        """Whether there are any, which is so in 2-D, and all together take 2 GiB or less."""
+        """True in 2-D if all parts together take 2 GiB or less."""
         if self.basis.mesh.dim != 2:
             return False
         m, mesh = self.basis.n_local, self.basis.mesh
@@ -39,12 +39,12 @@ class UnitForms:
 
     @cached_property
     def stiffness(self) -> Float:
-        """That of :func:`~agglo_polydg_mg.space.basis.stiffness` ``(n_cells, m, m)``."""
+        """The :func:`~agglo_polydg_mg.space.basis.stiffness` ``(n_cells, m, m)`` for κ = 1."""
         return frozen_float(stiffness(self.basis, 1.0))
 
     @cached_property
     def faces(self) -> Float:
-        """Blocks of the faces ``(n_faces, 2, m (2 m + 1))``: see ``unit_faces`` in ``face_kernels``."""
+        """Face blocks ``(n_faces, 2, m (2 m + 1))``, see ``unit_faces`` in ``face_kernels``."""
         from agglo_polydg_mg.forms.face_kernels import unit_faces
 
         basis, mesh = self.basis, self.basis.mesh
@@ -60,7 +60,7 @@ class UnitForms:
 
     @cached_property
     def _whitened(self) -> tuple[Float, np.ndarray]:
-        """Forms of normal derivatives, and which cells ``(n_cells,)`` have any: see ``whitened_forms``."""
+        """Normal derivative forms, and a mask of resolved cells ``(n_cells,)``: see ``whitened_forms``."""
         from agglo_polydg_mg.forms.trace_kernels import whitened_forms
 
         basis, mesh, m = self.basis, self.basis.mesh, self.basis.n_local
@@ -72,7 +72,7 @@ class UnitForms:
         forms = np.zeros((len(faces), (m - 1) * m // 2 + 1))
         of_cells, rule = (basis.boxes, basis.scale, basis.fill, self.stiffness), gauss(basis.degree)
         held, ones = np.ones(mesh.n_faces, bool), np.where(mesh.face_cells[:, 1] < 0, 1.0, 4.0)
-        on_faces = frozen_float(np.stack((ones, ones), axis=1)[:, :, None])  # of which ωκ/2 = 1
+        on_faces = frozen_float(np.stack((ones, ones), axis=1)[:, :, None])  # gives ωκ/2 = 1
 
         def write(start: int, stop: int) -> np.ndarray:
             own = [each[start:stop] for each in of_cells]
@@ -83,9 +83,9 @@ class UnitForms:
         return frozen_float(forms), resolved
 
     def asked(self, kappa: Field, held: np.ndarray) -> tuple[Float, np.ndarray]:
-        """What cells ask of the faces that are ``held``, for κ ``(n_cells,)``, and which of them can.
+        """Return cell requirements for the ``held`` faces with κ ``(n_cells,)``, and a resolved mask.
 
-        ``(n_faces, 2)`` and ``(n_cells,)``, as ``side_penalties`` in ``trace_kernels`` has them.
+        Their shapes are ``(n_faces, 2)`` and ``(n_cells,)``; see ``side_penalties`` in ``trace_kernels``.
         """
         from agglo_polydg_mg.forms.trace_kernels import scaled_penalties
 

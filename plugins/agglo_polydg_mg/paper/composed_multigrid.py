@@ -1,4 +1,4 @@
-"""Multigrid put together by the user, its parts, its cycle and the iteration around it by name."""
+"""Compose a multigrid solver from named parts, a cycle and an outer iteration."""
 
 from __future__ import annotations
 
@@ -39,30 +39,32 @@ from agglo_polydg_mg.polydg import PolyDG
 
 
 class ComposedMultigrid:
-    """PolyDG, or a linear system, by a multigrid method whose parts are chosen one by one.
+    """Solve PolyDG or linear systems by multigrid with user-chosen parts.
 
     Parameters
     ----------
     degree : int
-        Of the polynomials, 1..6.
+        Polynomial degree, 1..6.
     transfer : str, object with ``prolongation``, or callable
-        ``smoothed``, ``injection``, ``aggregation`` or another component of kind ``transfer``; these parts
-        are those of :class:`agglo_core.multigrid.Composition`.
+        ``smoothed``, ``injection``, ``aggregation`` or another component of kind ``transfer``. Parts
+        are documented in :class:`agglo_core.multigrid.Composition`.
     coarse_operator : str, object with ``coarse_matrix``, or callable
         ``galerkin``, ``rediscretised`` or another component of kind ``coarse_operator``.
     smoother : str, object with ``setup``, or callable
-        Component of kind ``smoother``: ``gauss_seidel``, ``chebyshev``, ``vertex_patches``, ``schwarz``, ….
+        Component of kind ``smoother``: ``gauss_seidel``, ``chebyshev``, ``vertex_patches``,
+        ``schwarz``, ….
     coarse_solver : str, object with ``solver_for``, or callable
         ``elimination``, ``dense``, ``lu`` or another component of kind ``coarse_solver``.
     cycle : "V", "W", "F" or "K"
         F is not symmetric and K not linear; see :func:`agglo_core.multigrid.cycle`.
     outer : "cg", "flexible_cg" or "stationary"
-        Conjugate gradients, for a cycle that is linear and symmetric; such as bear with one that is not; or
-        the cycle alone, repeated.
+        Conjugate gradients, for a linear and symmetric cycle; flexible conjugate gradients, for any
+        cycle; or the repeated cycle alone.
     smoothing_steps : int
-        Before and after each correction by the next level.
+        Steps before and after each coarse correction.
     levels : int, optional
-        How many of mesh, level 0, 1, … to use; by default all. The last one is solved directly.
+        Number of levels to use out of mesh, level 0, 1, …; by default all. The last level is solved
+        directly.
     tolerance : float
     max_iterations : int
     penalty : float, "paper" or "sharp"
@@ -70,10 +72,10 @@ class ComposedMultigrid:
     scaled_basis : bool
         Scale the basis by the size of each cell's bounding box.
     corrections : bool
-        Whether smoothers that use it are given the correction by the next level. Its matrices are inherited,
-        Pᵀ A P from the mesh down, whatever the coarse operator.
+        Pass the correction by the next level to smoothers that use it. Its matrices are inherited, Pᵀ A
+        P from the mesh down, for any coarse operator.
     registry : Registry, optional
-        Where names are looked up; by default that of the program.
+        Registry for names; by default the program's.
 
     Raises
     ------
@@ -125,26 +127,30 @@ class ComposedMultigrid:
 
     @property
     def galerkin(self) -> bool:
-        """Whether coarse matrices are Pᵀ A P."""
+        """True if coarse matrices are Pᵀ A P."""
         return self.composition.galerkin
 
     def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
-        """Solve; ``converged`` and ``reason`` say how it ended, ``choice`` names the parts.
+        """Solve a problem on a hierarchy.
+
+        ``converged`` and ``reason`` of the solution state the outcome, ``choice`` names the parts.
 
         Raises
         ------
         OptionError
-            If problem, hierarchy and parts do not fit together, no level is coarser than the mesh, data are
-            not finite, or the cycle is not linear and symmetric where ``outer`` is ``cg``.
+            If problem, hierarchy and parts do not fit together, no level is coarser than the mesh, data
+            are not finite, or the cycle is not linear and symmetric with ``outer`` ``cg``.
         MeshError
-            For a mesh of cells that overlap themselves; for such agglomerates if rediscretised.
+            For a mesh with self-overlapping cells; for such agglomerates if rediscretised.
         """
+        # 1. Assemble the system and the level spaces
         watch = solvers.Stopwatch()
         labels = solvers.chosen_levels(hierarchy, self.levels)
         with watch("assemble"), phase(progress, "assembling"):
             spaces = level_spaces(problem, hierarchy, labels, self.discretisation)
         fine, parts = spaces.fine, self.parts_for(problem)
         choice = f"{parts.title}, {self.cycle}-cycle, {self.outer}"
+        # 2. Set up the levels and the cycle
         try:
             with watch("setup"), phase(progress, "setting up the levels") as tell:
                 stack = self._stack(parts, spaces, labels, tell)
@@ -154,6 +160,7 @@ class ComposedMultigrid:
             history = solvers.unsolved(fine.b, str(failure))
             nothing = fine.solution(history, [(fine.A, None)], watch, self.tolerance)
             return replace(nothing, choice=choice)
+        # 3. Iterate
         with watch("solve"), phase(progress, "solving") as tell:
             history = iterate(self.outer, fine, M, self.tolerance, self.max_iterations, tell)
         return replace(
@@ -166,16 +173,16 @@ class ComposedMultigrid:
         )
 
     def parts_for(self, problem: Problem) -> multigrid.Composition:
-        """The parts for a problem."""
+        """Return the parts for a problem."""
         return self.composition
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:
-        """One cycle ``(n, n)``; symmetric where ``outer`` is ``cg``.
+        """Return one cycle ``(n, n)``, symmetric if ``outer`` is ``cg``.
 
         Raises
         ------
         OptionError, MeshError
-            As :meth:`solve`; and if the matrix is not positive definite.
+            See :meth:`solve`; also if the matrix is not positive definite.
         """
         labels = solvers.chosen_levels(hierarchy, self.levels)
         spaces = level_spaces(problem, hierarchy, labels, self.discretisation)

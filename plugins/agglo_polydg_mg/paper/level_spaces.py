@@ -1,4 +1,4 @@
-"""The system on the mesh, and the spaces of the multigrid levels."""
+"""Build the system on the mesh and the spaces of the multigrid levels."""
 
 from __future__ import annotations
 
@@ -32,18 +32,18 @@ from agglo_polydg_mg.space.basis import Basis
 
 @dataclass(frozen=True, eq=False)
 class LevelSpaces:
-    """System of the mesh, and the spaces of the coarse levels, finest first.
+    """System on the mesh, and spaces of the coarse levels, finest first.
 
     Attributes
     ----------
     fine : solvers.FineSystem
     system : System
-        The same, as compositions of multigrid parts take it.
+        The system in the form for compositions of multigrid parts.
     injected : list of sparse
-        Coarse functions on the next finer level: as they are, or their L2 projections where levels do not
-        nest.
+        Coarse functions on the next finer level: injected, or L2-projected if the levels are not
+        nested.
     rediscretised : list of callables, optional
-        Each makes the matrix of a coarse level; None for a linear system.
+        Each returns the matrix of a coarse level; None for a linear system.
     """
 
     fine: solvers.FineSystem
@@ -53,27 +53,29 @@ class LevelSpaces:
 
 
 def level_spaces(problem: Problem, hierarchy: Hierarchy, labels: Sequence[Int], how: PolyDG) -> LevelSpaces:
-    """A problem on all levels: its system on the mesh, and the spaces of the coarse levels.
+    """Build the system on the mesh and the coarse spaces for a problem.
 
     Parameters
     ----------
     labels : sequence of (n_cells,) int
-        Of the coarse levels, finest first. Of a diffusion problem coarse unknowns are polynomials on the
-        agglomerates, of a linear system constants, one for each unknown of a cell.
+        Labels of the coarse levels, finest first. For a diffusion problem coarse unknowns are
+        polynomials on the agglomerates, for a linear system constants, one per unknown of a cell.
 
     Raises
     ------
     OptionError
-        As :func:`~agglo_core.solvers.fine_system.fine_system`.
+        See :func:`~agglo_core.solvers.fine_system.fine_system`.
     MeshError
-        For a mesh of cells that overlap themselves; what rediscretises for agglomerates that do.
+        For a mesh with self-overlapping cells; a callable in ``rediscretised``, for such agglomerates.
     """
     fine = solvers.fine_system(problem, hierarchy, how)
     offsets = frozen_int(np.arange(0, fine.A.shape[0] + 1, fine.width))
+    # Linear systems: piecewise constants
     if isinstance(problem, Linear):
         near_null = None if problem.near_null is None else _columns(problem.near_null)
         system = System.trusted(fine.A, fine.b, offsets, hierarchy.fine, near_null)
         return LevelSpaces(fine, system, _constant_prolongations(hierarchy, labels, fine.width))
+    # Diffusion problems: polynomials on the mesh and its agglomerates
     mesh = solvers.own_mesh(hierarchy)
     meshes = [mesh.coarsen(each) for each in labels]
     bases = [how.basis(each) for each in (mesh, *meshes)]
@@ -93,7 +95,7 @@ def _columns(vectors: Any) -> Float:
 def _coarse_matrix(how: PolyDG, problem: Problem, mesh: Mesh, labels: Int, coarse: Mesh) -> Any:
     try:
         return how.assemble(corrections(problem, mesh, labels), coarse).A
-    except MeshError as error:  # a mesh whose cells overlap a little works on its own cells
+    except MeshError as error:  # the mesh itself may work although its agglomerates overlap
         raise MeshError(
             f"on the level of {coarse.n_cells} agglomerates: {error} (operators='inherited', or "
             "coarse_operator='galerkin', does not need it)"

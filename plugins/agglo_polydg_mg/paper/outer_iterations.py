@@ -1,4 +1,4 @@
-"""The iterations around a multigrid cycle, by name."""
+"""Outer iterations around a multigrid cycle, by name."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ OUTER: Final = ("cg", "flexible_cg", "stationary")
 
 _WAY_OUT: Final = "take outer=flexible_cg or outer=stationary"
 _ROUNDING: Final = 1e-7
-"""What two products may differ by, relative to their factors."""
+"""Tolerance for equality of two products, relative to their factors."""
 
 
 def require_together(cycle: str, outer: str) -> None:
-    """Raise OptionError for a cycle that the outer iteration cannot use."""
+    """Raise OptionError if the outer iteration cannot use the cycle."""
     if outer == "cg" and cycle in ("F", "K"):
         how = "not symmetric" if cycle == "F" else "not linear"
         raise OptionError(f"conjugate gradients cannot use the {cycle}-cycle, which is {how}: {_WAY_OUT}")
 
 
 def require_linear(M: LinearOperator, made_of: str) -> None:
-    """Raise OptionError if a cycle is not linear and symmetric, as conjugate gradients need it.
+    """Raise OptionError unless a cycle is linear and symmetric, as conjugate gradients require.
 
     Parameters
     ----------
     M : (n, n) LinearOperator
-        Tried on three vectors.
+        Tested on three vectors.
     made_of : str
-        What it is made of, for the message.
+        Description of the cycle for the message.
     """
     u, v = np.random.default_rng(1).standard_normal((2, M.shape[0]))
     Mu, Mv, both = M @ u, M @ v, M @ (2.0 * u - 3.0 * v)
@@ -59,15 +59,16 @@ def iterate(
     most: int,
     tell: Tell = to_nobody,
 ) -> History:
-    """Solve the system on the mesh from 0, with a cycle M for the approximate inverse.
+    """Solve the system on the mesh from 0, with a cycle M as approximate inverse.
 
-    Converged is said where both the residual and an estimate of the energy error are ``tolerance`` or less.
+    The solution counts as converged if both the residual and an estimate of the energy error are at
+    most ``tolerance``.
 
     Parameters
     ----------
     outer : "cg", "flexible_cg" or "stationary"
-        Conjugate gradients, for an M that is linear and symmetric; :class:`FlexibleSteps`, for any; or
-        x + M (b − A x).
+        Conjugate gradients, for a linear and symmetric M; :class:`FlexibleSteps`, for any; or x + M (b
+        − A x).
     """
     if outer == "cg":
         return pcg(
@@ -90,10 +91,11 @@ def _added(A: Any, M: LinearOperator) -> Step:
 
 
 class FlexibleSteps:
-    """Steps ``(b, x)`` to the next x of flexible conjugate gradients, for a cycle that need not be linear.
+    """Iterate flexible conjugate gradients, for a cycle that may be nonlinear.
 
-    Each direction is made conjugate to the one before, the step is the best along it: FCG(1) of Notay, SIAM
-    J. Sci. Comput. 22 (2000). Meant for one iteration, each x being that of the last step.
+    Maps ``(b, x)`` to the next x. Each direction is made conjugate to the previous direction, and the
+    step minimises along it: FCG(1), Notay, SIAM J. Sci. Comput. 22 (2000). An instance serves a single
+    iteration: each x must be the result of the last step.
     """
 
     def __init__(self, A: Any, M: LinearOperator) -> None:
@@ -101,12 +103,21 @@ class FlexibleSteps:
         self._last: tuple[Float, Float, float] | None = None
 
     def __call__(self, b: Float, x: Float) -> Float:
-        """Return the next x ``(n,)``; LinAlgError if the matrix turns out not to be positive definite."""
+        """Return the next x ``(n,)``.
+
+        Raises
+        ------
+        LinAlgError
+            If the matrix proves not to be positive definite.
+        """
+        # 1. Preconditioned residual
         r = b - self._A @ x if x.any() else b
         p = self._M @ r
+        # 2. Make the direction conjugate to the last direction
         if self._last is not None:
             before, image, size = self._last
             p = p - ((p @ image) / size) * before
+        # 3. Minimise along the direction
         Ap = self._A @ p
         curvature = float(p @ Ap)
         if not curvature > 0.0:

@@ -24,49 +24,51 @@ from agglo_polydg_mg.paper.schwarz import SmootherMaker, Solve, smoother_of
 
 
 class PaperMultigrid(ComposedMultigrid):
-    """The paper's choice of parts for :class:`~agglo_polydg_mg.paper.composed_multigrid.ComposedMultigrid`.
+    """Solve by V-cycles with the parts of the paper.
 
-    V-cycles from zero until the residual has fallen below ``tolerance`` times the right-hand side.
-
-    :class:`~agglo_core.solvers.residual_measure.ResidualMeasure` says how residuals are measured where
-    the coefficient is not constant, so that no contrast hides them.
+    The cycles start from zero and repeat until the residual is below ``tolerance`` times the right-hand
+    side. If the coefficient is not constant,
+    :class:`~agglo_core.solvers.residual_measure.ResidualMeasure` defines the residual norm, so that no
+    contrast hides residuals. The general class is
+    :class:`~agglo_polydg_mg.paper.composed_multigrid.ComposedMultigrid`.
 
     Parameters
     ----------
     degree : int
-        Of the polynomials, 1..6.
+        Polynomial degree, 1..6.
     smoothing_steps : int
-        Before and after each coarse correction.
+        Steps before and after each coarse correction.
     levels : int, optional
-        How many of mesh, level 0, 1, … to use; by default all. The last one is solved directly.
+        Number of levels to use out of mesh, level 0, 1, …; by default all. The last level is solved
+        directly.
     tolerance : float
     max_iterations : int
     penalty : float, "paper" or "sharp"
-        Of jumps: the constant C, ``paper`` for C = 10, or ``sharp``, see
+        Jump penalty: the constant C, ``paper`` for C = 10, or ``sharp``, see
         :class:`~agglo_polydg_mg.polydg.PolyDG`.
     scaled_basis : bool
         Scale the basis by the size of each cell's bounding box. The paper does not.
     operators : "rediscretised" or "inherited"
-        Coarse matrices: discretised on the agglomerates as in the paper, or Pᵀ A P. Those of a
-        :class:`~agglo_core.problems.Linear` problem are always inherited.
+        Coarse matrices: discretised on the agglomerates as in the paper, or Pᵀ A P. A
+        :class:`~agglo_core.problems.Linear` problem always inherits them.
     smoother : str, object with ``setup``, or callable
-        Name of a component of kind ``smoother``, such as ``"schwarz"`` (conjugate gradients preconditioned
-        by additive Schwarz as in the paper) and ``"block_jacobi"``; a
-        :class:`~agglo_core.protocols.Smoother`; or a function that makes one from the same arguments as
-        :func:`~agglo_polydg_mg.paper.schwarz.schwarz`.
+        Name of a component of kind ``smoother``, for example ``"schwarz"`` (conjugate gradients
+        preconditioned by additive Schwarz as in the paper) or ``"block_jacobi"``; a
+        :class:`~agglo_core.protocols.Smoother`; or a function with the arguments of
+        :func:`~agglo_polydg_mg.paper.schwarz.schwarz` that returns a smoother.
     schwarz_coarse : bool
-        Whether smoothers that use it get the correction of the next level. The coarse matrix of this
-        correction is inherited whatever ``operators`` says, as in the paper's experiments.
+        Pass the correction by the next level to smoothers that use it. The coarse matrix of this
+        correction is inherited for any ``operators``, as in the paper's experiments.
     coarse_solver : str, object with ``solver_for``, or callable
-        Name of a component of kind ``coarse_solver``, such as ``"lu"``, ``"dense"`` and ``"elimination"``; a
-        :class:`~agglo_core.multigrid.CoarseSolver`; or a function that makes a solver from a matrix.
+        Name of a component of kind ``coarse_solver``, for example ``"lu"``, ``"dense"`` or
+        ``"elimination"``; a :class:`~agglo_core.multigrid.CoarseSolver`; or a function that maps a
+        matrix to a solver.
     registry : Registry, optional
-        Where the name of a smoother is looked up; by default that of the program.
+        Registry for the name of the smoother; by default the program's.
 
     Notes
     -----
-    The paper's smoother makes the cycle a nonlinear map: it cannot precondition conjugate
-    gradients.
+    The paper's smoother makes the cycle a nonlinear map: it cannot precondition conjugate gradients.
     """
 
     def __init__(
@@ -111,14 +113,18 @@ class PaperMultigrid(ComposedMultigrid):
         )
 
     def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
-        """Solve by V-cycles; ``converged`` and ``reason`` say how it ended; ``progress`` is told the phases.
+        """Solve by V-cycles.
+
+        ``converged`` and ``reason`` of the solution state the outcome; ``progress`` receives the
+        phases.
 
         Raises
         ------
         OptionError
-            If problem and hierarchy do not fit, no level is coarser than the mesh, or data are not finite.
+            If problem and hierarchy do not fit, no level is coarser than the mesh, or data are not
+            finite.
         MeshError
-            For a mesh of cells or agglomerates that overlap themselves; in 3-D, that are not convex.
+            For a mesh with self-overlapping cells or agglomerates; in 3-D, with nonconvex ones.
         """
         solution = super().solve(problem, hierarchy, progress)
         if solution.converged or solution.iterations >= self.max_iterations:
@@ -128,16 +134,16 @@ class PaperMultigrid(ComposedMultigrid):
         return replace(solution, reason=f"{solution.reason}; {way_out}")
 
     def parts_for(self, problem: Problem) -> multigrid.Composition:
-        """The parts for a problem: matrices of a linear system are always inherited."""
+        """Return the parts for a problem. A linear system always inherits its coarse matrices."""
         return self._inherited if isinstance(problem, Linear) else self.composition
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> NoReturn:
-        """Refuse: with conjugate gradients for a smoother the cycle is not linear.
+        """Raise OptionError: conjugate gradients as a smoother make the cycle nonlinear.
 
         Raises
         ------
         OptionError
-            Always; says what to take instead.
+            Always; the message names alternatives.
         """
         raise OptionError(
             "the paper's cycle cannot precondition Krylov methods: its smoother, some steps of conjugate "

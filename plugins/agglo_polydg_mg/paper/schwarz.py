@@ -1,4 +1,4 @@
-"""The paper's smoother, conjugate gradients preconditioned by additive Schwarz, and the component of it."""
+"""The paper's smoother component: conjugate gradients preconditioned by additive Schwarz."""
 
 from __future__ import annotations
 
@@ -15,26 +15,28 @@ from agglo_core.authoring import Float, Int, Member, MultigridLevel, Registry, S
 from agglo_polydg_mg.auxiliary.transfer import diagonal_blocks
 
 Solve = Callable[[Float], Float]
-"""Maps a right-hand side or residual ``(n,)`` to a solution or correction ``(n,)``."""
+"""Map from a right-hand side or residual ``(n,)`` to a solution or correction ``(n,)``."""
 Smooth = Callable[[Float, Float], Float]
-"""Maps ``(b, x)`` to a better x."""
+"""Map from ``(b, x)`` to a better x."""
 SmootherMaker = Callable[[Any, Solve, Solve | None, int], Smooth]
-"""Makes a smoother from matrix, solve in the parts, correction of the next level, number of steps."""
+"""Factory for smoothers from matrix, local solve, correction by the next level, number of steps."""
 
 
 def pcg_steps(A: Any, b: Float, x: Float, precondition: Solve, steps: int) -> Float:
-    """``x (n,)`` after some steps of preconditioned conjugate gradients, restarted.
+    """Return ``x (n,)`` after some restarted steps of preconditioned conjugate gradients.
 
     Raises
     ------
     LinAlgError
-        If matrix or preconditioner turn out not to be positive definite.
+        If matrix or preconditioner prove not to be positive definite.
     """
+    # 1. Residual and first direction
     r = b - A @ x if x.any() else b
     if not r.any():
         return x
     z = precondition(r)
     p, rho = z, float(r @ z)
+    # 2. Steps: minimise along p, update residual and direction
     for step in range(steps):
         Ap = A @ p
         curvature = float(p @ Ap)
@@ -52,7 +54,7 @@ def pcg_steps(A: Any, b: Float, x: Float, precondition: Solve, steps: int) -> Fl
 
 
 def block_jacobi(A: Any, width: int) -> Solve:
-    """Exact solve with the diagonal blocks of each cell.
+    """Return an exact solver for the diagonal block of each cell.
 
     Raises
     ------
@@ -68,21 +70,26 @@ def _equal_blocks(inverses: Float, r: Float) -> Float:
 
 
 def local_solve(A: Any, block_offsets: Int) -> Solve:
-    """Exact solve with the diagonal blocks ``block_offsets[k]:block_offsets[k + 1]`` of any sizes.
+    """Return an exact solver for diagonal blocks with any sizes.
+
+    Block k covers the unknowns ``block_offsets[k]:block_offsets[k + 1]``.
 
     Raises
     ------
     LinAlgError
         If a block is singular.
     """
+    # 1. Equal sizes: a single stack
     sizes = np.diff(block_offsets)
     if len(sizes) and sizes.min() == sizes.max() > 0:
         return block_jacobi(A, int(sizes[0]))
+    # 2. Entries inside the diagonal blocks
     entries = sparse.coo_array(A)
     row, column = entries.coords
     block = np.repeat(np.arange(len(sizes)), sizes)
     inside = block[row] == block[column]
     row, column, values = row[inside], column[inside], entries.data[inside]
+    # 3. Invert the blocks, one stack per size
     groups = []
     for size in np.unique(sizes[sizes > 0]).tolist():
         chosen = np.flatnonzero(sizes == size)
@@ -105,20 +112,21 @@ def _grouped_blocks(groups: Sequence[tuple[Int, Float]], r: Float) -> Float:
 
 
 def schwarz(A: Any, local: Solve, coarse: Solve | None, steps: int) -> Smooth:
-    """The paper's smoother: ``steps`` of conjugate gradients, preconditioned by additive Schwarz.
+    """Return the paper's smoother: conjugate gradients preconditioned by additive Schwarz.
 
     Parameters
     ----------
     A : sparse
     local : callable
-        Solves in the subdomains, here the cells; see :func:`block_jacobi`.
+        Solves on the subdomains, here the cells; see :func:`block_jacobi`.
     coarse : callable, optional
-        Adds the correction of the next level.
+        Adds the correction by the next level.
     steps : int
+        Number of steps.
 
     Notes
     -----
-    What the steps do depends on ``b`` and ``x``: the smoother is nonlinear.
+    The steps depend on ``b`` and ``x``: the smoother is nonlinear.
     """
     return partial(_steps, A, partial(_added, local, coarse), steps)
 
@@ -132,20 +140,26 @@ def _steps(A: Any, precondition: Solve, steps: int, b: Float, x: Float) -> Float
 
 
 class Schwarz:
-    """The paper's smoother: conjugate gradients preconditioned by additive Schwarz, restarted in each call.
+    """Smooth by conjugate gradients with additive Schwarz, restarted in each call (the paper's smoother).
 
-    Blocks of the parts and the correction of the next level belong to the inherited matrices, as in the
-    paper's experiments. What the steps do depends on ``b`` and ``x``: the smoother is nonlinear.
+    Local blocks and the correction by the next level belong to the inherited matrices, as in the
+    paper's experiments. The steps depend on ``b`` and ``x``: the smoother is nonlinear.
     """
 
     def setup(self, level: MultigridLevel) -> Smooth:
-        """Return ``smooth(b, x)``; LinAlgError if a block is singular."""
+        """Return ``smooth(b, x)``.
+
+        Raises
+        ------
+        LinAlgError
+            If a block is singular.
+        """
         return _Made(schwarz).setup(level)
 
 
 @dataclass(frozen=True)
 class _Made:
-    """The smoother a function makes from matrix, local solve, correction of the next level and steps."""
+    """Smoother returned by a function of matrix, local solve, correction by the next level and steps."""
 
     maker: SmootherMaker
 
@@ -155,23 +169,23 @@ class _Made:
 
 
 _OWN = MappingProxyType({"schwarz": Schwarz, **multigrid.SMOOTHERS})
-"""Names that need no registry."""
+"""Smoothers found without a registry."""
 
 
 def smoother_of(given: Any, registry: Registry | None = None) -> Member:
-    """A smoother, from the name of its component, the smoother itself, or the function that makes it.
+    """Return a smoother from a component name, a smoother, or a factory function.
 
     Parameters
     ----------
     given : str, object with ``setup``, or callable
-        A callable has the arguments of :func:`~agglo_polydg_mg.paper.schwarz.schwarz`.
+        A callable takes the arguments of :func:`~agglo_polydg_mg.paper.schwarz.schwarz`.
     registry : Registry, optional
-        Where names are looked up; by default the installed plugins.
+        Registry for names; by default the installed plugins.
 
     Raises
     ------
     OptionError
-        If it is none of these, or no smoother has the name.
+        For any other value, or an unknown name.
     PluginError
         If the component cannot be used.
     """

@@ -1,4 +1,4 @@
-"""Stationary iterations, and the energy error that their corrections show."""
+"""Run stationary iterations, and estimate the energy error from their corrections."""
 
 from __future__ import annotations
 
@@ -25,31 +25,33 @@ from agglo_core.authoring import (
 _KEPT = 5
 _RATES = 3
 _INDEPENDENT = 1e-10
-"""Least eigenvalue of a Gram matrix of unit vectors that is not taken for 0."""
+"""Gram matrix eigenvalues of unit vectors below this fraction of the largest count as 0."""
 
 
 @dataclass(eq=False)
 class Corrections:
-    """The last corrections d of an iterate, each with A d, and what they see of its error e.
+    """Estimate the energy error e of an iterate from its last corrections d.
 
-    Two numbers that the energy norm of e is at least, nearly:
+    Each correction is stored with A d. The estimate is the maximum of two approximate lower bounds of
+    ‖e‖_A:
 
-    - that of its projection on the corrections, which is known since d·A e = d·r, r being the residual. It is
-      e itself where slow modes are left, however slow;
-    - that of the last correction over 1 − ρ, ρ being the largest of the last ratios of two corrections. It is
-      e where corrections go on to shrink like that.
+    - the norm of the projection of e on the corrections, known from d·A e = d·r with the residual r. It
+      equals ‖e‖_A if only slow modes are left, however slow;
+    - the norm of the last correction over 1 − ρ, where ρ is the largest of the last ratios of
+      successive corrections. It equals ‖e‖_A if corrections continue to shrink at this rate.
     """
 
     _pairs: deque[tuple[Float, Float]] = field(default_factory=lambda: deque(maxlen=_KEPT))
 
     def add(self, correction: Float, image: Float) -> None:
-        """Take the next correction d ``(n,)`` and A d."""
+        """Add the next correction d ``(n,)`` with A d."""
         self._pairs.append((correction, image))
 
     def error(self, r: Float) -> float:
-        """Estimate of ‖e‖_A, from the residual ``r (n,)`` that the last correction was made from.
+        """Estimate ‖e‖_A, from the residual ``r (n,)`` that produced the last correction.
 
-        Infinite where corrections do not shrink, or A is not positive definite on them, or all are 0.
+        The estimate is infinite if corrections do not shrink, A is not positive definite on them, or
+        all are 0.
         """
         pairs = [(d, image) for d, image in self._pairs if d.any()]
         if not pairs:
@@ -64,7 +66,11 @@ class Corrections:
 
 
 def _projected(gram: Float, products: Float, norms: Float) -> float:
-    """Norm of the projection on vectors with these products among themselves and with the vector."""
+    """Return the norm of the projection of a vector on others.
+
+    ``gram`` contains the inner products of the others, ``products`` their inner products with the
+    vector.
+    """
     unit = gram / np.outer(norms, norms)
     values, axes = np.linalg.eigh(0.5 * (unit + unit.T))
     kept = values > _INDEPENDENT * values[-1]
@@ -73,7 +79,7 @@ def _projected(gram: Float, products: Float, norms: Float) -> float:
 
 
 def _remaining(norms: Float) -> float:
-    """Sum of the norms to come, the last one included, if they shrink as slowly as lately."""
+    """Return the sum of all remaining norms, including the last, if they shrink at the recent rate."""
     rate = float((norms[1:] / norms[:-1])[-_RATES:].max(initial=0.0))
     return float(norms[-1]) / (1.0 - rate) if rate < 1.0 else float("inf")
 
@@ -82,7 +88,7 @@ Step = Callable[[Float, Float], Float]
 """One iteration: maps right-hand side and iterate ``(n,)`` to the next iterate."""
 
 _DIVERGED = 1e6
-"""Growth of the residual at which a stationary iteration is given up."""
+"""Residual growth above which a stationary iteration stops."""
 
 
 def stationary(
@@ -94,13 +100,14 @@ def stationary(
     measure: solvers.ResidualMeasure | None = None,
     tell: Tell = to_nobody,
 ) -> History:
-    """Repeat ``x = step(b, x)`` from 0 until x is found to be right, at most ``max_iterations`` times.
+    """Repeat ``x = step(b, x)`` from 0 until x is accurate, at most ``max_iterations`` times.
 
-    Two things have to be ``tolerance`` or less: what ``measure`` says of b − A x, by default ‖b − A x‖ / ‖b‖;
-    then the energy error as :class:`~agglo_polydg_mg.paper.stationary.Corrections` see it, over the energy
-    norm of x. This takes one more step, which is not counted if x is right. A matrix that is found not to be
-    positive definite ends the iteration, with the reason. After that, or once it diverges, an iterate that is
-    worse than 0 is replaced by that of least residual, whose number is the length of the history.
+    Both of these must be at most ``tolerance``: the ``measure`` of b − A x, by default ‖b − A x‖ / ‖b‖;
+    and the energy error estimated by :class:`~agglo_polydg_mg.paper.stationary.Corrections`, relative
+    to the energy norm of x. The second test takes an additional step, not counted if x passes. A matrix
+    that proves not to be positive definite ends the iteration, with the reason. In this case, or on
+    divergence, an iterate worse than 0 is replaced by the iterate with the smallest residual, and its
+    number is the length of the history.
     """
     run = _Run(A, b, step, tolerance, measure or solvers.ResidualMeasure(b))
     while not run.reason and (run.small or run.done < max_iterations):
@@ -114,7 +121,7 @@ def stationary(
 
 
 class _Run:
-    """An iterate of a stationary iteration, its residual, and what led to it."""
+    """State of a stationary iteration: iterate, residual and history."""
 
     def __init__(
         self, A: Any, b: Float, step: Step, tolerance: float, measure: solvers.ResidualMeasure
@@ -132,7 +139,7 @@ class _Run:
         return len(self.residuals) - 1
 
     def go_on(self, x: Float, r: Float) -> None:
-        """Take the next iterate and its residual; ends the run if that has grown too large."""
+        """Accept the next iterate and its residual, and end the run if the residual has grown too large."""
         self.x, self.r, self.error = x, r, float("inf")
         self.residuals.append(float(np.linalg.norm(r)))
         self.size = self.measure(r)
@@ -143,7 +150,7 @@ class _Run:
             self.reason = f"diverged: residual {self.residuals[-1]:.1e} after {self.done} iterations"
 
     def following(self) -> tuple[Float, Float]:
-        """The next iterate and its residual; ends the run if they show that this one is right."""
+        """Return the next iterate and its residual, and end the run if the current iterate passes."""
         try:
             x = self.step(self.b, self.x)
         except np.linalg.LinAlgError as failure:
@@ -157,7 +164,8 @@ class _Run:
         return x, r
 
     def history(self) -> History:
-        """How it ended."""
+        """Return the history."""
+        # A failed run returns its best iterate
         passed = (self.small, self.error <= self.tolerance)
         beside = f", energy error about {self.error:.1e}" if self.small else ""
         failed = f"relative residual {self.size:.1e}{beside} after {self.done} iterations"

@@ -1,1 +1,1 @@
-"""The default solver and its choices."""
+"""Default solver and its choices."""

@@ -1,4 +1,4 @@
-"""The method of the default solver, chosen from mesh, penalty, coefficient and degree."""
+"""Choose the method of the default solver from mesh, penalty, coefficient and degree."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ CYCLES: Final = ("auto", "V", "W", "F", "K")
 PRECISIONS: Final = ("auto", "single", "double")
 
 _BAD: Final = 0.06
-"""Part of strong faces from which polygons and polyhedra are bad: slivers, boundary layers."""
+"""Fraction of strong faces above which polygons and polyhedra are bad: slivers, boundary layers."""
 _BAD_SOLID: Final = 0.03
-"""The part for tetrahedra and hexahedra: on slivers the continuous space loses conjugacy."""
+"""Corresponding fraction for tetrahedra and hexahedra: on slivers the continuous space loses conjugacy."""
 _UNEASY: Final = 0.01
-"""Part of strong faces from which high degrees converge faster on vertex patches, at no more cost."""
+"""Fraction of strong faces above which high degrees converge faster on vertex patches, at no extra cost."""
 _LAYERS: Final = 0.02
-"""Part of weak faces from which a mesh has layers of flat cells."""
+"""Fraction of weak faces above which a mesh has layers of flat cells."""
 _SMOOTH: Final = 100.0
-"""Ratio of the largest to the smallest κ up to which aggregates serve as well as classical levels."""
+"""Ratio κ_max / κ_min up to which aggregates serve as well as classical levels."""
 _CONTRAST: Final = 1e8
-"""Ratio of the largest to the smallest κ from which cycles are in double precision."""
+"""Ratio κ_max / κ_min above which cycles run in double precision."""
 _TETRAHEDRON, _QUADRILATERAL, _HEXAHEDRON = 4, 4, 6  # faces
 _SINGLE: Final = (1e-33, 1e35)
-"""Entries of the diagonal that single precision holds with room for products and sums."""
+"""Range of diagonal entries that leaves single precision room for products and sums."""
 
 
 @dataclass(frozen=True)
 class Overrides:
-    """What the user fixes; the rest is ``"auto"``."""
+    """User choices. The default ``"auto"`` leaves a choice to the solver."""
 
     recipe: str = "auto"
     cycle: str = "auto"
@@ -42,31 +42,31 @@ class Overrides:
 
 @dataclass(frozen=True)
 class Plan:
-    """How the levels of a system are to be made.
+    """Plan of the levels for a system.
 
     Attributes
     ----------
     recipe : "conforming", "patches" or "agglomerates"
-        A continuous space below the discontinuous one, or polynomials on agglomerates, smoothed by vertex
+        A continuous space below the discontinuous space, or polynomials on agglomerates, smoothed by vertex
         patches or cell by cell.
     cycle : "V", "W", "F" or "K"
     dtype : numpy dtype
         Precision of the cycle.
     smoother : "cells", "groups" or "patches"
-        Of the first level: block Gauss–Seidel on single cells, on up to eight cells that strong faces join,
-        or on the cells around each vertex.
+        Smoother on the first level: block Gauss–Seidel on single cells, on groups of up to eight cells
+        joined by strong faces, or on the cells around each vertex.
     bubbles : bool
         Whether the continuous space has bubbles.
     vertices : "aggregates" or "classical"
-        How the problem on vertices is coarsened.
+        Coarsening of the vertex problem.
     layers : bool
-        Whether classical levels need a guide: in flat cells couplings of vertices have either sign.
+        Whether classical levels need a guide: in flat cells vertex couplings have either sign.
     strong : float
-        Part of the inner faces that are strong.
+        Fraction of the inner faces that are strong.
     reason : str
         The plan in words.
     kind : "cells", "groups" or "solids"
-        Of the system, as the advice on solvers knows it.
+        Kind of system for the solver advice.
     """
 
     recipe: Literal["conforming", "patches", "agglomerates"]
@@ -89,12 +89,13 @@ def choose(
     overrides: Overrides = Overrides(),
     diagonal: Float | None = None,
 ) -> Plan:
-    """Choose how the levels of a system of symmetric interior penalty are to be made.
+    """Choose the levels for a symmetric interior penalty system.
 
-    A face is *strong* if its penalty is more than 3 times the smallest of one of its cells, and *weak* if in
-    both cells a jump costs less than 0.1 of what it costs at another face. More than 6 % strong faces make a
-    mesh *bad* (slivers, boundary layers), of tetrahedra and hexahedra 3 %; more than 2 % weak faces make
-    *layers*, of triangles and quadrilaterals. κ *varies* if it spans more than two decades.
+    A face is *strong* if its penalty is more than 3 times the smallest penalty in one of its cells, and
+    *weak* if in both cells a jump costs less than 0.1 times its cost at another face. More than 6 % strong
+    faces make a mesh *bad* (slivers, boundary layers); the limit is 3 % for tetrahedra and hexahedra. More
+    than 2 % weak faces make *layers* in meshes of triangles and quadrilaterals. κ *varies* if it spans more
+    than two decades.
 
     ================================================  ============  ========  ==========  =====
     case                                              recipe        smoother  vertices    cycle
@@ -112,11 +113,11 @@ def choose(
     3-D, polyhedra, bad                               patches       patches               W
     ================================================  ============  ========  ==========  =====
 
-    Aggregates are cheap, and slow alone, hence the W-cycle. Classical levels hold where couplings jump or
-    point one way, but their matrices are fuller; in layers they are guided by the couplings in the cells.
-    Polygons have no bubbles unless the mesh is bad, polyhedra have none: there are too many. The cycle is in
-    single precision unless κ spans more than eight decades or the diagonal of the matrix exceeds its range.
-    ``overrides`` replace recipe, cycle and precision.
+    Aggregates are cheap but slow alone, hence the W-cycle. Classical levels are robust against jumping or
+    directional couplings, but their matrices are fuller; in layers the couplings inside cells guide them.
+    Polygons have no bubbles unless the mesh is bad, and polyhedra have none, because bubbles would be too
+    many. The cycle runs in single precision unless κ spans more than eight decades or the matrix diagonal
+    exceeds its range. ``overrides`` replace recipe, cycle and precision.
 
     Parameters
     ----------
@@ -128,7 +129,7 @@ def choose(
         p.
     overrides : Overrides
     diagonal : (n,) float, optional
-        Of the matrix.
+        Matrix diagonal.
 
     Raises
     ------
@@ -156,7 +157,7 @@ def choose(
     varies = contrast > _SMOOTH
     recipe: Any = "conforming"
     smoother: Any = "cells"
-    # 2. The table
+    # 2. Choose by the table
     if mesh.dim == 2:
         polygons = most_faces > _QUADRILATERAL
         flat = bool(np.mean(faces_per_cell > _QUADRILATERAL) < 0.5)
@@ -174,7 +175,7 @@ def choose(
         bubbles = not polygons
         recipe = "patches" if bad else "agglomerates" if polygons else "conforming"
         smoother = "patches" if bad else "cells"
-    # 3. What the user fixes
+    # 3. Apply the user's choices
     if overrides.recipe != "auto":
         recipe = overrides.recipe
     if recipe != "conforming":
@@ -183,13 +184,13 @@ def choose(
         cycle = overrides.cycle
     elif recipe == "patches":
         cycle = "W"
-    # 4. Precision
+    # 4. Choose the precision
     in_range = diagonal is None or (diagonal.min() > _SINGLE[0] and diagonal.max() < _SINGLE[1])
     single = contrast <= _CONTRAST and in_range
     if overrides.precision != "auto":
         single = overrides.precision == "single"
     dtype: Any = np.float32 if single else np.float64
-    # 5. The plan in words
+    # 5. Describe the plan in words
     coarse = "continuous space and " + ("its aggregates" if aggregates else "classical levels")
     levels = coarse if recipe == "conforming" else "smoothed agglomerates"
     measured = f"{100 * strong:.0f} % strong faces, at most {most_faces} faces a cell"

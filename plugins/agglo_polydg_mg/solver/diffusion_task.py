@@ -1,4 +1,4 @@
-"""Diffusion problems as the default solver takes them: the system, its levels, one right-hand side."""
+"""Diffusion problems for the default solver: system, levels and one right-hand side."""
 
 from __future__ import annotations
 
@@ -34,19 +34,19 @@ from agglo_polydg_mg.space.basis import Basis
 
 _SHIFTS: Final = (0.0, 1e-12)
 _LARGEST_SHIFT: Final = 1e-10
-"""Parts of the diagonal that are added to it, one after the other, until levels can be made."""
+"""Diagonal shifts, relative to the diagonal, tried in turn until the levels can be built."""
 
 
 class DiffusionTask:
-    """A diffusion problem discretised on the mesh of a hierarchy, with ``units`` of an earlier one if given.
+    """Diffusion problem discretised on the mesh of a hierarchy.
 
-    A ``plan`` is that of levels which are there already; without one it is made when first asked for. All
-    is in the ``numbering`` of the cells: that of an earlier problem, if given.
+    ``units`` and ``numbering`` may come from an earlier problem. A ``plan`` describes existing levels;
+    without it the plan is made on first use. All arrays follow the cell ``numbering``.
 
     Raises
     ------
     OptionError, MeshError
-        As :meth:`~agglo_polydg_mg.polydg.PolyDG.fine_system`.
+        See :meth:`~agglo_polydg_mg.polydg.PolyDG.fine_system`.
     """
 
     def __init__(
@@ -71,13 +71,13 @@ class DiffusionTask:
             self.fine = how.fine_system(self.problem, solvers.own_mesh(self.hierarchy), self.basis, units)
         except AggloError:
             if self.numbering.cells is not None:
-                # The error of the user's numbering names the user's cells
+                # Raise the error with the user's cell numbers
                 how.fine_system(problem, solvers.own_mesh(hierarchy))
             raise
 
     @property
     def plan(self) -> Plan:
-        """How the levels are made."""
+        """Plan of the levels."""
         if self._plan is None:
             self._plan = self._choose(self._overrides)
         return self._plan
@@ -88,27 +88,27 @@ class DiffusionTask:
         return choose(self.basis.mesh, sigma, kappa, self.basis.degree, overrides, self.fine.A.diagonal())
 
     def renew_plan(self) -> None:
-        """Levels are made anew, for this problem."""
+        """Discard the plan, because levels are rebuilt for this problem."""
         self._plan = None
 
     @property
     def A(self) -> Any:
-        """The matrix ``(n, n)``."""
+        """System matrix ``(n, n)``."""
         return self.fine.A
 
     @property
     def columns(self) -> list[Float]:
-        """The right-hand side."""
+        """Right-hand sides: a single column."""
         return [self.fine.b]
 
     @property
     def choice(self) -> str:
-        """Which levels, and why."""
+        """Description of the levels, with the reason for them."""
         return self.plan.reason + self.numbering.remark
 
     @property
     def advice(self) -> str:
-        """Whether a direct solver would take less time."""
+        """Advice if a direct solver would take less time."""
         return solvers.advice_of_multigrid(self.fine.A, self.plan.kind, 1, self._how.penalty)
 
     @property
@@ -118,19 +118,20 @@ class DiffusionTask:
 
     @property
     def single(self) -> bool:
-        """Whether cycles are in single precision."""
+        """True if cycles run in single precision."""
         return bool(self.plan.dtype == np.float32)
 
     def use_double(self) -> None:
-        """Go on in double precision."""
+        """Continue in double precision."""
         if self.single:
             reason = f"{self.plan.reason}; double precision took over"
             self._plan = replace(self.plan, dtype=np.float64, reason=reason)
 
     def change_method(self) -> bool:
-        """Go on in double precision or, if that is what failed, by patches if the recipe was not fixed.
+        """Switch to the next fallback method and return True, or return False if none is left.
 
-        False if there is nothing left to try.
+        The first fallback is double precision. After that vertex patches follow, unless the user fixed
+        the recipe.
         """
         if self.single:
             self.use_double()
@@ -141,14 +142,14 @@ class DiffusionTask:
         other = Overrides("patches", self._overrides.cycle, "double")
         plan = self._choose(other)
         self._plan = replace(plan, reason=f"{plan.reason} in place of: {failed}")
-        self.__dict__.pop("labels", None)  # levels that the recipe before did without
+        self.__dict__.pop("labels", None)  # the previous recipe needed none
         return True
 
     @property
     def makes_levels(self) -> bool:
-        """Whether agglomerates are made here: the hierarchy has none, and the recipe needs some.
+        """True if the hierarchy has no agglomerates and the recipe needs some.
 
-        Aggregates of vertices come as well from the graph of their matrix (a recipe with a continuous space).
+        A recipe with a continuous space can aggregate vertices by the graph of their matrix.
         """
         return not self.hierarchy.levels and (self.plan.recipe != "conforming" or self.count is not None)
 
@@ -160,11 +161,16 @@ class DiffusionTask:
         return levels_by_default(self.hierarchy, self.count, first) if wanted else []
 
     def stack(self) -> Any:
-        """The levels; LinAlgError if a matrix is not positive definite.
+        """Build the levels.
 
-        Blocks of very flat cells may be indefinite by rounding; levels are then made, in double precision,
-        of a matrix whose diagonal is a little larger. It is only their own: what is solved stays as it is. If
-        that does not help either another recipe is taken, unless one was asked for.
+        Rounding may make the blocks of very flat cells indefinite. The levels are then built in double
+        precision from a matrix with a slightly larger diagonal; the system to solve stays unchanged. If
+        that fails too, another recipe is used, unless the user fixed the recipe.
+
+        Raises
+        ------
+        LinAlgError
+            If a matrix is not positive definite.
         """
         for more in _SHIFTS:
             try:
@@ -182,7 +188,7 @@ class DiffusionTask:
         return self.stack()
 
     def _shifted(self, part: float) -> solvers.FineSystem:
-        """The system with a part of the diagonal of its matrix added to it."""
+        """Return the system with a multiple of its diagonal added to the matrix."""
         A = self.fine.A
         if part == 0.0:
             return self.fine
@@ -191,7 +197,7 @@ class DiffusionTask:
         return self.fine._replace(A=larger)
 
     def parts(self, stack: Any) -> tuple[int | None, ...]:
-        """Agglomerates of each level; None of a level with unknowns at vertices."""
+        """Return the number of agglomerates per level, or None for levels with vertex unknowns."""
         below, cells = stack.levels[1:], self.hierarchy.graph.n
         if self.plan.recipe == "conforming":
             return cells, *(None for _ in below)
@@ -206,7 +212,10 @@ class DiffusionTask:
         tell: Tell,
         pace: float | None = None,
     ) -> list[History]:
-        """Conjugate gradients, from where others ended if there are any: the history of the only column."""
+        """Run conjugate gradients and return the history of the only column.
+
+        The iteration continues from the end of the histories ``before``, if given.
+        """
         measure = self.fine.measure
         found = pcg(
             self.fine.A,
@@ -225,11 +234,11 @@ class DiffusionTask:
         return [found]
 
     def given_back(self, solution: Solution) -> Solution:
-        """The solution on the mesh of the user, in whose numbering it is given back."""
+        """Return the solution on the user's mesh, in the user's numbering."""
         return self.numbering.solution(replace(solution, discretisation=self._how, mesh=self._mesh))
 
     def unsolved(self, reason: str) -> list[History]:
-        """The history of an iteration that could not start."""
+        """Return the history of an iteration that could not start."""
         return [solvers.unsolved(self.fine.b, reason)]
 
     def solution(
@@ -239,5 +248,5 @@ class DiffusionTask:
         watch: solvers.Stopwatch,
         tolerance: float,
     ) -> Solution:
-        """The solution that histories lead to."""
+        """Return the solution for the given histories."""
         return self.fine.solution(histories[0], operators, watch, tolerance)

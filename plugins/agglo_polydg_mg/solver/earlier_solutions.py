@@ -1,4 +1,4 @@
-"""Initial guess of a solve: the combination of earlier solutions with the smallest energy error."""
+"""Compute initial guesses: the combination of earlier solutions with the smallest energy error."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ import numpy as np
 from agglo_core.authoring import Float, frozen_float, frozen_index, kernel
 
 WIDE = 8
-"""Columns of a table of vectors, the largest number of them: :func:`half_products` is written out for 8."""
-_ROWS = 256  # differenced at a time: with 8 vectors 16 KiB, which stay in the nearest cache
+"""Number of columns of a vector table, the maximum: :func:`half_products` is unrolled for 8."""
+_ROWS = 256  # per block: 16 KiB for 8 vectors, which stay in the L1 cache
 
 
 @kernel
 def differences_of(vectors, table):
     """Write the backward differences of vectors to the columns of ``table (n, WIDE)``.
 
-    The ``vectors (k, n)`` come with the latest last. Order 0 is the latest itself. Each column is divided by
-    its largest magnitude; columns from k on, and differences that vanish, are 0.
+    The ``vectors (k, n)`` are ordered by age, the latest last. Order 0 is the latest vector itself.
+    Each column is divided by its largest magnitude; columns from k on, and differences that vanish, are
+    0.
     """
     count, n = vectors.shape
     rows, largest = np.zeros((WIDE, _ROWS)), np.zeros(WIDE)
@@ -48,15 +49,16 @@ def differences_of(vectors, table):
 
 @kernel
 def half_products(indptr, indices, blocks, table, products):
-    """Write H V to ``products (n, WIDE)`` for a symmetric matrix A = H + Hᵀ in blocks.
+    """Write H V to ``products (n, WIDE)`` for a symmetric block matrix A = H + Hᵀ.
 
-    V is ``table (n, WIDE)``. H are the blocks of the lower half and half of those of the diagonal: Vᵀ A V =
-    Vᵀ H V + (Vᵀ H V)ᵀ takes half of the work of A V.
+    V is ``table (n, WIDE)``. H contains the blocks of the lower half, and half of each diagonal block:
+    Vᵀ A V = Vᵀ H V + (Vᵀ H V)ᵀ takes half the work of A V.
     """
     m = blocks.shape[1]
+    # Each row of H V collects its eight sums in registers
     for i in range(len(indptr) - 1):
         for a in range(m):
-            s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = 0.0  # an array would be written to for each block
+            s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = 0.0  # registers: faster than an array
             for h in range(indptr[i], indptr[i + 1]):
                 j = indices[h]
                 if j > i:
@@ -76,28 +78,28 @@ def half_products(indptr, indices, blocks, table, products):
 
 
 KEPT: Final = 8
-"""Solutions that are kept: what changes smoothly is extrapolated, the errors of each are averaged."""
+"""Number of kept solutions: smooth changes are extrapolated, individual errors average out."""
 _PARALLEL: Final = 1e-12
-"""Directions are rounding if their eigenvalue of the scaled energies is at most this part of the largest.
+"""Directions count as rounding if their scaled energy eigenvalue is at most this fraction of the largest.
 
-A smaller value amplifies rounding in nearly parallel solutions, a larger one drops high differences.
+A smaller value amplifies rounding in nearly parallel solutions, a larger value drops high differences.
 """
 
 
 def best_combination(A: Any, b: Float, earlier: Sequence[Float]) -> Float:
     """Return the combination x of vectors with the smallest energy error ‖x − A⁻¹b‖_A.
 
-    Of earlier solutions it is an extrapolation as good as any formula's, whatever the steps between them, and
-    never worse than 0 (P. Fischer, Comput. Methods Appl. Mech. Engrg. 163, 1998). Of a matrix in blocks it
-    takes about as long as two products.
+    For earlier solutions this extrapolates as well as any formula, at any step sizes, and the result is
+    never worse than 0 (P. Fischer, Comput. Methods Appl. Mech. Engrg. 163, 1998). A block matrix takes
+    about as long as two products.
 
     Parameters
     ----------
     A : (n, n) sparse
-        Symmetric, positive definite; directions in which it turns out not to be are left out.
+        Symmetric, positive definite; directions in which A proves not to be definite are left out.
     b : (n,) float
     earlier : sequence of (n,) float
-        The latest last; 8 of them count.
+        The latest last; the last 8 are used.
 
     Examples
     --------
@@ -124,7 +126,7 @@ def best_combination(A: Any, b: Float, earlier: Sequence[Float]) -> Float:
 
 
 def _energies(A: Any, V: Float) -> Float:
-    """Vᵀ A V ``(k, k)``."""
+    """Return Vᵀ A V ``(k, k)``."""
     from agglo_polydg_mg.solver.earlier_solutions import half_products
 
     if getattr(A, "format", "") != "bsr" or A.blocksize[0] != A.blocksize[1] or A.dtype != np.float64:

@@ -1,4 +1,4 @@
-"""The levels of the default solver, built as planned."""
+"""Build the levels of the default solver from its plan."""
 
 from __future__ import annotations
 
@@ -16,29 +16,33 @@ from agglo_polydg_mg.solver.choose import Plan
 from agglo_polydg_mg.space.basis import Basis
 
 _LOW: Final = 1
-"""Degree of polynomials on agglomerates in 3-D: levels of full degree take more time than they save."""
+"""Polynomial degree on agglomerates in 3-D: levels with full degree take more time than they save."""
 _CELLS_PER_PART: Final = 8
 _CELLS_PER_LUMP: Final = 27
-"""Cells to an agglomerate on the first level of polyhedra of degree 1: seven iterations more than with 8, a
-third of the set-up."""
+"""Cells per agglomerate on the first level of polyhedra at degree 1: seven iterations more than with 8, a
+third of the set-up time."""
 _FEWEST: Final = 60
-"""Parts of the coarsest level that is made by default."""
+"""Smallest number of parts of the coarsest default level."""
 
 
 def build(
     plan: Plan, problem: Diffusion, fine: solvers.FineSystem, basis: Basis, labels: Sequence[Int]
 ) -> Any:
-    """Build the levels of a plan, an object of :class:`agglo_core.multigrid.LevelStack`.
+    """Build the levels of a plan.
+
+    Returns a :class:`agglo_core.multigrid.LevelStack`.
 
     Raises
     ------
     LinAlgError
         If a matrix is not positive definite.
     """
+    # Polynomials on agglomerates
     if plan.recipe != "conforming":
         low = _LOW if basis.mesh.dim == 3 else None
         overlap = plan.recipe == "patches"
         return patch_stack(basis, fine.A, labels, plan.dtype, overlap=overlap, coarse_degree=low)
+    # A continuous space and its multigrid
     assert fine.sigma is not None  # every discretised system has a penalty
     offsets = np.arange(0, fine.A.shape[0] + 1, fine.width)
     system = System.trusted(fine.A, fine.b, offsets, basis.mesh)
@@ -56,22 +60,23 @@ def build(
 
 
 def cells_per_part(plan: Plan, degree: int) -> int:
-    """Cells to an agglomerate of the first level, if the levels are made by default."""
+    """Return the number of cells per agglomerate on the first default level."""
     return _CELLS_PER_LUMP if plan.recipe == "agglomerates" and degree == 1 else _CELLS_PER_PART
 
 
 def levels_by_default(
     hierarchy: Hierarchy, count: int | None = None, first: int = _CELLS_PER_PART
 ) -> list[Int]:
-    """Labels of the levels, finest first: those of the hierarchy, or some made of ``first`` cells to a part.
+    """Return the labels of the levels, finest first.
 
-    Of those made here each has an eighth of the parts of the level before. ``count`` is how many to use, the
-    mesh included: of levels made here at most as many as there are.
+    The levels of the hierarchy are used if there are any. Otherwise levels are made with ``first``
+    cells per part and, from level to level, an eighth of the parts. ``count`` limits the number of
+    levels, the mesh included; default levels may be fewer.
 
     Raises
     ------
     OptionError
-        If the hierarchy has levels, but fewer than that, or none is coarser than the mesh.
+        If the hierarchy has levels, but fewer than ``count``, or none is coarser than the mesh.
     """
     if hierarchy.levels:
         return solvers.chosen_levels(hierarchy, count)

@@ -1,6 +1,6 @@
-"""The numbering of the cells during a solve: along a curve where that of the mesh is scattered.
+"""Renumber cells along a curve during a solve if the mesh numbering is scattered.
 
-Neighbours that are far from one another in memory cost about half of the time of large solves.
+Neighbours far apart in memory cost about half the time of large solves.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ from agglo_polydg_mg.space.walk import FEW, SCATTERED
 
 @dataclass(frozen=True, eq=False)
 class Numbering:
-    """The numbering in which a problem is solved.
+    """Cell numbering used during a solve.
 
     Attributes
     ----------
     hierarchy : Hierarchy
-        Mesh and levels in it.
+        Mesh and levels in this numbering.
     cells : (n_cells,) int, optional
-        The user's number of each cell; None where numbers are the user's.
+        The user's number for each cell; None if the user's numbering is kept.
     """
 
     hierarchy: Hierarchy
@@ -49,17 +49,17 @@ class Numbering:
 
     @property
     def mesh(self) -> Mesh:
-        """The mesh of the hierarchy."""
-        assert self.hierarchy.fine is not None  # no other hierarchy gets here
+        """Mesh of the hierarchy."""
+        assert self.hierarchy.fine is not None  # numbering_for excludes bare graphs
         return self.hierarchy.fine
 
     @property
     def remark(self) -> str:
-        """What the user is told about it."""
+        """Note for the user on the renumbering."""
         return "" if self.cells is None else "; cells along a curve, as their numbers are scattered"
 
     def problem(self, problem: Diffusion) -> Diffusion:
-        """The problem whose values of cells are in this numbering."""
+        """Return the problem with cell values in this numbering."""
         if self.cells is None:
             return problem
         return replace(
@@ -74,7 +74,10 @@ class Numbering:
         return {tag: self._taken(field) for tag, field in data.items()}
 
     def _taken(self, field: Field) -> Field:
-        """Values of cells in this order; anything else, what is to be refused included, as it is."""
+        """Return cell values in this order, and anything else unchanged.
+
+        Invalid data pass unchanged too: later checks refuse them.
+        """
         if callable(field):
             return field
         try:
@@ -84,7 +87,10 @@ class Numbering:
         return values[self.cells] if values.shape == np.shape(self.cells) else field
 
     def solution(self, solution: Solution) -> Solution:
-        """A solution in the numbering of the user; its matrices are made when asked for."""
+        """Return a solution in the user's numbering.
+
+        Its matrices are computed on first access.
+        """
         if self.cells is None:
             return solution
         rows = self._rows(len(solution.x))
@@ -104,7 +110,7 @@ class Numbering:
         )
 
     def operator(self, M: LinearOperator) -> LinearOperator:
-        """The operator for vectors in the numbering of the user."""
+        """Return the operator for vectors in the user's numbering."""
         if self.cells is None:
             return M
         rows = self._rows(M.shape[0])
@@ -116,7 +122,7 @@ class Numbering:
         return LinearOperator(M.shape, matvec=applied, rmatvec=applied, dtype=M.dtype)
 
     def _rows(self, n: int) -> Int:
-        """Where each of the user's ``n`` unknowns is here."""
+        """Return the position in this numbering for each of the user's ``n`` unknowns."""
         assert self.cells is not None
         width = n // len(self.cells)
         first = width * np.argsort(self.cells)
@@ -124,7 +130,9 @@ class Numbering:
 
 
 def numbering_for(hierarchy: Hierarchy) -> Numbering:
-    """The numbering for a hierarchy of a mesh: the user's own where that is not scattered, or cells are few.
+    """Return the numbering for a hierarchy of a mesh.
+
+    The user's numbering is kept if it is not scattered or the cells are few.
 
     Raises
     ------
@@ -141,7 +149,7 @@ def numbering_for(hierarchy: Hierarchy) -> Numbering:
 
 
 def _scattered(indptr: Int, indices: Int, dim: int) -> bool:
-    """Whether neighbours are far from one another by their numbers."""
+    """Return True if the numbers of neighbours are far apart."""
     n = len(indptr) - 1
     distances = np.abs(indices - np.repeat(np.arange(n, dtype=np.int32), np.diff(indptr)))
     return bool(distances.mean() > SCATTERED * n ** (1 - 1 / dim)) if len(distances) else False
@@ -152,7 +160,7 @@ def _taken(values: Float, rows: Int) -> Float:
 
 
 def _matrix(A: sparse.bsr_array, cells: Int) -> sparse.bsr_array:
-    """A matrix of blocks of the cells, in the numbering of the user."""
+    """Return a cell block matrix in the user's numbering."""
     n, width = len(cells), A.blocksize[0]
     places = sparse.csr_array((np.arange(len(A.indices)), A.indices, A.indptr), shape=(n, n))
     back = np.argsort(cells)
@@ -163,5 +171,5 @@ def _matrix(A: sparse.bsr_array, cells: Int) -> sparse.bsr_array:
 
 
 def _operators(A: Deferred[Any], P: Any, rows: Int, coarser: list[tuple[Any, Any]]) -> list[tuple[Any, Any]]:
-    """Matrices and prolongations of the levels, the finest in the numbering of the user."""
+    """Return matrices and prolongations of the levels, the finest in the user's numbering."""
     return [(A.value, None if P is None else sparse.csr_array(P)[rows]), *coarser]

@@ -1,4 +1,4 @@
-"""The phases of a solve, which single and repeated solves share: levels, iteration, solution."""
+"""Phases shared by single and repeated solves: levels, iteration, solution."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ def task_for(
     plan: Plan | None = None,
     numbering: Numbering | None = None,
 ) -> Task:
-    """Check a problem with a hierarchy, and discretise it if it is a diffusion problem.
+    """Check a problem against a hierarchy, and discretise a diffusion problem.
 
-    The ``units`` are those of the basis of an earlier diffusion problem on the hierarchy, if there was one,
-    and so is the ``numbering``; the ``plan`` is that of its levels, if they are kept.
+    ``units`` and ``numbering`` may come from an earlier diffusion problem on the hierarchy. The
+    ``plan`` describes its levels if they are kept.
     """
     if isinstance(problem, Diffusion):
         return DiffusionTask(problem, hierarchy, how, overrides, count, units, plan, numbering)
@@ -56,10 +56,16 @@ def task_for(
 def set_up(
     task: Task, watch: solvers.Stopwatch, progress: Listener | None, title: str = "setting up the levels"
 ) -> multigrid.LevelStack:
-    """Build the levels by the plan of the task; LinAlgError if a matrix is not positive definite."""
+    """Build the levels by the plan of the task.
+
+    Raises
+    ------
+    LinAlgError
+        If a matrix is not positive definite.
+    """
     if isinstance(task, DiffusionTask) and task.makes_levels:
         with watch("hierarchy"), phase(progress, "agglomerating"):
-            _ = task.labels  # made when first asked for
+            _ = task.labels  # computed on first access
     with watch("setup"), phase(progress, title):
         return task.stack()
 
@@ -74,7 +80,10 @@ def iterate(
     before: list[History] | None = None,
     pace: float | None = None,
 ) -> list[History]:
-    """Histories of all columns, at most ``most`` iterations together with those done ``before``."""
+    """Iterate on all columns and return their histories.
+
+    At most ``most`` iterations are done, including the iterations in ``before``.
+    """
     left = most - max((each.iterations for each in before or () if not each.final), default=0)
     M = multigrid.cycle(stack, task.cycle)
     with watch("solve"), phase(progress, "solving") as tell:
@@ -91,7 +100,7 @@ def solved(
     *,
     fresh: bool = True,
 ) -> Solution:
-    """Return the solution that histories lead to, with levels that may be those of an earlier system."""
+    """Return the solution for the histories. The levels may belong to an earlier system."""
     solution = replace(
         task.solution(histories, stack.operators, watch, tolerance),
         operator_complexity=stack.operator_complexity,
@@ -99,19 +108,19 @@ def solved(
         parts=task.parts(stack),
         memory=stack.memory,
         choice=task.choice + ("" if fresh else "; levels of an earlier system"),
-        advice=task.advice if fresh else "",  # nothing is as cheap as to keep levels
+        advice=task.advice if fresh else "",  # reused levels are the cheapest choice
     )
     return task.given_back(solution)
 
 
 def unsolved(task: Task, reason: str, watch: solvers.Stopwatch, tolerance: float) -> Solution:
-    """Return the solution 0 of a task whose levels cannot be built."""
+    """Return the solution 0 for a task whose levels cannot be built."""
     nothing = task.solution(task.unsolved(reason), [(task.A, None)], watch, tolerance)
     return task.given_back(replace(nothing, choice=task.choice))
 
 
 def _joined(first: History, second: History) -> History:
-    """Join two histories, the second of which went on from where the first ended, if it had to."""
+    """Join two histories if the second continued from the end of the first."""
     if second is first or not first.iterations:
         return second
     residuals = np.concatenate((first.residuals, second.residuals[1:]))

@@ -1,4 +1,4 @@
-"""The default solver: conjugate gradients preconditioned by multigrid on agglomerates."""
+"""Default solver: conjugate gradients preconditioned by multigrid on agglomerates."""
 
 from __future__ import annotations
 
@@ -26,31 +26,34 @@ from agglo_polydg_mg.solver.repeated_solves import RepeatedSolves
 
 
 class PolyDGMultigrid:
-    """Conjugate gradients preconditioned by one multigrid cycle, whose recipe mesh and coefficient choose.
+    """Solve by conjugate gradients with one multigrid cycle as preconditioner.
 
-    Converged is said when both the residual and an estimate of the energy error are ``tolerance`` or less;
-    see :func:`agglo_core.multigrid.pcg`.
+    Mesh and coefficient determine the recipe of the cycle. The solution counts as converged if both the
+    residual and an estimate of the energy error are at most ``tolerance``; see
+    :func:`agglo_core.multigrid.pcg`.
 
     Parameters
     ----------
     degree : int
-        Of the polynomials, 1..6.
+        Polynomial degree, 1..6.
     tolerance : float
     max_iterations : int
     recipe : "auto", "conforming", "patches" or "agglomerates"
-        A continuous space inside the discontinuous one, with its own multigrid on the graph of its matrix,
-        or on agglomerates if given (:mod:`~agglo_polydg_mg.auxiliary.conforming_stack`); or polynomials on
-        agglomerates, smoothed patch by patch (:mod:`~agglo_polydg_mg.auxiliary.patch_recipe`), or in 3-D cell
-        by cell ("agglomerates"). Linear systems take "auto", or "agglomerates" where the agglomerates are to
-        be the aggregates even of a matrix with one unknown in each cell.
+        ``conforming``: a continuous space inside the discontinuous space, with its own multigrid on the
+        graph of its matrix, or on agglomerates if given
+        (:mod:`~agglo_polydg_mg.auxiliary.conforming_stack`). ``patches``: polynomials on agglomerates,
+        smoothed patch by patch (:mod:`~agglo_polydg_mg.auxiliary.patch_recipe`). ``agglomerates``: in
+        3-D, polynomials on agglomerates, smoothed cell by cell. Linear systems take ``auto``, or
+        ``agglomerates`` to use the agglomerates as aggregates even if each cell has one unknown.
     cycle : "auto", "V", "W", "F" or "K"
     precision : "auto", "single" or "double"
-        Of the cycle. Where single precision turns out not to suffice, double precision takes over.
+        Precision of the cycle. If single precision does not suffice, the solver switches to double.
     penalty : float, "paper" or "sharp"
         See :class:`~agglo_polydg_mg.polydg.PolyDG`.
     levels : int, optional
-        How many of mesh, level 0, 1, … to use; by default all. For a diffusion problem without levels some
-        of 8 cells to an agglomerate are made if this is given, or for the recipe ``patches``.
+        Number of levels to use out of mesh, level 0, 1, …; by default all. For a diffusion problem
+        without levels, agglomerates with 8 cells each are made if ``levels`` is given, or for the
+        recipe ``patches``.
 
     Raises
     ------
@@ -61,7 +64,7 @@ class PolyDGMultigrid:
     accepts: ClassVar[tuple[str, ...]] = ("diffusion", "linear")
     needs_levels: ClassVar[bool] = False
     tells_progress: ClassVar[bool] = True
-    galerkin: ClassVar[bool] = False  # they are, but in single precision and without small entries
+    galerkin: ClassVar[bool] = False  # only nearly: single precision, small entries dropped
 
     def __init__(
         self,
@@ -92,28 +95,29 @@ class PolyDGMultigrid:
         return solvers.show_options(self)
 
     def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
-        """Solve; ``converged`` and ``reason`` say how it ended, ``choice`` which recipe was taken and why.
+        """Solve a problem on a hierarchy.
 
-        A linear system may have blocks of any sizes, near-null vectors, and several right-hand sides
-        ``b (n, k)``. With one unknown in each cell it is preconditioned by classical multigrid, otherwise
-        by smoothed aggregation with block Gauss–Seidel, on the agglomerates of the hierarchy or, if it has
-        none, on the graph of the matrix.
+        ``converged`` and ``reason`` of the solution state the outcome, ``choice`` the recipe and its
+        reason. A linear system may have blocks with any sizes, near-null vectors, and several
+        right-hand sides ``b (n, k)``. With one unknown per cell the preconditioner is classical
+        multigrid, otherwise smoothed aggregation with block Gauss–Seidel, on the agglomerates of the
+        hierarchy or, without any, on the matrix graph.
 
         Raises
         ------
         OptionError
             If problem and hierarchy do not fit, or data are not finite.
         MeshError
-            Of cells that overlap themselves.
+            If cells overlap themselves.
         """
         watch = solvers.Stopwatch()
         with watch("assemble"), phase(progress, "assembling"):
             task = self._task(problem, hierarchy)
         try:
-            # The plan of the levels is chosen from mesh, penalty and coefficient when they are built
+            # Choose the plan from mesh, penalty and coefficient, and build the levels
             stack = set_up(task, watch, progress)
             histories = iterate(task, stack, self.tolerance, self.max_iterations, watch, progress)
-            # Where a preconditioner fails, double precision or another recipe goes on from where it ended
+            # If the preconditioner fails, continue in double precision or with another recipe
             while any(each.preconditioner_failed for each in histories) and task.change_method():
                 del stack  # frees the memory for the other levels
                 stack = set_up(task, watch, progress, "setting up other levels")
@@ -125,9 +129,9 @@ class PolyDGMultigrid:
         return solved(task, histories, stack, watch, self.tolerance)
 
     def repeated(self, hierarchy: Hierarchy) -> RepeatedSolves:
-        """What solves problems on a hierarchy one after the other, as in time stepping, and keeps levels.
+        """Return a solver for a sequence of problems on a hierarchy, as in time stepping.
 
-        See :class:`~agglo_polydg_mg.solver.repeated_solves.RepeatedSolves`.
+        It reuses the levels; see :class:`~agglo_polydg_mg.solver.repeated_solves.RepeatedSolves`.
         """
         return RepeatedSolves(
             hierarchy,
@@ -139,14 +143,16 @@ class PolyDGMultigrid:
         )
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:
-        """One cycle ``(n, n)`` in double precision: symmetric unless ``cycle`` is F or K.
+        """Return one cycle ``(n, n)`` in double precision.
+
+        The cycle is symmetric unless ``cycle`` is F or K.
 
         Raises
         ------
         OptionError
-            As :meth:`solve`, or if the matrix is not positive definite.
+            See :meth:`solve`; also if the matrix is not positive definite.
         MeshError
-            As :meth:`solve`.
+            See :meth:`solve`.
         """
         task = self._task(problem, hierarchy)
         task.use_double()

@@ -1,4 +1,4 @@
-"""Solving systems one after the other, as in time stepping: levels are kept as long as they serve."""
+"""Solve sequences of systems, as in time stepping, and reuse the levels."""
 
 from __future__ import annotations
 
@@ -27,33 +27,38 @@ from agglo_polydg_mg.solver.numbering import Numbering
 from agglo_polydg_mg.solver.phases import Task, iterate, set_up, solved, task_for, unsolved
 
 _MORE: Final = 1.5
-"""Levels are renewed once a solve takes more than so many times the iterations of fresh ones from 0, and
-within a solve whose first iterations promise that."""
+"""Levels are rebuilt after a solve that takes more than this many times the iterations of fresh levels from
+0, and within a solve whose first iterations predict as many."""
 _FAR_MORE: Final = 3.0
-"""A solve that takes more than so many times those goes on with fresh levels."""
+"""A solve that takes more than this many times those iterations continues with fresh levels."""
 
 
 class RepeatedSolves:
-    """Solves problems on one hierarchy, with levels that are made once and kept while they serve.
+    """Solve a sequence of problems on one hierarchy, reusing the multigrid levels.
 
-    Each system is assembled anew; the levels of an earlier one precondition it, which costs iterations as the
-    matrix changes, but never accuracy: convergence is judged by the matrix at hand. Each solve starts from
-    the combination of the last eight solutions that has the smallest error
-    (:func:`~agglo_polydg_mg.solver.earlier_solutions.best_combination`). Levels are renewed for the next
-    solve after one that took over 1.5 times the iterations that fresh levels take from 0. They are renewed
-    within a solve whose first five iterations promise as many, or that takes over 3 times as many; that solve
-    goes on from where it is, and the next one makes levels of its own: after another such solve the next two,
-    and so on, twice as many each time until kept levels serve again. Levels of another number of unknowns are
-    never used. From the second system on, what a κ of one number in each cell only scales is kept
+    Each system is assembled; the levels of an earlier system precondition it. As the matrix changes this
+    costs iterations, but never accuracy: convergence is tested with the current matrix. Each solve starts
+    from the combination of the last eight solutions with the smallest error
+    (:func:`~agglo_polydg_mg.solver.earlier_solutions.best_combination`).
+
+    Levels are rebuilt for the next solve after more than 1.5 times the iterations that fresh levels take
+    from 0. They are rebuilt within a solve if its first five iterations predict as many, or if it takes
+    over 3 times as many. That solve continues from its iterate, and the next solve builds levels of its
+    own; after another such solve the next two do, then four, and so on until reused levels serve again.
+    Levels with a different number of unknowns are never reused.
+
+    From the second system on, matrix parts that a cell-wise constant κ only scales are kept
     (:class:`~agglo_polydg_mg.forms.unit_forms.UnitForms`): about twice the memory of the matrix, 2 GiB at
-    most. ``operators`` of a Solution are those of the levels in use, of an earlier system perhaps, as its
-    ``choice`` then says. Made by :meth:`~agglo_polydg_mg.solver.polydg_multigrid.PolyDGMultigrid.repeated`;
-    not for several threads at once.
+    most. ``operators`` of a Solution belong to the levels in use, possibly from an earlier system, as its
+    ``choice`` then states.
+
+    Create an instance by :meth:`~agglo_polydg_mg.solver.polydg_multigrid.PolyDGMultigrid.repeated`. It is
+    not thread-safe.
 
     Attributes
     ----------
     setups : int
-        How many times levels have been made.
+        Number of times levels have been built.
 
     Examples
     --------
@@ -80,40 +85,45 @@ class RepeatedSolves:
         self._kept: Any = None
         self._usual: float | None = None  # iterations from 0 with fresh levels
         self._pause = self._paused = (
-            0  # solves with levels of their own after kept levels failed, and those left
+            0  # solves with own levels after reused levels failed: number, and remaining
         )
-        self._before: list[int] = []  # iterations with others, when they were made
+        self._before: list[int] = []  # iterations before the levels were built
         self._earlier: list[list[Float]] = []
         self._units: UnitForms | None = None
         self._numbering: Numbering | None = None
         self._plan: Plan | None = None
-        self._renumbered = False  # what is kept
+        self._renumbered = False  # numbering of the kept data
 
     def solve(self, problem: Problem, progress: Listener | None = None) -> Solution:
-        """Solve, as :meth:`.PolyDGMultigrid.solve` does, with the same errors."""
+        """Solve like :meth:`.PolyDGMultigrid.solve`, with equal errors."""
         watch, setups = solvers.Stopwatch(), self.setups
+        # 1. Assemble, with the kept numbering, unit forms and plan
         with watch("assemble"), phase(progress, "assembling"):
             plan = self._plan if self._kept else None
             task = task_for(problem, *self._made_of, self._units, plan, self._numbering)
         if isinstance(task, DiffusionTask) and self._units is None:
-            self._units, self._numbering = UnitForms(task.basis), task.numbering  # nothing is made of it yet
+            self._units, self._numbering = UnitForms(task.basis), task.numbering  # filled on first use
         renumbered = isinstance(task, DiffusionTask) and task.numbering.cells is not None
-        if renumbered != self._renumbered:  # a linear system before or after a diffusion problem
+        # 2. Drop levels and solutions that do not fit this system
+        if renumbered != self._renumbered:  # linear system after diffusion problem, or conversely
             self._kept, self._earlier, self._renumbered = None, [], renumbered
         if self._kept is not None and self._kept.levels[0].A.shape != task.A.shape:
             self._kept = None
+        # 3. Iterate
         try:
             histories = self._histories(task, watch, progress)
         except np.linalg.LinAlgError as error:
             self._kept = None
             return unsolved(task, str(error), watch, self._tolerance)
+        # 4. Keep solution and levels for the next solve
         fresh = self.setups > setups
         solution = solved(task, histories, self._kept, watch, self._tolerance, fresh=fresh)
         self._judge(histories)
         return solution
 
     def _histories(self, task: Task, watch: solvers.Stopwatch, progress: Listener | None) -> list[History]:
-        """Iterate with the levels there are, then as far as needed with fresh ones, then with others."""
+        """Iterate with the kept levels, then as far as needed with fresh levels, then with others."""
+        # 1. Kept levels, unless recent failures suspend them
         histories = self._started(task, watch)
         if self._paused:
             self._paused, self._kept = self._paused - 1, None
@@ -127,16 +137,18 @@ class RepeatedSolves:
                 self._pause = 0
                 return histories
             self._pause = self._paused = max(1, 2 * self._pause)
+        # 2. Fresh levels
         task.renew_plan()
         self._renew(task, histories, watch, progress)
         histories = self._iterate(task, self._most, histories, watch, progress)
+        # 3. Other methods, while the preconditioner fails
         while any(each.preconditioner_failed for each in histories) and task.change_method():
             self._renew(task, histories, watch, progress, "setting up other levels")
             histories = self._iterate(task, self._most, histories, watch, progress)
         return histories
 
     def _started(self, task: Task, watch: solvers.Stopwatch) -> list[History] | None:
-        """Histories of no iterations that end where to begin; None to begin from 0."""
+        """Return zero-iteration histories at the initial guesses, or None to begin from 0."""
         columns = task.columns
         if not self._earlier or [each.shape for each in self._earlier[-1]] != [b.shape for b in columns]:
             self._earlier = []
@@ -156,7 +168,7 @@ class RepeatedSolves:
         progress: Listener | None,
         title: str = "setting up the levels",
     ) -> None:
-        self._kept = None  # the levels of before are not needed while those to come are made
+        self._kept = None  # frees the old levels before the new ones are built
         self._kept = set_up(task, watch, progress, title)
         self._plan = task.plan if isinstance(task, DiffusionTask) else None
         self.setups, self._usual = self.setups + 1, None
@@ -195,11 +207,14 @@ def _finished(histories: list[History], most: int) -> bool:
 
 
 def _nearer(history: History) -> Float:
-    """The solution with what is known of its error: extrapolation makes much of what a few lack."""
+    """Return the solution plus its known correction.
+
+    Extrapolation amplifies small errors, so the correction pays.
+    """
     return history.x if history.correction is None else frozen_float(history.x + history.correction)
 
 
 def _digits(residuals: Float) -> float:
-    """Digits by which residuals fell."""
+    """Return the number of digits by which the residuals fell."""
     first, last = float(residuals[0]), float(residuals[-1])
     return math.log10(first / last) if 0.0 < last < first else 0.0

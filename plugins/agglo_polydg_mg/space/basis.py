@@ -1,8 +1,8 @@
-"""Polynomials of each cell.
+"""Polynomial basis on each cell.
 
-On cell K the basis is L_i(x̂) L_j(ŷ), i + j <= p: Legendre polynomials orthonormal on [−1, 1], (x̂, ŷ)
-running over [−1, 1]² in the bounding box of K. They need no mapping, so K may be any polygon. In space it is
-L_i(x̂) L_j(ŷ) L_k(ẑ), i + j + k <= p, and K any polyhedron.
+On cell K the basis is L_i(x̂) L_j(ŷ), i + j <= p: Legendre polynomials orthonormal on [−1, 1], with (x̂, ŷ)
+in [−1, 1]² on the bounding box of K. They need no mapping, so K may be any polygon. In 3-D the basis is
+L_i(x̂) L_j(ŷ) L_k(ẑ), i + j + k <= p, on any polyhedron K.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ from agglo_polydg_mg.space.solid_geometry import boxes_of_solids
 from agglo_polydg_mg.space.walk import Walk, walk_through
 
 _FILL = 0.1
-"""A cell that fills less of its bounding box may have one that is turned."""
+"""Box fraction below which a cell may have a rotated box."""
 
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """Discontinuous polynomials of a degree on the cells of a mesh.
+    """Discontinuous polynomials on the cells of a mesh.
 
-    The unknowns of cell c are ``c * n_local … (c + 1) * n_local``.
+    Cell c has the unknowns ``c * n_local … (c + 1) * n_local``.
 
     Attributes
     ----------
@@ -47,9 +47,9 @@ class Basis:
     degree : int
         p, 1..6.
     scaled : bool
-        Divide by the square root of the box's quarter area (eighth of its volume), so that the basis is
-        orthonormal on the box itself, and in 2-D turn the boxes of cells that fill less than a tenth of
-        theirs: otherwise the polynomials are linearly dependent, nearly. The paper's basis is neither.
+        Divide by the square root of a quarter box area (an eighth box volume), so that the basis is
+        orthonormal on the box itself, and in 2-D rotate the boxes of cells that fill less than a tenth of
+        them: otherwise the polynomials are nearly linearly dependent. The paper does neither.
 
     Raises
     ------
@@ -66,17 +66,17 @@ class Basis:
 
     @property
     def n_local(self) -> int:
-        """Unknowns of a cell: (p + 1)(p + 2) / 2, in 3-D times (p + 3) / 3."""
+        """Number of unknowns per cell: (p + 1)(p + 2) / 2, in 3-D times (p + 3) / 3."""
         return n_polynomials(self.degree, self.mesh.dim)
 
     @property
     def n(self) -> int:
-        """All unknowns."""
+        """Total number of unknowns."""
         return self.mesh.n_cells * self.n_local
 
     @cached_property
     def boxes(self) -> Float:
-        """Bounding boxes ``(n_cells, 6)``: centre from the mesh's origin, half sides; in 2-D a direction."""
+        """Bounding boxes ``(n_cells, 6)``: centre from the mesh origin, half sides, in 2-D a direction."""
         if self.mesh.dim == 3:
             return boxes_of_solids(self.mesh)
         from agglo_polydg_mg.space.legendre_kernels import bounding_boxes
@@ -93,7 +93,7 @@ class Basis:
 
     @property
     def centres(self) -> Float:
-        """Centres ``(n_cells, d)`` of the boxes, from the mesh's origin."""
+        """Box centres ``(n_cells, d)``, from the mesh origin."""
         return self.boxes[:, : self.mesh.dim]
 
     @property
@@ -103,23 +103,23 @@ class Basis:
 
     @cached_property
     def scale(self) -> Float:
-        """Factor of the polynomials of each cell ``(n_cells,)``: 1 unless ``scaled``."""
+        """Polynomial factor of each cell ``(n_cells,)``: 1 unless ``scaled``."""
         quarter = self.halves.prod(axis=1)
         return frozen_float(1 / np.sqrt(quarter) if self.scaled else np.ones(len(quarter)))
 
     @property
     def fill(self) -> Float:
-        """Part of its box that each cell fills ``(n_cells,)``."""
+        """Box fraction filled by each cell ``(n_cells,)``."""
         return frozen_float(self.mesh.cell_measures / (2.0**self.mesh.dim * self.halves.prod(axis=1)))
 
     @cached_property
     def across(self) -> Int:
-        """Cells from left to right ``(n_cells,)``: a slice of them is a strip of the mesh."""
+        """Cells from left to right ``(n_cells,)``: a slice is a strip of the mesh."""
         return frozen_int(np.argsort(self.mesh.local_centroids[:, 0]))
 
     @cached_property
     def pattern(self) -> tuple[Int, Int, Int, Int]:
-        """Blocks of a matrix that joins neighbours, as rows; see ``block_pattern`` in ``face_kernels``."""
+        """Block rows of a matrix that couples neighbours, see ``block_pattern`` in ``face_kernels``."""
         from agglo_polydg_mg.forms.face_kernels import block_pattern
 
         if self.mesh.dim == 3:
@@ -131,23 +131,24 @@ class Basis:
 
     @cached_property
     def sides(self) -> Sides:
-        """Sides of the cells of a mesh in 3-D: what two cells share is one, however many faces it has."""
+        """Sides of the cells of a 3-D mesh: one per pair of neighbours, for any number of faces."""
         return sides_of(self.mesh)
 
     @cached_property
     def walk(self) -> Walk | None:
-        """The order in which loops over cells visit them in 3-D; None for that of their numbers."""
+        """Order of loops over cells in 3-D, or None for the order of cell numbers."""
         return walk_through(self.mesh) if self.mesh.dim == 3 else None
 
     @cached_property
     def _integrals(self) -> Float:
-        """Integrals of the polynomials that source and stiffness need, as :func:`moments` gives them."""
+        """Integrals of the polynomials for source and stiffness, from :func:`moments`."""
         return frozen_float(moments(self.mesh, self.boxes, max(self.degree, 2 * self.degree - 2), self.walk))
 
     def weighted_moments(self, field: Field, degree: int, name: str) -> Float:
-        """:func:`~agglo_polydg_mg.space.quadrature.weighted_moments` in the boxes; those of numbers are kept.
+        """Return the :func:`~agglo_polydg_mg.space.quadrature.weighted_moments` in the boxes.
 
-        The degree is at most that of the basis or of a product of two gradients.
+        Integrals for numbers and cell values are cached. The degree is at most the degree of the basis or
+        of a product of two gradients.
         """
         if callable(field):
             return weighted_moments(self.mesh, field, self.boxes, degree, name)
@@ -157,12 +158,12 @@ class Basis:
         return np.asarray(self._integrals[:, :count] * values[:, None])
 
     def values(self, cells: Int, points: Float) -> Float:
-        """Polynomials ``(q, n_local)`` of ``cells (q,)`` at ``points (q, d)`` relative to the origin."""
+        """Evaluate polynomials ``(q, n_local)`` in ``cells (q,)`` at ``points (q, d)`` from the origin."""
         lines = [legendre(x, self.degree) for x in self._inside(cells, points)]
         return np.asarray((self._products(lines) * self.scale[cells]).T)
 
     def gradients(self, cells: Int, points: Float) -> Float:
-        """Their gradients ``(q, d, n_local)``."""
+        """Evaluate the polynomial gradients ``(q, d, n_local)``."""
         lines = [legendre(x, self.degree) for x in self._inside(cells, points)]
         steep = [
             self._products([slopes(line) if at == axis else line for at, line in enumerate(lines)])
@@ -175,14 +176,14 @@ class Basis:
         return np.transpose(found, (2, 0, 1))
 
     def _products(self, lines: list[Float]) -> Float:
-        """Products ``(n_local, q)`` of polynomials ``(degree + 1, q)`` along each axis."""
+        """Return the products ``(n_local, q)`` of polynomials ``(degree + 1, q)`` along each axis."""
         first, *rest = (line[own] for line, own in zip(lines, orders(self.degree, len(lines)).T, strict=True))
         for each in rest:
             first = first * each
         return first
 
     def _inside(self, cells: Int, points: Float) -> Float:
-        """Coordinates ``(d, q)`` of points in the boxes of cells, −1..1 inside."""
+        """Return the point coordinates ``(d, q)`` in the cell boxes, −1..1 inside."""
         if self.mesh.dim == 3:
             return np.asarray(((points - self.centres[cells]) / self.halves[cells]).T)
         box = self.boxes[cells]
@@ -190,28 +191,28 @@ class Basis:
         return np.stack((c * x + s * y, c * y - s * x)) / box[:, 2:4].T
 
     def evaluate(self, x: Float, cells: Int, points: Float) -> Float:
-        """Values ``(q,)`` of the function with coefficients ``x (n,)`` in a cell each.
+        """Evaluate the function with coefficients ``x (n,)``, each point in its cell.
 
-        ``cells (q,)`` and ``points (q, d)`` belong together. Points are in user coordinates,
-        and need not lie in the cells.
+        Returns values ``(q,)``; ``cells (q,)`` and ``points (q, d)`` are paired. Points are in user
+        coordinates, and need not lie in the cells.
         """
         values = self.values(cells, np.asarray(points, float) - self.mesh.origin)
         return np.asarray(np.einsum("qk,qk->q", values, self.coefficients(x)[cells]))
 
     def coefficients(self, x: Float) -> Float:
-        """The vector ``x (n,)`` as ``(n_cells, n_local)``, or OptionError if its length is another."""
+        """Return the vector ``x (n,)`` as ``(n_cells, n_local)``, or raise OptionError for a wrong length."""
         if np.shape(x) != (self.n,):
             raise OptionError(f"the vector has shape {np.shape(x)}, this space ({self.n},) unknowns")
         return np.reshape(x, (-1, self.n_local))
 
     def constants(self, values: Float) -> Float:
-        """Coefficients ``(n,)`` of the function with constant ``values (n_cells,)`` on each cell."""
+        """Return the coefficients ``(n,)`` of the function with constant ``values (n_cells,)`` per cell."""
         x = np.zeros((self.mesh.n_cells, self.n_local))
-        x[:, 0] = 2.0 ** (0.5 * self.mesh.dim) * values / self.scale  # L₀ is the root of 1/2
+        x[:, 0] = 2.0 ** (0.5 * self.mesh.dim) * values / self.scale  # L₀ = √½
         return frozen_float(x.ravel())
 
     def project(self, function: Field | Callable[[Float], Float]) -> Float:
-        """Coefficients ``(n,)`` of the L2 projection of a number, an array per cell or a callable."""
+        """Return the L2 projection ``(n,)`` of a number, an array per cell or a callable."""
         load = self.weighted_moments(function, self.degree, "the function")
         load *= self.scale[:, None]
         return np.asarray(np.linalg.solve(self.mass_blocks, load[:, :, None]).ravel(), dtype=np.float64)
@@ -225,12 +226,12 @@ class Basis:
         )
 
     def mass(self) -> sparse.bsr_array:
-        """Mass matrix, block diagonal."""
+        """Return the block-diagonal mass matrix."""
         return block_diagonal(self.mass_blocks)
 
 
 def stiffness(basis: Basis, kappa: Field) -> Float:
-    """∫ κ∇φ_i·∇φ_j of each cell ``(n_cells, n_local, n_local)``."""
+    """Return ∫ κ∇φ_i·∇φ_j of each cell ``(n_cells, n_local, n_local)``."""
     integrals = basis.weighted_moments(kappa, 2 * basis.degree - 2, "kappa")
     integrals *= (basis.scale**2)[:, None]
     along = [integrals / half[:, None] ** 2 for half in basis.halves.T]
@@ -239,12 +240,12 @@ def stiffness(basis: Basis, kappa: Field) -> Float:
 
 
 def block_diagonal(blocks: Float) -> sparse.bsr_array:
-    """Matrix with the blocks ``(n, m, m)`` on its diagonal."""
+    """Return the block-diagonal matrix of ``blocks (n, m, m)``."""
     n, m, _ = blocks.shape
     return one_per_row(blocks, frozen_int(np.arange(n)), (n * m, n * m))
 
 
 def one_per_row(blocks: Float, columns: Int, shape: tuple[int, int]) -> sparse.bsr_array:
-    """Matrix with one of the blocks ``(n, m, w)`` in each row of blocks, in ``columns (n,)``."""
+    """Return a matrix with one block ``(n, m, w)`` per block row, in ``columns (n,)``."""
     indptr = np.arange(len(blocks) + 1, dtype=np.int32)
     return sparse.bsr_array((blocks, np.asarray(columns, np.int32), indptr), shape=shape)

@@ -1,4 +1,4 @@
-"""Gauss points on the interval, and folded onto triangles and tetrahedra."""
+"""Gauss points on intervals, triangles and tetrahedra."""
 
 from __future__ import annotations
 
@@ -11,14 +11,17 @@ from agglo_core.authoring import Float, frozen_float
 
 @cache
 def gauss(n: int) -> tuple[Float, Float]:
-    """Nodes and weights ``(n,)`` on [−1, 1], exact up to degree 2n − 1."""
+    """Return nodes and weights ``(n,)`` on [−1, 1], exact up to degree 2n − 1."""
     nodes, weights = np.polynomial.legendre.leggauss(n)
     return frozen_float(nodes), frozen_float(weights)
 
 
 @cache
 def simplex_rule(dim: int, n: int) -> tuple[Float, Float]:
-    """Points ``(nᵈ, d)`` and weights on the unit simplex, exact to degree 2n − 1: a cube folded onto it."""
+    """Return points ``(nᵈ, d)`` and weights on the unit simplex, exact up to degree 2n − 1.
+
+    The rule folds a cube onto the simplex.
+    """
     from scipy.special import roots_jacobi
 
     x, wx = gauss(n)

@@ -1,8 +1,8 @@
-"""Legendre polynomials in kernels, and integrals of polynomials over cells.
+"""Legendre polynomials in kernels, and polynomial integrals over cells.
 
-Polynomials are products L_i(x̂) L_j(ŷ) of orthonormal Legendre polynomials on the bounding box of a
-cell, a box being its centre, its half sides and the direction of the first (cx, cy, hx, hy, c, s). They
-are numbered by total degree: (0,0), (1,0), (0,1), (2,0), (1,1), (0,2), …
+Polynomials are products L_i(x̂) L_j(ŷ) of orthonormal Legendre polynomials on the bounding box of a cell. A
+box consists of its centre, its half sides and the direction of the first (cx, cy, hx, hy, c, s).
+Polynomials are numbered by total degree: (0,0), (1,0), (0,1), (2,0), (1,1), (0,2), …
 """
 
 from __future__ import annotations
@@ -12,21 +12,21 @@ import numpy as np
 from agglo_core.authoring import helper, kernel
 
 LANES = 64
-"""Cells or faces taken at a time: the last index of arrays, so that inner loops run over vector registers.
+"""Number of cells or faces per batch: the last array index, so that inner loops fill vector registers.
 
-Fewer leave registers unused or loops short, more need workspace that no longer fits into the caches.
+Fewer leave registers unused or loops short, more need workspace that exceeds the caches.
 """
 CONSTANT = np.sqrt(0.5)
-"""The Legendre polynomial of degree 0."""
+"""The Legendre polynomial with degree 0."""
 
 
 @helper(allocates=True)
 def recurrences(degree):
-    """Coefficients a, b, c, d ``(4, degree)`` of the recurrences of Legendre polynomials up to a degree.
+    """Return the recurrence coefficients a, b, c, d ``(4, degree)`` of Legendre polynomials up to a degree.
 
-    For L_k = √(k + 1/2) P_k on [−1, 1] they are L_{k+1} = a_k x L_k − b_k L_{k−1} and
-    L'_{k+1} = c_k L'_{k−1} + d_k L_k, from P'_{k+1} = P'_{k−1} + (2k + 1) P_k; L_k has the antiderivative
-    L_{k+1} / d_k − L_{k−1} / d_{k−1}.
+    For L_k = √(k + 1/2) P_k on [−1, 1] they are L_{k+1} = a_k x L_k − b_k L_{k−1} and L'_{k+1} = c_k
+    L'_{k−1} + d_k L_k, from P'_{k+1} = P'_{k−1} + (2k + 1) P_k; L_k has the antiderivative L_{k+1} /
+    d_k − L_{k−1} / d_{k−1}.
     """
     table = np.zeros((4, degree))
     for k in range(degree):
@@ -50,7 +50,7 @@ def legendre_at(x, degree, table, out):
 
 @kernel
 def slopes_of(values, degree, table, out):
-    """Write the derivatives of the polynomials of :func:`legendre_at` to ``out`` from their ``values``."""
+    """Write the derivatives of the :func:`legendre_at` polynomials to ``out`` from their ``values``."""
     before, slope = 0.0, 0.0
     out[0] = 0.0
     for k in range(degree):
@@ -60,7 +60,7 @@ def slopes_of(values, degree, table, out):
 
 @helper
 def along_box(x, y, box):
-    """Components of a vector along the sides of a box."""
+    """Return the components of a vector along the sides of a box."""
     return box[4] * x + box[5] * y, box[4] * y - box[5] * x
 
 
@@ -83,22 +83,22 @@ def _fit_box(points, first, last, faces, face_vertices, box):
 
 @kernel
 def bounding_boxes(points, offsets, faces, face_vertices, areas, least):
-    """Bounding box ``(n, 6)`` of each cell.
+    """Return the bounding box ``(n, 6)`` of each cell.
 
-    Sides are parallel to the axes, except where the cell fills less than the part ``least`` of that box: then
-    to the face that makes the smallest box, if it is less than half as large. On a sliver athwart its box
-    polynomials are linearly dependent but for a power of its width.
+    Sides are parallel to the axes unless the cell fills less than the fraction ``least`` of that box: then
+    they follow the face with the smallest box, if it is less than half as large. On a diagonal sliver the
+    polynomials would be linearly dependent up to a power of its width.
     """
     boxes, tried = np.empty((len(offsets) - 1, 6)), np.empty(6)
     for c in range(len(boxes)):
         box, first, last = boxes[c], offsets[c], offsets[c + 1]
-        # 1. The box along the axes, which mostly serves.
+        # 1. The box along the axes, sufficient for most cells.
         box[4], box[5] = 1.0, 0.0
         _fit_box(points, first, last, faces, face_vertices, box)
         if areas[c] >= least * 4.0 * box[2] * box[3]:
             continue
-        # 2. A thin cell: boxes along each of its faces. The smallest replaces the first if it is less than
-        #    half as large; flat ones are left out, as coordinates are divided by the half sides.
+        # 2. Thin cells: boxes along each face. The smallest replaces the first if it is less than half as
+        # large. Flat boxes are excluded, because coordinates are divided by the half sides.
         smallest = 0.5 * box[2] * box[3]
         for h in range(first, last):
             a, b = face_vertices[faces[h], 0], face_vertices[faces[h], 1]
@@ -119,10 +119,10 @@ def bounding_boxes(points, offsets, faces, face_vertices, areas, least):
 def boundary_moments(
     points, offsets, faces, face_vertices, face_cells, first_cell, boxes, nodes, weights, degree
 ):  # fmt: skip
-    """Integrals ``(n, m)`` of the polynomials of a degree over cells ``first_cell``, ...
+    """Return the polynomial integrals ``(n, m)`` up to a degree over cells from ``first_cell`` on.
 
-    By the divergence theorem, ∫_K L_i(x̂) L_j(ŷ) = ∮ X_i(x̂) L_j(ŷ) dy with the antiderivative X_i of L_i in
-    x, exactly for cells of any shape; ``nodes`` must integrate degree + 1 on [−1, 1].
+    By the divergence theorem, ∫_K L_i(x̂) L_j(ŷ) = ∮ X_i(x̂) L_j(ŷ) dy with the antiderivative X_i of L_i
+    in x, exactly for any cell shape; ``nodes`` must integrate degree + 1 on [−1, 1].
     """
     n = len(offsets) - 1
     moments = np.zeros((n, (degree + 1) * (degree + 2) // 2))
@@ -133,8 +133,8 @@ def boundary_moments(
         cx, cy, hx, hy = box[0], box[1], box[2], box[3]
         for h in range(offsets[c], offsets[c + 1]):
             f = faces[h]
-            # 1. The edge anticlockwise about the cell, in coordinates of its box, −1..1. Edges along x̂ have
-            #    dy = 0.
+            # 1. The edge anticlockwise about the cell, in box coordinates −1..1. Edges along x̂ have dy =
+            # 0.
             flip = 0 if face_cells[f, 0] == first_cell + c else 1
             a, b = face_vertices[f, flip], face_vertices[f, 1 - flip]
             ax, ay = along_box(points[a, 0] - cx, points[a, 1] - cy, box)
@@ -162,12 +162,16 @@ def boundary_moments(
 
 @kernel
 def point_moments(points, values, offsets, boxes, degree):
-    """Sums ``(n, m)`` of values times polynomials over each cell's points ``offsets[c]:offsets[c + 1]``."""
+    """Return the sums ``(n, m)`` of values times polynomials over each cell's points.
+
+    Cell c has the points ``offsets[c]:offsets[c + 1]``.
+    """
     n = len(offsets) - 1
     moments = np.zeros((n, (degree + 1) * (degree + 2) // 2))
     table, lx, ly = recurrences(degree), np.empty(degree + 1), np.empty(degree + 1)
     for c in range(n):
         for q in range(offsets[c], offsets[c + 1]):
+            # Accumulate by total degree
             x, y = along_box(points[q, 0] - boxes[c, 0], points[q, 1] - boxes[c, 1], boxes[c])
             legendre_at(x / boxes[c, 2], degree, table, lx)
             legendre_at(y / boxes[c, 3], degree, table, ly)
@@ -183,9 +187,9 @@ def point_moments(points, values, offsets, boxes, degree):
 def sparse_products(integrals, places, columns, factors, blocks):
     """Add Σ_t factors[t] integrals[c, columns[t]] to the entries ``places (t, 2)`` of symmetric blocks.
 
-    Places are those of the lower halves, sorted; ``blocks (n, m, m)``.
+    The places are sorted and refer to the lower halves of ``blocks (n, m, m)``.
     """
-    # Terms of one place follow one another: they are added up, and written after the last one.
+    # Terms for one place are contiguous: they are added up, and written after the last term.
     for c in range(len(blocks)):
         block, own, value = blocks[c], integrals[c], 0.0
         for t in range(len(columns)):

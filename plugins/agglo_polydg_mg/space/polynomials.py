@@ -1,4 +1,4 @@
-"""Polynomials of several variables: products of Legendre polynomials, by total degree."""
+"""Polynomials in several variables: Legendre products, by total degree."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from agglo_polydg_mg.space.gauss_points import gauss
 
 
 def n_polynomials(degree: int, dim: int = 2) -> int:
-    """Number of polynomials of a total degree, 3 in the plane and 4 in space for degree 1."""
+    """Return the number of polynomials up to a total degree: 3 in 2-D and 4 in 3-D for degree 1."""
     return comb(degree + dim, dim)
 
 
 @cache
 def orders(degree: int, dim: int = 2) -> Int:
-    """Degrees ``(m, dim)`` along the axes of the polynomials of a cell, by total degree."""
+    """Return the degrees ``(m, dim)`` along the axes for all cell polynomials, by total degree."""
     return frozen_int([each for total in range(degree + 1) for each in _of_total(total, dim)])
 
 
@@ -30,7 +30,7 @@ def _of_total(total: int, dim: int) -> list[tuple[int, ...]]:
 
 
 def legendre(x: Float, degree: int) -> Float:
-    """Orthonormal Legendre polynomials 0..degree at ``x (q,)``, shape ``(degree + 1, q)``."""
+    """Evaluate orthonormal Legendre polynomials 0..degree at ``x (q,)``, shape ``(degree + 1, q)``."""
     values = np.empty((degree + 1, *np.shape(x)))
     before, value = np.zeros_like(x), np.ones_like(x)
     for k in range(degree + 1):
@@ -40,7 +40,10 @@ def legendre(x: Float, degree: int) -> Float:
 
 
 def slopes(values: Float) -> Float:
-    """Derivatives of the polynomials ``values (degree + 1, q)``: P'_{k+1} = P'_{k−1} + (2k + 1) P_k."""
+    """Return the derivatives of the polynomials ``values (degree + 1, q)``.
+
+    Uses P'_{k+1} = P'_{k−1} + (2k + 1) P_k.
+    """
     result = np.zeros_like(values)
     for k in range(len(values) - 1):
         below = result[k - 1] / np.sqrt(k - 0.5) if k else 0.0
@@ -49,11 +52,11 @@ def slopes(values: Float) -> Float:
 
 
 def products(integrals: list[Float], degree: int, derivatives: list[tuple[int, ...]]) -> Float:
-    """Blocks ``(n, m, m)`` of the integrals of products of derivatives of polynomials, summed over a list.
+    """Return the integrals ``(n, m, m)`` of products of polynomial derivatives, summed over a list.
 
-    A product of two Legendre polynomials is a sum of Legendre polynomials, so what is needed of a cell
-    are the integrals ``(n, k)`` of polynomials up to the degree of the product; each of the list is taken
-    with one tuple of orders of differentiation along the axes.
+    A product of two Legendre polynomials is a sum of Legendre polynomials, so the only cell data are the
+    integrals ``(n, k)`` of polynomials up to the product degree. Each array in the list is paired with one
+    tuple of differentiation orders along the axes.
     """
     from agglo_polydg_mg.space.legendre_kernels import sparse_products
 
@@ -70,15 +73,15 @@ def products(integrals: list[Float], degree: int, derivatives: list[tuple[int, .
 
 
 def _degree_of(count: int, dim: int) -> int:
-    """Degree of the polynomials that are ``count``."""
+    """Return the degree with ``count`` polynomials."""
     return next(degree for degree in range(count) if n_polynomials(degree, dim) >= count)
 
 
 @cache
 def _expansion(degree: int, most: int, derivatives: tuple[int, ...]) -> tuple[Int, Int, Float]:
-    """Products of derivatives of two polynomials as sums of polynomials of degree ``most`` or less.
+    """Expand products of two polynomial derivatives in polynomials up to degree ``most``.
 
-    Pairs of the two ``(t, 2)``, polynomials ``(t,)`` and factors ``(t,)`` of the terms that are not 0.
+    Returns the pairs ``(t, 2)``, the polynomials ``(t,)`` and the factors ``(t,)`` of the nonzero terms.
     """
     dim = len(derivatives)
     own, sums = orders(degree, dim), orders(most, dim)
@@ -94,7 +97,7 @@ def _expansion(degree: int, most: int, derivatives: tuple[int, ...]) -> tuple[In
 
 @cache
 def _triple(degree: int, derivative: int) -> Float:
-    """Integrals of L_i⁽ᵈ⁾ L_k⁽ᵈ⁾ L_a over [−1, 1], a <= 2 degree."""
+    """Return the integrals of L_i⁽ᵈ⁾ L_k⁽ᵈ⁾ L_a over [−1, 1], a <= 2 degree."""
     nodes, weights = gauss(2 * degree + 1)
     values = legendre(nodes, 2 * degree)
     low = slopes(values[: degree + 1]) if derivative else values[: degree + 1]
@@ -102,11 +105,11 @@ def _triple(degree: int, derivative: int) -> Float:
 
 
 class Monomials(NamedTuple):
-    """Products of powers of three coordinates, and where sums of exponents are among them.
+    """Monomials in three coordinates, with index tables for products and derivatives.
 
-    ``powers (k, 3)`` up to twice a degree; ``sums (n, n)`` the product of two of the ``n`` up to the degree;
-    ``lowered (n, n, 3)`` the product of the first and the derivative of the second along an axis, 0 where
-    that is none; ``terms (t, 2)`` pairs of the ``n`` whose second exponents are nowhere the larger ones.
+    ``powers (k, 3)`` up to twice a degree; ``sums (n, n)`` the product of two of the ``n`` up to the
+    degree; ``lowered (n, n, 3)`` the product of the first and the derivative of the second along an axis, 0
+    if it vanishes; ``terms (t, 2)`` index pairs whose second exponents nowhere exceed the first.
     """
 
     powers: Int
@@ -117,7 +120,7 @@ class Monomials(NamedTuple):
 
 @cache
 def monomials(degree: int) -> Monomials:
-    """The tables of a degree, in the order of :func:`orders`."""
+    """Return the tables of a degree, in the order of :func:`orders`."""
     powers, own = orders(2 * degree, 3), orders(degree, 3)
     number = {tuple(each): k for k, each in enumerate(powers.tolist())}
     both = own[:, None] + own[None]

@@ -1,4 +1,4 @@
-"""Quadrature on reference cells, on the triangles of a cell, and on cells."""
+"""Quadrature on the triangles or tetrahedra of cells, and exact moments."""
 
 from __future__ import annotations
 
@@ -26,13 +26,14 @@ from agglo_polydg_mg.space.walk import Walk
 
 
 def triangulate(mesh: Mesh) -> tuple[Int, Float]:
-    """Triangles inside each cell: offsets ``(n + 1,)`` and corners ``(t, 3, 2)`` relative to the origin.
+    """Triangulate each cell: offsets ``(n + 1,)`` and corners ``(t, 3, 2)`` relative to the origin.
 
     Raises
     ------
     MeshError
-        Naming cells whose triangles do not add up to their area.
+        For cells whose triangle areas do not sum to the cell area.
     """
+    # 1. Fans where they fit, constrained Delaunay triangles elsewhere
     cells, corners, fanned = _fans(mesh)
     rest = np.flatnonzero(~fanned)
     if len(rest):
@@ -40,6 +41,7 @@ def triangulate(mesh: Mesh) -> tuple[Int, Float]:
         cells, corners = np.concatenate((cells, more)), np.concatenate((corners, others))
         order = np.argsort(cells, kind="stable")
         cells, corners = cells[order], corners[order]
+    # 2. Check the areas
     areas = np.bincount(cells, _areas(corners), mesh.n_cells)
     wrong = np.flatnonzero(np.abs(areas - mesh.cell_measures) > 1e-8 * mesh.cell_measures)
     if len(wrong):
@@ -48,7 +50,7 @@ def triangulate(mesh: Mesh) -> tuple[Int, Float]:
 
 
 def _fans(mesh: Mesh) -> tuple[Int, Float, np.ndarray]:
-    """Fans from the first vertex of each cell: cells, corners, and which cells they fit ``(n,)``."""
+    """Return fans from each first cell vertex: cells, corners, and a mask of fitting cells ``(n,)``."""
     cell_loops, loop_offsets, vertices = mesh.boundary_loops
     simple = np.diff(cell_loops) == 1
     loop = cell_loops[:-1][simple]
@@ -70,7 +72,7 @@ def _areas(corners: Float) -> Float:
 
 
 def _delaunay(mesh: Mesh, cells: Int) -> tuple[Int, Float]:
-    """Constrained Delaunay triangles of some cells, holes and pinches included, counter-clockwise."""
+    """Return constrained Delaunay triangles of some cells, with holes and pinches, counter-clockwise."""
     import shapely
 
     triangles, owners = shapely.get_parts(
@@ -82,14 +84,14 @@ def _delaunay(mesh: Mesh, cells: Int) -> tuple[Int, Float]:
     return cells[owners], corners
 
 
-_FEW = 4_000  # cells one thread integrates over in some milliseconds
-_POINTS = 200_000  # in a batch: it stays in the cache of a processor
+_FEW = 4_000  # cells; one thread integrates over them in some milliseconds
+_POINTS = 200_000  # per batch, which fits into the processor cache
 
 
 class Batch(NamedTuple):
     """Quadrature points of the cells ``first … first + n``.
 
-    ``offsets (n + 1,)`` into the points; ``points (q, d)`` relative to the mesh's origin;
+    ``offsets (n + 1,)`` index the points; ``points (q, d)`` are relative to the mesh origin;
     ``weights (q,)`` sum to areas or volumes.
     """
 
@@ -106,7 +108,7 @@ class Batch(NamedTuple):
 
 
 def moments(mesh: Mesh, boxes: Float, degree: int, walk: Walk | None = None) -> Float:
-    """Integrals ``(n, m)`` of the polynomials up to a degree, each on its cell: exact for any shape.
+    """Integrate polynomials up to a degree over each cell ``(n, m)``, exactly for any shape.
 
     In 3-D cells may be visited in the order of a ``walk``.
     """
@@ -114,7 +116,7 @@ def moments(mesh: Mesh, boxes: Float, degree: int, walk: Walk | None = None) -> 
         return _solid_moments(mesh, boxes, degree, walk)
     from agglo_polydg_mg.space.legendre_kernels import boundary_moments
 
-    rule = gauss((degree + 3) // 2)  # the antiderivative has one degree more
+    rule = gauss((degree + 3) // 2)  # the antiderivative has a higher degree by one
     points, (offsets, faces), boxes = mesh.local_points, mesh.cell_faces, frozen_float(boxes)
     sides = mesh.face_pairs, mesh.face_cells
 
@@ -145,15 +147,15 @@ def _solid_moments(mesh: Mesh, boxes: Float, degree: int, walk: Walk | None) -> 
 
 
 def weighted_moments(mesh: Mesh, field: Field, boxes: Float, degree: int, name: str) -> Float:
-    """Integrals ``(n, m)`` of a field times the polynomials up to a degree.
+    """Integrate a field times polynomials up to a degree ``(n, m)``.
 
-    A number or one value per cell is integrated exactly; a callable is sampled inside the cells, at
-    points exact for degree + 5.
+    Numbers and cell values are integrated exactly; a callable is sampled inside the cells, at points exact
+    up to degree + 5.
 
     Raises
     ------
     OptionError
-        Naming the field: wrong shape, not finite.
+        For a field with the wrong shape or nonfinite values.
     """
     if not callable(field):
         values = per_cell(field, mesh.n_cells, name)
@@ -173,7 +175,7 @@ def weighted_moments(mesh: Mesh, field: Field, boxes: Float, degree: int, name: 
 
 
 def _at_points(points: Float, values: Float, ends: Int, boxes: Float, degree: int) -> Float:
-    """Sums ``(n, m)`` of values times polynomials over the points of each cell."""
+    """Return the sums ``(n, m)`` of values times polynomials over the points of each cell."""
     if points.shape[1] == 3:
         from agglo_polydg_mg.space.solid_kernels import solid_point_moments
 
@@ -188,7 +190,13 @@ def _zeros(mesh: Mesh, degree: int) -> Float:
 
 
 def per_cell(field: float | Float, n: int, name: str) -> Float:
-    """A number or ``(n,)`` values as ``(n,)`` values; OptionError, naming the field, for anything else."""
+    """Return a number or ``(n,)`` values as ``(n,)`` values.
+
+    Raises
+    ------
+    OptionError
+        For anything else; the message names the field.
+    """
     try:
         values = frozen_float(field)
     except MeshError as error:
@@ -202,7 +210,7 @@ def per_cell(field: float | Float, n: int, name: str) -> Float:
 
 
 def sample(field: Callable[[Float], Float], points: Float, name: str) -> Float:
-    """Values ``(q,)`` of a callable at ``points (q, d)`` in user coordinates.
+    """Evaluate a callable at ``points (q, d)`` in user coordinates, and check the values ``(q,)``.
 
     Raises
     ------
@@ -213,7 +221,7 @@ def sample(field: Callable[[Float], Float], points: Float, name: str) -> Float:
         returned = field(points)
     except AggloError:
         raise
-    except Exception as error:  # whatever a user's callable raises
+    except Exception as error:  # a user's callable may raise any exception
         raise OptionError(
             f"{name} failed for {len(points)} points of shape {points.shape}: {type(error).__name__}: {error}"
         ) from error
@@ -234,18 +242,19 @@ def _require_finite(values: Float, name: str) -> None:
 
 
 def inside(mesh: Mesh, degree: int) -> Iterator[Batch]:
-    """Quadrature points inside the cells, exact up to a degree, a batch of cells at a time.
+    """Yield quadrature points inside the cells, exact up to a degree, in batches of cells.
 
     Raises
     ------
     MeshError
-        As :func:`~agglo_polydg_mg.space.quadrature.triangulate`.
+        See :func:`~agglo_polydg_mg.space.quadrature.triangulate`.
     """
     offsets, corners = triangulate(mesh) if mesh.dim == 2 else tetrahedra_of_solids(mesh)
     reference, weights = simplex_rule(mesh.dim, degree // 2 + 1)
     ends = offsets * len(weights)
     first = 0
     while first < mesh.n_cells:
+        # Each batch has at least one cell, otherwise at most _POINTS points
         stop = max(first + 1, int(np.searchsorted(ends, ends[first] + _POINTS, "right")) - 1)
         chosen = corners[offsets[first] : offsets[stop]]
         edges = chosen[:, 1:] - chosen[:, :1]
@@ -262,7 +271,7 @@ def inside(mesh: Mesh, degree: int) -> Iterator[Batch]:
 
 
 def _determinants(edges: Float) -> Float:
-    """Determinants ``(t,)`` of the edges ``(t, d, d)`` of simplices from their first corners."""
+    """Return the determinants ``(t,)`` of simplex edges ``(t, d, d)`` from the first corner."""
     u, v = edges[:, 0], edges[:, 1]
     if edges.shape[1] == 2:
         return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]

@@ -1,4 +1,4 @@
-"""Values of a discrete function: at points of each cell for pictures, and at any points."""
+"""Evaluate discrete functions: at sample points in each cell for pictures, and at any points."""
 
 from __future__ import annotations
 
@@ -12,16 +12,18 @@ from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.quadrature import triangulate
 from agglo_polydg_mg.space.solid_geometry import boxes_of_solids, tetrahedra_of_solids, triangles_of_faces
 
-_INVERTED = -1e-12  # of the volume of a cell
+_INVERTED = -1e-12  # relative to the cell volume
 
 
 def samples_of(basis: Basis, x: Float) -> Samples:
-    """The function with coefficients ``x (n,)``: every cell is cut into simplices, each into pᵈ smaller ones.
+    """Sample the function with coefficients ``x (n,)``.
+
+    Every cell is cut into simplices, and each simplex into pᵈ smaller simplices.
 
     Raises
     ------
     OptionError
-        If x has another length than the space.
+        If the length of x does not match the space.
     MeshError
         In 3-D, for cells that are not star-shaped from their centroids.
     """
@@ -30,7 +32,7 @@ def samples_of(basis: Basis, x: Float) -> Samples:
 
 
 def sampled(basis: Basis) -> tuple[Int, Float, Int]:
-    """Points that sample every cell: their cells ``(q,)``, points ``(q, d)``, simplices ``(t, d + 1)``."""
+    """Return sample points in every cell: cells ``(q,)``, points ``(q, d)``, simplices ``(t, d + 1)``."""
     mesh, p = basis.mesh, basis.degree
     offsets, corners = triangulate(mesh) if mesh.dim == 2 else _tetrahedra(basis)
     lattice, small = _lattice(p, mesh.dim)
@@ -42,7 +44,7 @@ def sampled(basis: Basis) -> tuple[Int, Float, Int]:
 
 
 def _tetrahedra(basis: Basis) -> tuple[Int, Float]:
-    """Those of all cells, or MeshError if some are inside out."""
+    """Return the tetrahedra of all cells, or raise MeshError if some are inverted."""
     mesh = basis.mesh
     offsets, corners = tetrahedra_of_solids(mesh)
     edges, own = corners[:, 1:] - corners[:, :1], np.repeat(np.arange(mesh.n_cells), np.diff(offsets))
@@ -56,7 +58,7 @@ def _tetrahedra(basis: Basis) -> tuple[Int, Float]:
 
 
 def _lattice(p: int, dim: int) -> tuple[Int, Int]:
-    """Points ``(q, d)`` of a simplex of side p, integers, and the small simplices between them.
+    """Return integer points ``(q, d)`` in a simplex with side p, and the small simplices between them.
 
     In the coordinates x + y + z, y + z, z the cubes of the lattice are cut along their diagonals (H. Kuhn).
     """
@@ -76,18 +78,23 @@ def _lattice(p: int, dim: int) -> tuple[Int, Int]:
     return frozen_int(lattice), frozen_int(small)
 
 
-_TRIANGLES = 1_000_000  # looked at together
+_TRIANGLES = 1_000_000  # per batch
 _INSIDE = 0.01
-"""Part of the solid angle from which a point belongs to a cell: on faces both have half of it."""
+"""Solid angle fraction above which a point belongs to a cell: on faces both cells have half."""
 
 
 def cells_that_hold(mesh: Mesh, points: Float) -> Int:
-    """Cell of each of the ``points (q, 3)`` from the origin: the lowest of those that hold it, −1 outside."""
+    """Return the cell of each of the ``points (q, 3)`` from the origin, −1 outside.
+
+    If several cells contain a point, the lowest number counts.
+    """
+    # 1. Candidate cells by bounding boxes
     candidates, cells = _in_boxes(mesh, points)
     offsets, faces = mesh.cell_faces
     triangles = np.diff(mesh.face_offsets)[faces] - 2
     sizes = np.add.reduceat(triangles, offsets[:-1])
     found = np.full(len(points), mesh.n_cells)
+    # 2. Winding numbers, in batches of triangles
     ends, first = np.concatenate(([0], np.cumsum(sizes[cells]))), 0
     while first < len(cells):
         stop = max(first + 1, int(np.searchsorted(ends, ends[first] + _TRIANGLES, "right")) - 1)
@@ -99,7 +106,7 @@ def cells_that_hold(mesh: Mesh, points: Float) -> Int:
 
 
 def _in_boxes(mesh: Mesh, points: Float) -> tuple[Int, Int]:
-    """Pairs of points and cells whose bounding boxes hold them, by points."""
+    """Return the pairs of points and cells whose bounding boxes contain them, sorted by point."""
     import shapely
 
     boxes = boxes_of_solids(mesh)
@@ -114,40 +121,45 @@ def _in_boxes(mesh: Mesh, points: Float) -> tuple[Int, Int]:
 
 
 def _winding(mesh: Mesh, points: Float, cells: Int) -> Float:
-    """How often the surface of each cell winds around a point ``(m,)``: 1 inside, 0 outside, 1/2 on faces.
+    """Return the winding number of each cell's surface around a point ``(m,)``.
 
-    Sums of the solid angles of triangles: A. van Oosterom, J. Strackee, IEEE Trans. Biomed. Eng. 30, 1983.
+    It is 1 inside, 0 outside and 1/2 on faces: the sum of the triangles' solid angles (A. van Oosterom, J.
+    Strackee, IEEE Trans. Biomed. Eng. 30, 1983).
     """
+    # 1. Triangles of all faces of the cells
     offsets, faces = mesh.cell_faces
     count = offsets[cells + 1] - offsets[cells]
     pair = np.repeat(np.arange(len(cells)), count)
     own = faces[np.arange(len(pair)) - np.repeat(np.cumsum(count) - count, count) + offsets[cells[pair]]]
     of_own, corners = triangles_of_faces(mesh, frozen_int(own))
     pair = np.repeat(pair, np.diff(mesh.face_offsets)[own] - 2)
+    # 2. Solid angles; 2π for a point on a triangle
     a, b, c = (corners[:, k] - points[pair] for k in range(3))
     la, lb, lc = (np.linalg.norm(each, axis=1) for each in (a, b, c))
     volume = (a * np.cross(b, c)).sum(axis=1)
     size = la * lb * lc + (a * b).sum(1) * lc + (b * c).sum(1) * la + (c * a).sum(1) * lb
     flat = np.abs(volume) <= 1e-12 * np.maximum(np.maximum(la, lb), lc) ** 3
     angle = np.where(flat & (size >= 0.0), 0.0, np.arctan2(volume, size))
-    angle = np.where(flat & (size < 0.0), 0.5 * np.pi, angle)  # on the triangle: half of all around
+    angle = np.where(flat & (size < 0.0), 0.5 * np.pi, angle)  # on the triangle: half of the full solid angle
+    # 3. Signed sums per cell
     sign = np.where(mesh.face_cells[of_own, 0] == cells[pair], 1.0, -1.0)
     sign = np.where(flat & (size < 0.0), 1.0, sign)
     return np.bincount(pair, sign * angle, len(cells)) / (2.0 * np.pi)
 
 
-_NEAR = 1e-9  # of the mesh's size: points on a face may miss both of its cells by rounding
+_NEAR = 1e-9  # relative to the mesh size: points on a face may miss both cells by rounding
 
 
 def evaluate(basis: Basis, x: Float, points: ArrayLike) -> Float:
-    """Values ``(q,)`` of the function with coefficients ``x (n,)`` at ``points (q, d)``; NaN outside.
+    """Evaluate the function with coefficients ``x (n,)`` at ``points (q, d)``.
 
-    On a face, where the function has two values, that of the cell with the lower number.
+    Returns values ``(q,)``, NaN outside. On a face, where the function has two values, the cell with the
+    lower number counts.
 
     Raises
     ------
     OptionError
-        For points of another shape.
+        For points with another shape.
     """
     points = np.asarray(points, dtype=float)
     cells = locate(basis.mesh, points)
@@ -158,23 +170,25 @@ def evaluate(basis: Basis, x: Float, points: ArrayLike) -> Float:
 
 
 def locate(mesh: Mesh, points: ArrayLike) -> Int:
-    """Cell of each point ``(q,)``: the lowest of those that hold it, −1 outside the mesh.
+    """Return the cell of each point ``(q,)``: the lowest that contains it, −1 outside the mesh.
 
     Raises
     ------
     OptionError
-        For points of another shape than ``(q, d)``.
+        For points with another shape than ``(q, d)``.
     """
     points = np.asarray(points, dtype=float)
     if points.ndim != 2 or points.shape[1] != mesh.dim:
         raise OptionError(f"points must have shape (q, {mesh.dim}); given {points.shape}")
     if mesh.dim == 3:
         return cells_that_hold(mesh, np.asarray(points - mesh.origin))
+    # 1. Polygons that contain the points
     import shapely
 
     tree = shapely.STRtree(mesh.to_shapely())
     cells = np.full(len(points), mesh.n_cells)
     np.minimum.at(cells, *tree.query(shapely.points(points), predicate="intersects"))
+    # 2. Points missed by rounding: the nearest polygons
     missed = np.flatnonzero((cells == mesh.n_cells) & np.isfinite(points).all(axis=1))
     reach = _NEAR * float(np.ptp(mesh.local_points, axis=0).max())
     at, near = tree.query_nearest(shapely.points(points[missed]), max_distance=reach)

@@ -1,4 +1,4 @@
-"""Shapes of polyhedra: their boxes, what they are made of, how high they rise over their faces."""
+"""Geometry of polyhedra: bounding boxes, triangles, tetrahedra, heights over faces."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import numpy as np
 
 from agglo_core.authoring import Float, Int, Mesh, MeshError, frozen_float, frozen_int, over_ranges
 
-_FEW = 10_000  # cells one thread looks at in some milliseconds
+_FEW = 10_000  # cells; one thread takes some milliseconds for them
 
 
 def boxes_of_solids(mesh: Mesh) -> Float:
-    """Bounding boxes ``(n_cells, 6)`` of the cells: centre from the mesh's origin, half sides."""
+    """Return the cell bounding boxes ``(n_cells, 6)``: centre from the mesh origin, half sides."""
     offsets, vertices = mesh.cell_vertices
     corners = mesh.local_points.take(vertices, axis=0)
     low, high = (each.reduceat(corners, offsets[:-1]) for each in (np.minimum, np.maximum))
@@ -18,10 +18,10 @@ def boxes_of_solids(mesh: Mesh) -> Float:
 
 
 def triangles_of_faces(mesh: Mesh, faces: Int) -> tuple[Int, Float]:
-    """Triangles of some faces, in fans from their first vertices: faces ``(t,)``, corners ``(t, 3, 3)``.
+    """Return face triangles in fans from the first vertex: faces ``(t,)``, corners ``(t, 3, 3)``.
 
-    They are turned as the faces are. Those of a face that is not convex overlap, and are to be added with
-    the signs of their areas. A face that is not plane is what its triangles are.
+    Triangles keep the face orientation. In a nonconvex face they overlap, and must be summed with signed
+    areas. A nonplanar face is defined by its triangles.
     """
     start, count = mesh.face_offsets[faces], np.diff(mesh.face_offsets)[faces] - 2
     own, first = np.repeat(faces, count), np.repeat(start, count)
@@ -31,10 +31,11 @@ def triangles_of_faces(mesh: Mesh, faces: Int) -> tuple[Int, Float]:
 
 
 def tetrahedra_of_solids(mesh: Mesh) -> tuple[Int, Float]:
-    """Tetrahedra of the cells, from centroids: offsets ``(n + 1,)``, corners ``(t, 4, 3)`` from the origin.
+    """Return cell tetrahedra from centroids: offsets ``(n + 1,)``, corners ``(t, 4, 3)`` from the origin.
 
-    Those of a cell that is not star-shaped overlap, and are to be added with the signs of their volumes.
+    In a cell that is not star-shaped they overlap, and must be summed with signed volumes.
     """
+    # 1. Triangles of each cell's faces, turned outward
     offsets, faces = mesh.cell_faces
     cells = np.repeat(np.arange(mesh.n_cells), np.diff(offsets))
     of_faces, corners = triangles_of_faces(mesh, frozen_int(np.arange(mesh.n_faces)))
@@ -45,6 +46,7 @@ def tetrahedra_of_solids(mesh: Mesh) -> tuple[Int, Float]:
     owned = np.repeat(mesh.face_cells[faces, 0] == cells, count)
     base = corners[chosen]
     base[~owned] = base[~owned][:, ::-1]
+    # 2. Centroids as apexes
     own = np.repeat(cells, count)
     apex = mesh.local_centroids[own][:, None]
     ends = np.searchsorted(own, np.arange(mesh.n_cells + 1))
@@ -52,11 +54,10 @@ def tetrahedra_of_solids(mesh: Mesh) -> tuple[Int, Float]:
 
 
 def solid_heights(mesh: Mesh) -> tuple[Float, np.ndarray]:
-    """Height ``(n_faces, 2)`` over each face of the farthest vertex of its owner and of its neighbour.
+    """Return the height ``(n_faces, 2)`` of the farthest vertex over each face, and a mask of convex cells.
 
-    In a convex cell that is the height of the largest tetrahedron, or pyramid, with this base that lies in
-    the cell. Infinite outside the domain and for faces of no area. And which cells are convex
-    ``(n_cells,)``.
+    In a convex cell this is the height of the largest tetrahedron, or pyramid, on the face inside the cell.
+    It is infinite outside the domain and for faces with area 0. The mask has shape ``(n_cells,)``.
     """
     from agglo_polydg_mg.space.solid_kernels import farthest_vertices
 
@@ -73,7 +74,7 @@ def solid_heights(mesh: Mesh) -> tuple[Float, np.ndarray]:
 
 
 def require_convex(convex: np.ndarray, what: str) -> None:
-    """Raise MeshError, naming them, for cells that are not ``convex (n_cells,)``."""
+    """Raise MeshError, naming the cells, if cells are not ``convex (n_cells,)``."""
     others = np.flatnonzero(~convex)
     if len(others):
         raise MeshError(f"{what} in 3-D needs convex cells, and cells {others[:5].tolist()} are not")

@@ -1,7 +1,7 @@
-"""Kernels of polyhedra: integrals of polynomials over them, and their heights over their faces.
+"""Kernels for polyhedra: polynomial integrals, and heights over faces.
 
 Polynomials are products L_i(x̂) L_j(ŷ) L_k(ẑ) of orthonormal Legendre polynomials on the bounding box of a
-cell, a box being its centre and its half sides; ``orders (m, 3)`` are i, j, k. Faces are fans of triangles.
+cell, given by its centre and its half sides; ``orders (m, 3)`` are i, j, k. Faces are fans of triangles.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from agglo_core.authoring import helper, kernel
 from agglo_polydg_mg.space.legendre_kernels import legendre_at, recurrences
 
 _FLAT = 1e-9
-"""A vertex lies beyond a face if its distance is more than this part of the height of the cell there.
+"""A vertex lies beyond a face if its distance exceeds this fraction of the cell height there.
 
-Smaller takes rounding for a dent, larger takes slightly dented cells for convex ones.
+A smaller value mistakes rounding for a dent, a larger value accepts slightly dented cells as convex.
 """
 
 
 @helper
 def in_box(point, box, axis):
-    """Coordinate of a point along an axis of a box, −1..1 inside."""
+    """Return the coordinate of a point along a box axis, −1..1 inside."""
     return (point[axis] - box[axis]) / box[3 + axis]
 
 
@@ -34,18 +34,18 @@ def _primitives(lx, upper, degree, out):
 
 @helper
 def _add_triangle(box, a, b, c, turned, rule, weights, orders, degree, table, lines, out):
-    """Add ∫ X n_x over the triangle abc to ``out (m,)``, X being the antiderivatives in x of the polynomials.
+    """Add ∫ X n_x over the triangle abc to ``out (m,)``, with the antiderivatives X in x.
 
-    ``turned`` if the triangle is clockwise seen from outside the cell.
+    ``turned`` is True if the triangle is clockwise seen from outside the cell.
     """
     upper, lx, ly, lz, primitive = lines[0], lines[1], lines[2], lines[3], lines[4]
-    # 1. n_x times twice the area. Triangles along x add nothing.
+    # 1. n_x times twice the area. Triangles parallel to x add nothing.
     across = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
     if across == 0.0:
         return
     factor = -across * box[3] if turned else across * box[3]
-    # 2. The corner a and the sides to b and c in coordinates of the box; at each point X_i L_j L_k. Weights
-    #    add up to 1/2, and dx = hx dx̂ in the antiderivatives.
+    # 2. Corner a and the sides to b and c in box coordinates; at each point X_i L_j L_k. Weights sum to
+    # 1/2, and dx = hx dx̂ in the antiderivatives.
     ax, ay, az = in_box(a, box, 0), in_box(a, box, 1), in_box(a, box, 2)
     bx, by, bz = in_box(b, box, 0) - ax, in_box(b, box, 1) - ay, in_box(b, box, 2) - az
     cx, cy, cz = in_box(c, box, 0) - ax, in_box(c, box, 1) - ay, in_box(c, box, 2) - az
@@ -64,19 +64,21 @@ def _add_triangle(box, a, b, c, turned, rule, weights, orders, degree, table, li
 def solid_moments(
     points, offsets, faces, face_offsets, face_vertices, face_cells, first_cell, boxes, rule, weights, orders,
 ):  # fmt: skip
-    """Integrals ``(n, m)`` of polynomials over cells ``first_cell``, ... by the divergence theorem.
+    """Integrate polynomials over cells from ``first_cell`` on by the divergence theorem, ``(n, m)``.
 
-    ∫_K φ = ∮ Φ n_x with an antiderivative Φ in x, over the fans of all faces: exact for cells of any shape.
+    ∫_K φ = ∮ Φ n_x with an antiderivative Φ in x, over the fans of all faces: exact for any cell shape.
     ``rule (q, 2)`` and ``weights`` must integrate one degree more on the triangle (0,0) (1,0) (0,1).
     """
     n, degree = len(offsets) - 1, orders[len(orders) - 1, 2]
     moments, table, lines = np.zeros((n, len(orders))), recurrences(degree + 1), np.empty((5, degree + 2))
+    # Reciprocals 1 / d_k for the antiderivatives
     for k in range(degree + 1):
         lines[0, k] = 1.0 / table[3, k]
     for c in range(n):
         for h in range(offsets[c], offsets[c + 1]):
             f = faces[h]
             turned, first = face_cells[f, 0] != first_cell + c, face_offsets[f]
+            # Fan about the first vertex of the face
             a = points[face_vertices[first]]
             for k in range(first + 1, face_offsets[f + 1] - 1):
                 _add_triangle(
@@ -88,7 +90,10 @@ def solid_moments(
 
 @kernel
 def solid_point_moments(points, values, offsets, boxes, orders):
-    """Sums ``(n, m)`` of values times polynomials over each cell's points ``offsets[c]:offsets[c + 1]``."""
+    """Return the sums ``(n, m)`` of values times polynomials over each cell's points.
+
+    Cell c has the points ``offsets[c]:offsets[c + 1]``.
+    """
     n, degree = len(offsets) - 1, orders[len(orders) - 1, 2]
     moments, table = np.zeros((n, len(orders))), recurrences(degree)
     lx, ly, lz = np.empty(degree + 1), np.empty(degree + 1), np.empty(degree + 1)
@@ -106,13 +111,12 @@ def solid_point_moments(points, values, offsets, boxes, orders):
 def farthest_vertices(
     points, offsets, faces, starts, vertices, face_cells, normals, centres, first_cell, heights
 ):  # fmt: skip
-    """Write the height of cells ``first_cell``, ... over each of their faces to ``heights (F, 2)``.
+    """Write the height of cells from ``first_cell`` on over each face to ``heights (F, 2)``.
 
-    It is the largest distance of a vertex from the plane of the face, for owner and neighbour.
-
-    ``normals (F, 3)`` are unit normals outward from the owners, ``centres (F, 3)`` points of the faces; cell
-    c has the vertices ``vertices[starts[c]:starts[c + 1]]``. The result ``(n,)`` is True for convex cells:
-    none of their vertices lies beyond a face. Faces of no area are skipped.
+    It is the largest distance of a vertex from the face plane, for owner and neighbour. ``normals (F, 3)``
+    are unit normals outward from the owners, ``centres (F, 3)`` face points; cell c has the vertices
+    ``vertices[starts[c]:starts[c + 1]]``. The result ``(n,)`` is True for convex cells: no vertex lies
+    beyond a face. Faces with area 0 are skipped.
     """
     n = len(offsets) - 1
     convex = np.ones(n, np.bool_)
@@ -124,14 +128,14 @@ def farthest_vertices(
             x, y, z = inward * normals[f, 0], inward * normals[f, 1], inward * normals[f, 2]
             if x == 0.0 and y == 0.0 and z == 0.0:
                 continue
-            # Distances from the plane of the face into the cell; negative ones are beyond it.
+            # Distances from the face plane into the cell; negative distances are beyond the face.
             for k in range(starts[c], starts[c + 1]):
                 p = points[vertices[k]]
                 distance = (
                     x * (p[0] - centres[f, 0]) + y * (p[1] - centres[f, 1]) + z * (p[2] - centres[f, 2])
                 )
                 most, least = max(most, distance), min(least, distance)
-            # Relative to the height, or rounding would make dents of flat faces.
+            # Relative to the height, otherwise rounding would turn flat faces into dents.
             heights[f, side] = most
             if -least > _FLAT * most:
                 convex[c] = False

@@ -1,6 +1,6 @@
-"""The order in which loops visit the cells of a mesh in 3-D whose numbers are scattered.
+"""Order for loops over the cells of a 3-D mesh with scattered numbers.
 
-What a loop takes of a cell is then near what it took of the last: twice as fast, and no number changes.
+Successive cells are then adjacent in memory: loops are twice as fast, and no number changes.
 """
 
 from __future__ import annotations
@@ -13,41 +13,41 @@ import numpy as np
 from agglo_core.authoring import Float, Int, Mesh, curve_order, frozen_int
 
 FEW: Final = {2: 10_000, 3: 3_000}
-"""Cells that are near enough to the processor in any order, by dimension."""
+"""Number of cells, by dimension, up to which any order is fast enough."""
 SCATTERED: Final = 4.0
-"""Mean difference of the numbers of neighbours over √n, in 3-D n^⅔: .5 row by row or along a curve."""
+"""Limit for the mean number difference of neighbours over √n, in 3-D n^⅔: about 0.5 for rows or curves."""
 
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """Cells in the order in which they are visited.
+    """Cells in the order of their visits.
 
     Attributes
     ----------
     cells : (n_cells,) int
     turns : (n_cells + 1,) int
-        When each cell has its turn; the last entry is −1, for what is outside.
+        Position of each cell in the order; the last entry is −1, for the outside.
     """
 
     cells: Int
     turns: Int
 
     def rows(self, offsets: Int, items: Int) -> tuple[Int, Int]:
-        """The lists ``items[offsets[c]:offsets[c + 1]]`` in the order of the walk."""
+        """Return the lists ``items[offsets[c]:offsets[c + 1]]`` in the order of the walk."""
         counts = np.diff(offsets)[self.cells]
         ends = np.concatenate(([0], np.cumsum(counts)))
         places = np.repeat(offsets[self.cells] - ends[:-1], counts) + np.arange(ends[-1])
         return frozen_int(ends), frozen_int(items[places])
 
     def back(self, values: Float) -> Float:
-        """Values ``(n_cells, …)`` in the order of the walk, by numbers of cells."""
+        """Return values ``(n_cells, …)`` from the order of the walk in the order of cell numbers."""
         found = np.empty_like(values)
         found[self.cells] = values
         return found
 
 
 def walk_through(mesh: Mesh) -> Walk | None:
-    """A walk along a curve; None where cells are few, or their numbers not scattered."""
+    """Return a walk along a curve, or None if cells are few or their numbers not scattered."""
     n = mesh.n_cells
     pairs = mesh.face_cells[mesh.face_cells[:, 1] >= 0]
     if n < FEW[mesh.dim] or not len(pairs):
