@@ -48,7 +48,7 @@ class PolyDG:
         Constant C of the jump penalty; ``paper`` is C = 10, ``sharp`` the smallest penalty that is
         provably coercive: :func:`~agglo_polydg_mg.forms.sharp_penalty.sharp_penalty`.
     scaled_basis : bool
-        Scale the basis by the size of the bounding boxes, and rotate the boxes of flat cells. The
+        Scale the basis by the bounding box size, and rotate the boxes of flat cells. The
         paper's basis has neither.
 
     Raises

@@ -25,7 +25,7 @@ def cluster_vertices(points, edges, limits):
     """Cluster vertices along short edges, and return the cluster ``(n_points,)`` of each vertex.
 
     The ends of ``edges (q, 2)`` are joined in order, unless the bounding box of the joined cluster would
-    have a diagonal longer than the ``limits (q,)`` of any of its edges. A chain of short edges becomes
+    have a diagonal longer than the ``limits (q,)`` for any of its edges. A chain of short edges becomes
     several clusters, never a single cluster.
     """
     # Clusters are trees. A root stores the smallest limit of its edges and its box (x_min, y_min, x_max,
@@ -83,7 +83,7 @@ def corners_of_cells(offsets, faces, face_vertices, face_cells, clusters):
 def corner_unknowns(offsets, faces, face_cells, ends, starts, coupling, stiffness, order, weak, comparable):
     """Unite corners into unknowns where strong faces couple the cells.
 
-    Returns the unknown ``(m,)`` of each corner, numbered by first cell, and the number of unknowns.
+    Returns the unknown ``(m,)`` of each corner, numbered by first cell, and their number.
     ``coupling (F,)`` is the energy of a unit jump across a face, ``stiffness (n_cells,)`` the largest
     possible such energy in a cell; ``order (n_cells,)`` sorts the cells by decreasing stiffness.
 
@@ -216,7 +216,7 @@ def fit_traces(
     functions and the bubbles is added to bubble k. A cell with more than ``squares²`` corners has one
     unknown per square of a grid on its box, taken from the first vertex there: the polynomial fits the
     values at these vertices. ``nodes`` and ``weights`` are a rule on [0, 1]; ``room`` is an upper bound for
-    the number of rows of the result.
+    the row count.
     """
     # 0. Workspaces. ``right`` has a row for each unknown of the largest cell.
     n, most, extra = (degree + 1) * (degree + 2) // 2, squares * squares, degree - 1

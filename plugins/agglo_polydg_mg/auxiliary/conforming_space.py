@@ -46,7 +46,7 @@ class ConformingSpace:
     fitted : (m, n_local) float
         Coefficients of each unknown's function in the cell.
     n_vertices, n : int
-        Number of vertex unknowns, and of all unknowns.
+        Number of vertex unknowns, and total number.
     ends : (n_faces, 2, 2) int
         Unknowns at both ends of each face, for the cells on both sides; −1 for none.
     bubbles : (n_faces,) int
@@ -123,8 +123,8 @@ def conforming_space(
     to linear functions: otherwise constants along such cells would mix both.
 
     A cell with more than 36 corners (a large cell among small cells, or a cell with many holes) depends on
-    at most 36 of them and on no bubbles, so that time and memory grow linearly with the number of edges,
-    not quadratically.
+    at most 36 of them and on no bubbles, so that time and memory grow linearly with the edges, not
+    quadratically.
 
     Parameters
     ----------
@@ -220,7 +220,7 @@ def bubble_signs(mesh: Mesh, bubbles: Int, extra: int, n: int) -> Float:
 def _held_by_a_face(mesh: Mesh, ends: Int, corners: Int, bubbles: bool) -> Mask:
     """Return True for faces ``(n_faces,)`` whose end unknowns belong only to the adjacent cells.
 
-    ``corners (n_vertices,)`` is the number of cells per unknown. Without ``bubbles`` the result is not
+    ``corners (n_vertices,)`` counts the cells per unknown. Without ``bubbles`` the result is not
     needed and all False.
     """
     if not bubbles:
@@ -249,7 +249,7 @@ def _orthogonal(extra: int) -> Float:
 
 
 def _clusters(mesh: Mesh) -> tuple[Mask, Int]:
-    """Return a mask of short faces, and the cluster of each vertex."""
+    """Return a short face mask, and the cluster of each vertex."""
     from agglo_polydg_mg.auxiliary.conforming_kernels import cluster_vertices
 
     limits = _SHORT * mesh.cell_measures / mesh.cell_diameters
@@ -265,7 +265,7 @@ def _clusters(mesh: Mesh) -> tuple[Mask, Int]:
 
 
 def _bubbles(mesh: Mesh, starts: Int, short: Mask, first: int, each: int) -> tuple[Int, int]:
-    """Return the first bubble ``(F,)`` of each face by first cell, and the number of unknowns.
+    """Return the first bubble per face ``(F,)``, sorted by first cell, and the number of unknowns.
 
     Faces without bubbles have −1.
     """

@@ -84,7 +84,7 @@ def conforming_stack(
         Returns the smoother of the first level from matrix, block offsets and precision. By default
         symmetric block Gauss–Seidel on cells; see :func:`~agglo_polydg_mg.solver.choose.choose`.
     scale : (n_cells, n_local, n_local) float, optional
-        Blocks that map the coefficients of each cell to the unknowns of the first level, if these differ.
+        Blocks that map cell coefficients to first-level unknowns, if these differ.
     bubbles : bool
         Whether faces have p − 1 bubbles each.
     vertices : "aggregates" or "classical"

@@ -78,7 +78,7 @@ def _along_faces(space: ConformingSpace, mesh: Mesh, kappa: Float, side: int) ->
 def cotangents(mesh: Mesh, kappa: Float, side: int) -> tuple[Int, Any]:
     """Return the faces ``(m,)`` with a cell on one side, and their weights.
 
-    The weight is the energy of a unit difference between the ends of the face in this cell.
+    The weight is the energy in this cell for a unit difference between the face ends.
     """
     faces = np.flatnonzero(mesh.face_cells[:, side] >= 0)
     cells, squares = mesh.face_cells[faces, side], mesh.face_measures**2
@@ -91,14 +91,14 @@ def cotangents(mesh: Mesh, kappa: Float, side: int) -> tuple[Int, Any]:
 
 
 def across_faces(space: ConformingSpace, mesh: Mesh, end: int) -> Edges:
-    """Return edges between the unknowns of adjacent cells at one end of each face."""
+    """Return edges between the unknowns of adjacent cells at one face end."""
     inner = mesh.face_cells[:, 1] >= 0
     first, second = space.ends[inner, :, end].T
     return first, second, 0.5 * space.jumps[inner]
 
 
 def at_boundary(space: ConformingSpace, mesh: Mesh) -> Any:
-    """Return the energy ``(n,)`` of a unit jump of each unknown at the boundary."""
+    """Return the boundary jump energy ``(n,)`` of each unknown."""
     outer = np.flatnonzero(mesh.face_cells[:, 1] < 0)
     jumps = space.jumps[outer]
     ends = space.ends[outer, 0]

@@ -1,6 +1,6 @@
 """Kernels of C = Pᵀ A P for a block matrix A and few unknowns of C per cell.
 
-``offsets, indices`` are the unknowns of the cells, ``fitted (·, n)`` the columns of P on the cell. C is
+``offsets, indices`` are the cell unknowns, ``fitted (·, n)`` the columns of P on the cell. C is
 symmetric: only its upper half is computed, with the diagonal entry first in each row.
 """
 
@@ -23,7 +23,7 @@ A larger value drops more entries and moves more weight to the diagonal.
 
 @helper(allocates=True)
 def _holders(offsets, indices, size):
-    """Return the positions of each unknown in ``indices``, as a CSR, and the cell of each position."""
+    """Return the positions of each unknown in ``indices``, as a CSR, and their cells."""
     # Counting sort of the positions by unknown.
     starts = np.zeros(size + 1, np.int64)
     for k in indices:
@@ -42,7 +42,7 @@ def _holders(offsets, indices, size):
 
 @cache
 def half_product(width: int) -> Callable[..., Any]:
-    """Return the kernel of the upper half of C for a block size, 0 for any size.
+    """Return the kernel for the upper half of C with a block size, 0 for any size.
 
     Its arguments are ``(indptr, columns, blocks, offsets, indices, fitted, size)``. It returns rows,
     columns and values of the upper half of C ``(size, size)``; the diagonal entry is first in its row, the
@@ -187,7 +187,7 @@ def thinned(rows, columns, values, vertices, small, small_bubbles, small_vertice
 
 @helper
 def _group_of(group, i):
-    """Return the root of the tree of i, halving the path."""
+    """Return the tree root of i, halving the path."""
     while group[i] != i:
         group[i] = group[group[i]]
         i = group[i]

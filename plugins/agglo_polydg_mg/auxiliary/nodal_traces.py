@@ -1,7 +1,7 @@
 """Nodal face basis for stretched elements, where bubble and vertex modes couple strongly.
 
-Across a flat cell the energy of a trace is its mean square, and in the mean square the function of a vertex
-is nearly a sum of bubbles. Functions that are 1 at one Gauss–Lobatto point of a face and 0 at the others
+Across a flat cell the trace energy is its mean square, and in the mean square a vertex function is nearly a
+sum of bubbles. Functions that are 1 at one Gauss–Lobatto point of a face and 0 at the others
 are nearly orthogonal. Constants have the value 1 everywhere, and the matrix of linear elements between
 these points is spectrally equivalent (S. Orszag, J. Comput. Phys. 37, 1980): it guides classical levels.
 """
@@ -33,7 +33,7 @@ def on_nodes(space: ConformingSpace, mesh: Mesh) -> Mask:
 def nodal_basis(space: ConformingSpace, mesh: Mesh) -> sparse.csr_array:
     """Return T ``(n, n)``, the map from vertex and face point values to the unknowns of a space.
 
-    The points of a face take the numbers of its bubbles, from its first end to the second. Faces outside
+    Face points take the bubble numbers of the face, from its first end to the second. Faces outside
     :func:`on_nodes` keep their bubbles.
     """
     # 1. Bubble coefficients from values at points
@@ -63,11 +63,11 @@ def nodal_basis(space: ConformingSpace, mesh: Mesh) -> sparse.csr_array:
 
 
 def nodal_network(space: ConformingSpace, mesh: Mesh, kappa: Float) -> sparse.csr_array:
-    """Return the network ``(n, n)`` of the unknowns of :func:`nodal_basis`.
+    """Return the network ``(n, n)`` for the unknowns of :func:`nodal_basis`.
 
     It corresponds to :func:`~agglo_polydg_mg.auxiliary.coupling_network.coupling_network`. Successive
-    points on a face are joined. So are points of two faces of a cell at equal positions: along lines
-    parallel to the third face of a triangle, and from side to side of a quadrilateral.
+    points on a face are joined. So are points on two cell faces at equal positions: along lines
+    parallel to the third face in a triangle, and from side to side in a quadrilateral.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@ from agglo_polydg_mg.space.solid_kernels import in_box
 
 @helper
 def _place(unknown, indices, position, count):
-    """Return the position of an unknown among the first ``count`` of a cell, or ``count``."""
+    """Return the position of an unknown among the first ``count`` in a cell, or ``count``."""
     for i in range(count):
         if indices[position + i] == unknown:
             return i
@@ -21,7 +21,7 @@ def _place(unknown, indices, position, count):
 
 @helper
 def _polynomials(x, y, z, orders, table, lines, out):
-    """Write the unscaled polynomials of a cell at a point of [−1, 1]³ to ``out``."""
+    """Write the unscaled cell polynomials at a point in [−1, 1]³ to ``out``."""
     degree = table.shape[1]
     legendre_at(x, degree, table, lines[0])
     legendre_at(y, degree, table, lines[1])
@@ -66,7 +66,7 @@ def fit_solid_traces(
     with the mean of the corner values at the centre; a triangular face stays uncut. Vertex
     ``face_vertices[k]`` has the unknown ``numbers[k]``, the edge from there to the next vertex of the face
     ``edges[k]``, if nonnegative: the bubble 4 λ_a λ_b, on triangles. ``rule (q, 2)`` and ``weights (q,)``
-    are a rule on the triangle. ``room`` bounds the number of rows of the result, ``most`` the number of
+    are a rule on the triangle. ``room`` bounds the row count, ``most`` the number of
     unknowns of a cell or face.
     """
     n, table = len(orders), recurrences(orders[len(orders) - 1, 2])

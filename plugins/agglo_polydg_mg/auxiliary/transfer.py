@@ -23,7 +23,7 @@ def l2_projection(fine: Any, coarse: Any, mass: Any, width: int) -> sparse.bsr_a
     Parameters
     ----------
     fine, coarse : sparse
-        Injections J_k and J_{k+1} of both levels into the space of the mesh.
+        Injections J_k and J_{k+1} of both levels into the fine space.
     mass : sparse
         Mass matrix M of the mesh.
     width : int

@@ -145,7 +145,7 @@ def lifted(
 def load(basis: Basis, problem: Diffusion) -> Float:
     """Return the load ``(n,)`` from source and Neumann data: b without Dirichlet terms.
 
-    Its product with the coefficients of u is the work of the loads, ∫ f u + ∫ flux u.
+    Its product with the coefficients of u is the load work, ∫ f u + ∫ flux u.
     """
     source = basis.weighted_moments(problem.source, basis.degree, "source") * basis.scale[:, None]
     if problem.neumann:

@@ -80,7 +80,7 @@ def face_coefficients(mesh: Mesh, kappa: Field, faces: Int, n: int) -> Float:
 
 
 def on_pieces(coefficients: Float, faces: Int, rule: FaceRule) -> Float:
-    """Return the rows of :func:`face_coefficients` for each piece of a rule on these ascending ``faces``."""
+    """Return :func:`face_coefficients` rows for each piece of a rule on these ascending ``faces``."""
     if len(coefficients) == len(rule.faces):
         return coefficients
     return frozen_float(coefficients[np.searchsorted(faces, rule.faces)])

@@ -163,7 +163,7 @@ def _spread(lanes, lane, n, whole):
 
 @helper(reorder_sums=True)
 def _against(form, whole, size):
-    """Return the trace of the product of a form and a matrix from :func:`_spread`."""
+    """Return the trace of a form times a matrix from :func:`_spread`."""
     value = 0.0
     for k in range(size):
         value += form[k] * whole[k]
@@ -190,9 +190,9 @@ def balance(
     """Write the s_KF of cells ``begin`` to ``end``, at most ``LANES``, to ``asked (F, 2)``.
 
     They satisfy Σ_F T_F / s_F ≤ S, with the forms T_F in coordinates where S is the identity: s_F = λ w_F,
-    λ a bound for the largest eigenvalue of Σ_F T_F / w_F, for the better of two weights w
+    λ a bound for the largest eigenvalue of Σ_F T_F / w_F, for the better weight w of two
     (``mathematics.md``, "The sharp penalty"). List face h has the form ``forms[h - base]`` times
-    ``shares[k]``, with k counted from the first face of the first of these cells; a face with
+    ``shares[k]``, with k counted from the first face of cell ``begin``; a face with
     ``lengths[k]`` 0 needs no penalty.
     """
     first, second, inverse, lanes, scaled, traces, of_traces, uniform, balanced, whole = rooms

@@ -2,7 +2,7 @@
 
 A. Cangiani, E. Georgoulis, P. Houston, "hp-version discontinuous Galerkin methods on polygonal and
 polyhedral meshes", M3AS 24 (2014): the inverse inequality on a polygon face holds with the triangle height
-instead of the polygon diameter, for any number of small faces.
+instead of the polygon diameter, however many small faces there are.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ def face_penalty(mesh: Mesh, degree: int, constant: float = PAPER, natural: Int 
     unpenalised ``natural`` faces (with Neumann data). In 3-D T_F is the largest tetrahedron or pyramid,
     σ = 3 C p² / h with its height h; cells must be convex.
 
-    The search time grows with the square of the number of edges per cell: negligible for connected
-    agglomerates, seconds for an agglomerate of thousands of loose cells.
+    The search time grows quadratically with the edges per cell: negligible for connected agglomerates,
+    seconds for an agglomerate of thousands of loose cells.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def face_penalty(mesh: Mesh, degree: int, constant: float = PAPER, natural: Int 
 
 
 def simplex_heights(mesh: Mesh, cells: Mask) -> Float:
-    """Return the heights ``(n_faces, 2)`` of the largest simplices on the faces of some cells.
+    """Return the heights ``(n_faces, 2)`` of the largest simplices on faces in some cells.
 
     ``cells (n_cells,)`` selects the cells; heights in other cells are undefined.
 

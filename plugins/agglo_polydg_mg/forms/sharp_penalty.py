@@ -46,7 +46,7 @@ def sharp_penalty(
     kappa : number, ``(n_cells,)`` or callable
         The coefficient.
     on_faces : (n_faces, 2, 1) or (t, 2, q) float
-        The coefficient on both sides of the faces, at the Gauss points of their pieces for a callable.
+        The coefficient on both face sides, at the Gauss points of the face pieces for a callable.
     blocks : (n_cells, n_local, n_local) float, or None
         ∫ κ∇φ_i·∇φ_j of each cell; not needed if there are ``units``.
     natural : (k,) int, optional

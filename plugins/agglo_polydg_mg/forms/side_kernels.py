@@ -1,8 +1,8 @@
 """Kernels for the sides of polyhedra: their list, and their matrix blocks.
 
-On each side the polynomials of both cells are written in powers of the coordinates of one frame, a box that
-contains the side. All faces of the side contribute to the integrals of these powers, weighted by penalty
-and by normals; all later work is independent of the number of faces.
+On each side the polynomials of both cells are written in coordinate powers of one frame, a box around the
+side. All faces of the side contribute to the integrals of these powers, weighted by penalty and by normals;
+all later work is independent of the face count.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from agglo_polydg_mg.space.legendre_kernels import CONSTANT, recurrences
 
 @kernel
 def sides_of_cells(offsets, faces, face_cells, normals):
-    """Group the faces of polyhedra into sides: the arrays of :class:`~agglo_polydg_mg.forms.sides.Sides`.
+    """Group polyhedron faces into sides: arrays for :class:`~agglo_polydg_mg.forms.sides.Sides`.
 
     Cell c has the faces ``faces[offsets[c]:offsets[c + 1]]``; ``normals (F, 3)`` point outward from the
     owner.
@@ -94,7 +94,7 @@ def _sides_by_cells(cells, n):
 
 @helper
 def _frame(owner, neighbour, boxes, frame):
-    """Write centre and half sides of a box that contains the side of two cells.
+    """Write centre and half sides of a box around the side between two cells.
 
     At the boundary it is the owner's box. Inside it is centred on the overlap of both boxes, with the half
     sides of the smaller box: the overlap may be flat, and coordinates are divided by the half sides.
@@ -111,7 +111,7 @@ def _frame(owner, neighbour, boxes, frame):
 
 @helper
 def _in_powers(box, scale, frame, table, powers, terms, lines, out):
-    """Write the coefficients T ``(t,)`` of a cell's polynomials in powers ξ of a frame, at the ``terms``.
+    """Write the coefficients T ``(t,)`` of cell polynomials in frame powers ξ, at the ``terms``.
 
     T is a sparse matrix: a polynomial with degrees (i, j, k) only has powers up to these along each axis.
     """
@@ -245,7 +245,7 @@ def _transformed(form, left, right, terms, rooms, out):
 def _add_own(form, gradients, sign, sums, left, terms, rooms, block):
     """Add the form of a side on one cell's polynomials to its block, which stays symmetric.
 
-    ``form`` contains the integrals of γσ ξ^powers; ``sign`` is the sign of the cell's values in the jump.
+    ``form`` contains the integrals of γσ ξ^powers; ``sign`` applies to the cell's values in the jump.
     """
     n, whole, out = len(block), rooms[2], rooms[3]
     # γσ ξ^a ξ^b ∓ γ/2 (ξ^a ∂ξ^b/∂n + ξ^b ∂ξ^a/∂n), then transformed to the polynomials of the cell.

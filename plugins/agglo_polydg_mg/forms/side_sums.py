@@ -33,7 +33,7 @@ def add_sides(basis: Basis, sides: Int, mine: Mask, sigma: Float, on_faces: Floa
 def asked_by_solids(basis: Basis, on_faces: Float, blocks: Float, held: Mask) -> tuple[Float, Mask]:
     """Return cell requirements for the ``held`` faces ``(n_faces, 2)``, and a mask of resolved cells.
 
-    As in 2-D, with sides instead of faces: all faces of a side have the penalty required for the side.
+    As in 2-D, with sides instead of faces: all faces of a side have its penalty.
     """
     from agglo_polydg_mg.forms.side_trace_kernels import solid_penalties
 

@@ -1,4 +1,4 @@
-"""Kernel of the sharp penalty in 3-D: the trace inverse inequality of each cell, side by side."""
+"""Kernel for the sharp penalty in 3-D: the trace inverse inequality per cell, side by side."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def _slopes_at(values, table, out):
 
 @helper
 def _normal_slopes(x, y, z, normal, table, lines, orders, slopes):
-    """Write derivatives along ``normal`` of all nonconstant polynomials at a point of the box.
+    """Write the derivatives along ``normal`` of all nonconstant polynomials at a box point.
 
     ``normal (3,)`` are the coefficients of ∂/∂x̂, ∂/∂ŷ, ∂/∂ẑ; the result is ``slopes[0]``.
     """
@@ -57,7 +57,7 @@ def _trace_face(
     points, face_offsets, face_vertices, f, vector, side, outer, kappa, rule, weights, orders, box, scale,
     factor, rooms, form,
 ):  # fmt: skip
-    """Add L⁻¹ T_F L⁻ᵀ of a face to the form of a side, and return the face area.
+    """Add L⁻¹ T_F L⁻ᵀ of a face to a side's form, and return the face area.
 
     L is the Cholesky ``factor`` of the cell stiffness; the face is a fan of triangles about its first
     vertex, ``vector (3,)`` its normal outward from the owner.
@@ -106,7 +106,7 @@ def solid_penalties(
     points, face_offsets, face_vertices, face_cells, vectors, side_offsets, side_faces, side_cells, offsets,
     cell_sides, first_cell, boxes, scale, fill, blocks, held, kappa, rule, weights, orders, asked,
 ):  # fmt: skip
-    """Write the required penalties s of the sides of cells from ``first_cell`` on to ``asked (S, 2)``.
+    """Write the required side penalties s, in cells from ``first_cell`` on, to ``asked (S, 2)``.
 
     As in ``side_penalties`` of ``trace_kernels``, but all faces of a side have one s; only ``held`` faces
     count. ``kappa`` is the coefficient on both sides, per face ``(F, 2, 1)`` or per triangle point

@@ -1,4 +1,4 @@
-"""Sides of cells: the common boundary of two cells is one side, for any number of faces.
+"""Sides of cells: the common boundary of two cells is one side, however many faces it has.
 
 An agglomerate has thousands of small faces, and some fifteen neighbours. In 3-D face integrals are summed
 per side before further processing, and a side has one penalty. In 2-D collinear edges between two cells are
@@ -15,7 +15,7 @@ from agglo_core.authoring import Int, Mesh, frozen_int
 
 
 class Sides(NamedTuple):
-    """Sides of the cells of a 3-D mesh, grouped by cell.
+    """Cell sides in a 3-D mesh, grouped by cell.
 
     Attributes
     ----------

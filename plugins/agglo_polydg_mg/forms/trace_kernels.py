@@ -1,4 +1,4 @@
-"""Kernels of the sharp penalty in 2-D: the trace inverse inequality of each cell.
+"""Kernels for the sharp penalty in 2-D: the trace inverse inequality per cell.
 
 They compute it directly for any κ, or in two steps if κ is constant in each cell: the geometric part is
 kept, and scaled by each κ.
@@ -20,7 +20,7 @@ RESOLVED = 1e-10
 
 @helper
 def _normal_slopes(x, y, along_x, along_y, table, lines, slopes, q):
-    """Write normal derivatives of all nonconstant polynomials at a point of the box to ``slopes[q]``.
+    """Write normal derivatives of all nonconstant polynomials at a box point to ``slopes[q]``.
 
     ``along_x`` and ``along_y`` are the coefficients of ∂/∂x̂ and ∂/∂ŷ; ``lines (4, degree + 1)`` is
     workspace for the polynomials in x̂ and ŷ, then their derivatives.
@@ -71,7 +71,7 @@ def _trace(
     points, offsets, faces, face_vertices, face_cells, first_cell, begin, end, held, boxes, scale, fill,
     blocks, kappa, nodes, weights, n, rooms, forms, base, lengths, resolved,
 ):  # fmt: skip
-    """Write the form of each face h of cells ``begin`` to ``end`` to ``forms[h - base]``.
+    """Write the form of each face h in cells ``begin`` to ``end`` to ``forms[h - base]``.
 
     It is L⁻¹ T_F L⁻ᵀ with the Cholesky factor L of the stiffness S without the constant, for which T_F is
     0. ``lengths`` receives the face lengths, counted from the first of these cells; 0 for faces without
@@ -123,7 +123,7 @@ def side_penalties(
     points, offsets, faces, face_vertices, face_cells, first_cell, held, boxes, scale, fill, blocks, kappa,
     nodes, weights, degree, asked,
 ):  # fmt: skip
-    """Write the required penalties s of the faces of cells from ``first_cell`` on to ``asked (F, 2)``.
+    """Write the required face penalties s, in cells from ``first_cell`` on, to ``asked (F, 2)``.
 
     With S the stiffness ``blocks (n, m, m)`` without the constant and T_F = ∫_F c ∂v/∂n ∂w/∂n, c = ωκ/2
     inside and κ at the boundary, ω the cell's weight in the average: Σ_F T_F / s_F <= S. The result
@@ -154,7 +154,7 @@ def whitened_forms(
     points, offsets, faces, face_vertices, face_cells, first_cell, held, boxes, scale, fill, blocks, kappa,
     nodes, weights, degree, forms,
 ):  # fmt: skip
-    """Write the forms of :func:`side_penalties` to ``forms (h, k)``, and return the mask of resolved cells.
+    """Write the forms of :func:`side_penalties` to ``forms (h, k)``, and return the resolved mask.
 
     T_F of each list face h, whitened by the stiffness: the lower half, row by row, and its trace.
     """

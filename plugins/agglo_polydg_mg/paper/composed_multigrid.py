@@ -63,7 +63,7 @@ class ComposedMultigrid:
     smoothing_steps : int
         Steps before and after each coarse correction.
     levels : int, optional
-        Number of levels to use out of mesh, level 0, 1, …; by default all. The last level is solved
+        Number of levels to use from mesh, level 0, 1, …; by default all. The last level is solved
         directly.
     tolerance : float
     max_iterations : int

@@ -66,7 +66,7 @@ class Corrections:
 
 
 def _projected(gram: Float, products: Float, norms: Float) -> float:
-    """Return the norm of the projection of a vector on others.
+    """Return the norm of a vector's projection on others.
 
     ``gram`` contains the inner products of the others, ``products`` their inner products with the
     vector.

@@ -51,7 +51,7 @@ class PolyDGMultigrid:
     penalty : float, "paper" or "sharp"
         See :class:`~agglo_polydg_mg.polydg.PolyDG`.
     levels : int, optional
-        Number of levels to use out of mesh, level 0, 1, …; by default all. For a diffusion problem
+        Number of levels to use from mesh, level 0, 1, …; by default all. For a diffusion problem
         without levels, agglomerates with 8 cells each are made if ``levels`` is given, or for the
         recipe ``patches``.
 

@@ -131,12 +131,12 @@ class Basis:
 
     @cached_property
     def sides(self) -> Sides:
-        """Sides of the cells of a 3-D mesh: one per pair of neighbours, for any number of faces."""
+        """Cell sides in a 3-D mesh: one per neighbour pair, however many faces it has."""
         return sides_of(self.mesh)
 
     @cached_property
     def walk(self) -> Walk | None:
-        """Order of loops over cells in 3-D, or None for the order of cell numbers."""
+        """Loop order over cells in 3-D, or None for the order of cell numbers."""
         return walk_through(self.mesh) if self.mesh.dim == 3 else None
 
     @cached_property
@@ -147,8 +147,8 @@ class Basis:
     def weighted_moments(self, field: Field, degree: int, name: str) -> Float:
         """Return the :func:`~agglo_polydg_mg.space.quadrature.weighted_moments` in the boxes.
 
-        Integrals for numbers and cell values are cached. The degree is at most the degree of the basis or
-        of a product of two gradients.
+        Integrals for numbers and cell values are cached. The degree is at most that of the basis or
+        a product of two gradients.
         """
         if callable(field):
             return weighted_moments(self.mesh, field, self.boxes, degree, name)

@@ -1,6 +1,6 @@
 """Legendre polynomials in kernels, and polynomial integrals over cells.
 
-Polynomials are products L_i(x̂) L_j(ŷ) of orthonormal Legendre polynomials on the bounding box of a cell. A
+Polynomials are products L_i(x̂) L_j(ŷ) of orthonormal Legendre polynomials on a cell's bounding box. A
 box consists of its centre, its half sides and the direction of the first (cx, cy, hx, hy, c, s).
 Polynomials are numbered by total degree: (0,0), (1,0), (0,1), (2,0), (1,1), (0,2), …
 """
@@ -60,13 +60,13 @@ def slopes_of(values, degree, table, out):
 
 @helper
 def along_box(x, y, box):
-    """Return the components of a vector along the sides of a box."""
+    """Return vector components along the sides of a box."""
     return box[4] * x + box[5] * y, box[4] * y - box[5] * x
 
 
 @helper
 def _fit_box(points, first, last, faces, face_vertices, box):
-    """Write centre and half sides of the bounding box of a cell in the direction of ``box``.
+    """Write centre and half sides of a cell's bounding box in the direction of ``box``.
 
     The cell has the faces ``faces[first:last]``.
     """

@@ -84,7 +84,7 @@ _INSIDE = 0.01
 
 
 def cells_that_hold(mesh: Mesh, points: Float) -> Int:
-    """Return the cell of each of the ``points (q, 3)`` from the origin, −1 outside.
+    """Return the cell for each row of ``points (q, 3)`` from the origin, −1 outside.
 
     If several cells contain a point, the lowest number counts.
     """

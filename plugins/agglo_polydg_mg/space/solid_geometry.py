@@ -54,7 +54,7 @@ def tetrahedra_of_solids(mesh: Mesh) -> tuple[Int, Float]:
 
 
 def solid_heights(mesh: Mesh) -> tuple[Float, np.ndarray]:
-    """Return the height ``(n_faces, 2)`` of the farthest vertex over each face, and a mask of convex cells.
+    """Return the farthest vertex height ``(n_faces, 2)`` over each face, and a convex cell mask.
 
     In a convex cell this is the height of the largest tetrahedron, or pyramid, on the face inside the cell.
     It is infinite outside the domain and for faces with area 0. The mask has shape ``(n_cells,)``.

@@ -1,7 +1,7 @@
 """Kernels for polyhedra: polynomial integrals, and heights over faces.
 
-Polynomials are products L_i(x̂) L_j(ŷ) L_k(ẑ) of orthonormal Legendre polynomials on the bounding box of a
-cell, given by its centre and its half sides; ``orders (m, 3)`` are i, j, k. Faces are fans of triangles.
+Polynomials are products L_i(x̂) L_j(ŷ) L_k(ẑ) of orthonormal Legendre polynomials on a cell's bounding box,
+given by its centre and its half sides; ``orders (m, 3)`` are i, j, k. Faces are fans of triangles.
 """
 
 from __future__ import annotations

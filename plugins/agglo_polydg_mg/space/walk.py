@@ -40,7 +40,7 @@ class Walk:
         return frozen_int(ends), frozen_int(items[places])
 
     def back(self, values: Float) -> Float:
-        """Return values ``(n_cells, …)`` from the order of the walk in the order of cell numbers."""
+        """Return values ``(n_cells, …)`` from walk order in cell order."""
         found = np.empty_like(values)
         found[self.cells] = values
         return found
