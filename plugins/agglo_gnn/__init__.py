@@ -1,4 +1,4 @@
-"""Graph neural networks as bisectors, and the commands that train them and show what is in their files."""
+"""Graph neural network bisectors, and commands to train and inspect models."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from agglo_core.authoring import Command, Component, hookimpl
 
 @hookimpl
 def agglo_components() -> list[Component]:
-    """The bisectors."""
+    """Return the bisectors."""
     return [
         Component(
             kind="bisector",
@@ -31,7 +31,7 @@ def agglo_components() -> list[Component]:
 
 @hookimpl
 def agglo_commands() -> list[Command]:
-    """``agglo train`` and ``agglo model``."""
+    """Return the commands ``agglo train`` and ``agglo model``."""
     return [
         Command("train", "agglo_gnn.training.command:train", "Train a graph neural network from a seed."),
         Command("model", "agglo_gnn.model:model", "Look into a model file."),

@@ -1,4 +1,4 @@
-"""``agglo model``: what is in a model file."""
+"""Implement ``agglo model``, the inspection of model files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from agglo_core.authoring import FILE, print_lines
 
 @click.group()
 def model() -> None:
-    """Show what is in model files."""
+    """Inspect model files."""
 
 
 @model.command()

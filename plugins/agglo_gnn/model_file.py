@@ -1,13 +1,13 @@
-"""Model files: arrays in safetensors, and a header that says what they are and how they came to be.
+"""Read and write model files: safetensors arrays with a descriptive header.
 
 A header is a JSON object under the key ``agglo`` of the file's metadata. It has at least these keys:
 
-- ``architecture``: name of the network the arrays belong to;
-- ``features``: its input columns in their order;
+- ``architecture``: name of the network;
+- ``features``: its input columns, in order;
 - ``recipe``: training data and options; ``seed``; ``version`` of agglo; ``metrics`` reached.
 
-:func:`save` adds ``arrays``, the type and shape of each, and ``sha256``, the digest of their contents.
-Nothing in a model file is ever executed.
+:func:`save` adds ``arrays``, the type and shape of each array, and ``sha256``, their digest.
+Model files never execute code.
 """
 
 from __future__ import annotations
@@ -26,28 +26,29 @@ from agglo_core.authoring import FileError, PluginError, staging
 
 REQUIRED = ("architecture", "features", "recipe", "seed", "version", "metrics")
 
-_HEADER = 1 << 22  # bytes of JSON: ours have a few thousand
+_HEADER = 1 << 22  # limit in bytes of JSON; shipped headers have a few thousand
 
 Arrays = Mapping[str, NDArray[Any]]
 
 
 def save(path: str | Path, arrays: Arrays, header: Mapping[str, Any]) -> None:
-    """Write a model file, which appears whole or not at all.
+    """Write a model file atomically.
 
     Parameters
     ----------
     path : str or Path
-        Its name ends in ``.safetensors``.
+        Must end in ``.safetensors``.
     arrays : mapping of str to array
-        Of real numbers or integers.
+        Real or integer arrays.
     header : mapping
-        Plain data with the keys of this module's description.
+        Plain data with the required keys (see the module docstring).
 
     Raises
     ------
     FileError
-        If the name or the header is not as described, or the file cannot be written.
+        If the name or the header is invalid, or the file cannot be written.
     """
+    # 1. Check name and header
     _check_safetensors()
     from safetensors.numpy import save as in_bytes
 
@@ -56,12 +57,14 @@ def save(path: str | Path, arrays: Arrays, header: Mapping[str, Any]) -> None:
     missing = [key for key in REQUIRED if key not in header]
     if missing:
         raise FileError(f"{target}: the header of a model file lacks {', '.join(missing)}")
+    # 2. Complete the header
     solid = {name: np.asarray(array, order="C") for name, array in arrays.items()}
     full = {**header, "arrays": _described(solid), "sha256": _digest(solid)}
     try:
         text = json.dumps(full, sort_keys=True, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise FileError(f"{target}: the header is not plain data: {error}") from error
+    # 3. Write to a staging folder, then move
     try:
         with staging(target) as stage:
             (stage / target.name).write_bytes(in_bytes(solid, metadata={"agglo": text}))
@@ -72,29 +75,31 @@ def save(path: str | Path, arrays: Arrays, header: Mapping[str, Any]) -> None:
 def load(
     path: str | Path, architecture: str | None = None, shapes: Mapping[str, tuple[int, ...]] | None = None
 ) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-    """Arrays and header of a model file, checked to the last byte.
+    """Read a model file, and return its arrays and header after a complete check.
 
     Parameters
     ----------
     path : str or Path
     architecture : str, optional
-        The one it must be of.
+        Required architecture.
     shapes : mapping of str to tuple, optional
-        The arrays it must hold, no more and no fewer, each of that shape and of real numbers.
+        Required real arrays with their shapes; no others are accepted.
 
     Raises
     ------
     FileError
-        If it is missing, a pickle, truncated, corrupt, without a header, of another architecture, or
-        its arrays are not those that are wanted, or not finite.
+        If the file is missing, a pickle, truncated, corrupt, without a header, has another architecture, or
+        its arrays are not finite or not as required.
     """
     _check_safetensors()
     from safetensors import SafetensorError
     from safetensors.numpy import load as parse
 
+    # 1. Header
     header = read_header(path)
     if architecture is not None and header["architecture"] != architecture:
         raise FileError(f"{path}: is a model of {header['architecture']!r}, expected {architecture!r}")
+    # 2. Arrays, compared with the header
     try:
         arrays = parse(_content(Path(path)))
     except (SafetensorError, KeyError, ValueError, TypeError, OverflowError) as error:
@@ -103,6 +108,7 @@ def load(
         raise FileError(f"{path}: its arrays are not those its header lists")
     if _digest(arrays) != header["sha256"]:
         raise FileError(f"{path}: is corrupt: its contents do not have the digest its header gives")
+    # 3. Finite values and required shapes
     for name, array in arrays.items():
         if array.dtype.kind == "f" and not np.isfinite(array).all():
             raise FileError(f"{path}: array {name!r} has values that are not finite")
@@ -112,24 +118,27 @@ def load(
 
 
 def read_header(path: str | Path) -> dict[str, Any]:
-    """Header of a model file; its arrays are not read.
+    """Read the header of a model file, without its arrays.
 
     Raises
     ------
     FileError
-        If there is no such file, or it does not have the header of a model file.
+        If the file is missing, or has no valid model header.
     """
+    # 1. Refuse pickles
     content = _content(Path(path), 8 + _HEADER)
     if content[:1] == b"\x80" or content[:2] == b"PK":
         raise FileError(
             f"{path}: is a pickle or zip file, as torch.save writes; it is not read, because to load one "
             "runs whatever code is in it: expected safetensors written by agglo train"
         )
+    # 2. Length of the safetensors header
     length, size = int.from_bytes(content[:8], "little"), Path(path).stat().st_size
     if size < 8 or length > size - 8:
         raise FileError(f"{path}: is truncated or not a safetensors file ({size} bytes)")
     if length > _HEADER:
         raise FileError(f"{path}: its header claims {length} bytes; one of at most {_HEADER} is read")
+    # 3. Metadata of the model
     try:
         metadata = json.loads(content[8 : 8 + length])["__metadata__"]
         header = json.loads(metadata["agglo"])
@@ -154,8 +163,8 @@ def _check_name(target: Path) -> None:
 
 
 def _content(path: Path, most: int = -1) -> bytes:
-    """The first ``most`` bytes of a file, all if negative."""
-    if path.exists() and not (path.is_file() or path.is_dir()):  # a device might never end
+    """Return the first ``most`` bytes of a file, or all if negative."""
+    if path.exists() and not (path.is_file() or path.is_dir()):  # a device may be endless
         raise FileError(f"{path}: is not a regular file")
     try:
         with open(path, "rb") as stream:
@@ -177,7 +186,7 @@ def _digest(arrays: Arrays) -> str:
 
 
 def check_shapes(path: str | Path, arrays: Arrays, shapes: Mapping[str, tuple[int, ...]]) -> None:
-    """Raise FileError unless these are the arrays wanted, each of its shape and of real numbers."""
+    """Raise FileError unless the arrays have exactly these names and shapes, and are real."""
     odd = sorted(arrays.keys() ^ shapes.keys())
     if odd:
         verb = "lacks" if odd[0] in shapes else "has an unknown"

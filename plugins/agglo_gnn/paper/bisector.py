@@ -1,4 +1,4 @@
-"""``gnn_paper``: bisection by the paper's network, or by one of yours in its place."""
+"""Bisector ``gnn_paper``: the paper's network, or a user-defined network."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ _ROUNDINGS = ("threshold", "sweep")
 
 
 class PaperGNN:
-    """Bisection by the paper's graph neural network (§3): one forward pass per recursion depth.
+    """Bisect by the paper's graph neural network (§3), with one forward pass per recursion depth.
 
-    The network may put a whole piece on one side, most of all small pieces; the declared fallback then
-    splits it, and the run counts that. Plane meshes only.
+    The network may put a whole piece, in particular a small piece, on one side. The declared fallback then
+    splits the piece, and the run counts these cases. 2-D meshes only.
 
     Parameters
     ----------
     weights : str, optional
-        Model file; by default the one that comes with agglo.
+        Model file; by default the file shipped with agglo.
     network : str, optional
-        ``module:Class`` of a network of yours (see :mod:`agglo_gnn.paper.custom`), with its ``weights``.
+        User-defined network ``module:Class`` (see :mod:`agglo_gnn.paper.custom`); requires ``weights``.
     rounding : str
-        ``threshold``: the probability of side 1 is returned, and 0.5 decides, as in the paper;
-        ``sweep``: the best threshold of the logits by :func:`agglo_core.graph.sweep.sweep`, never one-sided.
+        ``threshold``: return the probability of side 1, cut at 0.5 as in the paper; ``sweep``: return the
+        best threshold of the logits by :func:`agglo_core.graph.sweep.sweep`, never one-sided.
     precision : str
-        ``double``, so that rounding errors decide nothing, or ``single``, about three times faster.
+        ``double``, so that rounding errors have no influence, or ``single``, about three times faster.
 
     Raises
     ------
     OptionError
-        If a value is none of these, or the network cannot be imported.
+        For any other value, or if the network cannot be imported.
     FileError
         If the weights cannot be used.
     """
@@ -58,14 +58,17 @@ class PaperGNN:
         self._network = filled(network, WEIGHTS if weights is None else weights).to(self._type)
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Float | Int:
-        """Probability of side 1 of each node ``(n,)``, or sides if swept; ``seeds`` are not used."""
+        """Return the probability of side 1 for each node ``(n,)``, or sides if swept.
+
+        ``seeds`` are ignored.
+        """
         logits = self.logits(level)
         if self.rounding == "sweep":
             return sweep(level, logits)
         return torch.sigmoid(torch.from_numpy(logits)).numpy()
 
     def logits(self, level: Graph) -> Float:
-        """Log of the odds of side 1 of each node ``(n,)``."""
+        """Return the log odds of side 1 for each node ``(n,)``."""
         features = torch.from_numpy(inorm(level)).to(self._type)
         with torch.inference_mode():
             scores = self._network(features, Neighbours.of([level])).double()

@@ -1,13 +1,13 @@
-"""Networks of your own: how to name one, what it must offer, and how it is built.
+"""Import, check and build user-defined networks.
 
-A network is a class of ``torch.nn.Module`` that takes no arguments, or a function that returns one. Its
+A network is a class of ``torch.nn.Module`` without arguments, or a function that returns an instance. Its
 
     forward(x, neighbours) -> logits (n, 2)
 
-takes the features ``x (n, 3)`` of :func:`agglo_gnn.paper.network.inorm` (measure and two coordinates of
+takes the features ``x (n, 3)`` from :func:`agglo_gnn.paper.network.inorm` (measure and two coordinates of
 each cell, block by block) and a :class:`agglo_gnn.paper.network.Neighbours`, whose ``mean``, ``sum`` and
-``block_sums`` are all a message-passing network needs. Several graphs share a call, so nothing may be
-computed across blocks (no batch statistics). All of its state must be real arrays, and some of it parameters.
+``block_sums`` suffice for message passing. Several graphs share a call, so nothing may be computed across
+blocks (no batch statistics). All network state must be real arrays, and some of it parameters.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ from agglo_gnn.paper.trial import try_network, unseeded
 
 
 def network_class(name: str | None) -> Callable[[], nn.Module]:
-    """The paper's network, or what ``"module:Class"`` names; modules of the current folder are found.
+    """Return the paper's network, or import ``"module:Class"``, also from the current folder.
 
     Raises
     ------
     OptionError
-        If it cannot be imported, is not what this module describes (it is not called then), or cannot be
-        trained and used (:mod:`agglo_gnn.paper.trial`).
+        If the network cannot be imported, does not fit the description of this module (then it is not
+        called), or cannot be trained and used (:mod:`agglo_gnn.paper.trial`).
     """
     if name is None:
         return PaperNetwork
@@ -62,7 +62,7 @@ def network_class(name: str | None) -> Callable[[], nn.Module]:
 
 
 def _builds_networks(target: object) -> bool:
-    """Whether it may be called: a class of networks, or a plain function that needs no arguments."""
+    """Return True for a network class, or a function without required arguments."""
     if isinstance(target, type):
         return issubclass(target, nn.Module)
     if not inspect.isfunction(target):
@@ -75,24 +75,24 @@ def _builds_networks(target: object) -> bool:
 
 
 def architecture_of(name: str | None) -> str:
-    """What model files call a network."""
+    """Return the architecture name in model files."""
     return ARCHITECTURE if name is None else f"custom {name}"
 
 
 def arrays_of(network: nn.Module) -> dict[str, NDArray[np.float32]]:
-    """Parameters and buffers by name."""
+    """Return parameters and buffers by name."""
     return {name: value.detach().cpu().numpy() for name, value in network.state_dict().items()}
 
 
 def filled(name: str | None, weights: str | Path) -> nn.Module:
-    """A network with the arrays of a model file, ready for use.
+    """Build a network with the arrays of a model file, ready for use.
 
-    The file is read first: no code is imported for one that cannot be used.
+    The file is read first: no code is imported for an invalid file.
 
     Raises
     ------
     FileError
-        If the file is not a valid model file of that very network.
+        If the file is not a valid model file for this network.
     """
     arrays, _ = model_file.load(weights, architecture=architecture_of(name))
     with unseeded():
@@ -105,7 +105,7 @@ def filled(name: str | None, weights: str | Path) -> nn.Module:
 
 @contextmanager
 def _current_folder() -> Iterator[None]:
-    """Modules of the current folder can be imported in the block."""
+    """Make modules in the current folder importable within the block."""
     folder = str(Path.cwd())
     sys.path.insert(0, folder)
     try:

@@ -1,4 +1,4 @@
-"""The paper's training set: four families of meshes of the unit square, and pieces of them."""
+"""The paper's training set: four mesh families on the unit square, and mesh pieces."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from agglo_core.authoring import Graph, Mask, samples
 
 FAMILIES = ("squares", "triangles", "random_triangles", "voronoi")
 CELLS = (50, 1500)
-"""Fewest and most cells of a training mesh: the range of the authors' generator."""
+"""Smallest and largest number of cells in a training mesh, as in the authors' generator."""
 
 _SMALLEST = 4  # cells of a piece
 
 
 def draw(count: int, rng: np.random.Generator, pieces: float = 0.0) -> Iterator[Graph]:
-    """Yield ``count`` dual graphs, the families in turn, the logarithms of their sizes uniform.
+    """Yield ``count`` dual graphs, cycling through the families, with log-uniform sizes.
 
     Parameters
     ----------
     count : int
     rng : numpy.random.Generator
-        What comes out depends on it alone.
+        Determines the result.
     pieces : float
-        Share, from 0 to 1, of meshes of which only a random piece is kept, as they occur in recursion.
+        Fraction, from 0 to 1, of meshes reduced to a random piece, as they occur in recursion.
     """
     for number in range(count):
         graph = _mesh(FAMILIES[number % len(FAMILIES)], rng)
@@ -47,10 +47,10 @@ def _mesh(family: str, rng: np.random.Generator) -> Graph:
 
 
 def random_piece(graph: Graph, rng: np.random.Generator) -> Graph:
-    """A connected piece of a connected graph: what one to seven random straight cuts leave.
+    """Return a connected piece of a connected graph after one to seven random straight cuts.
 
-    Each cut has a random direction, leaves 35 to 65 per cent of the cells on either side, and a random side
-    is kept; of that side the largest component stays. Fewer than twelve cells are not cut again.
+    Each cut has a random direction and leaves 35 to 65 per cent of the cells on either side. The largest
+    component of a random side is kept. Pieces with fewer than twelve cells are not cut again.
     """
     for _ in range(rng.integers(1, 8)):
         if graph.n < 3 * _SMALLEST:
@@ -63,7 +63,7 @@ def random_piece(graph: Graph, rng: np.random.Generator) -> Graph:
 
 
 def _largest(graph: Graph, chosen: Mask) -> Graph:
-    """The largest component of the chosen nodes."""
+    """Return the largest component of the chosen nodes."""
     component = graph.components(chosen.astype(np.int64))
     counts = np.bincount(component, chosen)
     nodes = np.flatnonzero(component == counts.argmax())

@@ -1,4 +1,4 @@
-"""Training of a network by the paper's loss, from any seed, in epochs that can be resumed."""
+"""Train a network by the paper's loss, from any seed, in resumable epochs."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from agglo_gnn.paper.network import Neighbours, expected_normalised_cut, inorm
 
 @dataclass(frozen=True)
 class Recipe:
-    """What is trained on, and how; the defaults are the paper's (§3.3).
+    """Training data and options, with the paper's values as defaults (§3.3).
 
     Attributes
     ----------
     meshes, validation : int
-        Sizes of the two sets.
+        Set sizes.
     pieces : float
-        Share of training meshes of which only a random piece is kept; 0 in the paper.
+        Fraction of training meshes reduced to a random piece; 0 in the paper.
     epochs, batch : int
     rate, decay : float
         Learning rate and L² coefficient of Adam.
@@ -43,7 +43,7 @@ class Recipe:
 
 @dataclass(frozen=True)
 class Epoch:
-    """How far a training has come: losses are means over meshes, ``one_sided`` a share of pieces."""
+    """Training progress: mean losses over meshes, and the fraction ``one_sided`` of pieces."""
 
     number: int
     loss: float
@@ -55,12 +55,12 @@ Sample = tuple[Graph, Tensor]
 
 
 class Training:
-    """A network, its optimiser and its data.
+    """A network with its optimiser and its data.
 
     Parameters
     ----------
     build : callable
-        Makes the network; whatever random numbers it draws from torch come from the seed.
+        Returns the network; all its random numbers from torch follow the seed.
     recipe : Recipe
     device : str
         ``"cpu"`` or ``"cuda"``.
@@ -79,7 +79,7 @@ class Training:
         self._pieces = _samples((random_piece(graph, streams[2]) for graph in fresh), device)
 
     def epochs(self) -> Iterator[Epoch]:
-        """Train, yielding after each of the remaining epochs."""
+        """Train, and yield the progress after each remaining epoch."""
         while self.done < self.recipe.epochs:
             with _seeded(self.recipe.seed, self.done + 1):
                 loss = self._epoch()
@@ -105,7 +105,7 @@ class Training:
 
     @torch.no_grad()
     def measure(self, samples: Sequence[Sample]) -> tuple[float, float]:
-        """Mean loss, and the share of graphs whose cells all go to one side."""
+        """Return the mean loss, and the fraction of graphs with all cells on one side."""
         self.network.eval()
         total, one_sided = 0.0, 0
         for start in range(0, len(samples), 50):
@@ -118,30 +118,33 @@ class Training:
         return total / len(samples), one_sided / len(samples)
 
     def state(self) -> dict[str, np.ndarray]:
-        """Parameters and the optimiser's moments, by name: all that a checkpoint needs beside ``done``."""
+        """Return parameters and optimiser moments by name: with ``done``, a complete checkpoint."""
         arrays = {f"network.{name}": value for name, value in self.network.state_dict().items()}
         for (name, _), moments in zip(self.network.named_parameters(), self._moments(), strict=True):
             arrays |= {f"{key}.{name}": value for key, value in moments.items()}
         return {name: value.cpu().numpy() for name, value in arrays.items()}
 
     def restore(self, arrays: dict[str, np.ndarray], done: int) -> None:
-        """Go on from what :meth:`state` gave after ``done`` epochs.
+        """Continue from a :meth:`state` after ``done`` epochs.
 
         Raises
         ------
         OptionError
-            If the arrays are those of another network.
+            If the arrays belong to another network.
         """
+        # 1. Compare the shapes
         own = self.state()
         shapes, given = ({k: v.shape for k, v in each.items()} for each in (own, arrays))
         if shapes != given:
             odd = sorted(k for k in shapes.keys() | given.keys() if shapes.get(k) != given.get(k))
             raise OptionError(f"the checkpoint belongs to another network: {', '.join(odd[:4])} differ")
+        # 2. Load the parameters
         tensors = {name: torch.from_numpy(np.array(value)) for name, value in arrays.items()}
         prefix = "network."
         self.network.load_state_dict(
             {k[len(prefix) :]: v for k, v in tensors.items() if k.startswith(prefix)}
         )
+        # 3. Load the optimiser's moments
         state = self.optimiser.state_dict()
         names = [name for name, _ in self.network.named_parameters()]
         state["state"] = {
@@ -152,7 +155,7 @@ class Training:
         self.done = done
 
     def _moments(self) -> Iterator[dict[str, Tensor]]:
-        """Adam's state of each parameter; zeros before the first step."""
+        """Yield Adam's state for each parameter, zeros before the first step."""
         for parameter in self.network.parameters():
             known: dict[str, Any] = self.optimiser.state.get(parameter, {})
             blank = torch.zeros_like(parameter)
@@ -166,19 +169,19 @@ def _samples(graphs: Iterator[Graph] | Sequence[Graph], device: str) -> list[Sam
 
 @contextmanager
 def _seeded(seed: int, step: int) -> Iterator[None]:
-    """torch's generators seeded for the block, and afterwards as they were."""
+    """Seed torch's generators within the block, and restore them afterwards."""
     with torch.random.fork_rng():
         torch.manual_seed((seed << 20) + step)
         yield
 
 
 def choose_device(wanted: str) -> str:
-    """``"cpu"`` or ``"cuda"``; ``"auto"`` takes the GPU where there is one.
+    """Return ``"cpu"`` or ``"cuda"``, where ``"auto"`` prefers an available GPU.
 
     Raises
     ------
     OptionError
-        If CUDA is asked for and there is none.
+        If CUDA is requested but not available.
     """
     if wanted == "auto":
         return "cuda" if torch.cuda.is_available() else "cpu"

@@ -1,7 +1,7 @@
-"""The paper's network in plain torch: INorm, four SAGE layers, three linear ones, and its loss.
+"""The paper's network in plain torch: INorm, four SAGE layers, three linear layers, and its loss.
 
-A batch is one block-diagonal graph in CSR form, whatever its blocks: the meshes of a mini-batch in
-training, the pieces of a recursion depth afterwards.
+A batch is one block-diagonal graph in CSR form: the meshes of a mini-batch in training, the pieces at a
+recursion depth in use.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ _HIDDEN, _LAYERS = 64, 4
 
 
 def inorm(level: Graph) -> Float:
-    """The paper's INorm, block by block: measure and centroid of each cell ``(n, 3)``.
+    """Return the paper's INorm for each block: measure and centroid of each cell ``(n, 3)``.
 
-    Measures are divided by their largest; centroids are taken relative to the centre of mass, in
-    principal axes, and both divided by the largest coordinate in absolute value. The paper turns by 90
-    degrees what is longer in y, and scales x and y each by its own maximum: the principal frame with one
-    scale does the same for axis-parallel pieces, and follows all others when they are turned.
+    Measures are divided by their maximum. Centroids are taken relative to the centre of mass, in principal
+    axes, and both coordinates are divided by the largest absolute value. The paper rotates pieces longer in
+    y by 90 degrees, and scales x and y each by its own maximum. The principal frame with one scale does
+    this for axis-parallel pieces, and is also equivariant for rotated pieces.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def inorm(level: Graph) -> Float:
 
 @dataclass(frozen=True)
 class Neighbours:
-    """The edges of a batch, and which block each node belongs to.
+    """Edges and blocks of a batch.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Neighbours:
 
     @classmethod
     def of(cls, graphs: Sequence[Graph], device: str = "cpu") -> Neighbours:
-        """The graphs side by side; a graph of several blocks keeps them."""
+        """Join graphs side by side, and keep the blocks of each."""
         starts = np.cumsum([0, *(graph.n for graph in graphs)])
         edges = np.cumsum([0, *(len(graph.indices) for graph in graphs)])
         before = np.cumsum([0, *(graph.n_blocks for graph in graphs)])
@@ -78,26 +78,26 @@ class Neighbours:
         return cls(tensors[0], tensors[1], tensors[2], int(before[-1]))
 
     def sum(self, values: Tensor) -> Tensor:
-        """Sum of ``values (n, f)`` over the neighbours of each node."""
+        """Return the sum of ``values (n, f)`` over the neighbours of each node."""
         summed: Tensor = _NeighbourSum.apply(values, self.indptr, self.indices)  # type: ignore[no-untyped-call]
         return summed
 
     def mean(self, values: Tensor) -> Tensor:
-        """Mean of ``values (n, f)`` over the neighbours of each node, 0 where there are none."""
+        """Return the mean of ``values (n, f)`` over the neighbours of each node, 0 without neighbours."""
         return self.sum(values) / self.degrees(values.dtype).clamp(min=1.0)
 
     def degrees(self, dtype: torch.dtype) -> Tensor:
-        """Number of neighbours ``(n, 1)``."""
+        """Return the number of neighbours ``(n, 1)``."""
         return (self.indptr[1:] - self.indptr[:-1]).to(dtype)[:, None]
 
     def block_sums(self, values: Tensor) -> Tensor:
-        """Sum of ``values (n, f)`` over each block, ``(n_blocks, f)``."""
+        """Return the sum of ``values (n, f)`` over each block, ``(n_blocks, f)``."""
         zeros = values.new_zeros(self.n_blocks, values.shape[1])
         return zeros.index_add(0, self.blocks, values)
 
 
 class _NeighbourSum(torch.autograd.Function):
-    """A H for a symmetric A: the gradient is A applied to the gradient."""
+    """The product A H for a symmetric A, whose gradient is A applied to the gradient."""
 
     @staticmethod
     def forward(ctx, values, indptr, indices):  # type: ignore[no-untyped-def]
@@ -112,10 +112,10 @@ class _NeighbourSum(torch.autograd.Function):
 
 
 class PaperNetwork(nn.Module):
-    """Four SAGE layers of width 64, then linear layers to 32, 8 and 2 (paper, §3.2 and §3.3).
+    """Four SAGE layers with width 64, then linear layers to 32, 8 and 2 (paper, §3.2 and §3.3).
 
-    A SAGE layer is H' = tanh(H W₁ + mean over neighbours(H) W₂ + b). After the first two linear layers
-    comes a tanh, too, as in the authors' programs; the paper does not say. About 28k parameters.
+    A SAGE layer is H' = tanh(H W₁ + mean over neighbours(H) W₂ + b). The first two linear layers are
+    followed by tanh, too, as in the authors' programs; the paper leaves this open. About 28k parameters.
     """
 
     def __init__(self) -> None:
@@ -127,7 +127,10 @@ class PaperNetwork(nn.Module):
         self.dense = nn.ModuleList(nn.Linear(a, b) for a, b in ((_HIDDEN, 32), (32, 8), (8, 2)))
 
     def forward(self, x: Tensor, neighbours: Neighbours) -> Tensor:
-        """Logits ``(n, 2)`` of features ``(n, 3)``; the softmax of a row is the paper's Y."""
+        """Return logits ``(n, 2)`` for features ``(n, 3)``.
+
+        The softmax of a row is the paper's Y.
+        """
         for own, near in zip(self.own, self.near, strict=True):
             x = torch.tanh(own(x) + near(neighbours.mean(x)))
         for dense in self.dense[:-1]:
@@ -137,7 +140,7 @@ class PaperNetwork(nn.Module):
 
 
 def expected_normalised_cut(logits: Tensor, neighbours: Neighbours) -> Tensor:
-    """The paper's loss of each block ``(n_blocks,)``: expected cut over expected volume, summed over k.
+    """Return the paper's loss per block ``(n_blocks,)``: expected cut over expected volume, summed over k.
 
     Edges count 1 and nodes their degree, as in :mod:`agglo_core.graph.functionals`.
     """

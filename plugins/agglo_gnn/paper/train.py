@@ -31,10 +31,10 @@ def train_paper(
     log: Path | None = None,
     quiet: bool = True,
 ) -> dict[str, Any]:
-    """Train by the paper's loss into the model file ``target``; return its header.
+    """Train by the paper's loss into the model file ``target``, and return its header.
 
-    The log has a line for each epoch: mean loss of the training set as it went, mean loss of the
-    validation meshes, and the share of random pieces of them that come out one-sided.
+    The log has a line per epoch: running mean loss on the training set, mean loss on the validation meshes,
+    and the fraction of one-sided random validation pieces.
 
     Raises
     ------
@@ -76,7 +76,10 @@ def _checkpoint(header: dict[str, Any]) -> dict[str, str]:
 
 
 def _resume(training: Training, checkpoint: Path, header: dict[str, Any]) -> None:
-    """Resume training from its checkpoint; only the number of epochs may have changed."""
+    """Resume training from its checkpoint.
+
+    All options except the number of epochs must be unchanged.
+    """
     arrays, saved = model_file.load(checkpoint, architecture=_checkpoint(header)["architecture"])
     now, then = ({**each["recipe"], "seed": each["seed"]} for each in (header, saved))
     odd = sorted(key for key in now.keys() | then.keys() if now.get(key) != then.get(key) and key != "epochs")

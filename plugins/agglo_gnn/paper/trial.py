@@ -1,4 +1,4 @@
-"""Checks, before any training, that a network of yours can be trained, saved and used."""
+"""Check, before any training, that a user-defined network can be trained, saved and used."""
 
 from __future__ import annotations
 
@@ -16,15 +16,16 @@ _BATCH_NORMS = (nn.BatchNorm1d, nn.BatchNorm2d, nn.BatchNorm3d, nn.SyncBatchNorm
 
 
 def try_network(name: str, build: Callable[[], nn.Module]) -> None:
-    """Build the network, look at its state, and ask it about two small meshes, side by side and alone.
+    """Build the network, check its state, and evaluate it on two small meshes, together and alone.
 
-    It is asked as it will be used and as it will be trained: batch norm, say, mixes blocks in training only.
+    It is evaluated in evaluation mode and in training mode: batch norm, for example, mixes blocks only in
+    training.
 
     Raises
     ------
     OptionError
-        If it fails, has nothing to train, cannot be kept in a model file, or does not answer with finite
-        logits ``(n, 2)`` that depend on the block alone.
+        If the network fails, has no parameters to train, cannot be saved in a model file, or does not
+        return finite logits ``(n, 2)`` that depend only on the block.
     """
     try:
         with unseeded():
@@ -34,7 +35,7 @@ def try_network(name: str, build: Callable[[], nn.Module]) -> None:
             _check_state(name, network, before)
     except AggloError:
         raise
-    except Exception as error:  # third-party code: whatever it raises is what is wrong with it
+    except Exception as error:  # third-party code may raise any exception
         raise OptionError(
             f"network {name!r} failed on two meshes: {type(error).__name__}: {error}"
         ) from error
@@ -42,13 +43,13 @@ def try_network(name: str, build: Callable[[], nn.Module]) -> None:
 
 @contextmanager
 def unseeded() -> Iterator[None]:
-    """Whatever the block draws from torch's generators, they are afterwards as they were."""
+    """Restore the state of torch's generators after the block."""
     with torch.random.fork_rng():
         yield
 
 
 def _shapes(name: str, network: nn.Module) -> dict[str, tuple[int, ...] | None]:
-    """Shapes of the arrays of the state, None for anything that is not an array."""
+    """Return the shapes of the state arrays, None for anything else."""
     if not any(parameter.requires_grad for parameter in network.parameters()):
         raise OptionError(f"network {name!r} has no parameters to train")
     state = network.state_dict()
@@ -61,7 +62,7 @@ def _shapes(name: str, network: nn.Module) -> dict[str, tuple[int, ...] | None]:
 
 
 def _check_state(name: str, network: nn.Module, before: dict[str, tuple[int, ...] | None]) -> None:
-    """Raise OptionError, naming it, for any state that a model file could not restore."""
+    """Raise OptionError for any state that a model file could not restore."""
     for key, value in network.state_dict().items():
         if reason := _unkept(value):
             raise OptionError(f"network {name!r} cannot be kept in a model file: {key!r} {reason}")
@@ -71,7 +72,7 @@ def _check_state(name: str, network: nn.Module, before: dict[str, tuple[int, ...
 
 
 def _unkept(value: object) -> str:
-    """Why a model file does not keep a value of a state; empty if it does."""
+    """Return the reason that prevents saving a state value, or an empty text."""
     if not isinstance(value, Tensor):
         return f"is a {type(value).__name__}, and model files hold arrays only"
     if value.dtype not in (torch.float16, torch.float32, torch.float64):
@@ -84,13 +85,16 @@ def _unkept(value: object) -> str:
 
 
 def _ask(name: str, network: nn.Module) -> None:
-    """Ask about both meshes: in use, the second one alone as well; in training, the first one changed."""
+    """Check that logits depend only on the block and on the parameters.
+
+    In evaluation mode the second mesh is evaluated alone too, in training mode with the first mesh changed.
+    """
     graphs = [samples.voronoi(18).graph, samples.strip(5).graph]
     first, second = (torch.from_numpy(inorm(graph)).float() for graph in graphs)
     both = Neighbours.of(graphs)
 
     def logits(x: Tensor, neighbours: Neighbours) -> Tensor:
-        torch.manual_seed(0)  # dropout, if any, drops the same each time
+        torch.manual_seed(0)  # fixes dropout
         return _checked(name, network(x, neighbours), len(x))
 
     network.eval()
@@ -111,7 +115,7 @@ def _ask(name: str, network: nn.Module) -> None:
 
 
 def _culprit(network: nn.Module) -> str:
-    """The first batch norm by name, if there is one."""
+    """Return a message part that names the first batch norm, if there is one."""
     norms = ((key, layer) for key, layer in network.named_modules() if isinstance(layer, _BATCH_NORMS))
     return next((f": {key!r} is a {type(layer).__name__}" for key, layer in norms), "")
 

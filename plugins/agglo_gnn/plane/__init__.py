@@ -1,1 +1,1 @@
-"""The small network of the plane: data, training, kernels."""
+"""The small 2-D network: data, training, kernels."""

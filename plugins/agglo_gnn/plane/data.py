@@ -1,4 +1,4 @@
-"""Training data of the fast model in flat arrays, and batches of them as tensors."""
+"""Training data of the fast model in flat arrays, and tensor batches."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Pieces:
-    """Pieces in flat arrays; piece p owns rows ``offsets[p]:offsets[p + 1]`` of each kind."""
+    """Pieces in flat arrays: piece p owns rows ``offsets[p]:offsets[p + 1]`` of each kind."""
 
     cell_offsets: Int
     cells: Float
@@ -37,17 +37,19 @@ class Pieces:
 
 
 def gather(levels: list[Graph]) -> Pieces:
-    """Flat arrays of all blocks; lengths in units of √A."""
+    """Join all blocks in flat arrays, with lengths in units of √A."""
     return Pieces(**joined_arrays([_arrays_of(level) for level in levels]))
 
 
 def _arrays_of(level: Graph) -> dict[str, Any]:
+    # 1. Raster of each block, and each edge once
     rasters = rasterise(level)
     rows = np.repeat(np.arange(level.n), np.diff(level.indptr))
     once = rows < level.indices
     rows, columns, block = rows[once], level.indices[once], level.block_ids[rows[once]]
     area = np.bincount(level.block_ids, level.measures)
     first = level.offsets[block]
+    # 2. Counts, which become offsets, and lengths over √A
     return {
         "cell_offsets": np.diff(level.offsets),
         "cells": rasters.cells,

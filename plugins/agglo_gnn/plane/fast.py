@@ -1,4 +1,4 @@
-"""The fast model: a small graph network on a raster of each piece points to the cut. No torch."""
+"""The fast model: a small graph network on a raster of each piece selects the cut, without torch."""
 
 from __future__ import annotations
 
@@ -31,44 +31,43 @@ SHAPES: Mapping[str, tuple[int, ...]] = {
     "dense2.weight": (48, 48), "dense2.bias": (48,),
     "dense3.weight": (48, 2), "dense3.bias": (2,),
 }  # fmt: skip
-"""The parameters, in the order of the forward pass: 4,562 numbers."""
+"""Parameter shapes in the order of the forward pass: 4,562 numbers."""
 
 _WEIGHTS = Path(__file__).parents[1] / "weights"
 _MODELS = {2: ("fast", SHAPES), 3: ("fast3d", SPATIAL_SHAPES)}
 
 
 class FastGNN:
-    """Bisection by a learned direction and an exact sweep across it.
+    """Bisect by a learned direction and an exact sweep across it.
 
-    In the plane a block of at least 400 cells is rasterised in its principal frame. Two SAGE layers on the
-    raster, pooled, and three dense ones give the direction of the cut; of the thresholds near the mean
-    the one of least cost by :func:`agglo_core.graph.sweep.sweep` is taken. Smaller blocks try their axes and
-    diagonals instead, those of equal cells as well, and the best of these directions turned by ± 22.5°. Below
-    96 cells all thresholds are tried, and directions turned from 24 cells on.
+    In 2-D a block of at least 400 cells is rasterised in its principal frame. Two SAGE layers on the
+    raster, pooling and three dense layers give the cut direction. The threshold near the mean with the
+    lowest cost is chosen by :func:`agglo_core.graph.sweep.sweep`. Smaller blocks try their axes and
+    diagonals instead, and so do blocks of equal cells in addition; then the best direction rotated by ±
+    22.5°. Below 96 cells all thresholds are tried, and rotated directions from 24 cells on.
 
-    In space a network of two dense layers looks at the moments of a block, up to the fourth: it scores the
-    three principal axes and tilts each. The block is swept along the best one, and along those that come
-    close to it.
+    In 3-D a network of two dense layers evaluates the block moments, up to the fourth: it scores the three
+    principal axes and tilts each. The block is swept along the best axis, and along axes with nearly equal
+    scores.
 
     Neither side is ever empty, and no random numbers are used.
 
     Parameters
     ----------
     weights : path or mapping of arrays, optional
-        A model file written by ``agglo train --preset fast`` or ``fast3d``, or its arrays, for meshes of its
-        dimension; default: those shipped, for both.
+        A model file written by ``agglo train --preset fast`` or ``fast3d``, or its arrays, for meshes with
+        its dimension; by default the shipped models, for both dimensions.
     lookahead : int
-        If positive: this many cuts of each block are tried by splitting both sides all the way to the
-        size that is the target, and the one that leads to the fewest parts is taken. Much slower. A
-        number of parts cannot be the target then; without a target there is nothing to look ahead to.
-        In the plane only.
+        If positive, this number of cuts is tried for each block by splitting both sides down to the target
+        size, and the cut with the fewest parts is chosen. Much slower. The target must then be a size, not
+        a number of parts; without a target, lookahead has no effect. 2-D only.
 
     Raises
     ------
     FileError
-        If the model file is missing, corrupt or of another architecture.
+        If the model file is missing, corrupt or has another architecture.
     OptionError
-        If an option makes no sense, or the weights are for meshes of the other dimension.
+        For an invalid option, or weights for the other dimension.
     """
 
     def __init__(
@@ -83,12 +82,12 @@ class FastGNN:
         self._h_star: float | None = None
 
     def for_target(self, target: Target) -> FastGNN:
-        """This bisector, or one that looks ahead to the size that ``target`` asks for.
+        """Return this bisector, or a copy that looks ahead to the target size.
 
         Raises
         ------
         OptionError
-            If it is to look ahead, and the target is a number of parts.
+            If lookahead is set, and the target is a number of parts.
         """
         if not self.lookahead:
             return self
@@ -102,7 +101,7 @@ class FastGNN:
         return ahead
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
-        """Side of each node ``(n,)``; ``seeds`` are not used."""
+        """Return the side of each node ``(n,)``, whatever the ``seeds``."""
         if self._h_star is not None:
             if level.dim != 2:
                 raise OptionError("gnn: lookahead works in the plane; this mesh has dimension 3")
@@ -112,9 +111,9 @@ class FastGNN:
         return self.fast_sides(level)
 
     def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> PieceGrowth | None:
-        """All splits of a run in one call, with the built-in refiner or none and the built-in fixer.
+        """Run all splits in one call, or return None if it looks ahead.
 
-        Not when it looks ahead.
+        Only the built-in refiner, or none, and the built-in fixer allow this.
         """
         if self._h_star is not None:
             return None
@@ -126,7 +125,7 @@ class FastGNN:
         return PieceGrowth.for_components(graph, pieces, partial(split, self.net(graph.dim)), refiners, fixer)
 
     def fast_sides(self, level: Graph) -> Int:
-        """Side of each node ``(n,)``, without looking ahead."""
+        """Return the side of each node ``(n,)``, without lookahead."""
         if level.dim == 2:
             from agglo_gnn.plane.kernels import bisect_fast as bisect
         else:
@@ -136,12 +135,12 @@ class FastGNN:
         return sides
 
     def net(self, dim: int) -> tuple[Float, ...]:
-        """The parameters for meshes of that dimension.
+        """Return the parameters for meshes with a dimension.
 
         Raises
         ------
         OptionError
-            If other weights were given.
+            If weights for the other dimension were given.
         """
         if self._nets and dim not in self._nets:
             (other,) = self._nets
@@ -150,7 +149,7 @@ class FastGNN:
 
 
 def _parameters(weights: str | os.PathLike[str] | Mapping[str, Any]) -> dict[int, tuple[Float, ...]]:
-    """The arrays in their order, by the dimension of the meshes that they are for."""
+    """Return the ordered arrays by the mesh dimension of the weights."""
     if isinstance(weights, Mapping):
         arrays: Mapping[str, Any] = weights
         dim = 3 if set(arrays) == set(SPATIAL_SHAPES) else 2
@@ -170,6 +169,6 @@ def _parameters(weights: str | os.PathLike[str] | Mapping[str, Any]) -> dict[int
     return {dim: tuple(frozen_float(arrays[key]) for key in shapes)}
 
 
-@cache  # to read and check the file takes longer than to split a small mesh
+@cache  # reading and checking the file takes longer than splitting a small mesh
 def _shipped(dim: int) -> tuple[Float, ...]:
     return _parameters(_WEIGHTS / f"{_MODELS[dim][0]}.safetensors")[dim]

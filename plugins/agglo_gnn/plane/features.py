@@ -1,4 +1,4 @@
-"""Input features of the fast network: a raster of each block, and moments of the block."""
+"""Input features for the fast network: block rasters and block moments."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ FEATURES = (
     *(f"block moment {u}{order - u}" for order in (2, 3, 4) for u in range(order, -1, -1)),
     "3 / sqrt(block cells)",
 )
-"""Features in this order: of each bin, then of the block."""
+"""Feature names in order: first per bin, then per block."""
 
 
 @dataclass(frozen=True)
 class Rasters:
-    """All blocks as input of the network: each one a raster of at most about 200 occupied bins.
+    """Network input for all blocks: each block is a raster of at most about 200 occupied bins.
 
-    A block lies in its frame: origin at the centre of mass, principal axes, each pointing to its
-    heavier tail, and one scale that makes a square [−1, 1]². Shift, scale and rotation of the mesh
-    change nothing.
+    A block is described in its frame: origin at the centre of mass, principal axes, each pointing to its
+    heavier tail, and one scale that maps a square to [−1, 1]². Shift, scale and rotation of the mesh change
+    nothing.
 
     Attributes
     ----------
     node_offsets : (B + 1,) int64
         Bins of each block.
     nodes : (N, 4) float; near : (N, 4) int32; areas : (N,) float
-        Features of the bins, their neighbours numbered within the block (−1: none), shares of the measure.
+        Bin features, bin neighbours numbered within the block (−1: none), fractions of the measure.
     blocks : (B, 13) float
-        Features of the blocks.
+        Block features.
     cells : (n, 2) float; shares : (n,) float
-        Cells in the frame of their block, and their share of its weight.
+        Cell positions in the block frame, and weight fractions within the block.
     """
 
     node_offsets: Int
@@ -44,7 +44,7 @@ class Rasters:
 
 
 def rasterise(level: Graph) -> Rasters:
-    """Rasters and features of all blocks of a planar graph."""
+    """Compute rasters and features for all blocks of a 2-D graph."""
     from agglo_gnn.plane.raster_kernels import describe
 
     return Rasters(*describe(level.offsets, level.centroids, level.weights, level.measures))

@@ -1,4 +1,4 @@
-"""Kernels of the fast model: the network on the raster of a piece, and the sweep in its direction."""
+"""Kernels of the fast model: the network on a piece raster, and the sweep in its direction."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from agglo_core.authoring import (
 )
 from agglo_gnn.plane.raster_kernels import fill_raster, new_raster, to_frame
 
-_ONE = np.uint64(1)  # to be added to unsigned indices
-_TIE = 1e-6  # of a bin: values that close to its end lie inside
-# Standard deviations either side of the mean in which a cut is sought. Wider finds cuts into less equal
-# sides, but looks at the edges of more cells, and at fewer thresholds per unit.
+_ONE = np.uint64(1)  # unsigned, to keep index types
+_TIE = 1e-6  # bin widths: closer values count as inside
+# Half width of the search band around the mean, in standard deviations. A wider band finds cuts into less
+# equal sides, but visits the edges of more cells, and tries fewer thresholds per unit.
 _BAND = 0.45
-_BINS = 32  # of the band, as scan_thresholds has them; it tries the thresholds between them
+_BINS = 32  # bins in the band, as in scan_thresholds, which tries the thresholds between them
 _SMALL = 96  # cells below which some axes are swept instead, over all edges of the piece
-_AXES = 4  # tried where the network is not asked: each costs a sweep
-_FINER = 1  # halvings of the angle between them, about the best: each costs two sweeps
+_AXES = 4  # number of axes tried without the network: each costs a sweep
+_FINER = 1  # halvings of their angle about the best axis: each costs two sweeps
 _LONG = 0.5  # ratio of principal moments below which a piece is long
-# Cells below which the axes are tried and the network is not asked: there its answer makes no difference
+# Number of cells below which axes are tried instead of the network, which makes no difference there
 # (docs/reference/model-card.md).
 _FEW = 400
 
@@ -41,12 +41,12 @@ _FEW = 400
 def _sage(count, near, given, own, other, bias, out):
     """Compute a SAGE layer, ``out = ReLU(given · own + mean over neighbours of given · other + bias)``.
 
-    ``near (count, 4)`` are the neighbours of each node, −1 for none; the number of inputs is a multiple of 4.
+    ``near (count, 4)`` are the neighbours of each node, −1 for none; the number of inputs is divisible by 4.
     """
     inputs, outputs = own.shape
     mean = np.empty(inputs)
     for a in range(count):
-        # 1. The mean over the neighbours; 0 if there are none.
+        # 1. Mean over the neighbours, 0 without neighbours.
         degree = 0
         for k in range(inputs):
             mean[k] = 0.0
@@ -59,7 +59,7 @@ def _sage(count, near, given, own, other, bias, out):
             out[a, o] = bias[o]
         for k in range(inputs):
             mean[k] /= max(degree, 1)
-        # 2. Both products.
+        # 2. Add both products.
         for k in range(0, inputs, 4):  # four at a time: each round of the inner loop checks what overlaps
             x, y, z, w = given[a, k], given[a, k + 1], given[a, k + 2], given[a, k + 3]
             p, q, r, s = mean[k], mean[k + 1], mean[k + 2], mean[k + 3]
@@ -74,7 +74,7 @@ def _sage(count, near, given, own, other, bias, out):
 
 @helper
 def dense(given, weight, bias, rectify, out):
-    """``out = given · weight + bias``, rectified or not."""
+    """Compute ``out = given · weight + bias``, rectified or not."""
     for o in range(len(bias)):
         out[o] = bias[o]
     for k in range(weight.shape[0]):
@@ -87,17 +87,17 @@ def dense(given, weight, bias, rectify, out):
 
 @kernel
 def direction(count, nodes, near, areas, features, net):
-    """Evaluate the network: the coefficients (c₁, c₂) of the logit c₁ u + c₂ v of a piece.
+    """Evaluate the network: coefficients (c₁, c₂) of the logit c₁ u + c₂ v of a piece.
 
-    ``nodes (count, 4)``, ``near`` and ``areas (count,)`` are its raster, ``features (13,)`` those of the
-    piece; see ``raster_kernels``.
+    ``nodes (count, 4)``, ``near`` and ``areas (count,)`` are its raster, ``features (13,)`` the piece
+    features; see ``raster_kernels``.
     """
     own1, other1, bias1, own2, other2, bias2, dense1, add1, dense2, add2, dense3, add3 = net
     first, second = np.empty((count, len(bias1))), np.empty((count, len(bias2)))
     # 1. Two SAGE layers on the raster.
     _sage(count, near, nodes, own1, other1, bias1, first)
     _sage(count, near, first, own2, other2, bias2, second)
-    # 2. Their mean over the piece by area, followed by the features of the piece.
+    # 2. Area-weighted mean over the piece, followed by the piece features.
     width = len(bias2)
     pooled = np.zeros(width + len(features))
     for a in range(count):
@@ -105,7 +105,7 @@ def direction(count, nodes, near, areas, features, net):
             pooled[k] += areas[a] * second[a, k]
     for k in range(len(features)):
         pooled[width + k] = features[k]
-    # 3. Three dense layers: the direction of the cut.
+    # 3. Three dense layers: the cut direction.
     hidden, again, out = np.empty(len(add1)), np.empty(len(add2)), np.empty(2)
     dense(pooled, dense1, add1, True, hidden)
     dense(hidden, dense2, add2, True, again)
@@ -115,7 +115,7 @@ def direction(count, nodes, near, areas, features, net):
 
 @helper(reorder_sums=True)
 def _band_bins(n, x, y, p, q, low, rate, shares, bins):
-    """Write the bins of p x + q y, and return share and first moments of the cells below all bins.
+    """Write the bins of p x + q y, and return share and first moments below the band.
 
     Bins are −1 below the band and 32 above.
     """
@@ -131,10 +131,10 @@ def _band_bins(n, x, y, p, q, low, rate, shares, bins):
 
 
 class PlaneWork(NamedTuple):
-    """Workspace for a piece in 2-D, and the parameters of the network.
+    """Workspace for a piece in 2-D, and the network parameters.
 
-    ``turns`` and ``finer`` are cosines and sines, ``uv (2, m)`` positions in the frame, ``listed`` the cells
-    with a bin.
+    ``turns`` and ``finer`` are cosines and sines, ``uv (2, m)`` positions in the frame, ``listed`` the
+    cells with a bin.
     """
 
     points: Any
@@ -149,7 +149,7 @@ class PlaneWork(NamedTuple):
 
 @helper
 def number_cells(pieces, lo, hi):
-    """Tag the cells of a piece as on the left, and write their numbers to the second column of the marks."""
+    """Tag a piece's cells as left, and write their numbers to the second column of the marks."""
     cells, tag, marks = pieces
     left, _ = piece_splits.side_tags(lo, hi)
     start = np.uint64(lo)
@@ -160,28 +160,29 @@ def number_cells(pieces, lo, hi):
 
 @helper
 def _band_sweep(graph, pieces, lo, hi, work, scales, p, q, spread):
-    """Find the cheapest threshold of p x + q y near its mean, as ``sweep_block`` does over all thresholds.
+    """Find the cheapest threshold of p x + q y near its mean.
 
-    Only edges there count. ``spread`` is the standard deviation of the score. Returns the cost, the last bin
-    below, the lowest threshold and thresholds per unit.
+    Unlike ``sweep_block``, only thresholds and edges in the band count. ``spread`` is the standard
+    deviation of the score. Returns the cost, the last bin below, the lowest threshold and the number of
+    thresholds per unit.
     """
     indptr, indices, interface = graph.indptr, graph.indices, graph.interface
     cells, tag, marks = pieces
     local, shares, bins, tally = work.points.local, work.points.shares, work.scores.bins, work.scores.tally
     listed, n, piece = work.listed, hi - lo, tag[cells[lo]]
-    # 1. Bins of all cells; with share and moments of what lies below the band the scan starts.
+    # 1. Bin all cells. The scan starts with share and moments below the band.
     low = -_BAND * spread
     rate = -0.5 * _BINS / low if low < 0.0 else 0.0
     area, sx, sy = _band_bins(n, local[0], local[1], p, q, low, rate, shares, bins)
-    # 2. The cells of the band, about a quarter of those of a square. Other edges are passed over, even those
-    #    from below the band to above it.
+    # 2. List the cells in the band, about a quarter in a square. Edges outside the band are skipped, even
+    # edges that cross the whole band.
     cut, start, inside = 0.0, np.uint64(lo), np.uint64(0)
     for i in range(n):
         listed[inside] = i  # no branch: it would be mispredicted
         inside += np.uint64((bins[i] >= 0) & (bins[i] < _BINS))
-    # 3. What each cell adds to the cut beyond its bin. Thresholds between the bins of its ends cut an edge:
-    #    its length is added in the lower bin, and taken away in the higher one. Edges from below the band are
-    #    cut at its lower end already. Neighbours in other pieces count as in the bin of the cell.
+    # 3. Each cell's contribution to the cut beyond its bin. Thresholds between the end bins cut an edge:
+    # its length is added in the lower bin, and subtracted in the higher bin. Edges from below the band are
+    # cut at its lower end already. Neighbours in other pieces count as if in the cell's own bin.
     for k in range(inside):
         i = np.uint64(np.uint32(listed[k]))
         home, rise, cell = bins[i], 0.0, np.uint64(np.uint32(cells[start + i]))
@@ -196,7 +197,7 @@ def _band_sweep(graph, pieces, lo, hi, work, scales, p, q, spread):
         tally[b, 1] += shares[i] * local[1, i]
         tally[b, 3] += shares[i]
         tally[b, 4] += rise
-    # 4. The cheapest threshold.
+    # 4. Find the cheapest threshold.
     scale, inertia, weight = scales
     best, last = scan_thresholds(tally, sx, sy, 0.0, area, cut, scale, inertia, weight)
     return best, last, low, rate
@@ -204,7 +205,7 @@ def _band_sweep(graph, pieces, lo, hi, work, scales, p, q, spread):
 
 @helper
 def _equal(n, shares):
-    """Return whether all shares are equal, up to 1e-6 of the largest."""
+    """Return True if all shares are equal, up to 1e-6 relative to the largest."""
     low, high = shares[0], shares[0]
     for i in range(n):
         low, high = min(low, shares[i]), max(high, shares[i])
@@ -215,21 +216,22 @@ def _equal(n, shares):
 
 @helper
 def _pointed_cut(graph, pieces, lo, hi, work, axis):
-    """Cheapest cut near the mean of the network's score.
+    """Find the cheapest cut near the mean of the network's score.
 
-    With few cells the axes are tried instead, with cells of equal shares in addition, and the best turned a
-    little. Returns what ``_band_sweep`` does, leaves the score in the heights, its gradient in ``axis``.
+    With few cells the axes are tried instead, with equal cells in addition; then the best direction is
+    rotated slightly. Returns the result of ``_band_sweep``, and leaves the score in the heights, its
+    gradient in ``axis``.
     """
     (local, shares, scales), heights = work.points, work.scores.heights
     grid, place, nodes, near, areas, features = work.raster
     turns, finer, uv, n = work.turns, work.finer, work.uv, hi - lo
-    # 1. The piece in its principal frame; the network sees its raster if it has enough cells.
+    # 1. Map the piece to its principal frame; the network evaluates its raster if it has enough cells.
     ux, uy, vx, vy = to_frame(n, local, shares, scales[1], uv, features)
     asked, pointed = n >= _FEW, (1.0, 0.0)
     if asked:
         count = fill_raster(n, uv, shares, grid, place, nodes, near, areas)
         pointed = direction(count, nodes[:count], near[:count], areas[:count], features, work.net)
-    # 2. Directions: axes of the frame (c < 0), that of the network (0), and the best one turned both ways.
+    # 2. Directions: frame axes (c < 0), the network's (c = 0), and the best one rotated both ways (c > 0).
     axes, long = not asked or _equal(n, shares), features[2] < _LONG * features[0]
     best, p, q, cos, sin = (NO_CUT, 0, 0.0, 0.0), 1.0, 0.0, 1.0, 0.0
     first, last = (-len(turns), 2 * len(finer)) if axes else (0, 0)
@@ -250,14 +252,14 @@ def _pointed_cut(graph, pieces, lo, hi, work, axis):
             a, b = turned(cos, sin, finer[f, 0], finer[f, 1])
         else:
             a, b = turned(cos, sin, finer[f, 0], -finer[f, 1])
-        # 3. The standard deviation in this direction, from the second moments, and the sweep. A later
-        #    direction has to be better by more than rounding.
+        # 3. Standard deviation in this direction, from the second moments, and the sweep. A later direction
+        # must be better by more than rounding.
         spread = np.sqrt(features[0] * a * a + 2.0 * features[1] * a * b + features[2] * b * b)
         x, y = a * ux + b * vx, a * uy + b * vy
         trial = _band_sweep(graph, pieces, lo, hi, work, section, x, y, spread)
         if trial[0] < best[0] - 1e-9 * abs(best[0]):
             best, p, q = trial, a, b
-    # 4. Heights in the best direction; its length is that of the rows of the frame.
+    # 4. Heights in the best direction, whose length follows the rows of the frame.
     axis[0], axis[1] = p * ux + q * vx, p * uy + q * vy
     for i in range(n):
         heights[i] = axis[0] * local[0, i] + axis[1] * local[1, i]
@@ -266,14 +268,14 @@ def _pointed_cut(graph, pieces, lo, hi, work, axis):
 
 @helper
 def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
-    """Tag both sides of a piece that is loaded: the ``cut`` of ``piece_driver.split_pieces_by``."""
+    """Tag both sides of a loaded piece: the ``cut`` of ``piece_driver.split_pieces_by``."""
     (local, shares, scales), (heights, bins, tally, ends) = work.points, work.scores
     n, axis, best = hi - lo, sides.normal, (NO_CUT, 0, 0.0, 0.0)
     axis[2] = 0.0
-    # 1. The cut near the mean, unless the piece is small, or all its centroids are in one place.
+    # 1. Cut near the mean, unless the piece is small, or all its centroids coincide.
     if n >= _SMALL and scales[1] > 1e-299:
         best = _pointed_cut(graph, pieces, lo, hi, work, axis)
-    # 2. If there is none, the best of some axes over all thresholds, from the list of all edges.
+    # 2. Without such a cut, the best of some axes over all thresholds, from the list of all edges.
     if best[0] == NO_CUT:
         few = work.finer[: n >= 24]  # few cells have few cuts
         edges = ends, piece_sweeps.edges_of_piece(graph, pieces, lo, hi, ends)
@@ -281,7 +283,7 @@ def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
         best, axis[0], axis[1] = axes_block(
             n, edges, local, shares, section, work.turns, few, heights, bins, tally
         )
-    # 3. Sides by height. The axis may have any length: unit makes lengths of heights.
+    # 3. Sides by height. The axis may have any length: unit converts heights to lengths.
     unit = 1.0 / np.hypot(axis[0], axis[1])
     return piece_driver.tag_sides(
         graph, pieces, lo, hi, heights, piece_sweeps.bar_of(best), unit, extent, candidates, sides
@@ -290,7 +292,7 @@ def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
 
 @helper(allocates=True)
 def _new_work(m, edges, net):
-    """Workspace for pieces of at most m cells, with at most so many edges, and the network."""
+    """Return the workspace for pieces with up to ``m`` cells and ``edges`` edges, with the network."""
     points, scores = piece_frames.new_points(m), piece_sweeps.new_scores(m, edges)
     turns, finer = half_circle(_AXES), halvings(_AXES, _FINER)
     uv, listed = np.empty((2, m)), np.empty(m + 1, np.int32)
@@ -299,12 +301,12 @@ def _new_work(m, edges, net):
 
 @kernel
 def bisect_fast(offsets, indptr, indices, interface, centroids, weights, measures, net):
-    """Side of each node of a planar graph: the network's cut, or the best of some axes if it is small."""
+    """Return the side of each node in a 2-D graph, by the network or, for small blocks, the best axis."""
     n, largest, most = len(weights), np.int64(0), np.int64(0)
     for b in range(len(offsets) - 1):
         largest = max(largest, offsets[b + 1] - offsets[b])
         most = max(most, indptr[offsets[b + 1]] - indptr[offsets[b]])
-    # Blocks are pieces of a graph of which nothing but the cut is wanted: with no reach and units of 1.
+    # Blocks are pieces of a graph; only the cut matters, so reach is 0 and units are 1.
     work, sides = _new_work(largest, most // 2 + 1, net), piece_splits.new_sides()
     cells, tag, marks = np.empty(n, np.int32), np.empty(n, np.int32), np.empty((n, 2), np.int32)
     candidates, reach = np.empty(largest + 1, np.int32), np.zeros(n, np.float32)
@@ -312,11 +314,12 @@ def bisect_fast(offsets, indptr, indices, interface, centroids, weights, measure
     graph = piece_splits.PieceGraph(indptr, indices, interface, centroids, measures, weights, reach, units)
     for i in range(n):
         cells[i] = i
+    # Cut each block
     for b in range(len(offsets) - 1):
         lo, hi = offsets[b], offsets[b + 1]
         extent = piece_frames.load_piece(graph, pieces, lo, hi, work)
         _cut(graph, pieces, lo, hi, extent, work, candidates, sides)
-    # Tags of right sides are odd.
+    # Right sides have odd tags.
     result = np.empty(n, np.int64)
     for i in range(n):
         result[i] = tag[i] & 1

@@ -1,4 +1,4 @@
-"""Choosing a cut by what it leads to: several are tried, both sides split to the end, the best is kept."""
+"""Choose cuts by lookahead: try several, split both sides completely, and keep the best."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from agglo_core.authoring import (
 from agglo_gnn.plane.features import rasterise
 
 _LARGEST = 4000
-"""Cells beyond which a cut is not worth the search: one cut changes the number of parts little."""
-_UNEVEN = 4.0  # how much parts smaller than allowed count against a cut
+"""Number of cells above which lookahead is skipped: one cut changes the number of parts little."""
+_UNEVEN = 4.0  # penalty for parts smaller than allowed
 
 
 @dataclass(frozen=True)
 class _Quick:
-    """The bisector of the roll-outs, in the form the recursion needs."""
+    """The roll-out bisector, as the recursion expects it."""
 
     sides: Callable[[Graph], Int]
 
@@ -40,29 +40,31 @@ class _Quick:
 
 
 def look_ahead(level: Graph, quick: Callable[[Graph], Int], count: int, h_star: float) -> Int:
-    """Sides ``(n,)`` of the candidate cut of each block that leads to the fewest parts.
+    """Return the sides ``(n,)`` of each block's candidate cut with the fewest resulting parts.
 
-    Candidates are the cut of ``quick`` and the best thresholds along axes evenly turned from the
-    principal one, refined and connected; each side is then split by ``quick`` until no part exceeds
-    ``h_star``. Of cuts that lead to equally many parts the one of least total interface is taken, times
-    1 + 4 ⟨(1 − diam / h_star)²⟩ so that parts come near the size allowed; of equal ones the first. All
-    candidates of all blocks are rolled out together, as the blocks of one graph.
+    Candidates are the cut of ``quick`` and the best thresholds along axes at equal angles from the
+    principal axis, refined and connected. Each side is then split by ``quick`` until no part exceeds
+    ``h_star``. Among cuts with equally many parts, the smallest total interface counts, times 1 + 4
+    ⟨(1 − diam / h_star)²⟩ to favour parts near the allowed size; among equal cuts the first. All candidates
+    of all blocks are rolled out together, as blocks of one graph.
 
     Parameters
     ----------
     level : Graph
     quick : callable
-        Sides of all blocks of a graph.
+        Returns the sides of all blocks in a graph.
     count : int
-        Candidates of each block.
+        Candidates per block.
     h_star : float
-        Largest diameter of a part.
+        Largest part diameter.
     """
     sides = np.array(quick(level))
+    # 1. Blocks with more than two and not too many cells
     sizes = np.diff(level.offsets)
     wanted = np.flatnonzero((sizes > 2) & (sizes <= _LARGEST))
     if len(wanted) == 0 or count < 2:
         return sides
+    # 2. Candidate cuts, refined and connected
     blocks = level.take(wanted)
     trials = _copies(blocks, count)
     cuts = _cuts(blocks, quick, count)
@@ -74,6 +76,7 @@ def look_ahead(level: Graph, quick: Callable[[Graph], Int], count: int, h_star: 
     )
     seeds: UInt64 = np.zeros(trials.n_blocks, np.uint64)
     cuts = run.fix(trials, run.refine(trials, frozen_int(cuts), seeds, Target(h_star=h_star)))
+    # 3. Roll out, and keep the best cut of each block
     parts, length = _roll_out(trials, cuts, run, h_star)
     best = _first_least(parts.reshape(count, -1), length.reshape(count, -1))
     sides[np.isin(level.block_ids, wanted)] = cuts.reshape(count, -1)[
@@ -83,7 +86,7 @@ def look_ahead(level: Graph, quick: Callable[[Graph], Int], count: int, h_star: 
 
 
 def _cuts(blocks: Graph, quick: Callable[[Graph], Int], count: int) -> Int:
-    """Sides of all candidates ``(count · n,)``, one candidate of all blocks after the other."""
+    """Return the sides of all candidates ``(count · n,)``, candidate by candidate."""
     u, v = rasterise(blocks).cells.T
     angles = np.arange(count - 1) * np.pi / (count - 1)
     turned = [sweep(blocks, np.cos(angle) * u + np.sin(angle) * v) for angle in angles]
@@ -91,7 +94,7 @@ def _cuts(blocks: Graph, quick: Callable[[Graph], Int], count: int) -> Int:
 
 
 def _copies(graph: Graph, count: int) -> Graph:
-    """``count`` copies of all blocks, one after the other."""
+    """Return ``count`` copies of all blocks, one after the other."""
     shift = np.repeat(np.arange(count) * graph.n, len(graph.indices))
 
     def stacked(offsets: Int) -> Int:
@@ -115,7 +118,7 @@ def _copies(graph: Graph, count: int) -> Graph:
 
 
 def _roll_out(trials: Graph, cuts: Int, run: Run, h_star: float) -> tuple[Int, Float]:
-    """Number of parts that each cut leads to, and the length of their interfaces, more if they are small."""
+    """Return the number of resulting parts per cut, and their interface length, penalised for small parts."""
     pieces = frozen_int(2 * trials.block_ids + cuts)
     tree, leaves = grow(trials, pieces, SizeGoal(h_star), run)
     owner = trials.block_ids[tree.cells[tree.start[leaves]]]
@@ -129,7 +132,7 @@ def _roll_out(trials: Graph, cuts: Int, run: Run, h_star: float) -> tuple[Int, F
 
 
 def _first_least(parts: Int, length: Float) -> Int:
-    """Row of the fewest parts in each column, then the shortest interface, then the first."""
+    """Return the row with the fewest parts in each column, then the shortest interface, then the first."""
     fewest = parts == parts.min(axis=0)
     shortest = np.where(fewest, length, np.inf)
     return frozen_int(np.argmax(shortest <= shortest.min(axis=0) * (1 + 1e-9), axis=0))

@@ -1,4 +1,4 @@
-"""The fast network in torch, as it is trained."""
+"""The fast network in torch, for training."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def initial_parameters(seed: int) -> dict[str, Float]:
-    """Random weights (He), except that the output is (1, 0) whatever comes in: inertial bisection."""
+    """Return random weights (He) with constant output (1, 0): inertial bisection."""
     rng = np.random.default_rng([seed, 1])
     values = {}
     for name, shape in SHAPES.items():
@@ -33,13 +33,14 @@ def network(
     owner: torch.Tensor,
     blocks: torch.Tensor,
 ) -> torch.Tensor:
-    """Coefficients (c₁, c₂) of each block ``(B, 2)``.
+    """Return the coefficients (c₁, c₂) of each block ``(B, 2)``.
 
-    SAGE 4 → 16 → 16 (ReLU, mean), pooling by area, MLP to 48, 48, 2. ``near`` numbers all bins of the
+    SAGE 4 → 16 → 16 (ReLU, mean), pooling by area, MLP to 48, 48, 2. ``near`` numbers all bins in the
     batch, −1 for none; ``owner (N,)`` is the block of each bin.
     """
     import torch
 
+    # 1. SAGE layers on the bins
     present = (near >= 0).to(nodes.dtype)
     degree = present.sum(1, keepdim=True).clamp(min=1)
     rows = near.clamp(min=0)
@@ -48,6 +49,7 @@ def network(
         mean = (hidden[rows] * present[:, :, None]).sum(1) / degree
         mixed = hidden @ parameters[f"{layer}.own"] + mean @ parameters[f"{layer}.near"]
         hidden = torch.relu(mixed + parameters[f"{layer}.bias"])
+    # 2. Pooling by area, and the MLP
     pooled = hidden.new_zeros(len(blocks), hidden.shape[1]).index_add(0, owner, areas[:, None] * hidden)
     out = torch.cat((pooled, blocks), 1)
     for layer in ("dense1", "dense2"):

@@ -1,4 +1,4 @@
-"""Kernels of the features of the fast model: frame and moments of a piece, and a raster of its cells."""
+"""Feature kernels for the fast model: frame, moments and cell raster of a piece."""
 
 from __future__ import annotations
 
@@ -8,16 +8,19 @@ import numpy as np
 
 from agglo_core.authoring import centre_block, helper, kernel, planar_frame
 
-# The network is trained on rasters made with these numbers: others need another training.
-_CELLS_PER_BIN = 20  # on average; fewer make more bins, of more ragged shape
-_FEWEST, _MOST = 9, 160  # occupied bins wanted; the time of the network grows with them
-_MOST_BINS = 1024  # empty ones included: the size of the workspace
-_TIE = 1e-6  # of a bin: values that close to its end lie inside
+# The network is trained on rasters with these numbers: others require new training.
+_CELLS_PER_BIN = 20  # on average; fewer cells per bin give more, and more ragged, bins
+_FEWEST, _MOST = 9, 160  # target range for occupied bins; the network time grows with their number
+_MOST_BINS = 1024  # workspace size, including empty bins
+_TIE = 1e-6  # bin widths: closer values count as inside
 
 
 @helper(reorder_sums=True)
 def _moments(n, u, v, shares, out):
-    """Moments of order 2, 3 and 4, u before v: (20 11 02), (30 21 12 03), (40 31 22 13 04)."""
+    """Write moments with order 2, 3 and 4 to ``out``: (20 11 02), (30 21 12 03), (40 31 22 13 04).
+
+    The first index refers to u.
+    """
     a, b, c, d, e, f, g, h, k, p, q, r = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(n):
         uu, uv, vv, w = u[i] * u[i], u[i] * v[i], v[i] * v[i], shares[i]
@@ -39,11 +42,11 @@ def _moments(n, u, v, shares, out):
 
 @helper
 def to_frame(n, local, shares, inertia, uv, features):
-    """Write coordinates and features of a piece in its frame, and return the rows of the frame.
+    """Write coordinates and features of a piece in its frame, and return the frame rows.
 
-    Principal axes, the longer first, each pointing to its heavier tail; scaled so that a square
-    becomes [−1, 1]². ``uv (2, m)`` are the coordinates, ``features (13,)`` the moments of :func:`_moments`
-    and 3 / √n; ``inertia`` is that about the centre of mass, per weight.
+    The frame consists of principal axes, the longer first, each pointing to its heavier tail, scaled so
+    that a square becomes [−1, 1]². ``uv (2, m)`` receives the coordinates, ``features (13,)`` the moments
+    of :func:`_moments` and 3 / √n; ``inertia`` is taken about the centre of mass, per weight.
     """
     # 1. The principal axis. The inertia of [−1, 1]² is 2/3.
     cos, sin, _, _, _ = planar_frame(n, local[0], local[1], shares)
@@ -52,7 +55,8 @@ def to_frame(n, local, shares, inertia, uv, features):
     for i in range(n):
         uv[0, i] = cos * local[0, i] + sin * local[1, i]
         uv[1, i] = cos * local[1, i] - sin * local[0, i]
-    # 2. Which axis is longer, and where third moments ⟨u³⟩, ⟨v³⟩ point: the frame may be a reflection.
+    # 2. Choose the longer axis, and the signs of the third moments ⟨u³⟩, ⟨v³⟩: the frame may be a
+    # reflection.
     _moments(n, uv[0], uv[1], shares, features)
     swap = features[2] > features[0] * (1.0 + 1e-9)
     ux, uy, vx, vy = cos, sin, -sin, cos
@@ -64,7 +68,7 @@ def to_frame(n, local, shares, inertia, uv, features):
         ux, uy = -ux, -uy
     if thirds[1] < 0.0:
         vx, vy = -vx, -vy
-    # 3. Coordinates and moments in the final frame; the size of the piece in cells.
+    # 3. Coordinates and moments in the final frame, and the piece size in cells.
     for i in range(n):
         uv[0, i] = ux * local[0, i] + uy * local[1, i]
         uv[1, i] = vx * local[0, i] + vy * local[1, i]
@@ -75,20 +79,20 @@ def to_frame(n, local, shares, inertia, uv, features):
 
 @helper
 def _bin_of(value, rate, half):
-    """Number of the bin of a value, ``half`` at 0, symmetric about it."""
+    """Return the bin number of a value, ``half`` at 0, symmetric about it."""
     steps = int(abs(value) * rate + 0.5 - _TIE)
     return half + (steps if value > 0.0 else -steps)
 
 
 @helper
 def fill_raster(n, uv, shares, grid, place, nodes, near, areas):
-    """Bin the cells of a piece, symmetrically about its centre, and return the number of occupied bins.
+    """Bin the cells of a piece symmetrically about its centre, and return the number of occupied bins.
 
-    Fills for each ``nodes (:, 4)``: position u, v, area over the mean − 1 (at most 3), share of its four
-    sides without neighbour; ``near (:, 4)``: the neighbours, −1 for none; ``areas``: shares.
+    Fills ``nodes (:, 4)`` for each bin: position u, v, area over the mean − 1 (at most 3), fraction of its
+    four sides without neighbour; ``near (:, 4)``: the neighbours, −1 for none; ``areas``: shares.
     """
-    # 1. Width of the bins: a square of area 4 gets as many as are wanted. In long or branched pieces many
-    #    bins are empty, and wider ones keep them within the workspace.
+    # 1. Bin width: a square with area 4 gets the target number of bins. In long or branched pieces many
+    # bins are empty, and wider bins keep them within the workspace.
     reach_u, reach_v = 0.0, 0.0
     for i in range(n):
         reach_u, reach_v = max(reach_u, abs(uv[0, i])), max(reach_v, abs(uv[1, i]))
@@ -107,7 +111,7 @@ def fill_raster(n, uv, shares, grid, place, nodes, near, areas):
         grid[g, 0] += shares[i]
         grid[g, 1] += shares[i] * uv[0, i]
         grid[g, 2] += shares[i] * uv[1, i]
-    # 3. Occupied bins are numbered; their positions are the centres of mass of their cells.
+    # 3. Number the occupied bins; their positions are the centres of mass of their cells.
     count = 0
     for g in range(wide * high):
         place[g] = -1
@@ -135,9 +139,9 @@ def fill_raster(n, uv, shares, grid, place, nodes, near, areas):
 
 
 class Raster(NamedTuple):
-    """Occupied bins of a piece, and the features of the piece itself ``(13,)``.
+    """Occupied bins of a piece, and the piece features ``(13,)``.
 
-    Of each bin ``nodes`` are the features, ``near`` the neighbours and ``areas`` the shares. ``grid`` and
+    For each bin ``nodes`` are the features, ``near`` the neighbours and ``areas`` the shares. ``grid`` and
     ``place`` are workspace for all bins.
     """
 
@@ -151,7 +155,7 @@ class Raster(NamedTuple):
 
 @helper(allocates=True)
 def new_raster(largest):
-    """Raster for one piece at a time."""
+    """Return a raster for one piece at a time."""
     bins = min(_MOST_BINS, largest)
     return Raster(
         np.empty((_MOST_BINS, 3)),
@@ -165,11 +169,11 @@ def new_raster(largest):
 
 @kernel
 def describe(offsets, centroids, weights, measures):
-    """Features of each block of a planar graph.
+    """Compute the features of each block in a 2-D graph.
 
     Returns the offsets of the raster bins ``(B + 1,)``, their features ``(N, 4)``, neighbours ``(N, 4)``
-    (numbered within the block, −1 for none) and shares ``(N,)``, the features of the blocks ``(B, 13)``,
-    and the cells in their frames ``(n, 2)`` with their shares ``(n,)``.
+    (numbered within the block, −1 for none) and shares ``(N,)``, the block features ``(B, 13)``, and the
+    cells in their frames ``(n, 2)`` with their shares ``(n,)``.
     """
     largest, total = np.diff(offsets).max(), len(weights)
     local, uv, shares = np.empty((3, largest)), np.empty((2, largest)), np.empty(largest)
@@ -180,7 +184,7 @@ def describe(offsets, centroids, weights, measures):
     cells, cell_shares = np.empty((total, 2)), np.empty(total)
     for b in range(len(offsets) - 1):
         start, n, at = offsets[b], offsets[b + 1] - offsets[b], node_offsets[b]
-        # Frame and raster of each block, copied behind those of the blocks before.
+        # Frame and raster of each block, appended to the earlier blocks.
         _, inertia, _ = centre_block(start, n, centroids, weights, measures, local, shares)
         to_frame(n, local, shares, inertia, uv, features)
         count = fill_raster(n, uv, shares, grid, place, nodes, near, areas)

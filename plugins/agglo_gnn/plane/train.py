@@ -1,4 +1,4 @@
-"""Training of the fast model: a minute on one core, from a seed and no files."""
+"""Train the fast model: a minute on one core, from a seed and no files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from agglo_gnn.training.pieces import piece_graphs
 if TYPE_CHECKING:
     import torch
 
-_INERTIA = 2.0 / 3.0  # of every piece in its frame
+_INERTIA = 2.0 / 3.0  # inertia of every piece in its frame
 
 
 def train_fast(
@@ -26,33 +26,33 @@ def train_fast(
     validation: int = 18_000,
     progress: Progress | None = None,
 ) -> tuple[dict[str, Float], dict[str, float]]:
-    """Train from ``seed`` on one thread; the same seed gives the same weights on the same machine.
+    """Train from ``seed`` on one thread, reproducibly on each machine.
 
     Parameters
     ----------
     steps : int
-        Of 64 pieces each.
+        Number of steps, with 64 pieces each.
     pieces, validation : int
-        Pieces to make for training, and to measure the result on.
+        Number of pieces for training and for validation.
     progress : callable, optional
         Called every 100 steps with the step, its loss and the CPU seconds so far.
 
     Returns
     -------
     parameters : dict of arrays
-        As in :data:`agglo_gnn.plane.fast.SHAPES`.
+        With the shapes :data:`agglo_gnn.plane.fast.SHAPES`.
     metrics : dict
-        Mean cost of a cut over that of 2-means, on pieces used for nothing else: ``ratio`` of the
-        bisector, ``network`` of the network alone, ``initial`` of it untrained, ``axes`` of sweeps along
-        eight axes; with ``_32`` on those of at least 32 cells. ``of_means`` is the bisector's mean cost
-        over the mean cost of 2-means.
+        Mean cut cost over the cost of 2-means, on separate pieces: ``ratio`` for the bisector, ``network``
+        for the network alone, ``initial`` for the untrained network, ``axes`` for sweeps along eight axes;
+        with ``_32`` on pieces with at least 32 cells. ``of_means`` is the bisector's mean cost over the
+        mean cost of 2-means.
 
     Raises
     ------
     PluginError
         If torch is not installed.
     OptionError
-        If a number makes no sense.
+        If a number is out of range.
     """
     task = PieceTask(initial_parameters, _pieces, _loss, validate)
     return train_on_pieces(task, seed, steps, pieces, validation, progress)
@@ -63,24 +63,28 @@ def _pieces(rng: np.random.Generator, count: int) -> Pieces:
 
 
 def _loss(values: dict[str, torch.Tensor], data: Pieces, chosen: Int, sharpness: float) -> torch.Tensor:
-    """Expected cut · √A (1/A₁ + 1/A₂) − max(15, 4 √n) B/T + 6 ((A₁ − A₂)/A)², mean over the pieces.
+    """Return the mean over the pieces of the expected cut cost.
 
-    p = sigmoid(T (z − mean) / std) with T = clip(t √n, 2, 20): standardised per piece, the logits
-    cannot collapse to one side.
+    The cost is cut · √A (1/A₁ + 1/A₂) − max(15, 4 √n) B/T + 6 ((A₁ − A₂)/A)². The probability is
+    p = sigmoid(T (z − mean) / std) with T = clip(t √n, 2, 20): standardised per piece, the logits cannot
+    collapse to one side.
     """
     import torch
 
+    # 1. Logits, and probability of side 1
     batch = batch_of(data, chosen)
     owner, share, count = batch["cell_owner"], batch["shares"], len(batch["blocks"])
     c = network(values, batch["nodes"], batch["near"], batch["areas"], batch["node_owner"], batch["blocks"])
-    z = (c[owner] * batch["cells"]).sum(1)  # of mean 0: cells are centred
+    z = (c[owner] * batch["cells"]).sum(1)  # zero mean: cells are centred
     zero = z.new_zeros(count)
     spread = zero.index_add(0, owner, share * z * z).clamp(min=1e-12).sqrt()
     p = torch.sigmoid((sharpness * batch["root"]).clamp(2.0, 20.0)[owner] * z / spread[owner])
+    # 2. Expected areas, cut and moments
     one = zero.index_add(0, owner, share * p)
     a, b = p[batch["ends"][:, 0]], p[batch["ends"][:, 1]]
     cut = zero.index_add(0, batch["edge_owner"], batch["lengths"] * (a + b - 2 * a * b))
     moment = batch["cells"].new_zeros(count, 2).index_add(0, owner, (share * p)[:, None] * batch["cells"])
+    # 3. Cost
     weight = (GROWTH * batch["root"]).clamp(min=COMPACT)
     cost = (cut - weight / _INERTIA * moment.square().sum(1)) / (one * (1 - one))
     return (cost + BALANCE * (2 * one - 1) ** 2).mean()

@@ -18,10 +18,10 @@ _LARGE = 32  # cells
 
 
 def validate(parameters: Mapping[str, Float], initial: Mapping[str, Float], count: int) -> dict[str, float]:
-    """Costs of cuts over those of 2-means, on pieces made for nothing else.
+    """Return cut costs over the costs of 2-means, on separate pieces.
 
-    Means of the ratios, of all pieces and of those of 32 cells or more; ``of_means`` is the ratio of the
-    mean costs instead, in which the pieces that are hard to cut count for more.
+    The values are mean ratios, over all pieces and over pieces with 32 cells or more. ``of_means`` is the
+    ratio of the mean costs instead, which gives more weight to pieces that are hard to cut.
     """
     rivals: dict[str, Rival] = {
         "ratio": FastGNN(parameters).bisect_level,
@@ -35,7 +35,7 @@ def validate(parameters: Mapping[str, Float], initial: Mapping[str, Float], coun
 
 
 def _scores(level: Graph, parameters: Mapping[str, Float]) -> Float:
-    """The logits of the torch network on every node."""
+    """Return the logits of the torch network on every node."""
     import torch
 
     batch = batch_of(gather([level]), np.arange(level.n_blocks))

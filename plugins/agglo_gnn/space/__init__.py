@@ -1,1 +1,1 @@
-"""The small network of space: data, training, kernels."""
+"""The small 3-D network: data, training, kernels."""

@@ -19,20 +19,20 @@ from agglo_core.authoring import (
 from agglo_gnn.plane.kernels import dense, number_cells
 from agglo_gnn.space.moments import fill_features, frame_by_moments, moment_room
 
-PRIOR = 4.0  # weight of the second moment in the score of an axis: the longest, if nothing was learned
-_ONE = np.uint64(1)  # to be added to unsigned indices
-_TIE = 1e-6  # of a bin: values that close to its end lie inside
-# A cut is sought within so many standard deviations of the mean, on either side; of a piece of n cells, at
-# least within _LAYER / ∛n of them, 0.87 layers of cells of a cube. Wider finds cuts into less equal sides,
-# but looks at the edges of more cells, and at fewer thresholds per unit.
+PRIOR = 4.0  # weight of the second moment in an axis score: the untrained network prefers the longest axis
+_ONE = np.uint64(1)  # unsigned, to keep index types
+_TIE = 1e-6  # bin widths: closer values count as inside
+# Half width of the search band in standard deviations around the mean, for a piece with n cells at least
+# _LAYER / ∛n, 0.87 cell layers in a cube. A wider band finds cuts into less equal sides, but visits the
+# edges of more cells, and tries fewer thresholds per unit.
 _BAND, _LAYER = 0.45, 3.0
-_BINS = 32  # of the band, as scan_thresholds has them; it tries the thresholds between them
-_MARGIN = 0.5  # of scores: axes that are behind the best by less are tried as well, each by a sweep
+_BINS = 32  # bins in the band, as in scan_thresholds, which tries the thresholds between them
+_MARGIN = 0.5  # score difference to the best axis below which an axis is tried too, by a sweep
 _FEW = 40  # cells below which all axes are tried
 
 
 class Answers(NamedTuple):
-    """Layers of the network, and its results: scores ``(3,)`` and directions ``(3, 3)`` of the axes."""
+    """Network layers and results: axis scores ``(3,)`` and directions ``(3, 3)``."""
 
     hidden: Any
     out: Any
@@ -41,7 +41,7 @@ class Answers(NamedTuple):
 
 
 class SpaceWork(NamedTuple):
-    """Workspace for a piece in 3-D, and the parameters of the network."""
+    """Workspace for a piece in 3-D, and the network parameters."""
 
     points: Any
     heights: Any
@@ -57,19 +57,19 @@ def _point(n, net, room, hidden, out, scores, found):
     """Evaluate the network: ``scores (3,)`` of the axes, and the direction for each, ``found (3, 3)``.
 
     The direction of axis i is the axis plus multiples of the two others, its tilts. ``hidden`` and ``out``
-    are the layers, ``room`` that of ``moment_room`` with the frame and the moments of the piece.
+    are the layers, ``room`` comes from ``moment_room`` with the frame and the moments of the piece.
     """
     weight1, bias1, weight2, bias2 = net
     t, _, _, even, odd, _ = room
     for i in range(3):
-        # If the network answers 0, the score is the second moment: of the longest axis, not tilted.
+        # If the network returns 0, the score is the second moment: the longest axis wins, without tilt.
         scores[i] = PRIOR * t[9 + 4 * i]
         for m in range(3):
             found[i, m] = t[3 * i + m]
         for side in range(2):
-            # Towards each of the other axes, k being the third one. The network sees even features, its
-            # answers multiply odd ones: so no direction depends on where the axes point, and both towards
-            # which it may tilt are treated alike.
+            # Tilt towards each other axis j; k is the third. The network takes even features, and its
+            # outputs multiply odd features: no direction depends on the signs of the axes, and both tilts
+            # are treated equally.
             j, k = (i + 1 + side) % 3, (i + 2 - side) % 3
             fill_features(n, t, i, j, k, even, odd)
             dense(even, weight1, bias1, True, hidden)
@@ -84,7 +84,7 @@ def _point(n, net, room, hidden, out, scores, found):
 
 @kernel
 def directions(n, local, shares, inertia, net):
-    """Evaluate the network on a piece of n cells: scores of its axes ``(3,)`` and directions ``(3, 3)``."""
+    """Evaluate the network on a piece with n cells: axis scores ``(3,)`` and directions ``(3, 3)``."""
     room, scores, found = moment_room(), np.empty(3), np.empty((3, 3))
     frame_by_moments(n, local, shares, inertia, room)
     _point(n, net, room, np.empty(len(net[1])), np.empty(len(net[3])), scores, found)
@@ -103,7 +103,7 @@ def _project(n, axis, x, y, z, shares, score):
 
 @helper(reorder_sums=True)
 def _band_bins(n, score, low, rate, local, shares, bins):
-    """Write the bins of the heights, and return share and first moments of the cells below all bins.
+    """Write the height bins, and return share and first moments below the band.
 
     Bins are −1 below the band and 32 above.
     """
@@ -123,21 +123,21 @@ def _band_bins(n, score, low, rate, local, shares, bins):
 def _band_sweep(graph, pieces, lo, hi, work, spread):
     """Find the cheapest threshold of the heights near their mean.
 
-    Only edges there count. ``spread`` is their standard deviation. Returns the cost, the last bin below, the
-    lowest threshold and thresholds per unit.
+    Only edges in the band count. ``spread`` is the standard deviation of the heights. Returns the cost, the
+    last bin below, the lowest threshold and the number of thresholds per unit.
     """
     indptr, indices, interface = graph.indptr, graph.indices, graph.interface
     cells, tag, marks = pieces
     (local, shares, scales), score, bins, tally = work.points, work.heights, work.bins, work.tally
     n, piece = hi - lo, tag[cells[lo]]
-    # 1. Bins of all cells; with share and moments of what lies below the band the scan starts.
+    # 1. Bin all cells. The scan starts with share and moments below the band.
     low = -max(_BAND, _LAYER / np.cbrt(n)) * spread
     rate = -0.5 * _BINS / low if low < 0.0 else 0.0
     area, sx, sy, sz = _band_bins(n, score, low, rate, local, shares, bins)
-    # 2. What each cell of the band adds to the cut beyond its bin. Thresholds between the bins of its ends
-    #    cut an edge: its area is added in the lower bin, and taken away in the higher one. Edges from below
-    #    the band are cut at its lower end already. Neighbours in other pieces count as in the bin of the
-    #    cell. Edges from below the band to above it are not counted.
+    # 2. Each band cell's contribution to the cut beyond its bin. Thresholds between the end bins cut an
+    # edge: its area is added in the lower bin, and subtracted in the higher bin. Edges from below the band
+    # are cut at its lower end already. Neighbours in other pieces count as if in the cell's own bin. Edges
+    # that cross the whole band are not counted.
     cut, start = 0.0, np.uint64(lo)
     for i in range(np.uint64(n)):
         home = bins[i]
@@ -154,23 +154,23 @@ def _band_sweep(graph, pieces, lo, hi, work, spread):
         tally[b, 2] += shares[i] * local[2, i]
         tally[b, 3] += shares[i]
         tally[b, 4] += rise
-    # 3. The cheapest threshold.
+    # 3. Find the cheapest threshold.
     best, last = scan_thresholds(tally, sx, sy, sz, area, cut, scales[0], scales[1], scales[2])
     return best, last, low, rate
 
 
 @helper
 def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
-    """Tag both sides of a piece that is loaded: the ``cut`` of ``piece_driver.split_pieces_by``."""
+    """Tag both sides of a loaded piece: the ``cut`` of ``piece_driver.split_pieces_by``."""
     (local, shares, scales), (hidden, out, scores, found), score = work.points, work.answers, work.heights
     n, axis, best = hi - lo, sides.normal, (NO_CUT, 0, 0.0, 0.0)
     number_cells(pieces, lo, hi)
     axis[0], axis[1], axis[2] = 1.0, 0.0, 0.0
     if scales[1] > 1e-299:
-        # 1. The network scores the principal axes and tilts each.
+        # 1. Score the principal axes by the network, and tilt each.
         frame_by_moments(n, local, shares, scales[1], work.moments)
         _point(n, work.net, work.moments, hidden, out, scores, found)
-        # 2. Sweeps along those whose score comes near the best one.
+        # 2. Sweep along the axes whose score is near the maximum.
         margin, chosen, last = np.inf if n < _FEW else _MARGIN, 0, 0
         bar = max(scores[0], scores[1], scores[2]) - margin
         for i in range(3):
@@ -185,10 +185,10 @@ def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
             if trial[0] < best[0] - 1e-9 * abs(best[0]):
                 best, chosen = trial, i
         axis[0], axis[1], axis[2] = found[chosen, 0], found[chosen, 1], found[chosen, 2]
-        # The heights are those of the last sweep.
+        # Restore the heights of the best axis if another was swept last.
         if chosen != last:
             _project(n, axis, local[0], local[1], local[2], shares, score)
-    # 3. Sides by height; the axis has length 1. Halves if there was no cut.
+    # 3. Sides by height; the axis has length 1. Without a cut the piece is halved.
     return piece_driver.tag_sides(
         graph, pieces, lo, hi, score, piece_sweeps.bar_of(best), 1.0, extent, candidates, sides
     )
@@ -196,7 +196,7 @@ def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
 
 @helper(allocates=True)
 def _new_work(m, net):
-    """Workspace for pieces of at most m cells, and the network."""
+    """Return the workspace for pieces with up to ``m`` cells, with the network."""
     _, bias1, _, bias2 = net
     answers = Answers(np.empty(len(bias1)), np.empty(len(bias2)), np.empty(3), np.empty((3, 3)))
     points, heights, bins = piece_frames.new_points(m), np.zeros(m), np.empty(m, np.int32)
@@ -205,11 +205,11 @@ def _new_work(m, net):
 
 @kernel
 def bisect_solids(offsets, indptr, indices, interface, centroids, weights, measures, net):
-    """Side of each node of a 3-D graph, block by block: the cut along the directions of the network."""
+    """Return the side of each node in a 3-D graph, block by block, along the network's directions."""
     n, largest = len(weights), np.int64(0)
     for b in range(len(offsets) - 1):
         largest = max(largest, offsets[b + 1] - offsets[b])
-    # Blocks are pieces of a graph of which nothing but the cut is wanted: with no reach and units of 1.
+    # Blocks are pieces of a graph; only the cut matters, so reach is 0 and units are 1.
     work, sides = _new_work(largest, net), piece_splits.new_sides()
     cells, tag, marks = np.empty(n, np.int32), np.empty(n, np.int32), np.empty((n, 2), np.int32)
     candidates, reach = np.empty(largest + 1, np.int32), np.zeros(n, np.float32)
@@ -217,11 +217,12 @@ def bisect_solids(offsets, indptr, indices, interface, centroids, weights, measu
     graph = piece_splits.PieceGraph(indptr, indices, interface, centroids, measures, weights, reach, units)
     for i in range(n):
         cells[i] = i
+    # Cut each block
     for b in range(len(offsets) - 1):
         lo, hi = offsets[b], offsets[b + 1]
         extent = piece_frames.load_piece(graph, pieces, lo, hi, work)
         _cut(graph, pieces, lo, hi, extent, work, candidates, sides)
-    # Tags of right sides are odd.
+    # Right sides have odd tags.
     result = np.empty(n, np.int64)
     for i in range(n):
         result[i] = tag[i] & 1

@@ -1,4 +1,4 @@
-"""Kernels of the features in 3-D: moments of a piece, its frame, and the features of its axes."""
+"""Feature kernels in 3-D: moments, frame and axis features of a piece."""
 
 from __future__ import annotations
 
@@ -8,24 +8,25 @@ from agglo_core.authoring import centre_block, helper, kernel, piece_frames
 
 _EVEN, _ODD = 16, 10  # numbers of features
 _ISOTROPIC = 0.9  # ratio of second moments above which their axes say little about the shape
-_TURNS = 6  # rounds over the three planes at most
-_TURNED = 1e-9  # angle below which turning ends
-_SECOND, _THIRD, _FOURTH, _END = 9, 18, 45, 126  # where moments of each order start, after the frame
+_TURNS = 6  # maximum number of rounds over the three planes
+_TURNED = 1e-9  # angle below which rotation ends
+_SECOND, _THIRD, _FOURTH, _END = 9, 18, 45, 126  # start of each order's moments, after the frame
 
 
 @helper(allocates=True)
 def moment_room():
-    """Workspace: frame and moments ``(126,)``, ``(3, 3)`` twice, even and odd features, and sums ``(125,)``.
+    """Allocate the workspace for frame, moments, features and sums.
 
-    Frame and moments are full tensors, one after the other: 3², then 3², 3³ and 3⁴ numbers of order 2 to 4,
-    the last index running fastest. Sums of x^a y^b z^c are at ``25 a + 5 b + c``.
+    It consists of frame and moments ``(126,)``, ``(3, 3)`` twice, even and odd features, and sums
+    ``(125,)``. Frame and moments are full tensors, one after the other: 3², then 3², 3³ and 3⁴ numbers with
+    order 2 to 4, the last index running fastest. Sums of x^a y^b z^c are at ``25 a + 5 b + c``.
     """
     return np.empty(_END), np.empty((3, 3)), np.empty((3, 3)), np.empty(_EVEN), np.empty(_ODD), np.empty(125)
 
 
 @helper(reorder_sums=True)
 def _low_moments(n, x, y, z, w, out):
-    """Write moments of order 2 and 3 to ``out (125,)``, at ``25 a + 5 b + c`` for x^a y^b z^c."""
+    """Write moments with order 2 and 3 to ``out (125,)``, at ``25 a + 5 b + c`` for x^a y^b z^c."""
     xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     xxx, xxy, xxz, xyy, xyz, xzz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     yyy, yyz, yzz, zzz = 0.0, 0.0, 0.0, 0.0
@@ -54,7 +55,7 @@ def _low_moments(n, x, y, z, w, out):
 
 @helper(reorder_sums=True)
 def _fourth_moments(n, x, y, z, w, out):
-    """Write moments of order 4 to ``out (125,)``, at ``25 a + 5 b + c`` for x^a y^b z^c."""
+    """Write moments with order 4 to ``out (125,)``, at ``25 a + 5 b + c`` for x^a y^b z^c."""
     m400, m310, m301, m220, m211, m202, m130, m121 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     m112, m103, m040, m031, m022, m013, m004 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(n):
@@ -82,12 +83,12 @@ def _fourth_moments(n, x, y, z, w, out):
 
 @helper
 def _fill_tensors(sums, inertia, t):
-    """Write the moments as full tensors, of lengths in which the inertia is 3, in the identity frame."""
+    """Write the moments as full tensors in the identity frame, with lengths scaled to inertia 3."""
     one = 1.0 / np.sqrt(inertia / 3.0)
     two = one * one
     for i in range(3):
         for j in range(3):
-            # An index of 0, 1 or 2 is a factor x, y or z, and 25, 5 or 1 in the number of a sum.
+            # An index 0, 1 or 2 means a factor x, y or z, hence 25, 5 or 1 in the index of a sum.
             ij = (5 ** (2 - i)) + (5 ** (2 - j))
             t[3 * i + j] = 1.0 if i == j else 0.0
             t[_SECOND + 3 * i + j] = two * sums[ij]
@@ -100,7 +101,7 @@ def _fill_tensors(sums, inertia, t):
 
 @helper
 def _turn_index(t, start, end, stride, turn):
-    """Turn one index of the tensor ``t[start:end]``, whose entries are ``stride`` apart along it."""
+    """Rotate one index of the tensor ``t[start:end]``, whose entries are ``stride`` apart along it."""
     for outer in range(start, end, 3 * stride):
         for at in range(outer, outer + stride):
             x, y, z = t[at], t[at + stride], t[at + 2 * stride]
@@ -110,8 +111,8 @@ def _turn_index(t, start, end, stride, turn):
 
 @helper
 def _turn_all(t, turn):
-    """Turn the frame, and all moments with it."""
-    # Rows of the frame are turned, not its columns; of moments all indices, whose strides are 1, 3, 9, 27.
+    """Rotate the frame, and all moments with it."""
+    # The frame is rotated by rows only; moments are rotated in all indices, with strides 1, 3, 9, 27.
     _turn_index(t, 0, _SECOND, 3, turn)
     stride = 1
     for order in range(1, 5):
@@ -125,22 +126,23 @@ def _turn_all(t, turn):
 
 @helper
 def _turn_to_least_fourth(t, turn):
-    """Turn axes of nearly equal second moments to where fourth moments are least: along sides of a cube."""
+    """Rotate axes with nearly equal second moments to minimal fourth moments: along the sides of a cube."""
     for _ in range(_TURNS):
         largest = 0.0
         for i in range(2):
             for j in range(i + 1, 3):
-                # 1. Planes of two axes whose second moments fix a direction are left as they are.
+                # 1. Skip planes of two axes whose second moments determine a direction.
                 one, other = t[_SECOND + 4 * i], t[_SECOND + 4 * j]
                 if min(one, other) < _ISOTROPIC * max(one, other):
                     continue
-                # 2. With p and q along the axes, ⟨p⁴ + q⁴⟩ is ¾ ⟨r⁴⟩ + ¼ Re ⟨(p + iq)⁴⟩; turning by θ
-                #    multiplies the latter by e^(−4iθ), and its real part is least where it is negative and
-                #    real. odd is a quarter of the imaginary part.
+                # 2. With p and q along the axes, ⟨p⁴ + q⁴⟩ is ¾ ⟨r⁴⟩ + ¼ Re ⟨(p + iq)⁴⟩. Rotation by θ
+                # multiplies the latter by e^(−4iθ), and its real part is minimal where it is negative and
+                # real. odd is a quarter of the imaginary part.
                 iiii, jjjj, iijj = t[_FOURTH + 40 * i], t[_FOURTH + 40 * j], t[_FOURTH + 36 * i + 4 * j]
                 odd = t[_FOURTH + 39 * i + j] - t[_FOURTH + 27 * i + 13 * j]
                 angle = 0.25 * np.arctan2(-4.0 * odd, 6.0 * iijj - iiii - jjjj)
-                # 3. Frame and moments are turned; that changes the other planes: so rounds, until none turns.
+                # 3. Rotate frame and moments. This changes the other planes: repeat until no rotation is
+                # left.
                 for k in range(3):
                     for m in range(3):
                         turn[k, m] = 1.0 if k == m else 0.0
@@ -154,45 +156,45 @@ def _turn_to_least_fourth(t, turn):
 
 @helper
 def frame_by_moments(n, local, shares, inertia, room):
-    """Compute principal axes of a piece, as rows, and its moments along them, in ``room``.
+    """Compute the principal axes of a piece, as rows, and its moments along them, in ``room``.
 
-    Axes with nearly equal second moments are turned to where fourth moments are least. Their order and
-    where they point mean nothing. Cells are read twice; then only tensors are turned.
+    Axes with nearly equal second moments are rotated to minimal fourth moments. Order and signs of the axes
+    are arbitrary. Cells are read twice; after that only tensors are rotated.
     """
     t, values, frame, _, _, sums = room
-    # 1. Moments along the axes of the coordinates.
+    # 1. Moments along the coordinate axes.
     _low_moments(n, local[0], local[1], local[2], shares, sums)
     _fourth_moments(n, local[0], local[1], local[2], shares, sums)
     _fill_tensors(sums, inertia, t)
-    # 2. Eigenvectors of the second moments; moments along them.
+    # 2. Eigenvectors of the second moments, and moments along them.
     for i in range(3):
         for j in range(3):
             values[i, j] = t[_SECOND + 3 * i + j]
     piece_frames.diagonalise(values, frame)
     _turn_all(t, frame)
-    # 3. Second moments say nothing of a cube: fourth ones do.
+    # 3. Second moments leave a cube undetermined: fourth moments fix it.
     _turn_to_least_fourth(t, values)
 
 
 @helper
 def fill_features(n, t, i, j, k, even, odd):
-    """Write the features of axis i and of its tilt towards axis j, where k is the third one.
+    """Write the features of axis i and of its tilt towards axis j, where k is the third axis.
 
-    Moments and products of moments: ``even`` ones do not change when an axis is turned round, ``odd`` ones
-    change sign with i and with j. 3 / ∛n is the size in cells.
+    Moments and products of moments: ``even`` features do not change when an axis is reversed, ``odd``
+    features change sign with i and with j. 3 / ∛n is the size in cells.
     """
     second, third, fourth = _SECOND, _THIRD, _FOURTH
     iii, jjj, kkk = t[third + 13 * i], t[third + 13 * j], t[third + 13 * k]
     iij, ijj, ikk = t[third + 12 * i + j], t[third + 9 * i + 4 * j], t[third + 9 * i + 4 * k]
     jkk, ijk, iik = t[third + 9 * j + 4 * k], t[third + 9 * i + 3 * j + k], t[third + 12 * i + k]
-    # Even: moments of order 2 and 4 (⟨p⁴⟩ over its value for a normal distribution of variance 1), products
-    # of two third ones, the size.
+    # Even: moments with order 2 and 4 (⟨p⁴⟩ over its value for a normal distribution with variance 1),
+    # products of two third moments, the size.
     even[0], even[1], even[2] = t[second + 4 * i], t[second + 4 * j], t[second + 4 * k]
     even[3], even[4], even[5] = t[fourth + 40 * i] / 3, t[fourth + 40 * j] / 3, t[fourth + 40 * k] / 3
     even[6], even[7] = t[fourth + 36 * i + 4 * j], t[fourth + 36 * i + 4 * k]
     even[8], even[9], even[10], even[11] = t[fourth + 36 * j + 4 * k], iii * iii, iii * ijj, iii * ikk
     even[12], even[13], even[14], even[15] = jjj * jjj, iij * iij, iik * iik, 3.0 / np.cbrt(n)
-    # Odd: moments and products of two third ones in which i and j occur an odd number of times each.
+    # Odd: moments and products of two third moments with odd powers of i and j.
     odd[0], odd[1], odd[2] = t[second + 3 * i + j], t[fourth + 39 * i + j], t[fourth + 27 * i + 13 * j]
     odd[3], odd[4], odd[5] = t[fourth + 27 * i + 9 * j + 4 * k], iii * iij, ijj * iij
     odd[6], odd[7], odd[8], odd[9] = ijj * jjj, iii * jjj, ikk * jkk, ijk * kkk
@@ -200,12 +202,12 @@ def fill_features(n, t, i, j, k, even, odd):
 
 @kernel
 def describe_solids(offsets, centroids, weights, measures):
-    """Features of each block of a 3-D graph.
+    """Compute the features of each block in a 3-D graph.
 
-    Returns even ``(B, 6, 16)`` and odd features ``(B, 6, 10)`` of axes (0, 1, 2), (0, 2, 1), (1, 2, 0),
+    Returns even ``(B, 6, 16)`` and odd features ``(B, 6, 10)`` for axes (0, 1, 2), (0, 2, 1), (1, 2, 0),
     (1, 0, 2), (2, 0, 1) and (2, 1, 0); the frames ``(B, 3, 3)``, the moments along them ``(B, 117)``,
-    positions ``(n, 3)`` about the centres of mass in lengths in which the inertia is 3, shares ``(n,)``,
-    and one over the measure of typical sections ``(B,)``.
+    positions ``(n, 3)`` about the centres of mass with lengths scaled to inertia 3, shares ``(n,)``, and
+    the inverse measure of typical sections ``(B,)``.
     """
     blocks, total, largest = len(offsets) - 1, len(weights), np.diff(offsets).max()
     local, shares, room = np.empty((3, largest)), np.empty(largest), moment_room()

@@ -1,4 +1,4 @@
-"""The network in space: its parameters, its inputs, and its forward pass in torch, as it is trained."""
+"""The 3-D network: its parameters, its inputs, and its forward pass in torch, for training."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 SPATIAL_SHAPES: Mapping[str, tuple[int, ...]] = {
     "dense1.weight": (16, 24), "dense1.bias": (24,), "dense2.weight": (24, 11), "dense2.bias": (11,),
 }  # fmt: skip
-"""The parameters, in the order of the forward pass: 683 numbers."""
+"""Parameter shapes in the order of the forward pass: 683 numbers."""
 
 SPATIAL_FEATURES = (
     *("ii", "jj", "kk", "iiii / 3", "jjjj / 3", "kkkk / 3", "iijj", "iikk", "jjkk"),
@@ -23,11 +23,11 @@ SPATIAL_FEATURES = (
     *("tilt ij", "tilt iiij", "tilt ijjj", "tilt ijkk", "tilt iii iij", "tilt ijj iij", "tilt ijj jjj"),
     *("tilt iii jjj", "tilt ikk jkk", "tilt ijk kkk"),
 )
-"""Moments along axis i, the one it may tilt to, j, and the third, k: 16 for the score, 10 for the tilt."""
+"""Moments along axis i, the tilt axis j, and the third axis k: 16 for the score, 10 for the tilt."""
 
 
 def initial_spatial(seed: int) -> dict[str, Float]:
-    """Random weights (He), but the output is 0 whatever comes in: inertial bisection."""
+    """Return random weights (He) with output 0 for any input: inertial bisection."""
     rng = np.random.default_rng([seed, 1])
     values: dict[str, Float] = {name: np.zeros(shape) for name, shape in SPATIAL_SHAPES.items()}
     values["dense1.weight"] = np.sqrt(2.0 / 16) * rng.standard_normal((16, 24))
@@ -37,10 +37,10 @@ def initial_spatial(seed: int) -> dict[str, Float]:
 def spatial_network(
     parameters: Mapping[str, torch.Tensor], even: torch.Tensor, odd: torch.Tensor, frames: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Scores ``(B, 3)`` of the axes of each piece, and the directions ``(B, 3, 3)`` that stand for them.
+    """Return the axis scores ``(B, 3)`` and directions ``(B, 3, 3)`` of each piece.
 
-    ``even (B, 6, 16)``, ``odd (B, 6, 10)`` and ``frames (B, 3, 3)`` are those of ``describe_solids``. One
-    network serves every pair of axes, so that their order and where they point cannot matter.
+    ``even (B, 6, 16)``, ``odd (B, 6, 10)`` and ``frames (B, 3, 3)`` come from ``describe_solids``. One
+    network serves every pair of axes, so that axis order and signs have no influence.
     """
     import torch
 

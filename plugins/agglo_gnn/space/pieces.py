@@ -1,4 +1,4 @@
-"""Training data of the model in space: pieces as they occur in recursion, of meshes generated on the fly."""
+"""Training data for the 3-D model: recursion pieces, from meshes generated on the fly."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _MOST = 2500
 
 
 def solid_graphs(rng: np.random.Generator, count: int) -> Iterator[Graph]:
-    """Graphs whose blocks are pieces, at least ``count`` blocks in all."""
+    """Yield graphs whose blocks are pieces, at least ``count`` blocks in total."""
     found = 0
     while found < count:
         graph = _domain(rng)
@@ -47,7 +47,7 @@ def solid_graphs(rng: np.random.Generator, count: int) -> Iterator[Graph]:
 
 
 def _domain(rng: np.random.Generator) -> Graph:
-    """A mesh, perhaps stretched, perhaps cut to a blob: its largest connected component."""
+    """Return the largest connected component of a mesh, possibly stretched or cut to a blob."""
     n = int(np.exp(rng.uniform(np.log(150), np.log(_MOST))))
     blob = rng.random() < 0.5
     mesh = _mesh(rng, int(2.0 * n) if blob else n)
@@ -76,7 +76,10 @@ def _mesh(rng: np.random.Generator, n: int) -> Mesh:
 
 
 def _blob(rng: np.random.Generator, centroids: Float) -> Mask:
-    """Cells inside a star r(u) = 1 + waves along random axes, outside some balls and off some slits."""
+    """Return a mask of cells inside a random star without some balls and slits.
+
+    The star is r(u) = 1 + waves along random axes.
+    """
     x = (centroids - centroids.mean(axis=0)) / np.ptp(centroids, axis=0).max() * 2.0
     radius = np.linalg.norm(x, axis=1)
     waves = rng.standard_normal((6, 3)) * rng.uniform(0.5, 2.5, (6, 1))
@@ -94,7 +97,7 @@ def _blob(rng: np.random.Generator, centroids: Float) -> Mask:
 
 @dataclass(frozen=True)
 class SpatialPieces:
-    """Pieces in flat arrays; piece p owns rows ``cell_offsets[p]:cell_offsets[p + 1]`` of its cells."""
+    """Pieces in flat arrays: piece p owns rows ``cell_offsets[p]:cell_offsets[p + 1]`` of its cells."""
 
     cell_offsets: Int
     edge_offsets: Int
@@ -112,7 +115,7 @@ class SpatialPieces:
 
 
 def gather_solids(levels: list[Graph]) -> SpatialPieces:
-    """Flat arrays of all blocks; the areas of faces between cells over those of typical sections."""
+    """Join all blocks in flat arrays, with face areas relative to typical sections."""
     return SpatialPieces(**joined_arrays([_arrays_of(level) for level in levels]))
 
 
@@ -139,7 +142,7 @@ def _arrays_of(level: Graph) -> dict[str, Any]:
 
 
 def tensors_of(data: SpatialPieces, chosen: Int) -> dict[str, torch.Tensor]:
-    """The chosen pieces as one batch."""
+    """Return the chosen pieces as one batch."""
     import torch
 
     cells, cell_owner, cell_first = rows_of(data.cell_offsets, chosen)

@@ -1,4 +1,4 @@
-"""Training of the model in space: a few minutes on one core, from a seed and no files."""
+"""Train the 3-D model: a few minutes on one core, from a seed and no files."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from agglo_gnn.training.loop import BALANCE, COMPACT, GROWTH, PieceTask, Progres
 if TYPE_CHECKING:
     import torch
 
-_INERTIA = 3.0  # of every piece in its frame
-_SEED = 30_000  # of the pieces of the validation
+_INERTIA = 3.0  # inertia of every piece in its frame
+_SEED = 30_000  # for the validation pieces
 _LARGE = 100  # cells
 
 
@@ -29,24 +29,24 @@ def train_solids(
     validation: int = 4000,
     progress: Progress | None = None,
 ) -> tuple[dict[str, Float], dict[str, float]]:
-    """Train from ``seed`` on one thread; the same seed gives the same weights on the same machine.
+    """Train from ``seed`` on one thread, reproducibly on each machine.
 
     Parameters
     ----------
     steps : int
-        Of 64 pieces each.
+        Number of steps, with 64 pieces each.
     pieces, validation : int
-        Pieces to make for training, and to measure the result on.
+        Number of pieces for training and for validation.
     progress : callable, optional
         Called every 100 steps with the step, its loss and the CPU seconds so far.
 
     Returns
     -------
     parameters : dict of arrays
-        As in :data:`agglo_gnn.space.network.SPATIAL_SHAPES`.
+        With the shapes :data:`agglo_gnn.space.network.SPATIAL_SHAPES`.
     metrics : dict
-        Mean cost of a cut over that of 2-means, on pieces used for nothing else: ``ratio`` of the bisector,
-        ``initial`` of it untrained, ``axes`` of sweeps along seven directions; ``_100`` for pieces of 100
+        Mean cut cost over the cost of 2-means, on separate pieces: ``ratio`` for the bisector, ``initial``
+        for the untrained bisector, ``axes`` for sweeps along seven directions; ``_100`` for pieces with 100
         cells or more.
 
     Raises
@@ -54,7 +54,7 @@ def train_solids(
     PluginError
         If torch is not installed.
     OptionError
-        If a number makes no sense.
+        If a number is out of range.
     """
     task = PieceTask(initial_spatial, _pieces, _loss, _validate)
     return train_on_pieces(task, seed, steps, pieces, validation, progress)
@@ -67,21 +67,25 @@ def _pieces(rng: np.random.Generator, count: int) -> SpatialPieces:
 def _loss(
     values: dict[str, torch.Tensor], data: SpatialPieces, chosen: Int, sharpness: float
 ) -> torch.Tensor:
-    """Expected cut · ∛A (1/A₁ + 1/A₂) − max(15, 4 √n) B/T + 6 ((A₁ − A₂)/A)², mean over the pieces.
+    """Return the mean over the pieces of the expected cut cost.
 
-    Of each piece, the mean over its three directions, weighted by the softmax of their scores. Along each,
-    p = sigmoid(T z / std) with T = clip(t ∛n, 2, 20).
+    The cost is cut · ∛A (1/A₁ + 1/A₂) − max(15, 4 √n) B/T + 6 ((A₁ − A₂)/A)². For each piece it is averaged
+    over its three directions, weighted by the softmax of their scores. Along each direction, p = sigmoid(T
+    z / std) with T = clip(t ∛n, 2, 20).
     """
     import torch
 
+    # 1. Scores and directions
     batch = tensors_of(data, chosen)
     owner, share, sizes = batch["cell_owner"], batch["shares"][:, None], batch["sizes"]
     scores, found = spatial_network(values, batch["even"], batch["odd"], batch["frames"])
-    z = (found[owner] @ batch["cells"][:, :, None])[:, :, 0]  # of mean 0: cells are centred
+    # 2. Probability of side 1
+    z = (found[owner] @ batch["cells"][:, :, None])[:, :, 0]  # zero mean: cells are centred
     zero = z.new_zeros(len(sizes), 3)
     spread = zero.index_add(0, owner, share * z * z).clamp(min=1e-12).sqrt()
     steep = (sharpness * sizes ** (1 / 3)).clamp(2.0, 20.0)
     p = torch.sigmoid(steep[owner][:, None] * z / spread[owner])
+    # 3. Expected volumes, cut and moments
     one = zero.index_add(0, owner, share * p)
     a, b = p[batch["ends"][:, 0]], p[batch["ends"][:, 1]]
     cut = zero.index_add(0, batch["edge_owner"], batch["areas"][:, None] * (a + b - 2 * a * b))
@@ -89,13 +93,14 @@ def _loss(
     for k in range(3):
         moment = zero.index_add(0, owner, share * p * batch["cells"][:, k : k + 1])
         square = square + moment.square()
+    # 4. Cost
     weight = (GROWTH * sizes.sqrt()).clamp(min=COMPACT)[:, None]
     cost = (cut - weight / _INERTIA * square) / (one * (1 - one)) + BALANCE * (2 * one - 1) ** 2
     return (torch.softmax(scores, 1) * cost).sum(1).mean()
 
 
 def _validate(parameters: Mapping[str, Float], initial: Mapping[str, Float], count: int) -> dict[str, float]:
-    """Costs of cuts over those of 2-means, on pieces made for nothing else."""
+    """Return cut costs over the costs of 2-means, on separate pieces."""
     rivals = {
         "ratio": FastGNN(parameters).bisect_level,
         "initial": FastGNN(initial).bisect_level,

@@ -1,1 +1,1 @@
-"""The command that trains networks, and the parts that all trainings share."""
+"""The training command, and the common parts of all trainings."""

@@ -1,4 +1,4 @@
-"""``agglo train``: train a network of agglo's, or yours, into a model file."""
+"""Implement ``agglo train``: train a built-in or user-defined network into a model file."""
 
 from __future__ import annotations
 
@@ -52,16 +52,17 @@ def train(
     log: Path | None,
     quiet: bool,
 ) -> None:
-    """Train a bisector, from a seed and nothing else, and write its model file.
+    """Train a bisector from a seed alone, and write its model file.
 
-    The preset fast makes weights for gnn in the plane, fast3d in space; the preset paper makes them for
-    gnn_paper and takes all options except --steps. On one machine the same seed gives the same file to the
-    last bit.
+    The preset fast trains gnn in 2-D, fast3d in 3-D; the preset paper trains gnn_paper and takes all
+    options except --steps. On one machine equal seeds give equal files to the last bit.
     """
+    # 1. Check before the training
     _check_torch()
     target = output or Path(f"{preset}.safetensors")
     _check_files(target, checkpoint, log, resume)
     _refuse_foreign(context, ("steps",) if preset == "paper" else _PAPER_ONLY, preset)
+    # 2. Train
     if preset != "paper":
         _train_fast(preset, target, seed, steps, log, quiet, _command(context))
     else:
@@ -95,7 +96,7 @@ def _check_torch() -> None:
 
 
 def _check_files(target: Path, checkpoint: Path | None, log: Path | None, resume: bool) -> None:
-    """Raise before the training what would fail after it."""
+    """Raise errors before the training that would otherwise occur after it."""
     for file in filter(None, (target, checkpoint)):
         if file.suffix != ".safetensors":
             raise FileError(f"{file}: model files end in .safetensors, not {file.suffix!r}")
@@ -111,7 +112,7 @@ def _check_files(target: Path, checkpoint: Path | None, log: Path | None, resume
 
 
 def _given(context: click.Context) -> dict[str, Any]:
-    """The options that were typed, in the order of the help."""
+    """Return the options given on the command line, in the order of the help."""
     source = context.get_parameter_source
     return {key: context.params[key] for key in _names() if source(key) is ParameterSource.COMMANDLINE}
 
@@ -126,7 +127,7 @@ def _refuse_foreign(context: click.Context, foreign: tuple[str, ...], preset: st
 
 
 def _command(context: click.Context) -> str:
-    """The command as one could type it again."""
+    """Return the command as typed."""
     words = [
         f"--{key}" if value is True else f"--{key} {shlex.quote(str(value))}"
         for key, value in _given(context).items()
@@ -156,7 +157,7 @@ def _train_fast(
 
 
 def _parts_of(preset: str) -> tuple[Any, tuple[str, ...], str]:
-    """Training, names of the features and origin of the pieces."""
+    """Return the training function, the feature names and the origin of the pieces."""
     if preset == "fast3d":
         from agglo_gnn.space.network import SPATIAL_FEATURES
         from agglo_gnn.space.pieces import SPATIAL_RECIPE

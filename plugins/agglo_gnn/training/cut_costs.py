@@ -1,4 +1,4 @@
-"""Costs of the cuts of bisectors, compared with those of 2-means."""
+"""Compare bisector cut costs with 2-means."""
 
 from __future__ import annotations
 
@@ -10,18 +10,21 @@ import numpy as np
 from agglo_core.authoring import Float, Graph, Int, UInt64, default
 
 Rival = Callable[[Graph, UInt64], Int]
-"""Sides ``(n,)`` of the cells of a graph, block by block."""
+"""Return the sides ``(n,)`` of the cells in a graph, block by block."""
 
 
 class CutCosts(NamedTuple):
-    """Costs of the cuts of the same pieces by each rival, and by 2-means; numbers of cells of the pieces."""
+    """Cut costs on common pieces for each rival and for 2-means, with the piece sizes."""
 
     of: dict[str, Float]
     base: Float
     sizes: Int
 
     def mean_ratios(self, large: int) -> dict[str, float]:
-        """Mean ratio to the cost of 2-means; with ``_<large>`` on pieces of that many cells or more."""
+        """Return the mean cost ratios to 2-means, and with ``_<large>`` the means over large pieces.
+
+        Large pieces have at least ``large`` cells.
+        """
         chosen = self.sizes >= large
         ratios = {key: values / self.base for key, values in self.of.items()}
         return {key: float(values.mean()) for key, values in ratios.items()} | {
@@ -45,16 +48,22 @@ def measured_costs(levels: Iterable[Graph], rivals: Mapping[str, Rival]) -> CutC
 
 
 def cut_costs(level: Graph, sides: Int) -> Float:
-    """cut · √A (1/A₁ + 1/A₂) + 15 (1 − B/T) of each block; in space ∛A."""
+    """Return the cut cost of each block.
+
+    It is cut · √A (1/A₁ + 1/A₂) + 15 (1 − B/T), in 3-D with ∛A.
+    """
+    # 1. Interface between the sides
     block, count = level.block_ids, level.n_blocks
     rows = np.repeat(np.arange(level.n), np.diff(level.indptr))
     crossing = sides[rows] != sides[level.indices]
     cut = 0.5 * np.bincount(block[rows], level.interface * crossing, minlength=count)
+    # 2. Measure and first moments of both sides
     part = 2 * block + sides
     area = np.bincount(part, level.measures, minlength=2 * count).reshape(-1, 2)
     moment = [
         np.bincount(part, level.measures * x, minlength=2 * count).reshape(-1, 2) for x in level.centroids.T
     ]
+    # 3. Inertia, total and within the sides
     total = area.sum(axis=1)
     inertia = np.bincount(block, level.measures * (level.centroids**2).sum(axis=1), minlength=count)
     mean = sum(m.sum(axis=1) ** 2 for m in moment) / total

@@ -1,4 +1,4 @@
-"""Pieces in flat arrays: joined from several graphs, and chosen by their offsets."""
+"""Flat arrays for pieces: join several graphs, and select pieces by offsets."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from agglo_core.authoring import Int
 
 
 def joined_arrays(levels: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Join the arrays of several graphs by name; those named ``*_offsets`` are counts and become offsets.
+    """Join the arrays of several graphs by name.
+
+    Arrays named ``*_offsets`` contain counts and become offsets.
 
     Examples
     --------
@@ -27,7 +29,7 @@ def joined_arrays(levels: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def rows_of(offsets: Int, chosen: Int) -> tuple[Int, Int, Int]:
-    """Rows of the chosen pieces one after the other, the place of each row's piece, and their new starts."""
+    """Return the rows of the chosen pieces, the row owners, and the new piece starts."""
     sizes = np.diff(offsets)[chosen]
     first = np.cumsum(sizes) - sizes
     owner = np.repeat(np.arange(len(chosen)), sizes)

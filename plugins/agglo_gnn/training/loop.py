@@ -1,4 +1,4 @@
-"""Training of a small network on pieces of meshes: one loop for the plane and for space."""
+"""Train a small network on mesh pieces: a common loop for 2-D and 3-D."""
 
 from __future__ import annotations
 
@@ -21,24 +21,26 @@ _SIZE_POWER = 0.35
 BALANCE = 6.0
 """Weight of ((A₁ − A₂)/A)² in a loss."""
 COMPACT, GROWTH = 15.0, 4.0  # as in the sweep
-"""Weight of the inertia between the sides in a loss: the larger of the first, and the second times √n."""
+"""Weight of the inertia between the sides in a loss: the maximum of the first and √n times the second."""
 
 Progress = Callable[[int, float, float], None]
 
 
 class PieceTask(NamedTuple):
-    """A network and the pieces that it learns from.
+    """A network and its training pieces.
 
     Attributes
     ----------
     initial : callable
-        ``initial(seed)``: the parameters before training.
+        ``initial(seed)`` returns the parameters before training.
     pieces : callable
-        ``pieces(rng, count)``: at least ``count`` pieces in flat arrays, with their cell counts ``sizes``.
+        ``pieces(rng, count)`` returns at least ``count`` pieces in flat arrays, with their cell counts
+        ``sizes``.
     loss : callable
-        ``loss(values, pieces, chosen, sharpness)``: mean loss of the chosen pieces, a scalar tensor.
+        ``loss(values, pieces, chosen, sharpness)`` returns the mean loss of the chosen pieces, a scalar
+        tensor.
     validate : callable
-        ``validate(parameters, initial, count)``: metrics, measured on ``count`` pieces of its own.
+        ``validate(parameters, initial, count)`` returns metrics, measured on ``count`` separate pieces.
     """
 
     initial: Callable[[int], dict[str, Float]]
@@ -50,16 +52,16 @@ class PieceTask(NamedTuple):
 def train_on_pieces(
     task: PieceTask, seed: int, steps: int, pieces: int, validation: int, progress: Progress | None
 ) -> tuple[dict[str, Float], dict[str, float]]:
-    """Train from ``seed`` on one thread; the same seed gives the same weights on the same machine.
+    """Train from ``seed`` on one thread, reproducibly on each machine.
 
     Parameters
     ----------
     task : PieceTask
     seed : int
     steps : int
-        Of 64 pieces each.
+        Number of steps, with 64 pieces each.
     pieces, validation : int
-        Pieces to make for training, and to measure the result on.
+        Number of pieces for training and for validation.
     progress : callable, optional
         Called every 100 steps with the step, its loss and the CPU seconds so far.
 
@@ -73,7 +75,7 @@ def train_on_pieces(
     PluginError
         If torch is not installed.
     OptionError
-        If a number makes no sense.
+        If a number is out of range.
     """
     if min(steps, pieces, validation) < 1 or seed < 0:
         raise OptionError(
@@ -102,16 +104,16 @@ def _fit(
     start: float,
     progress: Progress | None,
 ) -> None:
-    """Minimise the loss by Adam; sides become sharper from step to step."""
+    """Minimise the loss by Adam, with increasingly sharp sides."""
     import torch
 
     optimiser = torch.optim.Adam(values.values(), lr=_RATE)
-    # Large pieces are drawn more often: by the power of their number of cells.
+    # Draw large pieces more often: by a power of the cell count.
     weight = data.sizes**_SIZE_POWER
     edges = np.cumsum(weight / weight.sum())
     warm = max(1, round(_WARM_UP * steps))
     for step in range(steps):
-        # The rate rises linearly during the warm-up and falls along a cosine.
+        # The learning rate rises linearly during the warm-up and falls along a cosine.
         share = step / steps
         for group in optimiser.param_groups:
             group["lr"] = _RATE * min((step + 1) / warm, 0.5 * (1 + np.cos(np.pi * share)))
@@ -127,7 +129,7 @@ def _fit(
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """torch on one thread for the block: sums are taken in one order, reproducible to the last bit."""
+    """Run torch on one thread within the block: a fixed summation order gives reproducible bits."""
     import torch
 
     before = torch.get_num_threads()

@@ -1,4 +1,4 @@
-"""Training data of the fast model: pieces as they occur in recursion, of meshes generated on the fly."""
+"""Training data for the fast model: recursion pieces, from meshes generated on the fly."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FEWEST, _MOST = 10, 1200
 
 
 def piece_graphs(rng: np.random.Generator, count: int) -> Iterator[Graph]:
-    """Graphs whose blocks are pieces, at least ``count`` blocks in all."""
+    """Yield graphs whose blocks are pieces, at least ``count`` blocks in total."""
     found = 0
     while found < count:
         graph = _domain(rng)
@@ -42,7 +42,7 @@ def piece_graphs(rng: np.random.Generator, count: int) -> Iterator[Graph]:
 
 
 def halved(level: Graph, bisector: InertialBisection | SweepBisection, refine: bool) -> Graph:
-    """The pieces of the next depth: connected pieces of both sides that are large enough."""
+    """Return the pieces at the next depth: large enough connected pieces of both sides."""
     seeds: UInt64 = np.zeros(level.n_blocks, np.uint64)
     sides = frozen_int(bisector.bisect_level(level, seeds))
     if refine:
@@ -52,7 +52,7 @@ def halved(level: Graph, bisector: InertialBisection | SweepBisection, refine: b
 
 
 def _domain(rng: np.random.Generator) -> Graph:
-    """A mesh, perhaps stretched, perhaps cut to a blob: its largest connected component."""
+    """Return the largest connected component of a mesh, possibly stretched or cut to a blob."""
     n = int(np.exp(rng.uniform(np.log(80), np.log(_MOST))))
     blob = rng.random() < 0.5
     mesh = _mesh(rng, int(1.6 * n) if blob else n)
@@ -85,7 +85,7 @@ def _mesh(rng: np.random.Generator, n: int) -> Mesh:
 
 
 def _blob(rng: np.random.Generator, centroids: Float) -> Mask:
-    """Cells inside a star r(θ) = Fourier series, outside some discs and off some slits."""
+    """Return a mask of cells inside a star r(θ) = Fourier series, without some discs and slits."""
     x = centroids / np.abs(centroids).max(axis=0)
     radius, angle = np.hypot(*x.T), np.arctan2(x[:, 1], x[:, 0])
     orders = np.arange(1, 8)

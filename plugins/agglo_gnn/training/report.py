@@ -1,4 +1,4 @@
-"""Progress of a training: a bar or lines on stderr, and a log file."""
+"""Report training progress: a bar or lines on stderr, and a log file."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ import click
 from agglo_core.authoring import FileError
 
 Report = Callable[[str, float], None]
-"""Takes a line about the state of a training, and the share of it that is done."""
+"""Receives a status line, and the completed fraction of the training."""
 
 
 @contextmanager
 def reporter(title: Sequence[str], log: Path | None, quiet: bool, append: bool = False) -> Iterator[Report]:
-    """A function that shows a line as a progress bar (on a terminal) or as it is, and logs it.
+    """Yield a function that shows a line, as a progress bar on a terminal, and logs it.
 
     Parameters
     ----------
     title : sequence of str
-        Lines at the head of the log, the last one the column headings.
+        First lines of the log, the last with the column headings.
     log : Path, optional
     quiet : bool
         Show nothing.
@@ -51,7 +51,7 @@ def reporter(title: Sequence[str], log: Path | None, quiet: bool, append: bool =
 
 
 def _write(log: Path, mode: str, lines: Iterable[str]) -> None:
-    """Write lines to the log, which is whole after each call."""
+    """Append lines to the log, which is complete after each call."""
     try:
         with log.open(mode, encoding="utf-8") as file:
             file.writelines(f"{line}\n" for line in lines)
