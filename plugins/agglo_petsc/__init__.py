@@ -1,6 +1,6 @@
-"""Declaration of PETSc's multigrid on our hierarchies, and the functions for code that has PETSc already.
+"""Declare PETSc's multigrid on agglo hierarchies, and provide functions for PETSc programs.
 
-Names other than the declaration are imported when first used, so that listing plugins loads no PETSc.
+Names other than the declaration are imported on first use, so that listing plugins does not load PETSc.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ __all__ = [
 
 @hookimpl
 def agglo_components() -> list[Component]:
-    """The solver ``petsc_mg``."""
+    """Return the solver ``petsc_mg``."""
     return [
         Component(
             kind="solver",

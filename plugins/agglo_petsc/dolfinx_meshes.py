@@ -1,6 +1,6 @@
-"""Meshes of DOLFINx where they lie: to a mesh of ours and, with a part for each cell, back.
+"""Convert DOLFINx meshes to agglo meshes, and cell labels back to DOLFINx.
 
-Each process has its own cells; here they are taken without their ghosts, and numbered as DOLFINx does.
+Each process has its own cells; they are converted without ghosts, in DOLFINx numbering.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from agglo_core.authoring import Mesh, OptionError
 
 _POLYGONS: Final = {"triangle": (0, 1, 2), "quadrilateral": (0, 1, 3, 2)}
-"""Corners of a cell in the order in which ours run around it; DOLFINx has a tensor product's."""
+"""Cell corners in cyclic order; DOLFINx uses tensor-product order."""
 _FACES: Final = {
     "tetrahedron": ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
     "hexahedron": (
@@ -25,36 +25,39 @@ _FACES: Final = {
         (1, 3, 7, 5),
     ),
 }
-"""Corners of the faces of a cell."""
+"""Corners of each cell face."""
 
 
 def from_dolfinx(domain: Any) -> Mesh:
-    """The cells of a ``dolfinx.mesh.Mesh`` that this process owns, cell i being its cell i.
+    """Convert the cells of a ``dolfinx.mesh.Mesh`` owned by this process, with unchanged cell numbers.
 
     Parameters
     ----------
     domain : dolfinx.mesh.Mesh
-        Triangles or quadrilaterals in the plane, tetrahedra or hexahedra in space; curved cells are taken by
+        Triangles or quadrilaterals in 2-D, tetrahedra or hexahedra in 3-D; curved cells are represented by
         their corners.
 
     Raises
     ------
     OptionError
-        For other cells, or a surface in space.
+        For other cells, or a surface in 3-D.
     MeshError
         If this process owns no cells.
     """
+    # 1. Check the cell type
     kind, dim = domain.topology.cell_name(), domain.geometry.dim
     if dim != domain.topology.dim or kind not in {**_POLYGONS, **_FACES}:
         raise OptionError(
             f"cells are {kind} in {dim}-D; expected triangles or quadrilaterals in the plane, tetrahedra or "
             "hexahedra in space"
         )
+    # 2. Corners of the own cells
     count = domain.topology.index_map(domain.topology.dim).size_local
     tables = domain.geometry.dofmaps  # a method before DOLFINx 0.11
     corners = (tables(0) if callable(tables) else tables[0])[:count, : _CORNERS[kind]]
     used, cells = np.unique(corners, return_inverse=True)
     points, cells = domain.geometry.x[used, :dim], cells.reshape(corners.shape)
+    # 3. Polygons, or polyhedra with oriented faces
     if kind in _POLYGONS:
         return Mesh.from_polygons(points, cells[:, _POLYGONS[kind]])
     faces = np.array(_FACES[kind])
@@ -66,13 +69,13 @@ _CORNERS: Final = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahed
 
 
 def to_dolfinx(domain: Any, labels: ArrayLike) -> Any:
-    """Labels of the cells that this process owns, as ``dolfinx.mesh.MeshTags``.
+    """Return the labels of the cells owned by this process, as ``dolfinx.mesh.MeshTags``.
 
     Parameters
     ----------
     domain : dolfinx.mesh.Mesh
     labels : (own cells,) int
-        Such as a level of a hierarchy on the mesh of :func:`from_dolfinx`.
+        For example a hierarchy level on the mesh from :func:`from_dolfinx`.
 
     Raises
     ------

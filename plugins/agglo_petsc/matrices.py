@@ -1,4 +1,4 @@
-"""Matrices, vectors and linear problems between scipy and PETSc, on one rank or several."""
+"""Convert matrices, vectors and linear problems between scipy and PETSc, on one or several ranks."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from agglo_petsc.messages import agree
 
 
 def petsc() -> Any:
-    """The module ``petsc4py.PETSc``; MPI is loaded before it, so that the library of a wheel is found.
+    """Return the module ``petsc4py.PETSc``, importing MPI first so that wheels find its library.
 
     Raises
     ------
     OptionError
-        If it is not installed, or works with complex numbers or in another precision.
+        If it is not installed, or uses complex numbers or another precision.
     """
     try:
         import mpi4py.MPI  # noqa: F401
@@ -33,36 +33,37 @@ def petsc() -> Any:
 
 
 def to_petsc(matrix: Any, width: int = 1) -> Any:
-    """A scipy matrix ``(n, m)`` as a PETSc matrix of this process alone (``seqaij``).
+    """Convert a scipy matrix ``(n, m)`` to a PETSc matrix on this process (``seqaij``).
 
     Parameters
     ----------
     matrix : (n, m) sparse
     width : int
-        Block size of its rows, known to block smoothers.
+        Row block size, used by block smoothers.
     """
     return mat_from_rows(sparse.csr_array(matrix), petsc().COMM_SELF, matrix.shape[1], (width, 1))
 
 
 def mat_from_rows(rows: Any, comm: Any, own_columns: int, widths: tuple[int, int] = (1, 1)) -> Any:
-    """A PETSc matrix (``aij``) of which each rank gives its rows; collective.
+    """Assemble a PETSc matrix (``aij``) from the rows on each rank. Collective.
 
     Parameters
     ----------
     rows : (n_own, m) csr
-        Rows of this rank, with global columns; those of rank 0 come first, then those of rank 1, ….
+        Rows of this rank, with global columns; ranks are ordered 0, 1, ….
     comm : petsc4py.PETSc.Comm
     own_columns : int
-        Columns whose entries of a vector belong to this rank; over all ranks they add up to m.
+        Number of columns whose vector entries belong to this rank; the sum over all ranks is m.
     widths : pair of int
         Block sizes of rows and columns.
 
     Raises
     ------
     OptionError
-        On all ranks, for more unknowns or entries on a rank than the indices of this PETSc can count.
+        On all ranks, for more unknowns or entries on a rank than PETSc's index type can count.
     """
     PETSc = petsc()
+    # 1. Check the index range
     rows = sparse.csr_array(rows)
     rows.sum_duplicates()
     most = np.iinfo(PETSc.IntType).max
@@ -70,6 +71,7 @@ def mat_from_rows(rows: Any, comm: Any, own_columns: int, widths: tuple[int, int
     agree(
         comm, f"{rows.nnz} entries, {rows.shape[1]} columns: more than {most}, this PETSc's" if many else ""
     )
+    # 2. Fill the matrix
     csr = rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data.astype(np.float64)
     sizes = ((rows.shape[0], PETSc.DETERMINE), (own_columns, rows.shape[1]))
     mat = PETSc.Mat().create(comm=comm)
@@ -82,12 +84,12 @@ def mat_from_rows(rows: Any, comm: Any, own_columns: int, widths: tuple[int, int
 
 
 def rows_of(mat: Any) -> Any:
-    """Rows of this rank ``(n_own, m)`` as CSR, with global columns.
+    """Return the rows of this rank ``(n_own, m)`` as CSR, with global columns.
 
     Raises
     ------
     OptionError
-        For a matrix whose entries PETSc does not give out, such as a shell.
+        For a matrix without accessible entries, for example a shell.
     """
     PETSc = petsc()
     explicit = mat
@@ -108,12 +110,12 @@ def rows_of(mat: Any) -> Any:
 
 
 def to_scipy(mat: Any) -> Any:
-    """A PETSc matrix of one process, of type ``aij``, ``baij`` or ``sbaij``, as CSR ``(n, m)``.
+    """Convert a PETSc matrix on one process, ``aij``, ``baij`` or ``sbaij``, to CSR ``(n, m)``.
 
     Raises
     ------
     OptionError
-        If its rows are divided among ranks, or as :func:`rows_of`.
+        If its rows are distributed over ranks; see also :func:`rows_of`.
     """
     if mat.getComm().getSize() > 1:
         raise OptionError(
@@ -123,19 +125,19 @@ def to_scipy(mat: Any) -> Any:
 
 
 def vector(like: Any, values: Float) -> Any:
-    """A PETSc vector for the rows of a matrix, with the values ``(n_own,)`` of this rank."""
+    """Create a PETSc vector for the rows of a matrix, with values ``(n_own,)`` on this rank."""
     found = like.createVecLeft()
     found.setArray(np.asarray(values, np.float64))
     return found
 
 
 def entries(vec: Any) -> Float:
-    """The entries of a vector on this rank ``(n_own,)``, a copy."""
+    """Copy a vector's entries on this rank ``(n_own,)``."""
     return frozen_float(np.array(vec.getArray(readonly=True)))
 
 
 def near_null_vectors(mat: Any) -> Float | None:
-    """The near-null vectors ``(n_own, k)`` that come with a matrix (``setNearNullSpace``), if any."""
+    """Return the near-null vectors ``(n_own, k)`` of a matrix (``setNearNullSpace``), if any."""
     space = mat.getNearNullSpace()
     if not space:
         return None
@@ -147,23 +149,25 @@ def near_null_vectors(mat: Any) -> Float | None:
 def linear(
     mat: Any, rhs: Any, *, block_offsets: ArrayLike | None = None, near_null: ArrayLike | None = None
 ) -> Linear:
-    """The problem A x = b of a PETSc matrix and vector, for any of our solvers; on one process.
+    """Return the problem A x = b for a PETSc matrix and vector, for any agglo solver.
+
+    Works on one process only.
 
     Parameters
     ----------
     mat : petsc4py.PETSc.Mat
-        Of type ``aij``, ``baij`` or ``sbaij``, or any that converts to ``aij``.
+        With type ``aij``, ``baij`` or ``sbaij``, or convertible to ``aij``.
     rhs : petsc4py.PETSc.Vec or (n,) float
     block_offsets : (parts + 1,) int, optional
-        The unknowns of part p are ``block_offsets[p]:block_offsets[p + 1]``; by default parts have the block
+        Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``; by default parts have the block
         size of the matrix.
     near_null : (n, k) float, optional
-        By default the near-null space of the matrix (``setNearNullSpace``), if it has one.
+        By default the near-null space of the matrix (``setNearNullSpace``), if any.
 
     Raises
     ------
     OptionError
-        If rows are divided among ranks, entries cannot be had, or shapes do not fit.
+        If rows are distributed over ranks, entries are not accessible, or shapes do not fit.
     """
     A = to_scipy(mat)
     n, size = A.shape[0], int(mat.getBlockSize())

@@ -1,4 +1,4 @@
-"""Messages between the ranks of a communicator while levels are set up: arrays by rank, and errors."""
+"""Exchange arrays and errors between ranks during set-up."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def agree(comm: Any, wrong: str) -> None:
     ----------
     comm : petsc4py.PETSc.Comm
     wrong : str
-        What is wrong on this rank; empty if nothing is.
+        Error message on this rank, or empty.
     """
     told = comm.tompi4py().allgather(wrong)
     first = next((rank for rank, message in enumerate(told) if message), None)
@@ -29,20 +29,20 @@ def agree(comm: Any, wrong: str) -> None:
 
 
 def swapped(comm: Any, parcels: Mapping[int, T]) -> dict[int, T]:
-    """What other ranks, and this one, have for this one, by rising rank; collective.
+    """Exchange objects between all ranks, and return them by increasing rank. Collective.
 
     Parameters
     ----------
     comm : mpi4py communicator
     parcels : mapping of rank to object
-        What this rank has for others; None is nothing.
+        Objects for other ranks and this rank; None is nothing.
     """
     found = comm.alltoall([parcels.get(rank) for rank in range(comm.size)])
     return {rank: each for rank, each in enumerate(found) if each is not None}
 
 
 def by_owner(ids: Int, starts: Int) -> dict[int, Int]:
-    """Rising ids by the rank that has them: rank r has ``starts[r]:starts[r + 1]``.
+    """Group increasing ids by owner: rank r has ``starts[r]:starts[r + 1]``.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Solves by a ``KSP`` whose result is checked: the true residual, and the error in the energy norm."""
+"""Solve by a ``KSP`` and check the result: true residual, and error in the energy norm."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from agglo_core.authoring import MET, TESTS, Float, History, OptionError, frozen
 from agglo_petsc.matrices import entries, petsc
 
 _DIGIT: Final = 0.1
-"""To which part of itself the error is found, to know how large it is."""
+"""Relative accuracy of the error estimate."""
 _CHECK: Final = 60
-"""Iterations this may take."""
+"""Maximum number of iterations for the error estimate."""
 _ROUNDS: Final = 6
-"""Times that conjugate gradients start afresh from the true residual."""
+"""Maximum number of restarts of conjugate gradients from the true residual."""
 _WHY: Final = {
     "DIVERGED_MAX_IT": ("most iterations", ""),
     "DIVERGED_INDEFINITE_PC": ("indefinite preconditioner", "the preconditioner is not positive definite: "),
@@ -34,22 +34,23 @@ def solve(
     max_iterations: int = 300,
     measure: Callable[[Float], float] | None = None,
 ) -> History:
-    """Solve A x = b from zero, and find out how right x is; collective.
+    """Solve A x = b from zero, and check the accuracy of x.
 
-    Converged is said when the true residual b − A x and an estimate of the error in the energy norm are
-    ``tolerance`` or less. The error is found by a second solve for the residual, to one digit; if it is too
-    large x takes it, and the iteration goes on. Iterations of that check are not counted if x is right.
+    Collective. The solution counts as converged if the true residual b − A x and an estimate of the error
+    in the energy norm are at most ``tolerance``. A second solve for the residual determines the error to
+    one digit. If the error is too large, it is added to x, and the iteration continues. If x is accurate,
+    iterations of that check are not counted.
 
     Parameters
     ----------
     ksp : petsc4py.PETSc.KSP
-        Set up for a symmetric positive definite matrix. Its tolerances are changed and put back.
+        Set up for a symmetric positive definite matrix. Its tolerances are changed and restored.
     b : petsc4py.PETSc.Vec
     tolerance : float
         Below 1.
     max_iterations : int
     measure : callable, optional
-        Of the entries of residuals on this rank; the same on all ranks. By default ‖r‖ / ‖b‖.
+        Maps the residual entries on this rank to a number, equal on all ranks. By default ‖r‖ / ‖b‖.
 
     Returns
     -------
@@ -59,7 +60,7 @@ def solve(
     Raises
     ------
     OptionError
-        For a tolerance that is no number between 0 and 1, or no iterations.
+        For a tolerance outside 0..1, or without iterations.
     """
     if not 0.0 < tolerance < 1.0 or max_iterations < 1:
         raise OptionError(
@@ -80,7 +81,7 @@ def solve(
 
 @dataclass(eq=False)
 class _Run:
-    """An iterate, its true residual, and the norms of those that led to it."""
+    """State of a checked solve: iterate, true residual, and residual history."""
 
     ksp: Any
     b: Any
@@ -100,6 +101,7 @@ class _Run:
         self.size, rounds, wanted = (0.0 if self.first == 0.0 else np.inf), 0, self.tolerance
         if self.first == 0.0:
             self.error = 0.0
+        # Alternate iterations and error checks
         while not self.right and self.done < self.most and rounds < _ROUNDS and not self.ended:
             before = self.size
             self._iterate(wanted)
@@ -118,11 +120,11 @@ class _Run:
 
     @property
     def right(self) -> bool:
-        """Whether both tests are passed."""
+        """True if both tests are passed."""
         return self.size <= self.tolerance and self.error <= self.tolerance
 
     def _iterate(self, wanted: float) -> None:
-        """Conjugate gradients from the iterate, until their own residual is small enough."""
+        """Run conjugate gradients from the iterate, until their own residual is small enough."""
         self._solve(self.b, self.x, wanted * self.first, self.most - self.done, from_zero=self.done == 0)
         norms = self.ksp.getConvergenceHistory()[1:]
         reason = self.ksp.getConvergedReason()
@@ -133,12 +135,14 @@ class _Run:
         self.ended = _name(reason) if reason < 0 else ""
 
     def _check(self) -> None:
-        """Find the error of the iterate; take it out if it is too large."""
+        """Estimate the error of the iterate, and remove the error if it is too large."""
+        # 1. Solve A c = r for the error c
         c = self.b.duplicate()
         self._solve(self.r, c, _DIGIT * float(self.r.norm()), _CHECK, from_zero=True)
         square, energy = float(c.dot(self.r)), float(self.b.dot(self.x))
         failed = self.ksp.getConvergedReason() < 0 or square < 0.0 or energy < 0.0
         self.error = np.inf if failed else size_ratio(float(np.sqrt(square)), float(np.sqrt(energy)))
+        # 2. Correct the iterate
         if self.error > self.tolerance:
             norms = self.ksp.getConvergenceHistory()[1:]
             self.ended = _name(self.ksp.getConvergedReason()) if failed else ""
@@ -155,9 +159,9 @@ class _Run:
         failure = None
         try:
             self.ksp.solve(b, x)
-        except petsc().Error as error:  # what a callback raised says more than the number PETSc makes of it
+        except petsc().Error as error:  # prefer a callback's exception to PETSc's error number
             failure = error.__cause__ or error
-        if failure is not None:  # not inside, where each would be the reason of the other
+        if failure is not None:  # outside the handler, to avoid a circular cause
             raise failure
 
     def _measured(self) -> float:
@@ -166,7 +170,7 @@ class _Run:
         return self.measure(entries(self.r))
 
     def history(self) -> History:
-        """How it ended."""
+        """Return the history."""
         passed = (self.size <= self.tolerance, self.error <= self.tolerance)
         ended: Any = "met" if self.right else (self.ended or "most iterations")
         beside = f", energy error about {self.error:.1e}" if np.isfinite(self.error) else ""
@@ -185,7 +189,7 @@ class _Run:
 
 
 def _name(reason: int) -> str:
-    """What our solvers call one of PETSc's reasons."""
+    """Translate a PETSc reason to an agglo end reason."""
     reasons = petsc().KSP.ConvergedReason
     return next(
         (ended for name, (ended, _) in _WHY.items() if getattr(reasons, name) == reason), "stagnation"

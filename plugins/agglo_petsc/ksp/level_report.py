@@ -1,4 +1,4 @@
-"""Report on a ``KSP`` with PCMG: matrices of the levels, their sizes, memory."""
+"""Report on a ``KSP`` with PCMG: level matrices, sizes, memory."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from agglo_petsc.ranks.patch_sweeps import PatchSweeps
 
 
 def level_matrices(ksp: Any) -> list[tuple[Any, Any]]:
-    """``(A, P)`` of each level as scipy matrices, finest first; P of the coarsest is None. On one rank."""
+    """Return ``(A, P)`` of each level as scipy matrices, finest first, on one rank.
+
+    P is None on the coarsest level.
+    """
     found = []
     for A, P in _levels(ksp):
         found.append((to_scipy(A), None if P is None else to_scipy(P)))
@@ -17,15 +20,15 @@ def level_matrices(ksp: Any) -> list[tuple[Any, Any]]:
 
 
 def level_sizes(ksp: Any) -> list[tuple[int, int]]:
-    """Unknowns and stored entries of each level, finest first; collective."""
+    """Return the numbers of unknowns and stored entries per level, finest first. Collective."""
     return [(A.getSize()[0], int(A.getInfo(A.InfoType.GLOBAL_SUM)["nz_used"])) for A, _ in _levels(ksp)]
 
 
 def memory_of(ksp: Any) -> int:
-    """Bytes of matrices, prolongations, and factors of smoothers and the coarsest level; collective.
+    """Return the bytes of matrices, prolongations, and smoother and coarse factors. Collective.
 
-    The matrix of the finest level is counted. Factors of other packages, MUMPS say, are counted as far as
-    PETSc knows of them.
+    The finest matrix is included. Factors from other packages, for example MUMPS, are included as far as
+    PETSc reports them.
     """
     own = sum(_bytes(A) + _bytes(P) for A, P in _levels(ksp))
     own += sum(_bytes_of_smoother(smoother.getPC()) for smoother in _smoothers(ksp))
@@ -49,7 +52,10 @@ def _smoothers(ksp: Any) -> list[Any]:
 
 
 def _bytes(mat: Any) -> float:
-    """Of the rows of this rank, values and indices by rows; PETSc itself counts only if built to debug."""
+    """Return the bytes for values and indices in this rank's rows.
+
+    PETSc reports memory itself only in debug builds.
+    """
     if mat is None:
         return 0.0
     index = petsc().IntType().itemsize

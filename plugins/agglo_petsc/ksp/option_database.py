@@ -1,7 +1,7 @@
-"""PETSc's options for one solver: in the database while it is set up, and out of it again.
+"""Set PETSc options for one solver during its set-up, and restore the database afterwards.
 
-The database is shared by the whole program. What a user has put there counts more than our defaults, and what
-is given for one solver more than both; what was there before is there again afterwards.
+The database is global to the program. User entries take precedence over agglo's defaults, and options for
+one solver over both.
 """
 
 from __future__ import annotations
@@ -16,12 +16,14 @@ from agglo_petsc.matrices import petsc
 
 
 def parsed_options(given: str | Mapping[str, Any]) -> dict[str, str]:
-    """Options as PETSc writes them, ``"-mg_levels_pc_type sor -ksp_view"``, or by name, a dash before or not.
+    """Parse options from a text like ``"-mg_levels_pc_type sor -ksp_view"`` or from a mapping.
+
+    Names in a mapping may have a leading dash.
 
     Raises
     ------
     OptionError
-        For a text that does not start with an option, or values that are no texts, numbers or truth values.
+        For a text that does not start with an option, or values other than texts, numbers or booleans.
 
     Examples
     --------
@@ -61,12 +63,12 @@ def _pair(name: Any, value: Any) -> tuple[str, str]:
 
 
 class OptionDatabase:
-    """A context in which the database holds defaults and given options of one prefix.
+    """Context manager that puts defaults and given options with a prefix into the database.
 
     Parameters
     ----------
     prefix : str
-        Of the solver, its last underscore included.
+        Solver prefix, including its last underscore.
     defaults, given : mapping of str to str
         Names without the prefix.
     """
@@ -92,12 +94,12 @@ class OptionDatabase:
                 self._options.setValue(name, value)
 
     def unused(self) -> list[str]:
-        """Given options that nothing has asked for so far."""
-        whole = petsc().Options()  # ``used`` knows no prefix
+        """Return the given options that PETSc has not used so far."""
+        whole = petsc().Options()  # ``used`` takes no prefix
         return [name for name in self._given if not whole.used(f"{self._prefix}{name}")]
 
     def require_used(self) -> None:
-        """Raise OptionError if some given option was asked for by nothing."""
+        """Raise OptionError if PETSc has not used some given option."""
         unused = self.unused()
         if unused:
             names = ", ".join(f"-{name}" for name in unused)

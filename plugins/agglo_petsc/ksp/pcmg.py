@@ -1,4 +1,4 @@
-"""PETSc's multigrid ``PCMG`` on our levels, for any ``KSP``."""
+"""Set up PETSc's multigrid ``PCMG`` on agglo levels, for any ``KSP``."""
 
 from __future__ import annotations
 
@@ -43,37 +43,40 @@ def setup(
     cycle: Cycle = "V",
     petsc_options: str | Mapping[str, Any] = "",
 ) -> None:
-    """Make multigrid on our levels the preconditioner of a user's ``KSP``, and set both up; collective.
+    """Set up multigrid on agglo levels as the preconditioner of a user's ``KSP``. Collective.
 
-    Coarse matrices are Galerkin products, made anew by PETSc when the matrix changes. Everything else of the
-    ``KSP``, its type and tolerances, stays as it is. Options in PETSc's database under the prefix of the
-    ``KSP`` count more than our defaults.
+    The ``KSP`` itself is set up, too. Coarse matrices are Galerkin products, recomputed by PETSc when the
+    matrix changes. All else in the ``KSP``, its type and tolerances, stays unchanged. Options in PETSc's
+    database under the prefix of the ``KSP`` take precedence over agglo's defaults.
 
     Parameters
     ----------
     ksp : petsc4py.PETSc.KSP
         With its matrix (``setOperators``).
     levels : PetscLevels, Hierarchy or sequence of (parts,) int
-        Of :func:`~agglo_petsc.levels.aggregates.aggregate_levels` or
-        :func:`~agglo_petsc.levels.aggregates.given_levels`; or a hierarchy of what this rank has, or labels,
-        one for each of its parts (of the block size of the matrix).
+        From :func:`~agglo_petsc.levels.aggregates.aggregate_levels` or
+        :func:`~agglo_petsc.levels.aggregates.given_levels`; or a hierarchy for the cells of this rank, or
+        labels, one per part on this rank (with the matrix block size).
     smoother : "auto", "sweeps", "patches", "blocks" or "sor"
-        Our sweeps through patches (through single parts where there are none); PETSc's ``PCASM`` on the same
-        patches, ``PCPBJACOBI`` on parts, ``PCSOR``, these three under Chebyshev's iteration. By default
-        sweeps where parts are of one size and more than one unknown, or there are patches; else sor.
+        ``sweeps``: agglo's sweeps through patches (through single parts without patches); ``patches``:
+        PETSc's ``PCASM`` on these patches; ``blocks``: ``PCPBJACOBI`` on parts; ``sor``: ``PCSOR``; the
+        last three with Chebyshev's iteration. By default ``sweeps`` if parts have a common size above one
+        unknown, or there are patches; otherwise ``sor``.
     coarse_solver : "auto", "lu", "mumps", "superlu_dist" or "redundant"
-        By default LU on one rank; on several MUMPS if there is one, or LU on each rank (``PCREDUNDANT``).
+        By default LU on one rank; on several ranks MUMPS if available, otherwise LU on each rank
+        (``PCREDUNDANT``).
     cycle : "V" or "W"
     petsc_options : str or mapping
-        Options of PETSc for this solver, such as ``"-mg_levels_ksp_max_it 3"``, without its prefix.
+        PETSc options for this solver, for example ``"-mg_levels_ksp_max_it 3"``, without its prefix.
 
     Raises
     ------
     OptionError
-        For any other value, levels that do not fit the matrix, an option that nothing uses.
+        For any other value, levels that do not fit the matrix, or an unused option.
     LinAlgError
-        If the matrix is found not to be positive definite.
+        If the matrix proves not to be positive definite.
     """
+    # 1. Check options and levels
     for name, value, known in (
         ("smoother", smoother, SMOOTHERS),
         ("coarse_solver", coarse_solver, COARSE_SOLVERS),
@@ -88,6 +91,7 @@ def setup(
             f"the levels are for {levels.prolongations[0].getSize()[0]} unknowns; the matrix has "
             f"{A.getSize()[0]}"
         )
+    # 2. Configure the levels
     chosen = chosen_smoother(levels) if smoother == "auto" else smoother
     given, defaults = (
         parsed_options(petsc_options),
@@ -96,6 +100,7 @@ def setup(
     if levels.prolongations:
         defaults |= {"pc_mg_galerkin": "both", **_BY_SMOOTHER[chosen]}
         _levels_of(ksp.getPC(), levels, chosen, cycle)
+    # 3. Set up with the options in the database
     with OptionDatabase(ksp.getOptionsPrefix() or "", defaults, given) as database:
         ksp.setFromOptions()
         _set_up(ksp)
@@ -111,7 +116,10 @@ def pc(
     cycle: Cycle = "V",
     petsc_options: str | Mapping[str, Any] = "",
 ) -> Any:
-    """A ``PC`` on the levels, set up for a matrix; parameters and errors are those of :func:`setup`."""
+    """Return a ``PC`` on the levels, set up for a matrix.
+
+    Parameters and errors are documented in :func:`setup`.
+    """
     ksp = petsc().KSP().create(mat.getComm())
     ksp.setOperators(mat)
     ksp.setType("preonly")
@@ -121,13 +129,13 @@ def pc(
 
 
 def _set_up(ksp: Any) -> None:
-    """Set a solver up; what PETSc finds wrong with the matrix is a LinAlgError."""
+    """Set a solver up, and raise LinAlgError if PETSc rejects the matrix."""
     PETSc, failure = petsc(), None
     try:
         ksp.setUp()
         ksp.setUpOnBlocks()
     except PETSc.Error as error:
-        failure = error.__cause__  # what a callback raised
+        failure = error.__cause__  # exception from a callback
         if failure is None or isinstance(failure, OptionError):
             raise np.linalg.LinAlgError(f"PETSc cannot set up the levels: {failure or error}") from error
     if failure is not None:
@@ -139,7 +147,7 @@ def _set_up(ksp: Any) -> None:
 
 
 def chosen_smoother(levels: PetscLevels) -> str:
-    """What ``auto`` is: sweeps, where they are of use and can be had on all levels, else SOR."""
+    """Return the smoother for ``auto``: sweeps if useful and available on all levels, otherwise SOR."""
     if any(width is None for width in levels.widths):
         return "sor"
     several = any(width != 1 for width in levels.widths)
@@ -147,7 +155,7 @@ def chosen_smoother(levels: PetscLevels) -> str:
 
 
 def _coarse(comm: Any, asked: CoarseSolver, levels: bool) -> dict[str, str]:
-    """Options of the solver on the coarsest level, which is the matrix itself without others."""
+    """Return the options for the solver on the coarsest level, possibly the matrix itself."""
     PETSc, prefix = petsc(), "mg_coarse_" if levels else ""
     several = comm.getSize() > 1
     if asked == "auto":
@@ -163,20 +171,23 @@ def _coarse(comm: Any, asked: CoarseSolver, levels: bool) -> dict[str, str]:
 
 
 def _levels_of(pc: Any, levels: PetscLevels, smoother: str, cycle: Cycle) -> None:
-    """Give a ``PC`` its levels, PETSc's numbers of which count from the coarsest."""
+    """Configure the levels of a ``PC``, numbered by PETSc from the coarsest."""
     PETSc, count = petsc(), len(levels.prolongations)
     pc.setType("mg")
     pc.setMGLevels(count + 1)
     pc.setMGCycleType(PETSc.PC.MGCycleType.V if cycle == "V" else PETSc.PC.MGCycleType.W)
+    # 1. Prolongation of each level
     for at, P in enumerate(levels.prolongations):
         pc.setMGInterpolation(count - at, P)
         width, patches = levels.widths[at], levels.patches[at]
+        # 2. Sweeps, forwards before and backwards after the coarse correction
         if smoother == "sweeps":
             sweeps = LevelSweeps(patches, require_width(width, smoother))
             smoothers = (pc.getMGSmootherDown(count - at), pc.getMGSmootherUp(count - at))
             for ksp, backwards in zip(smoothers, (False, True), strict=True):
                 ksp.getPC().setType("python")
                 ksp.getPC().setPythonContext(PatchSweeps(sweeps, backwards=backwards))
+        # 3. PETSc's overlapping Schwarz on the patches
         elif smoother == "patches":
             if patches is None:
                 raise OptionError(
@@ -189,7 +200,7 @@ def _levels_of(pc: Any, levels: PetscLevels, smoother: str, cycle: Cycle) -> Non
 
 
 def _index_sets(patches: Patches, width: int) -> list[Any]:
-    """The unknowns of each patch, as PETSc wants them: a set for each, and an empty one rather than none."""
+    """Return the unknowns of each patch as PETSc index sets, including empty sets."""
     PETSc = petsc()
     group = np.repeat(np.arange(len(patches)), np.diff(patches.offsets))
     parts = np.asarray(patches.parts)[np.lexsort((patches.parts, group))].astype(PETSc.IntType)

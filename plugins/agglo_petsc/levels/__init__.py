@@ -1,1 +1,1 @@
-"""Levels from labels of cells: aggregates, near-null vectors, prolongations."""
+"""Levels from cell labels: aggregates, near-null vectors, prolongations."""

@@ -1,9 +1,9 @@
-"""Coarse spaces on aggregates whose rows are divided among ranks: near-null vectors, cut and smoothed.
+"""Coarse spaces on aggregates with rows distributed over ranks, by smoothed aggregation.
 
 P. Vaněk, J. Mandel, M. Brezina, "Algebraic multigrid by smoothed aggregation for second and fourth order
-elliptic problems", Computing 56 (1996), with blocks in place of scalars. The near-null vectors of
-discontinuous polynomials are all polynomials: cut at the borders of agglomerates they are the same space on
-the agglomerates, and the step of block Jacobi takes out the jumps that the penalty punishes.
+elliptic problems", Computing 56 (1996), with blocks instead of scalars. The near-null vectors for
+discontinuous polynomials are all polynomials: restricted to agglomerates they are the polynomials on the
+agglomerates, and the block Jacobi step removes the jumps that the penalty punishes.
 """
 
 from __future__ import annotations
@@ -35,17 +35,16 @@ from agglo_petsc.messages import agree
 
 @dataclass(frozen=True, eq=False)
 class PetscLevels:
-    """What leads from each level to the next, finest first; matrices are made by ``PCMG``.
+    """Prolongations between levels, finest first, for ``PCMG`` to compute the matrices.
 
     Attributes
     ----------
     prolongations : sequence of petsc4py.PETSc.Mat
-        Rows of this rank, global columns. Levels are one more than these.
+        Rows of this rank, global columns. There is one more level than prolongations.
     widths : sequence of int or None
-        Unknowns of each part of the finer level; None where parts differ.
+        Number of unknowns per part on the finer level; None if parts differ.
     patches : sequence of Patches or None
-        Groups of parts of the finer level that are smoothed together, by their global numbers; each group is
-        given by one rank.
+        Groups of fine parts to smooth together, by global numbers; each group is contributed by one rank.
     """
 
     prolongations: Sequence[Any]
@@ -54,7 +53,7 @@ class PetscLevels:
 
 
 Levels = PetscLevels | Hierarchy | Sequence[ArrayLike]
-"""The forms in which :func:`levels_for` takes levels: ready, a hierarchy, or labels of each level."""
+"""Accepted forms of levels in :func:`levels_for`: ready levels, a hierarchy, or labels per level."""
 
 _ADVICE = "(shared unknowns get labels by labels_of_unknowns; mat.setBlockSize says how many a cell has)"
 
@@ -65,20 +64,20 @@ def given_levels(
     widths: Sequence[int | None] | None = None,
     patches: Sequence[Patches | None] | None = None,
 ) -> PetscLevels:
-    """Levels whose prolongations there are already: scipy matrices of one process, or PETSc's of any number.
+    """Return levels from existing prolongations: scipy matrices on one process, or PETSc matrices.
 
     Parameters
     ----------
     prolongations : sequence of (n, m) sparse or petsc4py.PETSc.Mat
-        Finest first, such as ``P`` in ``Solution.operators``. Those of several ranks are made by
+        Finest first, for example ``P`` in ``Solution.operators``. Distributed matrices come from
         :func:`~agglo_petsc.matrices.mat_from_rows`.
     widths, patches : sequence, optional
-        As in :class:`PetscLevels`, one for each prolongation.
+        See :class:`PetscLevels`, one for each prolongation.
 
     Raises
     ------
     OptionError
-        If the matrices do not follow one another, or another number of widths or patches is given.
+        If the matrix sizes do not match, or the number of widths or patches is wrong.
     """
     PETSc, count = petsc(), len(prolongations)
     found = [P if isinstance(P, PETSc.Mat) else _single(P) for P in prolongations]
@@ -106,37 +105,37 @@ def aggregate_levels(
     smooth: bool = True,
     damping: float = 4 / 3,
 ) -> PetscLevels:
-    """Levels on aggregates of the parts of a matrix; collective on the ranks of the matrix.
+    """Build levels on aggregates of matrix parts. Collective on the ranks of the matrix.
 
     Parameters
     ----------
     A : petsc4py.PETSc.Mat
         Symmetric and positive definite; each rank has the rows of its own parts, parts one after the other.
     aggregates : sequence of (own parts,) int
-        Of each part of this rank the global number of its aggregate, −1 for none; then of each aggregate that
-        of the next level, and so on. Numbers run on from rank to rank, as a scan of their counts gives them:
-        0, 1, … on the first rank that has any.
+        For each part on this rank the global number of its aggregate, −1 for none; then for each aggregate
+        its aggregate on the next level, and so on. Numbers continue from rank to rank, like a scan of their
+        counts: 0, 1, … on the first rank with any.
     near_null : (own unknowns, k) float, optional
-        Vectors that A takes to nearly nothing. By default those of the matrix (``setNearNullSpace``) or,
+        Vectors that A maps to nearly zero. By default the vectors of the matrix (``setNearNullSpace``) or,
         without any, constants: one vector for each unknown of a part.
     block_offsets : (own parts + 1,) int, optional
-        The unknowns of part p are ``block_offsets[p]:block_offsets[p + 1]``, counted on this rank; by
-        default parts have the block size of the matrix.
+        Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``, counted on this rank; by default
+        parts have the block size of the matrix.
     patches : sequence of Patches, optional
         See :class:`PetscLevels`; one for each of ``aggregates``.
     owned : sequence of int, optional
-        How many aggregates of each level this rank is to have, wherever their parts lie. By default an
-        aggregate lies on the rank of its parts, all of them.
+        Number of aggregates per level on this rank, wherever their parts are. By default an aggregate is on
+        the rank of all its parts.
     smooth : bool
-        Whether a step of block Jacobi smooths the prolongations.
+        Whether a block Jacobi step smooths the prolongations.
     damping : float
-        Of that step, over the largest eigenvalue of D⁻¹A.
+        Damping of that step, over the largest eigenvalue of D⁻¹A.
 
     Raises
     ------
     OptionError
-        On all ranks: for arrays that do not fit, numbers that leave gaps or lie on several ranks, a matrix
-        that is not positive definite.
+        On all ranks: for arrays that do not fit, numbers with gaps or on several ranks, or a matrix that is
+        not positive definite.
 
     Examples
     --------
@@ -149,6 +148,7 @@ def aggregate_levels(
     """
     comm = A.getComm()
     offsets, B, found, widths, made = *_start(A, block_offsets, near_null), [], [], []
+    # Each level: aggregates, tentative prolongation, Jacobi step, Galerkin matrix
     for level, given in enumerate(aggregates):
         own, count = _numbered(comm, level, given, len(offsets) - 1, None if owned is None else owned[level])
         start = bases_where_owned(comm, np.repeat(own, np.diff(offsets)), count, B)
@@ -168,13 +168,14 @@ def aggregate_levels(
 
 
 def levels_for(A: Any, given: Levels) -> PetscLevels:
-    """The levels of a matrix; a hierarchy, or labels, are those of the parts of this rank. Collective.
+    """Return the levels for a matrix, from a hierarchy or labels on this rank. Collective.
 
     Raises
     ------
     OptionError
         On all ranks, if they do not fit the matrix.
     """
+    # 1. Check the labels
     if isinstance(given, PetscLevels):
         return given
     comm, width = A.getComm(), A.getBlockSize()
@@ -182,6 +183,7 @@ def levels_for(A: Any, given: Levels) -> PetscLevels:
     labels = [frozen_int(each) for each in (given.levels if isinstance(given, Hierarchy) else given)]
     wrong = next((f"labels have the shape {each.shape}" for each in labels if each.shape != (parts,)), "")
     agree(comm, wrong and f"{wrong}; the matrix has {parts} parts of {width} unknowns here {_ADVICE}")
+    # 2. Number aggregates across the ranks
     ups = nested_aggregates(labels)
     counts = [parts, *(int(each.max(initial=-1)) + 1 for each in ups)]
     before = [sum(each) for each in zip(*comm.tompi4py().allgather(counts)[: comm.getRank()], strict=True)]
@@ -191,7 +193,7 @@ def levels_for(A: Any, given: Levels) -> PetscLevels:
 
 
 def _vertex_patches(given: Any, labels: list[Int], first: list[int]) -> list[Patches | None] | None:
-    """Vertex patches in the plane, if there is a mesh; numbers start from the first part of this rank."""
+    """Return 2-D vertex patches if there is a mesh, numbered from the first part of this rank."""
     mesh = given.fine if isinstance(given, Hierarchy) else None
     if mesh is None or mesh.dim != 2:
         return None
@@ -209,7 +211,7 @@ def _single(P: Any) -> Any:
 
 
 def _start(A: Any, block_offsets: ArrayLike | None, near_null: ArrayLike | None) -> tuple[Int, Float]:
-    """Offsets and near-null vectors of the rows of this rank, checked on all."""
+    """Return block offsets and near-null vectors for the rows of this rank, checked on all ranks."""
     n, size = A.getLocalSize()[0], A.getBlockSize()
     offsets = np.arange(0, n + 1, size) if block_offsets is None else np.asarray(block_offsets)
     if near_null is None:
@@ -233,7 +235,7 @@ def _start(A: Any, block_offsets: ArrayLike | None, near_null: ArrayLike | None)
 
 
 def _known(A: Any, n: int, offsets: Any) -> Any:
-    """Near-null vectors that come with the matrix, or constants."""
+    """Return the near-null vectors stored with the matrix, or constants."""
     found = near_null_vectors(A)
     if found is not None:
         return found
@@ -243,7 +245,10 @@ def _known(A: Any, n: int, offsets: Any) -> Any:
 
 
 def _numbered(comm: Any, level: int, given: ArrayLike, parts: int, owned: int | None) -> tuple[Int, int]:
-    """Aggregate of each part, −1 for none, and how many this rank is to have; checked on all ranks."""
+    """Return the aggregate of each part, −1 for none, and their number on this rank.
+
+    Checked on all ranks.
+    """
     ids, ranks = np.asarray(given), comm.tompi4py()
     fits = ids.shape == (parts,) and (ids.dtype.kind in "iu" or not parts)
     inside = np.unique(ids[ids >= 0]) if fits and parts else np.empty(0, np.int64)
@@ -264,7 +269,7 @@ def _numbered(comm: Any, level: int, given: ArrayLike, parts: int, owned: int | 
 
 
 def _width(comm: Any, offsets: Int) -> int | None:
-    """Unknowns of each part on all ranks; None if they differ."""
+    """Return the number of unknowns per part on all ranks, or None if parts differ."""
     sizes = np.diff(offsets)
     own = (int(sizes.min()), int(sizes.max())) if len(sizes) else None
     seen = [each for each in comm.tompi4py().allgather(own) if each is not None]

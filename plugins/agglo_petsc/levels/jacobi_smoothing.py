@@ -1,4 +1,4 @@
-"""Prolongations with rows and columns on their ranks, and the step of block Jacobi that smooths them."""
+"""Distributed prolongations, smoothed by a block Jacobi step."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from agglo_petsc.matrices import mat_from_rows, petsc, rows_of, vector
 from agglo_petsc.messages import agree
 
 _STEPS = 12
-"""Of conjugate gradients, to find the largest eigenvalue."""
+"""Number of conjugate gradient steps for the largest eigenvalue."""
 
 
 def own_columns(comm: Any, own: Any, widths: tuple[int, int]) -> Any:
-    """The matrix whose columns of this rank are those of a matrix ``(n_own, m_own)``."""
+    """Return the distributed matrix whose block on this rank, ``(n_own, m_own)``, is given."""
     counts = comm.tompi4py().allgather(own.shape[1])
     first, total = sum(counts[: comm.getRank()]), sum(counts)
     rows = sparse.csr_array((own.data, own.indices + first, own.indptr), shape=(own.shape[0], total))
@@ -24,7 +24,7 @@ def own_columns(comm: Any, own: Any, widths: tuple[int, int]) -> Any:
 
 
 def jacobi_smoothed(A: Any, offsets: Int, T: Any, damping: float) -> Any:
-    """(I − (ω / λ_max) D⁻¹ A) T, D being the diagonal blocks of A."""
+    """Return (I − (ω / λ_max) D⁻¹ A) T, with the diagonal blocks D of A."""
     PETSc = petsc()
     inverse = _inverse_blocks(A, offsets)
     AT = A.matMult(T)
@@ -38,7 +38,7 @@ def jacobi_smoothed(A: Any, offsets: Int, T: Any, damping: float) -> Any:
 
 
 def _inverse_blocks(A: Any, offsets: Int) -> Any:
-    """D⁻¹ as a PETSc matrix."""
+    """Return D⁻¹ as a PETSc matrix."""
     comm, own = A.getComm(), rows_of(A.getDiagonalBlock())
     wrong, inverse = "", own
     try:
@@ -51,8 +51,12 @@ def _inverse_blocks(A: Any, offsets: Int) -> Any:
 
 
 def _largest_eigenvalue(A: Any, inverse: Any) -> float:
-    """Of D⁻¹A, a little low: conjugate gradients from a start that depends on the numbers of rows alone."""
+    """Estimate the largest eigenvalue of D⁻¹A, slightly low.
+
+    Uses conjugate gradients from a start vector that depends only on row numbers.
+    """
     PETSc = petsc()
+    # 1. Conjugate gradients with eigenvalue estimates
     ksp = PETSc.KSP().create(A.getComm())
     ksp.setOperators(A, inverse)
     ksp.setType("cg")
@@ -60,10 +64,12 @@ def _largest_eigenvalue(A: Any, inverse: Any) -> float:
     ksp.setNormType(PETSc.KSP.NormType.NONE)
     ksp.setTolerances(max_it=_STEPS)
     ksp.setComputeEigenvalues(True)
+    # 2. Start vector
     rows = np.arange(*A.getOwnershipRange())
     b = vector(A, frozen_float(np.sin(1.0 + 12.9898 * rows) * (1.0 + rows % 3)))
     x = b.duplicate()
     ksp.solve(b, x)
+    # 3. Largest Ritz value
     found, reason = ksp.computeEigenvalues(), ksp.getConvergedReason()
     for each in (ksp, b, x):
         each.destroy()

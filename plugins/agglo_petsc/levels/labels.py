@@ -1,4 +1,4 @@
-"""From labels of cells to aggregates of the parts of each level."""
+"""Convert cell labels to aggregates of the parts on each level."""
 
 from __future__ import annotations
 
@@ -11,12 +11,14 @@ from agglo_core.authoring import Int, OptionError, frozen_int, multigrid
 
 
 def nested_aggregates(labels: Sequence[Int]) -> list[Int]:
-    """Aggregate of each cell, then of each part of a level, from labels ``(n_cells,)``, finest first.
+    """Return the aggregate of each cell, then of each part per level, from labels ``(n_cells,)``.
+
+    Labels are ordered finest first.
 
     Raises
     ------
     OptionError
-        If the parts of a level are not unions of those of the level before.
+        If parts are not unions of finer parts.
 
     Examples
     --------
@@ -37,15 +39,16 @@ def nested_aggregates(labels: Sequence[Int]) -> list[Int]:
 def labels_of_unknowns(
     unknowns: ArrayLike, cell_of: ArrayLike, levels: Sequence[ArrayLike], n: int
 ) -> list[Int]:
-    """Parts of the unknowns of a continuous method on each level, from those of the cells that share them.
+    """Return the parts of the unknowns in a continuous method on each level.
 
-    On the finest level it is the part most of these cells are in, the lowest of several; on coarser ones what
-    that part lies in. Parts are numbered anew without gaps: a thin one may have no unknown of its own.
+    On the finest level an unknown belongs to the part with most of its cells, the lowest of several; on
+    coarser levels to the parent of that part. Parts are renumbered without gaps: a thin part may have no
+    unknown.
 
     Parameters
     ----------
     unknowns, cell_of : (m,) int
-        Unknown ``unknowns[i]`` is in cell ``cell_of[i]``: the table of degrees of freedom, flat.
+        Unknown ``unknowns[i]`` is in cell ``cell_of[i]``: the flat degree-of-freedom table.
     levels : sequence of (n_cells,) int
         Part of each cell, finest first, each level nested in the next.
     n : int
@@ -79,7 +82,7 @@ def labels_of_unknowns(
 
 
 def _of_most(rows: Int, parts: Int) -> Int:
-    """The part that each row 0..n−1 has most often."""
+    """Return the most frequent part of each row 0..n−1."""
     pairs, counts = np.unique(np.stack((rows, parts), axis=1), axis=0, return_counts=True)
     order = np.lexsort((pairs[:, 1], -counts, pairs[:, 0]))
     return frozen_int(pairs[order[np.unique(pairs[order, 0], return_index=True)[1]], 1])

@@ -1,6 +1,6 @@
-"""Bases of aggregates whose parts lie on several ranks: made where the aggregate is owned.
+"""Bases of aggregates distributed over ranks, computed where the aggregate is owned.
 
-Rows of the near-null vectors travel to the owner of their aggregate, rows of the prolongation back.
+Near-null rows are sent to the owner of their aggregate, prolongation rows back.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from agglo_petsc.messages import agree, swapped
 
 @dataclass(frozen=True, eq=False)
 class OwnedBases:
-    """A tentative prolongation whose rows and columns are divided among ranks.
+    """A tentative prolongation with rows and columns distributed over ranks.
 
     Attributes
     ----------
     rows : (n_own, m) csr
         Rows of this rank, global columns.
     offsets : (owned aggregates + 1,) int
-        Coarse unknowns of each aggregate that this rank has.
+        Coarse unknowns of each aggregate on this rank.
     near_null : (owned columns, k) float
         The near-null vectors on the coarse level.
     """
@@ -35,15 +35,15 @@ class OwnedBases:
 
 
 def bases_where_owned(comm: Any, holder: Any, count: int, near_null: Float) -> OwnedBases:
-    """Cut near-null vectors at aggregates; collective.
+    """Restrict near-null vectors to aggregates. Collective.
 
     Parameters
     ----------
     comm : petsc4py.PETSc.Comm
     holder : (n_own,) int
-        Global number of the aggregate of each unknown, −1 for none.
+        Global aggregate of each unknown, −1 for none.
     count : int
-        Aggregates of this rank; numbers run on from rank to rank.
+        Number of aggregates on this rank; numbers continue from rank to rank.
     near_null : (n_own, k) float
 
     Raises
@@ -51,17 +51,20 @@ def bases_where_owned(comm: Any, holder: Any, count: int, near_null: Float) -> O
     OptionError
         On all ranks, if an aggregate has no unknowns.
     """
+    # 1. Send the rows to the owners of their aggregates
     ranks = comm.tompi4py()
     starts = np.concatenate(([0], np.cumsum(ranks.allgather(count))))
     owner = np.where(holder < 0, -1, np.searchsorted(starts, holder, side="right") - 1)
     sent = {rank: np.flatnonzero(owner == rank) for rank in np.unique(owner[owner >= 0]).tolist()}
     arrived = swapped(ranks, {rank: (holder[rows], near_null[rows]) for rank, rows in sent.items()})
+    # 2. Check that no aggregate is empty, and compute the bases
     first = int(starts[ranks.rank])
     ids = np.concatenate([np.empty(0, np.int64), *(each[0] for each in arrived.values())]) - first
     values = np.concatenate([np.empty((0, near_null.shape[1])), *(each[1] for each in arrived.values())])
     empty = np.flatnonzero(np.bincount(ids, minlength=count) == 0)
     agree(comm, f"aggregate {first + empty[0]} has no part" if len(empty) else "")
     made = tentative(frozen_int(ids), count, frozen_float(values))
+    # 3. Return the rows of the prolongation
     before = int(sum(ranks.allgather(made.T.shape[1])[: ranks.rank]))
     total = int(ranks.allreduce(made.T.shape[1]))
     answers, at = {}, 0
@@ -73,7 +76,7 @@ def bases_where_owned(comm: Any, holder: Any, count: int, near_null: Float) -> O
 
 
 def _rows(answers: Any, sent: Any, n: int, total: int) -> Any:
-    """Rows as they came back, at their places."""
+    """Assemble returned rows at their positions."""
     places = [np.repeat(sent[rank], counts) for rank, (counts, _, _) in answers.items()]
     rows, columns, data = (
         np.concatenate([np.empty(0, kind), *each])

@@ -11,9 +11,9 @@ from agglo_core.authoring import Float, frozen_float
 
 
 def monomials(dim: int, degree: int, centre: ArrayLike, half: float) -> list[Callable[[Float], Float]]:
-    """Monomials of total degree up to ``degree`` as functions of points ``(q, d)``, that of degree 0 first.
+    """Return the monomials up to total ``degree`` as functions of points ``(q, d)``, degree 0 first.
 
-    Their arguments are on [−1, 1]^d where the mesh is within ``half`` of ``centre`` along each axis.
+    Their arguments are scaled to [−1, 1]^d on a box with half side ``half`` around ``centre``.
 
     Examples
     --------
@@ -30,7 +30,7 @@ def monomials(dim: int, degree: int, centre: ArrayLike, half: float) -> list[Cal
 
 
 def exponents(dim: int, degree: int) -> list[tuple[int, ...]]:
-    """Exponents of the monomials of total degree up to ``degree``, those of 1 first.
+    """Return the exponents of all monomials up to total ``degree``, starting with 1.
 
     Examples
     --------
@@ -41,7 +41,7 @@ def exponents(dim: int, degree: int) -> list[tuple[int, ...]]:
 
 
 def monomial(points: Float, powers: tuple[int, ...]) -> Float:
-    """A monomial ``(q,)`` at points ``(q, d)``.
+    """Evaluate a monomial ``(q,)`` at points ``(q, d)``.
 
     Examples
     --------

@@ -1,1 +1,1 @@
-"""Rows, vertex patches and sweeps divided among ranks."""
+"""Rows, vertex patches and sweeps distributed over ranks."""

@@ -1,8 +1,8 @@
-"""Patches at the borders of ranks: whose turn it is, which rows they need, who is told what they change.
+"""Plan sweeps through border patches: turns of the ranks, required rows, updates to send.
 
-Ranks with patches that touch one another take turns, by colours: M. F. Adams, "A distributed memory
-unstructured Gauss-Seidel algorithm for multigrid smoothers", Proc. SC 2001. Patches farther from the borders
-touch nothing of other ranks: all ranks sweep through theirs at once.
+Ranks with adjacent patches take turns, by colours: M. F. Adams, "A distributed memory unstructured
+Gauss-Seidel algorithm for multigrid smoothers", Proc. SC 2001. Patches away from the borders touch no other
+rank: all ranks sweep through them concurrently.
 """
 
 from __future__ import annotations
@@ -22,22 +22,23 @@ _EMPTY = frozen_int(np.empty(0, np.int64))
 
 @dataclass(frozen=True, eq=False)
 class BorderPlan:
-    """What a rank has to know for sweeps through patches that others touch, too.
+    """Data of a rank for sweeps through patches that other ranks touch, too.
 
-    Its own parts come first, then copies of parts of other ranks, both by rising number.
+    Own parts come first, then copies of parts on other ranks, both by increasing number.
 
     Attributes
     ----------
     inner, outer : Patches
-        Those that touch no other rank, by own parts; the others, by own parts and copies.
+        ``inner`` patches touch no other rank, given by own parts; all others are ``outer``, given by own
+        parts and copies.
     rows : bsr
-        The rows of all parts in ``outer``, square; those of other parts are empty.
+        Rows of all parts in ``outer``, square; other rows are empty.
     copied, copies : mapping of rank to (m,) int
-        Own parts of which that rank has copies; copies of its parts.
+        Own parts copied to that rank; copies of its parts.
     told, tellers : mapping of rank to (m,) int
-        Parts in ``outer`` that the rank has, too; those that it changes.
+        Parts in ``outer`` that the rank has, too; parts that it changes.
     colours : mapping of rank to int
-        Turns: of this rank, if it has such patches, and of all ``tellers``.
+        Turns of this rank, if it has such patches, and of all ``tellers``.
     """
 
     inner: Patches
@@ -51,31 +52,34 @@ class BorderPlan:
 
 
 def border_plan(comm: Any, own: Any, starts: Int, patches: Patches | None) -> BorderPlan:
-    """Plan sweeps through patches that are given by one rank each; collective.
+    """Plan sweeps through patches, each contributed by one rank. Collective.
 
     Parameters
     ----------
     comm : mpi4py communicator
     own : bsr
-        Rows of this rank, all columns, a block for each pair of parts.
+        Rows of this rank, all columns, with a block for each pair of parts.
     starts : (ranks + 1,) int
         Rank r has the parts ``starts[r]:starts[r + 1]``.
     patches : Patches, optional
-        By numbers of all ranks. Parts in none of any rank are patches of their own.
+        By global numbers. Parts in no patch on any rank form single patches.
     """
+    # 1. Divide the patches into inner and outer
     first, last = int(starts[comm.rank]), int(starts[comm.rank + 1])
     groups = _with_single_parts(comm, starts, patches)
     inner, outer = _divided(groups, own, first, last)
+    # 2. Collect the rows of changed parts, and the parts to copy
     changed = frozen_int(np.unique(outer.parts))
     rows, ids = _rows_for(comm, own, starts, changed)
     seen = np.unique(np.concatenate((ids, changed)))
     away = frozen_int(seen[(seen < first) | (seen >= last)])
 
     def here(parts: Int) -> Int:
-        """Places of parts among own ones and copies."""
+        """Return the positions of parts among own parts and copies."""
         inside = (parts >= first) & (parts < last)
         return frozen_int(np.where(inside, parts - first, last - first + np.searchsorted(away, parts)))
 
+    # 3. Exchange the lists of copies and updates
     asked = by_owner(away, starts)
     copied = {rank: frozen_int(each - first) for rank, each in swapped(comm, asked).items()}
     told, tellers = _tellers(comm, starts, changed, copied)
@@ -93,14 +97,14 @@ def border_plan(comm: Any, own: Any, starts: Int, patches: Patches | None) -> Bo
 
 
 def in_blocks(rows: Any, width: int) -> Any:
-    """A CSR as BSR with square blocks, sorted."""
+    """Convert a CSR to BSR with square blocks, sorted."""
     found = sparse.bsr_array(rows, blocksize=(width, width))
     found.sort_indices()
     return found
 
 
 def _with_single_parts(comm: Any, starts: Int, patches: Patches | None) -> Patches:
-    """Patches of this rank, and its parts that are in no patch of any rank; empty ones are left out."""
+    """Return this rank's nonempty patches, and its parts outside all patches on any rank."""
     first, last = int(starts[comm.rank]), int(starts[comm.rank + 1])
     offsets, parts = (np.zeros(1, np.int64), _EMPTY) if patches is None else (patches.offsets, patches.parts)
     held = swapped(comm, by_owner(frozen_int(np.unique(parts)), starts)).values()
@@ -113,7 +117,7 @@ def _with_single_parts(comm: Any, starts: Int, patches: Patches | None) -> Patch
 
 
 def _divided(groups: Patches, own: Any, first: int, last: int) -> tuple[Patches, Patches]:
-    """Patches of own parts whose neighbours are all own, and the others."""
+    """Split into patches whose parts and neighbours are all own, and all others."""
     away = (own.indices < first) | (own.indices >= last)
     coupled = np.zeros(last - first, bool)
     coupled[np.repeat(np.arange(last - first), np.diff(own.indptr))[away]] = True
@@ -129,7 +133,7 @@ def _divided(groups: Patches, own: Any, first: int, last: int) -> tuple[Patches,
 
 
 def _rows_for(comm: Any, own: Any, starts: Int, parts: Int) -> tuple[tuple[Any, Any, Any], Int]:
-    """Rows of parts of any ranks, own ones first: counts, columns, blocks; and the columns again."""
+    """Collect the rows of parts on any ranks, own rows first: counts, columns, blocks, and columns again."""
     first, asked = int(starts[comm.rank]), by_owner(parts, starts)
     mine = asked.pop(comm.rank, _EMPTY)
     answers = {rank: _taken(own, frozen_int(each - first)) for rank, each in swapped(comm, asked).items()}
@@ -139,7 +143,7 @@ def _rows_for(comm: Any, own: Any, starts: Int, parts: Int) -> tuple[tuple[Any, 
 
 
 def _taken(rows: Any, which: Int) -> tuple[Any, Any, Any]:
-    """Some rows of a BSR: counts, columns, blocks."""
+    """Return some rows of a BSR: counts, columns, blocks."""
     counts = np.diff(rows.indptr)[which]
     ends = np.cumsum(counts)
     total = int(ends[-1]) if len(ends) else 0
@@ -148,12 +152,12 @@ def _taken(rows: Any, which: Int) -> tuple[Any, Any, Any]:
 
 
 def _square(rows: tuple[Any, Any, Any], places: Int, columns: Int, n: int, width: int) -> Any:
-    """Rows at their places in a square BSR whose others are empty."""
+    """Place rows in a square BSR with all other rows empty."""
     counts, _, blocks = rows
-    order = np.argsort(places, kind="stable")  # own ones first, as the rows are
+    order = np.argsort(places, kind="stable")  # own parts first, like the rows
     sizes = np.zeros(n, np.int64)
     sizes[places[order]] = counts
-    arrays = blocks, np.array(columns), np.array(starts_of(sizes))  # sorted in place
+    arrays = blocks, np.array(columns), np.array(starts_of(sizes))  # copies, as sorting is in place
     found = sparse.bsr_array(arrays, shape=(n * width, n * width))
     found.sort_indices()
     return found
@@ -162,18 +166,21 @@ def _square(rows: tuple[Any, Any, Any], places: Int, columns: Int, n: int, width
 def _tellers(
     comm: Any, starts: Int, changed: Int, copied: Mapping[int, Int]
 ) -> tuple[dict[int, Int], dict[int, Int]]:
-    """Which of the parts that this rank changes others have, and which of its own and copies others change.
+    """Return the changed parts that other ranks hold, and the parts here that others change.
 
-    The owner of a part knows who has copies, and tells those who change it.
+    The owner of a part sends the list of its copies to the ranks that change the part.
     """
+    # 1. Ranks that change own parts, and ranks that hold them
     first, count = int(starts[comm.rank]), int(starts[comm.rank + 1] - starts[comm.rank])
     writers = swapped(comm, by_owner(changed, starts))
     holders = dict(copied) | {comm.rank: np.arange(count)}
     has = {rank: np.isin(np.arange(count), each) for rank, each in holders.items()}
+    # 2. Answer each writer with the holders
     answers: dict[int, dict[int, Any]] = {}
     for writer, parts in writers.items():
         shared = {rank: parts[each[parts - first]] for rank, each in has.items() if rank != writer}
         answers[writer] = {rank: each for rank, each in shared.items() if len(each)}
+    # 3. Merge the answers
     pieces: dict[int, list[Int]] = {}
     for answer in swapped(comm, answers).values():
         for rank, parts in answer.items():
@@ -183,12 +190,14 @@ def _tellers(
 
 
 def _colours(comm: Any, touched: list[int]) -> dict[int, int]:
-    """Colour of each rank; of two of which one changes what the other has they differ."""
+    """Return a colour for each rank, different for ranks that change a common part."""
+    # 1. Adjacent ranks
     beside: list[set[int]] = [set() for _ in range(comm.size)]
     for rank, others in enumerate(comm.allgather(touched)):
         for other in others:
             beside[rank].add(other)
             beside[other].add(rank)
+    # 2. Greedy colouring
     colours: dict[int, int] = {}
     for rank, others in enumerate(beside):
         taken = {colours[other] for other in others if other in colours}
@@ -197,5 +206,5 @@ def _colours(comm: Any, touched: list[int]) -> dict[int, int]:
 
 
 def starts_of(sizes: Any) -> Int:
-    """Where each of some lists begins when they come one after the other, and their end ``(n + 1,)``."""
+    """Return the offsets ``(n + 1,)`` of consecutive lists."""
     return frozen_int(np.concatenate(([0], np.cumsum(sizes))))

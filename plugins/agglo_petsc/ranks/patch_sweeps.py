@@ -1,7 +1,7 @@
-"""Our sweeps through patches as a preconditioner of PETSc: solves in turn, where PCASM solves all at once.
+"""Patch sweeps as a PETSc preconditioner: multiplicative, whereas PCASM is additive.
 
-On several ranks the sweep is that of one rank in another order: first, all at once, through the patches that
-touch no other rank, then through those at the borders, the ranks that touch one another in turn. So it needs
+On several ranks the sweep reorders the sweep on one rank: first all ranks concurrently sweep through the
+patches that touch no other rank, then adjacent ranks take turns at the borders. Therefore the sweep needs
 no damping, and takes about as many iterations on any number of ranks.
 """
 
@@ -17,12 +17,12 @@ from agglo_petsc.matrices import rows_of
 from agglo_petsc.messages import agree
 from agglo_petsc.ranks.border_plan import border_plan, in_blocks
 
-_TAG = 7412  # of messages within a sweep
-_TRIES, _PAUSE = 100, 2e-5  # looks at whether a message has come, before there are seconds between them
+_TAG = 7412  # tag for messages within a sweep
+_TRIES, _PAUSE = 100, 2e-5  # number of immediate tests for a message, then seconds between tests
 
 
 class _RankSweeps:
-    """The sweeps of one rank through the patches of a matrix; all of it is collective."""
+    """Sweeps on one rank through the patches of a matrix. All methods are collective."""
 
     def __init__(self, A: Any, patches: Patches | None, width: int) -> None:
         self._comm, self._width = A.getComm().tompi4py(), width
@@ -43,20 +43,21 @@ class _RankSweeps:
         self.memory = sum(_memory(each) for each in (self._inner, self._outer) if each is not None)
 
     def forwards(self, b: Float) -> Float:
-        """The sweep from zero for a right-hand side ``(n_own,)``."""
+        """Return the sweep from zero for a right-hand side ``(n_own,)``."""
         x: Float = np.zeros(len(b)) if self._inner is None else np.asarray(self._inner.before(b)[0], float)
         return self._through_borders(b, x, back=False)[: len(b)]
 
     def backwards(self, b: Float) -> Float:
-        """Its transpose: the same in the opposite order."""
+        """Return the transposed sweep, in the opposite order."""
         x = self._through_borders(b, np.zeros(len(b)), back=True)[: len(b)]
         return x if self._inner is None else np.asarray(self._inner.after(b, x), np.float64)
 
     def _through_borders(self, b: Float, x: Float, *, back: bool) -> Float:
-        """x on own parts and copies after the turns of all ranks."""
+        """Return x on own parts and copies after the turns of all ranks."""
         plan, comm, n = self._plan, self._comm, self._width
         if comm.size == 1:
             return x
+        # 1. Exchange b and x on the copies
         known = np.zeros((2, plan.rows.shape[0] // n, n))
         known[:, : len(b) // n] = b.reshape(-1, n), x.reshape(-1, n)
         sent = [
@@ -64,14 +65,17 @@ class _RankSweeps:
         ]
         for rank, each in plan.copies.items():
             known[:, each] = self._received(rank, (2, len(each), n))
+        # 2. Receive the updates of ranks with earlier turns
         there, mine = known[1], plan.colours[comm.rank]
         turns = sorted(plan.tellers, key=lambda rank: (plan.colours[rank], rank), reverse=back)
         before = [rank for rank in turns if (plan.colours[rank] > mine) == back and self._outer is not None]
         for rank in before:
             there[plan.tellers[rank]] = self._received(rank, (len(plan.tellers[rank]), n))
+        # 3. Sweep, and send the changes
         if self._outer is not None:
             there[:] = self._outer.sweep(known[0].ravel(), there.ravel(), back=back).reshape(-1, n)
             sent += [comm.Isend(there[each], rank, _TAG) for rank, each in plan.told.items()]
+        # 4. Receive the updates of ranks with later turns
         for rank in turns:
             if rank not in before:
                 there[plan.tellers[rank]] = self._received(rank, (len(plan.tellers[rank]), n))
@@ -83,14 +87,14 @@ class _RankSweeps:
     def _received(self, rank: int, shape: tuple[int, ...]) -> Float:
         found = np.empty(shape)
         request, tries = self._comm.Irecv(found, rank, _TAG), 0
-        while not request.Test():  # MPI itself waits in a loop, without leaving the processor to others
+        while not request.Test():  # MPI's own wait would keep the processor busy
             time.sleep(0.0 if tries < _TRIES else _PAUSE)
             tries += 1
         return found
 
 
 def _beyond(patches: Patches | None, parts: int) -> str:
-    """What is wrong with the parts of patches; empty if nothing is."""
+    """Return an error message for part numbers out of range, or an empty text."""
     given = np.empty(0, np.int64) if patches is None else np.asarray(patches.parts)
     least, most = int(given.min(initial=0)), int(given.max(initial=-1))
     return f"patches hold parts {least} to {most}; there are {parts}" if least < 0 or most >= parts else ""
@@ -102,7 +106,7 @@ def _memory(sweeps: Any) -> int:
 
 
 class LevelSweeps:
-    """The patches of a level on one rank, factorised again when its matrix has changed."""
+    """Patches of a level on one rank, refactorised when the matrix changes."""
 
     def __init__(self, patches: Patches | None, width: int) -> None:
         self._patches, self._width = patches, width
@@ -115,7 +119,7 @@ class LevelSweeps:
         return 0 if self._sweeps is None else self._sweeps.memory
 
     def of(self, A: Any) -> _RankSweeps:
-        """The sweeps through the patches of this rank; collective."""
+        """Return the sweeps through the patches of this rank. Collective."""
         state = (A.handle, A.stateGet())
         if self._sweeps is None or state != self._state:
             self._sweeps, self._state = _RankSweeps(A, self._patches, self._width), state
@@ -123,20 +127,21 @@ class LevelSweeps:
 
 
 class PatchSweeps:
-    """Context of a ``PC`` of type ``python``: a sweep forwards, or backwards.
+    """Context of a ``PC`` with type ``python``: a forward or backward sweep.
 
     Parameters
     ----------
     level : LevelSweeps
     backwards : bool
-        Backwards is the transpose of forwards: what smooths after the correction if the other one did before.
+        Run the transposed sweep, for smoothing after the coarse correction if the forward sweep runs
+        before.
     """
 
     def __init__(self, level: LevelSweeps, *, backwards: bool) -> None:
         self.level, self._backwards = level, backwards
 
     def setUp(self, pc: Any) -> None:  # PETSc's name
-        """Factorise the patches, unless that has been done for this matrix."""
+        """Factorise the patches, unless already done for this matrix."""
         self.level.of(pc.getOperators()[1])
 
     def apply(self, pc: Any, x: Any, y: Any) -> None:
@@ -154,7 +159,7 @@ class PatchSweeps:
 
 
 def require_width(width: int | None, smoother: str) -> int:
-    """The unknowns of each part, or OptionError where they differ."""
+    """Return the number of unknowns per part, or raise OptionError if parts differ."""
     if width is None:
         raise OptionError(
             f"smoother {smoother!r} takes parts of one number of unknowns; theirs differ: take 'sor'"

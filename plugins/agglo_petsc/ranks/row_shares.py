@@ -1,7 +1,7 @@
-"""The share of a rank of a mesh and hierarchy that all ranks have whole: its rows, aggregates and patches.
+"""Share of a rank in a replicated mesh and hierarchy: its rows, aggregates and patches.
 
-Cells are numbered anew, rank by rank, by the agglomerates of the coarsest level: so every agglomerate of
-every level lies on one rank.
+Cells are renumbered, rank by rank, by the agglomerates of the coarsest level, so that every agglomerate on
+every level is on one rank.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from agglo_core.authoring import Int, Patches, frozen_int
 from agglo_petsc.levels.labels import nested_aggregates
 
 _PARTS_PER_RANK = 4
-"""A level of fewer parts is left out: whole parts go to ranks, whose shares would be too unequal."""
+"""Minimum number of parts per rank on a level: with fewer, shares of whole parts would be too unequal."""
 
 
 @dataclass(frozen=True, eq=False)
 class RowShare:
-    """What one rank has.
+    """Share of one rank.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class RowShare:
     order : (n_cells,) int
         All cells in the new order, by their old numbers.
     aggregates : list of (own parts,) int
-        As :func:`~agglo_petsc.levels.aggregates.aggregate_levels` takes them.
+        For :func:`~agglo_petsc.levels.aggregates.aggregate_levels`.
     """
 
     cells: Int
@@ -40,7 +40,7 @@ class RowShare:
     _rank: int
 
     def patches(self, level: int, whole: Patches) -> Patches:
-        """Those of the patches of a level that are this rank's: it owns their first part."""
+        """Return the patches of a level whose first part this rank owns."""
         parts = self._numbers[level][whole.parts]
         group = np.repeat(np.arange(len(whole)), np.diff(whole.offsets))
         least = np.full(len(whole), len(self._numbers[level]))
@@ -54,14 +54,14 @@ class RowShare:
 
 
 def usable_levels(labels: Sequence[Int], ranks: int) -> list[Int]:
-    """The levels with parts enough for all ranks, the first at any rate."""
+    """Return the levels with enough parts for all ranks, and in any case the first."""
     if ranks == 1:
         return list(labels)
     return [each for k, each in enumerate(labels) if k == 0 or int(each.max()) + 1 >= _PARTS_PER_RANK * ranks]
 
 
 def row_share(labels: Sequence[Int], n_cells: int, rank: int, ranks: int) -> RowShare:
-    """The share of ``rank`` of ``ranks``.
+    """Return the share of ``rank`` among ``ranks``.
 
     Parameters
     ----------
@@ -81,16 +81,19 @@ def row_share(labels: Sequence[Int], n_cells: int, rank: int, ranks: int) -> Row
     >>> share.cells.tolist(), [each.tolist() for each in share.aggregates]
     ([0, 1, 2, 3], [[1, 1, 0, 0]])
     """
+    # 1. Owner of each part, from the coarsest level down
     ups = nested_aggregates(labels)
     top = labels[-1] if len(labels) else np.arange(n_cells)
     sizes = np.bincount(top)
     owner = np.minimum((np.cumsum(sizes) - 0.5 * sizes) * ranks // n_cells, ranks - 1).astype(np.int64)
-    owners = [frozen_int(owner)]  # of the parts of each level, from the coarsest
+    owners = [frozen_int(owner)]  # owners of the parts, from the coarsest level
     for up in reversed(ups):
         owners.append(frozen_int(owners[-1][up]))
     owners.reverse()
+    # 2. Renumber the parts by owner
     orders = [np.argsort(each, kind="stable") for each in owners]
     numbers = [frozen_int(np.argsort(each)) for each in orders]
+    # 3. Own parts and their aggregates
     own = [order[owner[order] == rank] for order, owner in zip(orders, owners, strict=True)]
     aggregates = [frozen_int(numbers[k + 1][up[own[k]]]) for k, up in enumerate(ups)]
     return RowShare(frozen_int(own[0]), frozen_int(orders[0]), aggregates, numbers, owners, rank)

@@ -1,4 +1,4 @@
-"""Vertex patches of a distributed mesh: complete ones, each given by one rank."""
+"""Vertex patches of a distributed mesh: complete, each contributed by one rank."""
 
 from __future__ import annotations
 
@@ -11,49 +11,53 @@ from agglo_core.authoring import Int, Patches, distributed, frozen_int, multigri
 from agglo_petsc.ranks.border_plan import starts_of
 
 _MOST = 64
-"""Parts of a patch; a vertex where more meet has none, as on one rank."""
+"""Largest number of parts in a patch; vertices with more have none, as on one rank."""
 
 
 def patches_across(mesh: distributed.DistributedMesh, numbers: Int, bounds: Int) -> Patches:
-    """Patches around the vertices where parts meet; all ranks must call it.
+    """Return the patches around the vertices where parts meet. Collective.
 
-    They are those of :func:`agglo_core.multigrid.vertex_patches`, except that at the border of ranks vertices
-    that are close to one another do not share a patch.
+    They agree with :func:`agglo_core.multigrid.vertex_patches`, except that at rank borders close vertices
+    do not share a patch.
 
     Parameters
     ----------
     mesh : DistributedMesh
     numbers : (local.n_cells,) int
-        Global number of the part of each cell, ghosts too.
+        Global part number of each cell, including ghosts.
     bounds : (ranks + 1,) int
-        Rank r has the parts ``bounds[r]:bounds[r + 1]``; it gives the patches whose lowest part that is.
+        Rank r has the parts ``bounds[r]:bounds[r + 1]``, and contributes the patches with its parts as
+        lowest.
 
     Returns
     -------
     Patches
-        By global numbers of parts.
+        By global part numbers.
     """
     ranks = mesh.ranks
     if ranks.size == 1 and mesh.n_cells == len(np.unique(numbers)):
         return _numbered(multigrid.vertex_patches(mesh.local), numbers)
+    # 1. Patches inside, and pairs of points and parts at the borders
     with ranks.together():
         inside, border = _of_own_cells(mesh, numbers), _border_pairs(mesh, numbers)
         to = border[0] % ranks.size
         parcels = {rank: border[:, to == rank] for rank in np.unique(to).tolist()}
     arrived = ranks.exchanged(parcels)
+    # 2. Join them, and send each patch to the owner of its lowest part
     with ranks.together():
         pairs = np.concatenate([np.empty((2, 0), np.int64), *arrived.values()], axis=1)
         found = _joined([inside, _around_points(np.unique(pairs, axis=1))])
         owners = np.searchsorted(bounds, found.parts[found.offsets[:-1]], side="right") - 1
         given = {rank: _chosen(found, owners == rank) for rank in np.unique(owners).tolist()}
     found = _joined(list(ranks.exchanged(given).values()))
+    # 3. Sort, and remove contained patches
     with ranks.together():
         return _without_contained(_ascending(found))
 
 
 def _of_own_cells(mesh: distributed.DistributedMesh, numbers: Int) -> Patches:
-    """Patches of the parts of own cells, complete where all cells around a vertex are own."""
-    marked = 2 * np.asarray(numbers) + (mesh.owners != mesh.ranks.rank)  # ghosts apart from own cells
+    """Return the patches among own cells, complete if all cells around a vertex are own."""
+    marked = 2 * np.asarray(numbers) + (mesh.owners != mesh.ranks.rank)  # odd: ghosts
     if not len(marked):
         return _joined([])
     names, labels = np.unique(marked, return_inverse=True)
@@ -69,7 +73,7 @@ def _of_own_cells(mesh: distributed.DistributedMesh, numbers: Int) -> Patches:
 
 
 def _border_pairs(mesh: distributed.DistributedMesh, numbers: Int) -> Int:
-    """Points of faces between ranks, by global ids, with the parts of the own cells around each."""
+    """Return the points on rank borders, by global ids, with the parts of own cells around each."""
     local = mesh.local
     own = mesh.owners == mesh.ranks.rank
     between = (local.face_cells[:, 1] >= 0) & (own[local.face_cells].sum(axis=1) == 1)
@@ -82,25 +86,25 @@ def _border_pairs(mesh: distributed.DistributedMesh, numbers: Int) -> Int:
 
 
 def _around_points(pairs: Any) -> Patches:
-    """The parts at each point, of pairs that are sorted."""
+    """Return the parts at each point, from sorted pairs."""
     sizes = np.unique(pairs[0], return_counts=True)[1]
     return _chosen(Patches(starts_of(sizes), frozen_int(pairs[1])), (sizes > 1) & (sizes <= _MOST))
 
 
 def _ascending(patches: Patches) -> Patches:
-    """Parts of each patch by rising number, and patches part by part."""
+    """Sort the parts of each patch, and sort the patches."""
     sizes = np.diff(patches.offsets)
     group = np.repeat(np.arange(len(patches)), sizes)
     parts = patches.parts[np.lexsort((patches.parts, group))]
     table = np.full((len(sizes), int(sizes.max(initial=1))), -1)
     table[group, np.arange(len(parts)) - patches.offsets[group]] = parts
-    table = np.unique(table, axis=0)  # sorts them, too
+    table = np.unique(table, axis=0)  # also sorts
     inside = table >= 0
     return Patches(starts_of(inside.sum(axis=1)), frozen_int(table[inside]))
 
 
 def _without_contained(patches: Patches) -> Patches:
-    """Those of different patches that lie in no other."""
+    """Remove duplicate patches and patches contained in another."""
     sizes = np.diff(patches.offsets)
     columns = np.unique(patches.parts, return_inverse=True)[1]
     shape = (len(sizes), int(columns.max(initial=-1)) + 1)

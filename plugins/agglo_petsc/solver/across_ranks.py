@@ -1,4 +1,4 @@
-"""Diffusion on a distributed mesh: each rank assembles the rows of its own cells."""
+"""Solve diffusion on a distributed mesh: each rank assembles the rows of its own cells."""
 
 from __future__ import annotations
 
@@ -40,33 +40,33 @@ class AcrossRanks:
     Attributes
     ----------
     x : (n_own unknowns,) float
-        Coefficients of the cells of this rank, by rising global id.
+        Coefficients on the cells of this rank, by increasing global id.
     iterations : int
     residuals : (iterations + 1,) float
-        Relative, the same on all ranks.
+        Relative, equal on all ranks.
     converged : bool
     reason : str
-        How it ended.
+        Reason for the end of the iteration.
     unknowns : int
-        On all ranks.
+        Total number on all ranks.
     levels : int
-        How many levels there are, the mesh included.
+        Number of levels, including the mesh.
     sizes : sequence of (int, int)
-        Unknowns and stored entries of each level, finest first.
+        Numbers of unknowns and stored entries per level, finest first.
     relative_residual : float
-        True, in the 2-norm.
+        True residual, in the 2-norm.
     energy_error : float, optional
-        Estimate, relative.
+        Relative estimate.
     tests : sequence of str
-        Which are passed.
+        Passed tests.
     energy : float
-        The work of source and fluxes.
+        Work of source and fluxes.
     memory : int
         Bytes of matrices, prolongations and smoothers on all ranks.
     seconds : mapping
-        Of the slowest rank, by phase.
+        Time of the slowest rank, by phase.
     choice : str
-        What the levels are.
+        Description of the levels.
     """
 
     x: Float
@@ -94,7 +94,7 @@ class _Rows:
     b: Float
     load: Float
     near_null: Float
-    number: Int  # of each local cell, ghosts too
+    number: Int  # of each local cell, including ghosts
     width: int
 
 
@@ -109,32 +109,33 @@ def solve_across(
     petsc_options: str = "",
     registry: Registry | None = None,
 ) -> AcrossRanks:
-    """Solve −∇·(κ∇u) = f on a distributed mesh with PETSc's conjugate gradients and our levels; collective.
+    """Solve −∇·(κ∇u) = f on a distributed mesh with PETSc's conjugate gradients. Collective.
 
-    Each rank assembles the rows of its cells, with the sharp penalty. Levels are those of the hierarchy, also
-    those on fewer ranks: the others have no rows there. The coarsest is solved directly.
+    Each rank assembles the rows of its cells, with the sharp penalty. The preconditioner uses the levels of
+    the hierarchy, including levels on fewer ranks: other ranks have no rows there. The coarsest level is
+    solved directly.
 
     Parameters
     ----------
     problem : Diffusion
-        Data are numbers, functions, or given by tag; arrays of cells are not.
+        Data may be numbers, functions, or given by tag, but not arrays of cells.
     hierarchy : DistributedHierarchy
-        Of the mesh, nested.
+        A nested hierarchy of the mesh.
     degree : int
-        Of the polynomials in each cell.
+        Polynomial degree in each cell.
     tolerance, max_iterations
-        As for :func:`~agglo_petsc.ksp.checked_solve.solve`.
+        See :func:`~agglo_petsc.ksp.checked_solve.solve`.
     smoother, petsc_options
-        As for :func:`~agglo_petsc.ksp.pcmg.setup`.
+        See :func:`~agglo_petsc.ksp.pcmg.setup`.
     registry : Registry, optional
-        Where ``polydg_mg`` is looked up, whose discretisation this is; by default that of the program.
+        Registry for the discretisation of ``polydg_mg``; by default the program's.
 
     Raises
     ------
     OptionError
         If the hierarchy is not nested, or problem and mesh do not fit.
     RankError
-        For what fails on another rank.
+        For errors on another rank.
     """
     known = default() if registry is None else registry
     how = known.build("discretisation", "polydg", degree=degree)
@@ -156,13 +157,18 @@ def solved_across(
     levels: int | None = None,
     progress: Listener | None = None,
 ) -> AcrossRanks:
-    """As :func:`solve_across`, for any discretisation and options of :func:`~agglo_petsc.ksp.pcmg.setup`."""
+    """Solve like :func:`solve_across`, with any discretisation.
+
+    ``options`` are passed to :func:`~agglo_petsc.ksp.pcmg.setup`.
+    """
     mesh, PETSc, watch = hierarchy.mesh, petsc(), solvers.Stopwatch()
     if levels is not None and levels > len(hierarchy.levels) + 1:
         raise OptionError(f"levels = {levels} with the mesh; there are {len(hierarchy.levels) + 1}")
+    # 1. Assemble
     with watch("assemble"), phase(progress, "assembling"):
         rows = _assembled(problem, mesh, how, degree)
     comm = PETSc.Comm(mesh.ranks.comm)
+    # 2. Set up the levels
     with watch("setup"), phase(progress, "setting up the levels"):
         A = mat_from_rows(rows.A, comm, len(rows.b), (rows.width, rows.width))
         count = len(hierarchy.levels) if levels is None else levels - 1
@@ -173,6 +179,7 @@ def solved_across(
         ksp.setOperators(A)
         ksp.setType("cg")
         setup(ksp, found, **options)
+    # 3. Solve
     with watch("solve"), phase(progress, "solving"):
         history = solve(ksp, vector(A, rows.b), tolerance=tolerance, max_iterations=max_iterations)
     ranks, sizes = mesh.ranks, level_sizes(ksp)
@@ -200,8 +207,12 @@ def solved_across(
 def _assembled(
     problem: Diffusion, mesh: distributed.DistributedMesh, how: Discretisation, degree: int
 ) -> _Rows:
-    """Rows of own cells, assembled where ghosts have their neighbours, too: penalties look at both cells."""
+    """Assemble the rows of own cells.
+
+    A second ghost layer gives the ghosts their neighbours, too: penalties depend on both cells.
+    """
     ranks = mesh.ranks
+    # 1. Wider mesh, and global cell numbers
     wide, ids = distributed.with_second_layer(mesh)
     first = sum(ranks.gathered(len(mesh.own))[: ranks.rank])
     number = frozen_int(mesh.exchange(first + np.arange(len(mesh.own))))
@@ -210,13 +221,15 @@ def _assembled(
         own = mesh.global_ids[mesh.own]
         if not len(own):
             raise OptionError(f"rank {ranks.rank} has no cells: share the mesh out among fewer ranks")
+        # 2. Rows of own cells, with global columns
         system, cells = how.assemble(problem, wide), np.searchsorted(ids, own)
         width = int(system.block_offsets[1])
         entries = _unknowns(cells, width)
         A = sparse.csr_array(sparse.csr_array(system.A)[entries])
         place = np.full(len(ids), -1)
-        place[np.searchsorted(ids, mesh.global_ids)] = number  # rows of own cells reach no farther
+        place[np.searchsorted(ids, mesh.global_ids)] = number  # rows of own cells have no other columns
         columns = place[A.indices // width] * width + A.indices % width
+        # 3. Near-null vectors and loads
         fields = monomials(wide.dim, degree, mesh.local.origin, half)
         near = np.stack([how.project(wide, each)[entries] for each in fields], axis=1)
         shape = (len(entries), mesh.n_cells * width)
@@ -229,13 +242,13 @@ def _assembled(
 def _levels(
     A: Any, rows: _Rows, hierarchy: distributed.DistributedHierarchy, count: int, *, patches: bool
 ) -> PetscLevels:
-    """The finest levels, so many; their parts may lie on other ranks than the cells."""
+    """Build the ``count`` finest levels, with parts possibly on other ranks than their cells."""
     mesh = hierarchy.mesh
     rank = mesh.ranks.rank
     aggregates = [hierarchy.parents(k - 1) if k else hierarchy.levels[0] for k in range(count)]
     owned = [int(bounds[rank + 1] - bounds[rank]) for bounds in hierarchy.bounds[:count]]
     found = None
-    if patches and mesh.local.dim == 2:  # in space their matrices are large
+    if patches and mesh.local.dim == 2:  # in 3-D their matrices are large
         numbers = [rows.number, *(frozen_int(mesh.exchange(each)) for each in hierarchy.levels[: count - 1])]
         cells = np.concatenate(([0], np.cumsum(mesh.ranks.gathered(len(mesh.own)))))
         bounds = [frozen_int(cells), *hierarchy.bounds[: count - 1]]

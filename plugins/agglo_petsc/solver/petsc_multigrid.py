@@ -1,4 +1,4 @@
-"""The solver ``petsc_mg``: a problem by PETSc, preconditioned by PCMG on agglomerates."""
+"""The solver ``petsc_mg``: PETSc's Krylov solver preconditioned by PCMG on agglomerates."""
 
 from __future__ import annotations
 
@@ -51,43 +51,45 @@ _OURS = {
     "ksp_norm_type": "tolerance",
     "ksp_max_it": "max_iterations",
 }
-"""Options of PETSc that this solver has its own word for."""
+"""PETSc options with a corresponding option in this solver."""
 
 
 class PetscMultigrid:
-    """Conjugate gradients of PETSc, preconditioned by its multigrid ``PCMG`` on our levels.
+    """Solve by PETSc's conjugate gradients, preconditioned by its multigrid ``PCMG`` on agglo levels.
 
-    Prolongations are made here and coarse matrices by PETSc, as Galerkin products. Of a diffusion problem the
-    coarse functions are polynomials on the agglomerates, smoothed by a step of block Jacobi. Converged is
-    said when the true residual and an estimate of the energy error are ``tolerance`` or less.
+    Agglo builds the prolongations, and PETSc the coarse matrices, as Galerkin products. For a diffusion
+    problem the coarse functions are polynomials on the agglomerates, smoothed by a block Jacobi step. The
+    solution counts as converged if the true residual and an estimate of the energy error are at most
+    ``tolerance``.
 
     Parameters
     ----------
     degree : int
-        Of the polynomials, 1..6.
+        Polynomial degree, 1..6.
     tolerance : float
     max_iterations : int
     smoother : "auto", "sweeps", "patches", "blocks" or "sor"
-        Our sweeps through vertex patches (in 3-D part by part); the same patches all at once by PETSc's
-        ``PCASM``, its block Jacobi, or its SOR, these under Chebyshev's iteration.
+        Agglo's sweeps through vertex patches (in 3-D part by part); these patches with PETSc's ``PCASM``,
+        its block Jacobi, or its SOR, the last three with Chebyshev's iteration.
     coarsening : "auto", "agglomerates" or "matrix"
-        Of linear systems ``auto`` is ``matrix`` on one rank: aggregates of strongly coupled parts, in which
-        agglomerates are kept as far as they suit the matrix.
+        For linear systems on one rank ``auto`` is ``matrix``: aggregates of strongly coupled parts, which
+        keep agglomerates as far as they suit the matrix.
     coarse_solver : "auto", "lu", "mumps", "superlu_dist" or "redundant"
     cycle : "V" or "W"
     levels : int, optional
-        How many of mesh, level 0, 1, … to use; by default all. For a diffusion problem without levels some
-        of 8 cells to an agglomerate are made.
+        Number of levels to use from mesh, level 0, 1, …; by default all. For a diffusion problem without
+        levels, agglomerates with 8 cells each are made.
     penalty : float, "paper" or "sharp"
-        Of the jumps of PolyDG.
+        Jump penalty of PolyDG.
     ranks : "one" or "world"
-        Whether this process solves alone; or all processes of the program together, each of which calls
-        ``solve`` with the same problem and hierarchy, has the rows of some cells, and gets all of x.
+        Whether this process solves alone, or all processes of the program together. In the latter case each
+        process calls ``solve`` with equal problem and hierarchy, has the rows of some cells, and receives
+        the whole x.
     petsc_options : str or mapping
-        PETSc's own options, such as ``"-mg_levels_ksp_max_it 3 -ksp_monitor"``; one that nothing uses is an
+        PETSc's own options, for example ``"-mg_levels_ksp_max_it 3 -ksp_monitor"``; an unused option is an
         error.
     registry : Registry, optional
-        Where ``polydg_mg`` is looked up, whose discretisation this is; by default that of the program.
+        Registry for the discretisation of ``polydg_mg``; by default the program's.
 
     Raises
     ------
@@ -139,18 +141,22 @@ class PetscMultigrid:
         self.petsc_options = _options(petsc_options)
 
     def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
-        """Solve; ``converged`` and ``reason`` say how it ended, ``choice`` what the levels are.
+        """Solve a problem on a hierarchy.
+
+        ``converged`` and ``reason`` of the solution state the outcome, ``choice`` describes the levels.
 
         Raises
         ------
         OptionError
             If problem, hierarchy and options do not fit, or data are not finite.
         MeshError
-            For a mesh of cells that overlap themselves.
+            For a mesh with self-overlapping cells.
         """
+        # 1. Assemble
         watch, comm = solvers.Stopwatch(), self._comm()
         with watch("assemble"), phase(progress, "assembling"):
             system = posed(problem, hierarchy, self.discretisation, self.degree, self.levels)
+        # 2. Set up the levels
         try:
             with watch("setup"), phase(progress, "setting up the levels"):
                 there, ksp = self._set_up(system, comm)
@@ -158,6 +164,7 @@ class PetscMultigrid:
             return solution_of(
                 system, solvers.unsolved(system.b, str(failure)), [(system.A, None)], watch, self.tolerance
             )
+        # 3. Solve
         with watch("solve"), phase(progress, "solving"):
             measure = system.measure
             history = solve(
@@ -184,12 +191,13 @@ class PetscMultigrid:
         hierarchy: distributed.DistributedHierarchy,
         progress: Listener | None = None,
     ) -> AcrossRanks:
-        """Solve on a mesh of which each rank has its own cells; all ranks call it together.
+        """Solve on a mesh distributed over ranks. Collective.
 
         Raises
         ------
         OptionError
-            As :func:`~agglo_petsc.solver.across_ranks.solve_across`; for a problem that is no ``Diffusion``.
+            See :func:`~agglo_petsc.solver.across_ranks.solve_across`; also for a problem other than
+            ``Diffusion``.
         """
         if not isinstance(problem, Diffusion):
             raise OptionError(f"a {problem.kind} problem cannot be had of a mesh that lies on several ranks")
@@ -213,14 +221,14 @@ class PetscMultigrid:
         )
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:
-        """One cycle ``(n, n)``, symmetric.
+        """Return one cycle ``(n, n)``, symmetric.
 
         Raises
         ------
         OptionError
-            As :meth:`solve`, if the matrix is not positive definite, or on several ranks.
+            See :meth:`solve`; also if the matrix is not positive definite, or on several ranks.
         MeshError
-            As :meth:`solve`.
+            See :meth:`solve`.
         """
         comm = self._comm()
         if comm.getSize() > 1:
@@ -246,7 +254,7 @@ class PetscMultigrid:
         return PETSc.COMM_SELF if self.ranks == "one" else PETSc.COMM_WORLD
 
     def _set_up(self, system: PosedSystem, comm: Any) -> tuple[SystemOnRanks, Any]:
-        """The system on its ranks, and a ``KSP`` ready for it."""
+        """Return the distributed system, and a ``KSP`` set up for it."""
         there, ksp = on_ranks(system, comm, self.coarsening, self.smoother), petsc().KSP().create(comm)
         ksp.setOptionsPrefix(f"agglo_petsc_mg_{next(_SOLVES)}_")
         ksp.setOperators(there.A)
@@ -267,7 +275,7 @@ class PetscMultigrid:
 
 
 _SOLVES = count()
-"""Numbers of solvers, so that no two have one prefix of options."""
+"""Counter for unique PETSc option prefixes."""
 
 
 def _whole(value: Any, least: int) -> bool:
@@ -275,7 +283,7 @@ def _whole(value: Any, least: int) -> bool:
 
 
 def _options(given: str | Mapping[str, Any]) -> dict[str, str]:
-    """PETSc's options, without those that this solver has an option of its own for."""
+    """Parse PETSc options, and refuse options that correspond to a solver option."""
     found = parsed_options(given)
     for theirs, ours in _OURS.items():
         if theirs in found:

@@ -1,4 +1,4 @@
-"""Problems as PETSc gets them: matrix, right-hand side, near-null vectors, and labels of levels."""
+"""Prepare problems for PETSc: matrix, right-hand side, near-null vectors, level labels."""
 
 from __future__ import annotations
 
@@ -31,23 +31,23 @@ from agglo_core.authoring import (
 from agglo_petsc.levels.polynomials import monomials
 
 _CELLS_PER_PART: Final = 8
-"""Of levels made here: of the first, and parts of each to one of the next."""
+"""Cells per part on the first default level, and parts per part on the next."""
 _FEWEST: Final = 60
-"""Parts of the coarsest of these."""
+"""Smallest number of parts on the coarsest default level."""
 
 
 @dataclass(frozen=True, eq=False)
 class PosedSystem:
-    """A x = b, and what levels can be made of.
+    """A system A x = b, with data to build levels.
 
     Attributes
     ----------
     A : (n, n) csr
     b : (n,) float
-        ``factor`` times the right-hand side: a power of two, 1 where squares do not under- or overflow.
+        ``factor`` times the right-hand side: a power of two, 1 unless squares under- or overflow.
     offsets : (n_cells + 1,) int
     measure : callable
-        Of residuals of b.
+        Measures residuals of b.
     labels : list of (n_cells,) int
     near_null : (n, k) float, optional
     mesh : Mesh, optional
@@ -66,15 +66,15 @@ class PosedSystem:
 def posed(
     problem: Problem, hierarchy: Hierarchy, how: Discretisation, degree: int, levels: int | None
 ) -> PosedSystem:
-    """A problem on the mesh of a hierarchy.
+    """Prepare a problem on the mesh of a hierarchy.
 
     Raises
     ------
     OptionError
-        If they do not fit, or values are not finite; as ``how`` and
-        :func:`~agglo_core.problems.linear.symmetric_system` raise it.
+        If they do not fit, or values are not finite; see also ``how`` and
+        :func:`~agglo_core.problems.linear.symmetric_system`.
     MeshError
-        As ``how`` raises it.
+        See ``how``.
     """
     if isinstance(problem, Diffusion):
         return _discretised(problem, hierarchy, how, degree, levels)
@@ -128,14 +128,14 @@ def _given(problem: Linear, hierarchy: Hierarchy, levels: int | None) -> PosedSy
 
 
 def _chosen(hierarchy: Hierarchy, levels: int | None) -> list[Int]:
-    """Labels of the levels, as many as are asked for with the mesh."""
+    """Return the labels for the requested number of levels, the mesh included."""
     if levels is not None and levels > len(hierarchy.levels) + 1:
         raise OptionError(f"levels = {levels} with the mesh; there are {len(hierarchy.levels) + 1}")
     return list(hierarchy.levels)[: None if levels is None else levels - 1]
 
 
 def _made(hierarchy: Hierarchy, levels: int | None) -> list[Int]:
-    """Levels for a hierarchy without any: of 8 cells to a part, and 8 parts to one of the next."""
+    """Build default levels, with 8 cells per part, and 8 parts per part on the next level."""
     n, sizes = hierarchy.graph.n, list[int]()
     while n // _CELLS_PER_PART ** (len(sizes) + 1) >= _FEWEST:
         sizes.append(_CELLS_PER_PART ** (len(sizes) + 1))
@@ -151,12 +151,12 @@ def _made(hierarchy: Hierarchy, levels: int | None) -> list[Int]:
 def solution_of(
     system: PosedSystem, history: History, operators: Any, watch: solvers.Stopwatch, tolerance: float
 ) -> Solution:
-    """The solution of the problem that a history leads to; ``watch`` has timed its phases.
+    """Return the solution for a history, with phase times from ``watch``.
 
     Raises
     ------
     OptionError
-        If it is beyond what floating-point numbers hold.
+        If it exceeds the floating-point range.
     """
     return Solution(
         x=solvers.unscaled(history.x, system.factor),

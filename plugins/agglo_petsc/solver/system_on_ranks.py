@@ -1,4 +1,4 @@
-"""A system on the ranks of a communicator, and its levels: on agglomerates, or from the matrix."""
+"""Distribute a system over the ranks of a communicator, and build its levels."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ COARSENINGS: Final = ("auto", "agglomerates", "matrix")
 
 @dataclass(frozen=True, eq=False)
 class SystemOnRanks:
-    """Matrix and right-hand side of PETSc, and levels; ``rows (n,)`` are the old numbers of all its rows."""
+    """PETSc matrix, right-hand side and levels, with the old numbers ``rows (n,)``."""
 
     A: Any
     b: Any
@@ -29,33 +29,36 @@ class SystemOnRanks:
     choice: str
 
     def gathered(self, own: Float) -> Float:
-        """A vector ``(n,)`` in the old order on all ranks, from the entries of each."""
+        """Gather a vector ``(n,)`` in the old order on all ranks, from the entries of each."""
         whole = np.empty(len(self.rows))
         whole[self.rows] = np.concatenate(self.A.getComm().tompi4py().allgather(own))
         return frozen_float(whole)
 
 
 def on_ranks(system: PosedSystem, comm: Any, coarsening: Coarsening, smoother: Smoother) -> SystemOnRanks:
-    """Divide a system that all ranks have among them, and make its levels; collective.
+    """Distribute a replicated system over the ranks, and build its levels. Collective.
 
     Raises
     ------
     OptionError
-        If levels are not nested, or as
-        :func:`~agglo_petsc.levels.aggregates.aggregate_levels`; for levels of the matrix on several ranks.
+        If levels are not nested, or for matrix levels on several ranks; see also
+        :func:`~agglo_petsc.levels.aggregates.aggregate_levels`.
     """
+    # 1. Choose the levels and the cells of this rank
     rank, ranks = comm.getRank(), comm.getSize()
     from_matrix = coarsening == "matrix" or (coarsening == "auto" and system.mesh is None and ranks == 1)
     if from_matrix and ranks > 1:
         raise OptionError("coarsening 'matrix' is for one rank; on several take 'agglomerates'")
     labels = [] if from_matrix else usable_levels(system.labels, ranks)
     share = row_share(labels, len(system.offsets) - 1, rank, ranks)
+    # 2. Matrix and right-hand side
     own, rows = (_unknowns(system.offsets, cells) for cells in (share.cells, share.order))
     place = np.empty(len(rows), np.int64)
     place[rows] = np.arange(len(rows))
     width = _width(system.offsets)
     A = mat_from_rows(_renumbered(system.A[own], place), comm, len(own), (width or 1, width or 1))
     b = vector(A, frozen_float(system.b[own]))
+    # 3. Levels from the matrix, or from agglomerates
     if from_matrix:
         return SystemOnRanks(A, b, _from_matrix(system), rows, "levels from the matrix")
     near = None if system.near_null is None else system.near_null[own]
@@ -71,14 +74,14 @@ def on_ranks(system: PosedSystem, comm: Any, coarsening: Coarsening, smoother: S
 
 
 def _unknowns(offsets: Int, cells: Int) -> Int:
-    """The unknowns of some cells, one cell after the other."""
+    """Return the unknowns of some cells, cell by cell."""
     sizes = np.diff(offsets)[cells]
     first = np.concatenate(([0], np.cumsum(sizes)))
     return frozen_int(np.repeat(offsets[cells] - first[:-1], sizes) + np.arange(first[-1]))
 
 
 def _renumbered(rows: Any, place: Int) -> Any:
-    """Rows whose columns are in their new places."""
+    """Return the rows with renumbered columns."""
     found = rows.copy()
     found.indices = place[rows.indices].astype(rows.indices.dtype)
     found.has_sorted_indices = False
@@ -93,9 +96,9 @@ def _width(offsets: Int) -> int | None:
 def _patches(
     system: PosedSystem, labels: list[Int], share: RowShare, smoother: Smoother
 ) -> list[Patches | None] | None:
-    """Vertex patches of each level that is smoothed.
+    """Return the vertex patches of each smoothed level.
 
-    In space sweeps go part by part, unless patches are asked for: their matrices are large there.
+    In 3-D sweeps visit single parts, unless patches are requested: their matrices are large there.
     """
     mesh = system.mesh
     if mesh is None or smoother in ("blocks", "sor") or (mesh.dim == 3 and smoother != "patches"):
@@ -107,7 +110,7 @@ def _patches(
 
 
 def _from_matrix(system: PosedSystem) -> PetscLevels:
-    """Aggregates of strongly coupled parts, which are agglomerates as far as these suit the matrix."""
+    """Aggregate strongly coupled parts, keeping agglomerates as far as they suit the matrix."""
     stack = multigrid.aggregation_stack(
         system.A,
         labels=system.labels or None,
@@ -120,5 +123,5 @@ def _from_matrix(system: PosedSystem) -> PetscLevels:
 
 
 def _no_smoother(A: Any, block_offsets: Int, dtype: Any) -> Any:
-    """PETSc smooths."""
+    """Return None, because PETSc smooths."""
     return None
