@@ -1,6 +1,6 @@
-"""The conformance suite: tells the author of a component precisely what is wrong with it.
+"""Conformance suite: judge a component by the laws of its kind and report each failure with its remedy.
 
-Three fronts on the same laws::
+Three interfaces to the same laws::
 
     agglo check mine                                     # a table; exit code 3 if a law fails
 

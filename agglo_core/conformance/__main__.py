@@ -1,4 +1,4 @@
-"""``python -m agglo_core.conformance laws|compliance|formats``: write a page of the reference to stdout."""
+"""Write a reference page to stdout: ``python -m agglo_core.conformance laws|compliance|formats``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from agglo_core.conformance.engine.reference_pages import compliance_page, laws_
 
 
 def page(name: str) -> str:
-    """One of the pages, as Markdown."""
+    """Return the page of this name as Markdown."""
     if name == "laws":
         return laws_page()
     return compliance_page(own_results()) if name == "compliance" else f"{format_table()}\n"

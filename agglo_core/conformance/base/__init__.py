@@ -1,1 +1,1 @@
-"""Base of the laws: case, law, verdict, the component under test."""
+"""Base classes of the suite: case, law, verdict and the component under test."""

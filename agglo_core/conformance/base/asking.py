@@ -1,4 +1,4 @@
-"""Call a component of each kind in a case, as its protocol says and in no other way."""
+"""Call a component of any kind with the arguments of a case, exactly as its protocol specifies."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ from agglo_core.registry import KINDS
 
 
 def ask(kind: str, tool: Any, case: Case) -> Any:
-    """The unchecked answer; exceptions of the component pass through."""
+    """Return the unchecked answer of a component.
+
+    Exceptions of the component propagate.
+    """
     special: dict[str, Callable[..., Any]] = {
         "bisector": _sides,
         "format": _read_back,
@@ -34,14 +37,22 @@ def ask(kind: str, tool: Any, case: Case) -> Any:
     }
     if kind in special:
         return special[kind](tool, *case.given)
-    if kind == "sample":  # building it was the question
+    if kind == "sample":  # building the sample was the call under test
         return tool
     method = "example" if kind == "problem" else KINDS[kind].methods[0]
     return getattr(tool, method)(*case.given)
 
 
 def for_target(tool: Any, target: Target) -> Any:
-    """The bisector for a target; Broken if it is none. A target may be refused by an AggloError."""
+    """Return the bisector that ``for_target`` makes for a target.
+
+    Raises
+    ------
+    Broken
+        If the returned object is not a bisector.
+    AggloError
+        If the component refuses the target.
+    """
     told = tool.for_target(target)
     bisects = any(callable(getattr(told, name, None)) for name in ("bisect_level", "bisect"))
     if not bisects or isinstance(told, type):
@@ -53,9 +64,13 @@ def for_target(tool: Any, target: Target) -> Any:
 
 
 def _sides(tool: Any, graph: Graph, seeds: UInt64, target: Target | None = None) -> Any:
-    """Sides; labels of a direct partition where a target is given, or where it can do nothing else."""
+    """Return sides, or the labels of a direct partition.
+
+    A direct partition is requested if a target is given or if the component has no ``bisect`` method.
+    """
     if target is None and hasattr(tool, "bisect_level"):
         return tool.bisect_level(graph, seeds)
+    # Without bisect_level, call the component once per block and join the answers.
     blocks = [graph[b] for b in range(graph.n_blocks)] if graph.n_blocks > 1 else [graph]
     if target is None and hasattr(tool, "bisect"):
         answers = [
@@ -71,7 +86,10 @@ def _sides(tool: Any, graph: Graph, seeds: UInt64, target: Target | None = None)
 
 
 def _read_back(tool: Any, mesh: Mesh, suffix: str) -> Any:
-    """The mesh written to a file and read from it; an AggloError is only for what cannot be written."""
+    """Write a mesh to a temporary file and read it back.
+
+    Only ``write`` may raise an AggloError: the component must read its own files.
+    """
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"mesh{suffix}"
         tool.write(path, mesh)
@@ -92,7 +110,7 @@ def _solved_exactly(tool: Any, A: Any, b: Float) -> Any:
 
 
 def _solved(tool: Any, problem: Problem, hierarchy: Hierarchy) -> Any:
-    """As in ``agglo solve``, a solver that says what it accepts is asked for nothing else."""
+    """Solve a problem, unless ``accepts`` does not list its kind (as in ``agglo solve``)."""
     require_accepted(tool, problem)
     return tool.solve(problem, hierarchy)
 
@@ -103,7 +121,7 @@ def _assembled(tool: Any, problem: Problem, mesh: Mesh) -> Any:
 
 
 def _masks(tool: Any, mesh: Mesh, labels: Any) -> dict[str, Any]:
-    """What the constraint says of edges and parts, as far as it has the methods."""
+    """Return the masks of a constraint by method name, for the methods that it implements."""
     tool, graph = tool.for_mesh(mesh) if hasattr(tool, "for_mesh") else tool, mesh.graph
     arguments = {"forbidden": (graph,), "admissible": (graph, labels), "incomplete": (graph, labels)}
     return {

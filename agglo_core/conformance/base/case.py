@@ -1,4 +1,4 @@
-"""A case: one question to a component, that is one call with its arguments."""
+"""Test case: a single call to a component with its arguments."""
 
 from __future__ import annotations
 
@@ -14,14 +14,28 @@ from agglo_core.problems import Linear, MultigridLevel
 
 @dataclass(frozen=True)
 class Case:
-    """One question: its name and the arguments, as the method of the kind takes them.
+    """Name of a test case, and the arguments for the method of the component.
 
-    A bisector is given ``(graph, seeds)``, for a direct partition ``(graph, seeds, target)``, a refiner
-    ``(graph, labels, seeds, target)``, a fixer ``(graph, labels)``, a metric ``(mesh, labels)``, a solver
-    ``(problem, hierarchy)``, a discretisation ``(problem, mesh)``, a format ``(mesh, suffix)``, a problem
-    ``(mesh,)``, a smoother ``(level, b, x)``, a constraint ``(graph, labels)``, a section ``(mesh, runs)``, a
-    sample nothing; a transfer ``(coarsening,)``, a coarse operator ``(coarsening, P)``, a coarse solver ``(A,
-    b)``.
+    ================  =================================
+    kind              arguments
+    ================  =================================
+    bisector          ``(graph, seeds)``
+    direct partition  ``(graph, seeds, target)``
+    refiner           ``(graph, labels, seeds, target)``
+    fixer             ``(graph, labels)``
+    metric            ``(mesh, labels)``
+    solver            ``(problem, hierarchy)``
+    discretisation    ``(problem, mesh)``
+    format            ``(mesh, suffix)``
+    sample            none
+    problem           ``(mesh,)``
+    smoother          ``(level, b, x)``
+    transfer          ``(coarsening,)``
+    coarse operator   ``(coarsening, P)``
+    coarse solver     ``(A, b)``
+    constraint        ``(mesh, labels)``
+    section           ``(mesh, runs)``
+    ================  =================================
     """
 
     name: str
@@ -29,7 +43,7 @@ class Case:
 
     @property
     def size(self) -> int | None:
-        """How many values the answer has, if it is an array and the length is known."""
+        """Expected length of the answer, or None if unknown or not an array."""
         first = self.given[0]
         if isinstance(first, MultigridLevel):
             return len(self.given[1])
@@ -39,7 +53,11 @@ class Case:
 
     @property
     def sort(self) -> str:
-        """What may be refused as a whole: a sort of problem by a solver, otherwise this one question."""
+        """Category for refusals.
+
+        A component that refuses the first case of a category may refuse all its cases. Problems are grouped
+        by class, linear systems also by block size. Any other case is a category by itself.
+        """
         problem = self.given[0] if self.given else None
         if isinstance(problem, Mesh | Graph):
             return self.name

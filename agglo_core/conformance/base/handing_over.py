@@ -1,4 +1,4 @@
-"""A component in words, so that another process finds it again."""
+"""Describe a component as JSON data, so that another process can import it."""
 
 from __future__ import annotations
 
@@ -16,22 +16,23 @@ from agglo_core.registry.option_types import Text
 
 
 def environment() -> dict[str, str]:
-    """The environment of another process that imports what this one does."""
+    """Return environment variables for a child process with the import path of this process."""
     return os.environ | {"PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))}
 
 
 def task_of(subject: Subject) -> dict[str, Any]:
-    """What another process needs to find the component again.
+    """Describe a component for another process.
 
     Raises
     ------
     OptionError
-        If the component is an object, which no other process can have.
+        If the component is an object, which another process cannot import.
     """
     texts = [name for name, value in subject.options.items() if isinstance(value, Text)]
     task: dict[str, Any] = {"kind": subject.kind, "texts": texts}
     task |= {"options": dict(subject.options), "promises": dict(subject.declared)}
     task["thorough"] = subject.thorough
+    # Prefer the registered name, then the declaration, then the import path of the class.
     record, given = subject.record, subject.given
     if record is not None and record.component is not None:
         if record.distribution and subject.registry is None:
@@ -43,7 +44,7 @@ def task_of(subject: Subject) -> dict[str, Any]:
 
 
 def subject_from(task: Mapping[str, Any]) -> Subject:
-    """The component that :func:`task_of` described."""
+    """Return the component described by :func:`task_of`."""
     given: Any = task.get("name")
     if "component" in task:
         lists = {name: tuple(task["component"][name]) for name in ("requires", "suffixes")}

@@ -1,4 +1,4 @@
-"""Laws: plain functions of a subject that raise Broken with what is wrong and what to do."""
+"""Laws: functions of a subject that raise Broken with the fault and its remedy."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from agglo_core.registry import KINDS
 from agglo_core.registry.containment import PLUGIN_FAILURES
 
 ASKED: Final = tuple(kind for kind in KINDS if kind != "sample")
-"""Kinds whose components are asked questions; a sample answers when it is built, and never again."""
+"""Kinds whose components are called by the suite; a sample is only built."""
 
 
 @dataclass(frozen=True)
 class Law:
-    """A named requirement of components of some kinds.
+    """Named requirement for components of some kinds.
 
     Attributes
     ----------
     kinds : tuple of str
-        Kinds of component it holds for.
+        Kinds of component to which the law applies.
     promise : str or None
-        The promise that switches it on; None if it always holds.
+        Promise that switches the law on; None if the law always holds.
     when : callable or None
-        Further condition on the subject (a method it has, the name it has).
+        Further condition on the subject, for instance a method or a name.
     judge : callable
-        Raises :class:`Broken`; its docstring is the law in one sentence.
+        Raises :class:`Broken`; its docstring is the sentence of the law.
     """
 
     kinds: tuple[str, ...]
@@ -44,16 +44,16 @@ class Law:
 
     @property
     def sentence(self) -> str:
-        """The law in one sentence."""
+        """Statement of the law in one sentence."""
         return " ".join(cleandoc(self.judge.__doc__ or "").split())
 
     def applies(self, subject: Subject) -> bool:
-        """Whether it is to be judged at all."""
+        """Return True if the law must be judged for this subject."""
         if subject.kind not in self.kinds or (self.promise and subject.promised(self.promise) is None):
             return False
         try:
             return self.when is None or self.when(subject)
-        except (Broken, *PLUGIN_FAILURES):  # judging it says what is wrong
+        except (Broken, *PLUGIN_FAILURES):  # judging the law then reports the error
             return True
 
 

@@ -1,4 +1,4 @@
-"""Questions in arrays that the caller owns and may write to, and a look at them while a call is under way."""
+"""Arrays owned by the caller: writable copies, and detection of temporary changes during a call."""
 
 from __future__ import annotations
 
@@ -21,12 +21,15 @@ from agglo_core.registry import KINDS
 
 
 def in_own_arrays(case: Case) -> Case:
-    """The question with copies of its arrays, which may be written to; meshes and graphs are read-only."""
+    """Return the case with writable copies of its arrays.
+
+    Meshes and graphs stay read-only.
+    """
     return replace(case, given=tuple(map(_own, case.given)))
 
 
 def arrays_in(case: Case) -> list[NDArray[Any]]:
-    """The arrays of :func:`in_own_arrays` that may be written to, those of matrices too."""
+    """Return the writable arrays of a case, including the arrays of sparse matrices."""
     found: list[NDArray[Any]] = []
     for each in case.given:
         if isinstance(each, np.ndarray):
@@ -43,16 +46,17 @@ def _own(given: Any) -> Any:
 
 
 def home(kind: str, tool: Any) -> Path | None:
-    """The folder of the Python code that answers; None if that is compiled."""
+    """Return the folder of the component's Python module, or None for compiled code."""
     method = getattr(tool, KINDS[kind].methods[0])
     code = getattr(inspect.unwrap(getattr(method, "__func__", method)), "__code__", None)
     return None if code is None else Path(code.co_filename).parent
 
 
 def written_meanwhile(call: Callable[[], Any], folder: Path, watched: Sequence[NDArray[Any]]) -> int | None:
-    """The line of code in a folder before which one of the arrays is no longer as it was; None if none is.
+    """Return the first line number in ``folder`` at which a watched array has changed.
 
-    Whatever the call raises passes through.
+    The call runs in a traced thread, and the arrays are compared before each line in ``folder``. Return
+    None if the arrays never change. Exceptions of the call propagate.
     """
     before, found, failed = [each.copy() for each in watched], list[int](), list[BaseException]()
     inside: dict[str, bool] = {}

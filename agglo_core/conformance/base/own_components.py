@@ -1,4 +1,4 @@
-"""Components of the core that complete the runs of the suite, whatever else is registered."""
+"""Registry of built-in components for the runs of the suite, independent of installed plugins."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from agglo_core.registry import Registry
 
 @cache
 def own_components() -> Registry:
-    """A registry of the core's own components and nothing else."""
+    """Return a registry with only the built-in components."""
     registry = Registry()
     registry.register(builtin, "defaults", distribution="agglo")
     return registry

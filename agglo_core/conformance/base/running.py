@@ -1,4 +1,7 @@
-"""Runs with a component as users start them: by its name where it has one, by count and by size."""
+"""Complete agglomeration runs with the component under test, by number of parts and by size.
+
+A registered component is passed by name, as users do.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,10 @@ _TARGETS: Sequence[Mapping[str, Any]] = ({"n_parts": (9, 4)}, {"h_factor": (2.0,
 
 
 def runs_with(subject: Subject) -> Iterator[tuple[str, Hierarchy]]:
-    """What was asked, and the hierarchy that came of it; errors of the run pass through."""
+    """Yield a description and the hierarchy of each run.
+
+    Exceptions of the run propagate.
+    """
     from agglo_core.agglomeration.one_call import agglomerate
 
     choice, registry = _chosen(subject)
@@ -35,7 +41,7 @@ def runs_with(subject: Subject) -> Iterator[tuple[str, Hierarchy]]:
 
 
 def runs_both_ways(subject: Subject) -> Iterator[tuple[str, Hierarchy, Hierarchy]]:
-    """What was asked of a bisector that grows, and the hierarchies by its own growth and depth by depth."""
+    """Yield a description and two hierarchies: with the ``grow`` method of a bisector, and depth by depth."""
     from agglo_core.agglomeration.one_call import agglomerate
 
     own = own_components()
@@ -52,12 +58,12 @@ def runs_both_ways(subject: Subject) -> Iterator[tuple[str, Hierarchy, Hierarchy
 
 @dataclass(frozen=True)
 class _DepthByDepth:
-    """A bisector without what it offers besides its splits."""
+    """Bisector reduced to its splits, without optional methods such as ``grow``."""
 
     tool: Any
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Any:
-        """Sides ``(n,)`` as the bisector gives them."""
+        """Return the sides ``(n,)`` of the wrapped bisector."""
         if callable(getattr(self.tool, "bisect_level", None)):
             return self.tool.bisect_level(level, seeds)
         return bisect_by_block(self.tool, level, seeds)
@@ -69,7 +75,10 @@ def _meshes(subject: Subject) -> list[Mesh]:
 
 
 def _roles(subject: Subject, choice: Any) -> list[dict[str, Any]]:
-    """The arguments of the runs: a bisector by all its methods, a refiner at both of its places."""
+    """Return the keyword arguments of each run.
+
+    A bisector is run with all its methods, a refiner as both ``refiners`` and ``post_refiners``.
+    """
     own = own_components()
     beside = {
         "bisector": own.build("bisector", "inertial"),
@@ -88,7 +97,7 @@ def _roles(subject: Subject, choice: Any) -> list[dict[str, Any]]:
 
 @dataclass(frozen=True)
 class _Declares:
-    """A plugin with some components."""
+    """Plugin that declares the given components."""
 
     components: Sequence[Component]
 
@@ -98,7 +107,7 @@ class _Declares:
 
 
 def _chosen(subject: Subject) -> tuple[Any, Registry]:
-    """What stands for the component in a run, and the registry where its name and fallback are found."""
+    """Return the component as an argument of ``agglomerate``, and a registry with its name and fallback."""
     record = subject.record
     if record is None or record.component is None:
         return subject.build(), own_components()
@@ -115,7 +124,7 @@ def _registered(record: Record, name: str, registry: Registry) -> bool:
 
 
 def _with(record: Record) -> Registry:
-    """agglo's own components and the declared one, which nobody has registered."""
+    """Return a registry with the built-in components and an unregistered declaration."""
     registry = Registry()
     registry.register(builtin, "defaults", distribution="agglo")
     declared = [] if record.component is None else [record.component]

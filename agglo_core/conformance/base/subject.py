@@ -1,4 +1,4 @@
-"""The component under test: where it comes from, what it promises, how it is built."""
+"""Component under test: its origin, promises, options and construction."""
 
 from __future__ import annotations
 
@@ -21,31 +21,32 @@ from agglo_core.registry.records import unusable
 
 @dataclass(frozen=True)
 class Subject:
-    """A component under test.
+    """Component under test.
 
     Attributes
     ----------
+    kind, title : str
+        Kind of component, and its description for messages.
     record : Record or None
-        Its declaration; None for a bare class or object.
+        Declaration; None for a bare class or object.
     given : class or object, optional
-        What was handed over instead of a declaration.
+        Class or object under test if there is no declaration.
     options : mapping
-        With which it is built.
+        Options of the constructor.
     declared : mapping
         Promises.
     registry : Registry, optional
-        Where names are looked up; by default the installed plugins.
+        Registry for names; by default the installed plugins.
     refused : dict
-        Which questions it refused, as far as that was asked: some formats take a second to answer one.
+        Cache of refused cases, because some formats take a second per case.
     thorough : bool
-        Whether the laws that take their time are asked too.
+        Judge slow laws as well.
     pace : list
-        Whether it is too slow for large questions (see :mod:`agglo_core.conformance.inputs.speed`), once
-        asked.
+        Cached result of the speed measurement (see :mod:`agglo_core.conformance.inputs.speed`).
     disturbed : list of str
-        Settings of the process that building it changed, as far as it has been built.
+        Process settings changed by building the component.
     told : Target, optional
-        Of a bisector: what is judged is what its ``for_target`` returns for this.
+        If set, the bisector under test is the result of ``for_target`` for this target.
     """
 
     kind: str
@@ -62,7 +63,13 @@ class Subject:
     told: Target | None = None
 
     def build(self) -> Any:
-        """A fresh object (the given one, if an object was handed over), or :class:`Broken`."""
+        """Build a new object, or return the given object.
+
+        Raises
+        ------
+        Broken
+            If the component cannot be built.
+        """
         try:
             tool = self.make()
         except PLUGIN_FAILURES as error:
@@ -70,9 +77,10 @@ class Subject:
         return tool if self.told is None else for_target(tool, self.told)
 
     def make(self, **more: Any) -> Any:
-        """A fresh object with further options; whatever its constructor raises passes through.
+        """Build a new object with additional options.
 
-        The class itself for a kind of problem, which is made from tables and meshes, not by options.
+        Exceptions of the constructor propagate. A class of problems is returned itself: problems are made
+        from tables and meshes, not from options.
         """
         if self._is_class_of_problems:
             return self.target
@@ -84,29 +92,31 @@ class Subject:
         return self.given(**self.options, **more, **handed)
 
     def problem(self, kind: str) -> Any:
-        """The kind of problem of that name: a class, or what a factory made."""
+        """Return the kind of problem of this name: a class, or the result of a factory."""
         return Subject("problem", kind, self.lookup.record("problem", kind), registry=self.registry).make()
 
     def metric(self, name: str) -> Any:
-        """The metric of that name; None if there is none."""
+        """Return the metric of this name, or None."""
         known = {record.name for record in self.lookup.list() if record.kind == "metric"}
         return self.lookup.build("metric", name) if name.rpartition("/")[2] in known else None
 
     @property
     def takes_options(self) -> bool:
-        """Whether it is made by a call with options: not an object, nor a class of problems."""
+        """Return True if the component is built by a call with options, unlike objects and classes of
+        problems.
+        """
         if self._is_class_of_problems:
             return False
         return self.record is not None or isinstance(self.given, type) or self.kind == "sample"
 
     @property
     def target(self) -> Any:
-        """What is called to build it: a class or a function, or the object that was handed over."""
+        """Class, function or object that represents the component."""
         return resolve(self.record) if self.record is not None else self.given
 
     @property
     def lookup(self) -> Registry:
-        """Where names are looked up."""
+        """Registry used for names."""
         return default() if self.registry is None else self.registry
 
     @property
@@ -115,32 +125,35 @@ class Subject:
 
     @property
     def name(self) -> str:
-        """Declared name; empty if there is no declaration."""
+        """Declared name, or an empty string."""
         return self.record.name if self.record else ""
 
     @property
     def fallback(self) -> str | None:
-        """The bisector used where this one leaves a side empty."""
+        """Name of the bisector used if this bisector leaves a side empty."""
         return self.record.component.fallback if self.record and self.record.component else None
 
     @property
     def suffixes(self) -> Any:
-        """Suffixes of a format: as declared, or else the attribute of its objects."""
+        """Suffixes of a format: the declared suffixes, else the attribute of its objects."""
         declared = self.record.component.suffixes if self.record and self.record.component else ()
         return declared or getattr(self.build(), "suffixes", ())
 
     def promised(self, promise: str) -> bool | float | None:
-        """Value of a promise; None if it is not made (or made as False)."""
+        """Return the value of a promise, or None if the promise is missing or False."""
         value = self.declared.get(promise)
         return None if value is False else value
 
     @property
     def partitions(self) -> bool:
-        """Whether it is a bisector that makes direct partitions."""
+        """Return True for a bisector with direct partitions."""
         return self.kind == "bisector" and self.has("partition")
 
     def has(self, method: str) -> bool:
-        """Whether its objects have this method; True if none can be built, for that is found elsewhere."""
+        """Return True if the objects have this method, or if no object can be built.
+
+        Another law reports a component that cannot be built.
+        """
         try:
             return callable(getattr(self.build(), method, None))
         except Broken:
@@ -155,14 +168,14 @@ def subject_of(
     promises: Mapping[str, bool | float] | None = None,
     registry: Registry | None = None,
 ) -> Subject:
-    """Subject from a name (``"mine"``, ``"bisector:mine"``), a declaration, a class or an object.
+    """Make a subject from a name (``"mine"``, ``"bisector:mine"``), a declaration, a class or an object.
 
     Raises
     ------
     PluginError
-        If no component has that name, or the one that has cannot be used.
+        If no component has this name, or if the component cannot be used.
     OptionError
-        If the kind cannot be told.
+        If the kind is unknown or ambiguous, or options are given for an object.
     """
     chosen = dict(options or {})
     if isinstance(component, str):
@@ -182,13 +195,15 @@ def subject_of(
 
 
 def find(text: str, kind: str | None = None, registry: Registry | None = None) -> Record:
-    """Record of ``"name"``, ``"plugin/name"`` or either after ``"kind:"``."""
+    """Return the record for ``"name"`` or ``"plugin/name"``, with an optional prefix ``"kind:"``."""
     known = default() if registry is None else registry
+    # An explicit kind decides.
     before, colon, after = text.partition(":")
     if colon:
         return known.record(before, after)
     if kind:
         return known.record(kind, text)
+    # Otherwise the name must belong to a single kind.
     plain = text.rpartition("/")[2]
     kinds = sorted({record.kind for record in known.list() if record.name == plain} & set(KINDS))
     if len(kinds) == 1:
@@ -196,7 +211,7 @@ def find(text: str, kind: str | None = None, registry: Registry | None = None) -
     if kinds:
         raise OptionError(f"{text!r} is the name of a {' and a '.join(kinds)}: say {kinds[0]}:{text}")
     broken = [record for record in known.list() if record.name == plain and record.state == "broken"]
-    if broken:  # of a kind that does not exist
+    if broken:  # a component of an unknown kind
         raise PluginError(f"{describe(broken[0])} cannot be used: {unusable(broken[0])}")
     names = ", ".join(sorted({record.name for record in known.list() if record.kind in KINDS}))
     failed = "; ".join(f"{describe(r)}: {r.reason}" for r in known.list() if r.kind == "plugin")

@@ -1,4 +1,4 @@
-"""Settings of the process that no component may change, recorded before and after it is called."""
+"""Process settings that components must not change, recorded before and after each call."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ import numpy as np
 
 @dataclass(frozen=True)
 class _Setting:
-    """A setting: how to read it and, where that can be done, how to put it back."""
+    """Process setting with its getter and, where possible, its setter."""
 
     read: Callable[[], Any]
     write: Callable[[Any], object] | None = None
-    by_imports: bool = False  # whether a library may change it when it is imported
+    by_imports: bool = False  # imported libraries may change the setting
 
 
 def _set_environment(values: Mapping[str, str]) -> None:
@@ -44,7 +44,7 @@ def _handlers() -> dict[int, str]:
 
 
 def _builtins() -> dict[str, int]:
-    return {name: id(value) for name, value in vars(builtins).items() if name != "_"}  # _ is the prompt's
+    return {name: id(value) for name, value in vars(builtins).items() if name != "_"}  # set by the prompt
 
 
 def _logging() -> list[Any]:
@@ -97,14 +97,17 @@ _SETTINGS: Mapping[str, _Setting] = {
 
 
 class Snapshot:
-    """The settings of the process at one moment."""
+    """Values of all process settings at one moment."""
 
     def __init__(self) -> None:
         self._values = {name: setting.read() for name, setting in _SETTINGS.items()}
         self._modules = len(sys.modules)
 
     def changed(self) -> list[str]:
-        """Names of the settings that differ now, less those that modules imported since may have changed."""
+        """List the settings that differ now.
+
+        If modules were imported since the snapshot, settings that imports may change are excluded.
+        """
         imported = len(sys.modules) > self._modules
         return [
             name
@@ -113,7 +116,7 @@ class Snapshot:
         ]
 
     def restore(self) -> None:
-        """Put back what can be put back."""
+        """Restore every setting that can be written."""
         for name, setting in _SETTINGS.items():
             if setting.write is not None and setting.read() != self._values[name]:
                 setting.write(self._values[name])
@@ -121,7 +124,10 @@ class Snapshot:
 
 @contextmanager
 def elsewhere() -> Iterator[Path]:
-    """An empty current folder, as the system calls it."""
+    """Change to an empty temporary folder.
+
+    Yields the path as reported by the system, without symbolic links.
+    """
     before = os.getcwd()
     with TemporaryDirectory() as folder:
         os.chdir(folder)
@@ -133,7 +139,10 @@ def elsewhere() -> Iterator[Path]:
 
 @contextmanager
 def stdout_of_process() -> Iterator[Callable[[], bytes]]:
-    """Catch what is written to file descriptor 1, by compiled code too; yields what returns it."""
+    """Capture file descriptor 1, including output of compiled code.
+
+    Yields a function that returns the captured bytes.
+    """
     sys.stdout.flush()
     _flush_c()
     kept = os.dup(1)
@@ -155,6 +164,6 @@ def stdout_of_process() -> Iterator[Callable[[], bytes]]:
 
 
 def _flush_c() -> None:
-    """Write out what compiled code has printed and C still holds back."""
-    with suppress(OSError, AttributeError, TypeError):  # TypeError: where the program itself is no library
+    """Flush the output buffers of the C library."""
+    with suppress(OSError, AttributeError, TypeError):  # TypeError: the main program is no library
         ctypes.CDLL(None).fflush(None)

@@ -1,10 +1,13 @@
-"""The exception raised by a law that a component breaks."""
+"""Exception for a broken law."""
 
 from __future__ import annotations
 
 
 class Broken(Exception):
-    """A law that does not hold; the message says what was found and what to do about it."""
+    """Violation of a law.
+
+    The message states the fault and its remedy.
+    """
 
 
 def require(holds: object, message: str) -> None:

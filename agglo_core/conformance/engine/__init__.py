@@ -1,1 +1,1 @@
-"""Running laws and judging by them: in processes of their own, in pytest, for the documentation."""
+"""Run laws and collect results, in child processes, in pytest and for the reference pages."""

@@ -1,4 +1,4 @@
-"""Notice when numba compiles or loads kernels: that time is not charged to a component."""
+"""Report when numba compiles or loads kernels, so that this time is not charged to a component."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ from numba.core.event import Listener, register
 
 
 def tell_of_compilation(say: Callable[[bool], None]) -> None:
-    """Call ``say(True)`` when numba begins to compile or load kernels, ``say(False)`` when it has done so."""
+    """Call a function with True when numba starts to compile, and with False when numba is done.
+
+    Loading cached kernels counts as well.
+    """
     register("numba:compiler_lock", _Compilation(say))  # type: ignore[no-untyped-call]
 
 
@@ -17,13 +20,13 @@ class _Compilation(Listener):
         self.say, self.depth = say, 0
 
     def on_start(self, event: object) -> None:
-        """Called by numba, inside other such calls too."""
+        """Count a started compilation, as numba nests these events."""
         self.depth += 1
         if self.depth == 1:
             self.say(True)
 
     def on_end(self, event: object) -> None:
-        """Called by numba."""
+        """End a compilation."""
         self.depth -= 1
         if self.depth == 0:
             self.say(False)

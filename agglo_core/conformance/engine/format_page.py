@@ -1,4 +1,7 @@
-"""Table of formats: what each holds, refuses and loses when small meshes are written and read back."""
+"""Table of file formats, measured by writing and reading small meshes.
+
+The table shows for each format the supported cells, tags and labels, and losses or refusals.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ BEGIN = "<!-- written by `python -m agglo_core.conformance formats` -->"
 END = "<!-- end of what is written -->"
 
 FOREIGN = (".vtk", ".msh", ".avs", ".mesh", ".su2")
-"""Of the many suffixes of meshlane those that have a row of their own."""
+"""Suffixes of meshlane with an own row in the table."""
 
 _ARRAYS = ("points", "face_offsets", "face_vertices", "face_cells")
 _NAME = "a name, 50 %"
@@ -39,26 +42,29 @@ _RICH = (
     "holes",
     "polyhedra",
     "polygons",
-)  # which one tags are tried with
+)  # in increasing order of priority: tags are tried with the last supported shape
 _COLUMNS = ("lossless", "plane cells", "holes", "solid cells", "digits", "numbering", "cell tags", "any name",
             "outer faces", "inner faces", "labels", "targets", "coarse meshes")  # fmt: skip
 
 
 def format_names() -> list[tuple[str, str]]:
-    """Name and first suffix of each of agglo's own formats, those of meshlane one by one."""
+    """List each built-in format with its first suffix.
+
+    Meshlane has a row per suffix in :data:`FOREIGN`.
+    """
     own = [record.name for record in own_components().list() if record.kind == "format"]
     first = {name: FOREIGN if name == "meshlane" else _suffixes(name)[:1] for name in own}
     return [(name, suffix) for name in own for suffix in first[name]]
 
 
 def _suffixes(name: str) -> tuple[str, ...]:
-    """List the suffixes of one of agglo's own formats."""
+    """Return the suffixes of a built-in format."""
     component = own_components().record("format", name).component
     return component.suffixes if component is not None else ()
 
 
 def format_table() -> str:
-    """The table of all formats (Markdown), between its marks."""
+    """Return the Markdown table of all formats, between the begin and end marks."""
     rows = [format_row(name, suffix) for name, suffix in format_names()]
     head = ["files", "format", *_COLUMNS]
     lines = [_line(head), _line(["---"] * len(head)), *rows]
@@ -66,7 +72,13 @@ def format_table() -> str:
 
 
 def format_row(name: str, suffix: str) -> str:
-    """The row of one format, or of one suffix of meshlane; PluginError if it cannot be used here."""
+    """Return the table row of a format, or of one suffix of meshlane.
+
+    Raises
+    ------
+    PluginError
+        If the format cannot be used here.
+    """
     record = own_components().record("format", name)
     if record.state != "ok":
         raise PluginError(f"format {name!r}: {record.reason}")
@@ -82,11 +94,15 @@ def _line(cells: Sequence[str]) -> str:
 
 
 def round_trips(suffix: str) -> dict[str, str] | None:
-    """What became of each thing that was written under a suffix and read; None if nothing can be written.
+    """Write and read test meshes under a suffix, and return a table cell per column.
 
-    ``yes`` if it came back, ``lost`` if it did not, ``refused`` if writing it is an error; of cells the
-    classes that came back. Coarse meshes are ``yes`` if they are files beside: labels say the same.
+    Return None if the format is read-only.
+
+    ``yes`` means that the data came back, ``lost`` that they did not, and ``refused`` that writing raised
+    an error. Cell columns list the cell types that came back. Coarse meshes are ``yes`` if they are written
+    to files of their own; the labels hold the same information.
     """
+    # Write every shape, then test tags, labels and digits on the richest shape that came back.
     shapes = {shape: _became(partial(_shape, mesh, suffix)) for shape, mesh in _shapes().items()}
     kept = [shape for shape, answer in shapes.items() if answer == "yes"]
     if not kept:
@@ -112,7 +128,7 @@ def _became(trip: Callable[[], bool]) -> str:
 
 
 def _shapes() -> dict[str, Mesh]:
-    """A mesh of each sort, with coordinates that need all their digits."""
+    """Return a mesh of each shape, with coordinates that need all digits."""
     around = np.ones((5, 5), int)
     around[1:4, 1:4] = 0
     whole = {
@@ -162,7 +178,10 @@ def _tags(name: str, mesh: Mesh, suffix: str) -> bool:
 
 
 def _faces(outer: bool, mesh: Mesh, suffix: str) -> bool:
-    """Faces with a name: which are marked is told by where they are."""
+    """Return True if a face tag comes back.
+
+    Faces are identified by their centroids.
+    """
     own = np.flatnonzero((mesh.face_cells[:, 1] < 0) == outer)[::2]
     marked = np.zeros(mesh.n_faces, np.int64)
     marked[own] = 1
@@ -171,12 +190,12 @@ def _faces(outer: bool, mesh: Mesh, suffix: str) -> bool:
     if "inlet" not in back.face_tags:
         return False
     ours, theirs = (each.face_centroids[each.face_tags["inlet"] == 1] for each in (mesh, back))
-    along = np.sqrt([2.0, 3.0, 5.0])[: mesh.dim]  # no two faces are at the same place along it
+    along = np.sqrt([2.0, 3.0, 5.0])[: mesh.dim]  # a direction along which no two faces coincide
     return len(ours) == len(theirs) and np.allclose(np.sort(ours @ along), np.sort(theirs @ along))
 
 
 def _levels(mesh: Mesh, suffix: str) -> tuple[Hierarchy, Hierarchy | None, bool]:
-    """A hierarchy, what came back of it, and whether the coarse mesh came back from a file of its own."""
+    """Return a hierarchy before and after writing, and True if its coarse mesh has its own file."""
     labels = bands(mesh, 2)
     own = Hierarchy(mesh, mesh.graph, [labels], [{"h_star": 0.5}], nested=True)
     with TemporaryDirectory() as folder:

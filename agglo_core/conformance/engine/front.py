@@ -1,4 +1,4 @@
-"""The pytest front: one line in an author's test file."""
+"""Pytest interface: a conformance test in one line of a test file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def conformance(
     options: Mapping[str, Any] | None = None,
     registry: Registry | None = None,
 ) -> Callable[..., None]:
-    """Make a pytest function that judges a component, one test for each law.
+    """Make a pytest function that judges a component, with one test per law.
 
     The first test, ``is_found``, fails if the component cannot be used or no law applies.
 
@@ -29,7 +29,7 @@ def conformance(
     component, kind, options, registry
         As in :func:`check`.
     xfail : mapping of law to reason, optional
-        Laws known to fail. Strict: one that passes after all is a failure.
+        Laws known to fail. The marks are strict: a listed law that passes is a failure.
 
     Raises
     ------
@@ -44,6 +44,7 @@ def conformance(
     import pytest
 
     excused = dict(xfail or {})
+    # Errors found at import become failures of the test is_found, so that pytest can collect the file.
     if unknown := sorted(set(excused) - {law.name for law in all_laws()}):
         raise OptionError(f"xfail names {unknown[0]!r}, which is not a law")
     try:
@@ -55,6 +56,7 @@ def conformance(
     if idle := sorted(set(excused) - set(laws)):
         problem = problem or f"xfail names {idle[0]!r}, which does not apply here"
     parameters: list[Any] = ["is_found"]
+    # Parametrise over the laws and mark the expected failures.
     for name in laws:
         marks = [pytest.mark.xfail(strict=True, reason=excused[name])] if name in excused else []
         parameters.append(pytest.param(name, marks=marks))

@@ -1,4 +1,4 @@
-"""Laws in another process, so that a component that hangs or crashes can be stopped and named."""
+"""Judge laws in a child process, so that a component that hangs or crashes is stopped and reported."""
 
 from __future__ import annotations
 
@@ -23,29 +23,32 @@ from agglo_core.conformance.laws import all_laws, laws_of
 from agglo_core.errors import OptionError
 from agglo_core.registry.containment import PLUGIN_FAILURES
 
-_STOPS = 2  # laws that may time out before the rest is skipped
-_START = 120.0  # seconds for a new process to import the suite and the component, and for numba to compile
-_START_ANOTHER = ("same_in_another_process",)  # laws that start a process themselves
+_STOPS = 2  # number of timeouts after which the remaining laws are skipped
+_START = 120.0  # seconds to import the suite and the component, and to compile kernels
+_START_ANOTHER = ("same_in_another_process",)  # laws that start a child process themselves
 
 Listen = Callable[[float], dict[str, Any]]
-"""Returns the next message of the other process; the argument is the timeout in seconds."""
+"""Return the next message of the child process; the argument is the timeout in seconds."""
 
 
 class _Stopped(Exception):
-    """The other process hung or died; the message says how."""
+    """Timeout or death of the child process, described by the message."""
 
 
 def judge_apart(subject: Subject, timeout: float) -> list[Result]:
-    """Results of all laws, each stopped after ``timeout`` seconds; after two such the rest is not run.
+    """Judge all laws in child processes, with ``timeout`` seconds per law.
+
+    After the second timeout or crash the remaining laws are reported as not run.
 
     Raises
     ------
     OptionError
-        If the component is an object, which no other process can have, or needs an option.
+        If the component is an object, which another process cannot import, or needs an option.
     """
     task, results, left = task_of(subject), list[Result](), list[str]()
     for _ in range(_STOPS):
         try:
+            # Start a child process; after a timeout or crash the next child continues with the laws left.
             with _other_process({**task, "laws": left}) as listen:
                 listen(_START)
                 left = listen(timeout)["laws"]
@@ -64,7 +67,10 @@ def judge_apart(subject: Subject, timeout: float) -> list[Result]:
 
 @contextlib.contextmanager
 def _other_process(task: Mapping[str, Any]) -> Iterator[Listen]:
-    """A process that judges ``task``, as a function that gives its messages; killed at the end."""
+    """Start a child process for ``task``.
+
+    Yields a function that returns its messages. The child process is killed at the end.
+    """
     command = [sys.executable, "-c", "from agglo_core.conformance.engine.isolation import main; main()"]
     lines: queue.Queue[str] = queue.Queue()
     with tempfile.TemporaryFile("w+") as errors:
@@ -100,7 +106,7 @@ def _other_process(task: Mapping[str, Any]) -> Iterator[Listen]:
                 if "compiling" not in said:
                     return said
                 left -= time.monotonic() - start
-                if said["compiling"]:  # off the clock, to the message that it is done
+                if said["compiling"]:  # compilation is off the clock
                     next_message(_START, _START)
 
         with child:
@@ -114,12 +120,12 @@ def _other_process(task: Mapping[str, Any]) -> Iterator[Listen]:
 
 def _write(stream: IO[str] | None, text: str) -> None:
     if stream is not None:
-        with contextlib.suppress(BrokenPipeError), stream:  # it died at once: the reader notices
+        with contextlib.suppress(BrokenPipeError), stream:  # a dead process: the reader reports it
             stream.write(text)
 
 
 def _read(stream: IO[str], lines: queue.Queue[str]) -> None:
-    """Hand on each line; an empty one after the last."""
+    """Queue each line of the stream, and an empty string at the end."""
     for line in stream:
         lines.put(line)
     lines.put("")
@@ -131,13 +137,14 @@ def _failed(name: str, message: str) -> Result:
 
 
 def main() -> None:
-    """Judge what stdin describes, one JSON line for each law; whatever else is printed goes to stderr.
+    """Judge the component described on stdin, and print a JSON line per law.
 
-    The clock of the one who listens starts when the component and what the suite needs are imported, and
-    stands still while numba compiles or loads kernels.
+    Other output goes to stderr. The parent starts its clock after the imports, and stops it while numba
+    compiles or loads kernels.
     """
     from agglo_core.conformance.engine.compilation import tell_of_compilation
 
+    # Keep stdout for messages and redirect everything else to stderr.
     with os.fdopen(os.dup(1), "w") as out:
         os.dup2(2, 1)
         lock = threading.Lock()
@@ -147,14 +154,16 @@ def main() -> None:
                 out.write(json.dumps(said) + "\n")
                 out.flush()
 
+        # Import the component and the suite before the clock starts.
         task = json.loads(sys.stdin.read())
         laws_of(task["kind"])
         subject = subject_from(task)
-        with contextlib.suppress(*PLUGIN_FAILURES):  # the law builds says why
+        with contextlib.suppress(*PLUGIN_FAILURES):  # reported by the law builds
             _ = subject.target
         own_components().build("bisector", "inertial")
         say(ready=True)
         tell_of_compilation(lambda under_way: say(compiling=under_way))
+        # Select the laws, then judge and report them one by one.
         try:
             laws = {law.name: law for law in laws_for(subject)}
         except OptionError as error:

@@ -1,4 +1,4 @@
-"""One component, the laws that apply to it, and the result of each."""
+"""Select the laws that apply to a component, and judge them."""
 
 from __future__ import annotations
 
@@ -17,19 +17,20 @@ from agglo_core.registry.containment import PLUGIN_FAILURES
 
 @dataclass(frozen=True)
 class Result:
-    """Whether a component obeys one law.
+    """Result of one law for a component.
 
     Attributes
     ----------
     law, sentence : str
-        Name of the law and what it says.
+        Name and statement of the law.
     passed : bool
+        True if the component obeys the law.
     message : str
-        What was wrong and what to do; empty if it passed.
+        Fault and remedy; empty if the law holds.
     seconds : float
-        Wall clock.
+        Wall-clock time.
     promise : str or None
-        The promise that switched the law on.
+        Promise that switched the law on.
 
     Examples
     --------
@@ -49,19 +50,21 @@ class Result:
 
 
 def laws_for(subject: Subject) -> Sequence[Law]:
-    """The laws that apply, in order; never none.
+    """Return the laws that apply to a subject, in order.
+
+    The list is never empty.
 
     Raises
     ------
     OptionError
-        If it cannot be built without an option.
+        If the component cannot be built without an option, or its kind has no laws.
     """
     before = Snapshot()
     try:
         subject.make()
     except OptionError:
         raise
-    except PLUGIN_FAILURES:  # the law builds reports it
+    except PLUGIN_FAILURES:  # reported by the law builds
         pass
     finally:
         subject.disturbed.extend(before.changed())
@@ -73,9 +76,10 @@ def laws_for(subject: Subject) -> Sequence[Law]:
 
 
 def judge(law: Law, subject: Subject) -> Result:
-    """The result of one law; whatever the component raises is a failure.
+    """Judge one law.
 
-    Settings of the process that it left changed are put back, so that the next law sees them change again.
+    Any exception of the component is a failure. Process settings changed by the component are restored, so
+    that later laws detect the change again.
     """
     start, before = time.perf_counter(), Snapshot()
     message = ""

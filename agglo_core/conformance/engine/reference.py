@@ -1,6 +1,6 @@
-"""The suite's own solver: two-point fluxes and preconditioned conjugate gradients, as simple as possible.
+"""Reference solver of the suite: two-point fluxes and preconditioned conjugate gradients.
 
-It shows the laws of solvers what a correct one looks like, and an author how little one needs.
+The solver is a correct example for the laws of solvers, and shows authors how little code a solver needs.
 """
 
 from __future__ import annotations
@@ -20,27 +20,33 @@ from agglo_core.problems import Diffusion, Field, Linear, Problem, Solution
 
 
 class TwoPointFlux:
-    """One unknown per cell; the flux through a face is the difference of two cells over their distance.
+    """Finite volumes with one unknown per cell and two-point fluxes.
 
-    Conjugate gradients, preconditioned by the diagonal and an exact solve on the finest coarse level.
+    The flux through a face is the difference between two cell values, divided by their distance. The system
+    is solved by conjugate gradients with an additive two-level preconditioner: the diagonal, plus an exact
+    solve on the first coarse level.
 
     Parameters
     ----------
     tolerance : float
-        Of the residual relative to the right-hand side.
+        Tolerance of the residual relative to the right-hand side.
     most : int
-        Iterations after which it gives up.
+        Maximum number of iterations.
     """
 
     def __init__(self, tolerance: float = 1e-10, most: int = 300) -> None:
         self.tolerance, self.most = tolerance, most
 
     def solve(self, problem: Problem, hierarchy: Hierarchy) -> Solution:
-        """Return the solution; ``converged`` compares the true residual with the tolerance."""
+        """Return the solution.
+
+        ``converged`` compares the true residual with the tolerance.
+        """
         start = time.perf_counter()
         A, b, cells = _system(problem, hierarchy)
         M, P, coarse = _preconditioner(A, cells, hierarchy)
         x, residuals = self._iterate(A, b, M)
+        # Judge the true residual, not the residual updated in the iteration.
         true = float(np.linalg.norm(b - A @ x))
         residuals[-1] = true
         done = true <= 10 * self.tolerance * float(np.linalg.norm(b))
@@ -57,18 +63,21 @@ class TwoPointFlux:
         )
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:
-        """The symmetric two-level preconditioner of the problem's matrix."""
+        """Return the symmetric two-level preconditioner for the matrix of a problem."""
         A, _, cells = _system(problem, hierarchy)
         return _preconditioner(A, cells, hierarchy)[0]
 
     def _iterate(self, A: Any, b: Float, M: LinearOperator) -> tuple[Float, list[float]]:
+        # Preconditioned conjugate gradients from x = 0.
         x, r = np.zeros(len(b)), b.copy()
         residuals, p, rho = [float(np.linalg.norm(r))], np.zeros(len(b)), 1.0
         least = self.tolerance * residuals[0]
         while residuals[-1] > least and len(residuals) <= self.most:
             z = M @ r
+            # Search direction p, made A-conjugate to the previous direction.
             rho, before = float(r @ z), rho
             p = z + (rho / before if len(residuals) > 1 else 0.0) * p
+            # Exact line search along p; stop at a breakdown.
             curvature = float(p @ (A @ p))
             if not (rho and curvature and np.isfinite(rho / curvature)):
                 break
@@ -79,7 +88,7 @@ class TwoPointFlux:
 
 
 def _system(problem: Problem, hierarchy: Hierarchy) -> tuple[Any, Float, Int]:
-    """Matrix, right-hand side, and the cell of each unknown."""
+    """Return matrix, right-hand side, and the cell index of each unknown."""
     if isinstance(problem, Linear):
         sizes = np.diff(problem.block_offsets)
         return sparse.csr_array(problem.A), problem.b, np.repeat(np.arange(len(sizes)), sizes)
@@ -92,19 +101,23 @@ def _system(problem: Problem, hierarchy: Hierarchy) -> tuple[Any, Float, Int]:
 
 
 def _fluxes(problem: Diffusion, mesh: Mesh) -> tuple[Any, Float]:
+    # Cell values of coefficient and source.
     kappa, source = (_sample(field, mesh.cell_centroids) for field in (problem.kappa, problem.source))
+    # Resistance between face centre and cell centre, for both sides of each face.
     first = np.add.reduceat(mesh.local_points[mesh.face_vertices], mesh.face_offsets[:-1], axis=0)
     middle = first / np.diff(mesh.face_offsets)[:, None]
     away = [
         np.abs(((middle - mesh.local_centroids[c]) * mesh.face_normals).sum(axis=1)) / kappa[c]
         for c in mesh.face_cells.T
     ]
+    # Transmissibility of inner faces: resistances in series.
     owner, other = mesh.face_cells.T
     inner = other >= 0
     links = mesh.face_measures[inner] / (away[0] + away[1])[inner]
     edge, n = ~inner, mesh.n_cells
     A = sparse.coo_array((links, (owner[inner], other[inner])), shape=(n, n)).tocsr()
     A = A + A.T
+    # Dirichlet faces act as links to a known value, Neumann faces add their flux.
     walls, b = np.zeros(n), mesh.cell_measures * source
     values, natural = _boundary(problem, mesh, mesh.origin + middle)
     held = edge & np.isfinite(values)
@@ -116,7 +129,7 @@ def _fluxes(problem: Diffusion, mesh: Mesh) -> tuple[Any, Float]:
 
 
 def _boundary(problem: Diffusion, mesh: Mesh, middle: Float) -> tuple[Float, Float]:
-    """Value on each Dirichlet face (NaN elsewhere) and outward flux on each Neumann face (0 elsewhere)."""
+    """Return Dirichlet values per face (NaN elsewhere) and Neumann fluxes per face (0 elsewhere)."""
     tags = mesh.face_tags.get(problem.boundary, np.zeros(mesh.n_faces, np.int64))
     values = np.full(mesh.n_faces, np.nan if problem.dirichlet else 0.0)
     natural = np.zeros(mesh.n_faces)
@@ -132,13 +145,18 @@ def _sample(field: Field, points: Float) -> Float:
 
 
 def _preconditioner(A: Any, cells: Int, hierarchy: Hierarchy) -> tuple[LinearOperator, Any, Any]:
-    """1 / diagonal plus P (Pᵀ A P)⁻¹ Pᵀ, and P and Pᵀ A P themselves; P is constant on agglomerates."""
+    """Return the preconditioner D⁻¹ + P (Pᵀ A P)⁻¹ Pᵀ, and the matrices P and Pᵀ A P.
+
+    P is constant on agglomerates, for each unknown of a cell.
+    """
+    # Column of each unknown: agglomerate times width, plus the position in its cell.
     inject = hierarchy.prolongation(0)
     local = np.arange(len(cells)) - np.searchsorted(cells, cells)
     width = int(local.max()) + 1
     shape = (len(cells), inject.shape[1] * width)
     columns = hierarchy.levels[0][cells] * width + local
     P = sparse.csr_array((np.ones(len(cells)), (np.arange(len(cells)), columns)), shape=shape)
+    # A small shift keeps the factorisation regular for singular problems.
     coarse = sparse.csc_array(P.T @ A @ P)
     diagonal = A.diagonal()
     shifted = coarse + sparse.diags_array(np.full(shape[1], 1e-12 * diagonal.max()))

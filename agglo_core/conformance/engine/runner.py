@@ -1,4 +1,4 @@
-"""Judging a component by the laws of its kind; the results are data."""
+"""Judge a component by the laws of its kind, and return the results as data."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def check(
     registry: Registry | None = None,
     thorough: bool = False,
 ) -> list[Result]:
-    """Judge a component by every law that applies to it; never stops at the first failure.
+    """Judge a component by every law that applies, without stopping at a failure.
 
     Parameters
     ----------
@@ -31,24 +31,24 @@ def check(
         A name (``"mine"``, ``"bisector:mine"``, ``"plugin/mine"``), a declaration, a class, or an object;
         for ``kind="sample"`` also a function.
     kind : str, optional
-        Where the name does not tell.
+        Kind of the component, needed if the name is ambiguous.
     timeout : float, optional
-        Seconds a law may take: the laws then run in another process, which is stopped. Not for objects.
+        Maximum time per law in seconds. The laws then run in a child process, which is stopped at a
+        timeout. Not available for objects.
     options : mapping, optional
-        The component's options.
+        Options of the component.
     promises : mapping, optional
-        Instead of the declared ones.
+        Promises that replace the declared promises.
     registry : Registry, optional
-        Where names are looked up; by default the installed plugins. With a timeout the other
-        process is given the component alone and does not know the rest of the registry.
-
+        Registry for names; by default the installed plugins. With a timeout, the child process receives
+        only the component and not the rest of the registry.
     thorough : bool
-        Ask the laws of large meshes too.
+        Judge the laws on large meshes as well.
 
     Raises
     ------
     PluginError, OptionError
-        If there is no such component, or it cannot be used at all.
+        If the component does not exist or cannot be used.
 
     Examples
     --------

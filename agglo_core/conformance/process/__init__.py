@@ -1,1 +1,1 @@
-"""Checks of a component in another process."""
+"""Checks of a component in a child process or after a fresh import."""

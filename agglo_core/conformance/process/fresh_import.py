@@ -1,4 +1,4 @@
-"""A component as a program meets it that has never used it: its module imported once more, and let go."""
+"""Import the module of a component a second time, so that it starts without cached state."""
 
 from __future__ import annotations
 
@@ -14,17 +14,19 @@ from agglo_core.registry.containment import PLUGIN_FAILURES
 
 @contextmanager
 def imported_again(subject: Subject) -> Iterator[Subject]:
-    """The subject with what its module keeps (caches, attributes of classes) as after its first import.
+    """Yield the subject with its module imported again, without caches and changed class attributes.
 
-    The subject itself where its module cannot be imported twice, and for an object that was handed over.
+    The subject itself is yielded for objects, and for modules that cannot be imported twice.
     """
     target = subject.target
     module, name = str(getattr(target, "__module__", "")), str(getattr(target, "__qualname__", "<"))
     before = sys.modules.get(module)
     spec = getattr(before, "__spec__", None)
+    # Objects, local classes and modules without a loader cannot be imported again.
     if before is None or spec is None or spec.loader is None or "<" in name:
         yield subject
         return
+    # Execute a second copy of the module and look up the component in it.
     try:
         again = module_from_spec(spec)
         sys.modules[module] = again

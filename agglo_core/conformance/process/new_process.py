@@ -1,4 +1,7 @@
-"""Answers of a component in another process: with other hash values, in another folder, and unpickled."""
+"""Answers of a component in a child process, with another hash seed and another current folder.
+
+If the component promises pickling, a pickled object answers as well.
+"""
 
 from __future__ import annotations
 
@@ -25,11 +28,14 @@ from agglo_core.conformance.inputs.questions import plain, questions, taken
 from agglo_core.errors import AggloError
 from agglo_core.registry.options import wants_registry
 
-_LONGEST = 300.0  # seconds, with the time that imports and kernels take
+_LONGEST = 300.0  # seconds, including imports and compilation
 
 
 def can_be_sent(subject: Subject) -> bool:
-    """Whether another process can find it: not an object, nor one that needs what only this process has."""
+    """Return True if another process can import the component.
+
+    Objects are excluded, and components that need the registry of this process.
+    """
     if subject.registry is not None and (subject.kind == "solver" or wants_registry(subject.target)):
         return False
     try:
@@ -40,20 +46,28 @@ def can_be_sent(subject: Subject) -> bool:
 
 
 def asked_elsewhere(subject: Subject) -> list[Case]:
-    """The ordinary questions, and some about meshes with several tags."""
+    """Return the cases for the child process: the ordinary cases, and meshes with several tags."""
     return [*questions(subject), *taken(subject, with_tags(subject.kind))]
 
 
 def answers_elsewhere(subject: Subject) -> dict[str, list[NDArray[Any]]]:
-    """What it answers to the ordinary questions in a new process; Broken if it fails there.
+    """Return the answers of the component to the ordinary cases in a child process.
 
-    Once "built" there and, if it promises pickles, once "pickled" here. The other process has an empty
-    current folder, unless options might name files in this one.
+    The answers under ``"built"`` come from an object built there. If the component promises pickling, the
+    answers under ``"pickled"`` come from an object pickled here. The child process has an empty current
+    folder, unless there are options: these may name files in the current folder.
+
+    Raises
+    ------
+    Broken
+        If the component fails in the child process.
     """
+    # Describe the component, and pickle an object if that is promised.
     task = task_of(subject)
     if subject.promised("pickles"):
         task["pickled"] = base64.b64encode(pickle.dumps(subject.build())).decode()
     command = [sys.executable, "-c", "from agglo_core.conformance.process.new_process import main; main()"]
+    # A different hash seed changes the order of sets and the hash of strings.
     other = "2" if os.environ.get("PYTHONHASHSEED") == "1" else "1"
     with TemporaryDirectory() as folder:
         try:
@@ -76,13 +90,16 @@ def answers_elsewhere(subject: Subject) -> dict[str, list[NDArray[Any]]]:
 
 
 def main() -> None:
-    """Answer the questions to the component that stdin describes; whatever it prints goes to stderr."""
+    """Answer the cases for the component described on stdin.
+
+    Other output goes to stderr.
+    """
     with os.fdopen(os.dup(1), "w") as out:
         os.dup2(2, 1)
         task = json.loads(sys.stdin.read())
         subject = subject_from(task)
         given = {"built": subject}
-        if "pickled" in task:  # before any other is built
+        if "pickled" in task:  # unpickle before another object is built
             unpickled = pickle.loads(base64.b64decode(task["pickled"]))
             given = {"pickled": replace(subject, record=None, given=unpickled)} | given
         said = {how: _answers(each) for how, each in given.items()}
