@@ -1,1 +1,1 @@
-"""The inputs that laws are tried on, and what is asked of components."""
+"""Test inputs for the laws: meshes, graphs, systems and cases."""

@@ -1,4 +1,4 @@
-"""The questions put to each kind of component, on small meshes."""
+"""Ordinary cases for each kind of component, on small meshes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _ABOUT_MESHES = ("format", "problem", "discretisation", "constraint", "section")
 
 
 def cases(kind: str, seed: int = 0) -> list[Case]:
-    """Ordinary questions to a component of this kind, on 2-D meshes."""
+    """Return the ordinary cases for a kind, on 2-D meshes."""
     if kind == "solver":
         return _problems()
     if kind == "smoother":
@@ -49,7 +49,10 @@ def cases(kind: str, seed: int = 0) -> list[Case]:
 
 
 def cases_in_3d(kind: str) -> list[Case]:
-    """Ordinary cases of a kind in 3-D; none for a kind that is given neither mesh nor graph."""
+    """Return the ordinary 3-D cases for a kind.
+
+    The list is empty for kinds without mesh or graph.
+    """
     if kind in _ABOUT_MESHES:
         return in_space(kind)
     if kind in ("smoother", "sample", *PARTS):
@@ -77,7 +80,7 @@ def cases_in_3d(kind: str) -> list[Case]:
 
 
 def tiny(kind: str) -> list[Case]:
-    """Questions about degenerate inputs: one cell, coincident centroids, touching in a point."""
+    """Return degenerate cases: single cells, coincident centroids, interfaces without measure."""
     if kind in _ABOUT_MESHES:
         return of_one_cell(kind)
     if kind in PARTS:
@@ -110,7 +113,10 @@ def tiny(kind: str) -> list[Case]:
 
 
 def level_case(kind: str) -> Case:
-    """A graph of very unequal blocks; for refiners and fixers with 1, 2 or 3 parts in a block."""
+    """Return a case on a graph with very unequal blocks.
+
+    For refiners and fixers with 1 to 3 parts per block.
+    """
     level = small_meshes.level()
     if kind == "bisector":
         return Case("a level", (level, seeds_for(level.n_blocks)))
@@ -125,7 +131,7 @@ def level_case(kind: str) -> Case:
 
 
 def part_of_level(case: Case, blocks: ArrayLike) -> Case:
-    """The question about some blocks of a level alone, in the order given."""
+    """Restrict a case on a level to some blocks, in the given order."""
     graph, chosen = case.given[0], np.asarray(blocks)
     nodes = np.concatenate([np.arange(graph.offsets[b], graph.offsets[b + 1]) for b in chosen])
     counts = {graph.n: nodes, graph.n_blocks: chosen}
@@ -137,7 +143,10 @@ def part_of_level(case: Case, blocks: ArrayLike) -> Case:
 
 
 def seeds_for(blocks: int, seed: int = 0) -> UInt64:
-    """Well-spread seeds of each block ``(B,)``; the first is 2^63 or more, as half of those of a run are."""
+    """Return well-spread seeds per block ``(B,)``.
+
+    The first seed is at least 2^63, like half of the seeds in a run.
+    """
     drawn = np.random.default_rng(seed).integers(2**64, size=blocks, dtype=np.uint64)
     drawn[:1] |= np.uint64(2**63)
     seeds: UInt64 = frozen(drawn, np.uint64)
@@ -145,14 +154,17 @@ def seeds_for(blocks: int, seed: int = 0) -> UInt64:
 
 
 def stripes(graph: Graph, parts: int) -> Int:
-    """Labels by equal counts of cells along the longer direction, numbered across it."""
+    """Return labels with equal cell counts along the longer axis, numbered across that axis."""
     axis = int(np.argmax(np.ptp(graph.centroids, axis=0)))
     rank = np.argsort(np.argsort(graph.centroids[:, axis], kind="stable"))
     return frozen_int(np.unique(rank * min(parts, graph.n) // graph.n, return_inverse=True)[1])
 
 
 def laplacian(graph: Graph, per_cell: int, shift: float = 0.1) -> Linear:
-    """A shifted graph Laplacian with some unknowns in each cell; with ``shift=0`` it has no solution."""
+    """Return a shifted graph Laplacian with some unknowns per cell.
+
+    With ``shift=0`` it is singular.
+    """
     adjacency = graph.to_scipy()
     diagonal = adjacency.sum(axis=1) + shift
     scalar = sparse.diags_array(diagonal) - adjacency
@@ -162,18 +174,20 @@ def laplacian(graph: Graph, per_cell: int, shift: float = 0.1) -> Linear:
 
 
 def with_problem(case: Case, **changes: Any) -> Case:
-    """The question of a case with another problem."""
+    """Return the case with some attributes of its problem replaced."""
     problem, hierarchy = case.given
     return replace(case, given=(replace(problem, **changes), hierarchy))
 
 
 def asked(kind: str, graph: Graph, name: str, labels: Int, told: str, seed: int = 0) -> Case:
-    """A question to a refiner or fixer; a refiner is ``told`` a "count" of parts, a "size", or "both".
+    """Return a case for a refiner or fixer.
 
-    As in runs the count is that of the whole mesh, and so at least as large as that of the parts here.
+    ``told`` selects the target: "count", "size" or "both". As in runs, the number of parts refers to the
+    whole mesh, and exceeds the number of parts here.
     """
     if kind == "fixer":
         return Case(name, (graph, labels))
+    # Number of distinct (block, label) pairs, plus a margin of 2.
     parts = len(np.unique(labels + (int(labels.max()) + 1) * graph.block_ids)) + 2
     size = 0.4 * float(np.linalg.norm(np.ptp(graph.points, axis=0)))
     target = Target(None if told == "size" else parts, None if told == "count" else size)
@@ -193,7 +207,10 @@ def _striped_blocks(graph: Graph, parts: int) -> Int:
 
 
 def _scattered(graph: Graph) -> Int:
-    """Labels 0, 1, 2 in disconnected pieces; the first cells make sure that each occurs."""
+    """Return labels 0, 1, 2 in disconnected pieces.
+
+    The first cells of each block ensure that each label occurs.
+    """
     labels = np.random.default_rng(graph.n).integers(min(3, graph.n), size=graph.n)
     for first, stop in zip(graph.offsets[:-1], graph.offsets[1:], strict=True):
         labels[first:stop][:3] = np.arange(min(3, stop - first))

@@ -1,4 +1,4 @@
-"""Questions that may end early: degenerate ones, and those that a component may refuse or fail on."""
+"""Cases that may end early: degenerate cases, and cases that a component may refuse or fail on."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ from agglo_core.problems import Diffusion, Linear
 
 
 def early_ends(kind: str) -> list[Case]:
-    """Questions of which any may be answered or refused; none need be sensible."""
+    """Return cases that may be refused or answered.
+
+    Some are not meaningful.
+    """
     more = [*tiny(kind), *cases_in_3d(kind)]
     if kind == "solver":
         return [*more, *_problems(), *unlike_diffusion()]
@@ -37,7 +40,7 @@ def early_ends(kind: str) -> list[Case]:
 
 
 def _problems() -> list[Case]:
-    """Nothing to do, nothing to be done, and what does not fit."""
+    """Return solver cases with zero data, with invalid data, and with sizes that do not match."""
     hierarchy = cases("solver")[0].given[1]
     graph = hierarchy.graph
     fine = laplacian(graph, 1)

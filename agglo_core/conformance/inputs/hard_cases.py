@@ -1,4 +1,4 @@
-"""Questions about unusual graphs and large levels; about meshes of the same size; about direct partitions."""
+"""Hard cases: unusual graphs, large levels, meshes of equal size, and direct partitions."""
 
 from __future__ import annotations
 
@@ -22,11 +22,14 @@ from agglo_core.protocols import Target
 _KWAY_PARTS = (2, 5)
 
 SIBLINGS = ("bisector", "refiner", "fixer", "metric", "solver", "smoother")
-"""Kinds for which there are questions about meshes of the same size."""
+"""Kinds with cases on different meshes of equal size."""
 
 
 def unusual_cases(kind: str) -> list[Case]:
-    """Questions about graphs of one block unlike the ordinary ones; none for other kinds."""
+    """Return cases on unusual graphs with one block.
+
+    The list is empty for kinds without graph.
+    """
     graphs = unusual_graphs.unusual()
     if kind == "bisector":
         return [
@@ -34,10 +37,12 @@ def unusual_cases(kind: str) -> list[Case]:
         ]
     if kind not in ("refiner", "fixer"):
         return []
+    # Clumps with stray cells, and two stripes, on each graph.
     found = []
     for name, graph in graphs.items():
         found.append(asked(kind, graph, name, clumps(graph, 5, strays=0.1), "size"))
         found.append(asked(kind, graph, f"{name}, in two parts", stripes(graph, 2), "count"))
+    # Many parts on few cells: pairs, single cells, a single part, and parts in pieces.
     graph = graphs["600 cells"]
     hundreds = {
         "600 cells in 300 parts": np.arange(600) // 2,
@@ -49,7 +54,10 @@ def unusual_cases(kind: str) -> list[Case]:
 
 
 def large_case(kind: str, seed: int = 0) -> list[Case]:
-    """A question about 2,000 cells; none for kinds that are not given a graph."""
+    """Return a case with 2,000 cells.
+
+    The list is empty for kinds without graph.
+    """
     if kind not in ("bisector", "refiner", "fixer"):
         return []
     graph = fresh(unusual_graphs.large())
@@ -59,23 +67,26 @@ def large_case(kind: str, seed: int = 0) -> list[Case]:
 
 
 def crowded(kind: str, blocks: int = 300) -> Case:
-    """A level of many small blocks and a large one; labels of 1 to 4 parts in pieces, or whole ones.
+    """Return a level with many small blocks and a large block, and 1 to 4 parts per block.
 
-    It carries data whose size differs from block to block; for refiners and fixers faces and measures of a
-    block are up to 1e9 times those of the next.
+    Parts are in pieces in every other block. The level carries data with block-dependent magnitude; for
+    refiners and fixers, the interfaces and measures of neighbouring blocks differ by a factor up to 1e9.
     """
-    level = unusual_graphs.crowd(blocks, 2 if kind == "bisector" else 1)  # single cells are not split
+    level = unusual_graphs.crowd(blocks, 2 if kind == "bisector" else 1)  # single cells cannot be split
+    # Cell data with a different magnitude in each block.
     place = np.arange(level.n) - level.offsets[level.block_ids]
     carried = 10.0 ** (level.block_ids * 3 % 7) * (1.0 + place * 5 % 3)
     level = fresh(replace(level, data={"permeability": frozen_float(carried)}))
     name = f"a level of {blocks} blocks"
     if kind == "bisector":
         return Case(name, (level, seeds_for(blocks, 7)))
+    # In odd blocks labels alternate from cell to cell, in even blocks parts are strips.
     sizes = level.sizes[level.block_ids]
     parts = np.minimum(sizes, 1 + level.block_ids % 4)
     along = np.empty(level.n, np.int64)
     along[np.lexsort((level.centroids[:, 1], level.centroids[:, 0], level.block_ids))] = place
     labels = np.where(level.block_ids % 2, place % parts, along * parts // sizes)
+    # Scale interfaces, measures and weights by block.
     rows = np.repeat(level.block_ids, np.diff(level.indptr))
     small, faces = 10.0 ** (-3.0 * (level.block_ids % 4)), 10.0 ** (-3.0 * (rows % 4))
     level = replace(
@@ -88,9 +99,10 @@ def crowded(kind: str, blocks: int = 300) -> Case:
 
 
 def many_parts(kind: str) -> Case:
-    """A level of 5,000 blocks, one of them of 60 cells: its parts have more than 65,536 (block, label) pairs.
+    """Return a level of 5,000 blocks with more than 65,536 possible (block, label) pairs.
 
-    Cells are alone in their parts or, in every third block, alternate between two parts.
+    The first block has 60 cells. In every third block cells alternate between two parts. Elsewhere each
+    cell is a part.
     """
     level = fresh(unusual_graphs.small_blocks())
     name = f"a level of {level.n_blocks} blocks"
@@ -102,7 +114,10 @@ def many_parts(kind: str) -> Case:
 
 
 def as_many_components(kind: str) -> Case:
-    """Blocks of two and of three parts, with as many components as if each had three connected ones."""
+    """Return a block with two parts and a block with three parts.
+
+    Each block has three connected components.
+    """
     level = fresh(small_meshes.line(24).subgraph(np.arange(24), [0, 12, 24]))
     return asked(
         kind, level, "blocks of two and three parts", frozen_int(np.repeat([0, 1, 0, 0, 1, 2], 4)), "both"
@@ -110,28 +125,29 @@ def as_many_components(kind: str) -> Case:
 
 
 def ragged_cases(kind: str) -> list[Case]:
-    """Questions to refiners and fixers about levels of pieces of real meshes, with ragged parts."""
+    """Return refiner and fixer cases on levels of pieces from real meshes, with ragged parts."""
     return [asked(kind, graph, name, labels, "both") for name, (graph, labels) in ragged().items()]
 
 
 def partitions(seed: int = 0) -> list[Case]:
-    """Questions to a bisector that also makes direct partitions."""
+    """Return cases for direct partitions."""
     meshes = [mesh for mesh in small_meshes.plane_meshes() if mesh.n_cells > max(_KWAY_PARTS)]
     return [_in_parts(mesh.name, mesh.graph, parts, seed) for mesh in meshes for parts in _KWAY_PARTS]
 
 
 def partitions_in_3d() -> list[Case]:
-    """Questions in 3-D to a bisector that also makes direct partitions."""
+    """Return 3-D cases for direct partitions."""
     return [_in_parts("3-D boxes", small_meshes.boxes().graph, parts) for parts in _KWAY_PARTS]
 
 
 def siblings(kind: str, *, partition: bool = False) -> Iterator[Case]:
-    """Questions that are easily taken for one another: as many cells and faces, but another answer.
+    """Yield cases that a wrong cache confuses: equal numbers of cells and faces, but different answers.
 
-    Each is made when it is its turn, so that one may lie in memory where the one before has been.
+    Each case is built when requested, so that it may reuse the memory of the previous case.
     """
     if kind == "bisector":
         yield from _of_bisectors(partition)
+    # Refiners and fixers: different labels on each graph, then equal labels on all graphs.
     elif kind in ("refiner", "fixer"):
         for place, graph in enumerate(_graphs()):
             for parts in (3, 4 - place % 2):
@@ -177,7 +193,7 @@ def _wide() -> Mesh:
 
 
 def _high() -> Mesh:
-    """Mesh with the neighbours of ``_wide``, but higher than wide, and then turned."""
+    """Return a mesh with the connectivity of ``_wide``, but higher than wide, and then turned."""
     quarter = np.array([[0.0, 1.0], [-1.0, 0.0]])
     high = small_meshes.grid(9, 7, height=3.0, jitter=0.2)
     return unusual_graphs.mapped(high, lambda points: points @ quarter)

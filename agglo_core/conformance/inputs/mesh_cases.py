@@ -1,4 +1,4 @@
-"""Questions about whole meshes, to formats, problems, discretisations, constraints and report sections."""
+"""Cases on whole meshes: formats, problems, discretisations, constraints and report sections."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ from agglo_core.mesh import Mesh
 from agglo_core.problems import Diffusion
 
 TAG = "region"
-"""Cell tag that the meshes of formats and constraints have: 1 in the left half, 2 in the right one.
+"""Name of the cell tag in cases for formats and constraints: 1 in the left half, 2 in the right half.
 
-Those of constraints have a face tag of that name as well."""
+Meshes for constraints also have a face tag with this name.
+"""
 
 UNSAFE = '<b id="it\'s">R&D</b>'
-"""Name of a mesh and of a run that a section of the report must escape."""
+"""Name of a mesh and a run, with characters that a report section must escape."""
 
 
 def on_meshes(kind: str) -> list[Case]:
-    """Questions on 2-D meshes."""
+    """Return cases on 2-D meshes."""
     if kind == "discretisation":
         return [_about(kind, mesh) for mesh in small_meshes.plane_meshes()]
     if kind == "problem":
@@ -35,6 +36,7 @@ def on_meshes(kind: str) -> list[Case]:
         return [Case(mesh.name, (marked(mesh), bands(mesh, 3))) for mesh in meshes]
     if kind == "section":
         return [_reported(small_meshes.grid(6, 4)), _reported(replace(small_meshes.mixed(), name=UNSAFE))]
+    # Formats: triangles, tagged quadrilaterals, mixed polygons, and a cell with a hole.
     around = np.ones((5, 5), int)
     around[1:4, 1:4] = 0
     meshes = [
@@ -47,18 +49,21 @@ def on_meshes(kind: str) -> list[Case]:
 
 
 def in_space(kind: str) -> list[Case]:
-    """Ordinary cases about 3-D meshes; for formats also tetrahedra, as some hold nothing else."""
+    """Return cases on 3-D meshes.
+
+    Formats also get tetrahedra, because some formats support nothing else.
+    """
     boxes = _about(kind, replace(small_meshes.boxes(3, 2, 2), name="3-D boxes"))
     return [boxes, _about(kind, small_meshes.tetrahedra())] if kind == "format" else [boxes]
 
 
 def of_one_cell(kind: str) -> list[Case]:
-    """The same about a mesh of a single cell."""
+    """Return a case on a mesh with a single cell."""
     return [_about(kind, replace(small_meshes.grid(1, 1), name="one cell"))]
 
 
 def bands(mesh: Mesh, parts: int) -> Int:
-    """Labels by equal counts of cells along the longest direction."""
+    """Return labels with equal cell counts along the longest axis."""
     centres = mesh.local_centroids
     axis = int(np.argmax(np.ptp(centres, axis=0)))
     rank = np.argsort(np.argsort(centres[:, axis], kind="stable"), kind="stable")
@@ -66,12 +71,15 @@ def bands(mesh: Mesh, parts: int) -> Int:
 
 
 def tagged(mesh: Mesh) -> Mesh:
-    """The mesh with the cell tag :data:`TAG`."""
+    """Return the mesh with the cell tag :data:`TAG`."""
     return replace(mesh, cell_tags={TAG: 1 + bands(mesh, 2)})
 
 
 def marked(mesh: Mesh) -> Mesh:
-    """The mesh with the tag :data:`TAG` on cells, and on faces: 1 between the halves, 2 and 3 outside."""
+    """Return the mesh with :data:`TAG` on cells and faces.
+
+    Faces have tag 1 between the halves, and 2 or 3 on the boundary.
+    """
     mesh = tagged(mesh)
     halves, (one, other) = mesh.cell_tags[TAG], mesh.face_cells.T
     faces = np.where(other < 0, 1 + halves[one], halves[one] != halves[other])
@@ -92,7 +100,7 @@ def _about(kind: str, mesh: Mesh) -> Case:
 
 
 def _reported(mesh: Mesh) -> Case:
-    """A run of two levels and one that failed."""
+    """Return a report case with two runs: two levels of labels, and a failed run."""
     levels = [bands(mesh, 4), bands(mesh, 4) // 2]
     targets = [{"n_parts": int(labels.max()) + 1} for labels in levels]
     hierarchy = Hierarchy(mesh, mesh.graph, levels, targets, nested=True)

@@ -1,4 +1,4 @@
-"""Changes of a mesh in 2-D or 3-D that leave it the same but for position, size and numbering."""
+"""Change position, size and numbering of 2-D and 3-D meshes."""
 
 from __future__ import annotations
 
@@ -13,14 +13,16 @@ from agglo_core.mesh import Mesh
 
 @dataclass(frozen=True)
 class Change:
-    """Rotation, mirror image, shift and scale, in this order.
+    """Rotation, reflection, shift and scale, in this order.
 
     Attributes
     ----------
     turned, mirror : bool
+        Apply the rotation or the reflection.
     away : float
-        How far it is shifted, in diameters of the mesh.
+        Length of the shift, in diameters of the mesh.
     scale : float
+        Scale factor.
     """
 
     turned: bool = False
@@ -29,7 +31,7 @@ class Change:
     scale: float = 1.0
 
     def points(self, mesh: Mesh) -> Float:
-        """The points of the mesh ``(n_points, d)`` where they come to lie."""
+        """Return the transformed points ``(n_points, d)`` of a mesh."""
         points, d = mesh.points, mesh.dim
         if self.mirror:
             points = points * np.array([-1.0, 1.0, 1.0][:d])
@@ -59,22 +61,29 @@ MOTIONS: Mapping[str, Change] = {
 
 
 def moved(mesh: Mesh, change: Change) -> Mesh:
-    """The mesh in another place, position or size; cells and points keep their numbers and tags."""
-    there = trusted_copy(mesh, points=change.points(mesh))  # inside out until it is mirrored
+    """Return the transformed mesh.
+
+    Cells and points keep their numbers and tags.
+    """
+    there = trusted_copy(mesh, points=change.points(mesh))  # inside out until the faces are reversed
     return mirrored(there) if change.mirror else there
 
 
 def mirrored(mesh: Mesh) -> Mesh:
-    """The mesh with the vertices of each face in reverse order, as a mirror image needs them."""
+    """Return the mesh with reversed vertex order in each face, as required after a reflection."""
     backwards = [face[::-1] for face in np.split(mesh.face_vertices, mesh.face_offsets[1:-1])]
     return replace(mesh, face_vertices=np.concatenate(backwards))
 
 
 def renumbered(mesh: Mesh, seed: int = 5) -> tuple[Mesh, Int]:
-    """The mesh with cells, faces and points in another order, and the old number of each of its cells."""
+    """Permute cells, faces and points at random.
+
+    Return the mesh and the old index of each cell.
+    """
     rng = np.random.default_rng(seed)
+    # Map old to new cell indices; -1 marks the outside and stays.
     cells, faces, points = (rng.permutation(n) for n in (mesh.n_cells, mesh.n_faces, mesh.n_points))
-    new_cell = np.append(np.argsort(cells), -1)  # outside stays outside
+    new_cell = np.append(np.argsort(cells), -1)
     loops = np.split(np.argsort(points)[mesh.face_vertices], mesh.face_offsets[1:-1])
     sizes = np.diff(mesh.face_offsets)[faces]
     there = Mesh(
@@ -90,7 +99,7 @@ def renumbered(mesh: Mesh, seed: int = 5) -> tuple[Mesh, Int]:
 
 
 def turned_over(mesh: Mesh, seed: int = 7) -> Mesh:
-    """The mesh with about half of its inner faces seen from their other cell."""
+    """Return the mesh with about half of its inner faces reversed, together with their two cells."""
     inner = mesh.face_cells[:, 1] >= 0
     turned = inner & (np.random.default_rng(seed).random(mesh.n_faces) < 0.5)
     loops = np.split(mesh.face_vertices, mesh.face_offsets[1:-1])

@@ -1,4 +1,4 @@
-"""Parts on which metrics are judged, and their values worked out by hand."""
+"""Parts for the laws of metrics, and metric values computed by hand."""
 
 from __future__ import annotations
 
@@ -76,19 +76,19 @@ PLAIN: Final[Mapping[str, Sequence[Sequence[float]]]] = {
     "polsby_popper": _OWN["isoperimetric"],
     "isoperimetric_quotient": _OWN["isoperimetric"],
 }
-"""The same of names that mean one thing to everybody."""
+"""Values for metrics whose name has a single common meaning."""
 
 HAND: Final = {**_OWN, **PLAIN}
-"""Values in the cases :func:`agglo_core.conformance.inputs.metric_cases.by_hand`, by the name of the metric.
+"""Values computed by hand for the cases of :func:`agglo_core.conformance.inputs.metric_cases.by_hand`.
 
-Four squares of 2 by 2 cells; a square beside a 3 by 1 bar; an L of three squares around a square; a square
-of 3 by 3 in a ring one cell wide; a 3 by 1 bar between the two squares of one part; two parts of two squares
-that touch in a point.
+The keys are metric names. The cases are: four squares of 2 by 2 cells; a square and a 3 by 1 bar; an L of
+three squares around a square; a 3 by 3 square in a ring of width one; a 3 by 1 bar between two squares that
+form one part; two parts, each of two squares that touch in a point.
 """
 
 
 def shapes() -> list[Case]:
-    """As round, as thin and as pointed as parts may be, and parts that are whole components."""
+    """Return extreme part shapes (round, thin, pointed) and parts that are whole components."""
     apart = small_meshes.apart()
     component = apart.graph.components()
     second = component == component[-1]
@@ -103,7 +103,7 @@ def shapes() -> list[Case]:
 
 
 def bodies() -> list[Case]:
-    """Parts of extreme shape in 3-D, whole components, and a shell: its one part surrounds the other."""
+    """Return extreme 3-D shapes, whole components, and a shell around another part."""
     shell = np.ones(27)
     shell[13] = 0
     apart = small_meshes.boxes(5, 1, 1, without=(2,))
@@ -118,39 +118,43 @@ def bodies() -> list[Case]:
 
 
 def ringed() -> Case:
-    """A part that is nearly a disc, in another that is a thin ring."""
+    """Return a part close to a disc, inside a part that is a thin ring."""
     return Case("a disc in a thin ring", _disc(24))
 
 
 def many_alone() -> Case:
-    """More than a thousand cells, each alone, their labels in no order."""
+    """Return more than a thousand single-cell parts with shuffled labels."""
     mesh = small_meshes.grid(40, 30, jitter=0.2)
     names = np.random.default_rng(11).permutation(mesh.n_cells)
     return Case(f"{mesh.n_cells} parts of one cell", (mesh, frozen_int(names)))
 
 
 def cut_finer(case: Case) -> Case:
-    """The parts of a case on finer cells: each convex plane cell is cut in quadrilaterals about its centre.
+    """Refine the convex 2-D cells of a case without changing its parts.
 
-    Every face is two halves then, those on the outlines of parts too.
+    Each cell is cut into quadrilaterals around its centroid, and each face is halved, also on part
+    outlines.
     """
+    # Unique edges of all cells.
     mesh, labels = case.given
     loops = mesh.boundary_loops
     cells = np.split(loops.vertices, loops.loop_offsets[1:-1])
     ends = np.concatenate([np.stack((cell, np.roll(cell, -1)), axis=1) for cell in cells])
     edges, edge = np.unique(np.sort(ends, axis=1), axis=0, return_inverse=True)
+    # New points: the midpoint of each edge, and the centroid of each cell.
     owner = np.repeat(np.arange(mesh.n_cells), [len(cell) for cell in cells])
-    first = mesh.n_points + edge.ravel()  # the middle of the edge after each corner
+    first = mesh.n_points + edge.ravel()  # midpoint of the edge after each corner
     last = np.concatenate([np.roll(each, 1) for each in np.split(first, loops.loop_offsets[1:-1])])
     centre = mesh.n_points + len(edges) + owner
     points = np.concatenate((mesh.points, mesh.points[edges].mean(axis=1), mesh.cell_centroids))
+    # A quadrilateral per corner: corner, next midpoint, centroid, previous midpoint.
     corners = np.stack((ends[:, 0], first, centre, last), axis=1)
     finer = Mesh.from_polygons(points, corners, name=f"{mesh.name}, cut finer")
     return Case(f"{case.name}, its cells cut in quadrilaterals", (finer, frozen_int(labels[owner])))
 
 
 def cut_finer_in_space() -> tuple[Case, Case]:
-    """Crooked parts of boxes, and the same of boxes cut in eight."""
+    """Return irregular parts of boxes, and the same parts with each box cut into eight."""
     coarse, fine = small_meshes.boxes(4, 3, 2), small_meshes.boxes(4, 3, 2, cuts=2)
     labels = np.resize([0, 0, 1, 2, 2, 1, 1], coarse.n_cells).reshape(4, 3, 2)
     finer = labels.repeat(2, axis=0).repeat(2, axis=1).repeat(2, axis=2)
@@ -161,14 +165,14 @@ def cut_finer_in_space() -> tuple[Case, Case]:
 
 
 def _polygon(radii: Float) -> Mesh:
-    """One cell with corners at these distances from its middle."""
+    """Return a single star-shaped polygon with the given corner radii."""
     angle = 2 * np.pi * np.arange(len(radii)) / len(radii)
     points = radii[:, None] * np.stack((np.cos(angle), np.sin(angle)), axis=1)
     return Mesh.from_polygons(points, [np.arange(len(radii))], name=f"a cell of {len(radii)} sides")
 
 
 def _disc(n: int) -> tuple[Mesh, Int]:
-    """Triangles about a point, part 0, and quadrilaterals around them, part 1."""
+    """Return a fan of triangles (part 0) inside a ring of quadrilaterals (part 1)."""
     ring = small_meshes.ring(n)
     radius = np.where(np.arange(2 * n) < n, 1.0, 0.525)[:, None]  # 1 and 1.05
     points = np.concatenate((ring.points * radius, [[0.0, 0.0]]))
@@ -178,12 +182,14 @@ def _disc(n: int) -> tuple[Mesh, Int]:
 
 
 def _globe(rows: int, around: int) -> Mesh:
-    """One cell inscribed in a sphere: triangles at its poles, trapezia between them."""
+    """Return a single cell inscribed in a sphere, with triangles at the poles and trapezoids between."""
+    # Points on circles of latitude, then the two poles.
     polar, turn = np.pi * np.arange(1, rows) / rows, 2 * np.pi * np.arange(around) / around
     theta, phi = np.meshgrid(polar, turn, indexing="ij")
     sphere = np.stack((np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)), axis=-1)
     points = np.concatenate((sphere.reshape(-1, 3), [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]))
     north, south, bottom = len(points) - 2, len(points) - 1, (rows - 2) * around
+    # Triangles at both poles, and a column of trapezoids per meridian.
     faces: list[list[int]] = []
     for i in range(around):
         j = (i + 1) % around
@@ -193,13 +199,13 @@ def _globe(rows: int, around: int) -> Mesh:
 
 
 def _flattened() -> Mesh:
-    """Four boxes in a row that is a thousand times as long as wide, then a thousand times as wide as high."""
+    """Return four boxes in a row, stretched by 1000 along x and by 0.001 along z."""
     mesh = small_meshes.boxes(4, 1, 1)
     return replace(mesh, points=mesh.points * np.array([1e3, 1.0, 1e-3]), name="thin boxes")
 
 
 def by_hand() -> list[Case]:
-    """Parts whose values are worked out by hand in :data:`HAND`."""
+    """Return the cases with values in :data:`HAND`."""
     row, column = np.divmod(np.arange(16), 4)
     ring = np.ones((5, 5), int)
     ring[1:4, 1:4] = 0
@@ -214,7 +220,7 @@ def by_hand() -> list[Case]:
 
 
 def holed() -> list[Case]:
-    """Agglomerates with a hole, touching in a point, forming a closed ring, and in loose pieces."""
+    """Return agglomerates with a hole, a point contact, a closed ring, and loose pieces."""
     around = np.ones((5, 5), int)
     around[1:4, 1:4] = 0
     loose = (np.arange(9) % 8 == 0).astype(int)
@@ -227,7 +233,7 @@ def holed() -> list[Case]:
 
 
 def various() -> list[Case]:
-    """Tagged cells of unequal sizes, many parts, single cells, many neighbours, crooked parts."""
+    """Return tagged cells of unequal sizes, many parts, single cells, many neighbours, irregular parts."""
     many = small_meshes.grid(20, 20, jitter=0.2)
     row, column = np.divmod(np.arange(many.n_cells), 20)
     lone = np.where(row < 14, np.arange(many.n_cells), 280 + (row - 14) // 2 * 5 + column // 4)
@@ -245,7 +251,7 @@ def various() -> list[Case]:
 
 
 def solids() -> list[Case]:
-    """Parts of boxes in 3-D: slabs, crooked ones with a hole, and single cells."""
+    """Return parts on 3-D boxes: slabs, irregular parts with a hole, and single cells."""
     mesh = small_meshes.boxes()
     rng = np.random.default_rng(2)
     slabs = np.arange(30) // 6
@@ -258,9 +264,10 @@ def solids() -> list[Case]:
 
 
 def changed(case: Case, change: Change | None) -> tuple[Case, Int]:
-    """The question about the mesh moved; or, if ``change`` is None, renumbered, with the cells' order.
+    """Return the case on the transformed mesh, and the old index of each cell.
 
-    Renumbered, about half of the inner faces are seen from their other cell too.
+    If ``change`` is None, cells, faces and points are renumbered, and about half of the inner faces are
+    reversed.
     """
     mesh, labels = case.given
     if change is not None:
@@ -271,7 +278,7 @@ def changed(case: Case, change: Change | None) -> tuple[Case, Int]:
 
 
 def cells_renumbered(case: Case) -> Case:
-    """A question with the same labels, points and faces, in which the cells go by other numbers."""
+    """Return the case with permuted cell numbers in the mesh, but unchanged labels, points and faces."""
     mesh, labels = case.given
     number = np.append(np.random.default_rng(3).permutation(mesh.n_cells), -1)
     there = replace(mesh, face_cells=number[mesh.face_cells])
@@ -279,9 +286,9 @@ def cells_renumbered(case: Case) -> Case:
 
 
 def far_from_each_other() -> tuple[Case, list[Case]]:
-    """A strip of ten parts, and the same with the last three cut otherwise.
+    """Return a strip with ten parts, and variants with other parts at the end.
 
-    Parts 0 to 5 are the same in all, and touch none of those.
+    Parts 0 to 5 are equal in all variants and do not touch the changed parts.
     """
     mesh = small_meshes.grid(30, 3, jitter=0.2)
     column, row = np.arange(90) % 30, np.arange(90) // 30
@@ -297,9 +304,10 @@ def far_from_each_other() -> tuple[Case, list[Case]]:
 
 
 def layouts(framed: bool) -> tuple[Case, list[Case]]:
-    """Sixteen squares of sixteen cells each, and worse parts of as many cells: bars, zigzags, loose cells.
+    """Return a layout of sixteen squares, and worse layouts with equal cell counts: bars, zigzags, loose
+    cells.
 
-    With a frame around them, part 16, none of them touches the boundary.
+    If ``framed``, part 16 surrounds them, so that no other part touches the boundary.
     """
     width = framed * 2
     mesh = small_meshes.grid(16 + 2 * width, 16 + 2 * width)
@@ -319,7 +327,7 @@ def layouts(framed: bool) -> tuple[Case, list[Case]]:
 
 
 def _graded() -> Mesh:
-    """Quadrilaterals that grow from one corner to the other, with tags of cells and faces."""
+    """Return quadrilaterals that grow along the diagonal, with cell and face tags."""
     mesh = small_meshes.grid(9, 7, jitter=0.2)
     grown = replace(mesh, points=mesh.points * (1.0 + 0.3 * mesh.points), name="graded quadrilaterals")
     sides = np.where(mesh.face_cells[:, 1] < 0, 1 + np.arange(mesh.n_faces) % 2, 0)
@@ -327,6 +335,6 @@ def _graded() -> Mesh:
 
 
 def _shuffled(labels: np.ndarray) -> Int:
-    """The labels by other names, so that they do not grow with the number of the cell."""
+    """Return the labels under permuted names, so that they do not increase with the cell index."""
     names = np.random.default_rng(len(labels)).permutation(int(labels.max()) + 1)
     return frozen_int(names[labels])

@@ -1,4 +1,4 @@
-"""Questions to the parts of multigrid: levels and coarsenings of small positive definite systems."""
+"""Cases for multigrid components: levels and coarsenings for small positive definite systems."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from agglo_core.problems import Coarsening, MultigridLevel, Patches
 
 
 def levels() -> list[Case]:
-    """Two-level Poisson problems, of one unknown per cell and of three, with a coarse correction and without.
+    """Return two-level Poisson cases with one or three unknowns per cell, with and without coarse correction.
 
-    The matrix is the graph Laplacian, shifted a little; ``x`` is random and not a solution.
+    The matrix is a slightly shifted graph Laplacian; ``x`` is random and not a solution.
     """
     squares = small_meshes.grid(8, 8)
     jittered = small_meshes.grid(9, 7, jitter=0.2)
@@ -35,7 +35,7 @@ def levels() -> list[Case]:
 
 
 def single_unknown() -> list[Case]:
-    """A level of one cell."""
+    """Return a level with a single cell."""
     graph = small_meshes.grid(1, 1).graph
     return [question("one unknown", multigrid_level(graph, frozen_int([0]), corrected=False))]
 
@@ -43,10 +43,11 @@ def single_unknown() -> list[Case]:
 def multigrid_level(
     graph: Graph, labels: Int, *, per_cell: int = 1, corrected: bool, shift: float = 0.05
 ) -> MultigridLevel:
-    """The finest level of a method whose coarse unknowns are the parts of ``labels``.
+    """Return a finest level whose coarse unknowns are the parts of ``labels``.
 
-    Its patches are each cell with its neighbours.
+    Each patch is a cell with its neighbours.
     """
+    # Shifted graph Laplacian and piecewise constant prolongation, repeated for the unknowns of a cell.
     adjacency = sparse.csr_array(graph.to_scipy())
     scalar = sparse.diags_array(adjacency.sum(axis=1) + shift) - adjacency
     inject = sparse.csr_array((np.ones(graph.n), (np.arange(graph.n), labels)))
@@ -58,6 +59,7 @@ def multigrid_level(
     def correction(residual: Float) -> Float:
         return np.asarray(P @ solve(P.T @ residual))
 
+    # Patches from the rows of adjacency plus identity.
     cells = frozen_int(np.arange(graph.n))
     around = sparse.csr_array(adjacency + sparse.eye_array(graph.n))
     patches = Patches(frozen_int(around.indptr), frozen_int(around.indices))
@@ -65,12 +67,12 @@ def multigrid_level(
 
 
 def _coupling(width: int) -> Float:
-    """A symmetric positive definite block ``(width, width)``."""
+    """Return a symmetric positive definite block ``(width, width)``."""
     return np.eye(width) + 0.05 * (np.ones((width, width)) - np.eye(width))
 
 
 def question(name: str, level: MultigridLevel) -> Case:
-    """The question to smooth a random ``x`` on a level."""
+    """Return the case to smooth a random ``x`` on a level."""
     n = level.A.shape[0]
     x = np.random.default_rng(n).standard_normal(n)
     b = np.cos(np.arange(n) + 1.0)
@@ -78,11 +80,11 @@ def question(name: str, level: MultigridLevel) -> Case:
 
 
 PARTS: Final = ("transfer", "coarse_operator", "coarse_solver")
-"""The kinds that are asked here."""
+"""Kinds with cases in this module."""
 
 
 def coarsenings(kind: str) -> list[Case]:
-    """Shifted graph Laplacians of one unknown for each cell and of three, and their agglomerates."""
+    """Return coarsenings for shifted graph Laplacians with one or three unknowns per cell."""
     squares, jittered = small_meshes.grid(8, 8), small_meshes.grid(9, 7, jitter=0.2)
     row, column = np.divmod(np.arange(64), 8)
     fours = frozen_int(row // 2 * 4 + column // 2)
@@ -95,7 +97,7 @@ def coarsenings(kind: str) -> list[Case]:
 
 
 def one_part(kind: str) -> list[Case]:
-    """A level of one cell, and one of which all cells are one part."""
+    """Return a level with a single cell, and a level with a single part."""
     cell, squares = small_meshes.grid(1, 1).graph, small_meshes.grid(4, 3).graph
     asked = {
         "one unknown": _step(cell, frozen_int([0]), 1),

@@ -1,4 +1,4 @@
-"""Questions about meshes with several tags: the order of a set of their names is left to chance."""
+"""Cases on meshes with several tags, to detect a dependence on the random order of sets."""
 
 from __future__ import annotations
 
@@ -24,11 +24,14 @@ _NAMES: Sequence[Sequence[str]] = (
     ("a", "b", "c"),
     ("north", "south", "west"),
 )
-"""By chance the first of a set is the same in two processes for all of these once in 700 times."""
+"""Tag names; the first element of each set agrees in two processes by chance once in 700 times."""
 
 
 def with_tags(kind: str) -> list[Case]:
-    """Questions of a kind about small meshes with three tags of cells and faces; none of a smoother."""
+    """Return cases on small meshes with three cell tags and three face tags.
+
+    Smoothers get none.
+    """
     return [] if kind == "smoother" else [_about(kind, _tagged(names)) for names in _NAMES]
 
 

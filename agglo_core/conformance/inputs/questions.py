@@ -1,4 +1,4 @@
-"""Putting a question to a component: its answer, its errors, and what it did to its input."""
+"""Call a component with a case, and examine its answer, its errors and its effect on the input."""
 
 from __future__ import annotations
 
@@ -41,7 +41,13 @@ _OWN_PROBLEMS = ("diffusion", "linear")
 
 
 def answer(subject: Subject, tool: Any, case: Case) -> Any:
-    """What the component returns, unchecked; whatever it raises becomes :class:`Broken`."""
+    """Return the unchecked answer of the component.
+
+    Raises
+    ------
+    Broken
+        If the component raises any exception.
+    """
     try:
         return ask(subject.kind, tool, case)
     except Broken:
@@ -51,7 +57,10 @@ def answer(subject: Subject, tool: Any, case: Case) -> Any:
 
 
 def as_array(given: Any) -> NDArray[Any]:
-    """An answer as the core takes it: lists become arrays, and what cannot become one an array of objects."""
+    """Convert an answer to an array as the core does.
+
+    Ragged lists become arrays of objects.
+    """
     try:
         return np.asarray(given)
     except ValueError:
@@ -59,13 +68,12 @@ def as_array(given: Any) -> NDArray[Any]:
 
 
 def questions(subject: Subject, seed: int = 0) -> list[Case]:
-    """The ordinary questions to a component, less what it refuses as a whole; none to a format never written.
+    """Return the ordinary cases for a component, except for refused categories.
 
-    A format that holds no plane mesh at all, and promises 3-D, is asked about those in 3-D.
-
-    The largest is about 2,000 cells, as some components take another way from some size on. A solver that
-    names further kinds of problem in ``accepts`` is asked for their examples too, a bisector that makes
-    direct partitions for some of them.
+    The largest case has about 2,000 cells, because some components switch algorithms at some size. A solver
+    also gets the examples of further problem kinds in ``accepts``, and a bisector with direct partitions
+    gets cases for these. A 3-D format that refuses all 2-D meshes gets the 3-D cases. A format that only
+    reads gets none.
     """
     more = partitions(seed) if subject.partitions else _further_problems(subject)
     large = bearable(subject, large_case(subject.kind, seed))
@@ -74,11 +82,11 @@ def questions(subject: Subject, seed: int = 0) -> list[Case]:
 
 
 def every_graph(subject: Subject) -> list[Case]:
-    """Questions to a bisector, refiner or fixer about ordinary graphs, unusual ones and levels.
+    """Return cases on ordinary graphs, unusual graphs and levels, for a bisector, refiner or fixer.
 
-    A bisector without ``bisect_level`` is called once for each block, and is asked about fewer of them; one
-    with a fallback need not split thousands of pieces of two cells. A refiner or fixer that is too slow is
-    asked about few cells.
+    A bisector without ``bisect_level`` is called once per block and gets fewer blocks. A bisector with a
+    fallback is not required to split thousands of two-cell blocks. Slow refiners and fixers get only small
+    cases.
     """
     kind = subject.kind
     ordinary = [*cases(kind), *unusual_cases(kind), level_case(kind)]
@@ -91,21 +99,22 @@ def every_graph(subject: Subject) -> list[Case]:
 
 
 def in_space(subject: Subject) -> list[Case]:
-    """The questions in 3-D to a component that promises to answer them."""
+    """Return the 3-D cases of a component that promises 3-D."""
     return cases_in_3d(subject.kind) if subject.promised("3d") else []
 
 
 def taken(subject: Subject, asked: list[Case]) -> list[Case]:
-    """Of some questions, those that the component takes.
+    """Return the cases that the component accepts.
 
-    A solver may refuse a sort of problem as a whole (see :attr:`Case.sort`), by answering the first question
-    of that sort with an AggloError. What it takes in one case it must take in all. A format may refuse a
-    mesh that it cannot hold, a constraint a graph without the data it needs.
+    A solver may refuse a category (see :attr:`Case.sort`) with an AggloError on its first case; otherwise
+    the solver must accept the whole category. A format may refuse meshes that cannot be represented, and a
+    constraint may refuse graphs without the required data.
     """
     if subject.kind not in _CHOOSY:
         return asked
     if subject.kind == "format":
         asked = with_suffix(subject, asked)
+    # Find the first case of each category, and drop the refused categories.
     first: dict[str, Case] = {}
     posed = subject.kind in ("solver", "discretisation")
     by_sort = [*cases(subject.kind), *_further_problems(subject)] if posed else asked
@@ -116,7 +125,10 @@ def taken(subject: Subject, asked: list[Case]) -> list[Case]:
 
 
 def with_suffix(subject: Subject, asked: list[Case]) -> list[Case]:
-    """Questions to a format with the first of its suffixes that it writes; none if it writes nothing."""
+    """Return format cases with the first suffix that can be written.
+
+    The list is empty for read-only formats.
+    """
     if not subject.has("write"):
         return []
     suffixes = tuple(subject.suffixes)
@@ -131,7 +143,7 @@ def _as(case: Case, suffix: str) -> Case:
 
 
 def _further_problems(subject: Subject) -> list[Case]:
-    """Examples of the kinds of problem that a solver or discretisation accepts besides those of the suite."""
+    """Return examples of the problem kinds in ``accepts`` beyond those of the suite."""
     if subject.kind not in ("solver", "discretisation"):
         return []
     accepts = getattr(subject.build(), "accepts", ())
@@ -147,7 +159,10 @@ def _further_problems(subject: Subject) -> list[Case]:
 
 
 def refuses(subject: Subject, case: Case) -> bool:
-    """Whether the component answers a question by an AggloError; asked once."""
+    """Return True if the component refuses a case with an AggloError.
+
+    The result is cached.
+    """
     key = case.name, case.given[-1] if subject.kind == "format" else ""
     if key not in subject.refused:
         subject.refused[key] = _raises_ours(subject, case)
@@ -163,7 +178,7 @@ def _raises_ours(subject: Subject, case: Case) -> bool:
 
 
 def plain(subject: Subject, tool: Any, case: Case) -> NDArray[Any]:
-    """The answer as an array: sides as integers, labels, values, a solution; of anything else a digest."""
+    """Return the answer as an array: sides as integers, labels, values or a solution, otherwise a digest."""
     given = answer(subject, tool, case)
     if subject.kind not in _IN_ARRAYS:
         return digest(given)
@@ -177,38 +192,41 @@ def plain(subject: Subject, tool: Any, case: Case) -> NDArray[Any]:
 
 
 def digest(value: Any) -> NDArray[np.uint8]:
-    """Numbers that differ where two meshes, records, masks or texts do."""
+    """Return a hash of meshes, records, masks or texts as an array of bytes."""
     seen = hashlib.sha256(repr(list(fingerprints(value))).encode())
     return np.frombuffer(seen.digest(), np.uint8)
 
 
 def same(one: NDArray[Any], other: NDArray[Any]) -> bool:
-    """Whether two answers are equal; floats to 1e-9 of the largest."""
+    """Return True if two answers are equal, for floats up to 1e-9 relative to the largest."""
     if one.dtype.kind != "f" or one.shape != other.shape:
         return np.array_equal(one, other)
-    scale = float(np.nanmax(np.abs(one), initial=0.0))  # NaN: an undefined value
+    scale = float(np.nanmax(np.abs(one), initial=0.0))  # NaN marks undefined values
     return bool(np.allclose(one, other, rtol=1e-9, atol=1e-9 * scale, equal_nan=True))
 
 
 def same_labelling(before: NDArray[Any], after: NDArray[Any], swap: bool) -> bool:
-    """Whether two labellings are equal, or with ``swap`` equal up to exchanging the two sides."""
+    """Return True if two labellings are equal.
+
+    With ``swap`` the two sides may be exchanged.
+    """
     return np.array_equal(before, after) or (swap and np.array_equal(before, 1 - after.astype(np.int64)))
 
 
 def chunks(level: Graph, values: NDArray[Any]) -> list[NDArray[Any]]:
-    """Values of each block."""
+    """Split values by block."""
     return np.split(values, level.offsets[1:-1])
 
 
 def in_words(value: Any) -> str:
-    """What a value is, in a few words."""
+    """Describe a value in a few words."""
     if isinstance(value, np.ndarray):
         return f"an array of shape {value.shape} and {value.dtype}"
     return f"a {type(value).__name__} ({value!r:.40})"
 
 
 def fingerprints(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Paths and contents of all that can be changed in a component's input."""
+    """Yield path and content of all mutable data in the input of a component."""
     if isinstance(value, np.ndarray):
         yield path, (value.shape, value.dtype.str, value.tobytes())
     elif sparse.issparse(value):
@@ -229,7 +247,10 @@ def fingerprints(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 @contextmanager
 def global_random(seed: int) -> Iterator[Callable[[], bool]]:
-    """Seed the global generators of Python, numpy and torch; yields a function: are they unchanged?"""
+    """Seed the global random generators of Python, numpy and torch.
+
+    Yields a function that returns True while their states are unchanged.
+    """
     torch = sys.modules.get("torch")
 
     def state() -> list[Any]:
@@ -253,7 +274,7 @@ def global_random(seed: int) -> Iterator[Callable[[], bool]]:
 
 
 def _blame(subject: Subject, tool: Any, error: BaseException) -> str:
-    """The error, the line of the component it came from, and what to do."""
+    """Describe an error with the source line in the component, and the remedy."""
     home = sys.modules.get(type(tool).__module__)
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if frame.filename == getattr(home, "__file__", None)] or frames

@@ -1,4 +1,4 @@
-"""The suite's own tiny meshes: built again in each call, so that no component can spoil them for another."""
+"""Small meshes of the suite, rebuilt in each call so that no component can corrupt them."""
 
 from __future__ import annotations
 
@@ -15,13 +15,16 @@ from agglo_core.mesh import Mesh
 
 _SCALES = {"scaled by 1e-7": 1e-7, "scaled by 1e7": 1e7}
 CHANGES = ("renumbered", "rotated", "shifted", *_SCALES)
-"""Changes that leave a mesh the same except for numbering and position."""
+"""Changes in numbering, position and size."""
 
-_BIG, _SMALL = 50, 12  # rows of the large block of a level, and of the small ones (a multiple of 4)
+_BIG, _SMALL = 50, 12  # rows for the large block, and for the small blocks (a multiple of 4)
 
 
 def grid(nx: int, ny: int, *, width: float = 1.0, height: float = 1.0, jitter: float = 0.0) -> Mesh:
-    """``nx`` by ``ny`` quadrilaterals; ``jitter`` moves each vertex by at most that share of a spacing."""
+    """Return ``nx`` by ``ny`` quadrilaterals.
+
+    ``jitter`` bounds the vertex displacement, relative to the spacing.
+    """
     x, y = np.meshgrid(np.arange(nx + 1.0), np.arange(ny + 1.0))
     points = np.stack((x.ravel(), y.ravel()), axis=1)
     if jitter:
@@ -32,7 +35,7 @@ def grid(nx: int, ny: int, *, width: float = 1.0, height: float = 1.0, jitter: f
 
 
 def halved_squares() -> Mesh:
-    """Five by four squares, each cut in two triangles."""
+    """Return five by four squares, each cut into two triangles."""
     quads = grid(5, 4, jitter=0.1)
     a, b, c, d = quads.boundary_loops.vertices.reshape(-1, 4).T
     cells = np.concatenate((np.stack((a, b, c), axis=1), np.stack((a, c, d), axis=1)))
@@ -40,7 +43,7 @@ def halved_squares() -> Mesh:
 
 
 def hexagons(nx: int, ny: int) -> Mesh:
-    """Regular hexagons of side 1 in ``ny`` rows of ``nx``."""
+    """Return regular hexagons of side 1 in ``ny`` rows of ``nx``."""
     around = np.array([(0, -2), (1, -1), (1, 1), (0, 2), (-1, 1), (-1, -1)])
     centres = np.array([(2 * i + j % 2, 3 * j) for j in range(ny) for i in range(nx)])
     corners = (centres[:, None] + around).reshape(-1, 2)
@@ -49,7 +52,7 @@ def hexagons(nx: int, ny: int) -> Mesh:
 
 
 def ring(n: int) -> Mesh:
-    """An annulus of ``n`` cells: a chain that closes on itself."""
+    """Return an annulus of ``n`` cells, which form a closed chain."""
     angle = 2 * np.pi * np.arange(n) / n
     circle = np.stack((np.cos(angle), np.sin(angle)), axis=1)
     here, there = np.arange(n), np.roll(np.arange(n), -1)
@@ -58,13 +61,13 @@ def ring(n: int) -> Mesh:
 
 
 def mixed() -> Mesh:
-    """Squares, triangles and pentagons with hanging nodes: a coarse half beside a fine one."""
+    """Return squares, triangles and pentagons with hanging nodes: a coarse half next to a fine half."""
     x, y = np.meshgrid(np.arange(9.0), np.arange(7.0))
     points = np.stack((x.ravel(), y.ravel()), axis=1)
     cells: list[list[int]] = []
     for i, j in product((0, 2), (0, 2, 4)):
         a = 9 * j + i
-        hanging = [a + 11] if i == 2 else []  # the fine neighbours' corner on the common edge
+        hanging = [a + 11] if i == 2 else []  # corner of the fine neighbours on the common edge
         cells.append([a, a + 2, *hanging, a + 20, a + 18])
     for i, j in product(range(4, 8), range(6)):
         a = 9 * j + i
@@ -74,7 +77,7 @@ def mixed() -> Mesh:
 
 
 def comb() -> Mesh:
-    """Three tall teeth on a back: straight cuts across the teeth leave pieces."""
+    """Return a comb with three tall teeth, which straight cuts split into pieces."""
     i, j = np.meshgrid(np.arange(5), np.arange(9))
     kept = ((i % 2 == 0) | (j == 0)).ravel()
     whole = grid(5, 9)
@@ -82,7 +85,7 @@ def comb() -> Mesh:
 
 
 def apart() -> Mesh:
-    """Two grids that do not touch."""
+    """Return two grids that do not touch."""
     one = grid(3, 2)
     loops = one.boundary_loops.vertices.reshape(-1, 4)
     points = np.concatenate((one.points, one.points + np.array([5.0, 1.0])))
@@ -90,13 +93,15 @@ def apart() -> Mesh:
 
 
 def boxes(nx: int = 5, ny: int = 3, nz: int = 2, *, cuts: int = 1, without: Sequence[int] = ()) -> Mesh:
-    """Boxes of unequal sizes in 3-D, each cut ``cuts`` times along each axis, ``without`` some of them."""
+    """Return 3-D boxes of unequal sizes, each cut ``cuts`` times along each axis, except for ``without``."""
+    # Random spacings along the axes, refined by linear interpolation.
     rng = np.random.default_rng(nx + 10 * ny + 100 * nz)
     axes = [np.concatenate(([0.0], np.cumsum(rng.uniform(0.7, 1.3, n)))) for n in (nx, ny, nz)]
     if cuts > 1:
         axes = [np.interp(np.arange((len(x) - 1) * cuts + 1) / cuts, np.arange(len(x)), x) for x in axes]
         nx, ny, nz = cuts * nx, cuts * ny, cuts * nz
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    # Index offsets of a box: its low corner, and its six faces relative to this corner.
     di, dj = (ny + 1) * (nz + 1), nz + 1
     corner = [i * di + j * dj + k for i, j, k in product(range(nx), range(ny), range(nz))]
     low = np.array(
@@ -114,14 +119,14 @@ def boxes(nx: int = 5, ny: int = 3, nz: int = 2, *, cuts: int = 1, without: Sequ
 
 
 def solids() -> list[Mesh]:
-    """Meshes in 3-D without symmetries: boxes, and tetrahedra with their points moved a little."""
+    """Return 3-D meshes without symmetries: boxes, and tetrahedra with slightly displaced points."""
     kuhn = samples.tetrahedra(3)
     away = np.random.default_rng(6).uniform(-0.05, 0.05, kuhn.points.shape)
     return [boxes(7, 4, 3), replace(kuhn, points=kuhn.points + away, name="162 tetrahedra")]
 
 
 def tetrahedra() -> Mesh:
-    """Two tetrahedra on either side of a triangle."""
+    """Return two tetrahedra with a common face."""
     points = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.2, 0.3, 1.0), (0.3, 0.2, -1.0)]
     upper = [(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)]
     lower = [(0, 1, 2), (1, 0, 4), (2, 1, 4), (0, 2, 4)]
@@ -129,7 +134,7 @@ def tetrahedra() -> Mesh:
 
 
 def plane_meshes() -> list[Mesh]:
-    """Connected 2-D meshes of at least two cells."""
+    """Return connected 2-D meshes with at least two cells."""
     return [
         replace(grid(2, 1), name="two cells"),
         replace(grid(9, 1), name="strip"),
@@ -145,17 +150,17 @@ def plane_meshes() -> list[Mesh]:
 
 
 def line(n: int, *, interface: float = 1.0) -> Graph:
-    """A chain of ``n`` unit nodes whose interfaces have the given measure."""
+    """Return a chain of ``n`` unit nodes with constant interface measure."""
     return _chain(np.stack((np.arange(n), np.zeros(n)), axis=1), interface)
 
 
 def coincident(n: int) -> Graph:
-    """A chain of ``n`` nodes, all in the same place."""
+    """Return a chain of ``n`` nodes in the same place."""
     return _chain(np.zeros((n, 2)), 1.0)
 
 
 def level() -> Graph:
-    """Blocks as in a recursion: one of 4,000 cells beside 60 of 16, very different in size."""
+    """Return a level as in a recursion: a block of 4,000 cells and 60 blocks of 16 cells."""
     mesh = grid(80, _BIG + _SMALL, jitter=0.2)
     row, column = np.divmod(np.arange(mesh.n_cells), 80)
     small = 1 + (row - _BIG) // 4 * 20 + column // 4
@@ -164,7 +169,10 @@ def level() -> Graph:
 
 
 def changed(mesh: Mesh, change: str) -> tuple[Mesh, Int]:
-    """The mesh after one of :data:`CHANGES`, and the old number of each of its cells."""
+    """Apply one of :data:`CHANGES`.
+
+    Return the mesh and the old index of each cell.
+    """
     loops = mesh.boundary_loops
     cells: Sequence[Int] = np.split(loops.vertices, loops.loop_offsets[1:-1])
     rng = np.random.default_rng(5)

@@ -1,4 +1,4 @@
-"""Helpers for laws of solvers: solutions, matrices of any form, values at points, options by name."""
+"""Helpers for the laws of solvers: solutions, matrices of any form, point values, options by name."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from agglo_core.problems import Diffusion, Linear, Problem, Solution
 
 
 def solve(subject: Subject, case: Case, tool: Any = None) -> Solution:
-    """The solution of a fresh object, or of ``tool``."""
+    """Return the solution of a new object, or of ``tool``."""
     given = answer(subject, subject.build() if tool is None else tool, case)
     require(isinstance(given, Solution), f"on {case.name}: it returned {given!r:.60}, expected a Solution")
     return given  # type: ignore[no-any-return]
@@ -29,7 +29,7 @@ def solve(subject: Subject, case: Case, tool: Any = None) -> Solution:
 def solve_unless_refused(
     subject: Subject, name: str, problem: Problem, hierarchy: Hierarchy, tool: Any = None
 ) -> Solution | None:
-    """The solution; None if the solver refuses the problem by an AggloError."""
+    """Return the solution, or None if the solver refuses the problem with an AggloError."""
     try:
         return solve(subject, Case(name, (problem, hierarchy)), tool)
     except Broken as error:
@@ -39,37 +39,41 @@ def solve_unless_refused(
 
 
 def first_case(subject: Subject, sort: type[Diffusion] | type[Linear]) -> list[Case]:
-    """The first question about a Diffusion or a Linear problem, if the solver takes any."""
+    """Return the first Diffusion or Linear case, if the solver accepts any."""
     return [case for case in questions(subject) if isinstance(case.given[0], sort)][:1]
 
 
 def everywhere(subject: Subject) -> list[Case]:
-    """The ordinary questions, and those in 3-D if it promises to answer them."""
+    """Return the ordinary cases, and the 3-D cases of a solver that promises 3-D."""
     return [*questions(subject), *taken(subject, in_space(subject))]
 
 
 def matrix_of(A: Any) -> Any:
-    """A sparse matrix, an array or a ``LinearOperator`` as a sparse matrix."""
+    """Convert a sparse matrix, an array or a ``LinearOperator`` to a sparse matrix."""
     if not sparse.issparse(A) and not isinstance(A, np.ndarray):
         A = A @ np.eye(A.shape[1])
     return sparse.csc_array(A)
 
 
 def direct(solution: Solution) -> Float:
-    """The solution ``(n,)`` of its system by factorisation."""
+    """Solve the system of a solution by factorisation.
+
+    Returns ``(n,)``.
+    """
     return np.atleast_1d(spsolve(matrix_of(solution.A), solution.b))
 
 
 def gap(x: Float, wanted: Float) -> float:
-    """Norm of the difference, relative to what is wanted."""
+    """Return the norm of the difference, relative to the expected values."""
     return float(np.linalg.norm(x - wanted) / max(float(np.linalg.norm(wanted)), 1e-300))
 
 
 def values(tool: Any, hierarchy: Hierarchy, x: Float, one: Float | None) -> tuple[Float, Float] | None:
-    """Points ``(q, d)`` inside the cells and the values ``(q,)`` there; None if nobody knows what x means.
+    """Return points ``(q, d)`` inside the cells and the solution values ``(q,)`` there.
 
-    A solver with a discretisation is asked; otherwise one unknown per cell is taken as the value there, in a
-    unit that ``one``, the unknowns of the constant 1, tells (1 where that was refused).
+    With a discretisation, the values come from its ``evaluate``. Otherwise a single unknown per cell is
+    taken as cell value, in units of ``one``, the unknowns of the constant 1 (or 1 if ``one`` is None).
+    Return None if the meaning of x is unknown.
     """
     mesh, how = hierarchy.fine, getattr(tool, "discretisation", None)
     assert mesh is not None
@@ -83,7 +87,7 @@ def values(tool: Any, hierarchy: Hierarchy, x: Float, one: Float | None) -> tupl
 
 
 def option_named(subject: Subject, *names: str) -> str | None:
-    """The first of some names that is an option of the component."""
+    """Return the first of these names that is an option of the component, or None."""
     if not subject.takes_options:
         return None
     known = inspect.signature(subject.target).parameters

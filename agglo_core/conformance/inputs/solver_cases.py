@@ -1,4 +1,4 @@
-"""Questions to solvers: a plate with tagged sides, awkward levels, and systems unlike those of diffusion."""
+"""Cases for solvers: a plate with tagged sides, unusual levels, and systems unlike diffusion."""
 
 from __future__ import annotations
 
@@ -22,8 +22,9 @@ SIDES = LEFT, RIGHT, BOTTOM, TOP = 1, 2, 3, 4
 
 
 def plate(nx: int = 8, ny: int = 6, tag: str = "boundary") -> Hierarchy:
-    """Rectangles that fill [0, 2] × [0, 1], the sides tagged by :data:`SIDES`, in blocks of two by two."""
+    """Return rectangles that fill [0, 2] × [0, 1], with side tags and 2 by 2 agglomerates."""
     mesh = small_meshes.grid(nx, ny, width=2.0 / nx, height=1.0 / ny)
+    # Tag boundary faces by their midpoint.
     x, y = mesh.points[mesh.face_vertices[mesh.face_offsets[:-1]]].T
     ends = mesh.points[mesh.face_vertices[mesh.face_offsets[1:] - 1]]
     x, y = (x + ends[:, 0]) / 2, (y + ends[:, 1]) / 2
@@ -34,7 +35,7 @@ def plate(nx: int = 8, ny: int = 6, tag: str = "boundary") -> Hierarchy:
 
 
 def block() -> Hierarchy:
-    """Boxes of unequal sizes that fill one in 3-D, its sides tagged 1 to 6: low and high x, y, z."""
+    """Return unequal 3-D boxes that fill a box, with side tags 1 to 6 for low and high x, y, z."""
     mesh = small_meshes.boxes()
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     corners = mesh.points[mesh.face_vertices.reshape(mesh.n_faces, 4)]
@@ -46,19 +47,22 @@ def block() -> Hierarchy:
 
 
 def halves(hierarchy: Hierarchy, left: float, right: float) -> Float:
-    """A value in the left half of a plate and another in the right one ``(n_cells,)``."""
+    """Return cell values ``(n_cells,)`` with a jump between the left and the right half of a plate."""
     assert hierarchy.fine is not None
     return frozen_float(np.where(hierarchy.fine.cell_centroids[:, 0] < 1.0, left, right))
 
 
 def on_levels(mesh: Mesh, *levels: Int) -> Hierarchy:
-    """A hierarchy of a mesh with these labels, finest first."""
+    """Return a hierarchy on a mesh with these labels, finest first."""
     targets = [{"n_parts": int(labels.max()) + 1} for labels in levels]
     return Hierarchy(mesh, mesh.graph, list(levels), targets, nested=True)
 
 
 def elsewhere(hierarchy: Hierarchy, change: Change | None) -> tuple[Hierarchy, Int]:
-    """The hierarchy on the mesh moved, or renumbered if ``change`` is None, and the cells' old numbers."""
+    """Return the hierarchy on the transformed mesh, and the old index of each cell.
+
+    If ``change`` is None, the mesh is renumbered.
+    """
     assert hierarchy.fine is not None
     if change is not None:
         there, order = moved(hierarchy.fine, change), frozen_int(np.arange(hierarchy.graph.n))
@@ -68,7 +72,7 @@ def elsewhere(hierarchy: Hierarchy, change: Change | None) -> tuple[Hierarchy, I
 
 
 def uneven(graph: Graph, per_cell: int, seed: int = 0) -> Linear:
-    """A system whose couplings differ by 1 to 100, and whose right-hand side changes sign."""
+    """Return a system with couplings between 1 and 100, and a right-hand side with both signs."""
     rng = np.random.default_rng(seed)
     links = sparse.triu(graph.to_scipy(), format="coo")
     links = sparse.coo_array((10 ** rng.uniform(0, 2, links.nnz), links.coords), shape=links.shape).tocsr()
@@ -81,7 +85,7 @@ def uneven(graph: Graph, per_cell: int, seed: int = 0) -> Linear:
 
 
 def awkward() -> list[Case]:
-    """Coefficients that jump from cell to cell, one part, three levels, loose parts, no mesh."""
+    """Return cases with rough coefficients, one part, three levels, disconnected parts, or no mesh."""
     mesh = small_meshes.grid(8, 8)
     row, column = np.divmod(np.arange(64), 8)
     fours, whole = frozen_int(row // 2 * 4 + column // 2), frozen_int(np.zeros(64))
@@ -106,7 +110,7 @@ def awkward() -> list[Case]:
 
 
 def unlike_diffusion() -> list[Case]:
-    """Systems that are not symmetric, not definite, or have other couplings, unknowns or storage."""
+    """Return systems that are nonsymmetric or indefinite, or differ in couplings, unknowns or storage."""
     hierarchy = _squares()
     plain = uneven(hierarchy.graph, 1, seed=2)
     below = sparse.tril(plain.A, -1)
@@ -132,10 +136,12 @@ def unlike_diffusion() -> list[Case]:
 
 
 def definite() -> list[Case]:
-    """Symmetric positive definite systems that are hard to precondition."""
+    """Return symmetric positive definite systems that are hard to precondition."""
     hierarchy = _squares()
     plain = uneven(hierarchy.graph, 1, seed=2)
+    # Strong positive couplings: a low-rank term over groups of cells.
     groups = sparse.csr_array((np.ones(36), (np.arange(36), np.arange(36) % 4)), shape=(36, 4))
+    # Couplings from 1e-8 to 1e8: exponents are sums of random cell exponents.
     wide = np.random.default_rng(6).uniform(-4, 4, 36)
     links = sparse.csr_array(hierarchy.graph.to_scipy())
     spread = sparse.csr_array(10.0 ** (wide[:, None] + wide)) * links
@@ -150,12 +156,15 @@ def definite() -> list[Case]:
 
 
 def ill_conditioned(hierarchy: Hierarchy) -> Linear:
-    """One of condition 1e11, whose solution is as large: b − A x itself is not small to many digits."""
+    """Return a system with condition number 1e11 and an equally large solution.
+
+    Rounding then limits the accuracy of b − A x.
+    """
     return laplacian(hierarchy.graph, 1, shift=1e-10)
 
 
 def rising(hierarchy: Hierarchy) -> Linear:
-    """One in whose iterations the 2-norm of the residual goes up before it goes down."""
+    """Return a system for which the 2-norm of the residual increases before it decreases."""
     plain = uneven(hierarchy.graph, 1, seed=2)
     n = len(plain.b)
     units = sparse.diags_array(10.0 ** np.random.default_rng(7).uniform(-1.5, 1.5, n))
@@ -170,9 +179,10 @@ def _squares() -> Hierarchy:
 
 
 def _without_curvature(labels: Int) -> Linear:
-    """Of four cells of a part three have 1 and one -1; x·A x of the first directions there are is exactly 0.
+    """Return a diagonal system for which x·A x of the first search directions is exactly 0.
 
-    That is so because b is 0 in the sum over a part, and as large where A is 1 as where it is -1.
+    In each part with four cells the diagonal is 1 three times and -1 once. The entries of b have sum 0 in
+    each part, and equal norms where A is 1 and where A is -1.
     """
     order = np.argsort(labels, kind="stable")
     sign, b = np.empty(len(labels)), np.empty(len(labels))
@@ -182,7 +192,7 @@ def _without_curvature(labels: Int) -> Linear:
 
 
 def _of_unequal_cells(scalar: Linear) -> Linear:
-    """One, two or three unknowns in a cell, of different weights in the couplings."""
+    """Return a system with one, two or three unknowns per cell, with different weights in the couplings."""
     widths = 1 + np.arange(scalar.A.shape[0]) % 3
     cells = np.repeat(np.arange(len(widths)), widths)
     n = len(cells)
@@ -194,7 +204,7 @@ def _of_unequal_cells(scalar: Linear) -> Linear:
 
 
 def _stored_twice(A: sparse.csr_array) -> sparse.csr_array:
-    """The same matrix, each entry as the sum of two that are not beside each other."""
+    """Return an equal matrix with each entry stored as the sum of two separate entries."""
     n = A.shape[0]
     parts = [np.split(each, A.indptr[1:-1]) for each in (A.indices, A.data)]
     indices = np.concatenate([np.concatenate([one, one[::-1]]) for one in parts[0]])

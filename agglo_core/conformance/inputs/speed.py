@@ -1,4 +1,4 @@
-"""Measure the time of a refiner or fixer in steps, so that a slow one does not hold up the laws."""
+"""Measure the speed of a refiner or fixer stepwise, so that slow components do not delay the laws."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from agglo_core.conformance.inputs.unusual_graphs import clumps
 from agglo_core.registry.containment import PLUGIN_FAILURES
 
 TIME_LIMIT = 20.0
-"""Seconds a refiner or fixer may take for 5,000 cells; ours take milliseconds."""
+"""Seconds allowed to a refiner or fixer for 5,000 cells; built-in components take milliseconds."""
 
 _TIMED = ("refiner", "fixer")
-_SIZES = ((8, 8), (16, 8), (16, 16), (32, 16), (32, 32), (64, 32))  # and a level of 4,960 cells
-_FEWEST = 250  # cells: fewer may take as long as these
-_BOTHER = 0.25  # seconds: what takes longer is not asked again and again
+_SIZES = ((8, 8), (16, 8), (16, 16), (32, 16), (32, 32), (64, 32))  # then a level of 4,960 cells
+_FEWEST = 250  # cells: smaller meshes may take as long
+_BOTHER = 0.25  # seconds: slower cases are not repeated
 
 
 @dataclass(frozen=True)
 class Slow:
-    """The first question that took too long: its cells, seconds, and the most cells that are no bother."""
+    """First case that took too long: number of cells, seconds, and the largest acceptable number of cells."""
 
     cells: int
     seconds: float
@@ -32,9 +32,9 @@ class Slow:
 
 
 def too_slow(subject: Subject) -> Slow | None:
-    """The first of some questions, each twice as large, that takes longer than its share of the limit.
+    """Return the first case that exceeds its share of the time limit, or None.
 
-    Asked once; what it answers and whether it fails is for laws to judge.
+    The cell counts double from case to case, and the result is cached. Laws judge answers and errors.
     """
     if subject.kind not in _TIMED:
         return None
@@ -45,14 +45,14 @@ def too_slow(subject: Subject) -> Slow | None:
 
 
 def bearable(subject: Subject, asked: list[Case]) -> list[Case]:
-    """Of some questions those that do not take too long."""
+    """Return the cases that do not take too long."""
     slow = too_slow(subject)
     return asked if slow is None else [case for case in asked if case.given[0].n <= slow.most]
 
 
 def _measured(subject: Subject) -> Slow | None:
     most = 0
-    _seconds(subject, _case(subject.kind, *_SIZES[0]))  # kernels compile here, off the clock
+    _seconds(subject, _case(subject.kind, *_SIZES[0]))  # compile kernels off the clock
     for place in range(len(_SIZES) + 1):
         case = _case(subject.kind, *_SIZES[place]) if place < len(_SIZES) else level_case(subject.kind)
         cells = case.given[0].n

@@ -1,4 +1,4 @@
-"""Correct but unusual graphs, and ragged levels of many small pieces: they show what a component assumed."""
+"""Correct but unusual graphs, and ragged levels of small pieces, to expose hidden assumptions."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
 
 _SMALL = (1, 2, 3, 4, 5, 7, 8, 9, 16, 60)
-"""Sizes of the blocks of a crowd, one after the other, ..."""
+"""Block sizes of a crowd, in cyclic order."""
 _LARGE = 2000
-"""... and of the one in their midst."""
+"""Size of the large block in the middle of a crowd."""
 
 
 def unusual() -> dict[str, Graph]:
-    """Connected graphs of one block, by what is unusual about them; new arrays in each call."""
+    """Return connected graphs with one block by description, with new arrays in each call."""
     made: dict[str, Callable[[], Graph]] = {
         "cells whose weights are not their measures": _uneven,
         "cells whose measures differ a million times": _graded,
@@ -45,7 +45,7 @@ def unusual() -> dict[str, Graph]:
 
 
 def fresh(graph: Graph) -> Graph:
-    """The graph with arrays of its own, so that nothing done to them stays."""
+    """Return the graph with copied arrays, so that changes to them do not persist."""
     values = {each.name: getattr(graph, each.name) for each in fields(graph)}
     arrays = {name: value.copy() for name, value in values.items() if isinstance(value, np.ndarray)}
     return replace(graph, **arrays, data={name: value.copy() for name, value in graph.data.items()})
@@ -53,15 +53,18 @@ def fresh(graph: Graph) -> Graph:
 
 @cache
 def crowd(blocks: int, smallest: int) -> Graph:
-    """A level of that many blocks of up to 60 cells, and one of 2,000, their cells in no order."""
+    """Return a level with many small blocks and a block of 2,000 cells, each with shuffled cells."""
     sizes = np.resize([size for size in _SMALL if size >= smallest], blocks)
     sizes[blocks // 2] = _LARGE
     rows = -(-int(sizes.sum()) // 48) // 2 * 2 + 1  # odd, so that each strip ends where the next begins
+    # Number the cells along a path of strips, alternately down and up, so that consecutive cells are
+    # adjacent.
     mesh = small_meshes.grid(48, rows, jitter=0.2)
     row, column = np.divmod(np.arange(mesh.n_cells), 48)
     strip, across = np.divmod(column, 3)
-    down = np.where(strip % 2, rows - 1 - row, row)  # there and back: neighbours on the way are neighbours
+    down = np.where(strip % 2, rows - 1 - row, row)  # boustrophedon
     way = np.lexsort((np.where(down % 2, -across, across), down, strip))[: sizes.sum()]
+    # Cut the path into blocks, and shuffle the cells of each block.
     offsets = np.concatenate(([0], np.cumsum(sizes)))
     shuffled = np.lexsort((np.random.default_rng(4).random(len(way)), np.repeat(np.arange(blocks), sizes)))
     graph: Graph = mesh.graph.subgraph(way[shuffled], offsets)
@@ -70,7 +73,7 @@ def crowd(blocks: int, smallest: int) -> Graph:
 
 @cache
 def small_blocks() -> Graph:
-    """A level of 5,000 blocks, the first of 60 cells in a row, the others of 2, 3, 2, 3, ..."""
+    """Return a level of 5,000 blocks, the first with 60 cells in a row, the others with 2 or 3."""
     sizes = np.where(np.arange(5000) % 2, 2, 3)
     sizes[0] = 60
     offsets = np.concatenate(([0], np.cumsum(sizes)))
@@ -80,28 +83,31 @@ def small_blocks() -> Graph:
 
 @cache
 def large() -> Graph:
-    """Two thousand cells in one block."""
+    """Return 2,000 cells in one block."""
     graph: Graph = small_meshes.grid(50, 40, jitter=0.2).graph
     return graph
 
 
 @cache
 def tower() -> Graph:
-    """A column of eight boxes, one above the other: nothing can be told from two coordinates."""
+    """Return a column of eight boxes, which differ only in their third coordinate."""
     graph: Graph = small_meshes.boxes(1, 1, 8).graph
     return graph
 
 
 @cache
 def level_in_space() -> Graph:
-    """Three blocks of boxes, each on its own side of the middle."""
+    """Return three blocks of boxes, separated along the first axis."""
     graph: Graph = small_meshes.boxes(6, 4, 3).graph
     rank = np.argsort(np.argsort(graph.centroids[:, 0], kind="stable"))
     return graph.split(rank // 24)[0]
 
 
 def clumps(graph: Graph, parts: int, strays: float = 0.0) -> Int:
-    """Labels of the nearest of some cells; a share of ``strays`` has any label. Every label occurs."""
+    """Return labels by nearest seed cell, with random labels for a fraction ``strays``.
+
+    Every label occurs.
+    """
     rng = np.random.default_rng(graph.n + parts)
     seeds = rng.choice(graph.n, parts, replace=False)
     centroids = graph.centroids / np.ptp(graph.centroids, axis=0).max()
@@ -127,7 +133,7 @@ def _uneven() -> Graph:
 
 @cache
 def _graded() -> Graph:
-    """Squares that become rectangles, each wider and higher than the one before."""
+    """Return rectangles that grow geometrically along both axes."""
     graph: Graph = mapped(small_meshes.grid(14, 14), lambda points: 1600.0 ** (points / 14)).graph
     return graph
 
@@ -158,7 +164,7 @@ def _sized(size: float) -> Graph:
 
 @cache
 def _far() -> Graph:
-    """A bare graph: the centroids of a mesh would be relative to its middle."""
+    """Return a graph far from the origin, without mesh: centroids of a mesh are relative to its middle."""
     graph: Graph = small_meshes.grid(9, 7, jitter=0.2).graph
     away = np.array([4e6, -7e6])
     return replace(graph, centroids=graph.centroids + away, points=graph.points + away)
@@ -174,14 +180,14 @@ def _thin() -> Graph:
 
 @cache
 def _random_triangles() -> Graph:
-    """Many triangles meet at a point, and few share a side: neighbours by points are not neighbours."""
+    """Return triangles where many cells meet at a point but few share a side."""
     graph: Graph = samples.random_triangles(60, seed=3).graph
     return graph
 
 
 @cache
 def _slit() -> Graph:
-    """Cells next to one another, with a side in common, and no interface."""
+    """Return a graph with a slit: cells with a common side but no interface."""
     graph: Graph = small_meshes.grid(9, 8, jitter=0.2).graph
     row, column = np.divmod(np.arange(graph.n), 9)
     rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
@@ -211,19 +217,19 @@ def _chain() -> Graph:
 
 
 def mapped(mesh: Mesh, move: Callable[[Float], Float]) -> Mesh:
-    """The mesh with its points ``(p, 2)`` moved."""
+    """Return a mesh with its points ``(p, 2)`` transformed."""
     loops = mesh.boundary_loops
     cells = np.split(loops.vertices, loops.loop_offsets[1:-1])
     return Mesh.from_polygons(move(mesh.points), cells, name=mesh.name)
 
 
-_PIECE = 30  # cells
-_RAGGED = 1.5  # standard deviation of the logarithm of the time in which a cell takes its neighbour
-_NOISE = 0.2  # share of the border cells of every other block that take the label of a neighbour
+_PIECE = 30  # cells per piece
+_RAGGED = 1.5  # standard deviation of the log travel time between adjacent cells
+_NOISE = 0.2  # fraction of border cells in every other block that get a neighbour's label
 
 
 def ragged() -> dict[str, tuple[Graph, Int]]:
-    """Levels in the plane and labels of 2 to 5 ragged parts in each block, by the name of the mesh."""
+    """Return 2-D levels by mesh name, with labels of 2 to 5 ragged parts in each block."""
     meshes = {"Voronoi cells": _voronoi, "triangles": _triangles, "hexagons": _hexagons}
     found = {f"a level of pieces of {name}": _afresh(make) for name, make in meshes.items()}
     uneven = {
@@ -233,14 +239,14 @@ def ragged() -> dict[str, tuple[Graph, Int]]:
 
 
 def ragged_in_space() -> tuple[Graph, Int]:
-    """A level of pieces of tetrahedra, and labels of 2 to 5 ragged parts in each block."""
+    """Return a level of pieces of tetrahedra, with labels of 2 to 5 ragged parts in each block."""
     return _afresh(_tetrahedra)
 
 
 def grown(graph: Graph, seeds: Int, rng: np.random.Generator) -> Int:
-    """Which of the nodes ``seeds`` reaches each node first ``(n,)``, at random speeds: ragged, but connected.
+    """Return the seed that reaches each node first ``(n,)``, at random speeds (first-passage growth).
 
-    Every block needs a seed.
+    The regions are ragged but connected. Every block needs a seed.
     """
     rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
     times = rng.lognormal(0.0, _RAGGED, len(rows))
@@ -250,7 +256,7 @@ def grown(graph: Graph, seeds: Int, rng: np.random.Generator) -> Int:
 
 
 def _with_uneven_faces(level: Graph, labels: Int) -> tuple[Graph, Int]:
-    """A level with weights unlike the measures, and faces of any size: much hangs on short ones."""
+    """Return the level with weights unlike the measures, and interfaces of random size."""
     rng = np.random.default_rng(5)
     rows = np.repeat(np.arange(level.n), np.diff(level.indptr))
     edges = np.minimum(rows, level.indices) * level.n + np.maximum(rows, level.indices)
@@ -267,23 +273,29 @@ def _afresh(make: Callable[[], Mesh]) -> tuple[Graph, Int]:
 
 @cache
 def _level_of(make: Callable[[], Mesh]) -> tuple[Graph, Int]:
-    """Pieces of a mesh that have grown at random, and labels that have grown in them, some with noise."""
+    """Return randomly grown pieces of a mesh, and labels grown in each piece, some with noise."""
     rng = np.random.default_rng(11)
     graph: Graph = make().graph
+    # Grow pieces from random cells of the mesh, which become the blocks.
     pieces = np.sort(rng.choice(graph.n, graph.n // _PIECE, replace=False))
     level = graph.split(grown(graph, frozen_int(pieces), rng))[0]
+    # Draw 2 to 5 seed cells in each block and grow parts from them.
     parts = np.minimum(2 + np.arange(level.n_blocks) % 4, level.sizes)
     order = np.lexsort((rng.random(level.n), level.block_ids))
     place = np.arange(level.n) - level.offsets[level.block_ids]
     seeds = np.sort(order[place < parts[level.block_ids]])
     part = grown(level, frozen_int(seeds), rng)
+    # Number the parts of each block from 0, then add noise.
     first = np.concatenate(([0], np.cumsum(parts)[:-1]))
     labels = part - first[level.block_ids]
     return level, _noisy(level, labels, seeds, rng)
 
 
 def _noisy(level: Graph, labels: Int, seeds: Int, rng: np.random.Generator) -> Int:
-    """Some cells of every other block take the label of a neighbour; ``seeds`` keep theirs."""
+    """Give some cells of every other block the label of a neighbour.
+
+    ``seeds`` keep theirs.
+    """
     taken = labels.copy()
     rows = np.repeat(np.arange(level.n), np.diff(level.indptr))
     chosen = (rng.random(len(rows)) < _NOISE) & (level.block_ids[rows] % 2 == 1)
