@@ -1,4 +1,7 @@
-"""The laws, file by file; the record of a kind in the registry names the files that judge it."""
+"""Laws by file.
+
+The registry record of each kind names the files with its laws.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ __all__ = ["all_laws", "laws_of"]
 
 
 def laws_of(kind: str) -> Sequence[Law]:
-    """The laws of a kind in the order in which they are judged: that of the files its record names."""
+    """Return the laws of a kind in order of judgement, file by file."""
     files = [import_module(f"{__name__}.{name}") for name in KINDS[kind].laws]
     return [
         value
@@ -23,5 +26,5 @@ def laws_of(kind: str) -> Sequence[Law]:
 
 
 def all_laws() -> Sequence[Law]:
-    """Every law, in the order in which the kinds first name them."""
+    """Return every law, ordered by kind."""
     return list(dict.fromkeys(law for kind in KINDS for law in laws_of(kind)))

@@ -1,4 +1,4 @@
-"""Laws of the sides and the direct partitions that a bisector returns."""
+"""Laws for the sides and direct partitions returned by a bisector."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ _TARGETS = (
 
 
 def one_sided(graph: Graph, sides: NDArray[Any]) -> Int:
-    """Blocks of two cells or more that are all on one side."""
+    """Return the blocks with at least two cells that lie on a single side."""
     alike = one_sided_blocks(graph, frozen_int(sides))
     return alike[graph.sizes[alike] > 1]
 
 
 def told(subject: Subject) -> bool:
-    """Whether it is a bisector that wants to know the target."""
+    """Return True for a bisector with a method ``for_target``."""
     return _bisects(subject) and subject.has("for_target")
 
 
@@ -51,7 +51,7 @@ def _bisects(subject: Subject) -> bool:
 
 @law("bisector")
 def side_array(subject: Subject) -> None:
-    """It returns one side per cell: an array of integers, booleans or floats of shape (n,)."""
+    """Sides form an array of integers, booleans or floats of shape (n,), with one side per cell."""
     for case in every_graph(subject):
         given = answer(subject, subject.build(), case)
         sides = as_array(given)
@@ -64,7 +64,7 @@ def side_array(subject: Subject) -> None:
 
 @law("bisector")
 def side_values(subject: Subject) -> None:
-    """Sides are 0 and 1; floats are the probability of side 1, from 0 to 1."""
+    """Sides are 0 and 1, or floats from 0 to 1 for the probability of side 1."""
     for case in every_graph(subject):
         given = np.asarray(answer(subject, subject.build(), case))
         low, high = given.min(), given.max()
@@ -82,19 +82,21 @@ def side_values(subject: Subject) -> None:
 
 @law("bisector", when=told)
 def told_the_target(subject: Subject) -> None:
-    """What for_target returns splits pieces in two, whatever target others are told, as does the original."""
+    """The result of for_target splits pieces in two, and requests for other targets change nothing."""
+    # Expected answers: from a freshly imported component for each target.
     asked = [_long_piece(), unusual_cases("bisector")[0], crowded("bisector", 40)]
     expected = {}
     for target in _targets_taken(subject):
         with imported_again(subject) as unused:
             tool = for_target(unused.build(), target)
             expected[target] = [_both_sides(subject, tool, case, target) for case in asked]
+    # Compare with the answers of a single object, for both orders of the targets.
     for order in (list(expected), list(reversed(expected))):
         _told_in_turn(subject, asked, {target: expected[target] for target in order})
 
 
 def _told_in_turn(subject: Subject, asked: list[Case], expected: dict[Target, list[NDArray[Any]]]) -> None:
-    """One object is asked for the bisectors of all targets; none of them disturbs another, or the object."""
+    """Require that one object serves all targets, without side effects between them or on the object."""
     tool = subject.build()
     before = [plain(subject, tool, case) for case in asked]
     tools = [tool]
@@ -117,7 +119,7 @@ def _as_before(subject: Subject, tool: Any, asked: list[Case], answers: list[NDA
 
 
 def _targets_taken(subject: Subject) -> list[Target]:
-    """The targets that it does not refuse by an AggloError."""
+    """Return the targets that the component does not refuse with an AggloError."""
     taken = []
     for target in _TARGETS:
         with suppress(AggloError):
@@ -128,7 +130,7 @@ def _targets_taken(subject: Subject) -> list[Target]:
 
 
 def _long_piece() -> Case:
-    """Three times as long as wide: cuts along and across differ."""
+    """Return a piece three times as long as wide, so that cuts along and across differ."""
     return Case("a long piece", (small_meshes.grid(15, 5, jitter=0.2).graph, seeds_for(1)))
 
 
@@ -145,7 +147,7 @@ def _both_sides(subject: Subject, tool: Any, case: Case, target: Target) -> NDAr
 
 @law("bisector", when=_bisects)
 def two_sides(subject: Subject) -> None:
-    """Both sides of a piece have a cell wherever it has two cells (with a declared fallback: mostly)."""
+    """Both sides of a piece with at least two cells are nonempty (with a declared fallback: mostly)."""
     bad, pieces = [], 0
     for case in every_graph(subject):
         graph = case.given[0]
@@ -169,7 +171,7 @@ def _partitions(subject: Subject) -> bool:
 
 @law("bisector", when=_partitions)
 def kway_labels(subject: Subject) -> None:
-    """A direct partition returns integer labels from 0 to parts − 1, shape (n,)."""
+    """A direct partition returns integer labels from 0 to parts − 1, of shape (n,)."""
     for case in [*cases("bisector"), *unusual_cases("bisector")]:
         graph = case.given[0]
         for parts in {1, *(k for k in _PARTS if k <= graph.n), min(graph.n, 300)}:
@@ -188,7 +190,7 @@ def kway_labels(subject: Subject) -> None:
 
 @law("bisector", when=_partitions)
 def kway_parts(subject: Subject) -> None:
-    """At least half of the parts asked for come out, if no cell outweighs a part (gaps are closed later)."""
+    """At least half of the requested parts are nonempty if no cell outweighs a part (gaps close later)."""
     for case in [*cases("bisector"), *unusual_cases("bisector")]:
         weights = case.given[0].weights
         for parts in (k for k in _PARTS if 2 * k <= len(weights) and k * weights.max() <= weights.sum()):
@@ -200,7 +202,7 @@ def kway_parts(subject: Subject) -> None:
 
 
 def _partition(subject: Subject, case: Case, parts: int) -> Any:
-    """What ``partition`` returns, asked through a component that has nothing else."""
+    """Call ``partition`` through a component without other methods."""
     tool = subject.build()
 
     class OnlyPartition:

@@ -1,4 +1,4 @@
-"""Laws of several calls: blocks, earlier and concurrent calls, the caller's arrays, calls that end early."""
+"""Laws for repeated and concurrent calls, blocks, arrays of the caller, and calls that end early."""
 
 from __future__ import annotations
 
@@ -49,27 +49,32 @@ from agglo_core.mesh import Mesh
 from agglo_core.problems import Linear, Solution
 
 _ROUNDS = 3
-_CALLS = 4  # in each of some rounds: what is kept in all of them is kept for ever
-_MOST_ROUNDS = 12  # while each leaves something in memory
-_SIZABLE = 600  # cells of the mesh of which nothing may stay in memory
-_KEPT_BYTES = 1500.0  # may stay after a call, as libraries note this and that; 600 integers have 4800
-_STOPS = 4  # places at which a call is interrupted by another
-_WAIT = 0.3  # seconds that other call is waited for: one that holds a lock must let it wait
+_CALLS = 4  # calls per round; memory kept in all rounds is kept forever
+_MOST_ROUNDS = 12  # maximum number of rounds while memory still grows
+_SIZABLE = 600  # cells of the mesh that must not stay in memory
+_KEPT_BYTES = 1500.0  # bytes allowed per call for caches of libraries; 600 integers take 4800
+_STOPS = 4  # number of places at which a call is interrupted by another call
+_WAIT = 0.3  # seconds to wait for the second call, which may be blocked by a lock
 
 
 def _few(subject: Subject) -> list[Case]:
-    """Questions easily taken for one another, less what the component refuses; if it is all, the ordinary."""
+    """Return easily confused cases that are accepted.
+
+    If all are refused, the ordinary cases.
+    """
     return list(_each(subject))
 
 
 @law(*SIBLINGS)
 def nothing_carried_over(subject: Subject) -> None:
-    """Questions in between, about other meshes of the same size, change no answer: no cache mistakes them."""
+    """Intervening calls on other meshes of equal size change no answer: no cache confuses them."""
+    # Expected answers: each from a freshly imported component.
     names = [case.name for case in _few(subject)]
     expected = []
     for place in range(len(names)):
         with imported_again(subject) as unused, global_random(1):
             expected.append(plain(unused, unused.build(), _few(subject)[place]))
+    # A single object must give these answers, in several rounds over all cases.
     tool = subject.build()
     for _ in range(_ROUNDS):
         for place, case in enumerate(_each(subject)):
@@ -84,7 +89,7 @@ def nothing_carried_over(subject: Subject) -> None:
 
 
 def _each(subject: Subject) -> Iterator[Case]:
-    """Yield the questions one at a time, so that each may lie in memory where the one before has been."""
+    """Yield the cases one at a time, so that each may reuse the memory of the previous case."""
     none = True
     for case in siblings(subject.kind, partition=subject.partitions):
         if taken(subject, [case]):
@@ -96,7 +101,7 @@ def _each(subject: Subject) -> Iterator[Case]:
 
 @law(*SIBLINGS)
 def answers_stay(subject: Subject) -> None:
-    """An answer it gave stays as it is while it gives the next ones."""
+    """Later calls leave the answers of earlier calls unchanged."""
     tool, given = subject.build(), []
     for case in _few(subject):
         returned = answer(subject, tool, case)
@@ -112,8 +117,9 @@ def answers_stay(subject: Subject) -> None:
 
 @law(*SIBLINGS)
 def in_two_threads(subject: Subject) -> None:
-    """A call that begins while another has not ended disturbs neither."""
+    """A call that starts while another call is running disturbs neither of them."""
     few = _few(subject)
+    # Count the lines of the first call, and choose some at which the second call starts.
     home = getattr(sys.modules.get(type(subject.build()).__module__), "__file__", None)
     lines = _Stepper(home, 0, lambda: None)
     first = lines.run(lambda: _seeded(subject, subject.build(), few[0]))
@@ -130,7 +136,10 @@ def in_two_threads(subject: Subject) -> None:
 
 
 def _interrupted(subject: Subject, asked: Sequence[Case], file: str | None, stop: int) -> list[Any]:
-    """The answers to two questions to one object, the second put while the first is at a line of a file."""
+    """Return the answers of one object to two cases.
+
+    The second call starts while the first call is at line number ``stop`` of a file.
+    """
     tool, inner = subject.build(), list[Any]()
     stepper = _Stepper(file, stop, lambda: inner.append(_seeded(subject, tool, asked[1])))
     return [stepper.run(lambda: _seeded(subject, tool, asked[0])), *inner]
@@ -141,14 +150,17 @@ def _seeded(subject: Subject, tool: Any, case: Case) -> Any:
 
 
 class _Stepper:
-    """Runs a call in a thread and, before its line number ``stop`` of a file, another in a second thread."""
+    """Run a call in a thread, and start a second call before line number ``stop`` of a file."""
 
     def __init__(self, file: str | None, stop: int, other: Callable[[], Any]) -> None:
         self.file, self.stop, self.other, self.count = file, stop, other, 0
         self.threads: list[threading.Thread] = []
 
     def run(self, call: Callable[[], Any]) -> Any:
-        """What the call returns; whatever either of them raises is raised here."""
+        """Return the result of the call.
+
+        Exceptions of both calls are raised here.
+        """
         found: list[Any] = []
         failed: list[BaseException] = []
 
@@ -190,11 +202,12 @@ class _Stepper:
 
 @law(*SIBLINGS)
 def lets_go(subject: Subject) -> None:
-    """It keeps neither what it was given nor what it answered: memory, files and threads do not add up."""
+    """No input or answer is kept after a call: memory, open files and threads do not accumulate."""
     tool = subject.build()
     remedy = "keep nothing of a call in self, in the class or in the module"
-    gc.freeze()  # so that to collect what the calls leave is quick
+    gc.freeze()  # so that later collections only visit objects of the calls
     try:
+        # Objects: weak references to the input of several calls must expire.
         given = [_given_once(subject, tool) for _ in range(_CALLS + 2)]
         gc.collect()
         kept = [any(each() is not None for each in once) for once in given]
@@ -202,6 +215,7 @@ def lets_go(subject: Subject) -> None:
     finally:
         gc.unfreeze()
     require(not all(kept), f"what it was given in {len(kept)} calls is still in memory: {remedy}")
+    # Resources: the smallest growth over the rounds must be negligible.
     grown = _grown(held).min(axis=0)
     require(grown[0] <= _KEPT_BYTES, f"each call leaves {grown[0]:.0f} bytes behind: {remedy}")
     require(grown[1] < 1, f"each call leaves {grown[1]:.0f} files open: use with open(…)")
@@ -209,10 +223,10 @@ def lets_go(subject: Subject) -> None:
 
 
 def _held(subject: Subject, tool: Any) -> Float:
-    """Bytes, open files and threads after each round of the same question; rounds end when one adds nothing.
+    """Return bytes, open files and threads after each round of a repeated case.
 
-    Free lists and caches of a bounded size fill in the first rounds, the more calls a component makes
-    within itself the longer; what is kept for ever grows in every round.
+    The rounds end when a round adds nothing. Free lists and bounded caches fill during the first rounds,
+    which takes longer if a component makes many internal calls. Leaked memory grows in every round.
     """
     sizable = bearable(subject, [case for case in unusual_cases(subject.kind) if case.size == _SIZABLE])
     case, held = next(iter(sizable or _each(subject))), list[tuple[int, int, int]]()
@@ -229,17 +243,17 @@ def _held(subject: Subject, tool: Any) -> Float:
 
 
 def _grown(held: ArrayLike) -> Float:
-    """How much each round but the first added, per call."""
+    """Return the growth per call in each round except the first."""
     return np.diff(held, axis=0)[1:] / _CALLS
 
 
 def _settled(held: ArrayLike) -> bool:
-    """Whether the last round added nothing worth a complaint."""
+    """Return True if the growth in the last round is negligible."""
     return bool((_grown(held)[-1] <= (_KEPT_BYTES, 0, 0)).all())
 
 
 def _given_once(subject: Subject, tool: Any) -> list[Any]:
-    """Weak references to what the component was given in a call, and to the arrays in it."""
+    """Call the component, and return weak references to the input and its arrays."""
     case = next(_each(subject))
     answer(subject, tool, case)
     things = [each for each in case.given if isinstance(each, np.ndarray) or is_dataclass(each)]
@@ -248,14 +262,14 @@ def _given_once(subject: Subject, tool: Any) -> list[Any]:
 
 
 def _open_files() -> int:
-    """Open files of this process; 0 where the system does not tell."""
+    """Return the number of open files of this process, or 0 if the system does not report it."""
     folder = Path("/proc/self/fd")
     return len(os.listdir(folder)) if folder.is_dir() else 0
 
 
 @law("bisector", "refiner", "fixer")
 def a_level_is_its_blocks(subject: Subject) -> None:
-    """The result of a block is the same alone, beside blocks of any size, and in any order of blocks."""
+    """The result of a block does not depend on other blocks, their sizes or their order."""
     levels = [
         (level_case(subject.kind), (0, 1, 2, 30, 60)),
         (crowded(subject.kind, 40), (0, 3, 9, 20, 21, 39)),
@@ -268,7 +282,10 @@ def a_level_is_its_blocks(subject: Subject) -> None:
 
 
 def _without_others(case: Case) -> Case:
-    """The question with points of other blocks, which the graph still holds, moved onto one of its own."""
+    """Return the case with points of other blocks moved onto a point of its own.
+
+    The graph still holds the points of the whole level.
+    """
     graph, *rest = case.given
     own = np.unique(graph.vertices)
     points = np.repeat(graph.points[own[:1]], len(graph.points), axis=0)
@@ -277,17 +294,18 @@ def _without_others(case: Case) -> Case:
 
 
 def _few_blocks(level: Case) -> tuple[Case, Sequence[int]]:
-    """Some of the small blocks of a level, for what is too slow for more."""
+    """Return some small blocks of a level, for slow components."""
     return part_of_level(level, np.arange(1, 13)), (0, 3, 11)
 
 
 def _same_in_any_company(subject: Subject, case: Case, chosen: Sequence[int]) -> None:
-    """The chosen blocks of a level alone, and up to 21 blocks in another order."""
+    """Require equal results for the chosen blocks alone, and for up to 21 blocks in another order."""
     graph = case.given[0]
     remedy = (
         "take sums, extremes and scales within each block (graph.block_ids, graph.offsets), never over the "
         "whole level, and keep nothing from the block before"
     )
+    # The whole level, then each chosen block alone.
     tool = subject.build()
     together = chunks(graph, plain(subject, tool, case))
     for block in chosen:
@@ -296,6 +314,7 @@ def _same_in_any_company(subject: Subject, case: Case, chosen: Sequence[int]) ->
             same(alone, together[block]),
             f"a block of {len(alone)} cells has another result alone than in a level: {remedy}",
         )
+    # A random selection of blocks in random order.
     others = np.random.default_rng(3).permutation(np.delete(np.arange(graph.n_blocks), chosen[0]))
     order = np.insert(others[:20], min(7, len(others)), chosen[0])
     shuffled = part_of_level(case, order)
@@ -307,9 +326,9 @@ def _same_in_any_company(subject: Subject, case: Case, chosen: Sequence[int]) ->
 
 
 _OWNED = ("refiner", "fixer", "metric", "solver", "smoother")
-"""Kinds that are given arrays beside meshes and graphs, which nobody can write to."""
+"""Kinds with array arguments besides meshes and graphs, which are read-only."""
 
-_FEW = 200  # values of a question: more are no other question
+_FEW = 200  # maximum number of values in a case; larger cases test nothing new
 
 
 def _asked(subject: Subject) -> list[Case]:
@@ -320,7 +339,7 @@ def _asked(subject: Subject) -> list[Case]:
 
 @law(*_OWNED)
 def never_written(subject: Subject) -> None:
-    """Arrays that it is given are not even changed for a while: others may read them meanwhile."""
+    """Given arrays are never changed, not even temporarily: other threads may read them."""
     for case in _asked(subject):
         tool = subject.build()
         folder = home(subject.kind, tool)
@@ -336,7 +355,7 @@ def never_written(subject: Subject) -> None:
 
 @law(*_OWNED)
 def read_anew(subject: Subject) -> None:
-    """Arrays in which the caller has put other numbers since the last call are read anew."""
+    """Arrays overwritten by the caller since the last call are read again."""
     for case in _asked(subject):
         tool = subject.build()
         for _ in range(3):
@@ -353,7 +372,7 @@ def read_anew(subject: Subject) -> None:
 
 
 def _change(case: Case) -> None:
-    """Other numbers in the same arrays: all the other way round, a cell in another part, a matrix doubled."""
+    """Overwrite the arrays of a case: reverse them, move a cell to another part, double a matrix."""
     problem = case.given[0]
     if isinstance(problem, Linear):
         problem.b[:] = problem.b[::-1].copy()
@@ -371,7 +390,7 @@ _KINDS = ("bisector", "refiner", "fixer", "metric", "solver", "smoother", "const
 
 @law(*_KINDS)
 def ends_early_without_trace(subject: Subject) -> None:
-    """Where it refuses, fails or has nothing to do, it changes no setting, prints and writes nothing."""
+    """Calls that are refused, fail or have nothing to do change no setting, and print and write nothing."""
     remedy = "a with block (np.errstate) or finally puts things back on every way out"
     for case in early_ends(subject.kind):
         given, before, printed = dict(fingerprints(case.given)), Snapshot(), io.StringIO()

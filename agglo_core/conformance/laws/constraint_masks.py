@@ -1,4 +1,4 @@
-"""Laws of the masks of a constraint, and of runs under it."""
+"""Laws for the masks of a constraint, and for runs under a constraint."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from agglo_core.graph import Graph
 
 @law("constraint")
 def masks(subject: Subject) -> None:
-    """It answers in booleans: one for each CSR entry, or for each part."""
+    """Masks are boolean arrays, with one entry per CSR entry or per part."""
     for case in questions(subject):
         mesh, labels = case.given
         parts = int(labels.max()) + 1
@@ -34,7 +34,7 @@ def masks(subject: Subject) -> None:
 
 @law("constraint", when=lambda subject: subject.has("forbidden") or subject.has("for_mesh"))
 def both_directions(subject: Subject) -> None:
-    """What it forbids of a cell and its neighbour it forbids of the neighbour and the cell."""
+    """An edge is forbidden in both directions or in neither."""
     for case in questions(subject):
         given = answer(subject, subject.build(), case)
         if "forbidden" not in given:
@@ -71,7 +71,7 @@ def numbering_ignored(subject: Subject) -> None:
 
 @law("constraint", when=lambda subject: subject.has("forbidden") or subject.has("for_mesh"))
 def constraint_kept(subject: Subject) -> None:
-    """In a run under it every part is connected without the edges it forbids."""
+    """In a run with the constraint every part is connected without the forbidden edges."""
     from agglo_core.agglomeration.one_call import agglomerate
 
     mesh = marked(small_meshes.grid(9, 7, jitter=0.2))
@@ -94,17 +94,19 @@ def constraint_kept(subject: Subject) -> None:
 
 @law("constraint", when=lambda subject: subject.has("admissible") or subject.has("for_mesh"))
 def pieces_admissible(subject: Subject) -> None:
-    """A single cell is admissible, and so is each half of a part that is: splitting comes to an end."""
+    """A single cell is admissible, and so is each half of an admissible part, so that splitting ends."""
     for case in questions(subject):
         mesh, labels = case.given
         given = answer(subject, subject.build(), case)
         if "admissible" not in given:
             continue
+        # Single cells.
         cells = Case(f"{case.name}, cell by cell", (mesh, frozen_int(np.arange(mesh.n_cells))))
         require(
             bool(answer(subject, subject.build(), cells)["admissible"].all()),
             f"on {cells.name}: a cell is not admissible, and cannot be split",
         )
+        # Parts cut by the halves of the mesh; ``above`` maps each piece to its part.
         halves = bands(mesh, 2)
         number = np.unique(2 * labels + halves, return_inverse=True)[1]
         finer = Case(f"{case.name}, parts halved", (mesh, frozen_int(number)))
@@ -119,7 +121,7 @@ def pieces_admissible(subject: Subject) -> None:
 
 @law("constraint", when=lambda subject: subject.has("admissible") or subject.has("for_mesh"))
 def parts_admissible(subject: Subject) -> None:
-    """In a run under it every part is admissible."""
+    """In a run with the constraint every part is admissible."""
     from agglo_core.agglomeration.one_call import agglomerate
 
     mesh = marked(small_meshes.grid(9, 7, jitter=0.2))
@@ -137,7 +139,7 @@ def parts_admissible(subject: Subject) -> None:
 
 
 def _pairs(graph: Graph, mask: Mask) -> Int:
-    """Matrix ``(n, n)`` of 1 for entries of the graph that the mask marks."""
+    """Return the mask as a dense matrix ``(n, n)`` with entries 0 and 1."""
     rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
     matrix = np.zeros((graph.n, graph.n), np.int64)
     matrix[rows, graph.indices] = mask
@@ -145,7 +147,7 @@ def _pairs(graph: Graph, mask: Mask) -> Int:
 
 
 def _taken(subject: Subject, case: Case) -> dict[str, Mask]:
-    """The answer; nothing where it is refused."""
+    """Return the answer, or an empty dictionary if the case is refused."""
     try:
         return dict(answer(subject, subject.build(), case))
     except Broken as error:

@@ -1,4 +1,4 @@
-"""Laws of a discretisation: its systems fit the mesh, and its unknowns mean functions on it."""
+"""Laws for a discretisation: systems fit the mesh, and unknowns represent functions on the mesh."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _METHODS = ("check", "coarse_operator", "project", "evaluate", "sample", "errors
 
 @law("discretisation")
 def has_all_methods(subject: Subject) -> None:
-    """It has every method of the protocol, and ``accepts`` names kinds of problem."""
+    """Every method of the protocol exists, and ``accepts`` contains names of problem kinds."""
     tool = subject.build()
     missing = [name for name in _METHODS if not callable(getattr(tool, name, None))]
     require(not missing, f"it has no method {', '.join(missing)}: see agglo_core.problems.Discretisation")
@@ -47,7 +47,7 @@ def system_fits_mesh(subject: Subject) -> None:
 
 @law("discretisation")
 def constants_kept(subject: Subject) -> None:
-    """The projection of a constant is that constant, evaluated in cells and sampled."""
+    """The projection of a constant is this constant, both evaluated in cells and sampled."""
     for case in questions(subject):
         tool, mesh = subject.build(), case.given[1]
         x = as_array(tool.project(mesh, lambda points: np.full(len(points), 3.0)))

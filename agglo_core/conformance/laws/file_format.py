@@ -1,4 +1,4 @@
-"""Laws of what a file format reads, writes and refuses."""
+"""Laws for file formats: reading, writing and refusals."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def _writes(subject: Subject) -> bool:
 
 @law("format")
 def suffixes_declared(subject: Subject) -> None:
-    """It has at least one suffix, each in lower case with a leading dot."""
+    """There is at least one suffix, each in lower case with a leading dot."""
     suffixes = subject.suffixes
     wrong = [each for each in suffixes if not (isinstance(each, str) and re.fullmatch(r"\.[^A-Z\s/]+", each))]
     require(
@@ -50,7 +50,7 @@ def suffixes_declared(subject: Subject) -> None:
 
 @law("format", when=_writes)
 def read_back(subject: Subject) -> None:
-    """What it writes it reads back: cells, points and cell tags to 1e-12."""
+    """Reading a written file returns cells, points and cell tags to 1e-12."""
     for case in questions(subject):
         mesh, back = case.given[0], answer(subject, subject.build(), case)
         require(isinstance(back, Mesh), f"on {case.name}: read returned {in_words(back)}, expected a Mesh")
@@ -63,7 +63,7 @@ def read_back(subject: Subject) -> None:
 
 @law("format", when=lambda subject: _writes(subject) and _attribute(subject, "lossless"))
 def lossless_kept(subject: Subject) -> None:
-    """If it says lossless, every array of the mesh comes back to the last bit, face tags included."""
+    """If ``lossless`` is set, every array of the mesh comes back to the last bit, including face tags."""
     for case in questions(subject):
         mesh = _with_face_tags(case.given[0])
         back = answer(subject, subject.build(), Case(case.name, (mesh, case.given[1])))
@@ -76,7 +76,7 @@ def lossless_kept(subject: Subject) -> None:
 
 @law("format", when=lambda subject: _writes(subject) and subject.has("read_hierarchy"))
 def hierarchy_kept(subject: Subject) -> None:
-    """If it has read_hierarchy, the labels of every level come back as they were written."""
+    """With a method read_hierarchy the labels of every level come back unchanged."""
     for case in questions(subject):
         mesh, suffix = case.given
         levels = [bands(mesh, 4), bands(mesh, 4) // 2]
@@ -95,7 +95,7 @@ def hierarchy_kept(subject: Subject) -> None:
 
 @law("format")
 def broken_files_refused(subject: Subject) -> None:
-    """A file that is empty, truncated or not a mesh at all is refused with an AggloError."""
+    """A file that is empty, truncated or not a mesh is refused with an AggloError."""
     tool = subject.build()
     for name, content in _GARBAGE.items():
         _require_refused(tool, subject.suffixes[0], name, content, None)
@@ -111,7 +111,7 @@ def broken_files_refused(subject: Subject) -> None:
 
 @law("format", when=_writes)
 def files_left_alone(subject: Subject) -> None:
-    """Reading leaves the file as it was; writing makes it, others with its stem, its ``folders``, no more."""
+    """Reading changes no file, and writing only creates files with the given stem and the ``folders``."""
     for case in questions(subject):
         with _folder(case) as folder:
             (folder / "other.txt").write_text("not yours")
@@ -133,7 +133,7 @@ def files_left_alone(subject: Subject) -> None:
 
 
 def _contents(folder: Path) -> dict[Path, tuple[bytes, int]]:
-    """What is in all files of a folder, and when they were changed."""
+    """Return the content and modification time of every file in a folder."""
     files = [each for each in folder.rglob("*") if each.is_file()]
     return {each: (each.read_bytes(), os.stat(each).st_mtime_ns) for each in files}
 
@@ -147,7 +147,10 @@ def _attribute(subject: Subject, name: str) -> bool:
 
 @contextmanager
 def _folder(case: Case) -> Iterator[Path]:
-    """A new folder; what the component raises becomes Broken."""
+    """Yield a temporary folder.
+
+    Exceptions of the component become Broken.
+    """
     with TemporaryDirectory() as name:
         try:
             yield Path(name)
@@ -158,7 +161,10 @@ def _folder(case: Case) -> Iterator[Path]:
 
 
 def _require_refused(tool: Any, suffix: str, name: str, content: bytes, mesh: Mesh | None) -> None:
-    """A file that lost only trailing blanks may still hold the whole mesh."""
+    """Require that a file is refused.
+
+    A file truncated by trailing blanks may still return the whole mesh.
+    """
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"mesh{suffix}"
         path.write_bytes(content)
@@ -179,19 +185,26 @@ def _with_face_tags(mesh: Mesh) -> Mesh:
 
 
 def _difference(mesh: Mesh, back: Mesh) -> str:
-    """What differs between two meshes that should be the same; empty if nothing does."""
+    """Describe the first difference between a mesh and the mesh read back.
+
+    Empty if there is none.
+    """
+    # Cell count and interfaces.
     if (mesh.dim, mesh.n_cells) != (back.dim, back.n_cells):
         return f"{mesh.n_cells} cells in {mesh.dim}-D became {back.n_cells} in {back.dim}-D"
     size = float(np.abs(mesh.points).max())
     links, others = mesh.graph.to_scipy(), back.graph.to_scipy()
     if (links.nnz != others.nnz) or abs(links - others).max() > 1e-11 * size ** (mesh.dim - 1):
         return "the interfaces between cells differ"
+    # Geometry of the cells.
     for name, power in (("cell_centroids", 1), ("cell_measures", mesh.dim), ("cell_diameters", 1)):
         if np.abs(getattr(mesh, name) - getattr(back, name)).max() > 1e-11 * size**power:
             return f"{name} differ"
+    # Points in use, in any order.
     used, found = (each.points[np.unique(each.face_vertices)] for each in (mesh, back))
     if len(used) != len(found) or cKDTree(found).query(used)[0].max() > 1e-12 * size:
         return "points differ"
+    # Cell tags.
     found_tags = {name: tag.tolist() for name, tag in back.cell_tags.items()}
     tags = [name for name, tag in mesh.cell_tags.items() if tag.tolist() != found_tags.get(name)]
     return f"cell tag {tags[0]!r} differs" if tags else ""

@@ -1,4 +1,4 @@
-"""Laws of all kinds of component: how they are declared and built, and that they leave their input alone."""
+"""Laws for all kinds: declaration, construction, untouched input and surroundings."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _REFUSING = {
     "constraint": f"it refuses every graph: those it is tried on have the cell tag {TAG!r} (graph.data), so "
     "check it with the option that names a tag set to that",
 }
-"""What to do if a component that may refuse some questions refuses all."""
+"""Remedy if a component that may refuse some cases refuses all of them."""
 
 
 def _only_reads(subject: Subject) -> bool:
@@ -34,7 +34,7 @@ def _only_reads(subject: Subject) -> bool:
 
 @law(*KINDS)
 def builds(subject: Subject) -> None:
-    """It can be built, and an option it does not know is refused by an error that names it."""
+    """The component can be built, and an unknown option raises an error that names the component."""
     try:
         subject.make()
     except PLUGIN_FAILURES as error:
@@ -59,7 +59,7 @@ def builds(subject: Subject) -> None:
 
 @law(*KINDS)
 def promises_can_be_kept(subject: Subject) -> None:
-    """It promises only what some law of its kind can check."""
+    """Each promise is checked by some law of the kind."""
     known = set(KINDS[subject.kind].promises)
     empty = sorted(set(subject.declared) - known)
     require(
@@ -71,14 +71,14 @@ def promises_can_be_kept(subject: Subject) -> None:
 
 @law(*(kind for kind in ASKED if kind != "format"))
 def surroundings_kept(subject: Subject) -> None:
-    """It leaves the process as it is: np.seterr, environment, folder, warnings, signals, threads, files."""
+    """Process settings are kept: np.seterr, environment, folder, warnings, signals, threads, files."""
     remedy = "they belong to the program: change them in a with block (np.errstate) or not at all"
     require(not subject.disturbed, f"building it changed {', '.join(subject.disturbed)}: {remedy}")
     tool, before = subject.build(), Snapshot()
-    for tools in ((tool,), ()):  # the first time it may import what it needs
+    for tools in ((tool,), ()):  # the first round may import modules
         with elsewhere() as folder:
             for case in questions(subject):
-                with suppress(Broken):  # the next law's matter
+                with suppress(Broken):  # judged by the next law
                     answer(subject, *tools or (subject.build(),), case)
             left = sorted(path.name for path in folder.iterdir())
             require(Path.cwd() == folder, f"it changed the current folder: {remedy}")
@@ -91,20 +91,20 @@ def surroundings_kept(subject: Subject) -> None:
 
 @law(*ASKED)
 def answers(subject: Subject) -> None:
-    """It answers on every test mesh; solvers, discretisations, formats and constraints may refuse some."""
+    """Every test mesh gets an answer (solvers, discretisations, formats and constraints may refuse some)."""
     asked = questions(subject)
     require(asked or subject.kind not in _REFUSING or _only_reads(subject), _REFUSING.get(subject.kind, ""))
     for case in asked:
         try:
             answer(subject, subject.build(), case)
         except Broken as error:
-            if "read-only" not in str(error.__cause__):  # another law's matter
+            if "read-only" not in str(error.__cause__):  # judged by another law
                 raise
 
 
 @law(*ASKED)
 def input_untouched(subject: Subject) -> None:
-    """It leaves its input as it was."""
+    """The input is left unchanged."""
     for case in questions(subject):
         before = dict(fingerprints(case.given))
         answer(subject, subject.build(), case)

@@ -1,4 +1,4 @@
-"""Laws of the values of a quality metric, of its changes by moves, and of what may not change them."""
+"""Laws for a quality metric: values, changes by moves, and invariance."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
 
 _TOLD = ("undefined", "directional", "relative", "shape_only")
-_SCALES = (1e8, 1e-8)  # what is rounded to a fixed number of decimals loses all of them
+_SCALES = (1e8, 1e-8)  # rounding to a fixed number of decimals loses these scales
 
 
 @law("metric")
 def declares_itself(subject: Subject) -> None:
-    """It says which way is better, its bounds, the power of a length it scales with, and what is special."""
+    """Attributes declare direction, bounds, homogeneity (power of length) and special properties."""
     tool = subject.build()
     better, bounds, power = (getattr(tool, name, None) for name in ("better", "bounds", "homogeneity"))
     require(better in ("high", "low"), f"attribute better is {better!r}, expected 'high' or 'low'")
@@ -63,7 +63,7 @@ def declares_itself(subject: Subject) -> None:
 
 @law("metric")
 def value_array(subject: Subject) -> None:
-    """It returns one number per agglomerate: an array of shape (k,)."""
+    """Values form an array of shape (k,), with one number per agglomerate."""
     for case in [*cases("metric"), *various(), many_alone()]:
         given = answer(subject, subject.build(), case)
         values = as_array(given)
@@ -76,7 +76,7 @@ def value_array(subject: Subject) -> None:
 
 @law("metric")
 def finite(subject: Subject) -> None:
-    """Values are finite, or NaN where it says that values may be undefined."""
+    """Values are finite, or NaN if ``undefined`` is set."""
     for case in _every_shape(subject):
         _require_finite(
             subject, case, "decide what the value is where a quotient has no denominator; if there is none, "
@@ -86,7 +86,7 @@ def finite(subject: Subject) -> None:
 
 @law("metric", when=lambda subject: _says(subject, "undefined"))
 def defined_on_squares(subject: Subject) -> None:
-    """If it says undefined, plain squares have a value nevertheless."""
+    """Plain squares have a finite value even if ``undefined`` is set."""
     case = by_hand()[0]
     values = plain(subject, subject.build(), case)
     require(np.isfinite(values).all(), f"on {case.name}: values are {values}: what is it that it measures?")
@@ -94,7 +94,7 @@ def defined_on_squares(subject: Subject) -> None:
 
 @law("metric")
 def within_bounds(subject: Subject) -> None:
-    """Values lie within the declared bounds: of parts round, thin or pointed, on meshes of any size."""
+    """Values lie within the declared bounds, for round, thin or pointed parts and any mesh size."""
     for case in _every_shape(subject):
         require_bounds(subject, case)
     for case in [*by_hand()[:3], *various()[:4]]:
@@ -114,14 +114,14 @@ def holes(subject: Subject) -> None:
 
 
 def _known_name(subject: Subject) -> str:
-    """The declared name; of a bare class its own, in small letters."""
+    """Return the declared name, or for a bare class its name in snake case."""
     made = re.sub("(?<=[a-z])(?=[A-Z])", "_", getattr(subject.given, "__name__", "")).lower()
     return subject.name or (made if made in PLAIN else "")
 
 
 @law("metric", when=lambda subject: _known_name(subject) in HAND)
 def hand_values(subject: Subject) -> None:
-    """On squares, bars, an L, a ring and loose squares it has the values worked out by hand (known names)."""
+    """Metrics with known names have the values computed by hand for squares, bars, an L and a ring."""
     for case, expected in zip(by_hand(), HAND[_known_name(subject)], strict=True):
         values = plain(subject, subject.build(), case)
         require_close(values, np.array(expected, float), f"on {case.name}", "see the definition", 1e-3)
@@ -129,7 +129,7 @@ def hand_values(subject: Subject) -> None:
 
 @law("metric", when=lambda subject: subject.has("measure") and _says(subject, "shape_only"))
 def shape_only_is_true(subject: Subject) -> None:
-    """If it says shape_only, neither the cells inside agglomerates nor those along them change anything."""
+    """If ``shape_only`` is set, values do not depend on the cells inside agglomerates or along outlines."""
     pairs = [(case, _joined(case)) for case in cases("metric")]
     pairs += [(case, cut_finer(case)) for case in cases("metric")[2:]]
     if subject.promised("3d"):
@@ -143,7 +143,7 @@ def shape_only_is_true(subject: Subject) -> None:
 
 
 def _joined(case: Case) -> Case:
-    """The parts of a case, each as one cell of the coarse mesh."""
+    """Return the case on the coarse mesh, whose cells are the parts."""
     mesh, labels = case.given
     coarse = mesh.coarsen(labels)
     return Case(f"{case.name} coarsened", (coarse, frozen_int(np.arange(coarse.n_cells))))
@@ -184,7 +184,10 @@ def require_bounds(subject: Subject, case: Case) -> None:
 
 
 def rounding(subject: Subject, case: Case, share: float) -> float:
-    """What rounding may make of a value that ought to be 0: a share of the unit of the cells."""
+    """Return the rounding error allowed for a value of 0.
+
+    The error is ``share`` times the unit given by the cell size.
+    """
     return float(share * case.given[0].h ** subject.build().homogeneity)
 
 
@@ -196,7 +199,15 @@ def require_close(
     tolerance: float = 1e-6,
     floor: float = 0.0,
 ) -> None:
-    """Broken unless values differ by at most ``tolerance`` of the largest, and ``floor``; NaN equals NaN."""
+    """Require close values.
+
+    The difference may be at most ``tolerance`` times the largest value, plus ``floor``. NaN equals NaN.
+
+    Raises
+    ------
+    Broken
+        If a value differs by more.
+    """
     scale = max(float(np.nanmax(np.abs(expected), initial=0.0)), 1e-300)
     off = ~np.isclose(values, expected, rtol=0.0, atol=tolerance * scale + floor, equal_nan=True)
     require(
@@ -205,20 +216,21 @@ def require_close(
     )
 
 
-_MOVES = 12  # of a question; every one is measured twice
+_MOVES = 12  # number of moves per case; each is measured twice
 
 
 @law("metric", when=lambda subject: subject.has("changes"))
 def changes_add_up(subject: Subject) -> None:
-    """If it has ``changes``, they are what moving one cell does to the sum of its values."""
+    """The values of ``changes`` equal the effect of moving one cell on the sum of all values."""
     space = solids()[:2] if subject.promised("3d") else []
     for case in [*cases("metric"), *by_hand()[:3], *various()[:2], _many(), *space]:
         mesh, labels = case.given
         cells, parts = _moves(mesh, labels, _MOVES if mesh.n_cells < 1000 else 3)
         tool = subject.build()
-        weights = frozen_float(1.0 + np.arange(mesh.n_cells) % 3)  # a user's, unlike the measures
+        weights = frozen_float(1.0 + np.arange(mesh.n_cells) % 3)  # user weights, unlike the measures
         told = _told(case.name, tool, replace(mesh.graph, weights=weights), labels, cells, parts)
         before, sums = plain(subject, tool, case).sum(), []
+        # Move the cells one at a time and measure again.
         for cell, part in zip(cells, parts, strict=True):
             moved = np.array(labels)
             moved[cell] = part
@@ -234,7 +246,7 @@ def changes_add_up(subject: Subject) -> None:
 
 @law("metric", when=lambda subject: subject.has("changes"))
 def changes_of_these_labels(subject: Subject) -> None:
-    """If it has ``changes``, they are those of the labels as they are now, in an array that others write."""
+    """The values of ``changes`` refer to the current labels, even if the label array has been overwritten."""
     for case in [*cases("metric")[3:], *by_hand()[:1], _many()]:
         mesh, labels = case.given
         tool, own = subject.build(), np.array(labels)
@@ -249,6 +261,7 @@ def changes_of_these_labels(subject: Subject) -> None:
                 f"on {case.name}, after a cell was moved in the same array: changes says {given[:3]}, a "
                 f"fresh object {wanted[:3]}: an array that is the same object may hold other labels by now",
             )
+            # Apply the last move to the same array.
             own[cells[-1]] = parts[-1]
 
 
@@ -262,14 +275,14 @@ def _told(name: str, tool: Any, graph: Graph, labels: Int, cells: Int, parts: In
 
 
 def _many() -> Case:
-    """More than a thousand parts, some of two cells."""
+    """Return more than a thousand parts, some with two cells."""
     mesh, names = many_alone().given
     _, labels = np.unique(np.where(names > 1000, names // 2 * 2, names), return_inverse=True)
     return Case("a thousand parts", (mesh, frozen_int(labels)))
 
 
 def _moves(mesh: Mesh, labels: Int, most: int = _MOVES) -> tuple[Int, Int]:
-    """Some moves of a cell to a neighbour's part that do not empty its own, and one to its own part."""
+    """Return moves to a neighbouring part that leave no part empty, and a move to the own part."""
     graph, sizes = mesh.graph, np.bincount(labels)
     rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
     chosen = (labels[rows] != labels[graph.indices]) & (sizes[labels[rows]] > 1)
@@ -279,7 +292,7 @@ def _moves(mesh: Mesh, labels: Int, most: int = _MOVES) -> tuple[Int, Int]:
     return frozen_int(cells), frozen_int(np.concatenate((labels[stays], labels[graph.indices[few]])))
 
 
-_ROUNDED = 1e-3  # of the largest value: circles that are found by bisection differ by less
+_ROUNDED = 1e-3  # relative to the largest value; circles found by bisection differ by less
 
 
 def _values(subject: Subject, case: Case) -> np.ndarray:
@@ -288,7 +301,7 @@ def _values(subject: Subject, case: Case) -> np.ndarray:
 
 @law("metric")
 def homogeneous(subject: Subject) -> None:
-    """On a mesh scaled by s its values scale by s to the declared homogeneity."""
+    """Scaling the mesh by s scales the values by s to the power of the declared homogeneity."""
     power = subject.build().homogeneity
     for case in [*cases("metric"), *various()]:
         before = _values(subject, case)
@@ -304,17 +317,18 @@ def homogeneous(subject: Subject) -> None:
 
 @law("metric")
 def rigid_motion(subject: Subject) -> None:
-    """Moving the mesh changes no value; turning and mirroring neither, unless it says directional."""
+    """Translations change no value, nor do rotations and reflections unless ``directional`` is set."""
     for case in [*cases("metric"), *various()]:
         _require_unmoved(subject, case)
 
 
 @law("metric")
 def renaming(subject: Subject) -> None:
-    """Values follow the labels of the agglomerates and do not depend on any numbering of the mesh."""
+    """Values follow the agglomerate labels and do not depend on the numbering of the mesh."""
     space = solids() if subject.promised("3d") else []
     for case in [*cases("metric"), *various(), many_alone(), *space]:
         mesh, labels = case.given
+        # Renamed labels permute the values; two parts are always swapped.
         before = _values(subject, case)
         names = np.random.default_rng(len(before)).permutation(len(before))
         names = names if len(before) > 2 else names[::-1] if names[0] == 0 else names
@@ -329,7 +343,8 @@ def renaming(subject: Subject) -> None:
 
 @law("metric", promise="3d")
 def unmoved_in_space(subject: Subject) -> None:
-    """In 3-D too it keeps its bounds, scales as declared, and sees neither position nor numbering."""
+    """In 3-D too, values respect bounds and scaling, and ignore position and numbering."""
+    # In 3-D a length may become an area, so the power lies between the declared power and twice that.
     declared = subject.build().homogeneity
     powers = {declared + more for more in np.sign(declared) * np.arange(abs(declared) + 1)}
     for case in solids():
@@ -352,10 +367,11 @@ def unmoved_in_space(subject: Subject) -> None:
 
 @law("metric")
 def each_call_alone(subject: Subject) -> None:
-    """What it measured before, on the same mesh or on one of that name, size or points, changes nothing."""
+    """Earlier measurements change no value, even on meshes with equal name, size or points."""
     case, others = far_from_each_other()
     mesh, labels = case.given
     stretched = replace(mesh, points=mesh.points * np.array([1.0, 1.5]))
+    # Cases with equal mesh, labels, name, points or counts.
     later = [
         replace(case, given=(mesh, frozen_int(labels[::-1]))),
         *(replace(each, given=(mesh, each.given[1])) for each in others),
@@ -377,7 +393,7 @@ def each_call_alone(subject: Subject) -> None:
 
 @law("metric", when=lambda subject: not getattr(subject.build(), "relative", False))
 def far_parts_do_not_matter(subject: Subject) -> None:
-    """The value of an agglomerate does not depend on others that are far away, unless it says relative."""
+    """The value of an agglomerate does not depend on distant agglomerates, unless ``relative`` is set."""
     case, others = far_from_each_other()
     before = _values(subject, case)[:6]
     for other in others:
@@ -390,7 +406,7 @@ def far_parts_do_not_matter(subject: Subject) -> None:
 
 @law("metric", when=lambda subject: not getattr(subject.build(), "directional", False))
 def better_is_better(subject: Subject) -> None:
-    """If equal squares have equal values, they are not the worst beside bars, zigzags and loose cells."""
+    """If equal squares have equal values, squares are not the worst among bars, zigzags and loose cells."""
     tool = subject.build()
     sign = 1.0 if tool.better == "high" else -1.0
     framings = (False,) if getattr(tool, "relative", False) else (False, True)
@@ -405,9 +421,9 @@ def better_is_better(subject: Subject) -> None:
 
 
 def _means(subject: Subject, framed: bool) -> list[float]:
-    """Of squares, and of the other layouts if all their values are defined.
+    """Return the mean values for squares and for the other layouts with finite values.
 
-    None if equal squares differ: such a metric is of their place, and has no say about shapes.
+    The list is empty if equal squares have different values: the metric then depends on position.
     """
     squares, others = layouts(framed)
     found = [np.asarray(_values(subject, each)[:16], float) for each in (squares, *others)]
@@ -417,7 +433,7 @@ def _means(subject: Subject, framed: bool) -> list[float]:
 
 
 def _worst_of_all(means: list[float]) -> bool:
-    """Whether none has a lower mean than the first, and two at least have a higher one."""
+    """Return True if the first mean is the lowest, and at least two others are higher."""
     squares, others = means[0], np.array(means[1:])
     slack = 1e-6 * max(map(abs, means))
     return bool(np.all(others >= squares - slack) and np.count_nonzero(others > squares + slack) > 1)

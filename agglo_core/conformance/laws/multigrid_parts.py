@@ -1,4 +1,4 @@
-"""Laws of the parts of a multigrid method besides its smoother: transfer, coarse operator, coarse solver."""
+"""Laws for multigrid components except smoothers: transfer, coarse operator and coarse solver."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import require
 from agglo_core.conformance.inputs.questions import answer, in_words, plain, questions
 
-_NEAR = 0.2  # of a near-null vector, at most so much may lie outside the range of a prolongation
-_LEFT = 0.1  # of the error, at most so much may be left by a coarse solver
+_NEAR = 0.2  # largest share of a near-null vector outside the range of the prolongation
+_LEFT = 0.1  # largest share of the error left by a coarse solver
 
 
 @law("transfer")
 def prolongation_fits(subject: Subject) -> None:
-    """It gives a sparse matrix of a row for each unknown, its columns dealt out to the coarse parts."""
+    """The prolongation is a sparse matrix with a row per unknown and columns grouped by coarse part."""
     for case in questions(subject):
         given = answer(subject, subject.build(), case)
         P, step = getattr(given, "P", given), case.given[0]
@@ -44,7 +44,7 @@ def prolongation_fits(subject: Subject) -> None:
 
 @law("transfer")
 def columns_independent(subject: Subject) -> None:
-    """No coarse unknown can be made of the others: the columns are linearly independent."""
+    """The columns of the prolongation are linearly independent."""
     for case in questions(subject):
         P = _prolongation(subject, case)
         size = np.linalg.norm(P, axis=0)
@@ -57,7 +57,7 @@ def columns_independent(subject: Subject) -> None:
 
 @law("transfer")
 def near_null_kept(subject: Subject) -> None:
-    """What the matrix takes to nearly nothing lies nearly in the range of the prolongation."""
+    """Near-null vectors of the matrix lie nearly in the range of the prolongation."""
     for case in questions(subject):
         P, B = _prolongation(subject, case), case.given[0].near_null
         left = B - P @ np.linalg.lstsq(P, B, rcond=None)[0]
@@ -71,7 +71,7 @@ def near_null_kept(subject: Subject) -> None:
 
 @law("coarse_operator")
 def coarse_matrix_fits(subject: Subject) -> None:
-    """``coarse_matrix(step, P)`` gives a sparse real square matrix with a row for each column of P."""
+    """``coarse_matrix(step, P)`` is a sparse real square matrix with a row for each column of P."""
     for case in questions(subject):
         given, m = answer(subject, subject.build(), case), case.given[1].shape[1]
         require(
@@ -94,7 +94,7 @@ def coarse_matrix_definite(subject: Subject) -> None:
 
 @law("coarse_solver")
 def coarse_error_reduced(subject: Subject) -> None:
-    """``solver_for(A)`` gives a function of b whose x ``(n,)`` is the solution but for a tenth at most."""
+    """``solver_for(A)`` returns a function b ↦ x ``(n,)`` with relative energy error at most 10 %."""
     for case in questions(subject):
         A, b = case.given
         given = answer(subject, subject.build(), case)
@@ -114,7 +114,7 @@ def coarse_error_reduced(subject: Subject) -> None:
 
 @law("coarse_solver", promise="symmetric")
 def coarse_solver_symmetric(subject: Subject) -> None:
-    """The solution is a linear function of b, and symmetric."""
+    """The solution is a linear and symmetric function of b."""
     for case in questions(subject):
         A = case.given[0]
         u, v = np.random.default_rng(3).standard_normal((2, A.shape[0]))

@@ -1,4 +1,4 @@
-"""Laws of the labels that refiners and fixers return."""
+"""Laws for the labels returned by refiners and fixers."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ from agglo_core.graph.objectives import OBJECTIVES, Objective, numbered_parts
 
 
 def same_parts(graph: Graph, before: NDArray[Any], after: NDArray[Any]) -> bool:
-    """Whether each block has the labels it had."""
+    """Return True if each block has the same set of labels before and after."""
     pairs = zip(chunks(graph, before), chunks(graph, after), strict=True)
     return all(set(had.tolist()) == set(has.tolist()) for had, has in pairs)
 
 
 @law("refiner", "fixer")
 def bounded_time(subject: Subject) -> None:
-    """It takes at most 20 seconds for 5,000 cells, and fewer cells in proportion."""
+    """A call takes at most 20 seconds for 5,000 cells, and proportionally less for fewer cells."""
     slow = too_slow(subject)
     if slow is not None:
         raise Broken(
@@ -52,7 +52,7 @@ def bounded_time(subject: Subject) -> None:
 
 @law("refiner", "fixer")
 def label_array(subject: Subject) -> None:
-    """It returns one label per cell: an array of integers of shape (n,)."""
+    """Labels form an array of integers of shape (n,), with one label per cell."""
     for case in every_graph(subject):
         given = answer(subject, subject.build(), case)
         labels = as_array(given)
@@ -65,7 +65,7 @@ def label_array(subject: Subject) -> None:
 
 @law("refiner", "fixer")
 def parts_kept(subject: Subject) -> None:
-    """Each block has the labels it had: none is created, none loses its last cell."""
+    """Each block keeps its set of labels: none is added and none loses its last cell."""
     for case in every_graph(subject):
         graph, labels = case.given[:2]
         result = plain(subject, subject.build(), case)
@@ -86,7 +86,7 @@ def parts_kept(subject: Subject) -> None:
 
 @law("refiner")
 def components_not_raised(subject: Subject) -> None:
-    """No part falls into more pieces than it had."""
+    """No part splits into more pieces than before."""
     for case in every_graph(subject):
         graph, labels = case.given[:2]
         after = plain(subject, subject.build(), case)
@@ -100,7 +100,7 @@ def components_not_raised(subject: Subject) -> None:
 
 @law("refiner")
 def objective_kept(subject: Subject) -> None:
-    """The objective it names gets worse in no block: one of the suite's (interface, …), or a metric's sum."""
+    """The named objective, built in (interface, …) or a metric's sum, gets worse in no block."""
     tool = subject.build()
     name = tool.objective
     everywhere = [*every_graph(subject), *in_space(subject)]
@@ -109,6 +109,7 @@ def objective_kept(subject: Subject) -> None:
         value = _in_blocks(OBJECTIVES[name]) if name in OBJECTIVES else _sum_of_metric(subject, tool, case)
         before = value(graph, labels)
         after = value(graph, plain(subject, subject.build(), case))
+        # Compare blocks: the worst block must not increase beyond rounding.
         worst = np.argmax(after - before - 1e-9 * np.abs(before))
         was, became = np.atleast_1d(before)[worst], np.atleast_1d(after)[worst]
         require(
@@ -119,7 +120,7 @@ def objective_kept(subject: Subject) -> None:
 
 
 def _in_blocks(objective: Objective) -> Callable[[Graph, Int], Any]:
-    """The objective of each block, as if it stood alone."""
+    """Return the objective per block, as if each block were alone, as a function of graph and labels."""
 
     def value(graph: Graph, labels: Int) -> Float:
         parts = numbered_parts(graph, labels)
@@ -134,7 +135,10 @@ def _in_blocks(objective: Objective) -> Callable[[Graph, Int], Any]:
 
 
 def _sum_of_metric(subject: Subject, tool: Any, case: Case) -> Callable[[Graph, Int], float]:
-    """Sum of the values of a metric, lower is better, on the mesh of a question."""
+    """Return the sum of a metric on the mesh of a case as a function of graph and labels.
+
+    The sign is set so that lower is better.
+    """
     metric = getattr(tool, "metric", None) or subject.metric(tool.objective)
     require(
         metric is not None,
@@ -146,20 +150,25 @@ def _sum_of_metric(subject: Subject, tool: Any, case: Case) -> Callable[[Graph, 
 
 
 def in_more_pieces(kind: str, graph: Graph, before: Int, after: Int) -> list[tuple[int, int, int]]:
-    """Block, label and pieces of parts in more pieces than they had; of a fixer, than one."""
+    """List block, label and piece count of each part with more pieces than before.
+
+    For a fixer, list each part with more than a single piece.
+    """
     had, has = loose_parts(graph, before), loose_parts(graph, after)
     allowed = {part: 1 if kind == "fixer" else had.get(part, 0) for part in has}
     return sorted((*part, pieces) for part, pieces in has.items() if pieces > allowed[part])
 
 
 def loose_parts(graph: Graph, labels: Int) -> dict[tuple[int, int], int]:
-    """Number of connected pieces of each part (block, label)."""
+    """Return the number of connected pieces of each part (block, label)."""
+    # Connected components of the graph without edges between parts.
     rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
     inside = labels[rows] == labels[graph.indices]
     links = sparse.coo_array(
         (np.ones(inside.sum()), (rows[inside], graph.indices[inside])), shape=(graph.n, graph.n)
     )
     _, piece = connected_components(links, directed=False)
+    # Count the components by block and label of their first cell.
     _, first = np.unique(piece, return_index=True)
     keys, counts = np.unique(np.stack((graph.block_ids, labels))[:, first], axis=1, return_counts=True)
     return {(int(b), int(p)): int(c) for (b, p), c in zip(keys.T, counts, strict=True)}
@@ -167,7 +176,7 @@ def loose_parts(graph: Graph, labels: Int) -> dict[tuple[int, int], int]:
 
 @law("fixer")
 def parts_connected(subject: Subject) -> None:
-    """Afterwards every part is connected."""
+    """Every part is connected after the call."""
     for case in every_graph(subject):
         pieces = loose_parts(case.given[0], plain(subject, subject.build(), case))
         loose = [part for part in pieces if pieces[part] > 1]
@@ -180,7 +189,7 @@ def parts_connected(subject: Subject) -> None:
 
 @law("fixer")
 def connected_left_alone(subject: Subject) -> None:
-    """In a block whose parts are all connected the labels come back as they are."""
+    """Labels stay unchanged in blocks whose parts are all connected."""
     for case in [*every_graph(subject), *in_space(subject)]:
         graph, labels = case.given
         broken = np.isin(graph.block_ids, broken_blocks(graph, labels))
@@ -196,7 +205,7 @@ def connected_left_alone(subject: Subject) -> None:
 
 @law("fixer")
 def fixed_once(subject: Subject) -> None:
-    """Fixing its own result a second time changes nothing."""
+    """Fixing the result a second time changes nothing."""
     for case in [*every_graph(subject), *in_space(subject)]:
         once = frozen_int(plain(subject, subject.build(), case))
         twice = plain(subject, subject.build(), replace(case, given=(case.given[0], once)))
@@ -208,7 +217,7 @@ def fixed_once(subject: Subject) -> None:
 
 @law("fixer")
 def disconnected_block_refused(subject: Subject) -> None:
-    """A block that is itself in two pieces is refused with a ValueError: no labels would help."""
+    """A disconnected block is refused with a ValueError, because no labels can fix it."""
     graph = small_meshes.apart().graph
     case = replace(cases("fixer")[0], name="two components", given=(graph, frozen_int(np.zeros(graph.n))))
     try:

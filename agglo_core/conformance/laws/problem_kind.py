@@ -1,4 +1,4 @@
-"""Laws of a kind of problem: its name, reading it from tables, its example, and untouched input."""
+"""Laws for a kind of problem: name, tables, example and untouched input."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _UNKNOWN_KEY = "no_such_key"
 
 @law("problem")
 def kind_named(subject: Subject) -> None:
-    """A class of problems has its declared name as ``kind``; what a factory makes is of some kind."""
+    """The attribute ``kind`` is a name, and for a class of problems equals the declared name."""
     kind = getattr(subject.build(), "kind", None)
     require(
         isinstance(kind, str) and kind.isidentifier(),
@@ -34,7 +34,7 @@ def kind_named(subject: Subject) -> None:
 
 @law("problem")
 def example_given(subject: Subject) -> None:
-    """``example(mesh)`` gives a problem of its own class on every test mesh."""
+    """``example(mesh)`` returns a problem of its own class on every test mesh."""
     tool = subject.build()
     wanted = tool if isinstance(tool, type) else type(tool)
     for case in questions(subject):
@@ -47,7 +47,7 @@ def example_given(subject: Subject) -> None:
 
 @law("problem")
 def problem_frozen(subject: Subject) -> None:
-    """A problem cannot be changed once it is made."""
+    """Problems are immutable."""
     case = on_meshes("problem")[0]
     example = answer(subject, subject.build(), case)
     names = [each.name for each in fields(example)] if is_dataclass(example) else list(vars(example))
@@ -61,7 +61,7 @@ def problem_frozen(subject: Subject) -> None:
 
 @law("problem")
 def table_checked(subject: Subject) -> None:
-    """``from_table`` refuses a key that it does not know with an AggloError that names it."""
+    """``from_table`` refuses an unknown key with an AggloError that names the key."""
     error = _from_table(subject, {_UNKNOWN_KEY: 1.0})
     require(
         isinstance(error, AggloError) and _UNKNOWN_KEY in str(error),
@@ -72,7 +72,7 @@ def table_checked(subject: Subject) -> None:
 
 @law("problem")
 def empty_table_served(subject: Subject) -> None:
-    """``from_table`` makes a problem of an empty table or says in an AggloError what is missing."""
+    """``from_table`` accepts an empty table or raises an AggloError about the missing key."""
     made = _from_table(subject, {})
     tool = subject.build()
     wanted = tool if isinstance(tool, type) else type(tool)
@@ -85,7 +85,7 @@ def empty_table_served(subject: Subject) -> None:
 
 @law("problem")
 def table_left_alone(subject: Subject) -> None:
-    """``from_table`` leaves the table as it was."""
+    """``from_table`` leaves the table unchanged."""
     for table in ({}, {"kind": "x", _UNKNOWN_KEY: {"1": 0.0}}):
         before = copy.deepcopy(table)
         _from_table(subject, table)
@@ -93,7 +93,7 @@ def table_left_alone(subject: Subject) -> None:
 
 
 def _from_table(subject: Subject, table: dict[str, Any]) -> Any:
-    """The problem made of a table, or whatever was raised."""
+    """Return the problem made from a table, or the exception raised."""
     (mesh,) = on_meshes("problem")[0].given
     try:
         return subject.build().from_table(table, mesh, Path())

@@ -1,4 +1,4 @@
-"""Laws that only a promise switches on, also for what for_target returns."""
+"""Laws switched on by promises, also for bisectors returned by for_target."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ _IN_SPACE = {**MOTIONS, "scaled by 1e-7": Change(scale=1e-7), "scaled by 1e7": C
 
 
 def _promising(promise: str) -> tuple[str, ...]:
-    """Kinds that may make a promise and answer questions."""
+    """Return the kinds that may make a promise and are called by the suite."""
     return tuple(kind for kind in ASKED if promise in KINDS[kind].promises)
 
 
 @law("bisector", promise="kway")
 def kway_said(subject: Subject) -> None:
-    """It promises kway only if it has a method partition."""
+    """Only bisectors with a method partition promise kway."""
     require(subject.partitions, "it promises kway but has no method partition(graph, target, seed)")
 
 
@@ -61,7 +61,7 @@ def kway_declared(subject: Subject) -> None:
 
 @law(*_promising("deterministic"), promise="deterministic")
 def deterministic(subject: Subject) -> None:
-    """Nothing but the input decides: another seed and other calls in between change nothing."""
+    """The answer depends only on the input, not on the seed or on other calls."""
     tool = subject.build()
     asked = questions(subject)
     first = [plain(subject, tool, case) for case in asked]
@@ -86,7 +86,7 @@ def connected(subject: Subject) -> None:
 
 @law("bisector", promise="balanced")
 def balanced(subject: Subject) -> None:
-    """The sides' shares of the weight differ from a half by the promised tolerance and one cell at most."""
+    """The weight share of a side differs from 1/2 by at most the promised tolerance plus one cell."""
     tolerance = subject.promised("balanced")
     allowed = 0.0 if tolerance is True or tolerance is None else float(tolerance)
     for case in [*every_graph(subject), *in_space(subject)]:
@@ -106,15 +106,17 @@ def balanced(subject: Subject) -> None:
 
 @law("bisector", "refiner", "fixer", promise="invariant")
 def invariant(subject: Subject) -> None:
-    """Renumbering, turning, shifting by a million diameters and scaling change nothing without symmetry."""
+    """Without symmetry, renumbering, rotation, scaling and a shift by a million diameters change nothing."""
+    # Irregular grids; the large grid is only renumbered.
     every = small_meshes.CHANGES
     asked = [(small_meshes.grid(9, 7, jitter=0.25), every), (small_meshes.grid(14, 6, jitter=0.3), every)]
     if too_slow(subject) is None:
         asked.append((small_meshes.grid(50, 40, jitter=0.3), every[:1]))
     if subject.kind == "fixer":
-        asked += [(small_meshes.grid(8, 8), every)]  # which random labels make irregular
+        asked += [(small_meshes.grid(8, 8), every)]  # with random labels, which break the symmetry
     if subject.promised("3d"):
         _require_unmoved_in_space(subject)
+    # Compare the answers after each change, up to the exchange of sides.
     for mesh, changes in asked:
         before = [plain(subject, subject.build(), case) for case in _on(subject.kind, mesh, mesh, None)]
         for change in changes:
@@ -144,13 +146,14 @@ def _require_unmoved_in_space(subject: Subject) -> None:
 
 @law(*_promising("3d"), promise="3d")
 def space(subject: Subject) -> None:
-    """In 3-D it answers as it does in 2-D: full length, finite, both sides, all parts."""
+    """In 3-D the answer is as good as in 2-D: full length, finite, both sides, all parts."""
     asked = cases_in_3d(subject.kind)
     if subject.kind in ("solver", "format"):
         asked = taken(subject, asked)
         require(asked or not subject.has("write"), "it refuses every 3-D mesh: drop the promise 3d")
+    # One object answers a 2-D case first, to detect a stored dimension.
     tool = subject.build()
-    for case in [*questions(subject)[:1], *asked]:  # one in the plane first
+    for case in [*questions(subject)[:1], *asked]:  # starts with a 2-D case
         plain(subject, tool, case)
     for case in asked:
         values = plain(subject, subject.build(), case)
@@ -159,7 +162,7 @@ def space(subject: Subject) -> None:
             same(values, later),
             f"on {case.name}: it answers otherwise after a question in the plane: keep no dimension in self",
         )
-        if subject.kind != "metric":  # whose values may be undefined: its own laws ask in 3-D too
+        if subject.kind != "metric":  # undefined values are allowed, and metrics have 3-D laws of their own
             require(np.isfinite(values).all(), f"on {case.name}: values are {values[:4]}")
         if subject.kind == "bisector":
             apart = len(one_sided(case.given[0], values)) == 0
@@ -173,7 +176,7 @@ def space(subject: Subject) -> None:
 
 @law(*_promising("pickles"), promise="pickles")
 def pickles(subject: Subject) -> None:
-    """It can be pickled, as it must be to be sent to another process."""
+    """The component can be pickled, for use in another process."""
     tool = subject.build()
     if subject.kind == "problem":
         for example in (answer(subject, tool, case) for case in questions(subject)):
@@ -199,7 +202,7 @@ def _pickled(thing: Any) -> Any:
 
 
 def _on(kind: str, mesh: Mesh, other: Mesh, order: Int | None) -> list[Case]:
-    """Cases on ``other`` whose labels, if any, are those of ``mesh`` carried over."""
+    """Return cases on ``other`` with the labels, if any, carried over from ``mesh``."""
     if kind == "bisector":
         return [Case(other.name, (other.graph, seeds_for(1)))]
     x, y = mesh.local_centroids.T[:2]
@@ -237,14 +240,14 @@ _JUDGED = (
 
 @law("bisector", when=told)
 def told_keeps_promises(subject: Subject) -> None:
-    """What for_target returns obeys the laws of bisectors too, and keeps the promises of the original."""
+    """The result of for_target obeys the laws for bisectors, and keeps the promises of the original."""
     judged = [each for each in laws_of("bisector") if each.name in _JUDGED and each.applies(subject)]
     for target in _TARGETS:
         tool = subject.build()
         try:
             if for_target(tool, target) is tool:
                 continue
-        except AggloError:  # refused
+        except AggloError:  # the target is refused
             continue
         for each in judged:
             try:

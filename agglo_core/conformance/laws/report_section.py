@@ -1,4 +1,4 @@
-"""Laws of a section of the report."""
+"""Laws for a section of the report."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from agglo_core.conformance.inputs.questions import answer, in_words, questions
 
 @law("section")
 def titled(subject: Subject) -> None:
-    """Its title is a string that is not empty."""
+    """The title is a nonempty string."""
     title = getattr(subject.build(), "title", None)
     require(
         isinstance(title, str) and title.strip(),
@@ -23,7 +23,7 @@ def titled(subject: Subject) -> None:
 
 @law("section")
 def html_text(subject: Subject) -> None:
-    """Its html is a string."""
+    """The html is a string."""
     for case in questions(subject):
         given = answer(subject, subject.build(), case)
         require(isinstance(given, str), f"{case.name}: html returned {in_words(given)}, expected a string")
@@ -31,7 +31,7 @@ def html_text(subject: Subject) -> None:
 
 @law("section")
 def no_scripts(subject: Subject) -> None:
-    """It contains no scripts, and nothing that is loaded from elsewhere or runs when clicked."""
+    """The html contains no scripts, external resources or event handlers."""
     for case in questions(subject):
         found = re.search(
             r"<\s*(script|iframe|object|embed|link)|<[^>]*\s(on\w+\s*=|src\s*=\s*[\"']?https?:)",

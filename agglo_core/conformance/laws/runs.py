@@ -1,4 +1,7 @@
-"""Laws of whole runs, other processes and large meshes, judged last: earlier failures are easier to read."""
+"""Laws for whole runs, child processes and large meshes.
+
+These laws are judged last, because failures of earlier laws are easier to read.
+"""
 
 from __future__ import annotations
 
@@ -26,12 +29,12 @@ from agglo_core.graph import Graph, functionals
 from agglo_core.measure.agglomerates import quality
 
 _LONGER = 1.25
-"""Interface of parts that are grown over that of the usual ones: on meshes this small it varies a little."""
+"""Largest interface of grown parts relative to parts made depth by depth; small meshes vary a little."""
 
 
 @law("bisector", "refiner", "fixer", "metric")
 def works_in_a_run(subject: Subject) -> None:
-    """Runs with it, by count and by size, give connected parts as asked for; a metric measures those."""
+    """Runs by count and by size give connected parts as requested, and metrics measure such parts."""
     try:
         if subject.kind == "metric":
             mesh = small_meshes.grid(9, 7, jitter=0.2)
@@ -53,7 +56,7 @@ def _grows(subject: Subject) -> bool:
 
 @law("bisector", when=_grows)
 def grows_alike(subject: Subject) -> None:
-    """The parts that a bisector grows are as good as those that its own splits make depth by depth."""
+    """Parts made by ``grow`` are as good as parts made by the bisector's own splits depth by depth."""
     try:
         for asked, one, other in runs_both_ways(subject):
             for labels, usual in zip(one.levels, other.levels, strict=True):
@@ -72,7 +75,7 @@ def grows_alike(subject: Subject) -> None:
 
 @law(*SIBLINGS, when=can_be_sent)
 def same_in_another_process(subject: Subject) -> None:
-    """Another process, with other hash values and another current folder, gives the same answers."""
+    """Another process with other hash values and another current folder gives equal answers."""
     asked, tool = asked_elsewhere(subject), subject.build()
     with global_random(1):
         here = [plain(subject, tool, case) for case in asked]
@@ -88,10 +91,10 @@ def same_in_another_process(subject: Subject) -> None:
             )
 
 
-_SMALL, _LARGE = (50, 40), (100, 80)  # cells across and up
-_HUGE = (250, 200)  # their square is more than 32 bits hold
-_STEEP = 1.7  # power of the number of cells; n log n is some 1.1, 2 is quadratic
-_NOTICEABLE = 0.5  # CPU seconds for the larger mesh below which nothing is held against a component
+_SMALL, _LARGE = (50, 40), (100, 80)  # cells along x and y
+_HUGE = (250, 200)  # the square of the cell count exceeds 32 bits
+_STEEP = 1.7  # exponent of the cell count; n log n is about 1.1, quadratic is 2
+_NOTICEABLE = 0.5  # CPU seconds on the larger mesh; faster components always pass
 
 
 def _wanted(subject: Subject) -> bool:
@@ -100,7 +103,7 @@ def _wanted(subject: Subject) -> bool:
 
 @law("bisector", "refiner", "fixer", when=_wanted)
 def large_meshes(subject: Subject) -> None:
-    """On 50,000 cells it answers as on few: both sides, all parts, none in more pieces than before."""
+    """On 50,000 cells the answer is as good as on few: both sides, all parts, none in more pieces."""
     case = _case(subject.kind, _HUGE)
     graph = case.given[0]
     values = plain(subject, subject.build(), case)
@@ -117,7 +120,7 @@ def large_meshes(subject: Subject) -> None:
 @law("refiner", "fixer", when=_wanted)
 def time_grows_with_the_mesh(subject: Subject) -> None:
     """Four times as many cells take far less than sixteen times as long."""
-    answer(subject, subject.build(), _case(subject.kind, (12, 10)))  # kernels compile here, off the clock
+    answer(subject, subject.build(), _case(subject.kind, (12, 10)))  # compile kernels off the clock
     small, large = (_seconds(subject, _case(subject.kind, size)) for size in (_SMALL, _LARGE))
     power = np.log(large / max(small, 1e-4)) / np.log(4.0)
     require(
@@ -136,12 +139,12 @@ def _case(kind: str, size: tuple[int, int]) -> Case:
 
 
 def _seconds(subject: Subject, case: Case) -> float:
-    """CPU time of an answer: the least of three, as a busy machine only ever adds to it."""
+    """Return the CPU time of an answer: the minimum of three, because other load only increases it."""
     taken = []
     for _ in range(3):
         tool, start = subject.build(), time.process_time()
         answer(subject, tool, case)
         taken.append(time.process_time() - start)
-        if taken[-1] > 5.0:  # no noise is that large
+        if taken[-1] > 5.0:  # noise is much smaller
             break
     return min(taken)

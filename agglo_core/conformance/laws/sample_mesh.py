@@ -1,4 +1,4 @@
-"""Laws of a sample: it is a mesh, and its options are explained."""
+"""Laws for a sample: the result is a mesh, and options are documented."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from agglo_core.registry.options import options_of
 
 @law("sample")
 def sample_is_mesh(subject: Subject) -> None:
-    """Calling it gives a Mesh."""
+    """The call returns a Mesh."""
     mesh = subject.build()
     require(
         isinstance(mesh, Mesh),
@@ -25,7 +25,7 @@ def sample_is_mesh(subject: Subject) -> None:
 
 @law("sample")
 def options_explained(subject: Subject) -> None:
-    """Every option has an annotation, and the docstring or the summary says what it means."""
+    """Every option has an annotation, and is explained in the docstring or summary."""
     function = subject.target
     component = subject.record.component if subject.record else None
     text = f"{inspect.getdoc(function) or ''} {component.summary if component else ''}"

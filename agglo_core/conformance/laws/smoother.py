@@ -1,4 +1,4 @@
-"""Laws of smoothers: what they do to the error, before and after a correction, and on several levels."""
+"""Laws for smoothers: effect on the error, on both sides of a correction, and on several levels."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from agglo_core.conformance.inputs.solver_cases import uneven
 from agglo_core.registry.containment import PLUGIN_FAILURES
 
 _EXACT = 1e-10
-_SHARE = 0.9  # of what is left of a smooth error, at most so much may be left of a rough one
+_SHARE = 0.9  # largest ratio of the remaining rough error to the remaining smooth error
 
 
 @law("smoother")
 def smoothed_array(subject: Subject) -> None:
-    """``setup(level)`` gives a function of (b, x) that returns real numbers of shape (n,)."""
+    """``setup(level)`` returns a function of (b, x) whose result is real with shape (n,)."""
     for case in questions(subject):
         given = answer(subject, subject.build(), case)
         require(
@@ -38,7 +38,7 @@ def smoothed_array(subject: Subject) -> None:
 
 @law("smoother")
 def nothing_from_nothing(subject: Subject) -> None:
-    """From b = 0 and x = 0 it returns 0."""
+    """The result for b = 0 and x = 0 is 0."""
     for case in questions(subject):
         zero = np.zeros(case.size or 0)
         made = smoothed(subject, case, zero, zero)
@@ -49,7 +49,7 @@ def nothing_from_nothing(subject: Subject) -> None:
 
 @law("smoother")
 def solution_kept(subject: Subject) -> None:
-    """The exact solution stays where it is."""
+    """The exact solution stays unchanged."""
     for case in questions(subject):
         level, _, x = case.given
         moved = np.abs(smoothed(subject, case, level.A @ x, x) - x).max()
@@ -62,7 +62,7 @@ def solution_kept(subject: Subject) -> None:
 
 @law("smoother")
 def error_reduced(subject: Subject) -> None:
-    """From any x the error becomes smaller in the energy norm, of uneven matrices too."""
+    """The energy norm of the error decreases from any x, also for uneven matrices."""
     for case in [*questions(subject), _uneven()]:
         A, x = case.given[0].A, case.given[2]
         left = _energy(A, _error_left(subject, case, x)) / _energy(A, x)
@@ -75,10 +75,11 @@ def error_reduced(subject: Subject) -> None:
 
 @law("smoother")
 def rough_error_damped(subject: Subject) -> None:
-    """Less is left of a rough error than of a smooth one, by a tenth at least (without coarse correction)."""
+    """Rough errors shrink to at most 0.9 times the remainder of smooth errors (without coarse correction)."""
     for case in questions(subject):
         level = case.given[0]
         if level.coarse is None and len(case.given[1]) > 1:
+            # Eigenvectors of D⁻¹A: the lower half is smooth, the upper half rough.
             A = level.A.toarray()
             _, modes = eigh(A, np.diag(A.diagonal()))
             half = len(A) // 2
@@ -95,7 +96,7 @@ def rough_error_damped(subject: Subject) -> None:
 
 @law("smoother", promise="symmetric")
 def smoother_symmetric(subject: Subject) -> None:
-    """The error it leaves is a linear function of the error, self-adjoint in the energy inner product."""
+    """The remaining error is a linear function of the error, self-adjoint in the energy inner product."""
     for case in questions(subject):
         A = case.given[0].A
         n = A.shape[0]
@@ -115,7 +116,7 @@ def smoother_symmetric(subject: Subject) -> None:
 
 
 def _uneven() -> Case:
-    """A level whose couplings differ by 1 to 100."""
+    """Return a level with couplings between 1 and 100."""
     case = cases("smoother")[0]
     level = case.given[0]
     A = uneven(small_meshes.grid(8, 8).graph, 1).A
@@ -123,19 +124,22 @@ def _uneven() -> Case:
 
 
 def _mixed(modes: Float) -> Float:
-    """Equal amounts of some modes ``(n, k)`` with random signs."""
+    """Return the sum of modes ``(n, k)`` with random signs."""
     signs = np.random.default_rng(1).choice([-1.0, 1.0], modes.shape[1])
     return np.asarray(modes @ signs)
 
 
 def smoothed(subject: Subject, case: Case, b: Float, x: Float) -> Float:
-    """What a smoother makes of a right-hand side and an x ``(n,)``."""
+    """Apply a smoother to a right-hand side and an x ``(n,)``."""
     asked = Case(case.name, (case.given[0], frozen_float(b), frozen_float(x)))
     return plain(subject, subject.build(), asked)
 
 
 def _error_left(subject: Subject, case: Case, error: Float) -> Float:
-    """What is left of an error: the solution is 0."""
+    """Return the remaining error after smoothing.
+
+    The exact solution is 0.
+    """
     return smoothed(subject, case, np.zeros(len(error)), error)
 
 
@@ -147,14 +151,14 @@ _CLOSE = 1e-8
 
 
 def _two_sided(subject: Subject) -> bool:
-    """Whether what its ``setup`` returns has one of the methods before and after."""
+    """Return True if the result of ``setup`` has a method ``before`` or ``after``."""
     smooth = subject.build().setup(cases("smoother")[0].given[0])
     return hasattr(smooth, "before") or hasattr(smooth, "after")
 
 
 @law("smoother", when=_two_sided)
 def both_sides(subject: Subject) -> None:
-    """Where setup's answer has ``before`` or ``after`` it has both; they return (x, residual) and x."""
+    """``before`` and ``after`` are defined together, and return the pair (x, residual) and x."""
     for case in questions(subject):
         n = case.size
         x, r = _before(subject, case, case.given[1])
@@ -168,7 +172,7 @@ def both_sides(subject: Subject) -> None:
 
 @law("smoother", when=_two_sided)
 def residual_of_before(subject: Subject) -> None:
-    """The residual that ``before`` returns is b − A x, and x from 0 is linear in b."""
+    """``before`` returns the residual b − A x, and an x that is linear in b."""
     for case in questions(subject):
         A, (u, v) = case.given[0].A, _pair(case)
         (x, r), (y, _), (both, _) = (_before(subject, case, b) for b in (u, v, 2 * u - 3 * v))
@@ -184,9 +188,10 @@ def residual_of_before(subject: Subject) -> None:
 
 @law("smoother", when=_two_sided)
 def after_mirrors_before(subject: Subject) -> None:
-    """Where ``before`` takes x = B b, ``after`` takes x + Bᵀ (b − A x), so that cycles are symmetric."""
+    """If ``before`` gives x = B b, ``after`` gives x + Bᵀ (b − A x), so that cycles are symmetric."""
     for case in questions(subject):
         A, (u, v) = case.given[0].A, _pair(case)
+        # The update depends only on the residual.
         moved = _after(subject, case, u, v) - v
         alone = _after(subject, case, u - A @ v, np.zeros(len(u)))
         gap = np.abs(moved - alone).max() / np.abs(moved).max()
@@ -195,6 +200,7 @@ def after_mirrors_before(subject: Subject) -> None:
             f"on {case.name}: what after(b, x) adds to x and after(b − A x, 0) differ by {gap:.1e}: only the "
             "residual may enter",
         )
+        # B and Bᵀ are adjoint.
         one, other = float(v @ _before(subject, case, u)[0]), float(u @ _after(subject, case, v, 0 * v))
         apart = abs(one - other) / (np.linalg.norm(u) * np.linalg.norm(alone))
         require(
@@ -206,7 +212,7 @@ def after_mirrors_before(subject: Subject) -> None:
 
 @law("smoother", when=_two_sided)
 def sides_leave_b(subject: Subject) -> None:
-    """Neither side changes the right-hand side, and ``before`` gives arrays of its own."""
+    """``before`` and ``after`` leave the right-hand side unchanged, and ``before`` returns new arrays."""
     for case in questions(subject):
         b = np.array(case.given[1])
         kept = b.copy()
@@ -238,7 +244,7 @@ def _after(subject: Subject, case: Case, b: Float, x: Float) -> Any:
 
 
 def _asked(subject: Subject, case: Case, method: str, *given: Float) -> Any:
-    """The answer of a smoother set up afresh."""
+    """Call a method of a newly set up smoother."""
     try:
         side = getattr(subject.build().setup(case.given[0]), method, None)
         if not callable(side):
@@ -255,7 +261,7 @@ _FACTORS = (2.0**20, 2.0**-20)
 
 @law("smoother")
 def unit_of_the_matrix(subject: Subject) -> None:
-    """A matrix and a right-hand side multiplied by the same number give the same x."""
+    """Multiplying matrix and right-hand side by the same factor does not change x."""
     for case in questions(subject):
         level, b, x = case.given
         if level.coarse is None:
@@ -273,7 +279,7 @@ def unit_of_the_matrix(subject: Subject) -> None:
 
 @law("smoother")
 def levels_apart(subject: Subject) -> None:
-    """What ``setup`` returns for a level stays the same when other levels are set up and smoothed."""
+    """The result of ``setup`` for a level is not affected by the setup and use of other levels."""
     tool, asked = subject.build(), questions(subject)
     ready = [(case, _set_up(tool, case)) for case in asked]
     for case, smooth in [*ready, *ready[::-1]]:

@@ -1,4 +1,7 @@
-"""Laws of solvers by facts about their own systems, for any discretisation: solutions, histories, levels."""
+"""Laws for solvers that hold for any discretisation: solutions, histories, levels.
+
+The laws only use the linear system that the solver returns.
+"""
 
 from __future__ import annotations
 
@@ -44,12 +47,12 @@ from agglo_core.problems import Diffusion, Linear, Solution
 from agglo_core.problems.iteration_history import TESTS
 from agglo_core.problems.residuals.backward_error import LIMIT, backward_error
 
-_CLOSE = 1e-4  # solvers stop at a tolerance of their own; this tells wrong from unfinished
+_CLOSE = 1e-4  # distinguishes wrong from unfinished: each solver stops at a tolerance of its own
 
 
 @law("solver")
 def solution_record(subject: Subject) -> None:
-    """It returns a Solution: x and b of one length, A square, a residual before and after each iteration."""
+    """The Solution has x and b of one length, a square A, and iterations + 1 residuals."""
     for case in everywhere(subject):
         it = solve(subject, case)
         n = len(it.x)
@@ -78,7 +81,7 @@ def solution_record(subject: Subject) -> None:
 
 @law("solver")
 def solves(subject: Subject) -> None:
-    """On small problems it converges to the direct solution of the same system."""
+    """Small problems converge to the direct solution of the returned system."""
     for case in everywhere(subject):
         it = solve(subject, case)
         require(it.converged, f"on {case.name}: not converged ({it.reason}) on a tiny problem")
@@ -92,7 +95,7 @@ def solves(subject: Subject) -> None:
 
 @law("solver")
 def own_system_kept(subject: Subject) -> None:
-    """A linear system is solved as given: x, A and b of the Solution fit the A and b of the problem."""
+    """A linear system is solved as given: x, A and b of the Solution fit the given A and b."""
     for case in everywhere(subject):
         problem = case.given[0]
         if isinstance(problem, Linear):
@@ -114,7 +117,7 @@ def own_system_kept(subject: Subject) -> None:
 
 @law("solver")
 def true_residual(subject: Subject) -> None:
-    """The last residual reported is the 2-norm of b − A x."""
+    """The last residual is the 2-norm of b − A x."""
     for case in everywhere(subject):
         it = solve(subject, case)
         size = float(np.linalg.norm(it.b))
@@ -128,7 +131,7 @@ def true_residual(subject: Subject) -> None:
 
 @law("solver")
 def failure_flagged(subject: Subject) -> None:
-    """A problem without a solution is flagged (converged=False, a reason) or refused with an AggloError."""
+    """A problem without solution is flagged (converged=False with a reason) or refused with an AggloError."""
     _, hierarchy = cases("solver")[0].given
     graph = hierarchy.graph
     hopeless = {
@@ -154,7 +157,7 @@ def failure_flagged(subject: Subject) -> None:
 
 @law("solver")
 def operators_chain(subject: Subject) -> None:
-    """Operators, if there are any, are (A, P) finest first: P leads from the next level, the last is None."""
+    """Operators, if any, are pairs (A, P) finest first, where P leads from the next level (last: None)."""
     for case in everywhere(subject):
         it = solve(subject, case)
         for level, (A, P) in enumerate(it.operators):
@@ -171,7 +174,7 @@ def operators_chain(subject: Subject) -> None:
 
 @law("solver")
 def field_forms_agree(subject: Subject) -> None:
-    """A coefficient or source given as a number, one value per cell or a callable means the same."""
+    """Coefficients and sources mean the same as a number, as one value per cell or as a callable."""
     for case in first_case(subject, Diffusion):
         n = case.given[1].graph.n
         wanted = solve(subject, with_problem(case, kappa=2.0, source=3.0)).x
@@ -187,7 +190,7 @@ def field_forms_agree(subject: Subject) -> None:
 
 @law("solver")
 def linear_in_the_data(subject: Subject) -> None:
-    """Twice the source or right-hand side gives twice the solution, twice the coefficient or matrix half."""
+    """The solution is proportional to source or right-hand side, and inversely to coefficient or matrix."""
     for case in first_case(subject, Diffusion):
         once = solve(subject, case).x
         _require_close(solve(subject, with_problem(case, source=2.0)).x, 2 * once, "twice the source")
@@ -200,7 +203,7 @@ def linear_in_the_data(subject: Subject) -> None:
 
 @law("solver")
 def disconnected_solved(subject: Subject) -> None:
-    """A mesh of two components is solved too."""
+    """A mesh with two components is solved."""
     from agglo_core.hierarchy import Hierarchy
 
     mesh = small_meshes.apart()
@@ -222,7 +225,7 @@ _SAME = 1e-9
 
 @law("solver", when=lambda subject: bool(first_case(subject, Linear)))
 def given_matrix_used(subject: Subject) -> None:
-    """A system that is not symmetric, not definite or of unequal cells is solved as given, or it says no."""
+    """Nonsymmetric, indefinite or unequal-block systems are solved as given, or refused."""
     for case in unlike_diffusion():
         problem = case.given[0]
         it = solve_unless_refused(subject, case.name, *case.given)
@@ -247,7 +250,7 @@ def given_matrix_used(subject: Subject) -> None:
 
 
 def _require_own_residual(name: str, it: Solution) -> None:
-    """The last residual is that of x, unless the method broke down."""
+    """Require that the last residual belongs to x, unless the method broke down."""
     if np.isfinite(it.x).all() and len(it.residuals):
         size, true = (float(np.linalg.norm(each)) for each in (it.b, it.b - it.A @ it.x))
         require(
@@ -260,12 +263,12 @@ def _require_own_residual(name: str, it: Solution) -> None:
 _TOLERANCE = ("tolerance", "tol", "rtol", "relative_tolerance")
 _MOST = ("max_iterations", "maxiter", "max_iter", "iterations", "most", "max_cycles", "cycles")
 _FEW = (1, 2, 3, 5)
-_WRONG = 1e-2  # nobody's tolerance: what is called converged is nearer than that
-_NOISE = 1e-9  # of the first residual; below, rounding decides
+_WRONG = 1e-2  # looser than any sensible tolerance
+_NOISE = 1e-9  # relative to the first residual; rounding dominates below
 
 
 def _asked(subject: Subject) -> list[Case]:
-    """A diffusion problem and an uneven linear system, of those that it takes."""
+    """Return a diffusion problem and an uneven linear system, if the solver accepts them."""
     asked = first_case(subject, Diffusion)
     for case in first_case(subject, Linear):
         hierarchy = case.given[1]
@@ -275,7 +278,7 @@ def _asked(subject: Subject) -> list[Case]:
 
 
 def _hard(subject: Subject) -> list[Case]:
-    """Systems whose residual goes up before it goes down, and cannot become small."""
+    """Return systems whose residual first increases, or cannot become small."""
     hard = {"unknowns in different units": rising, "an ill-conditioned matrix": ill_conditioned}
     return [
         Case(name, (make(case.given[1]), case.given[1]))
@@ -286,7 +289,7 @@ def _hard(subject: Subject) -> list[Case]:
 
 
 def _multiplied(case: Case, matrix: float, data: float) -> Case:
-    """The question with matrix and right-hand side multiplied."""
+    """Return the case with matrix and right-hand side multiplied."""
     problem = case.given[0]
     if isinstance(problem, Linear):
         return with_problem(case, A=matrix * problem.A, b=data * problem.b)
@@ -295,7 +298,7 @@ def _multiplied(case: Case, matrix: float, data: float) -> Case:
 
 @law("solver")
 def scales_with_the_system(subject: Subject) -> None:
-    """Data multiplied by any power of two multiply the solution and every residual of the history."""
+    """Scaling the data by a power of two scales the solution and every residual of the history."""
     for case in _asked(subject):
         once = solve(subject, case)
         for matrix, data in ((1.0, 2.0**20), (1.0, 2.0**-20), (2.0**8, 2.0**8)):
@@ -324,7 +327,7 @@ def _require_same_history(one: Any, other: Any, how: str) -> None:
 
 @law("solver")
 def zero_from_zero(subject: Subject) -> None:
-    """Without data the solution is 0, and that is called converged."""
+    """Zero data give the solution 0 with converged=True."""
     for case in _asked(subject):
         problem = case.given[0]
         none = {"b": 0 * problem.b} if isinstance(problem, Linear) else {"source": 0.0}
@@ -338,7 +341,7 @@ def zero_from_zero(subject: Subject) -> None:
 
 @law("solver", when=lambda subject: option_named(subject, *_TOLERANCE) is not None)
 def tolerance_met(subject: Subject) -> None:
-    """A tolerance of 1e-4 or 1e-10 is met wherever it says converged, on one and the same way."""
+    """A tolerance of 1e-4 or 1e-10 is met by every converged solution, and the histories agree."""
     name = str(option_named(subject, *_TOLERANCE))
     for case in [*_asked(subject), *_hard(subject)]:
         runs = {tolerance: _with_option(subject, case, name, tolerance) for tolerance in (1e-4, 1e-10)}
@@ -352,7 +355,7 @@ def tolerance_met(subject: Subject) -> None:
                 )
         loose, tight = runs.values()
         if loose is not None and tight is not None:
-            same = min(len(loose.residuals) - 1, len(tight.residuals) - 1, 2)  # the last one ends the run
+            same = min(len(loose.residuals) - 1, len(tight.residuals) - 1, 2)  # without the last
             require(
                 np.allclose(loose.residuals[:same], tight.residuals[:same], rtol=0.5),
                 f"on {case.name}: the history begins with {loose.residuals[:2]} for {name}=1e-4 and with "
@@ -362,7 +365,7 @@ def tolerance_met(subject: Subject) -> None:
 
 @law("solver", when=lambda subject: option_named(subject, *_MOST) is not None)
 def too_few_iterations_said(subject: Subject) -> None:
-    """Stopped after 1 to 5 iterations it does not claim to have converged, and tells the residual of x."""
+    """After 1 to 5 iterations convergence is not claimed falsely, and the residual of x is reported."""
     name = str(option_named(subject, *_MOST))
     for most in _FEW:
         for case in [*_asked(subject), *_hard(subject)]:
@@ -387,7 +390,7 @@ def _require_honest(name: str, it: Solution, most: int) -> None:
 
 @law("solver")
 def claims_hold(subject: Subject) -> None:
-    """Where coefficients jump, on one part, three levels or loose parts, what it calls converged is right."""
+    """Claimed convergence is true for rough coefficients, one part, three levels or loose parts."""
     for case in awkward():
         plain_sort = not isinstance(case.given[0], Linear) or case.sort == "linear"
         if plain_sort or first_case(subject, Linear):
@@ -398,7 +401,7 @@ def claims_hold(subject: Subject) -> None:
 
 @law("solver")
 def each_solve_alone(subject: Subject) -> None:
-    """What it solved before, on the same hierarchy too, changes nothing."""
+    """Earlier solves do not change the result, even on the same hierarchy."""
     asked = [*_asked(subject)]
     for case in first_case(subject, Diffusion):
         hierarchy = plate()
@@ -417,7 +420,7 @@ def each_solve_alone(subject: Subject) -> None:
 
 
 def _with_option(subject: Subject, case: Case, name: str, value: float) -> Solution | None:
-    """The solution with an option set; None if the solver does not take that value, or refuses."""
+    """Return the solution with an option set, or None if the value or the problem is refused."""
     try:
         tool = subject.make(**{name: value})
     except (AggloError, TypeError, ValueError):
@@ -438,13 +441,13 @@ def _require_true_claim(name: str, it: Solution) -> None:
         require(isinstance(it.reason, str) and it.reason, f"on {name}: not converged, and no reason is given")
 
 
-_FACTOR = 10.0  # by which an estimate of the error may be too small
-_ROUNDING = 1e-10  # of the solution: below, its factorisation is no better
+_FACTOR = 10.0  # largest factor by which an error estimate may be too small
+_ROUNDING = 1e-10  # relative to the solution; the direct solution is no more accurate
 
 
 @law("solver")
 def told_error_holds(subject: Subject) -> None:
-    """The energy error, the tests and the outcome that it tells of x are those of x, where it tells any."""
+    """Any reported energy error, stopping tests and rounding limit are true for x."""
     for case in everywhere(subject):
         it = solve(subject, case)
         require(
@@ -481,7 +484,7 @@ def _energy_error(it: Solution) -> float:
 
 @law("solver", promise="symmetric", when=lambda subject: hasattr(subject.build(), "aspreconditioner"))
 def preconditioner_linear(subject: Subject) -> None:
-    """Its preconditioner is linear: M (2 u − 3 v) is 2 M u − 3 M v, whatever the sizes of u and v."""
+    """The preconditioner M is linear: M (2 u − 3 v) = 2 M u − 3 M v, whatever the sizes of u and v."""
     tool, rng = subject.build(), np.random.default_rng(5)
     for case in everywhere(subject):
         M = tool.aspreconditioner(*case.given)
@@ -501,7 +504,7 @@ _LEVEL_ROUNDING = 1e-8
 
 @law("solver", when=lambda subject: getattr(subject.build(), "galerkin", True))
 def coarse_operators_inherited(subject: Subject) -> None:
-    """The matrix of each coarser level is Pᵀ A P, small entries too, unless it says galerkin = False."""
+    """The matrix of each coarser level is Pᵀ A P, including small entries, unless galerkin = False."""
     for case in [*everywhere(subject), *awkward(), *unlike_diffusion()]:
         it = solve_unless_refused(subject, case.name, *case.given)
         for level, ((A, P), (coarse, _)) in enumerate(pairwise([] if it is None else it.operators)):
@@ -515,7 +518,7 @@ def coarse_operators_inherited(subject: Subject) -> None:
 
 
 def _off(A: Any, P: Any, coarse: Any) -> float:
-    """Largest difference of an entry from Pᵀ A P, relative to the diagonals in its row and column."""
+    """Return the largest entry of Pᵀ A P minus the coarse matrix, relative to its diagonals."""
     wanted, sizes = P.T @ A @ P, abs(P).T @ abs(A) @ abs(P)
     unit = np.sqrt(np.maximum(sizes.diagonal(), 1e-300))
     apart = np.abs((wanted - coarse).toarray())
@@ -524,7 +527,7 @@ def _off(A: Any, P: Any, coarse: Any) -> float:
 
 @law("solver", promise="symmetric")
 def symmetric(subject: Subject) -> None:
-    """Its preconditioner M, aspreconditioner(problem, hierarchy), is symmetric and positive definite."""
+    """The preconditioner M, aspreconditioner(problem, hierarchy), is symmetric and positive definite."""
     tool = subject.build()
     require(
         callable(getattr(tool, "aspreconditioner", None)),
@@ -547,7 +550,7 @@ def symmetric(subject: Subject) -> None:
 
 
 def _preconditioner(tool: Any, case: Case) -> LinearOperator | None:
-    """That of a system; None if it is refused."""
+    """Return the preconditioner of a system, or None if the system is refused."""
     try:
         return tool.aspreconditioner(*case.given)
     except AggloError:
@@ -555,7 +558,7 @@ def _preconditioner(tool: Any, case: Case) -> LinearOperator | None:
 
 
 def _require_definite(case: Case, operator: LinearOperator | None) -> None:
-    """Broken unless M, in units in which A has ones on its diagonal, has positive eigenvalues only."""
+    """Require that M has only positive eigenvalues, scaled so that A has a unit diagonal."""
     if operator is None:
         return
     unit = np.sqrt(case.given[0].A.diagonal())

@@ -1,7 +1,7 @@
-"""Laws of solvers of diffusion problems: solutions that are known, and what follows from the equation.
+"""Laws for diffusion solvers: known solutions, and properties of the equation.
 
-A solver may refuse boundary data by an AggloError. Values are compared where it is known what unknowns
-mean: from the discretisation of the solver, or because there is one on each cell.
+A solver may refuse boundary data with an AggloError. Values are compared if the meaning of the unknowns is
+known: from the discretisation of the solver, or because there is one unknown per cell.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from agglo_core.conformance.inputs.solver_cases import SIDES, block, elsewhere, 
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.problems import Diffusion
 
-_CLOSE = 1e-3  # of the largest value; solvers stop at a tolerance of their own
+_CLOSE = 1e-3  # relative to the largest value; solvers stop at a tolerance of their own
 _LEFT, _RIGHT, _BOTTOM, _TOP = SIDES
 _CHANGES = {
     "shifted by a million diameters": Change(away=1e6),
@@ -46,14 +46,14 @@ def _unknowns(subject: Subject, problem: Diffusion, hierarchy: Hierarchy) -> Flo
 
 
 def _one(subject: Subject, hierarchy: Hierarchy, boundary: str = "boundary") -> Float | None:
-    """The unknowns of the constant 1."""
+    """Return the unknowns of the constant 1."""
     ones = Diffusion(source=0.0, dirichlet=dict.fromkeys(SIDES, 1.0), boundary=boundary)
     return _unknowns(subject, ones, hierarchy)
 
 
 @law("solver", when=_takes_diffusion)
 def constant_found(subject: Subject) -> None:
-    """If the boundary value is 1 wherever it is given and there is no source, the solution is 1 for any κ."""
+    """Without source and with boundary value 1 wherever given, the solution is 1 for any κ."""
     hierarchy = plate()
     one = _one(subject, hierarchy)
     if one is None:
@@ -81,7 +81,7 @@ def constant_found(subject: Subject) -> None:
 
 @law("solver", when=_takes_diffusion)
 def linear_found(subject: Subject) -> None:
-    """On rectangles a linear function given on the whole boundary is found exactly."""
+    """On rectangles a linear function given on the whole boundary is reproduced exactly."""
     hierarchy = plate(tag="edge")
 
     def plane(points: Float) -> Float:
@@ -96,7 +96,7 @@ def linear_found(subject: Subject) -> None:
 
 @law("solver", promise="3d", when=_takes_diffusion)
 def found_in_space(subject: Subject) -> None:
-    """In 3-D too a linear function is found, given on all sides or as a value and a flux."""
+    """In 3-D too a linear function is reproduced, from Dirichlet data or from a value and a flux."""
     hierarchy = block()
 
     def plane(points: Float) -> Float:
@@ -114,7 +114,7 @@ def found_in_space(subject: Subject) -> None:
 
 @law("solver", when=_takes_diffusion)
 def flux_found(subject: Subject) -> None:
-    """A given outward flux q with a constant coefficient κ gives the slope q / κ."""
+    """An outward flux q with constant coefficient κ gives the slope q / κ."""
     problem = Diffusion(4.0, 0.0, {_LEFT: 1.0}, {_RIGHT: 3.0})
     _require_found(
         subject, plate(), problem, lambda points: 1.0 + 0.75 * points[:, 0],
@@ -125,7 +125,7 @@ def flux_found(subject: Subject) -> None:
 
 @law("solver", when=_takes_diffusion)
 def jump_found(subject: Subject) -> None:
-    """Where κ jumps along a line of faces the flux is continuous: the solution is linear in each material."""
+    """Where κ jumps along a line of faces, the flux is continuous and the solution piecewise linear."""
     hierarchy = plate()
     for left, right in ((1.0, 50.0), (50.0, 1.0)):
         flux = 5.0 / (1.0 / left + 1.0 / right)
@@ -148,7 +148,7 @@ def jump_found(subject: Subject) -> None:
 
 @law("solver", when=_takes_diffusion)
 def finer_is_closer(subject: Subject) -> None:
-    """Halving the cells halves the error at least, for a smooth solution with a source."""
+    """For a smooth solution with a source, halving the cell size at least about halves the error."""
     kappa = 3.0
 
     def exact(points: Float) -> Float:
@@ -173,7 +173,7 @@ def finer_is_closer(subject: Subject) -> None:
 
 @law("solver", when=_takes_diffusion)
 def data_superposed(subject: Subject) -> None:
-    """The solution for source, boundary values and fluxes together is the sum of those for each alone."""
+    """The solution for source, boundary values and fluxes together is the sum of their solutions."""
     hierarchy = plate()
     kappa = halves(hierarchy, 1.0, 5.0)
     data = {
@@ -197,7 +197,7 @@ def data_superposed(subject: Subject) -> None:
 
 @law("solver", when=_takes_diffusion)
 def place_and_size(subject: Subject) -> None:
-    """On a mesh far from the origin or renumbered the solution is the same; scaled by s it grows by s²."""
+    """Position and numbering of the mesh do not matter, and scaling by s scales the solution by s²."""
     hierarchy = plate()
     kappa = halves(hierarchy, 1.0, 5.0)
     before = _found(subject, hierarchy, Diffusion(kappa, 2.0))
@@ -217,7 +217,7 @@ def place_and_size(subject: Subject) -> None:
 
 
 def _found(subject: Subject, hierarchy: Hierarchy, problem: Diffusion) -> tuple[Float, Float] | None:
-    """Points and values of the solution; None if it is refused or nobody knows what the unknowns mean."""
+    """Return points and solution values, or None if refused or if the meaning of x is unknown."""
     one = _one(subject, hierarchy, problem.boundary)
     x = _unknowns(subject, problem, hierarchy)
     require(

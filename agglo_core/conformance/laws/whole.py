@@ -1,4 +1,4 @@
-"""Laws of all kinds beyond single answers: random state, degenerate input, levels, 3-D, whole runs."""
+"""Laws for all kinds: repeatability, random state, output, degenerate input and 3-D."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _SEES_SPACE = tuple(kind for kind in ASKED if kind not in ("smoother", *PARTS))
 
 @law(*KINDS)
 def same_seed_same_result(subject: Subject) -> None:
-    """Two objects built alike give the same answer to the same question with the same seed."""
+    """Two objects with equal options give equal answers to equal calls with the same seed."""
     for case in questions(subject):
         one, two = (_repeatably(subject, case) for _ in range(2))
         require(
@@ -46,7 +46,7 @@ def same_seed_same_result(subject: Subject) -> None:
 
 @law(*ASKED)
 def no_memory(subject: Subject) -> None:
-    """One object gives the same answer when asked again."""
+    """A repeated call on one object gives an equal answer."""
     for case in questions(subject):
         tool = subject.build()
         one, two = (_repeatably(subject, case, tool) for _ in range(2))
@@ -58,7 +58,7 @@ def no_memory(subject: Subject) -> None:
 
 @law(*KINDS)
 def global_random_state(subject: Subject) -> None:
-    """It neither reads nor moves the global random state of Python, numpy or torch."""
+    """The global random state of Python, numpy or torch is neither read nor changed."""
     remedy = "draw from the generator (or from np.random.default_rng(seed)) it is given"
     for case in questions(subject):
         with global_random(1) as unmoved:
@@ -71,7 +71,7 @@ def global_random_state(subject: Subject) -> None:
 
 @law(*KINDS)
 def says_nothing(subject: Subject) -> None:
-    """It prints nothing: stdout belongs to the program."""
+    """Nothing is printed, because stdout belongs to the program."""
     printed = io.StringIO()
     with stdout_of_process() as written, contextlib.redirect_stdout(printed):
         for case in questions(subject):
@@ -85,7 +85,7 @@ def says_nothing(subject: Subject) -> None:
 
 @law(*ASKED)
 def survives(subject: Subject) -> None:
-    """It answers for degenerate input: one to three cells, all in one place, interfaces without measure."""
+    """Degenerate input is accepted: one to three cells, coincident cells, interfaces without measure."""
     for case in taken(subject, tiny(subject.kind)):
         values = plain(subject, subject.build(), case)
         if subject.kind == "bisector" and len(values) > 1 and not subject.fallback:
@@ -99,7 +99,7 @@ def survives(subject: Subject) -> None:
 
 @law(*_SEES_SPACE, when=lambda subject: subject.promised("3d") is None)
 def space_served_or_refused(subject: Subject) -> None:
-    """Without the promise 3d it either handles 3-D meshes or refuses them with an AggloError."""
+    """Without the promise 3d, 3-D meshes are handled or refused with an AggloError."""
     asked = [*cases_in_3d(subject.kind), *(partitions_in_3d() if subject.partitions else [])]
     for case in with_suffix(subject, asked) if subject.kind == "format" else asked:
         try:
@@ -112,9 +112,9 @@ def space_served_or_refused(subject: Subject) -> None:
 
 
 def _repeatably(subject: Subject, case: Case, tool: Any = None) -> NDArray[Any]:
-    """The answer, of a fresh object if none is given, while the global random state is fixed.
+    """Return the answer of ``tool`` or of a new object, with a fixed global random state.
 
-    Whether it is used is for another law to judge.
+    The use of the global state is judged by another law.
     """
     with global_random(1):
         return plain(subject, subject.build() if tool is None else tool, case)
