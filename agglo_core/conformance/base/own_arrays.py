@@ -61,6 +61,7 @@ def written_meanwhile(call: Callable[[], Any], folder: Path, watched: Sequence[N
     before, found, failed = [each.copy() for each in watched], list[int](), list[BaseException]()
     inside: dict[str, bool] = {}
 
+    # Trace function: compare the arrays before each line of a file in the folder.
     def look(frame: FrameType, event: str, argument: Any) -> Any:
         name = frame.f_code.co_filename
         if not inside.setdefault(name, Path(name).parent == folder) or found:
@@ -69,6 +70,7 @@ def written_meanwhile(call: Callable[[], Any], folder: Path, watched: Sequence[N
             found.append(frame.f_lineno)
         return look
 
+    # Run the call in a thread with this trace function.
     def traced() -> None:
         sys.settrace(look)
         try:

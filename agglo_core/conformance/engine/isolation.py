@@ -83,6 +83,7 @@ def _other_process(task: Mapping[str, Any]) -> Iterator[Listen]:
             env=environment(),
         )
 
+        # Wait for a message; silence and a dead process raise _Stopped.
         def next_message(seconds: float, allowed: float) -> dict[str, Any]:
             try:
                 line = lines.get(timeout=max(seconds, 0.0))
@@ -98,6 +99,7 @@ def _other_process(task: Mapping[str, Any]) -> Iterator[Listen]:
                 raise OptionError(said["refused"])
             return said
 
+        # Return messages, and do not count the time of compilation.
         def listen(seconds: float) -> dict[str, Any]:
             left = seconds
             while True:
@@ -109,6 +111,7 @@ def _other_process(task: Mapping[str, Any]) -> Iterator[Listen]:
                 if said["compiling"]:  # compilation is off the clock
                     next_message(_START, _START)
 
+        # Send the task, read messages in a thread, and kill the process at the end.
         with child:
             threading.Thread(target=_read, args=(child.stdout, lines), daemon=True).start()
             try:

@@ -57,6 +57,7 @@ def cases_in_3d(kind: str) -> list[Case]:
         return in_space(kind)
     if kind in ("smoother", "sample", *PARTS):
         return []
+    # Graphs for bisectors, refiners and fixers; metrics and solvers get a mesh of boxes.
     mesh = small_meshes.boxes()
     graphs = {
         "3-D boxes": mesh.graph,
@@ -98,6 +99,7 @@ def tiny(kind: str) -> list[Case]:
                 "all cells in one", (small_meshes.mixed(), frozen_int(np.zeros(small_meshes.mixed().n_cells)))
             ),
         ]
+    # Bisectors, refiners and fixers: short chains, coincident cells, interfaces without measure.
     graphs = {
         "one cell": small_meshes.line(1),
         "two cells": small_meshes.line(2),

@@ -164,6 +164,7 @@ class _Stepper:
         found: list[Any] = []
         failed: list[BaseException] = []
 
+        # Run work in this thread, with or without tracing, and keep its result or its error.
         def guarded(work: Callable[[], Any], keep: Callable[[Any], None], *, traced: bool) -> None:
             try:
                 sys.settrace(self._trace if traced else None)
@@ -177,6 +178,7 @@ class _Stepper:
             guarded(self.other, lambda _: None, traced=False)
 
         self.second = second
+        # Run the first call under the trace function, then wait for both calls.
         first = threading.Thread(target=guarded, args=(call, found.append), kwargs={"traced": True})
         first.start()
         first.join()

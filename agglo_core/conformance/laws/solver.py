@@ -55,6 +55,7 @@ def solution_record(subject: Subject) -> None:
     """The Solution has x and b of one length, a square A, and iterations + 1 residuals."""
     for case in everywhere(subject):
         it = solve(subject, case)
+        # Shapes, types and number of residuals, in this order.
         n = len(it.x)
         require(
             np.shape(it.A) == (n, n) and np.shape(it.b) == (n,),

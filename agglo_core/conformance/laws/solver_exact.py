@@ -58,6 +58,7 @@ def constant_found(subject: Subject) -> None:
     one = _one(subject, hierarchy)
     if one is None:
         return
+    # Other boundary data with the solution 1.
     jump = halves(hierarchy, 1.0, 50.0)
     alike = {
         "with a coefficient that jumps": Diffusion(jump, 0.0, dict.fromkeys(SIDES, 1.0)),
@@ -125,7 +126,7 @@ def flux_found(subject: Subject) -> None:
 
 @law("solver", when=_takes_diffusion)
 def jump_found(subject: Subject) -> None:
-    """Where κ jumps along a line of faces, the flux is continuous and the solution piecewise linear."""
+    """At a jump of κ along a line of faces, the flux is continuous and the solution piecewise linear."""
     hierarchy = plate()
     for left, right in ((1.0, 50.0), (50.0, 1.0)):
         flux = 5.0 / (1.0 / left + 1.0 / right)
@@ -173,7 +174,7 @@ def finer_is_closer(subject: Subject) -> None:
 
 @law("solver", when=_takes_diffusion)
 def data_superposed(subject: Subject) -> None:
-    """The solution for source, boundary values and fluxes together is the sum of their solutions."""
+    """The solution for source, boundary values and fluxes together is the sum of the separate solutions."""
     hierarchy = plate()
     kappa = halves(hierarchy, 1.0, 5.0)
     data = {
