@@ -1,4 +1,4 @@
-"""Chromium as the reports' tests use it: over its debugging pipe, with the page just as it was written."""
+"""Drive Chromium over its debugging pipe, with report pages exactly as written."""
 
 from __future__ import annotations
 
@@ -40,18 +40,18 @@ os.dup2(int(sys.argv[1]), 3)
 os.dup2(int(sys.argv[2]), 4)
 os.execv(sys.argv[3], sys.argv[3:])
 """
-"""Chromium reads from descriptor 3 and answers on 4."""
+"""Start Chromium so that it reads from descriptor 3 and writes to descriptor 4."""
 PATIENCE = 60.0
-"""Seconds: machines that test many things at once are slow."""
+"""Timeout in seconds; busy machines are slow."""
 SHOWN = "document.readyState === 'complete' && (!$('data') || document.querySelector('#runs tbody'))".replace(
     "$", "document.getElementById"
 )
-"""Told by a page that has drawn itself, or has no script."""
+"""Script condition: true once the page has drawn itself, or has no script."""
 TOLD = {"Log.entryAdded", "Runtime.exceptionThrown", "Runtime.consoleAPICalled"}
 
 
 class Browser:
-    """One Chromium, told in JSON what to do: each message ends in a zero byte."""
+    """Chromium process, controlled by JSON messages that end in a zero byte."""
 
     def __init__(self) -> None:
         assert CHROMIUM is not None
@@ -71,7 +71,10 @@ class Browser:
         self.events: list[dict[str, Any]] = []
 
     def do(self, method: str, session: str | None = None, **params: Any) -> Any:
-        """What the browser answers; what it tells meanwhile is kept in ``events``."""
+        """Call a method of the browser and return its result.
+
+        Events in between are kept in ``events``.
+        """
         self._number += 1
         message = {"id": self._number, "method": method, "params": params}
         os.write(
@@ -110,7 +113,7 @@ def _moved(descriptor: int, beyond: int) -> int:
 
 @cache
 def browser() -> Browser:
-    """The browser of this process; a test without one is skipped."""
+    """Return the browser of this process, or skip the test if Chromium is not installed."""
     if CHROMIUM is None:
         pytest.skip("Chromium is not installed: the report is not tested in a browser")
     made = Browser()
@@ -119,7 +122,7 @@ def browser() -> Browser:
 
 
 class Tab:
-    """A page that is shown."""
+    """Open page."""
 
     def __init__(self, session: str) -> None:
         self._session = session
@@ -128,28 +131,28 @@ class Tab:
         return browser().do(method, self._session, **params)
 
     def run(self, script: str) -> Any:
-        """What the body of a function returns, run in the page."""
+        """Run a function body in the page and return its result."""
         expression = f"(async () => {{ {script} }})()"
         found = self.do("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
         assert "exceptionDetails" not in found, found["exceptionDetails"]
         return found["result"].get("value")
 
     def wait(self, condition: str) -> None:
-        """Until an expression is true in the page."""
+        """Wait until an expression is true in the page."""
         until = time.monotonic() + PATIENCE
         while not self.run(f"return Boolean({condition});"):
             assert time.monotonic() < until, f"{condition} within {PATIENCE:g} s"
             time.sleep(0.02)
 
     def settle(self) -> None:
-        """Until whatever the last events asked for is drawn."""
+        """Wait until the page has been drawn after the last events."""
         self.run("""let frames = 0;
           while (frames++ < 2 || document.querySelector("[aria-busy='true']")) {
             await new Promise(requestAnimationFrame);
           }""")
 
     def texts(self, which: str) -> list[str]:
-        """What stands in the elements of a selector."""
+        """Return the texts of all elements that match a selector."""
         every = f"[...document.querySelectorAll({json.dumps(which)})]"
         found: list[str] = self.run(f"return {every}.map((each) => each.textContent);")
         return found
@@ -158,12 +161,12 @@ class Tab:
         return self.texts(which)[0]
 
     def picture(self, place: int = 0) -> str:
-        """What differs if the picture on a canvas does."""
+        """Return the content of a canvas as a data URL, for comparisons."""
         drawn: str = self.run(f"return document.querySelectorAll('canvas')[{place}].toDataURL();")
         return drawn
 
     def choose(self, which: str, value: str) -> None:
-        """Give a control a value, as a user does."""
+        """Set the value of a control and send the events of a user."""
         self.run(f"""const control = document.querySelector({json.dumps(which)});
           control.value = {json.dumps(value)};
           for (const event of ["input", "change"]) control.dispatchEvent(new Event(event));""")
@@ -177,13 +180,16 @@ class Tab:
         self.settle()
 
     def mouse(self, kind: str, x: float, y: float, **more: Any) -> None:
-        """``kind``: Moved, Pressed, Released or Wheel."""
+        """Send a mouse event.
+
+        ``kind`` is Moved, Pressed, Released or Wheel.
+        """
         pressed = {"button": "left", "clickCount": 1} if kind in ("Pressed", "Released") else {}
         self.do("Input.dispatchMouseEvent", type=f"mouse{kind}", x=x, y=y, **pressed | more)
         self.settle()
 
     def troubles(self) -> list[str]:
-        """What the console holds, exceptions among it, and the addresses that were asked for."""
+        """Return the console messages, exceptions and requested addresses."""
         own = [each for each in browser().events if each.get("sessionId") == self._session]
         said = [json.dumps(each["params"]) for each in own if each["method"] in TOLD]
         asked = [each["params"] for each in own if each["method"] == "Network.requestWillBeSent"]
@@ -199,11 +205,16 @@ def visited(
     zoom: float = 1.0,
     dark: bool = False,
 ) -> Iterator[Tab]:
-    """The page in a window of so many pixels, enlarged by ``zoom``; it has no trouble while it is there."""
+    """Show the page in a window of this size in pixels, enlarged by ``zoom``.
+
+    At the end, the page must have no console messages or requests.
+    """
+    # Open a tab and enable the events.
     target = browser().do("Target.createTarget", url="about:blank")["targetId"]
     tab = Tab(browser().do("Target.attachToTarget", targetId=target, flatten=True)["sessionId"])
     for domain in ("Page", "Runtime", "Network", "Log"):
         tab.do(f"{domain}.enable")
+    # Set window size, zoom and colour scheme, then load the page.
     sizes = {"width": round(width / zoom), "height": round(height / zoom)}
     tab.do("Emulation.setDeviceMetricsOverride", **sizes, deviceScaleFactor=zoom, mobile=False)
     scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
@@ -220,7 +231,7 @@ def visited(
 
 @contextmanager
 def downloads() -> Iterator[Path]:
-    """An empty folder that takes what pages download meanwhile."""
+    """Yield an empty folder that receives downloads."""
     with tempfile.TemporaryDirectory() as folder:
         browser().do("Browser.setDownloadBehavior", behavior="allow", downloadPath=folder)
         yield Path(folder)

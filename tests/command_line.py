@@ -1,4 +1,7 @@
-"""The command line as tests call it; the fixture ``agglo`` in conftest.py."""
+"""Run the command line in tests.
+
+See the fixture ``agglo`` in conftest.py.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ __all__ = ["Agglo", "Done", "caller"]
 
 
 class Done(NamedTuple):
-    """Exit code, and what was printed."""
+    """Exit code and output of a command."""
 
     code: int
     out: str
@@ -22,7 +25,10 @@ class Done(NamedTuple):
 
     @property
     def data(self) -> Any:
-        """What was printed as JSON. Where it is none, stderr says why."""
+        """Output parsed as JSON.
+
+        A parse error shows stderr.
+        """
         try:
             return json.loads(self.out)
         except json.JSONDecodeError as error:
@@ -34,7 +40,7 @@ Agglo = Callable[..., Done]
 
 
 def caller(capsys: pytest.CaptureFixture[str]) -> Agglo:
-    """Function that runs ``agglo`` with its arguments in this process."""
+    """Return a function that runs ``agglo`` in this process."""
 
     def call(*arguments: str) -> Done:
         capsys.readouterr()

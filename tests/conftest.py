@@ -1,4 +1,4 @@
-"""Workers, hypothesis profiles, the command line, the authors' published meshes where they are at hand."""
+"""Test configuration: worker threads, hypothesis profiles, command line, and published meshes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-if "PYTEST_XDIST_WORKER" in os.environ:  # a worker has one core: threads of BLAS would wait for each other
+if "PYTEST_XDIST_WORKER" in os.environ:  # a worker has one core: BLAS threads would compete
     for _library in ("OMP", "OPENBLAS", "MKL"):
         os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
@@ -17,7 +17,7 @@ from hypothesis import HealthCheck, settings
 
 from agglo_core import Mesh
 
-# the first example of a run may compile kernels: neither deadlines nor "too slow" mean anything
+# the first example of a run may compile kernels: disable deadlines and the check for slow data
 _patient = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 settings.register_profile("ci", derandomize=True, **_patient)
 settings.register_profile("thorough", max_examples=2000, **_patient)
@@ -27,9 +27,10 @@ _PUBLISHED = Path(os.environ.get("AGGLO_PAPER_DATA", Path(__file__).parents[2] /
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Let two workers begin with tests that compile different kernels, and end with small ones.
+    """Order tests so that two workers start with different kernels and end with short tests.
 
-    xdist gives each an equal part of the list, and from then on half of what the other has left.
+    xdist first gives each worker an equal part of the list, and later half of the remainder of the other
+    worker.
     """
     if not hasattr(config, "workerinput"):
         return
@@ -51,7 +52,7 @@ def agglo(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytes
 
 @pytest.fixture(scope="session")
 def published() -> Callable[[str], Mesh]:
-    """Function that loads a mesh of the paper's authors by name, or skips the test if it is not there."""
+    """Return a function that loads a mesh of the paper's authors by name, or skips the test if missing."""
 
     def load(name: str) -> Mesh:
         path = _PUBLISHED / f"{name}.npz"

@@ -1,7 +1,8 @@
-"""Whole commands in copies of a process that has done each of them once: they take tenths of a second.
+"""Run whole commands in forks of a process that has already run each command once.
 
-Each copy works in a folder of its own, with limits and permissions of its own, and may be killed. The
-process that is copied runs this file, reads requests from its input and writes answers, one a line (JSON).
+A forked command takes tenths of a second. Each fork has its own folder, limits and permissions, and may be
+killed. The forked process runs this file, reads requests from stdin and writes answers, one JSON value per
+line.
 """
 
 from __future__ import annotations
@@ -33,11 +34,21 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     ),
     "paper": ("paper", "runtime", "--quick", "--bisector", "coordinate", "-o", "out"),
 }
-"""A small command of each kind that writes files."""
+"""Small commands for every subcommand that writes files."""
 
 
 class Ended(NamedTuple):
-    """How a copy ended: its exit code, or minus the signal; what it printed; how often it changed files."""
+    """Result of a fork.
+
+    Attributes
+    ----------
+    code : int
+        Exit code, or minus the signal.
+    printed : str
+        Output.
+    changes : int
+        Number of file changes.
+    """
 
     code: int
     printed: str
@@ -45,12 +56,12 @@ class Ended(NamedTuple):
 
 
 class Copies:
-    """Runs commands in copies of one process.
+    """Runs commands in forks of one process.
 
     Parameters
     ----------
     process : subprocess.Popen
-        The process to copy, as :meth:`started` makes it.
+        Process to fork, from :meth:`started`.
     """
 
     def __init__(self, process: subprocess.Popen[str]) -> None:
@@ -59,10 +70,10 @@ class Copies:
     @classmethod
     @contextmanager
     def started(cls) -> Iterator[Copies]:
-        """Start the process; it ends with the block."""
+        """Start the process, which ends with the block."""
         environment = os.environ | {
             "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
-            "OMP_NUM_THREADS": "1",  # a copy has none of the threads of its original, and would wait for them
+            "OMP_NUM_THREADS": "1",  # a fork does not inherit threads and would wait for them
         }
         command = [sys.executable, __file__]
         with subprocess.Popen(
@@ -85,16 +96,16 @@ class Copies:
         Parameters
         ----------
         command : sequence of str
-            What follows ``agglo``.
+            Arguments of ``agglo``.
         folder : Path
-            The current folder of the copy.
+            Current folder of the fork.
         kill_at, delay : int, float
-            The copy is killed (SIGKILL) so many seconds after it has begun this change of a file in the
-            folder. Changes are counted from 1: files opened for writing, renamed, removed and made.
+            Kill the fork (SIGKILL) ``delay`` seconds after the start of this file change in the folder.
+            Changes are counted from 1: files opened for writing, renamed, removed and created.
         largest_file : int, optional
-            The system refuses to write more bytes into a file, as a full disk would.
+            Maximum file size in bytes, to simulate a full disk.
         privileged : bool
-            Whether root may write where permissions forbid it.
+            Keep the right of root to write without permission.
         """
         request = {"command": command, "folder": str(folder), "kill_at": kill_at, "delay": delay}
         request |= {"largest_file": largest_file, "privileged": privileged}
@@ -105,7 +116,7 @@ class Copies:
 
 
 def _serve() -> None:
-    """Do each command once, then what is asked for in copies."""
+    """Run each command once, then serve requests in forks."""
     answers, sys.stdout = sys.stdout, sys.stderr
     from agglo_core.cli import main
 
@@ -127,7 +138,7 @@ def _copy(kill_at: int, delay: float, **request: Any) -> Ended:
             os.close(receiving)
             _run(kill_at, sending, **request)
         finally:
-            os._exit(99)  # unless it has ended already
+            os._exit(99)  # unless the fork has ended already
     os.close(sending)
     with open(receiving) as stream:
         if kill_at and stream.readline():
@@ -147,7 +158,10 @@ def _run(
     largest_file: int | None,
     privileged: bool,
 ) -> None:
-    """Run a command; answer with a line at the change ``kill_at``, with what was printed at the end."""
+    """Run a command in a fork.
+
+    Write a line at change ``kill_at``, and the output at the end.
+    """
     from agglo_core.cli import main
 
     os.chdir(folder)
@@ -160,12 +174,14 @@ def _run(
             if changes == kill_at:
                 os.write(answer, b"now\n")
 
+    # Count file changes, then set limits and permissions.
     sys.addaudithook(count)
     if largest_file is not None:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (largest_file, resource.RLIM_INFINITY))
     if not privileged:
         drop_privileges()
+    # Run the command and report output, changes and exit code.
     printed, code = io.StringIO(), 0
     with redirect_stdout(printed), redirect_stderr(printed):
         try:
@@ -180,7 +196,7 @@ def _run(
 
 
 def _changes_files(event: str, arguments: tuple[object, ...], folder: str) -> bool:
-    """Whether an audit event is the beginning of a change of files in a folder."""
+    """Return True if an audit event starts a file change in the folder."""
     if event == "open":
         flags = arguments[2]
         if not isinstance(flags, int) or not flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT):
@@ -192,10 +208,10 @@ def _changes_files(event: str, arguments: tuple[object, ...], folder: str) -> bo
 
 
 def drop_privileges() -> None:
-    """Give up what lets root write where permissions forbid it."""
+    """Drop the capabilities that let root write without permission."""
     if os.geteuid() != 0:
         return
-    header = (ctypes.c_uint32 * 2)(0x20080522, 0)  # version 3 of the interface, this thread
+    header = (ctypes.c_uint32 * 2)(0x20080522, 0)  # interface version 3, this thread
     none = (ctypes.c_uint32 * 6)()
     if ctypes.CDLL(None, use_errno=True).capset(header, none) != 0:
         raise OSError(ctypes.get_errno(), "the privileges of root cannot be dropped")

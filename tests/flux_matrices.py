@@ -1,4 +1,4 @@
-"""Matrices of finite volumes and of trusses, with coefficients as wild as they come."""
+"""Finite-volume and truss matrices with extreme coefficients."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ from agglo_core.mesh import Mesh
 
 
 def two_point_flux(mesh: Mesh, kappa: np.ndarray, dirichlet: bool = True) -> sparse.csr_array:
-    """Two-point fluxes with harmonic means of kappa; zero values, or no flux, at the boundary."""
+    """Return the two-point flux matrix with harmonic means of kappa.
+
+    The boundary condition is zero Dirichlet or zero flux.
+    """
     inner = mesh.face_cells[:, 1] >= 0
     a, b = mesh.face_cells[inner].T
     distance = np.linalg.norm(mesh.cell_centroids[a] - mesh.cell_centroids[b], axis=1)
@@ -26,25 +29,28 @@ def two_point_flux(mesh: Mesh, kappa: np.ndarray, dirichlet: bool = True) -> spa
 
 
 def two_valued(n: int, seed: int, share: float = 0.5) -> np.ndarray:
-    """1 or 1e6, at random."""
+    """Return values of 1 or 1e6 at random."""
     return np.where(np.random.default_rng(seed).random(n) < share, 1e6, 1.0)
 
 
 def truss(n: int, seed: int) -> tuple[sparse.csr_array, np.ndarray]:
-    """Bars between random points of the plane, free in space, and its three rigid motions."""
+    """Return the stiffness matrix of a free random 2-D truss, and its three rigid motions."""
     points = np.random.default_rng(seed).random((n, 2))
+    # Bars: the edges of a Delaunay triangulation.
     corners = Delaunay(points).simplices
     bars = np.unique(np.sort(corners[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)), axis=0)
     along = points[bars[:, 1]] - points[bars[:, 0]]
     length = np.linalg.norm(along, axis=1)
     along = along / length[:, None]
     m = len(bars)
+    # Elongation of each bar as a matrix G on the displacements.
     columns = np.stack((2 * bars[:, 0], 2 * bars[:, 0] + 1, 2 * bars[:, 1], 2 * bars[:, 1] + 1), axis=1)
     G = sparse.csr_array(
         (np.concatenate((-along, along), axis=1).ravel(), columns.ravel(), 4 * np.arange(m + 1)),
         shape=(m, 2 * n),
     )
     A = G.T @ sparse.diags_array(1.0 / length) @ G
+    # Two translations and a rotation.
     x, y = points.T
     zero, one = np.zeros(n), np.ones(n)
     motions = (np.stack((one, zero), axis=1), np.stack((zero, one), axis=1), np.stack((-y, x), axis=1))
@@ -52,15 +58,16 @@ def truss(n: int, seed: int) -> tuple[sparse.csr_array, np.ndarray]:
 
 
 def five_points(n: int, x: float, y: float) -> sparse.csr_array:
-    """Differences on n × n points, with a coefficient for each direction."""
+    """Return the five-point matrix on n × n points, with a coefficient per direction."""
     line = sparse.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(n, n))
     one = sparse.eye_array(n)
     return sparse.csr_array(x * sparse.kron(one, line) + y * sparse.kron(line, one))
 
 
 def linear_elements(mesh: Mesh) -> tuple[sparse.csr_array, np.ndarray]:
-    """Continuous linear elements for −Δ on triangles, zero at the boundary; the points that are unknowns."""
+    """Return the P1 matrix for −Δ with zero boundary values, and the indices of inner points."""
     corners = mesh.boundary_loops.vertices.reshape(-1, 3)
+    # Element matrices from the edge vectors.
     at = mesh.points[corners]
     edge = np.roll(at, 1, axis=1) - np.roll(at, 2, axis=1)
     area = 0.5 * np.abs(edge[:, 0, 0] * edge[:, 1, 1] - edge[:, 0, 1] * edge[:, 1, 0])
@@ -68,13 +75,14 @@ def linear_elements(mesh: Mesh) -> tuple[sparse.csr_array, np.ndarray]:
     place = (np.repeat(corners, 3, axis=1).ravel(), np.tile(corners, (1, 3)).ravel())
     n = len(mesh.points)
     A = sparse.csr_array(sparse.coo_array((local.ravel(), place), shape=(n, n)))
+    # Restrict to inner points.
     outer = mesh.face_cells[:, 1] < 0
     inner = np.setdiff1d(np.arange(n), mesh.face_vertices.reshape(-1, 2)[outer])
     return sparse.csr_array(A[inner][:, inner]), inner
 
 
 def iterations(A: sparse.csr_array, M: LinearOperator, b: np.ndarray | None = None, tol: float = 1e-8) -> int:
-    """Of conjugate gradients; they must converge, in the true residual within a factor of 100."""
+    """Return the number of conjugate gradient iterations, which must converge up to a factor of 100."""
     b = np.ones(A.shape[0]) if b is None else b
     seen: list[int] = []
     x, failed = cg(A, b, rtol=tol, maxiter=300, M=M, callback=lambda _: seen.append(0))

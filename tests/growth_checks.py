@@ -1,4 +1,4 @@
-"""What parts that a bisector grew must be, and graphs to grow them on."""
+"""Checks for parts grown by a bisector, and graphs for these checks."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ def grown(given: Mesh | Graph, **options: Any) -> agglo.Hierarchy:
 
 
 def length(graph: Graph, labels) -> float:
-    """Interface between the parts."""
+    """Return the total interface measure between parts."""
     return functionals.cut(graph, frozen_int(labels), edge_weights=graph.interface)
 
 
 def assert_kept(hierarchy: agglo.Hierarchy) -> None:
-    """Every part connected, every level a coarsening of the one before."""
+    """Require that every part is connected and that levels are nested."""
     network = nx.from_scipy_sparse_array(hierarchy.graph.to_scipy())
     for labels, count in zip(hierarchy.levels, hierarchy.parts, strict=True):
         assert np.array_equal(np.unique(labels), np.arange(count))
@@ -38,7 +38,7 @@ def assert_kept(hierarchy: agglo.Hierarchy) -> None:
 
 
 def lumpy_graph(n: int, dim: int, seed: int) -> Graph:
-    """A few connected pieces; many coordinates agree, some measures and weights are zero."""
+    """Return a graph with a few connected pieces, many equal coordinates, and some zero weights."""
     rng = np.random.default_rng(seed)
     network = nx.Graph()
     network.add_nodes_from(range(n))

@@ -1,8 +1,7 @@
-"""Tests on several ranks: functions of test files, and the command line, under ``mpiexec``.
+"""Run test functions and the command line on several MPI ranks under ``mpiexec``.
 
-The ranks are processes of their own, more than there are cores if need be. Without mpi4py or an ``mpiexec``
-such tests are skipped. What fails on a rank is shown with its traceback, and so is where each rank stands
-when the time is up.
+The ranks are separate processes, if necessary more than cores. Without mpi4py or ``mpiexec`` the tests are
+skipped. A failure shows the traceback of its rank, and a timeout shows the stack of each rank.
 """
 
 from __future__ import annotations
@@ -29,13 +28,13 @@ __all__ = ["Ended", "by_open_mpi", "ended", "launch", "on_ranks", "started"]
 T = TypeVar("T")
 
 PROGRAM = "from agglo_core.cli import main; main()"
-"""The command line, as ``python -c`` runs it."""
-_GRACE = 0.5  # seconds in which other ranks may still say why they fail, before all are stopped
-_AFTER = 60.0  # seconds for starting and stopping, beyond those of the work itself
+"""Command line as a program for ``python -c``."""
+_GRACE = 0.5  # seconds in which other ranks may still report their failure, before all are stopped
+_AFTER = 60.0  # seconds for start and stop, in addition to the work
 
 
 class Ended(NamedTuple):
-    """A command that ran on several ranks: exit code of mpiexec, what all ranks printed, how long it took."""
+    """Result of a command on several ranks: exit code of mpiexec, output, and duration in seconds."""
 
     code: int
     out: str
@@ -44,17 +43,18 @@ class Ended(NamedTuple):
 
 
 def on_ranks(size: int, function: Callable[..., T], *arguments: Any, seconds: float = 60.0) -> list[T]:
-    """What ``function(*arguments)`` returns on each of ``size`` ranks, in their order.
+    """Return ``function(*arguments)`` from each of ``size`` ranks, in rank order.
 
     Parameters
     ----------
     size : int
+        Number of ranks.
     function : callable
-        At the top of a test file, which each rank imports anew.
+        Module-level function of a test file, which each rank imports.
     *arguments : object
-        As they can be pickled; so are the answers.
+        Picklable arguments; the answers are pickled too.
     seconds : float
-        After which ranks that are still at work fail.
+        Time limit for each rank.
     """
     file = inspect.getsourcefile(function)
     assert file is not None
@@ -71,7 +71,7 @@ def on_ranks(size: int, function: Callable[..., T], *arguments: Any, seconds: fl
 
 
 def launch(size: int, *arguments: str, cwd: Path, program: str = PROGRAM, seconds: float = 60.0) -> Ended:
-    """Run ``agglo`` with arguments, or a program of the test's own, on ``size`` ranks."""
+    """Run ``agglo`` with arguments, or another program, on ``size`` ranks."""
     return ended(started(size, ["-c", program, *arguments], cwd=cwd), seconds)
 
 
@@ -82,7 +82,7 @@ def started(
     cwd: Path | None = None,
     environment: Mapping[str, str] | None = None,
 ) -> subprocess.Popen[str]:
-    """``mpiexec -n size python ARGUMENTS``, still running; skips the test where there is no MPI."""
+    """Start ``mpiexec -n size python ARGUMENTS``, or skip the test without MPI."""
     return subprocess.Popen(
         [_mpiexec(), "-n", str(size), sys.executable, *arguments],
         cwd=cwd,
@@ -95,12 +95,12 @@ def started(
 
 
 def ended(running: subprocess.Popen[str], seconds: float) -> Ended:
-    """What became of it; fails if it does not end in time."""
+    """Wait for the result, and fail after ``seconds``."""
     start = time.monotonic()
     try:
         out, err = running.communicate(timeout=seconds)
     except subprocess.TimeoutExpired:
-        running.send_signal(signal.SIGTERM)  # mpiexec hands it to the ranks
+        running.send_signal(signal.SIGTERM)  # mpiexec forwards it to the ranks
         try:
             out, err = running.communicate(timeout=5.0)
         except subprocess.TimeoutExpired:
@@ -111,7 +111,7 @@ def ended(running: subprocess.Popen[str], seconds: float) -> Ended:
 
 
 def by_open_mpi() -> bool:
-    """Whether the ``mpiexec`` that is found is Open MPI's, which ends other ranks by SIGTERM."""
+    """Return True if ``mpiexec`` belongs to Open MPI, which ends other ranks by SIGTERM."""
     told = subprocess.run([_mpiexec(), "--version"], capture_output=True, text=True, check=False)
     return "Open MPI" in told.stdout or "OpenRTE" in told.stdout
 
@@ -119,7 +119,7 @@ def by_open_mpi() -> bool:
 _SURROUNDINGS = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
-    # more ranks than cores are a matter of course for MPICH; Open MPI wants to be told
+    # allow more ranks than cores in Open MPI, as MPICH always does
     "OMPI_MCA_rmaps_base_oversubscribe": "1",
     "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
 }
@@ -138,7 +138,7 @@ def _mpiexec() -> str:
 
 
 def _work(file: str, name: str, folder: str, seconds: str) -> None:
-    """One rank of :func:`on_ranks`."""
+    """Run one rank of :func:`on_ranks`."""
     from mpi4py import MPI
 
     rank, home = MPI.COMM_WORLD.rank, Path(folder)

@@ -1,4 +1,4 @@
-"""Components of one's own, one of nearly every kind, under names that no other registry knows."""
+"""User components of nearly every kind, with names unknown to other registries."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ HERE = __name__
 
 
 class Tiny:
-    """Meshes as rows of numbers: how many squares are on a side."""
+    """Format that stores only the number of squares per side."""
 
     suffixes = (".tiny",)
     lossless = False
@@ -30,7 +30,7 @@ class Tiny:
 
 
 class Crowd:
-    """Cells of a part, squared."""
+    """Squared number of cells per part."""
 
     better, bounds, homogeneity = "low", (1.0, float("inf")), 0
 
@@ -43,28 +43,28 @@ class Crowd:
 
 
 class OneSided:
-    """All on one side, so that the fallback is asked."""
+    """Bisector that leaves one side empty, so that the fallback is used."""
 
     def bisect(self, graph: object, rng: object) -> np.ndarray:
         return np.zeros(graph.n, int)  # type: ignore[attr-defined]
 
 
 class Strips:
-    """Three strips: a partition, which something must finish by bisection."""
+    """Direct partition into three strips, to be completed by bisection."""
 
     def partition(self, graph: object, target: object, seed: int) -> np.ndarray:
         return np.arange(graph.n) * 3 // graph.n  # type: ignore[attr-defined]
 
 
 class Free:
-    """Forbids nothing."""
+    """Constraint that forbids nothing."""
 
     def forbidden(self, graph: object) -> np.ndarray:
         return np.zeros(len(graph.indices), bool)  # type: ignore[attr-defined]
 
 
 class Note:
-    """A section of one sentence."""
+    """Report section with one sentence."""
 
     title = "A note of mine"
 
@@ -73,7 +73,7 @@ class Note:
 
 
 class Asks:
-    """A refiner that does nothing and keeps the registry it was handed."""
+    """Refiner that does nothing and keeps its registry."""
 
     objective = "crowd"
 
@@ -85,7 +85,7 @@ class Asks:
 
 
 def patch(n: int = 6) -> Mesh:
-    """n by n squares."""
+    """``n`` by ``n`` squares."""
     return samples.squares(n)
 
 
@@ -108,4 +108,4 @@ MINE = [
     Component("constraint", "free", f"{HERE}:Free"),
     Component("section", "note", f"{HERE}:Note"),
 ]
-"""Their declarations."""
+"""Declarations of these components."""

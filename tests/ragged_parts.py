@@ -9,7 +9,7 @@ from agglo_core.arrays import Int
 
 
 def grown(graph: Graph, seed: int, parts: int) -> Int:
-    """Parts ``(n,)`` grown from random cells, a cell at a time, each time from any cell that is taken."""
+    """Return parts ``(n,)`` grown from random cells, one cell at a time, next to a random labelled cell."""
     rng = np.random.default_rng(seed)
     labels = np.full(graph.n, -1)
     labels[rng.choice(graph.n, parts, replace=False)] = np.arange(parts)

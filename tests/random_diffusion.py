@@ -1,4 +1,4 @@
-"""Random diffusion problems: meshes, coefficients, boundary data; their solution by elimination."""
+"""Random diffusion problems with meshes, coefficients and boundary data, and their direct solution."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Case:
-    """A mesh, a problem on it, degree and tolerance."""
+    """Mesh, problem, degree and tolerance."""
 
     mesh: Mesh
     problem: Diffusion
@@ -32,7 +32,7 @@ class Case:
 
 
 def graded(n: int, ratio: float, *, both: bool = False) -> Mesh:
-    """n x n rectangles of the unit square, the widths growing from ``ratio`` to 1 times the largest."""
+    """Return n × n rectangles on the unit square, with widths from ``ratio`` to 1 times the largest."""
     s = np.concatenate(([0.0], np.cumsum(np.geomspace(ratio, 1.0, n))))
     xs, ys = s / s[-1], s / s[-1] if both else np.linspace(0, 1, n + 1)
     points = np.array([(x, y) for y in ys for x in xs])
@@ -41,7 +41,7 @@ def graded(n: int, ratio: float, *, both: bool = False) -> Mesh:
 
 
 def with_four_sides(mesh: Mesh) -> Mesh:
-    """Boundary tags 1 to 4 by the side that a face lies next to: left, right, bottom, top."""
+    """Tag boundary faces 1 to 4 by the nearest side: left, right, bottom, top."""
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     at = (mesh.points[mesh.face_pairs].mean(axis=1) - low) / (high - low)
     side = 1 + np.stack([at[:, 0], 1 - at[:, 0], at[:, 1], 1 - at[:, 1]]).argmin(axis=0)
@@ -49,7 +49,7 @@ def with_four_sides(mesh: Mesh) -> Mesh:
 
 
 def random_case(seed: int, largest: int = 12) -> Case:
-    """One of up to ``largest``² cells or so, and data with an offset up to 1e8."""
+    """Return a random case with about ``largest``² cells at most, and data with an offset up to 1e8."""
     random = np.random.default_rng(seed)
     mesh = with_four_sides(_mesh(random, int(random.integers(4, largest)), seed))
     offset = 0.0 if random.random() < 0.25 else random.choice([-1, 1]) * 10.0 ** random.uniform(0, 8)
@@ -80,7 +80,7 @@ _SHARES = [0.15, 0.2, 0.15, 0.15, 0.3, 0.05]
 
 
 def _kappa(random: Generator, mesh: Mesh) -> float | Array:
-    """1, log-uniform, one of two values in each cell, in two halves, or in an island and around it."""
+    """Return a coefficient: 1, log-uniform, two-valued per cell, two halves, or an island."""
     contrast, middle = 10.0 ** random.uniform(0, 6), mesh.cell_centroids
     kind = random.integers(5)
     if kind == 0:
@@ -97,7 +97,10 @@ def _kappa(random: Generator, mesh: Mesh) -> float | Array:
 
 
 def _boundary(random: Generator, mesh: Mesh, offset: float) -> tuple[dict, dict]:
-    """Dirichlet and Neumann data; all sides are held if some component of the domain were not."""
+    """Return Dirichlet and Neumann data.
+
+    If some component would have no Dirichlet side, all sides get Dirichlet data.
+    """
     outer = mesh.face_cells[:, 1] < 0
     tags = mesh.face_tags["boundary"]
     draws = {int(tag): random.random() for tag in np.unique(tags[outer])}
@@ -121,7 +124,7 @@ def _data(random: Generator, offset: float) -> object:
 
 
 def energy_error(case: Case, x: Array) -> float:
-    """‖x − A⁻¹b‖_A over the energy norm, x being the solution without the offset of the data."""
+    """Return ‖x − A⁻¹b‖_A relative to the energy norm, for a solution without the offset of the data."""
     found = lifted(case.mesh, case.degree, case.problem)
     A, exact = found.system.A, _eliminated(found.system.A, found.load)
     e = (x - exact).astype(float)
@@ -130,7 +133,7 @@ def energy_error(case: Case, x: Array) -> float:
 
 
 def _eliminated(A: sparse.sparray, b: Array) -> np.ndarray:
-    """Sparse elimination with iterative refinement, residuals in extended precision."""
+    """Solve by sparse elimination and iterative refinement with extended-precision residuals."""
     factors, entries = splu(sparse.csc_array(A)), sparse.coo_array(A)
     (row, column), values = entries.coords, entries.data.astype(np.longdouble)
     x = factors.solve(b).astype(np.longdouble)

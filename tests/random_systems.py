@@ -1,4 +1,4 @@
-"""Random symmetric positive definite systems, preconditioners of every quality, and exact energy errors."""
+"""Random symmetric positive definite systems, preconditioners of all qualities, and exact energy errors."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ QUALITIES = ("none", "jacobi", "exact", "good", "poor", "single", "nonsymmetric"
 
 @dataclass(frozen=True, eq=False)
 class RandomSystem:
-    """A x = b, a preconditioner, the exact solution and its energy norm."""
+    """System A x = b with a preconditioner, the exact solution and a tolerance."""
 
     A: Array
     b: Array
@@ -27,13 +27,13 @@ class RandomSystem:
     x: NDArray[np.longdouble]
 
     def energy_error(self, x: Array) -> float:
-        """‖x − A⁻¹b‖_A over ‖A⁻¹b‖_A, in extended precision."""
+        """Return ‖x − A⁻¹b‖_A / ‖A⁻¹b‖_A in extended precision."""
         A, e = self.A.astype(np.longdouble), self.x - x
         return float(np.sqrt(max(e @ A @ e, 0.0) / (self.x @ A @ self.x)))
 
 
 def exact_solution(A: Array, b: Array) -> NDArray[np.longdouble]:
-    """A⁻¹b by elimination, refined with residuals in extended precision."""
+    """Return A⁻¹b by elimination with iterative refinement in extended precision."""
     wide, right = A.astype(np.longdouble), b.astype(np.longdouble)
     x = np.linalg.solve(A, b).astype(np.longdouble)
     for _ in range(12):
@@ -42,7 +42,10 @@ def exact_solution(A: Array, b: Array) -> NDArray[np.longdouble]:
 
 
 def random_system(seed: int) -> RandomSystem:
-    """One of up to 70 unknowns; its condition number is up to 1e10 before its rows are scaled."""
+    """Return a system with at most 70 unknowns.
+
+    The condition number is at most 1e10 before the rows are scaled.
+    """
     random = np.random.default_rng(seed)
     n = int(random.integers(3, 70))
     Q = np.linalg.qr(random.normal(size=(n, n)))[0]
@@ -61,7 +64,7 @@ def random_system(seed: int) -> RandomSystem:
 
 
 def _eigenvalues(random: Generator, n: int) -> Array:
-    """From 1 down to at least 1e-10: spread evenly, by chance, in a cluster, or one alone."""
+    """Return eigenvalues from 1e-10 to 1: uniform or random in the logarithm, clustered, or an outlier."""
     condition = 10 ** random.uniform(0, 10)
     spread = condition ** -random.random(n)
     clustered = np.where(random.random(n) < 0.8, 1 + 0.1 * random.random(n), spread)
@@ -94,7 +97,7 @@ def _preconditioner(random: Generator, quality: str, A: Array, d: Array, V: Arra
 
 
 def in_single_precision(M: Array) -> Any:
-    """The product with M, rounded as a cycle in single precision is."""
+    """Return the product with M in single precision, with rounding as in a multigrid cycle."""
     single = M.astype(np.float32)
 
     def product(r: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Runs to report on, and the data of a report, read back from its file."""
+"""Runs for report tests, and the data of a report read from its file."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ from agglo_core.mesh import Mesh
 EVIL = '<b>&amp;</script><script>document.title = "taken"</script><!--title-->/*data*/'
 TWO = 'two & <b>"more"</b>'
 OF_TWO = "run=two+%26+%3Cb%3E%22more%22%3C%2Fb%3E"
-"""Names that are markup, and how an address chooses the run of the second."""
+"""Names with markup, and the URL fragment that selects the second run."""
 KINDS = {"Uint8": "<u1", "Uint16": "<u2", "Uint32": "<u4", "Float32": "<f4"}
 
 
 def sectors(mesh: Mesh, k: int) -> np.ndarray:
-    """Labels: k sectors about the origin, in order of the angle."""
+    """Return labels by k angular sectors around the origin."""
     x, y = mesh.local_centroids.T
     return np.unique(np.floor((np.arctan2(y, x) / (2 * np.pi) % 1.0) * k) % k, return_inverse=True)[1]
 
 
 def made(mesh: Mesh, name: str, *counts: int) -> RunResult:
-    """A run with levels of so many sectors."""
+    """Return a run whose levels have these numbers of sectors."""
     targets = [{"h_star": 10.0 / k} for k in counts]
     hierarchy = Hierarchy(mesh, mesh.graph, [sectors(mesh, k) for k in counts], targets, nested=True)
     return RunResult(name, hierarchy, measure_levels(mesh, hierarchy), seconds=1.5)
 
 
 def named_ring() -> Mesh:
-    """240 cells around a hole."""
+    """Return 240 cells around a hole, with a name that contains markup."""
     ring = samples.ring(48)
     return Mesh(ring.points, ring.face_offsets, ring.face_vertices, ring.face_cells, name=EVIL)
 
@@ -67,8 +67,9 @@ def unpacked(packed: dict[str, Any]) -> np.ndarray:
 
 
 def faces_of(data: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-    """Ends ``(n_faces, 2, 2)`` of the faces of a plane mesh from its lower left corner, and their two cells,
-    numbers of the mesh, −1 for the outside.
+    """Return the face end points ``(n_faces, 2, 2)`` of a 2-D mesh, and the two cells of each face.
+
+    Coordinates are relative to the lower left corner. Cells have mesh numbers, and -1 marks the outside.
     """
     plane, order = data["plane"], np.append(unpacked(data["order"]), -1)
     points, newest = [], 0

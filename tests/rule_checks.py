@@ -1,4 +1,4 @@
-"""What rules for parts promise, checked the slow and obvious way; and random rules to check it on."""
+"""Slow and simple checks of the rules for parts, and random rules to test."""
 
 from __future__ import annotations
 
@@ -37,17 +37,19 @@ MESHES = [
 
 @st.composite
 def random_rules(draw):
-    """A mesh, the keywords of a run, and the rules among them."""
+    """Draw a mesh, the keywords of a run, and a set of rules."""
     mesh = draw(st.sampled_from(MESHES))
     rng = np.random.default_rng(draw(st.integers(0, 10**6)))
     mode = dict(MODES[draw(st.sampled_from(sorted(MODES)))])
     if mode.get("bisector") == "gnn" and mesh.dim == 3:
-        mode["bisector"] = "kmeans"  # the network is for the plane
+        mode["bisector"] = "kmeans"  # the network is 2-D only
+    # Draw up to three rules; a maximum weight needs weights.
     rules = {}
     for name in draw(st.sets(st.sampled_from(sorted(MAKERS)), max_size=3)):
         rules[name] = MAKERS[name](mesh, rng)
     if "max_weight" in rules:
         rules.setdefault("weights", MAKERS["weights"](mesh, rng))
+    # Draw the targets of the levels.
     kind = draw(st.sampled_from(["n_parts", "cells_per_part", "h_factor"]))
     if kind == "cells_per_part":
         mode.pop("merge", None)
@@ -64,14 +66,14 @@ def random_rules(draw):
 
 
 def _regions(mesh, rng):
-    """Half-planes, as materials are, or chaos."""
+    """Return labels of half-spaces, like materials, or random labels."""
     if rng.random() < 0.3:
         return rng.integers(0, 3, mesh.n_cells)
     return (mesh.cell_centroids @ rng.normal(size=mesh.dim) > rng.normal() * 0.3).astype(int)
 
 
 def _barriers(mesh, rng):
-    """Faces near a random plane, ended somewhere, or some faces anywhere."""
+    """Return faces near part of a random plane, or random faces."""
     if rng.random() < 0.3:
         return rng.random(mesh.n_faces) < 0.05
     side = (mesh.cell_centroids - 0.5) @ rng.normal(size=mesh.dim) > 0
@@ -93,7 +95,8 @@ MAKERS = {
 
 
 def broken_promises(mesh, hierarchy, rules):
-    """What a hierarchy breaks of the rules it was made under, and of what always holds; in words."""
+    """Yield descriptions of all violated rules of a hierarchy."""
+    # Pairs of cells that share a face, and pairs across barriers.
     one, other = mesh.face_cells[mesh.face_cells[:, 1] >= 0].T
     cut = np.zeros(mesh.n_faces, bool) | rules.get("barriers", False)
     cut = cut[mesh.face_cells[:, 1] >= 0]
@@ -101,6 +104,7 @@ def broken_promises(mesh, hierarchy, rules):
     for labels, target in zip(hierarchy.levels, hierarchy.targets, strict=True):
         k = labels.max() + 1
         sizes = np.bincount(labels)
+        # Rules of each level: regions, barriers, single cells, sizes, connectivity, target.
         joined = [pair for pair in zip(one, other, strict=True) if tuple(sorted(pair)) not in set(fenced)]
         if "regions" in rules:
             if any(len(set(rules["regions"][labels == part])) > 1 for part in range(k)):
@@ -126,6 +130,7 @@ def broken_promises(mesh, hierarchy, rules):
             wide = mesh.graph.part_diameters(labels) > target["h_star"] * (1 + 1e-9)
             if (sizes[wide] > 1).any():
                 yield "a part is too wide"
+    # Nested levels.
     if hierarchy.nested:
         for fine, coarse in zip(hierarchy.levels, hierarchy.levels[1:], strict=False):
             if len(set(zip(fine, coarse, strict=True))) > fine.max() + 1:
@@ -133,7 +138,7 @@ def broken_promises(mesh, hierarchy, rules):
 
 
 def _components(labels, pairs):
-    """Number of components of parts, joined by pairs of cells alone, by union and find."""
+    """Return the number of components of all parts, with cells joined by the given pairs (union-find)."""
     root = list(range(len(labels)))
 
     def find(i):

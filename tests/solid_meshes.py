@@ -1,4 +1,4 @@
-"""Meshes of polyhedra for the tests of PolyDG in space, and Gauss points made without its help."""
+"""Polyhedral meshes for tests of 3-D PolyDG, and independent Gauss quadrature."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 
 def hollow() -> Mesh:
-    """Cubes in parts of any shape: one is hollow and holds another, others have a tunnel or branches."""
+    """Return cubes in irregular parts: a hollow part around another, and parts with a tunnel or branches."""
     fine = samples.boxes(6)
     c = fine.cell_centroids
     seeds = np.random.default_rng(0).random((9, 3))
@@ -33,7 +33,7 @@ MESHES = {
 
 
 def gauss_tetrahedron(n: int) -> tuple[Array, Array]:
-    """Points and weights by the numpy of a cube, folded onto a tetrahedron."""
+    """Return points and weights of Gauss quadrature on a cube, mapped to a tetrahedron."""
     x, w = np.polynomial.legendre.leggauss(n)
     r, s, t = (each.ravel() for each in np.meshgrid(*[(1 + x) / 2] * 3, indexing="ij"))
     weights = np.einsum("i,j,k->ijk", w, w, w).ravel() / 8 * (1 - s) * (1 - t) ** 2
@@ -47,5 +47,5 @@ def gauss_triangle(n: int) -> tuple[Array, Array]:
 
 
 def loops(mesh: Mesh) -> list[Array]:
-    """Corners of each face, from the mesh's origin."""
+    """Return the corners of each face relative to the mesh origin."""
     return [mesh.local_points[each] for each in np.split(mesh.face_vertices, mesh.face_offsets[1:-1])]

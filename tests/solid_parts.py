@@ -1,4 +1,4 @@
-"""Parts of solids for tests of what is measured on them: samples, labels, surfaces as lists of polygons."""
+"""3-D parts for tests of metrics: samples, labels, and surfaces as lists of polygons."""
 
 from __future__ import annotations
 
@@ -12,14 +12,17 @@ __all__ = ["MESHES", "area_vector", "outer_faces", "planes", "prism", "ragged", 
 
 
 def turned(mesh: Mesh, seed: int = 4) -> Mesh:
-    """The mesh turned, a hundred times smaller, elsewhere."""
+    """Return the mesh rotated, scaled by 0.01 and shifted."""
     turn = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))
     return Mesh(0.01 * mesh.points @ turn + 3.0, mesh.face_offsets, mesh.face_vertices, mesh.face_cells)
 
 
 def ragged(mesh: Mesh, k: int, seed: int, swaps: float) -> np.ndarray:
-    """Labels of about k agglomerates; with swaps they get cavities, islands and pinched edges."""
+    """Return labels of about k agglomerates.
+
+    ``swaps`` adds cavities, islands and pinched edges.
+    """
     rng = np.random.default_rng(seed)
     places = mesh.cell_centroids - mesh.points.min(axis=0)
     labels = cKDTree(rng.random((k, 3))).query(places / np.ptp(mesh.points, axis=0))[1]
@@ -28,7 +31,7 @@ def ragged(mesh: Mesh, k: int, seed: int, swaps: float) -> np.ndarray:
 
 
 def prism(n: int, height: float) -> Mesh:
-    """One cell over a regular polygon of n corners and radius 1."""
+    """Return a single prism over a regular n-gon with radius 1."""
     angle = 2 * np.pi * np.arange(n) / n
     base = np.stack((np.cos(angle), np.sin(angle)), axis=1)
     points = np.concatenate([np.column_stack((base, np.full(n, z))) for z in (0.0, height)])
@@ -37,7 +40,7 @@ def prism(n: int, height: float) -> Mesh:
 
 
 def outer_faces(mesh: Mesh, labels: np.ndarray, part: int) -> list[np.ndarray]:
-    """Corners of the faces around a part, counter-clockwise from outside."""
+    """Return the vertices of each face around a part, counter-clockwise from outside."""
     inside = np.append(labels == part, False)[mesh.face_cells]
     return [
         mesh.points[mesh.face_vertices[mesh.face_offsets[f] : mesh.face_offsets[f + 1]]][
@@ -48,13 +51,16 @@ def outer_faces(mesh: Mesh, labels: np.ndarray, part: int) -> list[np.ndarray]:
 
 
 def area_vector(corners: np.ndarray) -> np.ndarray:
-    """Normal of a face, as long as its area."""
+    """Return the area vector of a face."""
     arms = corners[1:] - corners[0]
     return np.cross(arms[:-1], arms[1:]).sum(axis=0) / 2
 
 
 def planes(faces: list[np.ndarray]) -> np.ndarray:
-    """Outward unit normals and offsets ``(n, 4)``, the normal times x plus the offset negative inside."""
+    """Return outward unit normals and offsets ``(n, 4)``.
+
+    Normal · x + offset is negative inside.
+    """
     found = []
     for corners in faces:
         normal = area_vector(corners) / np.linalg.norm(area_vector(corners))

@@ -1,4 +1,4 @@
-"""A pseudo-terminal of a given width as stdout of this process, and what a person would see on it."""
+"""Pseudo-terminal of a given width as stdout of this process."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ __all__ = ["Screen", "set_width", "terminal"]
 
 
 class Screen:
-    """What was written to a pseudo-terminal, once it is closed."""
+    """Text written to a pseudo-terminal, complete once the terminal is closed."""
 
     def __init__(self) -> None:
         self._bytes = bytearray()
 
     @property
     def text(self) -> str:
-        """Lines as they were sent: a terminal would break those that are wider than it."""
+        """Lines as sent, without the line breaks that a terminal adds to long lines."""
         return self._bytes.decode().replace("\r\n", "\n")
 
     def read(self, master: int) -> None:
-        """Take what comes until the other side is closed."""
+        """Read until the other side is closed."""
         while True:
             try:
                 got = os.read(master, 65536)
-            except OSError:  # how Linux says that nobody writes any more
+            except OSError:  # Linux signals the closed side by this error
                 return
             if not got:
                 return
@@ -41,13 +41,13 @@ class Screen:
 
 
 def set_width(slave: int, width: int) -> None:
-    """Make a pseudo-terminal that wide."""
+    """Set the width of a pseudo-terminal."""
     fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 40, width, 0, 0))
 
 
 @contextmanager
 def terminal(monkeypatch: pytest.MonkeyPatch, width: int) -> Iterator[Screen]:
-    """For as long as the context lasts, stdout of this process is a terminal ``width`` columns wide."""
+    """Replace stdout of this process by a terminal with ``width`` columns."""
     master, slave = pty.openpty()
     set_width(slave, width)
     screen = Screen()
@@ -57,7 +57,7 @@ def terminal(monkeypatch: pytest.MonkeyPatch, width: int) -> Iterator[Screen]:
         for name in ("COLUMNS", "LINES"):
             patch.delenv(name, raising=False)
         patch.setattr(sys, "stdout", stdout)
-        patch.setattr(sys, "__stdout__", stdout)  # whose size shutil asks for
+        patch.setattr(sys, "__stdout__", stdout)  # shutil reads its size
         yield screen
     reader.join()
     os.close(master)

@@ -1,4 +1,4 @@
-"""Constraints to try things with."""
+"""Constraints for tests."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ __all__ = ["Line", "Regions", "pairs"]
 
 
 def pairs(graph):
-    """Both cells of each CSR entry."""
+    """Return both cells of each CSR entry."""
     return np.repeat(np.arange(graph.n), np.diff(graph.indptr)), graph.indices
 
 
 class Regions:
-    """Cells of different regions may not share a part."""
+    """Forbid parts with cells of different regions."""
 
     def __init__(self, regions):
         self.regions = np.asarray(regions)
@@ -24,7 +24,7 @@ class Regions:
 
 
 class Line:
-    """Nothing is joined across the line x = ``at``; ``above`` some height only."""
+    """Forbid edges across the line x = ``at``, optionally only ``above`` some height."""
 
     def __init__(self, at: float = 0.5, above: float = -np.inf) -> None:
         self.at, self.above = at, above

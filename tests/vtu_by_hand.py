@@ -1,4 +1,4 @@
-"""VTU files taken apart without our reader, and written without our writer."""
+"""Read and write VTU files independently of the package."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ _TYPES = {"Float64": "<f8", "Int64": "<i8", "Int32": "<i4", "UInt8": "<u1"}
 
 
 def arrays_of(file: Path) -> dict[str, NDArray[Any]]:
-    """All arrays of a file by name, as VTK would find them; no two may have the same name."""
+    """Return all arrays of a file by name.
+
+    Names must be unique.
+    """
     root, appended = _parts(file)
     arrays: dict[str, NDArray[Any]] = {}
     for element in root.iter("DataArray"):
@@ -30,14 +33,14 @@ def arrays_of(file: Path) -> dict[str, NDArray[Any]]:
 
 
 def cell_data_of(file: Path) -> dict[str, NDArray[Any]]:
-    """The cell data of a file by name."""
+    """Return the cell data of a file by name."""
     root, appended = _parts(file)
     found = root.iterfind("UnstructuredGrid/Piece/CellData/DataArray")
     return {element.attrib["Name"]: _decoded(root, element, appended) for element in found}
 
 
 def replace_bytes(file: Path, old: bytes, new: bytes) -> None:
-    """Put ``new`` in the place of ``old``, which a file has once."""
+    """Replace ``old``, which must occur once in the file, by ``new``."""
     content = file.read_bytes()
     assert content.count(old) == 1
     file.write_bytes(content.replace(old, new))
@@ -49,7 +52,10 @@ def write_ascii(
     cells: Sequence[tuple[int, Sequence[int]]],
     data: Mapping[str, Sequence[int]] | None = None,
 ) -> Path:
-    """Write cells as VTK types with their nodes, and integer cell data, as text; returns the file."""
+    """Write cells by VTK type and nodes, and integer cell data, as text.
+
+    Returns the file.
+    """
 
     def array(kind: str, name: str, values: Any, more: str = "") -> str:
         text = " ".join(map(str, np.ravel(values).tolist()))
@@ -70,7 +76,7 @@ def write_ascii(
 
 
 def _parts(file: Path) -> tuple[ElementTree.Element, bytes]:
-    """The XML of a file, and the raw bytes behind it (those of version 0.1 have none)."""
+    """Return the XML of a file and its raw appended bytes (empty in version 0.1)."""
     content = file.read_bytes()
     before, mark, after = content.partition(b'<AppendedData encoding="raw">\n_')
     if not mark:
