@@ -1,4 +1,4 @@
-"""Components each of which breaks one law first, and the correct ones they are made from, kind by kind."""
+"""Components that break one law first (mutants), and the correct components they derive from, by kind."""
 
 from conformance.mutants import (
     bisectors,
@@ -64,4 +64,4 @@ NEWCOMERS = [
     labellers.DropsALabel,
     bisectors.GlobalNumpy,
 ]
-"""Ten bugs that newcomers make."""
+"""Ten typical bugs of newcomers."""

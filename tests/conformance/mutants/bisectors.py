@@ -1,4 +1,4 @@
-"""Bisectors: correct ones, and those that break one law first."""
+"""Correct bisectors, and bisectors that break one law first."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from agglo_core.split.geometric import CoordinateBisection
 
 
 def halves(graph):
-    """Sides by the median of x (then y) in each block."""
+    """Return sides by the median of x, then y, in each block."""
     order = np.lexsort((graph.centroids[:, 1], graph.centroids[:, 0], graph.block_ids))
     sizes = np.diff(graph.offsets)[graph.block_ids]
     place = np.arange(graph.n) - graph.offsets[graph.block_ids]
@@ -33,7 +33,7 @@ class LevelHalves:
 
 
 class GrowsStripes(CoordinateBisection):
-    """Its splits cut the longest side, its growth always the same one."""
+    """Split across the longest side, but grow stripes along a fixed axis."""
 
     def grow(self, graph, pieces, refiners, fixer):
         turned = replace(graph, centroids=graph.centroids * ([1.0] + [1e-6] * (graph.dim - 1)))
@@ -46,7 +46,7 @@ class Probable(Halves):
 
 
 class RandomCut:
-    """A cut in a direction drawn from the seed."""
+    """Cut in a random direction drawn from the seed."""
 
     def bisect(self, graph, rng):
         score = graph.centroids @ rng.standard_normal(graph.dim)
@@ -66,7 +66,7 @@ class AnyOption(Halves):
 
 
 def split_along(level, key):
-    """Sides by the median of a key in each block."""
+    """Return sides by the median of a key in each block."""
     order = np.lexsort((key, level.block_ids))
     sides = np.empty(level.n, np.int64)
     place = np.arange(level.n) - level.offsets[level.block_ids]
@@ -75,7 +75,7 @@ def split_along(level, key):
 
 
 class LevelWideData:
-    """Scales what the cells carry by the largest of the whole level."""
+    """Scale cell data by the maximum over the whole level instead of the block."""
 
     def bisect_level(self, level, seeds):
         key = level.centroids[:, 0].copy()
@@ -86,7 +86,7 @@ class LevelWideData:
 
 
 class BoxOfAllPoints:
-    """Takes the box of the points of all blocks for that of the piece."""
+    """Use the bounding box of the points of all blocks instead of the block."""
 
     def bisect(self, graph, rng):
         axis = int(np.argmax(np.ptp(graph.points, axis=0)))
@@ -94,7 +94,7 @@ class BoxOfAllPoints:
 
 
 class AxisInThePlane:
-    """In 3-D too the principal axis of x and y."""
+    """Use the principal axis of x and y, even in 3-D."""
 
     def bisect(self, graph, rng):
         x = graph.centroids[:, :2] - graph.centroids[:, :2].mean(axis=0)
@@ -216,7 +216,7 @@ class LeftInOnePlace(Halves):
 
 
 class LevelWideScale(LevelHalves):
-    """Cells further out than a third of the furthest of the level."""
+    """Compare cells with a third of the extent of the whole level."""
 
     def bisect_level(self, level, seeds):
         first = np.minimum.reduceat(level.centroids[:, 0], level.offsets[:-1])[level.block_ids]

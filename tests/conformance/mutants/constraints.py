@@ -1,4 +1,4 @@
-"""Constraints: correct ones, and those that break one law first."""
+"""Correct constraints, and constraints that break one law first."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def _rows(graph):
 
 
 class Regions:
-    """Cells of different regions may not share a part."""
+    """Forbid parts with cells of different regions."""
 
     def __init__(self, tag: str = "region"):
         self.tag = tag
@@ -26,21 +26,21 @@ class Regions:
 
 
 class AtMostNine:
-    """No part of more than nine cells."""
+    """Admit parts with at most nine cells."""
 
     def admissible(self, graph, labels):
         return np.bincount(labels) <= 9
 
 
 class AtLeastTwo:
-    """No part of a single cell."""
+    """Admit parts with at least two cells."""
 
     def admissible(self, graph, labels):
         return np.bincount(labels) >= 2
 
 
 class Moody(AtMostNine):
-    """Admits at random what it has not seen before."""
+    """Admit or refuse parts by the number of earlier calls."""
 
     def __init__(self):
         self.asked = 0
@@ -51,7 +51,7 @@ class Moody(AtMostNine):
 
 
 class Small:
-    """Parts of at most eight cells should join others."""
+    """Mark parts with at most eight cells as incomplete."""
 
     def incomplete(self, graph, labels):
         return np.bincount(labels) <= 8

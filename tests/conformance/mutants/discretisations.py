@@ -1,4 +1,4 @@
-"""Discretisations: correct ones, and those that break one law first."""
+"""Correct discretisations, and discretisations that break one law first."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from agglo_core import OptionError
 
 
 class SeedsByName(Halves):
-    """A direction from the hash of a text, which differs from process to process."""
+    """Draw a direction from the hash of a string, which differs between processes."""
 
     def bisect(self, graph, rng):
         seed = abs(hash(("direction", int(rng.integers(2**62)))))
@@ -29,7 +29,7 @@ AXES = {}
 
 
 class KeepsItsAxisInTheModule(Halves):
-    """A pickled copy has the key, but the axis only where it was built."""
+    """Keep the axis in the module, so that a pickled copy only has its key."""
 
     def __init__(self):
         self.key = "axis"
@@ -46,7 +46,7 @@ class KeepsItsAxisInTheModule(Halves):
 
 
 class ReadsItsSource(Extent):
-    """Reads a file of the repository by its place relative to the current folder."""
+    """Read a file of the repository by its path relative to the current folder."""
 
     def measure(self, mesh, labels):
         with open("pyproject.toml", encoding="utf-8") as file:
@@ -58,7 +58,7 @@ class ReadsItsSource(Extent):
 
 
 class Along(Halves):
-    """A share of the weight on one side of a cut along the longest side, or across the shortest."""
+    """Cut off a share of the weight, across the longest side or across the shortest."""
 
     def __init__(self, across=False, share=0.5):
         self.across, self.share = across, share
@@ -75,7 +75,7 @@ class Along(Halves):
 
 
 class OneForAllSizes(Along):
-    """Cuts across where parts will be small; keeps what it made by the number of parts, None for any size."""
+    """Cut across for small parts, but cache results by number of parts, which is None for any size."""
 
     def __init__(self):
         super().__init__()
@@ -87,7 +87,7 @@ class OneForAllSizes(Along):
 
 
 class InProportion(Along):
-    """A third and two thirds on the way to three parts."""
+    """Cut off a third of the weight on the way to three parts."""
 
     def __init__(self):
         super().__init__()
@@ -112,7 +112,7 @@ class RefusesAllTargets(Halves):
 
 
 class NoDust(Halves):
-    """Correct: refuses what it cannot do."""
+    """Correct: refuses unsupported targets."""
 
     def for_target(self, target):
         if target.h_star is not None and target.h_star < 0.01:

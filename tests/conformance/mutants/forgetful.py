@@ -1,4 +1,4 @@
-"""Components that are right once, but not after other calls, beside them, or for the program around them."""
+"""Components that fail after other calls, during other calls, or by changing the surrounding program."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class FiltersWarnings(Idle):
 
 class SetsTheEnvironment(Halves):
     def bisect(self, graph, rng):
-        os.environ["OMP_NUM_THREADS"] = "17"  # no worker of pytest has set that
+        os.environ["OMP_NUM_THREADS"] = "17"  # not set by any pytest worker
         return halves(graph)
 
 
@@ -77,7 +77,7 @@ class CachesByCount(Halves):
 
 
 class CachesByTopology(LevelHalves):
-    """Cached for the class, by all but the geometry."""
+    """Cache results for the class by all data except the geometry."""
 
     known = {}  # noqa: RUF012 - the bug
 
@@ -108,7 +108,7 @@ class ReusesItsArray(Halves):
 
 
 class KeepsTheGraph(Halves):
-    """Passes the graph to its other methods by way of self."""
+    """Pass the graph to other methods through self."""
 
     def bisect(self, graph, rng):
         self.graph = graph
@@ -132,7 +132,7 @@ class KeepsWhatItDid(Halves):
 
 
 class KeepsGraphs(Halves):
-    """A cache that is right, and grows for ever."""
+    """Keep a correct cache that grows without bound."""
 
     def __init__(self):
         self.known = {}
@@ -154,7 +154,7 @@ class LeavesFilesOpen(Idle):
 
 
 class ForEachTarget(Halves):
-    """Splits across y where large parts are wanted; correct."""
+    """Correct: splits across y if large numbers of parts are requested."""
 
     across = 0
 
@@ -177,7 +177,7 @@ class ChangesItself(ForEachTarget):
 
 
 class OneForEachCount(ForEachTarget):
-    """Keeps what it made by the number of parts alone, which is None for every size."""
+    """Cache results by number of parts, which is None for every size."""
 
     def __init__(self, across=0):
         super().__init__()
@@ -204,7 +204,7 @@ class OnlyLargeSides(Halves):
 
 
 class CountsAlone(Idle):
-    """Works with a number of parts and knows of no sizes."""
+    """Require a number of parts, without support for sizes."""
 
     def refine(self, graph, labels, seeds, target):
         _ = 1.0 / target.parts
@@ -221,7 +221,7 @@ class SizesAlone(Idle):
 
 
 class Both(Halves, OnlyPartition):
-    """Correct."""
+    """Correct: bisections and direct partitions."""
 
 
 class PartitionsByChance(Both):
@@ -269,7 +269,7 @@ class PartitionsIntoBytes(Both):
 
 
 class Locked(Halves):
-    """Keeps the graph in self, one call at a time."""
+    """Correct: keeps the graph in self, but under a lock."""
 
     def __init__(self):
         self.lock = Lock()
@@ -281,7 +281,7 @@ class Locked(Halves):
 
 
 class CachesByContent(Halves):
-    """Remembers its last few answers by all that decides."""
+    """Correct: caches the last few answers by the full input."""
 
     def __init__(self):
         self.known = {}
@@ -296,7 +296,7 @@ class CachesByContent(Halves):
 
 
 class AnswersTheSame(Idle):
-    """Small integers, read-only and cached by a decorator; an answer of another type than it was given."""
+    """Correct: returns cached, read-only arrays of small integers, with another type than the input."""
 
     @staticmethod
     @lru_cache(maxsize=2)

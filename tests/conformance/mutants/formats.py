@@ -1,4 +1,4 @@
-"""Formats: correct ones, and those that break one law first."""
+"""Correct formats, and formats that break one law first."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from agglo_core import FileError, Hierarchy, Mesh, MeshError
 
 
 class Toy:
-    """JSON of points, vertex loops and cell tags; the plane, without holes."""
+    """JSON file with points, vertex loops and cell tags, for 2-D meshes without holes."""
 
     suffixes = (".toy",)
     lossless = False
@@ -38,7 +38,7 @@ _PARTS = ("points", "face_offsets", "face_vertices", "face_cells")
 
 
 class Archive:
-    """Every array as it is, in an archive of numpy's; hierarchies too."""
+    """Archive of numpy arrays, lossless and with hierarchies."""
 
     suffixes = (".toyz", ".toyz2")
     lossless = True
@@ -107,7 +107,7 @@ class RefusesItsOwn(Toy):
 
 
 class SaysLossless(Toy):
-    """Face tags are gone."""
+    """Claim to be lossless, but drop face tags."""
 
     lossless = True
 
@@ -128,7 +128,7 @@ class RaisesOnGarbage(Toy):
 
 
 class TakesWhatIsThere(Toy):
-    """A line per cell; what is missing is not missed."""
+    """Write a line per cell, and read truncated files without an error."""
 
     def write(self, path, mesh, hierarchy=None):
         super().write(path, mesh)

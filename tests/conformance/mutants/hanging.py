@@ -1,4 +1,4 @@
-"""Bisectors that never answer, or take the process with them."""
+"""Bisectors that never answer or kill the process."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Dies(Halves):
 
 
 class CompilesForLong(Halves):
-    """Stands for a component whose kernels take their time the first time."""
+    """Take long in the first call, like a component that compiles kernels."""
 
     compiled = False
 

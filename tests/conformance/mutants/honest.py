@@ -1,4 +1,4 @@
-"""Solvers whose claims fail on hard systems alone."""
+"""Solvers with claims that fail only on hard systems."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from agglo_core.conformance.engine.reference import TwoPointFlux
 
 
 class TrustsTheRecursion(LinearOnly):
-    """Judges by the residual of the recursion, and reports the true one."""
+    """Judge by the recursive residual, but report the true residual."""
 
     def solve(self, problem, hierarchy):
         it = super().solve(problem, hierarchy)
@@ -26,7 +26,7 @@ class TrustsTheRecursion(LinearOnly):
 
 
 class LeastSoFar(LinearOnly):
-    """Preconditioned by the diagonal; if it is stopped early, by a history that never goes up."""
+    """Report the smallest residual so far if stopped early, with diagonal preconditioning."""
 
     def _iterate(self, A, b, M):
         return super()._iterate(A, b, LinearOperator(A.shape, matvec=lambda r: r / A.diagonal()))
@@ -39,7 +39,7 @@ class LeastSoFar(LinearOnly):
 
 
 class DropsSmallEntries(TwoPointFlux):
-    """Coarse matrices without entries below a thousandth of the largest."""
+    """Drop coarse matrix entries below a thousandth of the largest entry."""
 
     def solve(self, problem, hierarchy):
         it = super().solve(problem, hierarchy)
@@ -50,7 +50,7 @@ class DropsSmallEntries(TwoPointFlux):
 
 
 class TwoSteps(TwoPointFlux):
-    """Two steps of Jacobi, added to the coarse level."""
+    """Add two steps of undamped Jacobi to the coarse correction."""
 
     def aspreconditioner(self, problem, hierarchy):
         A, M = self.solve(problem, hierarchy).A, super().aspreconditioner(problem, hierarchy)
@@ -59,7 +59,7 @@ class TwoSteps(TwoPointFlux):
 
 
 class NotLarger(LinearOnly):
-    """What is not larger than the tolerance is met, NaN too."""
+    """Accept residuals that are not larger than the tolerance, including NaN."""
 
     def solve(self, problem, hierarchy):
         it = super().solve(problem, hierarchy)

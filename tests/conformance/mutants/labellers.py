@@ -1,4 +1,4 @@
-"""Refiners and fixers: correct ones, and those that break one law first."""
+"""Correct refiners and fixers, and refiners and fixers that break one law first."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Fix(ConnectivityFixer):
 
 
 class ListsOfLabels(Idle):
-    """Booleans where there are two parts in all."""
+    """Return lists of labels, of booleans if there are two parts."""
 
     def refine(self, graph, labels, seeds, target):
         return (labels > 0 if labels.max() == 1 else labels).tolist()
@@ -53,10 +53,10 @@ class RenumbersAcrossBlocks(Fix):
 
 
 class TearsApart(Idle):
-    """Gives the cell in the middle of its part to another part."""
+    """Move the middle cell of a part to another part."""
 
     def refine(self, graph, labels, seeds, target):
-        if graph.n > 40:  # one place at a time takes too long
+        if graph.n > 40:  # cell by cell this takes too long
             return labels
         before = loose_parts(graph, labels)
         for cell, label in ((c, p) for c in range(min(graph.n, 99)) for p in np.unique(labels)):
@@ -69,7 +69,7 @@ class TearsApart(Idle):
 
 
 class Worsens(Idle):
-    """Moves a cell that lengthens the interface."""
+    """Move a cell so that the interface grows."""
 
     def refine(self, graph, labels, seeds, target):
         if graph.n > 40:
@@ -86,7 +86,7 @@ class Worsens(Idle):
 
 
 class PursuesUF(Idle):
-    """Names a metric as its objective."""
+    """Name a metric as objective."""
 
     objective = "UF"
 
@@ -122,7 +122,7 @@ class SwapsConnected(Fix):
 
 
 class NeverDone(Fix):
-    """Changes what it has fixed itself: three parts in one block."""
+    """Change its own result in a block with three parts."""
 
     def fix(self, graph, labels):
         fixed = super().fix(graph, labels)
@@ -139,7 +139,7 @@ class AcceptsDisconnected(Fix):
 
 
 class CountsBlocks(Fix):
-    """Lets block 2 come out otherwise if there are many blocks."""
+    """Change block 2 if there are many blocks."""
 
     def fix(self, graph, labels):
         fixed = super().fix(graph, labels)

@@ -1,4 +1,4 @@
-"""Metrics: correct ones, and those that break one law first."""
+"""Correct metrics, and metrics that break one law first."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from agglo_core import Component
 
 
 class Extent:
-    """Number of cells over the number of all cells."""
+    """Number of cells relative to all cells."""
 
     better = "high"
     bounds = (0.0, 1.0)
@@ -101,7 +101,7 @@ class CountsCells(Extent):
 
 
 class Spread:
-    """Sum of the squared number of cells, as an objective too."""
+    """Squared number of cells, also usable as an objective."""
 
     better = "low"
     bounds = (1.0, inf)
@@ -121,7 +121,7 @@ class ForgetsTheOldPart(Spread):
 
 
 class Wanting(Extent):
-    """Area over that of the box around it in the axes; NaN for loose parts: unusual, and right."""
+    """Correct: area relative to the bounding box, and NaN for loose parts."""
 
     directional = True
     undefined = True
@@ -138,7 +138,7 @@ class Wanting(Extent):
 
 
 class Share(Extent):
-    """Measure over the largest of a part."""
+    """Measure relative to the largest part."""
 
     relative = True
 
@@ -165,7 +165,7 @@ class InfiniteWhenUndefined(Wanting):
 
 
 class BoundedLength(Extent):
-    """A length cannot have a largest value."""
+    """Length with a fixed upper bound."""
 
     bounds = (0.0, 200.0)
     homogeneity = 1
@@ -192,7 +192,7 @@ class AddsATrifle(Extent):
 
 
 class NeverSquared(Extent):
-    """A ratio in the plane, a length in space."""
+    """Quantity without unit in 2-D, but with the unit of a length in 3-D."""
 
     bounds = (0.0, inf)
 
@@ -202,7 +202,7 @@ class NeverSquared(Extent):
 
 
 class FarFromZero(Extent):
-    """By the shoelace formula in coordinates that lose their digits."""
+    """Area by the shoelace formula in global coordinates, which lose digits far from 0."""
 
     bounds = (0.0, inf)
 
@@ -219,7 +219,7 @@ class FarFromZero(Extent):
 
 
 class OutsideIsTheLastCell(Extent):
-    """Labels of both sides of every face: of the boundary that is labels[-1]."""
+    """Index labels by both cells of each face, although -1 marks the boundary."""
 
     bounds = (0.0, inf)
 
@@ -238,7 +238,7 @@ class FirstCellOfEach(Extent):
 
 
 class KnowsTheMesh(Share):
-    """Keeps sums by the name of the mesh."""
+    """Cache sums by the name of the mesh."""
 
     relative = False
 
@@ -265,7 +265,7 @@ class WorseIsBetter(Extent):
 
 
 class WeighsCells(Spread):
-    """Squared measures: but the graph's weights are not its measures."""
+    """Squared measures, although the weights of the graph differ from its measures."""
 
     bounds = (0.0, inf)
     homogeneity = 4
@@ -280,7 +280,7 @@ class WeighsCells(Spread):
 
 
 class Perimeter(Extent):
-    """Without the boundary of the domain."""
+    """Perimeter without the domain boundary."""
 
     better = "low"
     bounds = (0.0, inf)
@@ -294,7 +294,7 @@ class Perimeter(Extent):
 
 
 class LogOfShare(Share):
-    """Nearly 0 where all parts are alike; values around 0 are right to rounding only."""
+    """Logarithm of a share, which is 0 up to rounding if all parts are equal."""
 
     bounds = (-inf, 0.0)
 
@@ -303,7 +303,7 @@ class LogOfShare(Share):
 
 
 class OnTheBoundary(Extent):
-    """Share of the perimeter that lies on the boundary."""
+    """Share of the perimeter on the domain boundary."""
 
     better = "low"
 
@@ -316,7 +316,7 @@ class OnTheBoundary(Extent):
 
 
 class Elongation(Extent):
-    """Root of the ratio of second moments of the vertices: 1 if round, and loose cells of a square are."""
+    """Root of the ratio of second vertex moments, which is 1 for round parts and for loose cells."""
 
     bounds = (1.0, inf)
 
@@ -329,7 +329,7 @@ class Elongation(Extent):
 
 
 class InOnePiece(Extent):
-    """Truth values, of no more than what is true or false."""
+    """Boolean value: True if the part is connected."""
 
     def measure(self, mesh, labels):
         component = mesh.graph.components(labels)
@@ -337,7 +337,7 @@ class InOnePiece(Extent):
 
 
 class AwayFromTheMiddle(Extent):
-    """Distance from the centroid of the mesh: of the place and not of the shape."""
+    """Distance from the mesh centroid, which depends on position instead of shape."""
 
     better = "low"
     bounds = (0.0, inf)

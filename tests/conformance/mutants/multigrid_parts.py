@@ -1,4 +1,4 @@
-"""Transfers, coarse operators and coarse solvers: correct ones, and those that break one law first."""
+"""Correct transfers, coarse operators and coarse solvers, and components that break one law first."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from agglo_core.problems import CoarseSpace
 
 
 def constants(step):
-    """One coarse unknown for each unknown of a part, by the labels alone."""
+    """Return the piecewise constant prolongation, with a coarse unknown per unknown of a cell."""
     width = int(step.block_offsets[1])
     ones = np.ones(len(step.parents))
     inject = sparse.csr_array((ones, (np.arange(len(ones)), step.parents)))
@@ -48,7 +48,7 @@ class TwiceTheSame(Constants):
 
 
 class Differences(Constants):
-    """Functions that alternate from cell to cell."""
+    """Functions with signs that alternate from cell to cell."""
 
     def prolongation(self, step):
         P = super().prolongation(step)
@@ -83,7 +83,7 @@ class JustJacobi:
 
 
 class UntilItWillDo:
-    """Conjugate gradients that stop by a tolerance."""
+    """Conjugate gradients that stop at a tolerance."""
 
     def solver_for(self, A):
         return lambda b: cg(A, b, rtol=1e-3)[0]

@@ -1,4 +1,4 @@
-"""A component and the law it is there to break."""
+"""Component together with the law it breaks."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ __all__ = ["Mutant"]
 
 @dataclass(frozen=True)
 class Mutant:
-    """A component and the first law it breaks; ``says`` is part of the advice it gets.
+    """Component, the first law it breaks, and a part of the message in ``says``.
 
-    ``kind`` is for what has no method that would tell, such as a function that makes a sample.
+    ``kind`` is needed if no method identifies the kind, as for a function that makes a sample.
     """
 
     law: str

@@ -1,4 +1,4 @@
-"""Metrics that see the numbering of a mesh or its size, and go wrong on nothing else."""
+"""Metrics that depend only on numbering or mesh size, and break no other law."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from conformance.mutants.mutant import Mutant
 
 
 class NeighboursByOrder:
-    """Counts a neighbour twice if faces to it are seen from both sides."""
+    """Count a neighbour twice if its faces are oriented both ways."""
 
     better = "low"
     bounds = (0.0, inf)
@@ -22,7 +22,7 @@ class NeighboursByOrder:
 
 
 class KnowsThePoints:
-    """Keeps lengths of outlines by all that is told of a mesh but the numbers of its cells."""
+    """Cache outline lengths by all mesh data except the cell numbers."""
 
     better = "low"
     bounds = (0.0, inf)
@@ -35,7 +35,7 @@ class KnowsThePoints:
         total = round(mesh.cell_measures.sum() / mesh.h**mesh.dim, 6)
         key = mesh.n_faces, mesh.h, total, mesh.points.tobytes(), labels.tobytes()
         if key not in self.known:
-            self.known.clear()  # it keeps one only
+            self.known.clear()  # keep a single entry
             coarse = mesh.coarsen(labels)
             offsets, faces = coarse.cell_faces
             self.known[key] = np.add.reduceat(coarse.face_measures[faces], offsets[:-1])
@@ -43,7 +43,7 @@ class KnowsThePoints:
 
 
 class RoundsToDecimals:
-    """Counts vertices by their coordinates, rounded to join those that a file holds twice."""
+    """Count vertices by rounded coordinates, to join duplicate vertices."""
 
     better = "low"
     bounds = (1.0, inf)

@@ -1,4 +1,4 @@
-"""Components that do well on small ordinary meshes, and fail on graphs that are larger or less regular."""
+"""Components that work on small regular meshes, and fail on large or irregular graphs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from agglo_core.split.geometric import InertialBisection
 
 
 class CutsAtTheOrigin(Halves):
-    """Right for a whole mesh, whose centroids are relative to its middle, and wrong for a piece of it."""
+    """Cut at the origin, which is the middle of a whole mesh but not of a piece."""
 
     def bisect(self, graph, rng):
         x = graph.centroids[:, int(np.argmax(np.ptp(graph.centroids, axis=0)))]
@@ -32,7 +32,7 @@ class CountsBlocksInBytes(LevelHalves):
 
 
 class DividesByTheWeight(Halves):
-    """Probabilities by share of the weight: none where the weights of a cell are zero."""
+    """Return probabilities relative to the weight, which are undefined for cells without weight."""
 
     def bisect(self, graph, rng):
         with np.errstate(all="ignore"):
@@ -40,7 +40,7 @@ class DividesByTheWeight(Halves):
 
 
 class LooksUpNeighbours(Halves):
-    """A table of at most 32 neighbours for each cell."""
+    """Store at most 32 neighbours per cell."""
 
     def bisect(self, graph, rng):
         table = np.full((graph.n, 32), -1)
@@ -51,7 +51,7 @@ class LooksUpNeighbours(Halves):
 
 
 class HalvesTheMeasure(Halves):
-    """Halves the measure and promises to halve the weight."""
+    """Halve the measure, but promise to halve the weight."""
 
     def bisect(self, graph, rng):
         order = np.lexsort((graph.centroids[:, 1], graph.centroids[:, 0]))
@@ -73,7 +73,7 @@ class FixesInBytes(Fix):
 
 
 class BalancesTheMeasure(Idle):
-    """Moves cells until the measures are balanced, and says that the weights are."""
+    """Balance the measures, but name balance of the weights as objective."""
 
     objective = "balance"
 
@@ -85,7 +85,7 @@ class BalancesTheMeasure(Idle):
 
 
 def _worst_swap(graph, labels):
-    """The heaviest cell of which another with the same label is a neighbour goes to the heaviest part."""
+    """Move the heaviest adjacent cell into the heaviest part, but never the last cell of a part."""
     sums = np.bincount(labels, graph.weights)
     heavy = int(sums.argmax())
     rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
@@ -100,7 +100,7 @@ def _worst_swap(graph, labels):
 
 
 class SearchesInDepth(Fix):
-    """Follows a part from cell to cell by a function that calls itself."""
+    """Visit the cells of a part by recursion."""
 
     def fix(self, graph, labels):
         seen = set()
@@ -118,7 +118,7 @@ class SearchesInDepth(Fix):
 
 
 class FixesTheFirstHundred(Fix):
-    """Looks at no label beyond 99."""
+    """Ignore labels above 99."""
 
     def fix(self, graph, labels):
         fixed = super().fix(graph, labels)
@@ -126,7 +126,7 @@ class FixesTheFirstHundred(Fix):
 
 
 class StirsWholeBlocks(Fix):
-    """Renumbers the parts of a level where any of its blocks is broken."""
+    """Exchange two labels in the whole level if any block is broken."""
 
     def fix(self, graph, labels):
         fixed = super().fix(graph, labels)
@@ -138,7 +138,7 @@ class StirsWholeBlocks(Fix):
 
 
 class ComparesAllPairs(Idle):
-    """Looks at the distance of every pair of cells, anew for every twentieth part, cell by cell."""
+    """Compare all pairs of cells, once for every twenty parts."""
 
     def refine(self, graph, labels, seeds, target):
         for _ in range((labels.max() + 1) // 20 if 1000 < graph.n < 10_000 and graph.n_blocks == 1 else 0):
@@ -148,14 +148,14 @@ class ComparesAllPairs(Idle):
 
 
 class TiesBelowAMicron(InertialBisection):
-    """Coordinates closer than a millionth are equal, whatever the size of the mesh."""
+    """Treat coordinates closer than 1e-6 as equal, independent of the mesh size."""
 
     def bisect_level(self, level, seeds):
         return super().bisect_level(replace(level, centroids=np.round(level.centroids, 6)), seeds)
 
 
 class SharesOfTheWeight(Halves):
-    """Cuts where half the weight has been passed: nowhere if there is none."""
+    """Cut where half the weight is reached, which fails if all weights are 0."""
 
     def bisect(self, graph, rng):
         order = np.lexsort((graph.centroids[:, 1], graph.centroids[:, 0]))
@@ -169,7 +169,7 @@ class SharesOfTheWeight(Halves):
 
 
 class SettlesTiesByNumber(Fix):
-    """Of equal pieces the one whose cells have the smaller numbers stays."""
+    """Keep the piece with the smallest cell number among equal pieces."""
 
     def fix(self, graph, labels):
         numbers = np.arange(graph.n)[:, None] * np.ones(graph.dim)
@@ -177,7 +177,7 @@ class SettlesTiesByNumber(Fix):
 
 
 class NumbersPartsInShorts(Fix):
-    """Looks up the labels of parts that it numbers in 16 bits, over all blocks."""
+    """Number the parts of all blocks in 16 bits."""
 
     def fix(self, graph, labels):
         fixed = super().fix(graph, labels)

@@ -1,4 +1,4 @@
-"""Kinds of problem: correct ones, and those that break one law first."""
+"""Correct kinds of problem, and kinds that break one law first."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from agglo_core import Component, Diffusion, OptionError
 
 @dataclass(frozen=True)
 class Heat:
-    """One conductivity and one source."""
+    """Problem with a conductivity and a source."""
 
     kind: ClassVar[str] = "heat"
     conductivity: float = 1.0
@@ -32,7 +32,7 @@ class Heat:
 
 
 def warm() -> Heat:
-    """A named problem."""
+    """Factory for a named problem."""
     return Heat(source=3.0)
 
 

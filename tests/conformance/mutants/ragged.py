@@ -1,4 +1,4 @@
-"""Refiners that do well on whole meshes, and fail on levels of ragged parts."""
+"""Refiners that work on whole meshes, and fail on levels with ragged parts."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from agglo_core.refine.interface import InterfaceRefiner
 
 
 class _OneMove(Idle):
-    """In each block one cell takes the label of a neighbour: where that gains most."""
+    """Move in each block the cell with the largest gain to a neighbouring part."""
 
     def refine(self, graph, labels, seeds, target):
         rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
@@ -36,7 +36,7 @@ class _OneMove(Idle):
 
 
 class CountsEdges(_OneMove):
-    """Says interface and counts edges, at cells that are joined to their part by one alone."""
+    """Name interface as objective but count edges, for cells with one link to their part."""
 
     def length(self, graph):
         return np.ones(len(graph.indices))
@@ -46,7 +46,7 @@ class CountsEdges(_OneMove):
 
 
 class ForgetsBridges(_OneMove):
-    """Asks whether a part would be emptied, and not whether it would fall in two."""
+    """Check that a part is not emptied, but not that it stays connected."""
 
     def length(self, graph):
         return graph.interface
@@ -64,7 +64,7 @@ class ForgetsBridgesInSpace(ForgetsBridges):
 
 
 class TrustsShortNecks(ForgetsBridges):
-    """Takes cells that have less than a sixth of their faces in their part: nothing can hang on them."""
+    """Move cells with less than a sixth of their faces in their part, even if they connect other cells."""
 
     def movable(self, graph, rows, parts):
         own = np.bincount(rows, graph.interface * (parts[rows] == parts[graph.indices]), graph.n)
@@ -73,7 +73,7 @@ class TrustsShortNecks(ForgetsBridges):
 
 
 class MomentsOfTheMeasure(Idle):
-    """Says compactness, and takes the measure of a cell for its weight, in levels of ragged parts."""
+    """Name compactness as objective, but use measures instead of weights on levels with ragged parts."""
 
     objective = "compactness"
 
@@ -85,7 +85,7 @@ class MomentsOfTheMeasure(Idle):
 
 
 class WorthATypicalFace(InterfaceRefiner):
-    """Changes a block where that saves more than the mean face of the level."""
+    """Change a block only if the gain exceeds the mean interface of the level."""
 
     def refine(self, graph, labels, seeds, target):
         new = super().refine(graph, labels, seeds, target)

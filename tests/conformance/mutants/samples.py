@@ -1,4 +1,4 @@
-"""Samples: correct ones, and those that break one law first."""
+"""Correct samples, and samples that break one law first."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from agglo_core.conformance.inputs import small_meshes
 
 
 def bars(n: int = 3, seed: int = 0) -> Mesh:
-    """A bar of ``n`` cells whose widths are drawn from ``seed``."""
+    """Return a bar with ``n`` cells and widths drawn from ``seed``."""
     x = np.concatenate(([0.0], np.cumsum(np.random.default_rng(seed).uniform(1, 2, n))))
     points = np.concatenate((np.stack((x, 0 * x), axis=1), np.stack((x, 0 * x + 1), axis=1)))
     i = np.arange(n)
@@ -18,47 +18,47 @@ def bars(n: int = 3, seed: int = 0) -> Mesh:
 
 
 def blocks() -> Mesh:
-    """Boxes in space."""
+    """Return 3-D boxes."""
     return small_meshes.boxes()
 
 
 def takes_anything(**options: int) -> Mesh:
-    """A bar."""
+    """Return a bar."""
     return bars()
 
 
 def only_points(n: int = 3) -> object:
-    """Points; ``n`` of them."""
+    """Return ``n`` points."""
     return np.zeros((n, 2))
 
 
 def unannotated(n=3) -> Mesh:
-    """A bar of ``n`` cells."""
+    """Return a bar with ``n`` cells."""
     return bars(n)
 
 
 def unexplained(many: int = 3) -> Mesh:
-    """A bar."""
+    """Return a bar."""
     return bars(many)
 
 
 def flat() -> Mesh:
-    """A bar."""
+    """Return a bar."""
     return bars()
 
 
 def unseeded(n: int = 3) -> Mesh:
-    """A bar of ``n`` cells of other widths each time."""
+    """Return a bar with ``n`` cells and new random widths in each call."""
     return bars(n, int(np.random.default_rng().integers(2**31)))
 
 
 def from_global_state(n: int = 3) -> Mesh:
-    """A bar of ``n`` cells."""
+    """Return a bar with ``n`` cells."""
     return bars(n, np.random.randint(1000))  # noqa: NPY002 - the bug
 
 
 def talks(n: int = 3) -> Mesh:
-    """A bar of ``n`` cells."""
+    """Return a bar with ``n`` cells."""
     print("cells:", n)  # noqa: T201
     return bars(n)
 

@@ -1,4 +1,4 @@
-"""Sections of the report: correct ones, and those that break one law first."""
+"""Correct report sections, and sections that break one law first."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from conformance.mutants.mutant import Mutant
 
 
 class Parts:
-    """A list of the runs and their parts."""
+    """List of runs with their parts."""
 
     title = "Parts"
 

@@ -1,4 +1,4 @@
-"""A component whose module takes longer to import than its laws are given."""
+"""Component whose import takes longer than the time limit of its laws."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Smoothers: correct ones, and those that break one law first."""
+"""Correct smoothers, and smoothers that break one law first."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scipy.sparse.linalg import spsolve_triangular
 
 
 class Jacobi:
-    """Damped by 4/3 of a bound of the largest eigenvalue."""
+    """Jacobi with damping 4/3 over a bound of the largest eigenvalue."""
 
     factor = 1.0
 
@@ -26,7 +26,7 @@ class Jacobi:
 
 
 class Forward:
-    """Gauss-Seidel sweeps from the first unknown to the last."""
+    """Gauss-Seidel sweep from the first unknown to the last."""
 
     def setup(self, level):
         A, lower = level.A, sparse.csr_array(sparse.tril(level.A))
@@ -34,7 +34,7 @@ class Forward:
 
 
 class BackAndForth:
-    """A sweep of Gauss-Seidel and its mirror image."""
+    """Gauss-Seidel sweep and its mirror image."""
 
     def setup(self, level):
         A, lower = level.A, sparse.csr_array(sparse.tril(level.A))
@@ -48,7 +48,7 @@ class BackAndForth:
 
 
 class SteepestDescent:
-    """The best step along the scaled residual: nonlinear."""
+    """Steepest descent along the scaled residual, which is nonlinear."""
 
     def setup(self, level):
         A, diagonal = level.A, level.A.diagonal()
@@ -63,7 +63,7 @@ class SteepestDescent:
 
 
 class _Changed(Jacobi):
-    """What the damped steps give, changed by ``after``."""
+    """Damped Jacobi with a result changed by ``after``."""
 
     def setup(self, level):
         smooth = super().setup(level)
@@ -138,7 +138,7 @@ class HoldsAFunction(Jacobi):
 
 
 class Richardson(Jacobi):
-    """Steps whose length fits matrices with small entries."""
+    """Richardson with a step length for matrices with small entries."""
 
     def setup(self, level):
         A = level.A
@@ -147,7 +147,7 @@ class Richardson(Jacobi):
 
 
 class StrongRichardson(Jacobi):
-    """Damped for the matrices of even couplings alone."""
+    """Richardson with damping only for even couplings."""
 
     def setup(self, level):
         A = level.A
@@ -155,7 +155,7 @@ class StrongRichardson(Jacobi):
 
 
 class KeepsTheLevel(Jacobi):
-    """All levels share what belongs to the last one."""
+    """Keep the last level in self, shared by all levels."""
 
     def setup(self, level):
         self.level = level

@@ -1,4 +1,4 @@
-"""Solvers: correct ones, and those that break one law first."""
+"""Correct solvers, and solvers that break one law first."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from agglo_core.problems import Diffusion, Linear, Solution
 
 
 class LinearOnly(TwoPointFlux):
-    """Takes systems of one unknown per cell, as many algebraic methods do."""
+    """Correct: accepts only linear systems with one unknown per cell, like many algebraic methods."""
 
     def solve(self, problem, hierarchy):
         if not isinstance(problem, Linear) or len(problem.b) != hierarchy.graph.n:
@@ -24,7 +24,7 @@ class LinearOnly(TwoPointFlux):
 
 
 class DiffusionOnly(TwoPointFlux):
-    """Takes what it discretises itself."""
+    """Correct: accepts only diffusion."""
 
     def solve(self, problem, hierarchy):
         if not isinstance(problem, Diffusion):
@@ -38,7 +38,7 @@ class RefusesAll(TwoPointFlux):
 
 
 class SquaresOnly(TwoPointFlux):
-    """Refuses some diffusion problems of the plane and takes others."""
+    """Refuse some 2-D diffusion problems and accept others."""
 
     def solve(self, problem, hierarchy):
         if isinstance(problem, Diffusion) and np.ptp(hierarchy.graph.measures) > 1e-9:
@@ -47,7 +47,7 @@ class SquaresOnly(TwoPointFlux):
 
 
 class NotLinear(LinearOnly):
-    """Scales what a large right-hand side gives."""
+    """Scale the solution if the right-hand side is large."""
 
     def solve(self, problem, hierarchy):
         it = super().solve(problem, hierarchy)
@@ -69,7 +69,7 @@ class StopsEarly(TwoPointFlux):
 
 
 class OtherSystem(TwoPointFlux):
-    """Doubles the right-hand side of a linear system and solves that."""
+    """Double the right-hand side of a linear system."""
 
     def solve(self, problem, hierarchy):
         linear = isinstance(problem, Linear)
@@ -124,7 +124,7 @@ class GaussSeidel(TwoPointFlux):
 
 
 class ScaledByTheResidual(TwoPointFlux):
-    """Takes the best step along what its preconditioner gives."""
+    """Precondition with a line search, which is nonlinear."""
 
     def aspreconditioner(self, problem, hierarchy):
         A, M = self.solve(problem, hierarchy).A, super().aspreconditioner(problem, hierarchy)
@@ -156,7 +156,7 @@ class BlamesRounding(TwoPointFlux):
 
 
 class MatrixFree(TwoPointFlux):
-    """Knows matrices by their products alone: unusual, and right."""
+    """Correct: returns matrices as linear operators."""
 
     def solve(self, problem, hierarchy):
         it = super().solve(problem, hierarchy)
@@ -165,7 +165,7 @@ class MatrixFree(TwoPointFlux):
 
 
 class Direct:
-    """A factorisation, which no level helps; unknowns are in units of their own."""
+    """Correct: direct factorisation, with unknowns in units of its own."""
 
     def solve(self, problem, hierarchy):
         A, b, _ = _system(problem, hierarchy)
@@ -183,7 +183,7 @@ class Direct:
 
 
 class Rediscretised(TwoPointFlux):
-    """Another matrix on the coarse level, and says so."""
+    """Correct: rediscretises the coarse level and declares so."""
 
     galerkin = False
 
@@ -203,7 +203,7 @@ class NegativeSeconds(TwoPointFlux):
 
 
 class ScaledSystem(TwoPointFlux):
-    """Returns the system it has scaled by its diagonal."""
+    """Return the system scaled by its diagonal."""
 
     def solve(self, problem, hierarchy):
         it = super().solve(problem, hierarchy)
@@ -216,7 +216,7 @@ class ScaledSystem(TwoPointFlux):
 
 
 class FixedTolerance(TwoPointFlux):
-    """Stops at a residual of a fixed size, and calls that converged."""
+    """Stop at a fixed absolute residual, and claim convergence."""
 
     def solve(self, problem, hierarchy):
         it = super().solve(problem, hierarchy)
@@ -226,7 +226,7 @@ class FixedTolerance(TwoPointFlux):
 
 
 class RelativeHistory(TwoPointFlux):
-    """The history is relative, but for its end."""
+    """Report a relative history except for the last value."""
 
     def solve(self, problem, hierarchy):
         it = super().solve(problem, hierarchy)
@@ -241,14 +241,14 @@ class DividesByNothing(TwoPointFlux):
 
 
 class SetTolerance(TwoPointFlux):
-    """Takes a tolerance and uses its own."""
+    """Accept a tolerance but ignore the value."""
 
     def __init__(self, tolerance=1e-7):
         super().__init__(1e-7)
 
 
 class MadeUpHistory(TwoPointFlux):
-    """Begins and ends well."""
+    """Invent a history between the true first and last residual."""
 
     def solve(self, problem, hierarchy):
         it = super().solve(problem, hierarchy)
@@ -259,7 +259,7 @@ class MadeUpHistory(TwoPointFlux):
 
 
 class NeverGivesUp(TwoPointFlux):
-    """Out of iterations it has converged, unless the matrix is singular."""
+    """Claim convergence when out of iterations, unless the matrix is singular."""
 
     def solve(self, problem, hierarchy):
         it = super().solve(problem, hierarchy)
@@ -268,7 +268,7 @@ class NeverGivesUp(TwoPointFlux):
 
 
 class TrustsOnePart(TwoPointFlux):
-    """On one part it returns what the coarse level says."""
+    """Return the coarse solution if there is only one part."""
 
     def solve(self, problem, hierarchy):
         it = super().solve(problem, hierarchy)
@@ -279,7 +279,7 @@ class TrustsOnePart(TwoPointFlux):
 
 
 class KeepsTheMatrix(TwoPointFlux):
-    """One matrix for each hierarchy."""
+    """Keep one matrix per hierarchy."""
 
     def __init__(self):
         super().__init__()
@@ -292,7 +292,7 @@ class KeepsTheMatrix(TwoPointFlux):
 
 
 class _OtherProblem(TwoPointFlux):
-    """Solves another diffusion problem."""
+    """Solve another diffusion problem."""
 
     def solve(self, problem, hierarchy):
         diffusion = isinstance(problem, Diffusion)
@@ -318,7 +318,7 @@ class InwardFlux(_OtherProblem):
 
 
 class ArithmeticMean(TwoPointFlux):
-    """The mean of κ on both sides of a face."""
+    """Use the arithmetic mean of κ on both sides of a face."""
 
     def solve(self, problem, hierarchy):
         if isinstance(problem, Diffusion) and isinstance(problem.kappa, np.ndarray):
@@ -329,7 +329,7 @@ class ArithmeticMean(TwoPointFlux):
 
 
 class KappaAtACorner(_OtherProblem):
-    """A coefficient that is a callable has its value in cell 0 everywhere."""
+    """Use the value of a callable coefficient in cell 0 everywhere."""
 
     def other(self, problem, hierarchy):
         if not callable(problem.kappa):
@@ -338,7 +338,7 @@ class KappaAtACorner(_OtherProblem):
 
 
 class SkipsTheStart(TwoPointFlux):
-    """Forgets the residual before the first iteration, and that iteration."""
+    """Drop the residual before the first iteration, and count one iteration less."""
 
     def solve(self, problem, hierarchy):
         it = super().solve(problem, hierarchy)
@@ -346,7 +346,7 @@ class SkipsTheStart(TwoPointFlux):
 
 
 class SourceAtACorner(_OtherProblem):
-    """The source is that of cell 0 wherever it varies."""
+    """Use the value of a callable source in cell 0 everywhere."""
 
     def other(self, problem, hierarchy):
         if not callable(problem.source):
@@ -360,7 +360,7 @@ class FluxOrSource(_OtherProblem):
 
 
 class UnitCells(_OtherProblem):
-    """Takes cells for unit squares."""
+    """Treat cells as unit squares."""
 
     def other(self, problem, hierarchy):
         measures = hierarchy.fine.cell_measures
@@ -374,7 +374,7 @@ class UnitCells(_OtherProblem):
 
 
 class MirrorsTheUpperTriangle(TwoPointFlux):
-    """Reads the upper triangle alone."""
+    """Read only the upper triangle."""
 
     def solve(self, problem, hierarchy):
         if isinstance(problem, Linear):
@@ -385,7 +385,7 @@ class MirrorsTheUpperTriangle(TwoPointFlux):
 
 
 class MirrorsInSecret(MirrorsTheUpperTriangle):
-    """Returns the matrix given, and the residual in it, but judges by the other."""
+    """Return the given matrix with its residual, but judge by the mirrored matrix."""
 
     def solve(self, problem, hierarchy):
         it = super().solve(problem, hierarchy)
@@ -399,7 +399,7 @@ class MirrorsInSecret(MirrorsTheUpperTriangle):
 
 
 class ResidualOfTheOther(MirrorsInSecret):
-    """Returns the matrix given, and the residual in the mirrored one."""
+    """Return the given matrix, but the residual for the mirrored matrix."""
 
     def solve(self, problem, hierarchy):
         it = super().solve(problem, hierarchy)
@@ -408,7 +408,7 @@ class ResidualOfTheOther(MirrorsInSecret):
 
 
 class FlatInSpace(_OtherProblem):
-    """Knows boundary data of four sides."""
+    """Use boundary data on four sides only."""
 
     def other(self, problem, hierarchy):
         return replace(problem, dirichlet={t: v for t, v in problem.dirichlet.items() if t < 5})

@@ -1,4 +1,4 @@
-"""Components that mistake what touches for what is joined, or do well only without ties and in the plane."""
+"""Components that confuse contact with adjacency, or work only without ties or only in 2-D."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from agglo_core.split.geometric import InertialBisection
 
 
 class GrowsOverPoints(Halves):
-    """Half of the cells, in the order in which they are reached over common points."""
+    """Collect half of the cells in order of reachability over common points."""
 
     def bisect(self, graph, rng):
         owner = np.repeat(np.arange(graph.n), np.diff(graph.vertex_offsets))
@@ -29,7 +29,7 @@ class GrowsOverPoints(Halves):
 
 
 class DrawsThePartition(OnlyPartition):
-    """Says that nothing is random, of its bisections."""
+    """Promise deterministic answers, but draw direct partitions at random."""
 
     def partition(self, graph, target, seed):
         drawn = np.random.default_rng(seed).permutation(graph.n)
@@ -37,7 +37,7 @@ class DrawsThePartition(OnlyPartition):
 
 
 class LengthsInThePlane:
-    """Takes the root of a measure for a length; where that is long, the cells at the end change sides."""
+    """Treat the root of a measure as a length, and move cells at the end where this length is large."""
 
     def bisect(self, graph, rng):
         sides = np.asarray(InertialBisection().bisect_level(graph, np.zeros(1, np.uint64)))
@@ -50,7 +50,7 @@ class LengthsInThePlane:
 
 
 class TiesByHash(Halves):
-    """What is equal to a tenth of the extent is put in an order that is drawn from the hash of a text."""
+    """Break ties within a tenth of the extent by the hash of a string."""
 
     def bisect(self, graph, rng):
         drawn = np.random.default_rng(abs(hash(f"halves of {graph.n}"))).random(graph.n)
@@ -61,7 +61,7 @@ class TiesByHash(Halves):
 
 
 class CountsComponents(Fix):
-    """Believes that all is well where there are as many components as blocks times labels."""
+    """Skip the repair if the number of components equals blocks times labels."""
 
     def fix(self, graph, labels):
         parts = graph.components(labels)

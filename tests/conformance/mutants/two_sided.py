@@ -1,4 +1,4 @@
-"""Smoothers with two sides: a correct one, and those that break one law first."""
+"""Correct two-sided smoother, and two-sided smoothers that break one law first."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from scipy.sparse.linalg import spsolve_triangular
 
 
 class _Sweeps:
-    """Forward before, backward after; as a plain smoother both."""
+    """Forward sweep before, backward sweep after the correction, and both as a plain smoother."""
 
     def __init__(self, level):
         self.A = level.A
@@ -28,7 +28,7 @@ class _Sweeps:
 
 
 class TwoSided:
-    """Sets one of them up."""
+    """Set up the class ``of`` on a level."""
 
     of = _Sweeps
 

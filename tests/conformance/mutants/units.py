@@ -1,4 +1,4 @@
-"""Components that fail on thousands of blocks, extreme weights and units, in space, or from some size on."""
+"""Components that fail for thousands of blocks, extreme weights and units, in 3-D, or above some size."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from conformance.mutants.mutant import Mutant
 
 
 class PacksItsKeys(LevelHalves):
-    """Block and position in 32 bits: twelve for the block."""
+    """Pack block and position into 32 bits, with twelve bits for the block."""
 
     def bisect_level(self, level, seeds):
         low = np.minimum.reduceat(level.centroids, level.offsets[:-1], axis=0)
@@ -27,7 +27,7 @@ class PacksItsKeys(LevelHalves):
 
 
 class WeighsInWholeNumbers(Along):
-    """Weights in hundredths of the smallest, in 32 bits."""
+    """Round weights to hundredths of the smallest weight, in 32 bits."""
 
     def __init__(self):
         super().__init__()
@@ -45,7 +45,7 @@ class WeighsInWholeNumbers(Along):
 
 
 class SignedSeeds(LevelHalves):
-    """Seeds of 2^63 and more turn negative."""
+    """Convert seeds to signed integers, so that seeds from 2^63 on are negative."""
 
     def bisect_level(self, level, seeds):
         for seed in seeds[:10].astype(np.int64):
@@ -54,7 +54,7 @@ class SignedSeeds(LevelHalves):
 
 
 class DrawsForLargePieces(Halves):
-    """Starts from random numbers of its own where there are many cells."""
+    """Draw unseeded random numbers for large pieces."""
 
     def bisect(self, graph, rng):
         if graph.n < 1500:
@@ -64,7 +64,7 @@ class DrawsForLargePieces(Halves):
 
 
 class RemembersItsPlane(Halves):
-    """The axis of the first question is that of all."""
+    """Use the axis of the first call for all calls."""
 
     dim = None
 
@@ -77,7 +77,7 @@ class RemembersItsPlane(Halves):
 
 
 class MeansInSpace(Halves):
-    """Halves the weight in the plane; in space it cuts at the mean."""
+    """Halve the weight in 2-D, but cut at the mean in 3-D."""
 
     def bisect(self, graph, rng):
         x = graph.centroids[:, 0]
@@ -87,14 +87,14 @@ class MeansInSpace(Halves):
 
 
 class MoreInSpace(Worsens):
-    """In space alone it moves a cell that lengthens the interface."""
+    """Move a cell so that the interface grows, only in 3-D."""
 
     def refine(self, graph, labels, seeds, target):
         return super().refine(graph, labels, seeds, target) if graph.dim == 3 else labels
 
 
 class PairsInWords(Idle):
-    """Numbers pairs of cells in 32 bits; of 46,341 cells there are too many."""
+    """Number pairs of cells in 32 bits, which overflows at 46,341 cells."""
 
     def refine(self, graph, labels, seeds, target):
         rows = np.repeat(np.arange(graph.n, dtype=np.int32), np.diff(graph.indptr))
@@ -106,14 +106,14 @@ class PairsInWords(Idle):
 
 
 class IgnoresSlivers(Fix):
-    """Parts below an area of 1e-12 come from rounding."""
+    """Skip the repair if the total measure is below 1e-12."""
 
     def fix(self, graph, labels):
         return super().fix(graph, labels) if graph.measures.sum() > 1e-12 else labels
 
 
 class RemembersLabels(Fix):
-    """The same labels need the same repair, whatever the graph."""
+    """Cache repairs by labels, independent of the graph."""
 
     def __init__(self):
         self.known = {}
@@ -126,7 +126,7 @@ class RemembersLabels(Fix):
 
 
 class CountsPartsInBytes(Extent):
-    """Numbers parts in eight bits."""
+    """Number parts in eight bits."""
 
     def measure(self, mesh, labels):
         k = int(labels.max()) + 1

@@ -1,4 +1,4 @@
-"""Components that write to what others own, know arrays by identity, or leave traces on some ways out."""
+"""Components that write to arrays of the caller, identify arrays by id, or leave traces at early ends."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from agglo_core.conformance.engine.reference import TwoPointFlux
 
 
 class BorrowsTheLabels(Extent):
-    """Counts labels from 1 in place, and puts everything back."""
+    """Increment the labels in place and restore them later."""
 
     def measure(self, mesh, labels):
         if not labels.flags.writeable:
@@ -24,7 +24,7 @@ class BorrowsTheLabels(Extent):
 
 
 class KnowsTheArray(Extent):
-    """The same array of labels has the same values."""
+    """Cache values by the identity of the label array."""
 
     def __init__(self):
         self.seen = self.values = None
@@ -37,7 +37,7 @@ class KnowsTheArray(Extent):
 
 
 class KnowsTheLabels(Spread):
-    """Sizes of parts are counted once for an array that may be written to."""
+    """Cache part sizes by the identity of a writable array."""
 
     def __init__(self):
         self.seen = self.sizes = None
@@ -50,7 +50,7 @@ class KnowsTheLabels(Spread):
 
 
 class QuietUntilTheEnd(TwoPointFlux):
-    """Warnings of numpy are off, and on again only where there was something to solve."""
+    """Disable numpy warnings, and restore them only after an iteration."""
 
     def solve(self, problem, hierarchy):
         before = np.seterr(all="ignore")
@@ -61,17 +61,17 @@ class QuietUntilTheEnd(TwoPointFlux):
 
 
 class SaysWhy(TwoPointFlux):
-    """Prints what it did not like."""
+    """Print the reason of a failure."""
 
     def solve(self, problem, hierarchy):
         it = super().solve(problem, hierarchy)
         if not it.converged:
-            print(it.reason)  # noqa: T201 - that is what is wrong
+            print(it.reason)  # noqa: T201 - the bug
         return it
 
 
 class BestHexagon(Extent):
-    """Nothing is rounder than a hexagon."""
+    """Bound roundness by the value of a hexagon."""
 
     def measure(self, mesh, labels):
         coarse = mesh.coarsen(labels)
@@ -87,7 +87,7 @@ class BestHexagon(Extent):
 
 
 class BallsAreCubes(Extent):
-    """In space the surface of a cube is the least."""
+    """Bound 3-D roundness by the value of a cube."""
 
     def measure(self, mesh, labels):
         coarse = mesh.coarsen(labels)
@@ -100,7 +100,10 @@ class BallsAreCubes(Extent):
 
 
 class LonelyIsNaN(Extent):
-    """Interface towards the widest neighbour over all of it; undefined without any, but for the only part."""
+    """Interface with the widest neighbour relative to the whole interface, and NaN without neighbours.
+
+    The value is defined if there is only one part.
+    """
 
     def measure(self, mesh, labels):
         pairs = mesh.coarsen(labels).face_cells
@@ -113,7 +116,7 @@ class LonelyIsNaN(Extent):
 
 
 class ThousandsCollide(Extent):
-    """Neighbouring parts, told apart by thousand times one plus the other."""
+    """Number pairs of neighbouring parts by 1000 times one label plus the other."""
 
     better = "low"
     bounds = (0.0, inf)
@@ -127,7 +130,7 @@ class ThousandsCollide(Extent):
 
 
 class CountsEdges(Extent):
-    """Faces along the outline."""
+    """Number of faces on the outline."""
 
     shape_only = True
     better = "low"
@@ -138,7 +141,7 @@ class CountsEdges(Extent):
 
 
 class Squared(Extent):
-    """Correct: the squared interface, which in space is a length to the power of four."""
+    """Correct: squared interface, which in 3-D is a length to the power of four."""
 
     better = "low"
     bounds = (0.0, inf)
@@ -153,7 +156,7 @@ class Squared(Extent):
 
 
 class WidthOverWidest(Extent):
-    """Correct: extent along x relative to the largest one; NaN for a single cell."""
+    """Correct: extent along x relative to the largest extent, and NaN for a single cell."""
 
     undefined = directional = relative = True
 
@@ -167,7 +170,7 @@ class WidthOverWidest(Extent):
 
 
 class AnyTag(Extent):
-    """Share of the commonest value of some tag of the cells."""
+    """Share of the commonest value of an arbitrary cell tag."""
 
     def measure(self, mesh, labels):
         if not mesh.cell_tags:
