@@ -1,4 +1,4 @@
-"""Small files that claim, or hold, far more than they say elsewhere."""
+"""Small files that claim or contain far more data than their size suggests."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _LAUGHS = "".join(f'<!ENTITY l{i} "{f"&l{i - 1};" * 10}">' for i in range(1, 10)
 
 @cache
 def bombs(suffix: str) -> list[bytes]:
-    """The bombs of a suffix; none if there are none."""
+    """Return the bombs of a suffix, possibly none."""
     makers = {
         ".vtu": _vtu,
         ".npz": _npz,
@@ -41,9 +41,10 @@ def bombs(suffix: str) -> list[bytes]:
 
 
 def _vtu() -> Iterator[bytes]:
-    """Each array as 400 MB of zeros, declared in its header or not, and entities that grow."""
+    """Yield VTU files with an array of 400 MB zeros, many values, or growing XML entities."""
     block = zlib.compress(bytes(_BLOCK), 9)
     cells = [(9, [0, 1, 2, 3]), (7, [1, 4, 5, 2])]
+    # Each array in turn as compressed zeros, with the true and with a false block size.
     for name in ("Points", "connectivity", "offsets", "types", "mat"):
         for size in (_BLOCK, 16):
             head = np.array([_BLOCKS, size, 0, *[len(block)] * _BLOCKS], "<u8").tobytes()
@@ -54,6 +55,7 @@ def _vtu() -> Iterator[bytes]:
             coded = (base64.b64encode(head) + base64.b64encode(block * _BLOCKS)).decode()
             rest = after[after.index("</DataArray>") :]
             yield f'{before}Name="{name}"{after[:start]}{coded}{rest}'.encode()
+    # Many ASCII values, then nested entities (billion laughs).
     w = Writer()
     text = w.file(w.piece(SQUARE, cells)).decode()
     yield text.replace("0.0 0.0", "0.0 0.0 " + "1 " * 2_000_000, 1).encode()
@@ -63,7 +65,7 @@ def _vtu() -> Iterator[bytes]:
 
 
 def _npz() -> Iterator[bytes]:
-    """One member as 400 MB of zeros, with a header that says so or not."""
+    """Yield archives with a member of 400 MB zeros, with a true or a false header."""
     stream = io.BytesIO()
     mesh = samples.squares(3)
     np.savez(stream, points=mesh.points, cell_offsets=[0, 3], cell_vertices=[0, 1, 2])
@@ -76,7 +78,7 @@ def _npz() -> Iterator[bytes]:
 
 
 def _system() -> Iterator[bytes]:
-    """An array of a system as 400 MB of zeros."""
+    """Yield systems with an array of 400 MB zeros."""
     for content in matrix_files()[".system.npz"][:2]:
         for name in ("data", "indices", "indptr", "b", "block_offsets"):
             yield _swollen(content, f"{name}.npy", lie=False)
@@ -84,7 +86,7 @@ def _system() -> Iterator[bytes]:
 
 
 def _market() -> Iterator[bytes]:
-    """Headers that claim far more than the file holds."""
+    """Yield MatrixMarket headers that claim far more than the file contains."""
     right = b"%%MatrixMarket matrix array real general\n1 1\n1.0\n"
     for head in (
         "coordinate real general\n900000000000 900000000000 0\n",
@@ -114,7 +116,10 @@ def _native() -> bytes:
 
 
 def _swollen(content: bytes, chosen: str, *, lie: bool) -> bytes:
-    """An archive with one member of zeros; if it lies, the archive declares the size of what was there."""
+    """Return an archive with one member replaced by zeros.
+
+    If ``lie`` is set, the archive declares the size of the original member.
+    """
     stream = io.BytesIO()
     with zipfile.ZipFile(io.BytesIO(content)) as old, zipfile.ZipFile(stream, "w") as new:
         for name in old.namelist():
@@ -128,6 +133,7 @@ def _swollen(content: bytes, chosen: str, *, lie: bool) -> bytes:
                 size = len(data) if lie else len(head.getvalue()) + _BLOCKS * _BLOCK
                 data = _deflated(head.getvalue())
             new.writestr(zipfile.ZipInfo(name), data)
+    # Patch method and size of the member in both zip headers.
     found = bytearray(stream.getvalue())
     for mark, method, length, text in ((b"PK\x03\x04", 8, 22, 30), (b"PK\x01\x02", 10, 24, 46)):
         start = found.index(mark)
@@ -139,7 +145,7 @@ def _swollen(content: bytes, chosen: str, *, lie: bool) -> bytes:
 
 
 def _deflated(head: bytes) -> bytes:
-    """A stream of the header and the zeros, in pieces that may stand any number of times."""
+    """Compress the header and the zeros as a stream of independent, repeatable blocks."""
     start, block = zlib.compressobj(9, zlib.DEFLATED, -15), zlib.compressobj(9, zlib.DEFLATED, -15)
     first = start.compress(head) + start.flush(zlib.Z_FULL_FLUSH)
     zeros = block.compress(bytes(_BLOCK)) + block.flush(zlib.Z_FULL_FLUSH)
@@ -161,7 +167,7 @@ def _toml() -> Iterator[bytes]:
 
 
 def _safetensors() -> Iterator[bytes]:
-    """Headers that are deep, long or claim arrays that are not there."""
+    """Yield headers that are deep or long, or claim missing arrays."""
     deep = b"[" * 200_000
     agglo = json.dumps({"__metadata__": {"agglo": "[" * 200_000}}).encode()
     huge = json.dumps({"a": {"dtype": "F64", "shape": [1 << 40], "data_offsets": [0, 1 << 43]}}).encode()
@@ -172,7 +178,7 @@ def _safetensors() -> Iterator[bytes]:
 
 
 def _geojson() -> Iterator[bytes]:
-    """Nested without end; as many properties as features."""
+    """Yield deeply nested collections, and a collection with as many properties as features."""
     ring = [[0, 0], [1, 0], [1, 1], [0, 0]]
     square = {"type": "Polygon", "coordinates": [ring]}
     yield b'{"type": "FeatureCollection", "features": ' + b"[" * 100_000

@@ -1,4 +1,4 @@
-"""Small valid files of every suffix that is fuzzed: all codings, layouts and kinds of cells."""
+"""Small valid files of every fuzzed suffix, with all codings, layouts and cell types."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ __all__ = ["valid_files"]
 
 @cache
 def valid_files() -> dict[str, list[bytes]]:
-    """Small valid files of each suffix, every coding and layout among them."""
+    """Return small valid files by suffix, including every coding and layout."""
     foreign, field = foreign_files(), field_files()
     return {
         **foreign,
@@ -117,24 +117,24 @@ def _vtu_by_hand() -> Iterator[bytes]:
 
 
 def _hierarchies() -> Iterator[tuple[Mesh, Hierarchy]]:
-    """A plane mesh, a solid one, one with holes."""
+    """Yield a 2-D mesh, a 3-D mesh and a mesh with holes."""
     grid = samples.squares(7)
     one_by_one = np.arange(grid.n_cells)
     holes = grid.coarsen(np.unique(np.where(_frame(7), 8, one_by_one), return_inverse=True)[1])
     for mesh in (samples.voronoi(60, seed=1), samples.boxes(3), holes):
         tagged = replace(mesh, cell_tags={"mat": np.arange(mesh.n_cells) % 3})
         hierarchy = agglomerate(tagged, bisector="coordinate", n_parts=(8, 2))
-        yield tagged, replace(hierarchy, statistics={"depth": 3})  # no times: the same bytes every day
+        yield tagged, replace(hierarchy, statistics={"depth": 3})  # reproducible: no times
 
 
 def _frame(n: int) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """The cells of an n by n grid around its middle 3 by 3."""
+    """Return a mask of the cells around the middle 3 × 3 cells of an n × n grid."""
     i, j = np.divmod(np.arange(n * n), n)
     return np.maximum(abs(i - n // 2), abs(j - n // 2)) == 2
 
 
 def _vtu_with_names() -> bytes:
-    """Field data that say which faces have tags."""
+    """Return a VTU file whose field data name the tagged faces."""
     mesh = samples.voronoi(12, seed=2)
     mesh = mesh.with_face_tags(inlet=lambda x: x[:, 0] < 0.2, number=np.arange(mesh.n_faces) % 3)
     with tempfile.TemporaryDirectory() as folder:
@@ -160,7 +160,7 @@ def _npz() -> list[bytes]:
 
 
 def _undated(content: bytes) -> bytes:
-    """The archive without the time of writing."""
+    """Return the archive without time stamps."""
     stream = io.BytesIO()
     with zipfile.ZipFile(io.BytesIO(content)) as old, zipfile.ZipFile(stream, "w") as new:
         for info in old.infolist():
@@ -169,7 +169,7 @@ def _undated(content: bytes) -> bytes:
 
 
 def _msh() -> list[bytes]:
-    """Gmsh 2.2, 4.0 and 4.1, text and binary, plane and solid, with partitions and element data."""
+    """Return Gmsh 2.2, 4.0 and 4.1 files, ASCII and binary, 2-D and 3-D, with partitions and element data."""
     plane = samples.triangles(4)
     loops = plane.boundary_loops.vertices.reshape(-1, 3)
     flat = np.c_[plane.points, np.zeros(plane.n_points)]

@@ -1,4 +1,4 @@
-"""Random damage to the bytes of a file: what disks, editors, transfers and other programs do to it."""
+"""Random damage to files, as caused by disks, editors, transfers and other programs."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ _NUMBERS += [b"1000000000000", b"1e308", b"-1e-320", b"nan", b"inf", b"0x10", b"
 
 
 def damaged(rng: Rng, suffix: str, content: bytes) -> bytes:
-    """The file with one to three random changes; of an archive, mostly those of a member or its values.
+    """Apply one to three random changes to a file, in archives mostly to a member or its values.
 
-    One in thirty is a bomb instead, every other one of them changed as well.
+    One file in thirty is a bomb instead, and every other bomb is changed as well.
     """
     if rng.random() < 1 / 30 and (found := bombs(suffix)):
         content = found[rng.integers(len(found))]
@@ -41,7 +41,7 @@ def damaged(rng: Rng, suffix: str, content: bytes) -> bytes:
 
 
 def _damaged_member(rng: Rng, content: bytes) -> bytes:
-    """An archive whose checksums are right, so that the change is met further on."""
+    """Change a member of an archive and keep the checksums right, so that readers reach the change."""
     stream = io.BytesIO()
     with zipfile.ZipFile(io.BytesIO(content)) as old, zipfile.ZipFile(stream, "w") as new:
         names = old.namelist()
@@ -53,7 +53,8 @@ def _damaged_member(rng: Rng, content: bytes) -> bytes:
 
 
 def _damaged_values(rng: Rng, content: bytes) -> bytes:
-    """An archive with a few wrong numbers, and the fingerprint that would go with them."""
+    """Change a few numbers in an archive, and update the fingerprint."""
+    # Replace one to three numbers by near or other values.
     with np.load(io.BytesIO(content)) as archive:
         arrays = {name: archive[name].copy() for name in archive}
     numbers = [name for name, each in arrays.items() if each.dtype.kind in "iuf" and name != "meta"]
@@ -61,6 +62,7 @@ def _damaged_values(rng: Rng, content: bytes) -> bytes:
     for place in rng.integers(0, len(values), rng.integers(1, 4)):
         near, other = values[place] + rng.integers(-1, 2), values[rng.integers(len(values))]
         values[place] = (near, other, other, -values[place])[rng.integers(4)]
+    # Update the fingerprint if the mesh is still valid.
     if "meta" in arrays:
         meta = json.loads(arrays["meta"].tobytes())
         with suppress(AggloError):
@@ -73,7 +75,7 @@ def _damaged_values(rng: Rng, content: bytes) -> bytes:
 
 
 def _span(rng: Rng, content: bytes) -> tuple[int, int]:
-    """A random piece, short ones as likely as long ones."""
+    """Return a random range, with uniform logarithm of the length."""
     start = int(rng.integers(0, len(content) + 1))
     return start, min(len(content), start + int(len(content) ** rng.random()))
 
@@ -86,7 +88,7 @@ def _flip(rng: Rng, content: bytes) -> bytes:
 
 
 def _retype(rng: Rng, content: bytes) -> bytes:
-    """A few digits become other digits, or letters other letters: numbers and base64 stay well-formed."""
+    """Replace a few digits by digits or letters by letters, so that numbers and base64 stay well-formed."""
     kinds = (b"0123456789", b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz")
     kind = np.frombuffer(kinds[rng.integers(2)], np.uint8)
     changed = np.frombuffer(content, np.uint8).copy()
@@ -112,7 +114,7 @@ def _double(rng: Rng, content: bytes) -> bytes:
 
 
 def _renumber(rng: Rng, content: bytes) -> bytes:
-    """Another number in place of one written as text."""
+    """Replace a number in the text by another number."""
     found = list(re.finditer(rb"(?<![\w.])-?\d+(\.\d+)?", content))
     if not found:
         return _flip(rng, content)
@@ -127,7 +129,7 @@ def _renumber(rng: Rng, content: bytes) -> bytes:
 
 
 def _swap(rng: Rng, content: bytes) -> bytes:
-    """Two sections change places: lines, elements or values of equal rank."""
+    """Swap two sections of equal rank: lines, elements or values."""
     mark = (b"\n", b"<", b" ", b"$")[rng.integers(4)]
     parts = content.split(mark)
     if len(parts) < 4:

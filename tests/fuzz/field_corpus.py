@@ -1,4 +1,4 @@
-"""Small valid files of the formats of other programs in the field."""
+"""Small valid files in the formats of other programs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["field_files"]
 
 @cache
 def field_files() -> dict[str, list[bytes]]:
-    """Small valid files of each suffix."""
+    """Return small valid files by suffix."""
     control = _TYP2.replace("cells", "Control volumes")
     return {
         ".typ1": _typ1(),
@@ -48,7 +48,7 @@ def _plane() -> Mesh:
 
 
 def _vtkhdf() -> list[bytes]:
-    """Polygons, polyhedra and elements, with tags of faces, deflated or not."""
+    """Return polygons, polyhedra and elements with face tags, compressed or not."""
     files = []
     for mesh in (_plane(), samples.voronoi3d(8), samples.tetrahedra(1)):
         mesh = mesh.with_face_tags(inlet=lambda x: x[:, 0] < 0.2)
@@ -60,7 +60,7 @@ def _vtkhdf() -> list[bytes]:
 
 
 def _legacy(version: str, binary: bool) -> bytes:
-    """A polyhedron and a hexahedron with numbers of all kinds."""
+    """Return a polyhedron and a hexahedron with all number types."""
     content = legacy.start("UNSTRUCTURED_GRID", legacy.CUBES, version, binary)
     content += legacy.lists("CELLS", [legacy.stream(legacy.LEFT), legacy.RIGHT], version, binary)
     return content + b"CELL_TYPES 2\n" + legacy.numbers([42, 12], "i4", binary) + legacy.data([7, 9], binary)
@@ -75,7 +75,7 @@ def _written(suffix: str, mesh: Mesh | None = None) -> bytes:
 
 
 def _pvtu() -> bytes:
-    """Two plane pieces of one mesh, and their list."""
+    """Return two 2-D pieces of a mesh with their index file."""
     left, right = ("p0.vtu", "p1.vtu")
     mesh = samples.squares(4)
     loops = np.split(mesh.boundary_loops.vertices, mesh.boundary_loops.loop_offsets[1:-1])
@@ -144,7 +144,7 @@ f 2 5 -1 3
 
 
 def _rf() -> list[bytes]:
-    """Polyhedra by their faces as agglo writes them, and from 1 on; triangles and a tetrahedron."""
+    """Return polyhedral files as written by agglo and 1-based, and files with triangles and a tetrahedron."""
     files = []
     for mesh in (samples.boxes(2), samples.tetrahedra(1)):
         mesh = replace(mesh, cell_tags={"mat": np.arange(mesh.n_cells) % 3})
@@ -160,7 +160,7 @@ def _rf() -> list[bytes]:
 
 
 def _typ1() -> list[bytes]:
-    """Triangles, quadrangles and the lists of edges."""
+    """Return triangles, quadrangles and edge lists."""
     points = "vertices\n6\n0 0\n1 0\n1 1\n0 1\n2 0\n2 1\n"
     cells = "triangles\n2\n1 2 3\n1 3 4\nquadrangles\n1\n2 5 6 3\n"
     edges = "edges of the boundary\n2\n1 2\n2 5\nall edges\n1\n1 2 1 0\n"
@@ -168,7 +168,8 @@ def _typ1() -> list[bytes]:
 
 
 def _mat() -> list[bytes]:
-    """What MATLAB and scipy write: compressed or not, cells as a cell array, rows, a struct."""
+    """Return files as written by MATLAB and scipy: compressed or not, with a cell array, rows or a struct."""
+    # Cells as a cell array, as rows padded by NaN, as a struct, and as MRST faces.
     points = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [2, 0], [2, 1]], float)
     cells = np.empty((2, 1), object)
     cells[0, 0], cells[1, 0] = np.array([[1, 2, 3, 4]], np.uint8), np.array([[2.0, 5, 6, 3]])
@@ -194,10 +195,11 @@ def _mat() -> list[bytes]:
 
 
 def _foam() -> list[bytes]:
-    """Cases as text, gzipped, and binary."""
+    """Return OpenFOAM cases: ASCII, compressed and binary."""
     files = []
     mesh = samples.boxes(3)
     mesh = replace(mesh, cell_tags={"mat": np.arange(27) % 3})
+    # Cases written by agglo.
     for compress in (False, True):
         with tempfile.TemporaryDirectory() as folder:
             write(
@@ -216,6 +218,7 @@ def _foam() -> list[bytes]:
             )
     zone = b"FoamFile{format ascii;}\n1\n(\nrotor\n{\ntype cellZone;\n"
     zone += b"cellLabels List<label>\n2\n(\n1 5\n)\n;\n}\n)\n"
+    # A binary case: inner faces first, labels of 32 bits, faces in compact form.
     head = 'FoamFile\n{\n version 2.0;\n format binary;\n arch "LSB;label=32;scalar=64";\n class %s;\n}\n'
     sides, inner = mesh.face_cells, mesh.face_cells[:, 1] >= 0
     order = np.argsort(~inner, kind="stable")

@@ -1,4 +1,4 @@
-"""Small valid files of the formats that are read through meshlane, and a quicker way to read them."""
+"""Small valid files in formats read through meshlane, and a faster way to read them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _BINARY = (".meshb", ".stl", ".ugrid", ".xdmf", ".xml")
 _NEEDED = {"h5py": (".cgns", ".h5m", ".hmf", ".med"), "netCDF4": (".exo",)}
 _PACKAGES = [package for package in _NEEDED if importlib.util.find_spec(package)]
 FOREIGN = (*_TEXT, *_BINARY, *(suffix for package in _PACKAGES for suffix in _NEEDED[package]))
-"""One suffix for each reader of meshlane that can be used here."""
+"""One suffix per meshlane reader available here."""
 
 _GRID = """# vtk DataFile Version 3.0
 a grid
@@ -49,7 +49,7 @@ LOOKUP_TABLE default
 
 @cache
 def foreign_files() -> dict[str, list[bytes]]:
-    """Small valid files of each suffix, and of those suffixes that agglo reads by itself as well."""
+    """Return small valid files by suffix, including suffixes with a reader in agglo."""
     return {
         **{suffix: list(_written(suffix)) for suffix in (*FOREIGN, ".msh")},
         ".vtk": [_GRID.encode()],
@@ -57,7 +57,7 @@ def foreign_files() -> dict[str, list[bytes]]:
 
 
 def _written(suffix: str) -> Iterator[bytes]:
-    """The meshes that meshlane can write and read back."""
+    """Yield the meshes that meshlane can write and read back."""
     for mesh in _meshes():
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / f"m{suffix}"
@@ -65,7 +65,7 @@ def _written(suffix: str) -> Iterator[bytes]:
                 with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
                     meshlane.write(file, mesh)
                 read(file)
-            except (Exception, SystemExit):  # meshlane raises anything for what a format cannot express
+            except (Exception, SystemExit):  # meshlane raises any exception for unsupported meshes
                 continue
             files = {path.name: path.read_bytes() for path in Path(folder).iterdir()}
             if suffix in SEVERAL or len(files) == 1:
@@ -73,7 +73,7 @@ def _written(suffix: str) -> Iterator[bytes]:
 
 
 def _meshes() -> Iterator[meshlane.Mesh]:
-    """Triangles, cells of two kinds with numbers, tetrahedra with a face on the boundary, a hexahedron."""
+    """Yield triangles, mixed cells with numbers, tetrahedra with a boundary face, and a hexahedron."""
     triangles = samples.triangles(2)
     loops = triangles.boundary_loops.vertices.reshape(-1, 3)
     flat = np.c_[triangles.points, np.zeros(triangles.n_points)]
@@ -96,9 +96,9 @@ def _meshes() -> Iterator[meshlane.Mesh]:
 
 @contextmanager
 def without_new_processes() -> Iterator[None]:
-    """Let copies of this process read what processes of their own would: the same limits, no start-up.
+    """Read in forks of this process instead of new processes, with equal limits.
 
-    A process of its own takes half a second to import what it needs.
+    A new process would take half a second to import its modules.
     """
     several = {name: getattr(subprocess, name) for name in ("DEVNULL", "PIPE", "TimeoutExpired")}
     with mock.patch.object(meshlane_files, "subprocess", SimpleNamespace(run=_run_copy, **several)):
@@ -106,7 +106,7 @@ def without_new_processes() -> Iterator[None]:
 
 
 def _run_copy(command: list[str], *, timeout: float, **_: object) -> subprocess.CompletedProcess[bytes]:
-    """Do in a copy of this process what the program ``meshlane_soup`` does in one of its own."""
+    """Run the program ``meshlane_soup`` in a fork of this process."""
     source, target, seconds, memory = command[-4:]
     receiving, sending = os.pipe()
     child = os.fork()
@@ -119,6 +119,7 @@ def _run_copy(command: list[str], *, timeout: float, **_: object) -> subprocess.
                 code = meshlane_soup.main(source, target, int(seconds), int(memory))
         finally:
             os._exit(code)
+    # Collect the output until the fork ends or the timeout is reached.
     os.close(sending)
     said, end = b"", time.monotonic() + timeout
     with open(receiving, "rb", buffering=0) as stream:

@@ -1,14 +1,14 @@
-"""Damages valid files at random and reads them: what they hold or an AggloError, soon, in little memory.
+"""Damage valid files at random and read them.
 
 ``PYTHONPATH=tests python tests/fuzz/fuzz_files.py --vtu 1000 --npz 500 --msh 500 --seed 0``, or
-``--all 2000`` for so many of each suffix.
+``--all 2000`` for this number of files per suffix.
 
-Mesh files, those read through meshlane among them, graphs, linear systems, the TOML files of runs and
-problems, model files, GeoJSON. Each must be read, or refused by an AggloError that names it and is no
-PluginError, within 10 s and 200 MB beyond what valid files take. A mesh that is read goes through
-``agglo run FILE -o out.vtu`` as well, and so does every 20th of the others (``--every``), in a process of
-its own: exit code 0 with the files, or 2 with none of them and no traceback. What fails is kept in the
-folder ``--keep``; ``--replay FILE`` judges one file again.
+Mesh files (including formats read through meshlane), graphs, linear systems, TOML files of runs and
+problems, model files and GeoJSON. Each file must be read, or refused by an AggloError that names the file
+and is not a PluginError, within 10 s and 200 MB beyond the memory for valid files. A mesh that can be read
+also goes through ``agglo run FILE -o out.vtu``, and so does every 20th other mesh (``--every``) in a child
+process: exit code 0 with all output files, or 2 without output files and without traceback. Failing files
+are kept in the folder ``--keep``; ``--replay FILE`` judges one file again.
 """
 
 # ruff: noqa: T201
@@ -56,7 +56,7 @@ from agglo_core.io.system_files import read_system
 from agglo_core.problems import Linear, System, read_problem
 from agglo_gnn.plane.fast import FastGNN
 
-SECONDS = 10  # of processor time
+SECONDS = 10  # CPU time
 _WAIT = 12
 FIELD = (
     ".typ1",
@@ -81,19 +81,22 @@ SUFFIXES = (*MESHES, *GRAPHS, *SYSTEMS, ".toml", ".problem.toml", ".safetensors"
 
 
 class Verdict(NamedTuple):
-    """What became of a file: ``read`` or ``refused``; anything else is a fault."""
+    """Result for a file: ``read``, ``refused``, or a fault of another kind."""
 
     kind: str
     text: str = ""
 
     @property
     def fault(self) -> bool:
-        """Whether the promise is broken."""
+        """Return True if the file caused a fault."""
         return self.kind not in ("read", "refused")
 
 
 class _Hang(BaseException):
-    """Not an Exception: nothing on the way may take it for its own."""
+    """Timeout.
+
+    No Exception, so that no handler on the way catches it.
+    """
 
 
 @contextmanager
@@ -103,7 +106,7 @@ def _alarm(seconds: int) -> Iterator[None]:
 
     before = [(each, signal.signal(each, ring)) for each in (signal.SIGPROF, signal.SIGALRM)]
     signal.setitimer(signal.ITIMER_PROF, seconds)
-    signal.alarm(_WAIT * seconds)  # for one that waits, on a machine with much else to do
+    signal.alarm(_WAIT * seconds)  # wall-clock limit for a waiting process on a busy machine
     try:
         yield
     finally:
@@ -114,9 +117,13 @@ def _alarm(seconds: int) -> Iterator[None]:
 
 
 def judge(file: Path, command: bool) -> Verdict:
-    """Read a file; a mesh goes through the command too if it is read, or in a process if ``command``."""
+    """Read a file, and run the command on a mesh that can be read.
+
+    With ``command`` the command runs in a child process, even for a refused mesh.
+    """
     suffix = file.name[file.name.index(".") :]
     try:
+        # Read the file; a refusal must name the file.
         with _alarm(SECONDS):
             _read(file, suffix)
             verdict = Verdict("read")
@@ -131,13 +138,14 @@ def judge(file: Path, command: bool) -> Verdict:
         return Verdict("hang")
     except Exception as error:
         return Verdict("leak", f"{type(error).__name__}: {error}")
+    # Run the command.
     if suffix in MESHES and not verdict.fault and (command or verdict.kind == "read"):
         return _command(file, by_process=command) or verdict
     return verdict
 
 
 def _read(file: Path, suffix: str) -> None:
-    """Do with a file what it is for."""
+    """Use a file as its suffix implies."""
     if suffix in MESHES:
         read_hierarchy(file)
     elif suffix == ".toml":
@@ -167,14 +175,14 @@ def _read(file: Path, suffix: str) -> None:
     else:
         try:
             content = json.loads(file.read_bytes())
-        except (ValueError, RecursionError):  # the caller's, who reads it
+        except (ValueError, RecursionError):  # an error of the caller, who parses the file
             return
         from_geojson(content)
 
 
 @cache
 def _mesh() -> Mesh:
-    """What runs and problems are about."""
+    """Return the mesh for runs and problems."""
     mesh = samples.squares(5)
     x = mesh.points[mesh.face_pairs].mean(axis=1)[:, 0]
     left = np.where(mesh.face_cells[:, 1] < 0, np.where(x < 1e-9, 1, 2), 0)
@@ -186,7 +194,7 @@ def _mesh() -> Mesh:
 
 
 def _is_bug(error: BaseException | None) -> bool:
-    """Whether an error was made of one that nobody raised on purpose."""
+    """Return True if an error was caused by an exception other than an AggloError."""
     while error is not None:
         cause = error.__cause__
         if isinstance(error, PluginError) and cause is not None and not isinstance(cause, AggloError):
@@ -196,7 +204,7 @@ def _is_bug(error: BaseException | None) -> bool:
 
 
 def _command(file: Path, *, by_process: bool) -> Verdict | None:
-    """Fault of ``agglo run FILE -o out.vtu``, if any."""
+    """Return the fault of ``agglo run FILE -o out.vtu``, or None."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "out.vtu"
         arguments = ["run", str(file), "--bisector", "coordinate", "-o", str(out)]
@@ -235,7 +243,10 @@ def _apart(arguments: list[str]) -> tuple[int, str]:
 def fuzz(
     counts: dict[str, int], seed: int, keep: Path | None, every: int = 20, part: tuple[int, int] = (0, 1)
 ) -> Iterator[tuple[str, Verdict]]:
-    """Suffix and verdict of each damaged file, the same for the same seed; of several parts one."""
+    """Yield suffix and verdict of each damaged file, reproducible by seed.
+
+    ``part`` selects a share of the files, for several processes.
+    """
     valid = valid_files()
     with tempfile.TemporaryDirectory() as folder, without_new_processes():
         for suffix in counts:
@@ -249,7 +260,7 @@ def fuzz(
                 lay_out(file, content)
                 command = i % every == every - 1
                 verdict, grown = _measured(file, command, memory)
-                if verdict.fault or grown > ALLOWED + len(content):  # kernels may have been compiled: again
+                if verdict.fault or grown > ALLOWED + len(content):  # kernels may have been compiled: repeat
                     memory = Memory()
                     verdict, grown = _measured(file, command, memory)
                 largest = max(largest, grown)
@@ -263,14 +274,14 @@ def fuzz(
 
 
 def _measured(file: Path, command: bool, memory: Memory) -> tuple[Verdict, int]:
-    """Verdict of a file, and the memory it took (bytes)."""
+    """Return the verdict for a file, and its memory in bytes."""
     memory.watch()
     return judge(file, command), memory.growth()
 
 
 @cache
 def _warm_up(suffix: str) -> None:
-    """Read valid files, and make the bombs: what is loaded, compiled and kept for good is nobody's fault."""
+    """Read valid files and build the bombs, so that imports, compilation and caches are not charged later."""
     bombs(suffix)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / f"m{suffix}"
@@ -282,7 +293,7 @@ def _warm_up(suffix: str) -> None:
 
 @cache
 def _largest_child() -> None:
-    """Start the largest process there will be, once."""
+    """Start the largest child process once."""
     with tempfile.TemporaryDirectory() as folder:
         _apart(["run", "squares:n=4", "--bisector", "coordinate", "-o", f"{folder}/out.vtu"])
 
@@ -301,6 +312,7 @@ def _main() -> int:
     if given.replay:
         print(judge(given.replay, command=True))
         return 0
+    # Limit the memory and read the counts per suffix.
     restrict()
     counts = {suffix: vars(given)[suffix[1:]] for suffix in SUFFIXES}
     counts = {suffix: given.all if count is None else count for suffix, count in counts.items()}
@@ -308,15 +320,17 @@ def _main() -> int:
     kinds: dict[str, Counter[str]] = {suffix: Counter() for suffix, count in counts.items() if count}
     slowest = dict.fromkeys(kinds, 0.0)
     start = time.perf_counter()
+    # Judge the files and count the results.
     for suffix, verdict in fuzz(
         {each: counts[each] for each in kinds}, given.seed, given.keep, given.every, (place, parts)
     ):
-        faulthandler.dump_traceback_later(4 * _WAIT * SECONDS, exit=True)  # a compiled loop ignores the alarm
+        faulthandler.dump_traceback_later(4 * _WAIT * SECONDS, exit=True)  # compiled loops ignore the alarm
         slowest[suffix] = max(slowest[suffix], time.perf_counter() - start)
         if verdict.fault:
             print(suffix, place + parts * kinds[suffix].total(), *verdict)
         kinds[suffix]["faults" if verdict.fault else verdict.kind] += 1
         start = time.perf_counter()
+    # Print a row per suffix and the totals.
     for suffix, found in kinds.items():
         print(f"{suffix:>14} {_row(found)}, slowest {slowest[suffix]:.1f} s (its command included)")
     print(f"{'all':>14} {_row(total := sum(kinds.values(), Counter()))}")

@@ -1,4 +1,4 @@
-"""Small valid files of graphs as METIS has them, all of the same vertices, and of their places and parts."""
+"""Small valid graph files in METIS and Scotch formats, with coordinates and parts for equal vertices."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PLACES = np.asarray(_GRAPH.centroids)
 
 @cache
 def graph_files() -> dict[str, list[bytes]]:
-    """Small valid files of each suffix; graphs with and without sizes, weights and comments."""
+    """Return small valid files by suffix, with and without sizes, weights and comments."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "m.graph"
         graph_to_metis(file, _GRAPH)
@@ -38,7 +38,7 @@ def graph_files() -> dict[str, list[bytes]]:
 
 
 def _scotch(flags: str) -> str:
-    """The graph with names, loads of edges and loads of vertices as the flags say."""
+    """Return the graph with names, edge loads and vertex loads according to ``flags``."""
     lines = ["0", f"9 {len(_GRAPH.indices)}", f"0 {flags}"]
     for cell in range(9):
         neighbours = _GRAPH.indices[_GRAPH.indptr[cell] : _GRAPH.indptr[cell + 1]].tolist()
@@ -50,7 +50,7 @@ def _scotch(flags: str) -> str:
 
 
 def _text(form: str) -> str:
-    """The graph with sizes and weights as the format ``form`` and its number of constraints say."""
+    """Return the graph with sizes and weights according to the METIS format ``form``."""
     flags, constraints = f"{(form.split() or ['0'])[0]:0>3}", int([*form.split(), "1", "1"][1]) if form else 1
     lines = ["% nine squares", f"9 {len(_GRAPH.indices) // 2} {form}".rstrip()]
     for cell in range(9):

@@ -1,4 +1,4 @@
-"""Small valid files of linear systems: matrices of every layout and format, vectors of every suffix."""
+"""Small valid files of linear systems: matrices in all layouts and formats, vectors with all suffixes."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _B = np.arange(1.0, CELLS + 1.0) / 3.0
 
 @cache
 def matrix_files() -> dict[str, list[bytes]]:
-    """Small valid files of each suffix."""
+    """Return small valid files by suffix."""
     return {".mtx": _markets(), ".system.npz": _systems(), ".linear.toml": _problems()}
 
 
@@ -43,7 +43,7 @@ def _written(suffix: str, system: System) -> dict[str, bytes]:
 
 
 def _whole() -> System:
-    """A system with every array that there may be."""
+    """Return a system with all optional arrays."""
     near = np.stack((np.ones(CELLS), np.arange(CELLS)), axis=1)
     return System(_A, np.stack((_B, -_B), axis=1), np.arange(0, CELLS + 1, 2), near_null=near)
 
@@ -75,7 +75,7 @@ def _systems() -> list[bytes]:
 
 
 def _problems() -> list[bytes]:
-    """Problem files with all that they name."""
+    """Return problem files with the files that they name."""
     near, arrays = np.ones((CELLS, 1)), io.BytesIO()
     np.save(arrays, _B)
     table = b'kind = "linear"\nmatrix = "%b"\nrhs = "%b"\n'

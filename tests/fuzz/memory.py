@@ -1,4 +1,4 @@
-"""How much memory reading a file takes: of this process, file by file, and of those it starts."""
+"""Measure the memory needed to read a file, in this process and in child processes."""
 
 from __future__ import annotations
 
@@ -9,28 +9,31 @@ from pathlib import Path
 __all__ = ["ALLOWED", "Memory", "restrict"]
 
 ALLOWED = 200 << 20
-"""Bytes beyond what valid files take."""
+"""Bytes allowed beyond the memory for valid files."""
 
 _STATUS, _CLEAR = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 
 
 class Memory:
-    """The largest memory in use since :meth:`watch`, beyond that at the start; bytes."""
+    """Peak memory since :meth:`watch` in bytes, beyond the memory at the start."""
 
     def __init__(self) -> None:
         self.watch()
         self._own, self._others = _resident("VmRSS"), _of_children()
 
     def watch(self) -> None:
-        """Begin a new peak, where the system can; elsewhere it is that of the whole process."""
+        """Start a new peak, if the system supports this.
+
+        Otherwise the peak covers the whole process.
+        """
         with suppress(OSError):
             _CLEAR.write_text("5")
         self._before = _resident("VmRSS"), _of_children()
 
     def growth(self) -> int:
-        """The peak of this process beyond what it was at the start, or of a child that is the largest so far.
+        """Return the peak of this process beyond its start, or of a child process with a new maximum.
 
-        A copy of this process begins with what this process has.
+        A fork starts with the memory of this process.
         """
         grown = max(_resident("VmHWM") - self._own, 0)
         own, others = self._before
@@ -40,7 +43,9 @@ class Memory:
 
 
 def restrict(more: int = 4 << 30) -> None:
-    """Let this process have no more than so much address space besides: a bomb must not reach the machine."""
+    """Limit the address space of this process to ``more`` bytes beyond its present size, because of the
+    bombs.
+    """
     with suppress(OSError, ValueError):
         limit = _resident("VmSize") + more
         resource.setrlimit(resource.RLIMIT_AS, (limit, limit))

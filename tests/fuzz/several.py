@@ -1,4 +1,4 @@
-"""Formats of several files: in the corpus each mesh or system is an archive of them, laid out to be read."""
+"""Formats with several files per mesh: packed as an archive in the corpus, unpacked for reading."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SEVERAL = (".foam", ".ele", ".pvtu", ".xdmf", ".mtx", ".linear.toml")
 
 
 def packed(files: Mapping[str, bytes]) -> bytes:
-    """Files by name as one archive."""
+    """Return an archive of files by name."""
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w") as archive:
         for name, content in files.items():
@@ -23,7 +23,7 @@ def packed(files: Mapping[str, bytes]) -> bytes:
 
 
 def lay_out(file: Path, content: bytes) -> None:
-    """Write a mesh of the corpus as ``file``, the files it consists of beside it."""
+    """Write a mesh of the corpus as ``file``, with its other files next to it."""
     if file.name[file.name.index(".") :] not in SEVERAL:
         file.write_bytes(content)
         return

@@ -85,7 +85,7 @@ class BalancesTheMeasure(Idle):
 
 
 def _worst_swap(graph, labels):
-    """Move the heaviest adjacent cell into the heaviest part, but never the last cell of a part."""
+    """Move the heaviest adjacent cell without neighbours in its own part to the heaviest part."""
     sums = np.bincount(labels, graph.weights)
     heavy = int(sums.argmax())
     rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
