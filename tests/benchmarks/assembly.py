@@ -1,14 +1,14 @@
-"""Assembly of PolyDG in unknowns per CPU second, beside vectorised numpy.
+"""Measure PolyDG assembly in unknowns per CPU second, next to vectorised numpy.
 
     python tests/benchmarks/assembly.py [--cells N] [--degrees P ...] [--repeats N] [--reference-cells N]
 
-Squares and random Voronoi cells of the unit square, one thread, CPU seconds of this process after a
-warm-up, best of the repeats; the mesh with its faces, areas and boxes is at hand. ``kernels`` is
-``discretise``: penalty, matrix and right-hand side. ``numpy`` is the matrix alone, by the tests' reference
-(quadrature points, einsum, one sparse sum), on fewer cells as it needs far more memory.
+Squares and random Voronoi cells on the unit square, one thread, process CPU seconds after a warm-up, best
+repeat. Faces, areas and boxes of the mesh are available. ``kernels`` is ``discretise``: penalty, matrix and
+right-hand side. ``numpy`` is only the matrix, by the reference implementation of the tests (quadrature
+points, einsum, one sparse sum), on fewer cells because its memory use is far larger.
 
-Then tetrahedra, cubes and Voronoi cells of the unit cube, a quarter as many, with the sharp penalty; Voronoi
-cells are numbered along a curve, as ``polydg_mg`` does by itself, and ``scattered`` as they were made.
+The second table has tetrahedra, cubes and Voronoi cells on the unit cube, a quarter as many, with the sharp
+penalty. Voronoi cells are numbered along a curve, as in ``polydg_mg``, or (``scattered``) as generated.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ MESHES: dict[str, Callable[[int], Mesh]] = {
 
 
 def along_a_curve(mesh: Mesh) -> Mesh:
-    """The mesh with neighbours near one another in memory."""
+    """Return the mesh renumbered so that neighbours are close in memory."""
     return mesh.renumbered(curve_order(mesh.graph.centroids))
 
 
@@ -58,7 +58,7 @@ SOLIDS: dict[str, Callable[[int], Mesh]] = {
 
 
 def cpu(call: Callable[[], Any], repeats: int) -> float:
-    """Least CPU seconds of a call."""
+    """Return the minimum CPU seconds for a call."""
     found = []
     for _ in range(repeats):
         start = time.process_time()
@@ -68,21 +68,21 @@ def cpu(call: Callable[[], Any], repeats: int) -> float:
 
 
 def ready(mesh: Mesh) -> Mesh:
-    """The mesh, with what it computes once and keeps."""
+    """Return the mesh with its cached geometry computed."""
     _ = mesh.cell_faces, mesh.cell_vertices, mesh.cell_measures, mesh.face_normals
     _ = mesh.boundary_loops if mesh.dim == 2 else None
     return mesh
 
 
 def numpy_rate(mesh: Mesh, degree: int) -> float:
-    """Unknowns per second of the reference implementation."""
+    """Return unknowns per second of the reference implementation."""
     sigma, kappa = face_penalty(mesh, degree), np.ones(mesh.n_cells)
     seconds = cpu(lambda: reference_matrix(mesh, degree, kappa, sigma), 1)
     return mesh.n_cells * (degree + 1) * (degree + 2) / 2 / seconds
 
 
 def main() -> None:
-    """Read the arguments, warm up, print the table."""
+    """Read the arguments, warm up and print the table."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

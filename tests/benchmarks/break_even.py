@@ -1,15 +1,15 @@
-"""Where a direct solver takes less time than polydg_mg, for one right-hand side and for many.
+"""Find the problem size below which a direct solver is faster than polydg_mg.
 
     python tests/benchmarks/break_even.py [--meshes NAME ...] [--cells N ...] [--degrees P ...]
                                           [--backends NAME ...] [--many K] [--most N] [--repeats N] [--seed N]
 
-The thresholds of ``agglo_core/solvers/advice.py`` are those of these tables. −Δu = 8 on the unit square,
-the same sharp penalty for everybody, one thread, CPU seconds of this process, the best of the repeats after a
-warm-up. Assembly counts for nobody; the levels that polydg_mg makes, factorisation and refinement do.
-``ratio`` is polydg_mg over the direct solver: above 1 the direct solver wins. ``further`` is how many times
-dearer one more right-hand side is for polydg_mg (its iteration) than for the direct solver (its share of a
-solve with several columns), ``ratio k`` the ratio for ``--many`` right-hand sides by these seconds. Direct
-solvers are left out above ``--most`` unknowns.
+The tables give the thresholds in ``agglo_core/solvers/advice.py``. −Δu = 8 on the unit square with the same
+sharp penalty for all solvers, one thread, process CPU seconds, the best repeat after a warm-up. Assembly is
+not counted; setup of the polydg_mg levels, factorisation and refinement are counted. ``ratio`` is polydg_mg
+over the direct solver: above 1 the direct solver is faster. ``further`` is the same ratio for one more
+right-hand side: an iteration of polydg_mg over a share of a direct solve with several columns. ``ratio k``
+is the ratio for ``--many`` right-hand sides, computed from these times. Direct solvers are omitted above
+``--most`` unknowns.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from agglo_core.solvers.backends import BACKENDS, available_backends
 from agglo_core.solvers.direct import Direct
 from agglo_polydg_mg.solver.polydg_multigrid import PolyDGMultigrid
 
-COLUMNS = 8  # right-hand sides that are solved for together
+COLUMNS = 8  # right-hand sides per direct solve
 
 MESHES: Mapping[str, Callable[[int, int], Mesh]] = {
     "triangles": lambda n, _: samples.triangles(max(2, round(np.sqrt(n / 2)))),
@@ -48,11 +48,11 @@ MESHES: Mapping[str, Callable[[int, int], Mesh]] = {
     "random": lambda n, seed: samples.random_triangles(max(8, n // 2), seed=seed),
     "fluxes": lambda n, seed: samples.voronoi(n, seed=seed),
 }
-"""Meshes by name; on ``fluxes`` a linear system, two-point fluxes between Voronoi cells, has no degree."""
+"""Meshes by name; ``fluxes`` is a linear system of two-point fluxes between Voronoi cells, without degree."""
 
 
 def problem_on(name: str, mesh: Mesh) -> Diffusion | Linear:
-    """The problem that goes with a mesh."""
+    """Return the problem for a mesh."""
     if name != "fluxes":
         return Diffusion(source=8.0)
     A = two_point_flux(mesh, np.ones(mesh.n_cells))
@@ -61,7 +61,7 @@ def problem_on(name: str, mesh: Mesh) -> Diffusion | Linear:
 
 @dataclass(frozen=True)
 class Row:
-    """CPU seconds of one case: until the first solution, and for each further right-hand side."""
+    """CPU seconds of one case: for the first solution, and for each further right-hand side."""
 
     mesh: str
     degree: int
@@ -72,7 +72,7 @@ class Row:
     further: Mapping[str, float]
 
     def ratio(self, backend: str, count: int = 1) -> float:
-        """polydg_mg over a direct solver for so many right-hand sides."""
+        """Return polydg_mg over a direct solver for ``count`` right-hand sides."""
         ours, theirs = (
             self.first[each] + (count - 1) * self.further[each] for each in ("polydg_mg", backend)
         )
@@ -80,13 +80,13 @@ class Row:
 
 
 def seconds_of(solution: Solution) -> float:
-    """CPU seconds of all phases but the assembly."""
+    """Return the CPU seconds of all phases except assembly."""
     assert solution.converged, solution.reason
     return sum(each for name, each in solution.cpu_seconds.items() if name != "assemble")
 
 
 def measured(name: str, cells: int, degree: int, backends: Sequence[str], how: argparse.Namespace) -> Row:
-    """One case, best of the repeats."""
+    """Return one case, as the best repeat."""
     first: dict[str, float] = {}
     further: dict[str, float] = {}
     for repeat in range(how.repeats):
@@ -114,7 +114,7 @@ def _keep(seconds: dict[str, float], name: str, value: float) -> None:
 
 
 def rows(how: argparse.Namespace, backends: Sequence[str]) -> Iterator[Row]:
-    """All cases, small ones first; printed as they come."""
+    """Yield all cases, smallest first, and print each case."""
     head = "".join(f"{each:>10}{'ratio':>7}{'further':>9}{f'ratio {how.many}':>9}" for each in backends)
     print(f"{'':10} p  unknowns    entries  kind      polydg_mg{head}", flush=True)
     for name in how.meshes:
@@ -136,7 +136,7 @@ def rows(how: argparse.Namespace, backends: Sequence[str]) -> Iterator[Row]:
 
 
 def break_even(cases: Sequence[Row], backend: str, count: int) -> str:
-    """Entries of the matrix where the ratio is 1, by a straight line through the logarithms of all cases."""
+    """Return the number of matrix entries with ratio 1, from a log-log fit over all cases."""
     known = [row for row in cases if backend in row.first]
     if len({row.entries for row in known}) < 2:
         return "–"
@@ -150,7 +150,7 @@ def break_even(cases: Sequence[Row], backend: str, count: int) -> str:
 
 
 def main() -> None:
-    """Read the arguments, print the cases and the break-even of each direct solver."""
+    """Read the arguments, and print the cases and the break-even of each direct solver."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

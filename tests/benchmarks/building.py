@@ -1,14 +1,13 @@
-"""Building and coarsening beside a sort of the same faces: CPU seconds, ratios, peak memory for each cell.
+"""Measure building and coarsening relative to a sort of the same faces: CPU seconds, ratios, memory per cell.
 
     python tests/benchmarks/building.py [--cells N] [--solids N] [--repeats R] [--meshes NAME ...] [--memory]
 
-From bare arrays (points and loops) to Mesh, from Mesh to Graph, then both coarsened to parts of 16 cells.
-``sort`` is the yardstick of a row: one ``np.lexsort`` of the ends of all half-edges (in space: of the three
-lowest points of all half-faces) in random order, by which faces could be found. One thread, CPU seconds, the
-better of the repeats, in turns; the other times are multiples of ``sort``. ``G/M`` is the time of
-``Graph.coarsen`` over that of ``Mesh.coarsen``. With ``--memory`` each mesh is built in a process of its own
-as well, and a second line tells by how much each step raised the peak of resident memory above what was
-there before it, in bytes for each cell.
+Steps: from arrays (points and loops) to Mesh, from Mesh to Graph, then coarsening of both to parts of 16
+cells. ``sort`` is the reference: one ``np.lexsort`` of all half-edges by their end points (in 3-D: of all
+half-faces by their three lowest points), in random order. One thread, CPU seconds, the best of alternating
+repeats; other times are multiples of ``sort``. ``G/M`` is ``Graph.coarsen`` over ``Mesh.coarsen``. With
+``--memory`` each mesh is also built in a child process, and a second line shows by how much each step raised
+the peak of resident memory, in bytes per cell.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ PART = 16
 
 
 class Bare(NamedTuple):
-    """What is given: a maker of the mesh from arrays, the points of each half-face, labels of parts."""
+    """Function that builds the mesh from arrays, points of each half-face, and labels of parts."""
 
     make: Callable[[], Mesh]
     faces: NDArray[np.int64]
@@ -43,7 +42,7 @@ class Bare(NamedTuple):
 
 
 def boxes_of(mesh: Mesh) -> NDArray[np.int64]:
-    """Parts of about 16 cells: those with centroids in one box of a grid."""
+    """Return parts of about 16 cells with centroids in the same box of a grid."""
     low, high = mesh.cell_centroids.min(axis=0), mesh.cell_centroids.max(axis=0)
     side = max(1, round((mesh.n_cells / PART) ** (1 / mesh.dim)))
     place = np.minimum(((mesh.cell_centroids - low) / (high - low) * side).astype(int), side - 1)
@@ -51,7 +50,7 @@ def boxes_of(mesh: Mesh) -> NDArray[np.int64]:
 
 
 def plane(mesh: Mesh) -> Bare:
-    """A 2-D mesh as loops."""
+    """Prepare a 2-D mesh as loops."""
     loops, points = mesh.boundary_loops, mesh.points.copy()
     ends = np.append(loops.vertices[1:], 0)
     ends[loops.loop_offsets[1:] - 1] = loops.vertices[loops.loop_offsets[:-1]]
@@ -61,7 +60,7 @@ def plane(mesh: Mesh) -> Bare:
 
 
 def tetrahedra(mesh: Mesh) -> Bare:
-    """A mesh of tetrahedra as half-faces."""
+    """Prepare a mesh of tetrahedra as half-faces."""
     points, nodes = mesh.points.copy(), mesh.cell_vertices[1].reshape(-1, 4)
     a, b, c, d = (points[nodes[:, k]] for k in range(4))
     turned = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) < 0
@@ -72,7 +71,7 @@ def tetrahedra(mesh: Mesh) -> Bare:
 
 
 def boxes(mesh: Mesh) -> Bare:
-    """A mesh of boxes as half-faces."""
+    """Prepare a mesh of boxes as half-faces."""
     corners = mesh.cell_vertices[1].reshape(-1, 8)[:, [0, 4, 6, 2, 1, 5, 7, 3]]
     solids = polyhedra_from_elements({"hexahedron": corners})
     points, faces = mesh.points.copy(), np.sort(solids.vertices.reshape(-1, 4), axis=1).T[:3]
@@ -80,7 +79,10 @@ def boxes(mesh: Mesh) -> Bare:
 
 
 def cases(cells: int, solids: int, seed: int) -> Mapping[str, Callable[[], Bare]]:
-    """Meshes by name; numbers of cells are met roughly."""
+    """Return functions for the meshes by name.
+
+    Cell counts are approximate.
+    """
     return {
         "voronoi": lambda: plane(samples.voronoi(cells, seed=seed)),
         "triangles": lambda: plane(samples.random_triangles(cells // 2, seed=seed)),
@@ -91,7 +93,7 @@ def cases(cells: int, solids: int, seed: int) -> Mapping[str, Callable[[], Bare]
 
 
 def steps(bare: Bare) -> Iterator[tuple[str, Callable[[], Any]]]:
-    """Names of the steps, and the calls; each needs those before it."""
+    """Yield names and calls of the steps, each of which needs the previous steps."""
     faces = bare.faces[:, np.random.default_rng(0).permutation(bare.faces.shape[1])]
     yield "sort", lambda: np.lexsort(faces)
     made: list[Mesh] = []
@@ -103,7 +105,7 @@ def steps(bare: Bare) -> Iterator[tuple[str, Callable[[], Any]]]:
 
 
 def best_of(bare: Bare, repeats: int) -> dict[str, float]:
-    """CPU seconds of each step, the better of the repeats."""
+    """Return the minimum CPU seconds of each step."""
     best: dict[str, float] = {}
     for _ in range(repeats):
         for name, call in steps(bare):
@@ -115,11 +117,11 @@ def best_of(bare: Bare, repeats: int) -> dict[str, float]:
 
 
 def peaks(make: Callable[[], Bare]) -> dict[str, float]:
-    """Bytes for each cell by which each step raised the peak of this process."""
+    """Return the increase of peak memory per step, in bytes per cell."""
     bare, found = make(), {}
     cells = len(bare.labels)
     for name, call in steps(bare):
-        with open("/proc/self/clear_refs", "w") as file:  # the peak is what is resident now
+        with open("/proc/self/clear_refs", "w") as file:  # reset the peak to the present size
             file.write("5")
         before = resident("VmRSS")
         call()
@@ -128,7 +130,7 @@ def peaks(make: Callable[[], Bare]) -> dict[str, float]:
 
 
 def resident(key: str) -> float:
-    """Bytes of this process in memory: now (VmRSS) or at most (VmHWM)."""
+    """Return present (VmRSS) or peak (VmHWM) process memory in bytes."""
     with open("/proc/self/status") as file:
         return next(1024.0 * int(line.split()[1]) for line in file if line.startswith(key))
 
@@ -139,9 +141,9 @@ def _send_peaks(pipe: Any, name: str, cells: int, solids: int, seed: int) -> Non
 
 
 def memory(name: str, cells: int, solids: int, seed: int) -> dict[str, float]:
-    """The peaks of a mesh, measured in a process of its own."""
+    """Return the peaks for a mesh, measured in a child process."""
     ours, theirs = multiprocessing.Pipe()
-    os.environ["MALLOC_MMAP_THRESHOLD_"] = "65536"  # arrays that are freed leave the process
+    os.environ["MALLOC_MMAP_THRESHOLD_"] = "65536"  # freed arrays are returned to the system
     process = multiprocessing.get_context("spawn").Process(
         target=_send_peaks, args=(theirs, name, cells, solids, seed)
     )
@@ -158,7 +160,7 @@ def warm_up() -> None:
 
 
 def main() -> None:
-    """Read the arguments, warm up, print the tables."""
+    """Read the arguments, warm up and print the tables."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -1,9 +1,9 @@
-"""Cuts through the levels: CPU seconds by size, and how much smaller the largest indicator is than elsewhere.
+"""Measure cuts through a hierarchy: CPU seconds by size, and reduction of the largest indicator.
 
     python tests/benchmarks/cuts.py [--cells N ...] [--parts K ...]
 
-Squares in nested blocks of 3, 9, 27 and 81 a side; the indicator is 1/r² around a point, times the measure.
-The last column is the largest indicator of a part relative to that on blocks alike, of about as many parts.
+Squares in nested blocks of 3, 9, 27 and 81 cells per side. The indicator is 1/r² around a point, times the
+measure. The last column is the largest indicator per part, relative to equal blocks with as many parts.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from agglo_core.hierarchy import by_first_cell
 
 
 def blocks(side: int) -> tuple[Hierarchy, Float]:
-    """Squares in nested blocks, and the indicator."""
+    """Return squares in nested blocks, and the indicator."""
     mesh = samples.squares(side)
     x, y = (mesh.cell_centroids.T * side).astype(int)
     levels = [by_first_cell((x // size) * side + y // size) for size in (3, 9, 27, 81)]
@@ -51,7 +51,7 @@ def main() -> None:
 
 
 def alike(hierarchy: Hierarchy, indicator: Float, k: int) -> float:
-    """Largest indicator on square blocks of one size, of which there are about k."""
+    """Return the largest indicator on about k equal square blocks."""
     assert hierarchy.fine is not None
     x, y = (hierarchy.fine.cell_centroids.T * round(k**0.5)).astype(int)
     return float(np.bincount(x * round(k**0.5) + y, indicator).max())

@@ -1,7 +1,7 @@
-"""What a distributed mesh of triangles holds and sends: ``mpiexec -n 4 python .../distributed_mesh.py``.
+"""Measure memory and messages of a distributed mesh: ``mpiexec -n 4 python .../distributed_mesh.py``.
 
-Each rank makes its own strip of a square. Bytes are per cell of a rank, ghosts included; seconds are those of
-the slowest rank, and mean little where ranks share cores.
+Each rank makes its own strip of a square of triangles. Bytes are per local cell, including ghosts. Seconds
+are those of the slowest rank, and have little meaning if ranks share cores.
 """
 
 from __future__ import annotations
@@ -15,14 +15,17 @@ from agglo_core.distributed import DistributedMesh, Ranks
 
 
 def held(mesh: DistributedMesh) -> int:
-    """Bytes of all arrays that are not derived from others."""
+    """Return the bytes of all primary arrays."""
     local = mesh.local
     arrays = (local.points, local.face_offsets, local.face_vertices, local.face_cells, mesh.global_ids)
     return sum(each.nbytes for each in (*arrays, mesh.owners, mesh.point_ids, mesh.face_ids, mesh.hidden))
 
 
 def strip(ranks: Ranks, side: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points, triangles and global ids of points of this rank's rows of a square of ``side`` x ``side``."""
+    """Return points, triangles and global point ids for the rows of this rank.
+
+    All rows form a square with ``side`` × ``side`` cells.
+    """
     rows = np.array_split(np.arange(side), ranks.size)[ranks.rank]
     ids = np.arange(rows[0] * (side + 1), (rows[-1] + 2) * (side + 1))
     corner = (rows[:, None] * (side + 1) + np.arange(side)).reshape(-1, 1) - ids[0]

@@ -1,14 +1,13 @@
-"""Writing and reading files: CPU seconds, MB/s and peak memory, beside numpy and, if installed, meshio.
+"""Measure writing and reading of files: CPU seconds, MB/s and peak memory, next to numpy and meshio.
 
     python tests/benchmarks/files.py [CELLS ...] [--repeats N] [--ways NAME,…]
 
-Random Delaunay triangles, Voronoi cells, tetrahedra and agglomerates of eight of these, one thread. Each call
-has a process of its own, warmed up on a small mesh, and a mesh of which nothing is derived yet. Seconds are
-those of the processor, the least of the repeats, in which all take turns; MB/s is the size by them, and
-by VTU the seconds of reading over those of VTU. Binary cases of OpenFOAM are written here, as it does it.
-B/cell is what the resident memory of the process grows by at its highest, the mesh that is read included
-(Linux only). ``numpy.savez`` and ``numpy.load`` move the same arrays of the mesh and check nothing; meshio
-writes and reads the same points and loops as VTU, in the plane.
+Random Delaunay triangles, Voronoi cells, tetrahedra, and agglomerates of eight tetrahedra, one thread. Each
+call has its own process, warmed up on a small mesh, and a mesh without derived data. Seconds are CPU
+seconds, minimum over alternating repeats. MB/s is file size over seconds, and "by VTU" is reading time over
+that of VTU. Binary OpenFOAM cases are written here, in the layout of OpenFOAM. B/cell is the peak growth of
+resident memory, including the mesh that is read (Linux only). ``numpy.savez`` and ``numpy.load`` store the
+same mesh arrays without checks. meshio, if installed, stores the points and loops of a 2-D mesh as VTU.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ Read = Callable[[Path], Any]
 
 
 class Way(NamedTuple):
-    """A way to write a mesh and to read it again."""
+    """Method to write a mesh and to read it back."""
 
     name: str
     suffix: str
@@ -52,7 +51,7 @@ class Way(NamedTuple):
 
 
 def ways() -> Iterator[Way]:
-    """All ways that can be compared here."""
+    """Yield all methods available here."""
     yield Way("agglo vtu", ".vtu", write, read)
     yield Way("agglo npz", ".npz", write, read)
     yield Way("agglo vtu, compress", ".vtu", lambda file, mesh: write(file, mesh, compress=True), read)
@@ -72,12 +71,12 @@ def ways() -> Iterator[Way]:
 
 
 def numpy_write(file: Path, mesh: Mesh) -> None:
-    """The arrays of the mesh as they are."""
+    """Write the arrays of the mesh without conversion."""
     np.savez(file, **{name: getattr(mesh, name) for name in ARRAYS})
 
 
 def foam_binary(file: Path, mesh: Mesh) -> None:
-    """A binary case: labels of 32 bits, points as doubles, faces in the compact form."""
+    """Write a binary OpenFOAM case: 32-bit labels, points as doubles, faces in compact form."""
     write(file, mesh)
     poly = file.parent / "constant/polyMesh"
     points, faces = (parsed(poly / name) for name in ("points", "faces"))
@@ -98,12 +97,12 @@ def foam_binary(file: Path, mesh: Mesh) -> None:
 
 
 def parsed(file: Path) -> list[bytes]:
-    """The lines of a list in a text file of OpenFOAM."""
+    """Return the entries of a list in an OpenFOAM text file."""
     return file.read_bytes().split(b"\n(\n", 1)[1].rsplit(b"\n)", 1)[0].split(b"\n")
 
 
 def meshio_write(file: Path, mesh: Mesh) -> None:
-    """One block of cells for each number of corners, uncompressed."""
+    """Write a block of cells per number of vertices, uncompressed."""
     import meshio
 
     loops = mesh.boundary_loops
@@ -118,14 +117,14 @@ def meshio_write(file: Path, mesh: Mesh) -> None:
 
 
 def load(arrays: Path) -> Mesh:
-    """A mesh of which nothing is derived yet."""
+    """Load a mesh without derived data."""
     with np.load(arrays) as given:
         return Mesh(**{name: given[name] for name in ARRAYS})
 
 
 def measure(way: Way, action: str, arrays: Path, file: Path) -> tuple[float, float]:
-    """CPU seconds of writing or reading the file, and the bytes by which this process grew at its highest."""
-    warm = file.parent / "warm" / f"warm{way.suffix}"  # a folder of its own: cases of OpenFOAM share theirs
+    """Return CPU seconds to write or read the file, and the peak memory growth in bytes."""
+    warm = file.parent / "warm" / f"warm{way.suffix}"  # separate: OpenFOAM cases share a folder
     warm.parent.mkdir(exist_ok=True)
     with np.load(arrays) as given:
         plane = given["points"].shape[1] == 2
@@ -136,7 +135,7 @@ def measure(way: Way, action: str, arrays: Path, file: Path) -> tuple[float, flo
     mesh = load(arrays) if action == "write" else None
     before = resident("VmRSS")
     if before:
-        Path("/proc/self/clear_refs").write_text("5")  # forget the highest so far
+        Path("/proc/self/clear_refs").write_text("5")  # reset the peak
     start = time.process_time()
     result = way.write(file, mesh) if mesh is not None else way.read(file)
     seconds = time.process_time() - start
@@ -145,21 +144,24 @@ def measure(way: Way, action: str, arrays: Path, file: Path) -> tuple[float, flo
 
 
 def resident(line: str) -> float:
-    """A line of the status of this process in bytes; 0 where there is none."""
+    """Return a process status line in bytes, or 0 if unavailable."""
     if not STATUS.exists():
         return 0.0
     return 1024.0 * float(STATUS.read_text().split(f"{line}:")[1].split()[0])
 
 
 def size_of(way: Way, file: Path) -> int:
-    """Bytes of a file, and of those that belong to it."""
+    """Return the bytes of a file together with its auxiliary files."""
     beside = {".foam": "constant/**/*", ".ele": f"{file.stem}.node"}.get(way.suffix)
     more = file.parent.glob(beside) if beside else ()
     return file.stat().st_size + sum(each.stat().st_size for each in more if each.is_file())
 
 
 def compare(name: str, mesh: Mesh, repeats: int, chosen: list[str]) -> None:
-    """Print the table of all ways for a mesh, or of those chosen; each call has a process of its own."""
+    """Print the table of methods for a mesh.
+
+    Each call has its own process.
+    """
     found: dict[str, list[list[float]]] = {}
     with tempfile.TemporaryDirectory() as folder:
         arrays = Path(folder) / "arrays.npz"
@@ -185,7 +187,7 @@ def compare(name: str, mesh: Mesh, repeats: int, chosen: list[str]) -> None:
 
 
 def main() -> None:
-    """Compare at each size asked for."""
+    """Compare the methods for each mesh size."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("cells", nargs="*", type=int, default=[200_000])
     parser.add_argument("--repeats", type=int, default=3)
@@ -206,7 +208,7 @@ def main() -> None:
 
 
 def kinds(cells: int) -> dict[str, Callable[[], Mesh]]:
-    """Meshes of about so many cells by name."""
+    """Return functions for meshes of about ``cells`` cells by name."""
     n = max(1, round((cells / 6) ** (1 / 3)))
     return {
         "random triangles": lambda: samples.random_triangles(cells // 2),

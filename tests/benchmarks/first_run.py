@@ -1,4 +1,4 @@
-"""CPU seconds of README's command on its first and second run, and the kernels that cost most to compile.
+"""Measure the README command in its first and second run, and list the most expensive kernels to compile.
 
 python tests/benchmarks/first_run.py            # a checkout: kernels are compiled on first use
 python tests/benchmarks/first_run.py --wheel    # an installed wheel: kernels are compiled while it is built
@@ -19,12 +19,12 @@ from typing import Any, NamedTuple
 
 ROOT = Path(__file__).parents[2]
 COMMAND = "run voronoi:n=5000,seed=3 --bisector kmeans --bisector metis -o out.vtu --plot out.png"
-SMALL = COMMAND.replace("5000", "60")  # takes ways of its own
+SMALL = COMMAND.replace("5000", "60")  # uses code paths for small meshes
 HEAD = "# Kernels in a wheel, the dearest first. Written by tests/benchmarks/first_run.py --record\n"
 
 
 class Compilation(NamedTuple):
-    """One signature of one function: seconds without, and with, the functions that it calls."""
+    """Signature of a compiled function: seconds without and with its callees."""
 
     function: str
     own: float
@@ -32,7 +32,7 @@ class Compilation(NamedTuple):
 
 
 class Run(NamedTuple):
-    """CPU seconds of the whole process, what was compiled, and what was loaded: kernel, name, arguments."""
+    """CPU seconds of a process, compiled functions, and loaded kernels (module, name, arguments)."""
 
     total: float
     compiled: list[Compilation]
@@ -40,11 +40,11 @@ class Run(NamedTuple):
 
 
 def watched_run(arguments: list[str], report: Path) -> None:
-    """Run the command in this process and write to ``report`` what numba compiled and loaded."""
+    """Run the command in this process, and write the compiled and loaded functions to ``report``."""
     from numba.core import event
 
     compiled: list[tuple[str, float, float]] = []
-    running: list[list[float]] = []  # when it began, seconds of those inside
+    running: list[list[float]] = []  # start time, and seconds of nested compilations
 
     class Compilations(event.Listener):
         def on_start(self, event: Any) -> None:
@@ -68,7 +68,7 @@ def watched_run(arguments: list[str], report: Path) -> None:
 
 
 def loaded_kernels() -> list[tuple[str, str, str]]:
-    """Module, name and arguments of our kernels that this process took from disk."""
+    """Return module, name and argument types of the agglo kernels loaded from disk."""
     from numba.core.dispatcher import Dispatcher
 
     from agglo_core.compiled.ahead_of_time import written
@@ -83,7 +83,7 @@ def loaded_kernels() -> list[tuple[str, str, str]]:
 
 
 def measured(command: str, folder: Path, cache: Path, packages: Path | None = None) -> Run:
-    """A command in a new process that keeps kernels in ``cache``, with agglo from ``packages`` if given."""
+    """Run a command in a new process with kernel cache ``cache``, optionally with agglo from ``packages``."""
     report = folder / "report.json"
     environment = os.environ | {"NUMBA_CACHE_DIR": str(cache)}
     if packages is not None:
@@ -101,13 +101,13 @@ def measured(command: str, folder: Path, cache: Path, packages: Path | None = No
 
 
 def seconds_since(before: resource.struct_rusage) -> float:
-    """CPU seconds of ended child processes since then."""
+    """Return CPU seconds of the child processes that ended since ``before``."""
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 def installed(folder: Path) -> Path:
-    """A folder with the packages of a wheel built from this checkout, in this environment."""
+    """Install a wheel of this checkout in a folder."""
     packages = folder / "packages"
     options = ["-q", "--no-build-isolation", "--no-deps", "--no-index", "--target", str(packages)]
     command = [sys.executable, "-m", "pip", "install", *options, str(ROOT)]
@@ -116,7 +116,7 @@ def installed(folder: Path) -> Path:
 
 
 def record(runs: list[Run]) -> None:
-    """Write the list: what any of the runs loaded, in the order of what it cost the others to compile."""
+    """Write the list of kernels loaded in any run, sorted by the compile time in the other runs."""
     from agglo_core.compiled.ahead_of_time import LISTED
 
     seconds = {one.function: one.seconds for run in runs for one in run.compiled}
@@ -126,7 +126,7 @@ def record(runs: list[Run]) -> None:
 
 
 def main(options: list[str]) -> None:
-    """Print the figures."""
+    """Print the results."""
     with tempfile.TemporaryDirectory() as name:
         cache, folder = Path(name, "cache"), Path(name, "run")
         folder.mkdir()

@@ -1,14 +1,14 @@
-"""The learned bisector beside METIS, 2-means and sweeps without a network.
+"""Compare the learned bisector with METIS, 2-means and sweeps.
 
     python tests/benchmarks/gnn.py [bisection] [recursion] [quality] [lookahead] [--seeds N] [--repeats N]
 
-One thread, everything in one process. ``bisection``: one split of a graph whose cells lie along a Morton
-curve, refinement included (but for the network of the paper), beside ``pymetis.part_graph(2)``; wall time,
-median of the repeats; ``ncut`` is cut length · √A (1/A₁ + 1/A₂), 4 for a halved square, ``degree`` the
-paper's, which counts edges.
-``recursion``: all the way to parts of about 16 cells, CPU seconds, METIS with the same number of parts.
-``quality``: UF / CR / number of parts, mean over seeds and four values of h*. ``lookahead``: the same for
-``gnn`` with candidates tried.
+One thread, one process. ``bisection``: one split of a graph whose cells are ordered along a Morton curve,
+including refinement (except for the paper's network), next to ``pymetis.part_graph(2)``; median wall
+time of the repeats. ``ncut`` is cut length · √A (1/A₁ + 1/A₂), 4 for a halved square; ``degree`` is the
+paper's normalised cut, which counts edges.
+``recursion``: down to parts of about 16 cells, CPU seconds, METIS with the same part count.
+``quality``: UF / CR / part count, mean over seeds and four values of h*. ``lookahead``: the same values
+for ``gnn`` with candidates tried.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ OCTAVE = (0.71, 0.84, 1.0, 1.19)
 
 
 def timed(call: Callable[[], Any], repeats: int, clock: Callable[[], float]) -> tuple[float, Any]:
-    """Median seconds of a call, and its last result."""
+    """Return the median seconds of a call, and its last result."""
     seconds = []
     for _ in range(repeats):
         start = clock()
@@ -52,7 +52,7 @@ def timed(call: Callable[[], Any], repeats: int, clock: Callable[[], float]) -> 
 
 
 def length_cut(graph: Graph, sides: Labels) -> float:
-    """Cut length · √A (1/A₁ + 1/A₂)."""
+    """Return cut length · √A (1/A₁ + 1/A₂)."""
     area = np.bincount(sides, graph.measures, minlength=2)
     rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
     length = 0.5 * graph.interface[sides[rows] != sides[graph.indices]].sum()
@@ -60,7 +60,7 @@ def length_cut(graph: Graph, sides: Labels) -> float:
 
 
 def bisection(repeats: int) -> None:
-    """One split of 1k to 100k cells."""
+    """Measure one split of 1k to 100k cells."""
     print("\none bisection, refinement included: milliseconds (ratio to METIS), ncut, degree ncut")
     refiner = default().build("refiner", "interface")
     seeds = np.zeros(1, np.uint64)
@@ -84,7 +84,7 @@ def bisection(repeats: int) -> None:
             seconds, sides = timed(ours, repeats, time.perf_counter)
             ratio = f"({base / seconds:.1f}x)"
             print(f"        {name:6} {seconds * 1e3:7.3f} {ratio:7}{row(graph, sides)}")
-        for precision in ("single", "double"):  # the paper's network in torch: forward pass and frame alone
+        for precision in ("single", "double"):  # torch network for the paper: only frame and forward pass
             paper = default().build("bisector", "gnn_paper", precision=precision)
             paper.bisect_level(graph, seeds)
             call = partial(paper.bisect_level, graph, seeds)
@@ -94,12 +94,12 @@ def bisection(repeats: int) -> None:
 
 
 def row(graph: Graph, sides: Labels) -> str:
-    """Both normalised cuts."""
+    """Format both normalised cuts."""
     return f"{length_cut(graph, sides):6.2f} {normalised_cut(graph, sides):8.4f}"
 
 
 def recursion(repeats: int) -> None:
-    """Whole hierarchies, one size each."""
+    """Measure whole hierarchies, one size per mesh."""
     print("\nrecursion to h*: CPU seconds, UF / CR, parts; METIS at the number of parts of gnn")
     for name, mesh, h_star in (
         ("Voronoi 5k", samples.voronoi(5000, 11), 0.085),
@@ -128,13 +128,13 @@ def recursion(repeats: int) -> None:
 
 
 def shape(mesh: Mesh, labels: Labels) -> str:
-    """Mean UF and CR, and the number of parts."""
+    """Format mean UF, mean CR and the part count."""
     found = agglo.quality(mesh, labels, metrics=("UF", "CR"))
     return f"{found['UF'].mean():.3f}/{found['CR'].mean():.3f}/{labels.max() + 1}"
 
 
 def families(seeds: int) -> list[tuple[str, list[tuple[Mesh, dict[str, float]]]]]:
-    """Meshes and targets of each line of the tables."""
+    """Return meshes and targets for each table row."""
     small = np.sqrt(2) / 4
     fresh = range(5000, 5000 + seeds)
     tables = {
@@ -161,7 +161,7 @@ def families(seeds: int) -> list[tuple[str, list[tuple[Mesh, dict[str, float]]]]
 
 
 def averages(cases: list[tuple[Mesh, dict[str, float]]], bisector: Any) -> tuple[float, float, float, float]:
-    """Mean UF, CR, number of parts, and cells per part over all cases."""
+    """Return mean UF, CR, part count, and cells per part over all cases."""
     found = []
     for mesh, target in cases:
         choice = ("gnn", {"lookahead": bisector}) if isinstance(bisector, int) else bisector
@@ -174,7 +174,7 @@ def averages(cases: list[tuple[Mesh, dict[str, float]]], bisector: Any) -> tuple
 
 
 def quality(seeds: int) -> None:
-    """The table of UF / CR / parts."""
+    """Print the table of UF / CR / parts."""
     print(
         f"\nUF/CR/parts, {seeds} seeds\n{'':28}" + "".join(f"{name:24}" for name in NAMES) + "cells per part"
     )
@@ -185,7 +185,7 @@ def quality(seeds: int) -> None:
 
 
 def lookahead(seeds: int) -> None:
-    """gnn with 0, 5 and 20 candidates at h* = √2/4."""
+    """Print the results of gnn with 0, 5 and 20 candidates at h* = √2/4."""
     print(f"\nlookahead, UF/CR/parts, {seeds} seeds")
     target = {"h_star": float(np.sqrt(2) / 4)}
     fresh = range(5000, 5000 + seeds)
@@ -204,7 +204,7 @@ def lookahead(seeds: int) -> None:
 
 
 def main() -> None:
-    """Read the arguments, print the tables."""
+    """Read the arguments and print the tables."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -1,13 +1,13 @@
-"""Short interfaces at given balance: the refiners ``balance`` and ``fm``, and what METIS finds by itself.
+"""Compare interface lengths at given balance: refiners ``balance`` and ``fm``, and METIS.
 
     python tests/benchmarks/interfaces.py [--cells N ...] [--parts K ...] [--meshes NAME ...] [--seeds N]
 
-Means over N fresh meshes; K parts, by default parts of 16 cells and 20 parts. METIS counts edges, or weighs
-them by their length (``lengths``); its parts are made connected by the built-in fixer before ``fm`` gets
-them, and are given as METIS returns them in its own row. Those of ``kmeans``, with the default polish, are
-evened out first. ``interface`` and ``cut`` are over those of METIS recursive, ``apart`` is the number of
-parts in pieces, ``cells`` the smallest and the largest part over the mean and the coefficient of variation.
-CPU seconds, one thread, after a warm-up; those of refiners are their own.
+Means over N random meshes; K parts, by default parts of 16 cells and 20 parts. METIS counts edges, or weighs
+edges by length (``lengths``). Its parts are made connected by the built-in fixer before ``fm``, but its own
+row shows the original parts. Parts of ``kmeans``, with the default polish, are balanced first. ``interface``
+and ``cut`` are relative to recursive METIS, ``apart`` is the number of disconnected parts, ``cells`` are the
+smallest and largest part over the mean, and the coefficient of variation. CPU seconds, one thread, after a
+warm-up; times of refiners exclude the partition.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ REFINERS = {
 
 
 class Row(NamedTuple):
-    """One partition, measured."""
+    """Figures of a partition."""
 
     interface: float
     cut: float
@@ -52,7 +52,7 @@ class Row(NamedTuple):
 
 
 def measured(graph: Graph, labels: Int, seconds: float) -> Row:
-    """Its lengths, pieces and sizes."""
+    """Measure interfaces, pieces and sizes of a partition."""
     cells = np.bincount(labels)
     pieces = len(np.unique(graph.components(labels)))
     return Row(
@@ -67,7 +67,7 @@ def measured(graph: Graph, labels: Int, seconds: float) -> Row:
 
 
 def metis(graph: Graph, parts: int, recursive: bool, lengths: bool) -> tuple[Int, float]:
-    """Labels of METIS, and CPU seconds."""
+    """Return the labels of METIS, and CPU seconds."""
     adjacency = pymetis.CSRAdjacency(graph.indptr, graph.indices)
     weights = np.maximum(1, 1000.0 * graph.interface / graph.interface.mean()).astype(int)
     start = time.process_time()
@@ -78,7 +78,7 @@ def metis(graph: Graph, parts: int, recursive: bool, lengths: bool) -> tuple[Int
 
 
 def rows(graph: Graph, parts: int) -> Iterator[tuple[str, Row]]:
-    """Each method of METIS, and what follows it."""
+    """Yield each method of METIS and its refinements."""
     fixer = agglo.plugins.default().build("fixer", "connectivity")
     for recursive, lengths in ((True, False), (True, True), (False, False), (False, True)):
         title = f"METIS {'recursive' if recursive else 'k-way'}{', lengths' if lengths else ''}"
@@ -97,14 +97,14 @@ def rows(graph: Graph, parts: int) -> Iterator[tuple[str, Row]]:
 
 
 def refined(graph: Graph, labels: Int, refiner: Any) -> tuple[Int, float]:
-    """Labels after a refiner, and its CPU seconds."""
+    """Return the labels after a refiner, and its CPU seconds."""
     start = time.process_time()
     after = refiner.refine(graph, labels, np.zeros(1, np.uint64), Target(parts=int(labels.max()) + 1))
     return after, time.process_time() - start
 
 
 def main() -> None:
-    """Print a table for each mesh and number of parts."""
+    """Print a table per mesh and part count."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

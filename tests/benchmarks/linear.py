@@ -1,15 +1,14 @@
-"""Linear systems beside algebraic multigrid and a direct solver: iterations and CPU seconds; losses included.
+"""Compare linear solves with algebraic multigrid and a direct solver: iterations and CPU seconds.
 
     python tests/benchmarks/linear.py [--unknowns N] [--seeds S ...] [--matrices NAME ...] [--repeats R]
 
-Scalar matrices of finite volumes and finite elements, a random right-hand side, conjugate gradients to a
-relative residual of 1e-8, the same for everybody: ``ours`` (classical levels, one sweep before and one after
-the correction), ``labels`` (one classical step, then the agglomerates of the mesh as aggregates),
-``aggregates`` (smoothed aggregation from the graph of the matrix), both methods of PyAMG with their defaults
-(two sweeps before and two after), PARDISO. One thread, CPU seconds, the better of the repeats after warm-up;
-agglomeration is not in the seconds of ``labels``. ``bar`` is our iterations over those of the better method
-of PyAMG, ``time`` our seconds over those of the faster; more than 1 is a loss. PyAMG and PARDISO are left
-out where they are not installed.
+Scalar finite-volume and finite-element matrices with a random right-hand side, solved by conjugate gradients
+to a relative residual of 1e-8. Preconditioners: ``ours`` (classical levels, one sweep before and one after
+the correction), ``labels`` (one classical step, then the mesh agglomerates as aggregates), ``aggregates``
+(smoothed aggregation from the matrix graph), both methods of PyAMG with default options (two sweeps before
+and two after), and PARDISO. One thread, CPU seconds, the best repeat after a warm-up; agglomeration is not
+included for ``labels``. ``bar`` is our iteration count over the better method of PyAMG, ``time`` our seconds
+over the faster method; values above 1 are losses. PyAMG and PARDISO are omitted if not installed.
 """
 
 from __future__ import annotations
@@ -48,22 +47,25 @@ Case = tuple[str, Callable[[], tuple[Matrix, Labels]]]
 
 
 def side(n: int) -> int:
-    """Cells along a side of a square grid."""
+    """Return the cells per side in a square grid."""
     return max(4, round(np.sqrt(n)))
 
 
 def labels_of(mesh: Mesh, size: int) -> Labels:
-    """Agglomerates of so many cells each, and of 8 and 64 times as many."""
+    """Return agglomerates of ``size``, 8 · ``size`` and 64 · ``size`` cells."""
     return list(agglomerate(mesh, cells_per_part=(size, 8 * size, 64 * size)).levels)
 
 
 def fluxes(mesh: Mesh, kappa: np.ndarray) -> tuple[Matrix, Labels]:
-    """Finite volumes by two points."""
+    """Return a two-point flux matrix and labels."""
     return two_point_flux(mesh, kappa), labels_of(mesh, 8)
 
 
 def elements(mesh: Mesh) -> tuple[Matrix, Labels]:
-    """Linear elements; a vertex is in the agglomerate of its first triangle."""
+    """Return a matrix of linear elements, and labels.
+
+    A vertex belongs to the agglomerate of its first triangle.
+    """
     A, inner = linear_elements(mesh)
     corners = mesh.boundary_loops.vertices.reshape(-1, 3)
     found = []
@@ -75,7 +77,7 @@ def elements(mesh: Mesh) -> tuple[Matrix, Labels]:
 
 
 def cases(n: int, seed: int) -> Iterator[Case]:
-    """Names of matrices, and how they are made."""
+    """Yield names of matrices and functions that build them."""
     rng = np.random.default_rng(seed)
     m = side(n)
     for name, mesh in (("squares", samples.squares(m)), ("voronoi", samples.voronoi(n, seed))):
@@ -100,14 +102,14 @@ def cases(n: int, seed: int) -> Iterator[Case]:
 
 
 def clocked(call: Callable[[], Any]) -> tuple[float, Any]:
-    """CPU seconds of a call, and its result."""
+    """Return CPU seconds and result for a call."""
     start = time.process_time()
     result = call()
     return time.process_time() - start, result
 
 
 def amg(method: str) -> Callable[[Matrix, Labels], Any]:
-    """A method of PyAMG as it is by default."""
+    """Return a method of PyAMG with default options."""
     import pyamg
 
     def made(A: Matrix, labels: Labels) -> Any:
@@ -119,7 +121,7 @@ def amg(method: str) -> Callable[[Matrix, Labels], Any]:
 
 
 def makers() -> dict[str, Callable[[Matrix, Labels], Any]]:
-    """Preconditioners by name."""
+    """Return the preconditioners by name."""
     found: dict[str, Callable[[Matrix, Labels], Any]] = {
         "ours": lambda A, labels: cycle(classical_stack(A)),
         "labels": lambda A, labels: cycle(classical_stack(A, labels=labels)),
@@ -131,7 +133,7 @@ def makers() -> dict[str, Callable[[Matrix, Labels], Any]]:
 
 
 def iterated(make: Callable[[Matrix, Labels], Any], A: Matrix, labels: Labels, b: np.ndarray) -> list[float]:
-    """Iterations, inf if there is no convergence; CPU seconds of the set-up and the solution."""
+    """Return iterations (inf without convergence), and CPU seconds of setup and solve."""
     seen: list[int] = []
     setup, M = clocked(lambda: make(A, labels))
     solve, (x, failed) = clocked(
@@ -142,14 +144,14 @@ def iterated(make: Callable[[Matrix, Labels], Any], A: Matrix, labels: Labels, b
 
 
 def direct(A: Matrix, b: np.ndarray) -> list[float]:
-    """Seconds of the factorisation and the solution by PARDISO."""
+    """Return CPU seconds of factorisation and solve with PARDISO."""
     setup, solves = clocked(lambda: BACKENDS["pardiso"](A))
     solve, _ = clocked(lambda: solves(b))
     return [1, setup, solve]
 
 
 def row(A: Matrix, labels: Labels, b: np.ndarray, repeats: int) -> dict[str, list[float]]:
-    """The better of the repeats for everybody, in turns."""
+    """Return the best alternating repeat for every method."""
     runs = {name: lambda make=make: iterated(make, A, labels, b) for name, make in makers().items()}
     if find_spec("pypardiso"):
         runs["pardiso"] = lambda: direct(A, b)
@@ -163,7 +165,7 @@ def row(A: Matrix, labels: Labels, b: np.ndarray, repeats: int) -> dict[str, lis
 
 
 def printed(name: str, n: int, found: Mapping[str, list[float]]) -> None:
-    """One line of the table."""
+    """Print one line of the table."""
     rivals = [values for rival, values in found.items() if rival.startswith("pyamg")]
     cells = []
     for values in found.values():
@@ -178,7 +180,7 @@ def printed(name: str, n: int, found: Mapping[str, list[float]]) -> None:
 
 
 def main() -> None:
-    """Read the arguments, print a table for each seed."""
+    """Read the arguments and print a table per seed."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -187,9 +189,9 @@ def main() -> None:
     parser.add_argument("--matrices", nargs="+", default=None, help="beginnings of names")
     parser.add_argument("--repeats", type=int, default=2)
     options = parser.parse_args()
-    warnings.simplefilter("ignore")  # of PyAMG's loops
+    warnings.simplefilter("ignore")  # from loops in PyAMG
     small = five_points(24, 1.0, 1.0)
-    row(small, [np.arange(576) // 8], np.ones(576), 1)  # kernels are compiled
+    row(small, [np.arange(576) // 8], np.ones(576), 1)  # compiles kernels
     heads = [*makers(), *["pardiso"][: bool(find_spec("pypardiso"))]]
     for seed in options.seeds:
         print(f"\nseed {seed}; iterations, set-up + solve in CPU seconds")

@@ -1,11 +1,11 @@
-"""Resident memory of the whole chain from file to files, stage by stage.
+"""Measure the resident memory of a whole run from file to files, stage by stage.
 
     python tests/benchmarks/memory.py [CELLS] [--meshes NAME ...] [--no-measure]
 
 A mesh is read from VTU, agglomerated into N/16 parts with default components, measured with the default
-metrics and written to VTU with its coarse mesh, in a process that has done the same with a small one. One
-thread. ``held`` is what the process has grown by when a stage is over, ``peak`` at its highest during it, in
-bytes per cell (Linux only); the last row is the peak of all.
+metrics, and written to VTU with its coarse mesh, after a warm-up with a small mesh in the same process. One
+thread. ``held`` is the growth of the process at the end of a stage, ``peak`` the largest growth during the
+stage, in bytes per cell (Linux only). The last row is the overall peak.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ STATUS, FORGET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 
 
 def stages(file: Path, measured: bool) -> Iterator[tuple[str, Callable[[], Any]]]:
-    """Names and calls, each needing those before it."""
+    """Yield names and calls, each of which needs the previous calls."""
     made: dict[str, Any] = {}
 
     def keep(name: str, call: Callable[[], Any]) -> tuple[str, Callable[[], Any]]:
@@ -54,26 +54,26 @@ def stages(file: Path, measured: bool) -> Iterator[tuple[str, Callable[[], Any]]
 
 
 def resident(line: str) -> int:
-    """A line of the status of this process, in bytes."""
+    """Return a process status line in bytes."""
     return 1024 * int(STATUS.read_text().split(f"{line}:")[1].split()[0])
 
 
 def one(file: Path, measured: bool, solid: bool) -> None:
-    """Print bytes held and at the most, of each stage, as JSON."""
+    """Print held and peak bytes of each stage as JSON."""
     small = file.with_name("small.vtu")
     agglo.write(small, samples.tetrahedra(3) if solid else samples.voronoi(300))
     for _, call in stages(small, measured):
         call()
     before, rows = resident("VmRSS"), []
     for name, call in stages(file, measured):
-        FORGET.write_text("5")  # forget the highest so far
+        FORGET.write_text("5")  # reset the peak
         call()
         rows.append((name, resident("VmRSS") - before, resident("VmHWM") - before))
     print(json.dumps(rows))
 
 
 def main() -> None:
-    """Read the arguments; print a table for each mesh."""
+    """Read the arguments and print a table per mesh."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -1,11 +1,12 @@
-"""Nested levels of annealed parts, from below and from above, beside the recursion and levels not nested.
+"""Compare nested annealed levels, built from below or above, with recursion and unnested levels.
 
     python tests/benchmarks/nested_levels.py [--meshes NAME ...] [--cells N] [--seeds N] [--effort NAME]
 
-Three levels of parts as large as 16, 64 and 256 cells: by size (the diagonal of a square of so many cells),
-and by count. From below is what ``method="kway"`` does with nested levels: each joins parts of the one
-beneath. From above, each level is made inside the parts of the next coarser one, which a constraint keeps
-apart. Means over N fresh meshes: number of parts, UF, CR and J of each level, finest first, and CPU seconds.
+Three levels with parts as large as 16, 64 and 256 cells: by size (the diagonal of a square with this many
+cells), and by count. "From below" is ``method="kway"`` with nested levels: each level joins parts of the
+finer level. "From above" makes each level inside the parts of the next coarser level, kept apart by a
+constraint. Means over N random meshes: part count, UF, CR and J of each level, finest first, and CPU
+seconds.
 """
 
 from __future__ import annotations
@@ -30,19 +31,19 @@ METRICS = ("UF", "CR", "J")
 
 
 class Apart:
-    """Keeps parts of a level apart."""
+    """Constraint that keeps the parts of a level separate."""
 
     def __init__(self, labels: Int) -> None:
         self.labels = labels
 
     def forbidden(self, graph: Graph) -> Mask:
-        """Edges between parts."""
+        """Return the edges between parts."""
         rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
         return self.labels[rows] != self.labels[graph.indices]
 
 
 def targets(mesh: Mesh, kind: str) -> dict[str, list[float]]:
-    """What is asked for, finest first."""
+    """Return the targets, finest level first."""
     cell = float(mesh.cell_measures.mean())
     if kind == "sizes":
         return {"h_star": [float(np.sqrt(2 * each * cell)) for each in SIZES]}
@@ -50,7 +51,7 @@ def targets(mesh: Mesh, kind: str) -> dict[str, list[float]]:
 
 
 def from_above(mesh: Mesh, kind: str, **how: Any) -> list[Int]:
-    """Levels, each inside the parts of the next coarser one."""
+    """Return levels, each made inside the parts of the next coarser level."""
     ((name, values),) = targets(mesh, kind).items()
     levels: list[Int] = []
     for value in reversed(values):
@@ -60,7 +61,7 @@ def from_above(mesh: Mesh, kind: str, **how: Any) -> list[Int]:
 
 
 def ways(effort: str) -> dict[str, Callable[[Mesh, str], list[Int]]]:
-    """How levels are made."""
+    """Return methods to make levels, by name."""
     annealed: dict[str, Any] = {
         "method": "kway",
         "bisector": ("kmeans", {"effort": effort, "objective": "roundness"}),
@@ -79,7 +80,7 @@ def ways(effort: str) -> dict[str, Callable[[Mesh, str], list[Int]]]:
 
 
 def main() -> None:
-    """Print a table for each mesh and kind of target."""
+    """Print a table per mesh and kind of target."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -102,7 +103,7 @@ def main() -> None:
 
 
 def measured(mesh: Mesh, labels: Int) -> list[float]:
-    """Number of parts and mean metrics."""
+    """Return the part count and mean metrics."""
     found = agglo.quality(mesh, labels, metrics=METRICS)
     return [float(labels.max()) + 1.0, *(float(found[name].mean()) for name in METRICS)]
 

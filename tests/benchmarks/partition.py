@@ -1,13 +1,13 @@
-"""Partition speed, memory and quality beside METIS, PyAMG, scikit-learn and coordinate bisection.
+"""Compare partition speed, memory and quality with METIS, PyAMG, scikit-learn and coordinate bisection.
 
     python tests/benchmarks/partition.py [CELLS ...] [--meshes NAME ...] [--rivals NAME ...] [--repeats N]
 
-Parts of 16 cells on average (32 in space), one thread, CPU seconds of this process after a warm-up. Everybody
-starts from the dual graph. ``ratio`` is the median over the repeats of the CPU time divided by that of
-``pymetis`` recursive in the same repeat. ``J`` is the mean k-means energy of the parts, 1 for a disk or
-ball. ``B/cell`` is the peak of what Python and numpy allocate during a call, in a run of its own. The row
-"h* 2, 4, 8" makes three nested levels by size; METIS makes as many parts as the finest has. The last line of
-each mesh tells how the time of the default grows with the number of cells.
+Parts of 16 cells on average (32 in 3-D), one thread, process CPU seconds after a warm-up. All methods start
+from the dual graph. ``ratio`` is the median over the repeats of the CPU time divided by that of recursive
+``pymetis`` in the same repeat. ``J`` is the mean k-means energy of the parts, 1 for a disk or ball.
+``B/cell`` is the peak of Python and numpy allocations during a separate call. The row "h* 2, 4, 8" makes
+three nested levels by size, and METIS makes as many parts as the finest level. The last line of each mesh
+shows the growth of the default time with the number of cells.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ MESHES: Mapping[str, Callable[[int], Mesh]] = {
 
 
 def pipeline(**options: Any) -> Method:
-    """A method that runs agglo's pipeline with these options."""
+    """Return a method that runs the agglo pipeline with these options."""
 
     def run(graph: Graph, parts: int) -> Labels:
         return agglo.agglomerate(graph, n_parts=parts, **options).levels[0]
@@ -52,7 +52,7 @@ def pipeline(**options: Any) -> Method:
 
 
 def metis(recursive: bool) -> Method:
-    """A method that calls METIS itself: no weights, no repair."""
+    """Return a method that calls METIS directly, without weights and repair."""
 
     def run(graph: Graph, parts: int) -> Labels:
         adjacency = pymetis.CSRAdjacency(graph.indptr, graph.indices)
@@ -63,7 +63,7 @@ def metis(recursive: bool) -> Method:
 
 
 def lloyd(graph: Graph, parts: int) -> Labels:
-    """PyAMG's Lloyd aggregation of the dual graph, edges as long as the centroids are apart."""
+    """Run Lloyd aggregation of PyAMG on the dual graph, with centroid distances as edge lengths."""
     from pyamg.aggregation import lloyd_aggregation
     from scipy import sparse
 
@@ -85,18 +85,18 @@ METHODS: Mapping[str, Method] = {
     "scikit-learn 2-means": pipeline(bisector="kmeans_sklearn", refiners=(), polish=False),
 }
 SLOW = {"PyAMG Lloyd": 100_000, "scikit-learn 2-means": 10_000}
-"""Those who are asked up to so many cells, and once."""
+"""Slow methods: maximum number of cells, in a single run."""
 
 
 def cpu(call: Callable[[], Any]) -> tuple[float, Any]:
-    """CPU seconds of a call, and its result."""
+    """Return CPU seconds and result for a call."""
     start = time.process_time()
     result = call()
     return time.process_time() - start, result
 
 
 def peak(call: Callable[[], Any]) -> int:
-    """Bytes allocated at the most during a call."""
+    """Return the peak of allocated bytes during a call."""
     tracemalloc.start()
     try:
         call()
@@ -106,7 +106,7 @@ def peak(call: Callable[[], Any]) -> int:
 
 
 def energy(graph: Graph, labels: Labels) -> float:
-    """Mean over the parts of their moment of inertia over that of a disk or a ball of their measure."""
+    """Return the mean moment of inertia of the parts, relative to a disk or ball of equal measure."""
     measures, d = np.bincount(labels, graph.measures), graph.dim
     centre = np.stack([np.bincount(labels, graph.measures * x) for x in graph.centroids.T], axis=1)
     squares = ((graph.centroids - (centre / measures[:, None])[labels]) ** 2).sum(axis=1)
@@ -115,7 +115,7 @@ def energy(graph: Graph, labels: Labels) -> float:
 
 
 def roundness(mesh: Mesh, labels: Labels) -> float:
-    """Mean CR of at most 10,000 parts; nan in space."""
+    """Return the mean CR of at most 10,000 parts, or nan in 3-D."""
     if mesh.dim == 3:
         return float("nan")
     chosen = np.random.default_rng(0).permutation(int(labels.max()) + 1)[:10_000]
@@ -128,16 +128,19 @@ def roundness(mesh: Mesh, labels: Labels) -> float:
 
 
 def connected(graph: Graph, labels: Labels) -> float:
-    """Per cent of parts that are connected."""
+    """Return the percentage of connected parts."""
     found = np.unique(np.stack((labels, graph.components(labels))), axis=1)[0]
     return 100.0 * float((np.bincount(found) == 1).mean())
 
 
 def compare(name: str, cells: int, names: list[str], repeats: int) -> tuple[int, float]:
-    """Print the table of the methods on a mesh; cells and CPU seconds of the default."""
+    """Print the table of methods for a mesh.
+
+    Returns cells and CPU seconds of the default.
+    """
     mesh = MESHES[name](cells)
     graph = mesh.graph
-    _ = mesh.h  # for the sizes
+    _ = mesh.h  # for targets by size
     parts = round(graph.n / (16 if mesh.dim == 2 else 32))
     names = [each for each in names if graph.n <= 1.1 * SLOW.get(each, graph.n)]
     times: dict[str, list[float]] = {each: [] for each in names}
@@ -167,7 +170,7 @@ def compare(name: str, cells: int, names: list[str], repeats: int) -> tuple[int,
 
 
 def main() -> None:
-    """Read the arguments, warm up, print the tables."""
+    """Read the arguments, warm up and print the tables."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

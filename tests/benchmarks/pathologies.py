@@ -1,12 +1,11 @@
-"""Time of agglomerating and measuring meshes of unusual shape, beside plain meshes of the same size.
+"""Measure agglomeration and metrics on meshes of unusual shape, relative to plain meshes of equal size.
 
     python tests/benchmarks/pathologies.py [--repeats N] [--tetrahedra CELLS]
 
-CPU seconds of this process per cell (for a single cell: per edge), the least of the repeats, after a warm-up.
-``ratio`` divides them by those of a plain mesh of about as many cells (squares, or the same Voronoi cells
-unstretched) that is treated alike in the same run. Rows of agglomerating are into N/16 parts with default
-components; quality has the default metrics. The last table divides bisectors on tetrahedra by METIS
-recursive.
+Process CPU seconds per cell (for a single cell: per edge), minimum over the repeats after a warm-up.
+``ratio`` is relative to a plain mesh with about as many cells (squares, or the same Voronoi cells
+unstretched) in the same run. Agglomeration makes N/16 parts with default components; quality uses the
+default metrics. The last table compares bisectors on tetrahedra with recursive METIS.
 """
 
 from __future__ import annotations
@@ -35,13 +34,13 @@ Work = Callable[[Mesh], Any]
 
 
 def outline(radius: float, n: int) -> Float:
-    """``n`` points on a circle."""
+    """Return ``n`` points on a circle."""
     angle = 2 * np.pi * np.arange(n) / n
     return radius * np.stack((np.cos(angle), np.sin(angle)), axis=1)
 
 
 def hub(n: int) -> Mesh:
-    """One round cell with ``n`` neighbours around it."""
+    """Return a round cell surrounded by ``n`` neighbours."""
     i, j = np.arange(n), np.roll(np.arange(n), -1)
     ring = np.stack((i, n + i, n + j, j), axis=1)
     loops = np.concatenate((i, ring.ravel()))
@@ -50,40 +49,40 @@ def hub(n: int) -> Mesh:
 
 
 def ragged_cell(n: int) -> Mesh:
-    """One nearly round cell with ``n`` edges."""
+    """Return a nearly round cell with ``n`` edges."""
     noise = np.random.default_rng(0).standard_normal((n, 1))
     return Mesh.from_polygons(outline(1.0, n) * (1 + 1e-3 * noise), [range(n)])
 
 
 def crescent(n: int) -> Mesh:
-    """One thin curved cell with ``n`` edges."""
+    """Return a thin curved cell with ``n`` edges."""
     half = np.pi * np.linspace(0, 1, n // 2)
     arc = np.stack((np.cos(half), np.sin(half)), axis=1)
     return Mesh.from_polygons(np.concatenate((arc, 0.95 * arc[::-1])), [range(2 * (n // 2))])
 
 
 def stretched(mesh: Mesh, aspect: float) -> Mesh:
-    """The mesh, ``aspect`` times as wide."""
+    """Return the mesh stretched by ``aspect`` along x."""
     loops = mesh.boundary_loops
     return Mesh.from_polygons(mesh.points * [aspect, 1.0], (loops.loop_offsets, loops.vertices))
 
 
 def polyomino(places: Float) -> Mesh:
-    """Unit squares whose lower left corners are ``places (n, 2)``."""
+    """Return unit squares with lower left corners ``places (n, 2)``."""
     corners = (places[:, None] + np.array([(0, 0), (1, 0), (1, 1), (0, 1)])).reshape(-1, 2)
     points, loops = np.unique(corners, axis=0, return_inverse=True)
     return Mesh.from_polygons(points.astype(float), loops.reshape(-1, 4))
 
 
 def comb(teeth: int, length: int) -> Mesh:
-    """A spine of squares with a tooth, ``length`` squares long, at every other one."""
+    """Return a spine of squares with a tooth of ``length`` squares at every other square."""
     spine = np.stack((np.arange(2 * teeth), np.zeros(2 * teeth)), axis=1)
     tooth = np.stack((np.repeat(2 * np.arange(teeth), length), np.tile(1 + np.arange(length), teeth)), axis=1)
     return polyomino(np.concatenate((spine, tooth)))
 
 
 def chain(n: int) -> Mesh:
-    """A strip of ``n`` rectangles, each a little narrower than the one before."""
+    """Return a strip of ``n`` rectangles with slowly decreasing widths."""
     x = np.concatenate(([0.0], np.cumsum(np.linspace(1.1, 1.0, n))))
     points = np.concatenate((np.stack((x, 0 * x), axis=1), np.stack((x, 0 * x + 1), axis=1)))
     i = np.arange(n)
@@ -91,51 +90,51 @@ def chain(n: int) -> Mesh:
 
 
 def plain(n: int) -> Mesh:
-    """A square grid of about ``n`` cells."""
+    """Return a square grid of about ``n`` cells."""
     return samples.squares(max(2, round(n**0.5)))
 
 
-# -- what is timed --------------------------------------------------------------------------------
+# -- timed functions --------------------------------------------------------------------------------
 def agglomerate(mesh: Mesh) -> Any:
-    """Default components."""
+    """Agglomerate with default components."""
     return agglo.agglomerate(mesh, n_parts=max(2, mesh.n_cells // CELLS_PER_PART)).levels[0]
 
 
 def refined(mesh: Mesh) -> Any:
-    """Parts of METIS k-way, polished by ``interface``."""
+    """Polish parts of METIS k-way by ``interface``."""
     parts = max(2, mesh.n_cells // CELLS_PER_PART)
     options = {"method": "kway", "bisector": "metis", "post_refiners": ("interface",)}
     return agglo.agglomerate(mesh, n_parts=parts, **options).levels[0]
 
 
 def quality(mesh: Mesh) -> Any:
-    """Default metrics of agglomerates."""
+    """Evaluate the default metrics of agglomerates."""
     return agglo.quality(mesh, agglomerate(mesh))
 
 
 def cells(mesh: Mesh) -> Any:
-    """Default metrics of the cells."""
+    """Evaluate the default metrics of the cells."""
     return agglo.quality(mesh, np.arange(mesh.n_cells))
 
 
 def size(mesh: Mesh) -> Any:
-    """Mesh size."""
+    """Compute the mesh size."""
     return mesh.h
 
 
 def merge(mesh: Mesh) -> Any:
-    """Merging of single cells in pairs."""
+    """Merge single cells in pairs."""
     graph = mesh.graph
     limit = 2.5 * float(np.sqrt(graph.measures.mean()))
     return merge_parts(graph, np.zeros(graph.n, np.int64), np.arange(graph.n), limit, lambda done, text: None)
 
 
 def voronoi(n: int) -> Mesh:
-    """Random Voronoi cells."""
+    """Return random Voronoi cells."""
     return samples.voronoi(n, seed=0)
 
 
-# name, mesh, plain mesh of so many cells, what is timed, whether per edge
+# name, mesh, plain mesh with a given number of cells, timed function, True to count edges
 ROWS: list[tuple[str, Callable[[], Mesh], Callable[[int], Mesh], Work, bool]] = [
     ("hub, 40,000 neighbours: agglomerate, quality", lambda: hub(40_000), plain, quality, False),
     ("hub, 40,000 neighbours: METIS k-way, interface", lambda: hub(40_000), plain, refined, False),
@@ -152,14 +151,14 @@ ROWS: list[tuple[str, Callable[[], Mesh], Callable[[int], Mesh], Work, bool]] = 
 
 
 def fresh(mesh: Mesh) -> Mesh:
-    """The same mesh with nothing computed yet but its graph."""
+    """Return a copy of the mesh that has only its graph computed."""
     copy = Mesh(mesh.points, mesh.face_offsets, mesh.face_vertices, mesh.face_cells)
     _ = copy.graph
     return copy
 
 
 def seconds(mesh: Mesh, work: Work, repeats: int) -> float:
-    """Least CPU seconds of ``work`` on fresh copies."""
+    """Return the minimum CPU seconds of ``work`` on fresh copies."""
     times = []
     for _ in range(repeats):
         copy = fresh(mesh)
@@ -170,7 +169,7 @@ def seconds(mesh: Mesh, work: Work, repeats: int) -> float:
 
 
 def table(repeats: int) -> None:
-    """Print a line for each pathology."""
+    """Print a line per pathology."""
     print(f"{'':50}{'cells':>8}{'CPU s':>9}{'plain':>9}{'ratio':>8}")
     for name, make, usual, work, by_edge in ROWS:
         work(usual(100))
@@ -184,7 +183,7 @@ def table(repeats: int) -> None:
 
 
 def solids(count: int, repeats: int) -> None:
-    """Print bisectors on tetrahedra beside METIS recursive."""
+    """Compare bisectors on tetrahedra with recursive METIS."""
     graph = samples.tetrahedra(max(2, round((count / 6) ** (1 / 3)))).graph
     parts = graph.n // CELLS_PER_PART
     adjacency = pymetis.CSRAdjacency(graph.indptr, graph.indices)
@@ -207,7 +206,7 @@ def solids(count: int, repeats: int) -> None:
 
 
 def main() -> None:
-    """Read the arguments, print the tables."""
+    """Read the arguments and print the tables."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

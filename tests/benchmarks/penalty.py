@@ -1,11 +1,11 @@
-"""Errors and cost of the sharp penalty, beside C = 10, C = 2 and the best approximation.
+"""Compare errors and cost of the sharp penalty with C = 10, C = 2 and the best approximation.
 
     python tests/benchmarks/penalty.py [--degrees P ...] [--repeats N]
 
-u = sin πx sin πy on the unit square, direct solutions. ``L2`` and ``H1`` are errors over those of the L2
-projection of u, ``DG`` is the error in the DG norm over that with C = 10, each with its own penalty;
-``sigma`` is Σ |F| σ_F over that of C = 10, ``time`` that of ``discretise`` over that with C = 10: one thread,
-CPU seconds after a warm-up, best of the repeats.
+u = sin πx sin πy on the unit square, direct solutions. ``L2`` and ``H1`` are errors relative to the L2
+projection of u; ``DG`` is the error in the DG norm relative to C = 10, each with its own penalty; ``sigma``
+is Σ |F| σ_F relative to C = 10; ``time`` is the time of ``discretise`` relative to C = 10: one thread, CPU
+seconds after a warm-up, best repeat.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ PENALTIES: dict[str, Any] = {"C = 10": "paper", "C = 2": 2.0, "sharp": "sharp"}
 
 
 def agglomerated(mesh: Mesh, parts: int) -> Mesh:
-    """The mesh of the parts of a mesh."""
+    """Return the coarse mesh of a partition."""
     return mesh.coarsen(agglo.agglomerate(mesh.graph, n_parts=parts).levels[0])
 
 
@@ -53,7 +53,7 @@ MESHES: dict[str, Callable[[], Mesh]] = {
 
 
 def cpu(call: Callable[[], Any], repeats: int) -> float:
-    """Least CPU seconds of a call."""
+    """Return the minimum CPU seconds for a call."""
     found = []
     for _ in range(repeats):
         start = time.process_time()
@@ -63,7 +63,7 @@ def cpu(call: Callable[[], Any], repeats: int) -> float:
 
 
 def row(mesh: Mesh, degree: int, penalty: Any, repeats: int) -> tuple[Errors, float, float]:
-    """Errors of the solution, Σ |F| σ_F, CPU seconds of the assembly."""
+    """Return the errors of the solution, Σ |F| σ_F, and CPU seconds of the assembly."""
     basis, none = Basis(mesh, degree), np.empty(0, np.int64)
     system = discretise(mesh, degree, SINE, penalty=penalty)
     found = errors(basis, spsolve(system.A.tocsc(), system.b), SINE, penalty=penalty)
@@ -74,7 +74,7 @@ def row(mesh: Mesh, degree: int, penalty: Any, repeats: int) -> tuple[Errors, fl
 
 
 def main() -> None:
-    """Read the arguments, print the table."""
+    """Read the arguments and print the table."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

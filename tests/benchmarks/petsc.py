@@ -1,10 +1,10 @@
-"""petsc_mg beside PETSc's own solvers on PolyDG matrices: GAMG with near-null vectors, MUMPS.
+"""Compare petsc_mg with solvers of PETSc on PolyDG matrices: GAMG with near-null vectors, and MUMPS.
 
 ``mpiexec -n 2 python tests/benchmarks/petsc.py --cells 4000 --degree 1``
 
-All in one process for each number of ranks; seconds are the least of ``--repeat`` runs, over those of GAMG.
-The set-up of ours has prolongations and patches; that of the matrix itself counts for nobody. BoomerAMG is
-not among them unless this PETSc was built with hypre. Rows are divided as petsc_mg divides them.
+One run per number of ranks; seconds are the minimum of ``--repeat`` runs, also relative to GAMG. Our setup
+includes prolongations and patches; setup of the matrix is not counted. BoomerAMG is missing unless PETSc was
+built with hypre. Rows are distributed as in petsc_mg.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ OURS = ("sweeps", "patches", "blocks", "sor")
 
 
 def main() -> None:
-    """Print a row for each solver."""
+    """Print a row per solver."""
     asked = argparse.ArgumentParser(description=__doc__)
     asked.add_argument("--cells", type=int, default=4000)
     asked.add_argument("--degree", type=int, default=1)
@@ -60,7 +60,7 @@ def main() -> None:
 
 
 def _measured(make: Callable[[], Any], repeat: int, tolerance: float) -> tuple[int, float, float, bool]:
-    """Iterations, seconds of set-up and of solve, whether it converged."""
+    """Return iterations, seconds of setup and solve, and True on convergence."""
     setups, solves = [], []
     for _ in range(repeat):
         there, ksp, seconds = make()
@@ -75,7 +75,7 @@ def _measured(make: Callable[[], Any], repeat: int, tolerance: float) -> tuple[i
 def _ours(system: Any, comm: Any, smoother: Any) -> tuple[SystemOnRanks, Any, float]:
     start = _now()
     on_ranks(replace(system, labels=[]), comm, "agglomerates", smoother)
-    start += _now() - start  # to divide the matrix
+    start += _now() - start  # distribution of the matrix
     there = on_ranks(system, comm, "agglomerates", smoother)
     ksp = _ksp(there)
     setup(ksp, there.levels, smoother=smoother)
@@ -83,7 +83,7 @@ def _ours(system: Any, comm: Any, smoother: Any) -> tuple[SystemOnRanks, Any, fl
 
 
 def _gamg(system: Any, comm: Any) -> tuple[SystemOnRanks, Any, float]:
-    """With the constant and the slopes as near-null vectors, as it takes them."""
+    """Set up GAMG with the constant and the linear functions as near-null vectors."""
     options = {"pc_type": "gamg", "mg_levels_ksp_type": "chebyshev", "mg_levels_esteig_ksp_type": "cg"}
     return _plain(system, comm, options, near_null=True)
 
@@ -95,8 +95,8 @@ def _mumps(system: Any, comm: Any) -> tuple[SystemOnRanks, Any, float]:
 def _plain(
     system: Any, comm: Any, options: dict[str, str], near_null: bool = False
 ) -> tuple[SystemOnRanks, Any, float]:
-    """A solver of PETSc's own on the same rows."""
-    there = on_ranks(system, comm, "agglomerates", "sor")  # its levels are not used, nor counted
+    """Set up a solver of PETSc on the same rows."""
+    there = on_ranks(system, comm, "agglomerates", "sor")  # its levels are neither used nor counted
     if near_null:
         start, stop = there.A.getOwnershipRange()
         own = np.linalg.qr(system.near_null)[0][there.rows[start:stop]]

@@ -1,10 +1,10 @@
-"""What the polish of finished levels does, and what the weight of the interface does in it.
+"""Measure the effect of the polish on finished levels, for several interface weights.
 
     python tests/benchmarks/polish.py [--cells N] [--seeds N] [--per-part N ...]
 
-The refiner ``compactness`` lowers J · L^α: J is the moment of inertia of the parts, the energy of k-means, L
-the length of the interfaces. For each α: J and L over those without polish, mean CR, UF, CPU seconds of the
-polish over those of METIS recursive. Means over fresh random meshes; default pipeline, exact counts.
+The refiner ``compactness`` lowers J · L^α, where J is the moment of inertia of the parts (the energy of
+k-means) and L the interface length. For each α: J and L relative to no polish, mean CR, UF, and CPU seconds
+of the polish relative to recursive METIS. Means over random meshes; default pipeline, exact counts.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ WEIGHTS = (0.05, 0.1, 0.2, 0.3, 0.5, 1.0)
 
 
 def families(cells: int) -> dict[str, Callable[[int], Mesh]]:
-    """Meshes of about this many cells by name; each takes a seed."""
+    """Return functions of a seed for meshes with about ``cells`` cells, by name."""
     side = max(2, round((cells / 6) ** (1 / 3)))
     return {
         "random triangles": lambda seed: samples.random_triangles(cells // 2, seed=seed),
@@ -45,7 +45,7 @@ def families(cells: int) -> dict[str, Callable[[int], Mesh]]:
 
 
 def polished(graph: Graph, labels: Labels, weight: float) -> Labels:
-    """The labels after the polish with this weight of the interface."""
+    """Return the labels after the polish with this weight."""
     kept, compactness.SHORTNESS = compactness.SHORTNESS, weight
     try:
         block = frozen_int(np.zeros(int(labels.max()) + 1))
@@ -55,7 +55,7 @@ def polished(graph: Graph, labels: Labels, weight: float) -> Labels:
 
 
 def figures(mesh: Mesh, labels: Labels) -> list[float]:
-    """J, L, mean CR (of the plane), UF."""
+    """Return J, L, mean CR (2-D only) and UF."""
     values = [OBJECTIVES[name].value(mesh.graph, labels) for name in ("compactness", "interface")]
     metrics = ("UF", "CR") if mesh.dim == 2 else ("UF",)
     means = {name: each.mean() for name, each in agglo.quality(mesh, labels, metrics=metrics).items()}
@@ -63,7 +63,7 @@ def figures(mesh: Mesh, labels: Labels) -> list[float]:
 
 
 def rows_of(mesh: Mesh, per_part: int) -> list[list[float]]:
-    """A row without polish, and one for each weight."""
+    """Return a row without polish, and a row per weight."""
     graph = mesh.graph
     parts = max(2, round(graph.n / per_part))
     start = time.process_time()
@@ -82,7 +82,7 @@ def rows_of(mesh: Mesh, per_part: int) -> list[list[float]]:
 
 
 def main() -> None:
-    """Print one table per family and number of cells in a part."""
+    """Print a table per family and part size."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

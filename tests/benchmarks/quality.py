@@ -1,10 +1,10 @@
-"""Quality of every installed bisector on fresh random meshes and on the brain.
+"""Measure the quality of every installed bisector on random meshes and on the brain.
 
     python tests/benchmarks/quality.py [--seeds N]
 
-Means over N meshes per family (random triangles with 128 interior points, Voronoi with 256 cells) at
-h* = √2/4, and one section of a brain at 0.2 D; default refiner and fixer. A single mesh at a single h* is
-noise of about 0.03 in UF and 0.02 in CR.
+Means over N meshes per family (random triangles with 128 interior points, Voronoi with 256 cells) at h* =
+√2/4, and one section of a brain at 0.2 D; default refiner and fixer. For a single mesh and h* the noise is
+about 0.03 in UF and 0.02 in CR.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _WIDTH = 15
 
 
 def families(seeds: int) -> dict[str, tuple[list[Mesh], float]]:
-    """Meshes and target size by name."""
+    """Return meshes and target size by name."""
     brain = samples.brain()
     size = float(np.sqrt(2) / 4)
     return {
@@ -34,7 +34,7 @@ def families(seeds: int) -> dict[str, tuple[list[Mesh], float]]:
 
 
 def means(meshes: Sequence[Mesh], h_star: float, bisector: str) -> list[float]:
-    """Mean number of parts, the metrics, and mean diameter over h*."""
+    """Return the mean part count, mean metrics, and mean diameter over h*."""
     rows = []
     for mesh in meshes:
         labels = agglo.agglomerate(mesh, bisector=bisector, h_star=h_star).levels[0]
@@ -46,7 +46,7 @@ def means(meshes: Sequence[Mesh], h_star: float, bisector: str) -> list[float]:
 
 
 def main() -> None:
-    """Print one table per family."""
+    """Print a table per family."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -1,12 +1,12 @@
-"""Parts of bisectors that make all splits in one call, beside those that they make depth by depth.
+"""Compare bisectors that make all splits in one call with the same bisectors depth by depth.
 
     python tests/benchmarks/roads.py [--bisectors NAME ...] [--families NAME ...] [--seeds N] [--cells N]
                                      [--no-polish]
 
-Means over N fresh meshes per family: number of parts, UF and CR (in space J, the k-means energy, 1 for a
-ball) one way and the other, and their differences, without merging; ``±`` is the standard error of a
-difference. Parts of 16 cells on average (counts), then parts of at most twice the size of such a one (sizes).
-``--no-polish`` shows the splits alone.
+Means over N random meshes per family: part count, UF and CR (in 3-D J, the k-means energy, 1 for a ball) for
+both ways, and differences, without merging; ``±`` is the standard error of a difference. Parts of 16 cells
+on average (counts), then parts of at most twice this size (sizes). ``--no-polish`` shows the splits without
+polish.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ FAMILIES: Mapping[str, Callable[[int, int], Mesh]] = {
 
 
 def perturbed(mesh: Mesh, seed: int) -> Mesh:
-    """The mesh with its inner points moved by up to a tenth of a cell."""
+    """Return the mesh with inner points displaced by up to a tenth of a cell."""
     inside = np.ones(len(mesh.points), bool)
     outer = np.flatnonzero(mesh.face_cells[:, 1] < 0)
     starts, stops = mesh.face_offsets[outer], mesh.face_offsets[outer + 1]
@@ -42,19 +42,19 @@ def perturbed(mesh: Mesh, seed: int) -> Mesh:
 
 
 class ByDepth:
-    """A bisector of ours that does not offer to make all splits by itself."""
+    """Built-in bisector without its method to make all splits."""
 
     def __init__(self, name: str) -> None:
         self._tool = agglo.plugins.default().build("bisector", name)
 
     def bisect_level(self, level: Any, seeds: UInt64) -> Int:
-        """As the bisector does."""
+        """Return the sides of the bisector."""
         sides: Int = self._tool.bisect_level(level, seeds)
         return sides
 
 
 def values(mesh: Mesh, bisector: Any, **target: Any) -> Float:
-    """Number of parts, mean UF, mean of the other metric."""
+    """Return the part count, mean UF, and mean of the other metric."""
     labels = agglo.agglomerate(mesh, bisector=bisector, **target).levels[0]
     found = agglo.quality(mesh, labels, metrics=("UF", "CR") if mesh.dim == 2 else ("UF",))
     other = found["CR"].mean() if mesh.dim == 2 else compactness(mesh, labels)
@@ -62,7 +62,7 @@ def values(mesh: Mesh, bisector: Any, **target: Any) -> Float:
 
 
 def compactness(mesh: Mesh, labels: Int) -> float:
-    """Energy of k-means over that of balls of the parts' measures, from the centroids of the cells."""
+    """Return the k-means energy relative to balls of equal measure, from the cell centroids."""
     weight, x = mesh.cell_measures, mesh.graph.centroids
     total = np.bincount(labels, weight)
     means = np.stack([np.bincount(labels, weight * each) / total for each in x.T], axis=1)
@@ -71,7 +71,7 @@ def compactness(mesh: Mesh, labels: Int) -> float:
 
 
 def main() -> None:
-    """Print a table for each family."""
+    """Print a table per family."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -97,13 +97,13 @@ def main() -> None:
 
 
 def suits(bisector: str, dim: int) -> bool:
-    """Whether a bisector of ours splits meshes of this dimension."""
+    """Return True if a built-in bisector supports this dimension."""
     component = agglo.plugins.default().record("bisector", bisector).component
     return dim == 2 or (component is not None and bool(component.promises.get("3d")))
 
 
 def compared(mesh: Mesh, bisector: str, target: str, polish: bool) -> Float:
-    """Values ``(2, 3)`` in one call and depth by depth."""
+    """Return values ``(2, 3)`` in one call and depth by depth."""
     count = mesh.n_cells // 16
     size = 2.0 * float((mesh.cell_measures.sum() / count) ** (1 / mesh.dim))
     options: dict[str, Any] = {"n_parts": count} if target == "counts" else {"h_star": size}
@@ -112,7 +112,7 @@ def compared(mesh: Mesh, bisector: str, target: str, polish: bool) -> Float:
 
 
 def line(title: str, rows: Float) -> str:
-    """Means one way | the other, then differences with their standard errors."""
+    """Format the means of both ways, then differences with standard errors."""
     means, change = rows.mean(axis=0), rows[:, 0] - rows[:, 1]
     error = change.std(axis=0) / len(rows) ** 0.5
     text = f"{title:20}" + "".join(

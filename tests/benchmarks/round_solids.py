@@ -1,13 +1,13 @@
-"""Annealing in space: how round and even parts of solids are, beside those of the best bisector.
+"""Measure roundness and balance of annealed 3-D parts, next to the best bisectors.
 
     python tests/benchmarks/round_solids.py [--seeds N] [--cells N] [--only NAME ...]
 
-Means over fresh random tetrahedra and Voronoi solids of about 4,000 cells, in parts of 32 cells on average:
-by size (the diagonal of a cube of 32 mean cells) and by count. Number of parts K; interface area over that
-of the recursion with k-means, both over the cube root of K, so that more parts are not held against one;
-mean diameter over the size (by count, over the diagonal of a cube of as much as a part has on average);
-means of UF, J and the isoperimetric quotient; CPU seconds. Parts of METIS are wider than the size, so by size
-it stands only where it is bisected further.
+Means over random tetrahedra and Voronoi polyhedra with about 4,000 cells, in parts of 32 cells on average:
+by size (the diagonal of a cube of 32 mean cells) and by count. Columns: part count K; interface area over
+that of the recursion with k-means, both divided by the cube root of K to compensate for more parts; mean
+diameter over the size (by count: over the diagonal of a cube with the mean part volume); means of UF, J and
+the isoperimetric quotient; CPU seconds. METIS parts exceed the size, so by size METIS appears only with
+further bisection.
 """
 
 from __future__ import annotations
@@ -53,13 +53,13 @@ METRICS = ("UF", "J", "isoperimetric")
 
 
 def target_of(mesh: Mesh, kind: str) -> tuple[dict[str, float], float]:
-    """What is asked for, and the width that diameters are compared with."""
+    """Return the target, and the reference width for diameters."""
     width = float(np.sqrt(3.0) * (PER_PART * mesh.cell_measures.mean()) ** (1 / 3))
     return ({"h_star": width} if kind == "size" else {"n_parts": mesh.n_cells // PER_PART}), width
 
 
 def figures(mesh: Mesh, labels: Labels, width: float) -> list[float]:
-    """K, interface area over the cube root of K, mean diameter over the width, mean metrics."""
+    """Return K, interface area over the cube root of K, mean diameter over the width, and mean metrics."""
     graph, coarse = mesh.graph, mesh.coarsen(labels)
     rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
     area = graph.interface[labels[rows] != labels[graph.indices]].sum() / 2.0
@@ -70,7 +70,7 @@ def figures(mesh: Mesh, labels: Labels, width: float) -> list[float]:
 
 
 def rows_of(mesh: Mesh, kind: str, seed: int) -> dict[str, list[float]]:
-    """Figures of each method on a mesh, interface areas over that of the base."""
+    """Return the figures of each method on a mesh, with interface areas relative to the base."""
     target, width = target_of(mesh, kind)
     assert mesh.graph.n
     rows = {}
@@ -88,7 +88,7 @@ def rows_of(mesh: Mesh, kind: str, seed: int) -> dict[str, list[float]]:
 
 
 def main() -> None:
-    """Print a table for each family of meshes and kind of target."""
+    """Print a table per mesh family and kind of target."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -1,12 +1,12 @@
-"""How round and even parts are, and at what price: recursions, k-way partitions, annealing, METIS.
+"""Measure roundness, balance and cost of parts: recursions, k-way partitions, annealing, METIS.
 
     python tests/benchmarks/roundness.py [--seeds N] [--large] [--only NAME ...]
 
-Means over fresh random meshes: number of parts K, UF, CR, CRc, mean and largest diameter over the size h*,
-CPU seconds. Sizes are √2/4 on meshes of about 256 cells, else the diagonal of a square of 16 mean cells, on
-the brain 0.2 of its diameter. Counts are exact: 25, 40 of the brain, or a part for each 16 cells. METIS
-takes counts only: where a size is asked it gets the number of ``good``, and its parts may be wider.
-``--large`` adds 100,000 cells.
+Means over random meshes: part count K, UF, CR, CRc, mean and largest diameter over the size h*, CPU seconds.
+The size is √2/4 on meshes of about 256 cells, 0.2 of the diameter on the brain, and otherwise the diagonal
+of a square with 16 mean cells. Counts are exact: 25, 40 for the brain, or a part per 16 cells. METIS only
+supports counts: for a size it uses the part count of ``good``, and its parts may be wider. ``--large`` adds
+100,000 cells.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ METHODS: dict[str, dict[str, Any]] = {
 
 
 class Task(NamedTuple):
-    """Meshes by seed, the size or the number of parts, how many meshes are enough."""
+    """Mesh by seed, target size or part count, and number of meshes."""
 
     mesh: Callable[[int], Mesh]
     size: Callable[[Mesh], float] | None = None
@@ -51,22 +51,22 @@ class Task(NamedTuple):
 
 
 def of_sixteen(mesh: Mesh) -> float:
-    """Diagonal of a square of 16 mean cells."""
+    """Return the diagonal of a square with 16 mean cells."""
     return float(np.sqrt(32.0 * mesh.graph.measures.sum() / mesh.n_cells))
 
 
 def fifth(mesh: Mesh) -> float:
-    """A fifth of the diameter of the domain."""
+    """Return a fifth of the domain diameter."""
     return 0.2 * float(mesh.graph.part_diameters(np.zeros(mesh.n_cells, np.int64))[0])
 
 
 def sixteenth(mesh: Mesh) -> int:
-    """A part for each 16 cells."""
+    """Return the part count with 16 cells on average."""
     return round(mesh.n_cells / 16)
 
 
 def small_triangles(seed: int) -> Mesh:
-    """286 triangles."""
+    """Return 286 triangles."""
     return samples.random_triangles(128, seed=seed)
 
 
@@ -90,7 +90,7 @@ LARGE = Task(lambda seed: samples.random_triangles(50_000, seed=seed), of_sixtee
 
 
 def figures(mesh: Mesh, labels: Labels, size: float) -> list[float]:
-    """K, mean UF, CR and CRc, mean and largest diameter over the size."""
+    """Return K, mean UF, CR and CRc, mean and largest diameter over the size."""
     values = agglo.quality(mesh, labels, metrics=("UF", "CR", "CRc"))
     widths = mesh.graph.part_diameters(labels) / size
     means = [float(each.mean()) for each in values.values()]
@@ -98,7 +98,7 @@ def figures(mesh: Mesh, labels: Labels, size: float) -> list[float]:
 
 
 def rows_of(task: Task, seed: int, methods: list[str]) -> Iterator[tuple[str, list[float]]]:
-    """Name and figures of each method on one mesh."""
+    """Yield name and figures of each method on a mesh."""
     mesh, parts = task.mesh(seed), None
     assert mesh.graph.n
     for name in methods:
@@ -120,7 +120,7 @@ def rows_of(task: Task, seed: int, methods: list[str]) -> Iterator[tuple[str, li
 
 
 def print_table(title: str, task: Task, seeds: list[int], methods: list[str]) -> None:
-    """Print a table of means, a line for each method."""
+    """Print a table of means, with a line per method."""
     found: dict[str, list[list[float]]] = {}
     for seed in seeds[: task.seeds]:
         for name, row in rows_of(task, seed, methods):
@@ -134,7 +134,7 @@ def print_table(title: str, task: Task, seeds: list[int], methods: list[str]) ->
 
 
 def main() -> None:
-    """Print a table for each task."""
+    """Print a table per task."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

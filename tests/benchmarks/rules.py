@@ -1,7 +1,7 @@
-"""Rules for parts: what balance does on graded meshes, what regions do to solvers, and what rules cost.
+"""Measure rules for parts: balance on graded meshes, regions for solvers, and the cost of rules.
 
-``python tests/benchmarks/rules.py [balance] [solve] [cost]`` prints the tables, all of them if none is named.
-CPU seconds of this process, the best of some runs taken in turns.
+``python tests/benchmarks/rules.py [balance] [solve] [cost]`` prints these tables, by default all. Process CPU
+seconds, the best alternating run.
 """
 
 from __future__ import annotations
@@ -28,7 +28,9 @@ WAYS = {
 
 
 def graded(n: int, seed: int, ratio: float) -> agglo.Mesh:
-    """Triangles whose areas grow from the corner (0, 0) by about ``ratio``: that of the density of points."""
+    """Return triangles whose areas grow from the corner (0, 0) by about ``ratio``, the ratio of point
+    densities.
+    """
     rng = np.random.default_rng(seed)
     inner = 1.0 / (max(np.sqrt(ratio), 1.001) - 1.0)
     found = np.empty((0, 2))
@@ -45,7 +47,7 @@ def graded(n: int, seed: int, ratio: float) -> agglo.Mesh:
 
 
 def balance() -> None:
-    """Numbers of cells per part on graded meshes, means of three seeds."""
+    """Print cells per part on graded meshes, as means over three seeds."""
     print(
         "balance, 20,000 triangles, 16 cells per part: deviation over mean of the cells, most cells, mean CR"
     )
@@ -65,7 +67,7 @@ def balance() -> None:
 
 
 def solve() -> None:
-    """Iterations without regions and with them, κ of 1 and 1e6 in wavy layers."""
+    """Print iterations with and without regions, for κ of 1 and 1e6 in wavy layers."""
     mesh = samples.voronoi(3000, seed=2)
     x, y = mesh.cell_centroids.T
     layer = np.floor(6 * (y + 0.15 * np.sin(5 * x))).astype(int) % 2
@@ -82,7 +84,7 @@ def solve() -> None:
 
 
 def cost() -> None:
-    """CPU seconds at a million triangles, 16 cells per part."""
+    """Print CPU seconds for a million triangles with 16 cells per part."""
     mesh = samples.triangles(708)
     x, y = mesh.cell_centroids.T
     rules = {

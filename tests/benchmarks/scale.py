@@ -1,20 +1,19 @@
-"""Distributed agglomeration on 1, 2, 3, 4 ranks of this machine, and what it would take on many more.
+"""Measure distributed agglomeration on 1 to 4 ranks of this machine, and extrapolate to more ranks.
 
     python tests/benchmarks/scale.py [MESH ...] [--cells N] [--ranks 1 2 3 4]
 
-Meshes: triangles, voronoi, tetrahedra. Each is made once, read by rank 0 and shared out; levels of 16, 256
-and 4,096 cells per part, and by size h* = (2, 4, 8) h. ``seconds`` are CPU seconds of the slowest rank for
-the counts, kernels compiled; ranks wait for one another in loops, so more ranks than cores cost more than
-they work. ``same`` tells whether all labels are those of one rank: cells are agglomerated in blocks by
-coordinates, which lie whole on ranks. Below it ``lying`` is ``independent_of_ranks=False``, where each rank
-agglomerates its own cells as they lie. Then weak scaling, as many cells on each rank, and a model fitted to
-both: seconds, messages and bytes of a rank. Below each run is what the rank that sends most sends for each
-level, finest first: messages, kB; for a level on fewer ranks the graph that goes there, and the labels that
-come back, are in it.
+Meshes: triangles, voronoi, tetrahedra. Each mesh is made once, read by rank 0 and scattered; levels of 16,
+256 and 4,096 cells per part, and by size h* = (2, 4, 8) h. ``seconds`` are CPU seconds of the slowest rank
+for the counts, with compiled kernels; ranks wait in loops, so more ranks than cores cost more than their
+work. ``same`` is true if all labels equal those on one rank: cells are agglomerated in coordinate blocks,
+and a rank has whole blocks. The row ``lying`` is ``independent_of_ranks=False``: each rank agglomerates its
+own cells as distributed. Then weak scaling with a fixed number of cells per rank, and a model fitted to
+both: seconds, messages and bytes of a rank. Below each run, the messages and kB of the busiest rank for each
+level, finest first; for a level on fewer ranks this includes the transferred graph and the returned labels.
 
-Where borders of blocks and ranks lie changes parts as another seed does, so first shapes on ``--seeds``
-meshes of a tenth of the triangles each, both ways: means, and the standard error of a difference to the
-whole mesh without any border.
+Borders of blocks and ranks change parts like another seed. The first table therefore shows shapes on
+``--seeds`` meshes with a tenth of the triangles each, for both ways: means, and the standard error of the
+difference to the whole mesh without borders.
 """
 
 from __future__ import annotations
@@ -52,7 +51,7 @@ FAR = ((100_000_000, 16), (1_000_000_000, 1024))
 
 
 def arrays_of(*owners: Any) -> int:
-    """Bytes of the arrays that objects hold, each array once."""
+    """Return the bytes of all arrays held by objects, counting each array once."""
     found = {}
     for owner in owners:
         for value in vars(owner).values():
@@ -68,7 +67,10 @@ def digest(mesh: DistributedMesh, levels: Sequence[Any]) -> str:
 
 
 def on_rank(file: str, full: bool) -> None:
-    """What one rank does; rank 0 prints what all have found, as JSON."""
+    """Run one rank.
+
+    Rank 0 prints all results as JSON.
+    """
     ranks = Ranks()
     mesh = DistributedMesh.scatter(agglo.read(file) if ranks.rank == 0 else None, ranks)
     warm = DistributedMesh.scatter(samples.squares(16) if mesh.local.dim == 2 else samples.boxes(6), ranks)
@@ -102,13 +104,13 @@ def on_rank(file: str, full: bool) -> None:
 
 
 def shapes_of(mesh: DistributedMesh, made: Any, independent: bool | None) -> list[float]:
-    """UF and CR of the finest level by counts, number of parts and CR by sizes."""
+    """Return UF and CR of the finest level by counts, part count and CR by sizes."""
     sized, found = agglomerate(mesh, SIZES, independent_of_ranks=independent), made.quality(0, ["UF", "CR"])
     return [found["UF"], found["CR"], sized.parts[0], sized.quality(0, ["CR"])["CR"]]
 
 
 def quality(mesh: DistributedMesh, made: Any) -> dict[str, Any]:
-    """Counts, sizes, halos and labels, looked at across ranks."""
+    """Return counts, sizes, halos and labels over all ranks."""
     mesh.check()
     sized = agglomerate(mesh, SIZES)
     counts = [max(1, round(mesh.n_cells / c)) for c in (16, 256, 4096)]
@@ -131,7 +133,10 @@ def quality(mesh: DistributedMesh, made: Any) -> dict[str, Any]:
 
 
 def shapes_on_rank(cells: int, seeds: int) -> None:
-    """Shapes both ways, mesh by mesh; rank 0 prints them as JSON."""
+    """Measure shapes for both ways, mesh by mesh.
+
+    Rank 0 prints the rows as JSON.
+    """
     ranks = Ranks()
     rows = []
     for seed in range(1, seeds + 1):
@@ -144,7 +149,7 @@ def shapes_on_rank(cells: int, seeds: int) -> None:
 
 
 def shapes(cells: int, seeds: int, sizes: Sequence[int]) -> None:
-    """Means over fresh meshes, and how they differ from the whole mesh on one rank."""
+    """Print means over random meshes, and differences to the whole mesh on one rank."""
     print(f"\n{seeds} meshes of {cells:,} triangles: mean (difference to no borders ± standard error)")
     print("ranks                    UF                      CR                sizes: CR        parts")
     asked = ["--shapes-of", str(cells), "--seeds", str(seeds)]
@@ -160,7 +165,7 @@ def shapes(cells: int, seeds: int, sizes: Sequence[int]) -> None:
 
 
 def launched(size: int, arguments: Sequence[str]) -> Any:
-    """What rank 0 of so many printed."""
+    """Run ``size`` ranks and return the result printed by rank 0."""
     own = Path(sys.executable).parent / "mpiexec"
     mpiexec = str(own) if own.exists() else shutil.which("mpiexec")
     if mpiexec is None:
@@ -174,7 +179,7 @@ def launched(size: int, arguments: Sequence[str]) -> Any:
 
 
 def strong(name: str, mesh: Mesh, sizes: Sequence[int], folder: Path) -> list[list[dict[str, Any]]]:
-    """The same mesh on more and more ranks."""
+    """Measure one mesh on an increasing number of ranks."""
     file = folder / f"{name}.npz"
     agglo.write(file, mesh)
     print(f"\n{name}, {mesh.n_cells:,} cells")
@@ -209,7 +214,7 @@ def strong(name: str, mesh: Mesh, sizes: Sequence[int], folder: Path) -> list[li
 
 
 def weak(cells: int, sizes: Sequence[int], folder: Path) -> list[list[dict[str, Any]]]:
-    """Triangles, as many on each rank."""
+    """Measure triangles with a fixed number per rank."""
     print(f"\nweak scaling, {cells:,} triangles on each rank\nranks  seconds  messages   kB sent")
     every = []
     for size in sizes:
@@ -223,7 +228,10 @@ def weak(cells: int, sizes: Sequence[int], folder: Path) -> list[list[dict[str, 
 
 
 def model(runs: Sequence[list[dict[str, Any]]]) -> None:
-    """Seconds, messages and bytes of one rank as functions of its cells and of the ranks, extrapolated."""
+    """Fit and extrapolate seconds, messages and bytes per rank.
+
+    The model depends on the cells of a rank and on the number of ranks.
+    """
     ranks = [each for run in runs for each in run]
     per_cell = float(np.median([each["seconds"] / each["own"] for each in ranks]))
     border = [each["ghosts"] / each["own"] ** 0.5 for each in ranks if each["ghosts"]]
@@ -232,7 +240,7 @@ def model(runs: Sequence[list[dict[str, Any]]]) -> None:
     turns = np.stack((size - 1, np.ceil(np.log2(size))), axis=1)
 
     def fitted(key: str) -> Any:
-        return nnls(turns, np.array([float(each[key]) for each in ranks]))[0]  # none is negative
+        return nnls(turns, np.array([float(each[key]) for each in ranks]))[0]  # nonnegative coefficients
 
     messages, sent = fitted("messages"), fitted("bytes")
     print("\nmodel of one rank with n cells, of P, fitted to the runs on triangles")

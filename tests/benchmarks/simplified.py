@@ -1,11 +1,11 @@
-"""Coarse meshes with fewer faces: what they save, and what the assembly of PolyDG gains.
+"""Measure simplified coarse meshes: saved faces, and faster assembly of PolyDG.
 
     python tests/benchmarks/simplified.py [--meshes NAME ...] [--coarser K ...] [--tolerances T ...]
 
-Each mesh is coarsened to K cells in a part by the default strategy and simplified. Faces and vertices in use
-(the unknowns of a virtual element method of lowest order), the largest change of a cell's measure, interfaces
-held back, CPU seconds of simplifying, and CPU seconds of the assembly (p = 2, C = 10) relative to the
-mesh as it was, medians of alternating turns in this process (``--repeat`` of them).
+Each mesh is coarsened to K cells per part by the default strategy, and simplified. Columns: faces and
+vertices in use (the unknowns in the lowest-order virtual element method), largest change in a cell measure,
+interfaces kept unchanged, CPU seconds to simplify, and CPU seconds of the assembly (p = 2, C = 10) relative
+to the original mesh, as medians of ``--repeat`` alternating runs in this process.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ MESHES: dict[str, Callable[[], Mesh]] = {
 
 
 def fresh(mesh: Mesh) -> Mesh:
-    """The same mesh with nothing derived yet."""
+    """Return a copy of the mesh without derived data."""
     return Mesh(mesh.points, mesh.face_offsets, mesh.face_vertices, mesh.face_cells)
 
 
 def assembly(meshes: list[Mesh], repeat: int) -> list[float]:
-    """Median CPU seconds on each mesh, with all that is derived from it."""
+    """Return the median CPU seconds of the assembly on each mesh, including derived data."""
     how = default().build("discretisation", "polydg", degree=2, penalty=10.0, scaled_basis=False)
     taken = []
     for turn in range(repeat + 1):
         for k, mesh in enumerate(map(fresh, meshes)):
             start = time.process_time()
             how.assemble(Diffusion(source=1.0), mesh)
-            taken.append((k, time.process_time() - start) if turn else (-1, 0.0))  # the first compiles
+            taken.append((k, time.process_time() - start) if turn else (-1, 0.0))  # the first run compiles
     return [float(np.median([each for k, each in taken if k == own])) for own in range(len(meshes))]
 
 
@@ -64,7 +64,7 @@ def main() -> None:
 
 
 def show(name: str, mesh: Mesh, tolerances: list[float], repeat: int) -> None:
-    """A line for the mesh as it is, and one for each tolerance."""
+    """Print a line for the original mesh, and a line per tolerance."""
     made, seconds = [], []
     for tolerance in tolerances:
         again = fresh(mesh)

@@ -1,9 +1,9 @@
-"""What metrics cost in space: CPU seconds of one thread on the agglomerates of random tetrahedra.
+"""Measure the cost of metrics in 3-D: single-thread CPU seconds on agglomerates of random tetrahedra.
 
     python tests/benchmarks/solid_metrics.py [--points N] [--cells-per-part M]
 
-238,000 points make about a million tetrahedra. The coarse mesh and its geometry, which all metrics share,
-count by themselves; the kernels are compiled before.
+238,000 points give about a million tetrahedra. The coarse mesh and its geometry, shared by all metrics, are
+counted separately; kernels are compiled before.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ METRICS = (
 
 
 def geometry(mesh: Mesh) -> None:
-    """Compute what metrics share."""
+    """Compute the geometry shared by all metrics."""
     _ = mesh.cell_faces, mesh.cell_vertices, mesh.cell_measures, mesh.cell_diameters, mesh.face_measures
 
 
 def main() -> None:
-    """Print seconds and means, one line per metric."""
+    """Print seconds and means, with a line per metric."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

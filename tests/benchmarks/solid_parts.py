@@ -1,14 +1,13 @@
-"""Every bisector that works in space: quality and time of its parts, and ``gnn`` beside METIS and ``sweep``.
+"""Compare all 3-D bisectors by quality and time of their parts, and ``gnn`` with METIS and ``sweep``.
 
     python tests/benchmarks/solid_parts.py [bisection] [recursion] [quality] [--seeds N] [--repeats N]
 
-One thread, everything in one process. ``bisection``: one split, refinement included, beside
-``pymetis.part_graph(2)``; median wall time of the repeats; ``ncut`` is the area of the cut times
-∛V (1/V₁ + 1/V₂). ``recursion``: N/32 parts, CPU time over that of ``sweep``, with and without polishing, and
-METIS recursive over it. ``quality``: number of parts, UF, CR, CRc, J, area between parts over that of
-``sweep``, CPU seconds; for N/32 parts and for sizes 3 h and 6 h, h the largest diameter of a cell. Lines in
-capitals are other ways as they are, without our refinement: METIS with the number of parts of ``gnn``, and
-recursive 2-means of scikit-learn.
+One thread, one process. ``bisection``: one split, including refinement, next to ``pymetis.part_graph(2)``;
+median wall time; ``ncut`` is the area of the cut times ∛V (1/V₁ + 1/V₂). ``recursion``: N/32 parts, CPU time
+relative to ``sweep``, with and without polish, and recursive METIS relative to this time. ``quality``: part
+count, UF, CR, CRc, J, area between parts relative to ``sweep``, and CPU seconds; for N/32 parts and for
+sizes 3 h and 6 h, where h is the largest cell diameter. Lines in capitals are other programs without our
+refinement: METIS with the part count of ``gnn``, and recursive 2-means of scikit-learn.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ FAMILIES: dict[str, Callable[[int], Mesh]] = {
 
 
 def timed(call: Maker, repeats: int, clock: Callable[[], float]) -> tuple[float, Labels]:
-    """Median seconds of a call after a first one, and its last result."""
+    """Return the median seconds of a call after a first call, and its last result."""
     seconds, found = [], call()
     for _ in range(repeats):
         start = clock()
@@ -57,13 +56,16 @@ def timed(call: Maker, repeats: int, clock: Callable[[], float]) -> tuple[float,
 
 
 def between(graph: Graph, labels: Labels) -> float:
-    """Area between parts."""
+    """Return the area between parts."""
     rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
     return 0.5 * float(graph.interface[labels[rows] != labels[graph.indices]].sum())
 
 
 def raw_metis(graph: Graph, parts: int, recursive: bool) -> Maker:
-    """METIS on the same graph; parts that it leaves empty do not count."""
+    """Return a METIS partition of the same graph.
+
+    Empty parts are dropped.
+    """
     adjacency = pymetis.CSRAdjacency(graph.indptr, graph.indices)
 
     def call() -> Labels:
@@ -74,12 +76,12 @@ def raw_metis(graph: Graph, parts: int, recursive: bool) -> Maker:
 
 
 def ours(graph: Any, bisector: str, **options: Any) -> Labels:
-    """Labels of one level."""
+    """Return the labels of one level."""
     return agglo.agglomerate(graph, bisector=bisector, **options).levels[0]
 
 
 def large_meshes() -> dict[str, Mesh]:
-    """Meshes for times."""
+    """Return the meshes for timings."""
     return {
         "Voronoi": samples.voronoi3d(6000, 7),
         "hexahedra": samples.boxes(30),
@@ -89,7 +91,7 @@ def large_meshes() -> dict[str, Mesh]:
 
 
 def bisection(repeats: int) -> None:
-    """One split."""
+    """Measure one split."""
     print("\none bisection, refinement included: ms (times faster than METIS), ncut")
     refiner, seeds = default().build("refiner", "interface"), np.zeros(1, np.uint64)
     for title, mesh in large_meshes().items():
@@ -108,13 +110,13 @@ def bisection(repeats: int) -> None:
 
 
 def normalised(graph: Graph, sides: Labels) -> float:
-    """Area of the cut · ∛V (1/V₁ + 1/V₂): 4 for a halved cube."""
+    """Return area of the cut · ∛V (1/V₁ + 1/V₂), which is 4 for a halved cube."""
     volume = np.bincount(sides, graph.measures, minlength=2)
     return float(between(graph, sides) * np.cbrt(volume.sum()) * (1 / volume).sum())
 
 
 def recursion(repeats: int) -> None:
-    """N/32 parts."""
+    """Measure N/32 parts."""
     print("\nN/32 parts: CPU ms (over sweep), the same without polishing, times faster than METIS recursive")
     for title, mesh in large_meshes().items():
         graph, parts = mesh.graph, mesh.n_cells // 32
@@ -131,7 +133,7 @@ def recursion(repeats: int) -> None:
 
 
 def quality(seeds: int) -> None:
-    """The table of the parts."""
+    """Print the table of part quality."""
     for title, make in FAMILIES.items():
         meshes = [make(seed) for seed in range(5000, 5000 + seeds)]
         for goal in ("N/32", "3 h", "6 h"):
@@ -150,12 +152,12 @@ def quality(seeds: int) -> None:
 
 
 def target(mesh: Mesh, goal: str) -> dict[str, Any]:
-    """Keywords of ``agglomerate``."""
+    """Return the target as keywords of ``agglomerate``."""
     return {"n_parts": mesh.n_cells // 32} if goal == "N/32" else {"h_factor": float(goal[0])}
 
 
 def lines(mesh: Mesh, goal: str, parts: int) -> dict[str, Maker]:
-    """What makes the parts of each line."""
+    """Return the methods of all table lines."""
     options = target(mesh, goal)
     calls: dict[str, Maker] = {name: partial(ours, mesh, name, **options) for name in OURS}
     calls["K-MEANS recursive"] = partial(ours, mesh, "kmeans_sklearn", refiners=(), polish=False, **options)
@@ -165,7 +167,7 @@ def lines(mesh: Mesh, goal: str, parts: int) -> dict[str, Maker]:
 
 
 def measured(mesh: Mesh, call: Maker) -> list[float]:
-    """Number of parts, the metrics, area between parts, CPU seconds."""
+    """Return the part count, metrics, area between parts, and CPU seconds."""
     seconds, labels = timed(call, 1, time.process_time)
     values = agglo.quality(mesh, labels, metrics=METRICS)
     means = [float(np.mean(values[name])) for name in METRICS]
@@ -173,7 +175,7 @@ def measured(mesh: Mesh, call: Maker) -> list[float]:
 
 
 def main() -> None:
-    """Read the arguments, print the tables."""
+    """Read the arguments and print the tables."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

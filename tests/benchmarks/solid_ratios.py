@@ -1,11 +1,11 @@
-"""The default solver in space over the better method of PyAMG, in turn in one process.
+"""Compare the default solver in 3-D with the better method of PyAMG, alternately in one process.
 
     python tests/benchmarks/solid_ratios.py [--meshes NAME ...] [--cells N ...] [--degrees P ...]
                                             [--repeats N]
 
-CPU seconds of set-up and solve to 1e-10, one thread, best of the repeats, in which all take
-turns, so that what else the machine does matters least. PyAMG is smoothed aggregation of
-the matrix in blocks, and of single unknowns, both with the constants.
+CPU seconds for setup and solve to 1e-10, one thread, best alternating repeat, so that other load on the
+machine has the least effect. PyAMG is smoothed aggregation on the matrix in blocks and on single unknowns,
+both with the constants.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def ratios(name: str, cells: int, degree: int, repeats: int) -> None:
 
 
 def main() -> None:
-    """Read the arguments, print a line for each mesh, size and degree."""
+    """Read the arguments and print a line per mesh, size and degree."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

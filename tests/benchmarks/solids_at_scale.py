@@ -1,11 +1,11 @@
-"""A million tetrahedra from file to file: CPU seconds and peak memory of each step, in one process.
+"""Measure a million tetrahedra from file to file: CPU seconds and peak memory of each step.
 
     python tests/benchmarks/solids_at_scale.py [--points N] [--cells-per-part M ...] [--metrics NAME ...]
 
-The file is made first, by another process, and not counted: Delaunay tetrahedra of random points in a
-cube, 238,000 for about a million. Then, with one thread: read the VTU file, make its dual graph, agglomerate
-with the defaults to parts of 32 cells and two nested coarser levels, measure the finest level, write VTU
-with all levels. Kernels are compiled before, on a small mesh. ``MB`` is the peak memory of the process.
+The file is made first, in a child process, and not counted: Delaunay tetrahedra of random points in a cube,
+238,000 points for about a million cells. Then, with one thread: read the VTU file, build its dual graph,
+agglomerate with defaults to parts of 32 cells and two nested coarser levels, measure the finest level, and
+write VTU with all levels. Kernels are compiled before on a small mesh. ``MB`` is the peak process memory.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ METRICS = ("UF", "CR", "CRc", "J", "isoperimetric", "convexity")
 
 
 class Steps:
-    """Prints what each step takes, and adds it up."""
+    """Runs steps, prints their cost and sums their CPU seconds."""
 
     def __init__(self, loud: bool) -> None:
         self.loud, self.total = loud, 0.0
 
     def __call__(self, name: str, step: Callable[[], Any]) -> Any:
-        """The result of a step."""
+        """Run a step and return its result."""
         start = time.process_time()
         found = step()
         seconds = time.process_time() - start
@@ -50,7 +50,10 @@ class Steps:
 
 
 def whole_road(file: Path, sizes: list[int], metrics: list[str], loud: bool = True) -> float:
-    """From a VTU file to another with levels; CPU seconds of all steps."""
+    """Run from a VTU file to a VTU file with levels.
+
+    Returns the CPU seconds of all steps.
+    """
     step = Steps(loud)
     mesh: Mesh = step("read", lambda: read(file))
     step("graph", lambda: mesh.graph)
@@ -71,7 +74,7 @@ def whole_road(file: Path, sizes: list[int], metrics: list[str], loud: bool = Tr
 
 
 def main() -> None:
-    """Make the file, warm up, walk the road."""
+    """Make the file, warm up and run all steps."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

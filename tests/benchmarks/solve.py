@@ -1,18 +1,18 @@
-"""Solvers beside direct solvers and algebraic multigrid: iterations, CPU seconds, memory; losses included.
+"""Compare solvers with direct solvers and algebraic multigrid: iterations, CPU seconds, memory.
 
     python tests/benchmarks/solve.py [--solver NAME[:opt=val,…]] [--cells N ...] [--degrees P ...]
                                      [--meshes NAME ...] [--solvers NAME ...] [--hierarchy BISECTOR]
                                      [--tolerance T] [--repeats N]
 
-PolyDG for −∇·(κ∇u) = 8 on the unit square; or on the unit cube, for meshes in space, which are left out
-unless they are named. One thread, CPU seconds of this process, best of the repeats after a warm-up at the
-same degree. Everybody gets the same mesh; direct solvers and PyAMG get the matrix of the solver that is
-judged. ``set-up`` is factorisation, hierarchy and levels; solvers of agglo make levels by
-themselves, or (the paper's, or with ``--hierarchy``) are given some with mean sizes of 8, 64, 512, … cells;
-assembly is apart. ``1e-6`` and ``1e-10`` are iterations to these tolerances by the solver's own test; seconds
-are for ``--tolerance``. ``ratio`` is set-up and solve over those of the best direct solver in the same row of
-meshes. ``MB`` is the growth of the peak memory by assembly and solve, each solver in a process of its own;
-``error`` the true ‖b − A x‖ / ‖b‖. PARDISO and PyAMG are left out where they are not installed.
+PolyDG for −∇·(κ∇u) = 8 on the unit square, or on the unit cube for 3-D meshes (omitted unless named). One
+thread, process CPU seconds, best repeat after a warm-up at the same degree. All solvers use the same mesh;
+direct solvers and PyAMG use the matrix of the solver under test. ``set-up`` is factorisation, hierarchy and
+levels; solvers of agglo make levels themselves, or use given levels with mean sizes of 8, 64, 512, … cells
+(the paper's solver, and with ``--hierarchy``); assembly is separate. ``1e-6`` and ``1e-10`` are iterations
+to these tolerances by the test of each solver; seconds are for ``--tolerance``. ``ratio`` is set-up plus
+solve, relative to the best direct solver on the same mesh. ``MB`` is peak memory growth by assembly and
+solve, with each solver in its own process; ``error`` is the true ‖b − A x‖ / ‖b‖. PARDISO and PyAMG are
+omitted if not installed. Losses are included.
 """
 
 from __future__ import annotations
@@ -47,24 +47,24 @@ from agglo_core.solvers.backends import BACKENDS
 
 Row = dict[str, Any]
 PAPER = "polydg_mg_paper"
-MOST = 3000  # iterations of PyAMG
+MOST = 3000  # maximum number of PyAMG iterations
 PLANE = [name for name in MESHES if name not in SOLID]
 
 
 def clocked(call: Callable[[], Any]) -> tuple[float, Any]:
-    """CPU seconds of a call, and its result."""
+    """Return CPU seconds and result for a call."""
     start = time.process_time()
     result = call()
     return time.process_time() - start, result
 
 
 def memory() -> float:
-    """Peak memory of this process in MB."""
+    """Return the peak process memory in MB."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
 
 
 def size_of(A: Any, b: Any, x: Any) -> float:
-    """True relative residual."""
+    """Return the true relative residual."""
     return float(np.linalg.norm(b - A @ x) / np.linalg.norm(b))
 
 
@@ -76,7 +76,7 @@ def direct(name: str, A: Any, b: Any) -> Row:
 
 
 def amg(A: Any, b: Any, block: int, near: Any, tolerance: float) -> Row:
-    """Smoothed aggregation of PyAMG, as blocks with the constants, preconditioning conjugate gradients."""
+    """Solve by conjugate gradients with smoothed aggregation of PyAMG, in blocks with the constants."""
     import pyamg
 
     matrix = sparse.csr_matrix(A)
@@ -104,7 +104,7 @@ def amg(A: Any, b: Any, block: int, near: Any, tolerance: float) -> Row:
 
 
 def own(spec: str, problem: Diffusion, hierarchy: Hierarchy, degree: int, tolerance: float) -> Row:
-    """A solver component."""
+    """Run a solver component."""
     name, options = parse_spec(spec)
     counts: dict[float, int | None] = {}
 
@@ -114,7 +114,7 @@ def own(spec: str, problem: Diffusion, hierarchy: Hierarchy, degree: int, tolera
         counts[wanted] = it.iterations if it.converged else None
         return it
 
-    solved(1e-6 if tolerance == 1e-10 else 1e-10)  # its arrays are gone when memory is needed for the other
+    solved(1e-6 if tolerance == 1e-10 else 1e-10)  # its arrays are freed before the measured run
     it = solved(tolerance)
     phases = it.cpu_seconds
     return {
@@ -129,7 +129,7 @@ def own(spec: str, problem: Diffusion, hierarchy: Hierarchy, degree: int, tolera
 
 
 def measured(case: Row) -> Row:
-    """One solver on one mesh, as ``case`` of :func:`main` says."""
+    """Measure a solver on a mesh, for a ``case`` from :func:`main`."""
     rows = []
     for cells in (400, *[case["cells"]] * case["repeats"]):
         mesh = MESHES[case["mesh"]](cells)
@@ -141,7 +141,7 @@ def measured(case: Row) -> Row:
 
 
 def one(case: Row, mesh: Mesh, problem: Diffusion) -> Row:
-    """One run on a mesh."""
+    """Run a solver once on a mesh."""
     name, degree = case["solver"], case["degree"]
     unknowns = mesh.n_cells * comb(degree + mesh.dim, mesh.dim)
     size = {"cells": mesh.n_cells, "unknowns": unknowns}
@@ -161,7 +161,7 @@ def one(case: Row, mesh: Mesh, problem: Diffusion) -> Row:
 
 
 def levels_for(case: Row, mesh: Mesh) -> Hierarchy:
-    """A hierarchy without levels for a solver that makes some by itself, unless others are asked for."""
+    """Return a hierarchy without levels for solvers that make their own, unless levels are requested."""
     bisector = case["hierarchy"]
     if bisector is None and not case["solver"].startswith(PAPER):
         return Hierarchy(mesh, mesh.graph, [], [], nested=True)
@@ -170,7 +170,10 @@ def levels_for(case: Row, mesh: Mesh) -> Hierarchy:
 
 
 def in_a_process(case: Row) -> Row:
-    """The same in a process of its own, whose memory is the solver's; an error is a row."""
+    """Measure a case in a child process, whose memory is that of the solver.
+
+    An error gives a row.
+    """
     command = [sys.executable, __file__, "--case", json.dumps(case)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
@@ -180,7 +183,7 @@ def in_a_process(case: Row) -> Row:
 
 
 def table(name: str, degree: int, rows: Mapping[str, Row]) -> None:
-    """Print the rows of one mesh and degree."""
+    """Print the rows for a mesh and degree."""
     known = [row for row in rows.values() if "failed" not in row]
     direct_times = [
         rows[each]["setup"] + rows[each]["solve"]
@@ -208,13 +211,16 @@ def table(name: str, degree: int, rows: Mapping[str, Row]) -> None:
 
 
 def installed() -> list[str]:
-    """Rivals that can be run."""
+    """Return the other solvers that are installed."""
     packages = {"pardiso": "pypardiso", "superlu": "scipy", "pyamg": "pyamg"}
     return [*[name for name, package in packages.items() if find_spec(package)], PAPER]
 
 
 def answer(case: Row) -> None:
-    """Print the row of one case as JSON; an error of agglo is a row."""
+    """Print the row of a case as JSON.
+
+    An error of agglo gives a row.
+    """
     try:
         row = measured(case)
     except AggloError as error:
@@ -223,7 +229,7 @@ def answer(case: Row) -> None:
 
 
 def main() -> None:
-    """Read the arguments, print a table for each mesh, size and degree."""
+    """Read the arguments and print a table per mesh, size and degree."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

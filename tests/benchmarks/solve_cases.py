@@ -1,4 +1,4 @@
-"""Meshes and problems of the benchmark of solvers."""
+"""Meshes and problems for the solver benchmarks."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from agglo_core.problems import Diffusion
 
 
 def side(cells: int) -> int:
-    """Cells along a side of a square grid."""
+    """Return the cells per side in a square grid."""
     return max(2, round(np.sqrt(cells)))
 
 
 def graded(cells: int, ratio: float) -> Mesh:
-    """Squares drawn together towards one side, the last of them ``ratio`` times as wide as the first."""
+    """Return squares graded along x, where the last column is ``ratio`` times as wide as the first."""
     n = side(cells)
     even = samples.squares(n)
     x, y = even.points.T
@@ -29,12 +29,12 @@ def graded(cells: int, ratio: float) -> Mesh:
 
 
 def edge(cells: int, each: int = 1) -> int:
-    """Cubes along an edge of a grid with so many cells, ``each`` of them to a cube."""
+    """Return the cubes per edge of a grid with ``cells`` cells, ``each`` of them per cube."""
     return max(2, round((cells / each) ** (1 / 3)))
 
 
 def slivers(n: int) -> Mesh:
-    """Delaunay tetrahedra of random points, as flat as they come, of about so many cells."""
+    """Return about ``n`` Delaunay tetrahedra of random points, including very flat cells."""
     rng, per_edge = np.random.default_rng(0), edge(n, 7)
     inside, grid = rng.random((per_edge**3, 3)), np.array(list(product(range(per_edge), repeat=3)))
     outer = (grid == 0) | (grid == per_edge - 1)
@@ -49,14 +49,14 @@ def slivers(n: int) -> Mesh:
 
 
 def lumps(n: int) -> Mesh:
-    """So many agglomerates of eight tetrahedra."""
+    """Return ``n`` agglomerates of eight tetrahedra."""
     fine = samples.tetrahedra(edge(8 * n, 6))
     how: Any = {"bisector": "coordinate", "refiners": (), "polish": False}
     return fine.coarsen(agglomerate(fine, cells_per_part=8, **how).levels[0])
 
 
 def half(n: int) -> int:
-    """Points of about twice as many triangles."""
+    """Return the number of points for about ``n`` triangles."""
     return max(8, n // 2)
 
 
@@ -77,14 +77,17 @@ MESHES: Mapping[str, Callable[[int], Mesh]] = {
     "jumps": lambda n: samples.voronoi(n, seed=0),
     "contrasts": lambda n: samples.voronoi(n, seed=0),
 }
-"""Meshes by name. Graded by 1e3 and, ``layers``, by 1e6; Voronoi cells with κ of 1 and 1e6 by halves, as a
-checkerboard and, ``contrasts``, cell by cell at random; on ``jumps`` log-uniform in 1e±3 cell by cell."""
+"""Meshes by name.
+
+Grading is 1e3, and 1e6 for ``layers``. Voronoi cells have κ of 1 and 1e6 by halves, as a checkerboard, or
+(``contrasts``) at random per cell; on ``jumps`` κ is log-uniform in 1e±3 per cell.
+"""
 SOLID = ("boxes", "tetrahedra", "solids", "lumps", "slivers")
-"""Those in space: ``solids`` are Voronoi cells, ``lumps`` agglomerates of eight tetrahedra."""
+"""3-D meshes: ``solids`` are Voronoi cells, ``lumps`` agglomerates of eight tetrahedra."""
 
 
 def problem_on(name: str, mesh: Mesh) -> Diffusion:
-    """The problem that goes with a mesh."""
+    """Return the problem for a mesh."""
     rng = np.random.default_rng(0)
     kappa: Any = 1.0
     if name == "jumps":

@@ -1,18 +1,18 @@
-"""What the shapes of agglomerates do to solutions: errors, conditioning and iterations beside METIS k-way.
+"""Measure the effect of part shapes on solvers: errors, conditioning and iterations next to METIS k-way.
 
     python tests/benchmarks/solver_shapes.py [--cells N ...] [--per-part N ...] [--seeds N] [--penalty P]
     python tests/benchmarks/solver_shapes.py --tried
     python tests/benchmarks/solver_shapes.py --times
     python tests/benchmarks/solver_shapes.py --balance
 
-On fresh random meshes, at equal numbers of parts. On the mesh of the parts: L2 and DG errors of
-u = sin πx sin πy by PolyDG of degree 1 and 2, and the condition number of its matrix scaled by block Jacobi
-(up to 800 unknowns). On the mesh itself: iterations to 1e-8 of two levels, with fractions, by the default
-solver, the same with its recipe ``patches``, and the paper's with inherited operators. E is the energy of
-k-means, L the interface. Geometric means over the meshes, divided by those of METIS k-way (contiguous,
-weights of cells and faces, the better of two imbalances for each figure). ``--tried`` compares other weights
-of the interface in the polish and further polishes instead, without iterations; ``--times`` prints CPU
-seconds over those of METIS k-way, ``--balance`` what parts of equal numbers of cells are like.
+On random meshes, at equal numbers of parts. On the coarse mesh: L2 and DG errors for u = sin πx sin πy by
+PolyDG of degree 1 and 2, and the condition number of its matrix scaled by block Jacobi (up to 800 unknowns).
+On the mesh itself: fractional iterations to 1e-8 with two levels, by the default solver, the default solver
+with its recipe ``patches``, and the paper's solver with inherited operators. E is the k-means energy, L the
+interface length. Geometric means over the meshes, divided by those of METIS k-way (contiguous, weights of
+cells and faces, the better of two imbalances per figure). ``--tried`` compares other interface weights in
+the polish, and further polishes, without iterations; ``--times`` prints CPU seconds relative to METIS k-way;
+``--balance`` shows parts with equal numbers of cells.
 """
 
 from __future__ import annotations
@@ -77,18 +77,18 @@ TRIED: dict[str, tuple[Mapping[str, Any], float]] = {
     "k-way, .2, twice": ({"method": "kway", "post_refiners": _AGAIN}, 0.2),
     "kmeans, no polish": ({"polish": False}, 0.3),
 }
-"""Options of a run, and the weight of the interface in its polish."""
+"""Options of a run, and the interface weight in its polish."""
 RIVALS = ("METIS k-way, 3 %", "METIS k-way, 30 %")
 SOLVERS: dict[str, tuple[str, Mapping[str, Any]]] = {
     "default": ("polydg_mg", {}),
     "patches": ("polydg_mg", {"recipe": "patches"}),
     "paper": ("polydg_mg_paper", {"operators": "inherited"}),
 }
-MOST_UNKNOWNS = 800  # of a matrix whose condition number is found by all its eigenvalues
+MOST_UNKNOWNS = 800  # maximum number of unknowns for a condition number by all eigenvalues
 
 
 def perturbed_squares(cells: int, seed: int) -> Mesh:
-    """Squares whose inner points are moved by up to three tenths of a side."""
+    """Return squares with inner points displaced by up to 0.3 sides."""
     n = round(cells**0.5)
     mesh, rng = samples.squares(n), np.random.default_rng(seed)
     inside = ((mesh.points > 1e-9) & (mesh.points < 1 - 1e-9)).all(axis=1)
@@ -105,7 +105,9 @@ FAMILIES: dict[str, Callable[[int, int], Mesh]] = {
 
 
 def condition(A: Any, width: int) -> float:
-    """Condition number of a matrix with blocks of ``width`` unknowns, scaled by its diagonal blocks."""
+    """Return the condition number of a matrix with blocks of ``width`` unknowns, scaled by its diagonal
+    blocks.
+    """
     dense = A.toarray()
     starts = range(0, len(dense), width)
     blocks = [np.linalg.cholesky(dense[i : i + width, i : i + width]) for i in starts]
@@ -116,7 +118,7 @@ def condition(A: Any, width: int) -> float:
 
 
 def iterations(mesh: Mesh, labels: Labels, solver: str, tolerance: float = 1e-8) -> float:
-    """Iterations of two levels until the residual has fallen to the tolerance, the last one in part."""
+    """Return the fractional number of two-level iterations until the residual reaches the tolerance."""
     name, options = SOLVERS[solver]
     hierarchy = Hierarchy(mesh, mesh.graph, [labels], [{}], nested=True)
     tool = default().build("solver", name, degree=1, tolerance=tolerance, **options)
@@ -127,7 +129,7 @@ def iterations(mesh: Mesh, labels: Labels, solver: str, tolerance: float = 1e-8)
 
 
 def figures(mesh: Mesh, labels: Labels, penalty: Any, solvers: bool) -> dict[str, float]:
-    """What is measured of a partition."""
+    """Return all figures of a partition."""
     found = {"E": OBJECTIVES["compactness"].value(mesh.graph, labels)}
     found["L"] = OBJECTIVES["interface"].value(mesh.graph, labels)
     coarse = mesh.coarsen(labels)
@@ -144,12 +146,12 @@ def figures(mesh: Mesh, labels: Labels, penalty: Any, solvers: bool) -> dict[str
 
 
 def partition(mesh: Mesh, parts: int, method: Mapping[str, Any]) -> Labels:
-    """Labels of that many parts."""
+    """Return the labels for this part count."""
     return np.asarray(agglo.agglomerate(mesh, n_parts=parts, **method).levels[0])
 
 
 def weighed(mesh: Mesh, parts: int, tried: tuple[Mapping[str, Any], float]) -> Labels:
-    """Labels with another weight of the interface in the polish."""
+    """Return the labels with another interface weight in the polish."""
     method, weight = tried
     kept, compactness.SHORTNESS = compactness.SHORTNESS, weight
     try:
@@ -165,7 +167,7 @@ def compared(
     penalty: Any,
     solvers: bool,
 ) -> dict[str, dict[str, float]]:
-    """Geometric means of all figures, method by method, over those of METIS k-way."""
+    """Return geometric means of all figures by method, relative to METIS k-way."""
     logs: dict[str, dict[str, float]] = {}
     for name, method in methods.items():
         found = []
@@ -186,7 +188,7 @@ def show(title: str, rows: dict[str, dict[str, float]]) -> None:
 
 
 def show_times(seeds: int) -> None:
-    """Print CPU seconds over those of METIS k-way."""
+    """Print CPU seconds relative to METIS k-way."""
     print(f"{'cells':<26}{''.join(f'{name:>20}' for name in METHODS)}")
     for cells in (4_000, 100_000):
         for family, make in FAMILIES.items():
@@ -204,7 +206,7 @@ def show_times(seeds: int) -> None:
 
 
 def show_balance(seeds: int) -> None:
-    """Print the objective ``solver`` and the sizes of parts that are to have equal numbers of cells."""
+    """Print the objective ``solver`` and the part sizes for equal numbers of cells."""
     fresh = int(np.random.SeedSequence().generate_state(1)[0]) % 10**6
     print(f"{'cells, parts, tolerance; method':<56}{'F':>9}{'least':>9}{'most':>9}{'CPU s':>9}")
     for parts, tolerance in ((256, 0.0), (64, 0.0), (64, 0.05)):
@@ -236,7 +238,7 @@ def show_balance(seeds: int) -> None:
 
 
 def main() -> None:
-    """Read the arguments, print the tables."""
+    """Read the arguments and print the tables."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

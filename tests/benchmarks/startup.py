@@ -1,4 +1,4 @@
-"""CPU seconds of the listing with many installed plugins, beside those of ``agglo --version``.
+"""Measure the plugin listing with many installed plugins, next to ``agglo --version``.
 
 python tests/benchmarks/startup.py [PLUGINS]
 """
@@ -22,7 +22,7 @@ def agglo_components():
 
 
 def install(folder: Path, count: int) -> None:
-    """Distributions as pip leaves them, each with a plugin of one component."""
+    """Create distributions like pip, each with a plugin of one component."""
     for i in range(count):
         (folder / f"crowd_{i}.py").write_text(DECLARATION.format(i=i))
         info = folder / f"crowd_{i}-1.0.dist-info"
@@ -32,7 +32,7 @@ def install(folder: Path, count: int) -> None:
 
 
 def cpu(folder: Path, *arguments: str) -> float:
-    """CPU seconds of one command, the best of five after one that compiles."""
+    """Return the CPU seconds of a command, the best of five runs after a run that compiles."""
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])
     }
@@ -47,7 +47,7 @@ def cpu(folder: Path, *arguments: str) -> float:
 
 
 def main(count: int) -> None:
-    """Print the figures."""
+    """Print the results."""
     with tempfile.TemporaryDirectory() as empty, tempfile.TemporaryDirectory() as full:
         install(Path(full), count)
         print(f"agglo --version                     {cpu(Path(empty), '--version'):.2f} CPU s")

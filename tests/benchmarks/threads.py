@@ -1,11 +1,11 @@
-"""Wall time of the whole chain with one thread and with several, stage by stage; results are the same.
+"""Measure the wall time of a whole run with one thread and with several, stage by stage.
 
     python tests/benchmarks/threads.py [--cells N] [--threads T] [--repeats N] [--meshes NAME ...]
 
-From arrays to files: the mesh, its dual graph, N/16 parts, their quality and coarse mesh, VTU. The median of
-the repeats, which take turns; nothing is derived yet when one begins. ``alone`` is the share of CPU time that
-the calling thread spends while others wait for it, and ``at best`` the ratio that follows if the rest were
-shared out evenly and processors were idle: on a busy machine look at these two.
+From arrays to files: mesh, dual graph, N/16 parts, their quality and coarse mesh, VTU. Results must be
+equal. Times are medians of alternating repeats, each without derived data at its start. ``alone`` is the
+share of CPU time in which only the calling thread works, and ``at best`` the resulting ratio for an ideal
+distribution of the rest on idle processors: on a busy machine these two are the meaningful values.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ MESHES: dict[str, Callable[[int, int], Mesh]] = {
 
 
 class Loops(NamedTuple):
-    """The mesh as a user has it."""
+    """Mesh as arrays of a user."""
 
     points: Float
     offsets: Int
@@ -48,13 +48,13 @@ class Loops(NamedTuple):
 
     @classmethod
     def of(cls, mesh: Mesh) -> Loops:
-        """Those of a 2-D mesh."""
+        """Return the loops of a 2-D mesh."""
         loops = mesh.boundary_loops
         return cls(mesh.points, loops.loop_offsets, loops.vertices)
 
 
 class Cost(NamedTuple):
-    """Seconds of a stage: of the clock, of the processors, and of these the calling thread's."""
+    """Seconds of a stage: wall time, CPU time, and CPU time of the calling thread."""
 
     wall: float
     cpu: float
@@ -62,7 +62,10 @@ class Cost(NamedTuple):
 
 
 def stages(loops: Loops, folder: Path, seen: dict[str, str]) -> Iterator[tuple[str, Callable[[], Any]]]:
-    """Names and calls, each needing those before it; in the end ``seen`` has digests of the results."""
+    """Yield names and calls, each of which needs the previous calls.
+
+    At the end ``seen`` has digests of the results.
+    """
     made: dict[str, Any] = {}
 
     def keep(name: str, call: Callable[[], Any]) -> tuple[str, Callable[[], Any]]:
@@ -87,7 +90,7 @@ def stages(loops: Loops, folder: Path, seen: dict[str, str]) -> Iterator[tuple[s
 
 
 def digest(arrays: tuple[Any, ...]) -> str:
-    """Hash of the bytes of arrays."""
+    """Return a hash of arrays."""
     found = hashlib.sha256()
     for array in arrays:
         found.update(np.ascontiguousarray(array).data)
@@ -95,7 +98,7 @@ def digest(arrays: tuple[Any, ...]) -> str:
 
 
 def run(loops: Loops, threads: int) -> tuple[dict[str, Cost], dict[str, str]]:
-    """Costs of the stages, and digests of the results."""
+    """Return the costs of all stages, and digests of the results."""
     costs, seen = {}, {}
     with tempfile.TemporaryDirectory() as folder, using_threads(threads):
         for name, call in stages(loops, Path(folder), seen):
@@ -109,7 +112,10 @@ def run(loops: Loops, threads: int) -> tuple[dict[str, Cost], dict[str, str]]:
 
 
 def compare(loops: Loops, threads: int, repeats: int) -> None:
-    """Print the table; AssertionError unless results are the same."""
+    """Print the table.
+
+    Raises AssertionError if results differ.
+    """
     costs: dict[int, list[dict[str, Cost]]] = {1: [], threads: []}
     wanted: dict[str, str] = {}
     for _ in range(repeats):
@@ -133,7 +139,7 @@ def compare(loops: Loops, threads: int, repeats: int) -> None:
 
 
 def main() -> None:
-    """Read the arguments, warm up, print a table for each mesh."""
+    """Read the arguments, warm up and print a table per mesh."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

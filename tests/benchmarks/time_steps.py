@@ -1,14 +1,14 @@
-"""Twenty time steps with a coefficient that changes slowly: levels and solutions kept, beside fresh solves.
+"""Compare twenty time steps with slowly changing coefficient: levels and solutions kept, or fresh solves.
 
     python tests/benchmarks/time_steps.py [--cells N] [--degrees P ...] [--meshes NAME ...] [--steps N]
                                           [--rates R ...] [--tolerance T]
 
-κ = exp(sin(2πx + t) sin(2πy)), one value per cell, and a source that turns with it; t grows by ``rate``
-from step to step. Each step is solved twice, one after the other: afresh, and by ``repeated`` of the default
-solver. CPU seconds of one thread, summed over the steps. ``set-up`` and ``all`` are those of the kept steps
-over those of the fresh ones, all being assembly, set-up and solution; ``made`` is how often levels were made,
-``fresh`` and ``kept`` are iterations; ``differ`` is the largest difference of the two solutions in the energy
-norm, ``residual`` the largest true ‖b − A x‖ / ‖b‖ of the kept ones.
+κ = exp(sin(2πx + t) sin(2πy)), one value per cell, with a source that changes accordingly; t grows by
+``rate`` per step. Each step is solved twice in turn: from scratch, and by ``repeated`` of the default
+solver. Single-thread CPU seconds are summed over the steps. ``set-up`` and ``all`` are the times of kept
+steps relative to fresh steps, where ``all`` is assembly, set-up and solve; ``made`` counts how often levels
+were made; ``fresh`` and ``kept`` are iterations; ``differ`` is the largest difference of the two solutions
+in the energy norm, ``residual`` the largest true ‖b − A x‖ / ‖b‖ of the kept steps.
 """
 
 from __future__ import annotations
@@ -37,23 +37,23 @@ MESHES: Mapping[str, Callable[[int], Mesh]] = {
 
 
 def problem_at(mesh: Mesh, t: float) -> Diffusion:
-    """The problem at a time."""
+    """Return the problem at time t."""
     x, y = (mesh.cell_centroids - mesh.points.min(axis=0)).T
     kappa = np.exp(np.sin(2 * np.pi * x + t) * np.sin(2 * np.pi * y))
     return Diffusion(kappa=kappa, source=8.0 + 4.0 * np.sin(np.pi * y + t))
 
 
 def energy(A: object, x: np.ndarray) -> float:
-    """Energy norm of x."""
+    """Return the energy norm of x."""
     return float(np.sqrt(max(0.0, x @ (A @ x))))  # type: ignore[operator]
 
 
 def row(mesh: Mesh, degree: int, rate: float, steps: int, tolerance: float) -> str:
-    """The figures of one mesh and degree."""
+    """Return the formatted figures for a mesh and degree."""
     solver = PolyDGMultigrid(degree=degree, tolerance=tolerance)
     hierarchy = Hierarchy(mesh, mesh.graph, [], [], nested=True)
     warm = solver.repeated(hierarchy)
-    for _ in range(3):  # what compiles or is loaded at first belongs to neither
+    for _ in range(3):  # compilation and imports are charged to neither
         warm.solve(problem_at(mesh, 0.0))
     kept_steps, spent = solver.repeated(hierarchy), {"fresh": [0.0, 0.0], "kept": [0.0, 0.0]}
     counts, differ, residual = {"fresh": 0, "kept": 0}, 0.0, 0.0
@@ -80,7 +80,7 @@ def row(mesh: Mesh, degree: int, rate: float, steps: int, tolerance: float) -> s
 
 
 def main() -> None:
-    """Read the arguments, print the table."""
+    """Read the arguments and print the table."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
