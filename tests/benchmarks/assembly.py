@@ -92,6 +92,7 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=3)
     options = parser.parse_args()
     problem = Diffusion(source=8.0)
+    # 2-D meshes: kernels and numpy.
     discretise(samples.voronoi(50), 2, problem)
     print(f"{'mesh':<10}{'cells':>8}{'p':>3}{'unknowns':>10}{'CPU s':>8}{'kernels M/s':>13}{'numpy M/s':>11}")
     for name, build in MESHES.items():
@@ -104,6 +105,7 @@ def main() -> None:
                 f"{unknowns / seconds / 1e6:>13.2f}{numpy_rate(small, p) / 1e6:>11.3f}",
                 flush=True,
             )
+    # 3-D meshes: kernels only.
     discretise(samples.voronoi3d(20), 1, problem, penalty="sharp")
     for name, build in SOLIDS.items():
         mesh = ready(build(options.cells // 4))

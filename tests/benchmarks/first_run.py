@@ -46,6 +46,7 @@ def watched_run(arguments: list[str], report: Path) -> None:
     compiled: list[tuple[str, float, float]] = []
     running: list[list[float]] = []  # start time, and seconds of nested compilations
 
+    # Record the seconds of each compilation, with and without nested compilations.
     class Compilations(event.Listener):
         def on_start(self, event: Any) -> None:
             running.append([time.process_time(), 0.0])

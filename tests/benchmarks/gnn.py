@@ -72,8 +72,10 @@ def bisection(repeats: int) -> None:
         def metis(adjacency: Any = adjacency) -> Labels:
             return np.array(pymetis.part_graph(2, adjacency).vertex_part)
 
+        # METIS as reference.
         base, sides = timed(metis, repeats, time.perf_counter)
         print(f"{graph.n:7d} METIS  {base * 1e3:7.3f}        {row(graph, sides)}")
+        # Own bisectors with refinement.
         for name in NAMES:
             tool = default().build("bisector", name)
 
@@ -107,6 +109,7 @@ def recursion(repeats: int) -> None:
         ("100k triangles", samples.random_triangles(50_000, 11), 0.019),
     ):
         graph, parts = mesh.graph, 0
+        # Own bisectors down to h*.
         for bisector in NAMES:
 
             def ours(bisector: str = bisector, graph: Graph = graph, h_star: float = h_star) -> Labels:
@@ -116,6 +119,7 @@ def recursion(repeats: int) -> None:
             seconds, labels = timed(ours, repeats, time.process_time)
             parts = int(labels.max()) + 1
             print(f"{name:15}{bisector:16} {seconds:8.4f}  {shape(mesh, labels)}")
+        # METIS with the part count of gnn.
         adjacency = pymetis.CSRAdjacency(graph.indptr, graph.indices)
         for title, recursive in (("METIS recursive", True), ("METIS k-way", False)):
 

@@ -142,6 +142,7 @@ def compare(name: str, cells: int, names: list[str], repeats: int) -> tuple[int,
     graph = mesh.graph
     _ = mesh.h  # for targets by size
     parts = round(graph.n / (16 if mesh.dim == 2 else 32))
+    # Run all methods in each repeat; slow methods run once.
     names = [each for each in names if graph.n <= 1.1 * SLOW.get(each, graph.n)]
     times: dict[str, list[float]] = {each: [] for each in names}
     labels: dict[str, Labels] = {}
@@ -154,6 +155,7 @@ def compare(name: str, cells: int, names: list[str], repeats: int) -> tuple[int,
                 times[each].append(seconds)
         if SIZES in names:
             finest.append(cpu(lambda: METHODS[REFERENCE](graph, int(labels[SIZES].max()) + 1))[0])
+    # Ratios are taken repeat by repeat, memory in a separate call.
     print(f"\n{graph.n} {name} into {parts} parts; median of {repeats}, one thread")
     print(f"{'':24}{'CPU s':>9}{'ratio':>8}{'parts':>8}{'CR':>7}{'J':>7}{'connected %':>13}{'B/cell':>8}")
     for each in names:

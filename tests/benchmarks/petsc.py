@@ -40,6 +40,7 @@ def main() -> None:
     asked.add_argument("--jumps", type=float, default=0.0, help="κ is 10 to a random power up to this, ±")
     asked.add_argument("--box", action="store_true", help="boxes in space instead of Voronoi cells")
     given = asked.parse_args()
+    # Problem, hierarchy and matrix.
     comm, rng = PETSc.COMM_WORLD, np.random.default_rng(given.seed)
     side = round(given.cells ** (1 / 3))
     mesh = agglo.samples.boxes(side) if given.box else agglo.samples.voronoi(given.cells, seed=given.seed)
@@ -48,6 +49,7 @@ def main() -> None:
     hierarchy = agglo.agglomerate(mesh, cells_per_part=(8, 64, 512), seed=given.seed)
     how = default().build("discretisation", "polydg", degree=given.degree)
     system = posed(problem, hierarchy, how, given.degree, None)
+    # Solvers by name.
     rivals: dict[str, Callable[[], Any]] = {
         f"petsc_mg {name}": lambda name=name: _ours(system, comm, name) for name in OURS
     }

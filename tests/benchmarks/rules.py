@@ -34,12 +34,14 @@ def graded(n: int, seed: int, ratio: float) -> agglo.Mesh:
     rng = np.random.default_rng(seed)
     inner = 1.0 / (max(np.sqrt(ratio), 1.001) - 1.0)
     found = np.empty((0, 2))
+    # Draw points with the wanted density by rejection.
     while len(found) < n:
         r = inner * np.expm1(rng.random(4 * n) * np.log1p(1.5 / inner))
         r = r[rng.random(4 * n) < r / (inner + r)]
         angle = rng.uniform(0, np.pi / 2, len(r))
         points = r[:, None] * np.stack((np.cos(angle), np.sin(angle)), axis=1)
         found = np.concatenate((found, points[(points < 1).all(axis=1)]))
+    # Triangulate and drop degenerate triangles.
     points = np.concatenate((found[:n], [[0, 0], [1, 0], [0, 1], [1, 1]]))
     triangles = Delaunay(points).simplices
     a, b = (points[triangles[:, k]] - points[triangles[:, 0]] for k in (1, 2))

@@ -73,10 +73,12 @@ def on_rank(file: str, full: bool) -> None:
     """
     ranks = Ranks()
     mesh = DistributedMesh.scatter(agglo.read(file) if ranks.rank == 0 else None, ranks)
+    # Compile all kernels on a small mesh.
     warm = DistributedMesh.scatter(samples.squares(16) if mesh.local.dim == 2 else samples.boxes(6), ranks)
     for pipeline in (COUNTS, SIZES):
         agglomerate(warm, pipeline)
     assert mesh.local.graph.n
+    # Time both ways, then collect sizes and messages.
     start = time.process_time()
     lying = agglomerate(mesh, COUNTS, independent_of_ranks=False)
     middle = time.process_time()
@@ -93,6 +95,7 @@ def on_rank(file: str, full: bool) -> None:
         "by_level": made.statistics["sent_by_level"],
         "memory": arrays_of(mesh, mesh.local, mesh.local.graph),
     }
+    # Bytes of one halo exchange.
     before = ranks.traffic.bytes
     mesh.exchange(made.levels[0])
     told["halo"] = ranks.traffic.bytes - before
@@ -190,6 +193,7 @@ def strong(name: str, mesh: Mesh, sizes: Sequence[int], folder: Path) -> list[li
         ranks = launched(size, ["--rank-of", str(file), "--full"])
         every.append(ranks)
         first = ranks[0]
+        # Row of the slowest or busiest rank.
         row = {key: max(each[key] for each in ranks) for key in ("seconds", "messages", "bytes", "halo")}
         memory = max(each["memory"] / each["own"] for each in ranks)
         same = first["labels"] == every[0][0]["labels"]
@@ -201,6 +205,7 @@ def strong(name: str, mesh: Mesh, sizes: Sequence[int], folder: Path) -> list[li
             f"{row['bytes'] / 1e3:9.1f} {row['halo'] / 1e3:8.1f} {memory:7.0f}",
             flush=True,
         )
+        # Row without independence of ranks, then messages by level.
         UF, CR, parts, sized = first["lying shapes"]
         seconds = max(each["lying"] for each in ranks)
         print(f"lying {seconds:8.2f} {'':8} {UF:6.3f} {CR:5.3f} {'':16}{parts:14,} {sized:6.3f}")
@@ -232,10 +237,12 @@ def model(runs: Sequence[list[dict[str, Any]]]) -> None:
 
     The model depends on the cells of a rank and on the number of ranks.
     """
+    # Seconds and memory are proportional to cells, ghosts to the square root of cells.
     ranks = [each for run in runs for each in run]
     per_cell = float(np.median([each["seconds"] / each["own"] for each in ranks]))
     border = [each["ghosts"] / each["own"] ** 0.5 for each in ranks if each["ghosts"]]
     memory = float(np.median([each["memory"] / each["own"] for each in ranks]))
+    # Messages and bytes are nonnegative combinations of P - 1 and log2 P.
     size = np.array([float(len(run)) for run in runs for _ in run])
     turns = np.stack((size - 1, np.ceil(np.log2(size))), axis=1)
 
@@ -249,6 +256,7 @@ def model(runs: Sequence[list[dict[str, Any]]]) -> None:
     print(f"  bytes     {sent[0]:.0f} (P - 1) + {sent[1]:.0f} log2 P")
     print(f"  ghosts    {np.mean(border):.1f} sqrt(n)" if border else "  ghosts    none seen")
     print(f"  memory    {memory:.0f} B n")
+    # Extrapolate to large runs.
     for cells, many in FAR:
         n, more = cells / many, np.array([many - 1.0, np.ceil(np.log2(many))])
         print(

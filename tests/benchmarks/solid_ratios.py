@@ -32,6 +32,7 @@ TOLERANCE = 1e-10
 
 def ratios(name: str, cells: int, degree: int, repeats: int) -> None:
     """Print the line of a mesh."""
+    # Problem, solver and matrix.
     mesh = MESHES[name](cells)
     problem, hierarchy = problem_on(name, mesh), Hierarchy(mesh, mesh.graph, [], [], nested=True)
     tool = default().build("solver", "polydg_mg", degree=degree, tolerance=TOLERANCE)
@@ -43,6 +44,7 @@ def ratios(name: str, cells: int, degree: int, repeats: int) -> None:
     widths = {"blocks": system.A.shape[0] // mesh.n_cells, "single": 1}
     own: dict[str, Any] = {}
     rivals = dict.fromkeys(widths, np.inf)
+    # Alternate between the solver and both variants of PyAMG.
     for _ in range(repeats):
         solution = tool.solve(problem, hierarchy)
         phases = solution.cpu_seconds
@@ -52,6 +54,7 @@ def ratios(name: str, cells: int, degree: int, repeats: int) -> None:
         for which, width in widths.items():
             row = amg(system.A, system.b, width, near, TOLERANCE)
             rivals[which] = min(rivals[which], row["setup"] + row["solve"])
+    # Print seconds, ratios and memory relative to the matrix.
     total, data = sum(own["seconds"]), system.A.data.nbytes
     print(
         f"{name:<12}{mesh.n_cells:>7}{degree:>3}{own['iterations']:>5}{own['seconds'][0]:>9.3f}"

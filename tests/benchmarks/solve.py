@@ -79,10 +79,12 @@ def amg(A: Any, b: Any, block: int, near: Any, tolerance: float) -> Row:
     """Solve by conjugate gradients with smoothed aggregation of PyAMG, in blocks with the constants."""
     import pyamg
 
+    # Convert the matrix and set up the levels.
     matrix = sparse.csr_matrix(A)
     matrix = matrix.tobsr((block, block)) if block > 1 else matrix
     matrix.indices, matrix.indptr = (each.astype(np.int32) for each in (matrix.indices, matrix.indptr))
     setup, levels = clocked(lambda: pyamg.smoothed_aggregation_solver(matrix, B=near))
+    # Iterate to both tolerances.
     counts, seconds, x = {}, {}, b
     for wanted in (1e-6, 1e-10):
         steps: list[int] = []
@@ -184,6 +186,7 @@ def in_a_process(case: Row) -> Row:
 
 def table(name: str, degree: int, rows: Mapping[str, Row]) -> None:
     """Print the rows for a mesh and degree."""
+    # The fastest direct solver is the reference of ratios.
     known = [row for row in rows.values() if "failed" not in row]
     direct_times = [
         rows[each]["setup"] + rows[each]["solve"]

@@ -212,6 +212,7 @@ def show_balance(seeds: int) -> None:
     for parts, tolerance in ((256, 0.0), (64, 0.0), (64, 0.05)):
         even = {"tolerance": tolerance}
         good = {"effort": "good"}
+        # Methods that balance the numbers of cells.
         ways: dict[str, Mapping[str, Any]] = {
             "METIS": {
                 "bisector": ("metis", {"ufactor": max(1, round(1000 * tolerance))}),
@@ -224,6 +225,7 @@ def show_balance(seeds: int) -> None:
             "good, balance": {"method": "kway", "bisector": ("kmeans", {**good, "balance": tolerance})},
         }
         ways["METIS"]["bisector"][1]["vertex_weights"] = False
+        # Average objective, part sizes and seconds over random meshes.
         for name, way in ways.items():
             rows = []
             for seed in range(seeds):

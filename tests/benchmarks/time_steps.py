@@ -55,6 +55,7 @@ def row(mesh: Mesh, degree: int, rate: float, steps: int, tolerance: float) -> s
     warm = solver.repeated(hierarchy)
     for _ in range(3):  # compilation and imports are charged to neither
         warm.solve(problem_at(mesh, 0.0))
+    # Solve each step from scratch and with kept levels.
     kept_steps, spent = solver.repeated(hierarchy), {"fresh": [0.0, 0.0], "kept": [0.0, 0.0]}
     counts, differ, residual = {"fresh": 0, "kept": 0}, 0.0, 0.0
     for k in range(steps):
@@ -69,6 +70,7 @@ def row(mesh: Mesh, degree: int, rate: float, steps: int, tolerance: float) -> s
             spent[name][0] += it.cpu_seconds.get("setup", 0.0)
             spent[name][1] += sum(it.cpu_seconds.values())
             counts[name] += it.iterations
+        # Differences between both solutions, and residuals.
         kept, fresh = found["kept"], found["fresh"]
         differ = max(differ, energy(kept.A, kept.x - fresh.x) / energy(fresh.A, fresh.x))
         residual = max(residual, float(np.linalg.norm(kept.b - kept.A @ kept.x) / np.linalg.norm(kept.b)))

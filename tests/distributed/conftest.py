@@ -1,4 +1,4 @@
-"""Files that three ranks have written, for all tests that only read them."""
+"""Files written by three ranks, for all tests that only read files."""
 
 from __future__ import annotations
 

@@ -1,12 +1,12 @@
-"""Runs a guide: the fenced blocks of a Markdown file, top to bottom, in the current folder.
+"""Run a guide: the fenced blocks of a Markdown file, from top to bottom, in the current folder.
 
 ``python tests/docs/guide.py docs/how-to/write-a-plugin.md``
 
-- A block whose first line is a comment that is a path, ``# my_package/halves.py``, becomes that file.
-- ``python`` is executed, all blocks of the guide in one namespace; ``sh`` is run by ``bash -e``.
-- ``output`` must be what the block before it printed; ``…`` stands for anything, spaces do not matter.
-- A block marked ``needs:MODULE`` runs where that module is installed.
-- Other languages, and blocks marked ``no-run`` (as in ```` ```sh no-run ````), are for the reader alone.
+- A block whose first line is a comment with a path, ``# my_package/halves.py``, is written to that file.
+- ``python`` blocks are executed in one namespace; ``sh`` blocks are run by ``bash -e``.
+- ``output`` must equal the output of the previous block; ``…`` matches anything, and spaces do not matter.
+- A block marked ``needs:MODULE`` runs only if that module is installed.
+- Other languages, and blocks marked ``no-run`` (as in ```` ```sh no-run ````), are not run.
 """
 
 from __future__ import annotations
@@ -33,12 +33,15 @@ _LOOSELY = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 
 
 class GuideError(Exception):
-    """A block that does not do what the guide says; the message begins with file and line."""
+    """Block that fails or prints other text than the guide.
+
+    The message begins with file and line.
+    """
 
 
 @dataclass(frozen=True)
 class Block:
-    """One fenced block: the words after the fence, its text, the line its text begins on."""
+    """Fenced block: words after the fence, text, and number of its first line."""
 
     words: tuple[str, ...]
     text: str
@@ -46,7 +49,7 @@ class Block:
 
     @property
     def language(self) -> str:
-        """First word after the fence; empty if there is none or the block is not to be run."""
+        """First word after the fence, or empty if missing or if the block must not run."""
         return "" if not self.words or "no-run" in self.words or self._lacking() else self.words[0]
 
     def _lacking(self) -> bool:
@@ -55,13 +58,13 @@ class Block:
 
     @property
     def path(self) -> str | None:
-        """The file it is to be written to."""
+        """Path of the file for this block, if any."""
         found = _PATH.match(self.text)
         return found[1] if found and self.language else None
 
 
 def blocks(guide: Path) -> Iterator[Block]:
-    """The fenced blocks of a Markdown file."""
+    """Yield the fenced blocks of a Markdown file."""
     text = guide.read_text(encoding="utf-8")
     for fence in _FENCE.finditer(text):
         line = text.count("\n", 0, fence.start(3)) + 1
@@ -74,7 +77,7 @@ def run(guide: Path) -> None:
     Raises
     ------
     GuideError
-        If a command fails or prints something else than the guide says; what Python blocks raise passes.
+        If a command fails or prints other text than the guide. Exceptions of Python blocks propagate.
     """
     namespace: dict[str, Any] = {"__name__": "__main__"}
     printed = ""
@@ -92,7 +95,7 @@ def run(guide: Path) -> None:
 
 
 def _python(guide: Path, block: Block, namespace: dict[str, Any]) -> str:
-    """Execute a block; tracebacks show the lines of the guide."""
+    """Execute a block so that tracebacks show the lines of the guide."""
     out = io.StringIO()
     with redirect_stdout(out):
         exec(compile("\n" * (block.line - 1) + block.text, str(guide), "exec"), namespace)
@@ -104,7 +107,7 @@ def _shell(block: Block, where: str) -> str:
     done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
     if done.returncode:
         raise GuideError(f"{where}: exit code {done.returncode} of\n{block.text}\n{done.stdout}")
-    importlib.invalidate_caches()  # it may have installed something
+    importlib.invalidate_caches()  # new modules may have been installed
     return done.stdout
 
 
@@ -115,5 +118,5 @@ def _compare(wanted: str, printed: str, where: str) -> None:
 
 
 if __name__ == "__main__":
-    sys.path[0] = ""  # imports see the current folder, not this one
+    sys.path[0] = ""  # import from the current folder instead of this folder
     run(Path(sys.argv[1]))

@@ -1,6 +1,6 @@
-"""What tests ask of several ranks, run by ``mpiexec``; rank 0 prints the answers as JSON.
+"""Functions for tests on several ranks, run by ``mpiexec``.
 
-``mpiexec -n 3 python tests/plugins/petsc_ranks.py``
+Rank 0 prints the answers as JSON: ``mpiexec -n 3 python tests/plugins/petsc_ranks.py``
 """
 
 from __future__ import annotations
@@ -27,11 +27,14 @@ from agglo_petsc.ranks.vertex_patches import patches_across
 
 COMM = MPI.COMM_WORLD
 PETSc = petsc()
-STRAIGHT = {"bisector": "coordinate", "refiners": (), "polish": False}  # little to compile
+STRAIGHT = {"bisector": "coordinate", "refiners": (), "polish": False}  # few kernels to compile
 
 
 def polydg() -> dict[str, object]:
-    """PolyDG on Voronoi cells: alone, and together; iterations and the largest difference of x."""
+    """Solve PolyDG on Voronoi cells, on one rank and on all ranks.
+
+    Returns iterations, the largest difference in x, and convergence.
+    """
     mesh = agglo.samples.voronoi(400, seed=31)
     hierarchy = agglo.agglomerate(mesh, cells_per_part=(8, 32), **STRAIGHT)
     found: dict[str, object] = {}
@@ -48,7 +51,10 @@ def polydg() -> dict[str, object]:
 
 
 def systems() -> list[float]:
-    """A linear system of two unknowns in each cell: relative residual, and whether it converged."""
+    """Solve a linear system with two unknowns per cell.
+
+    Returns the relative residual and convergence.
+    """
     mesh = agglo.samples.squares(12)
     hierarchy = agglo.agglomerate(mesh, cells_per_part=(4,), **STRAIGHT)
     links = mesh.graph.to_scipy()
@@ -63,7 +69,10 @@ def systems() -> list[float]:
 
 
 def own_rows() -> list[float]:
-    """A path of 90, of which the first rank has nothing: error of the solution, iterations."""
+    """Solve a path of 90 unknowns without rows on the first rank.
+
+    Returns error, iterations and coarse size.
+    """
     sizes = [0, *np.full(COMM.size - 1, 90 // (COMM.size - 1))]
     first = int(sum(sizes[: COMM.rank]))
     whole = sparse.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(90, 90)).tocsr()
@@ -83,7 +92,10 @@ def own_rows() -> list[float]:
 
 
 def wrong() -> list[str]:
-    """What is said of an aggregate on two ranks, and of too few labels on the last: the same everywhere."""
+    """Return the errors for an aggregate on two ranks and for missing labels.
+
+    The errors must agree on all ranks.
+    """
     n = 6
     rows = sparse.eye_array(n * COMM.size, format="csr")[n * COMM.rank : n * (COMM.rank + 1)]
     A, told = agglo_petsc.mat_from_rows(rows, PETSc.COMM_WORLD, n), []
@@ -98,7 +110,10 @@ def wrong() -> list[str]:
 
 
 def across() -> dict[str, list[float]]:
-    """A mesh that no rank has whole, coarse levels on one rank: iterations, the gap, levels."""
+    """Solve on a distributed mesh with coarse levels on one rank.
+
+    Returns iterations, difference and levels.
+    """
     mesh = agglo.samples.voronoi(600, seed=32)
     found: dict[str, list[tuple[int, object, int]]] = {}
     for ranks in (Ranks(MPI.COMM_SELF), Ranks()):
@@ -118,7 +133,10 @@ def across() -> dict[str, list[float]]:
 
 
 def sweep() -> list[float]:
-    """A sweep beside the product of projections in the order planned, and its transpose: largest gaps."""
+    """Compare a sweep with the planned sequence of projections, and with its transpose.
+
+    Returns the differences.
+    """
     mesh = agglo.samples.squares(8)
     whole = sparse.csr_array(mesh.graph.to_scipy() * -1.0 + sparse.diags_array(np.full(64, 5.0)))
     starts = np.linspace(0, 64, COMM.size + 1).astype(int)
@@ -143,22 +161,24 @@ def sweep() -> list[float]:
 
 
 def _in_order(lists: list[object], whole: object, starts: object) -> list[object]:
-    """All patches of all ranks: those away from borders, then those of even ranks, of odd ones."""
+    """Return all patches in planned order: away from borders, then of even ranks, then of odd ranks."""
     owner = np.searchsorted(starts, np.arange(64), side="right") - 1
     alone = [int(np.ptp(owner[(abs(whole) @ np.isin(np.arange(64), each)) > 0])) == 0 for each in lists]
     every = COMM.allgather((lists, alone))
-    turns = [*every[::2], *every[1::2]]  # ranks lie in a row
+    turns = [*every[::2], *every[1::2]]  # ranks form a row
     inner = [p for these, own in every for p, free in zip(these, own, strict=True) if free]
     return inner + [p for these, own in turns for p, free in zip(these, own, strict=True) if not free]
 
 
 def patches() -> list[bool]:
-    """Whether patches of a mesh on ranks are those of the whole one: of cells, of agglomerates."""
+    """Return True for cells and for agglomerates if the distributed patches equal the patches of the whole
+    mesh.
+    """
     mesh, found = agglo.samples.squares(12), []
     whole = DistributedMesh.scatter(mesh if COMM.rank == 0 else None, Ranks())
     labels = np.arange(144) // 12 // 3 * 4 + np.arange(144) % 12 // 3  # blocks of 3 by 3
     for parts, count in ((np.arange(144), 144), (labels, 16)):
-        bounds = np.minimum(np.arange(COMM.size + 1) * 20, count)  # the last rank has the rest
+        bounds = np.minimum(np.arange(COMM.size + 1) * 20, count)  # the last rank gets the rest
         bounds[-1] = count
         mine = patches_across(whole, frozen_int(parts[whole.global_ids]), frozen_int(bounds))
         every = [tuple(p) for each in COMM.allgather(_lists(mine)) for p in each]
@@ -173,7 +193,10 @@ def _lists(patches: Patches) -> list[list[int]]:
 
 
 def dolfinx_poisson() -> list[float]:
-    """Linear elements on a mesh divided by DOLFINx, each rank agglomerating its own cells: iterations."""
+    """Solve linear elements on a DOLFINx mesh with local agglomeration per rank.
+
+    Returns iterations.
+    """
     from dolfinx import fem, mesh as meshes
     from dolfinx.fem import petsc as forms
     from ufl import TestFunction, TrialFunction, dx, grad, inner
@@ -199,7 +222,10 @@ def dolfinx_poisson() -> list[float]:
 
 
 def plex() -> list[float]:
-    """A DMPlex made on rank 0 and distributed, as the how-to takes it: see :func:`_seen`."""
+    """Convert a distributed DMPlex as in the how-to guide.
+
+    Returns the values of :func:`_seen`.
+    """
     whole = agglo.samples.random_triangles(150, seed=4)
     triangles = whole.boundary_loops.vertices.reshape(-1, 3).astype(np.int32)
     points, k = whole.points, whole.n_cells if COMM.rank == 0 else 0
@@ -216,7 +242,7 @@ def plex() -> list[float]:
 
 
 def dolfinx_mesh() -> list[float]:
-    """Triangles divided by DOLFINx, as the how-to takes them."""
+    """Convert a distributed DOLFINx mesh as in the how-to guide."""
     from dolfinx import mesh as meshes
 
     domain = meshes.create_unit_square(COMM, 12, 12)
@@ -229,7 +255,7 @@ def dolfinx_mesh() -> list[float]:
 
 
 def _seen(mesh: DistributedMesh, whole: agglo.Mesh) -> list[float]:
-    """Cells, neighbours and mesh size over those of the whole mesh; which parts are connected."""
+    """Return cells, neighbours and mesh size relative to the whole mesh, and the share of connected parts."""
     mesh.check()
     made = agglomerate(mesh, agglo.Pipeline(cells_per_part=(8,), **STRAIGHT))
     entries = mesh.ranks.summed(float(np.diff(mesh.local.graph.indptr)[mesh.own].sum()))

@@ -1,4 +1,7 @@
-"""Installed once for all tests here: agglo-hilbert, agglo-borders, the fakes, and thirty plain ones."""
+"""Plugins installed once for all tests in this folder.
+
+The fixtures are agglo-hilbert, agglo-borders, all fakes, and thirty plain plugins.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from thirdparty.installing import install
 collect_ignore_glob = [
     "agglo-hilbert/*",
     "agglo-borders/*",
-]  # their own tests are run where they are installed
+]  # their own tests run in their installation
 
 
 @pytest.fixture(scope="session")
@@ -32,7 +35,7 @@ def borders(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def zoo(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Site folder with all fakes together."""
+    """Site folder with all fakes."""
     site = tmp_path_factory.mktemp("zoo")
     wheels = tmp_path_factory.mktemp("wheels")
     install(site, *(fake.wheel(wheels) for fake in FAKES))
@@ -41,7 +44,7 @@ def zoo(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def thirty(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Site folder with thirty plugins that work."""
+    """Site folder with thirty working plugins."""
     site = tmp_path_factory.mktemp("thirty")
     wheels = tmp_path_factory.mktemp("wheels")
     install(site, *(each.wheel(wheels) for each in plain_fakes(30)))

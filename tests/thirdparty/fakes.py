@@ -1,4 +1,4 @@
-"""Fake plugins, each with one thing wrong: what an author may get wrong by accident, as a distribution."""
+"""Fake plugin distributions, each with one typical mistake of an author."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["FAKES", "MISBEHAVING", "Fake", "Use", "plain_fakes"]
 
 @dataclass(frozen=True)
 class Use:
-    """A command line that uses the fake, and what its one-line error must say besides the origin."""
+    """Command line that uses the fake, and the text expected in its one-line error besides the origin."""
 
     arguments: str
     complaint: str
@@ -21,7 +21,7 @@ class Use:
 
 @dataclass(frozen=True)
 class Fake:
-    """A distribution ``agglo-NAME`` with the plugin NAME: declaration, code, state, how its use fails."""
+    """Distribution ``agglo-NAME`` with the plugin NAME: declaration, code, state, and errors in use."""
 
     name: str
     declaration: str
@@ -33,11 +33,11 @@ class Fake:
 
     @property
     def origin(self) -> str:
-        """How messages call where it comes from."""
+        """Origin of the component, as messages name it."""
         return f"distribution agglo-{self.name} {self.version}"
 
     def wheel(self, folder: Path) -> Path:
-        """Its wheel, written into ``folder``."""
+        """Write the wheel to ``folder``."""
         module = f"agglo_{self.name}"
         files = {f"{module}/__init__.py": self.declaration, f"{module}/code.py": self.code}
         return write_wheel(folder, f"agglo-{self.name}", self.version, files, f"{self.name} = {module}")
@@ -66,19 +66,19 @@ def _use(bisector: str, complaint: str) -> tuple[Use, ...]:
 
 
 def _bisecting(body: str, init: str = "") -> str:
-    """A module whose ``Part`` bisects by ``body``."""
+    """Return a module whose ``Part`` bisects by ``body``."""
     head = "import sys\nimport time\nimport numpy as np\n\nclass Part:\n"
     return f"{head}{init}    def bisect(self, graph, rng):\n        {body}\n"
 
 
 def _bisects(name: str, body: str, complaint: str, *, init: str = "", more: str = "") -> Fake:
-    """A plugin that is listed as ok and whose bisector has ``body``."""
+    """Return a plugin with state ok whose bisector has this ``body``."""
     code, declaration = _bisecting(body, init), _declares(_component(name, more=more))
     return Fake(name, declaration, "ok", "", code, _use(name, complaint))
 
 
 def _helps(name: str, kind: str, signature: str, body: str, complaint: str) -> Fake:
-    """A plugin that is listed as ok and whose refiner or fixer has ``body``."""
+    """Return a plugin with state ok whose refiner or fixer has this ``body``."""
     code = f"class Part:\n    objective = 'interface'\n    def {signature}:\n        {body}\n"
     use = Use(_run("comb", f"--{kind} {name}"), complaint)
     return Fake(name, _declares(_component(name, kind)), "ok", "", code, (use,))
@@ -215,16 +215,16 @@ _COMMANDS = (
 )
 
 _LEFT_ALONE = (
-    # hangs: only a check with a timeout is told to meet it
+    # hangs: used only by a check with a timeout
     Fake("sleeper", _declares(_component("sleeper")), "ok", code=_bisecting("time.sleep(99)")),
-    # sides alternate: every part falls apart, which is the fixer's work
+    # alternating sides: every part falls apart, and the fixer must repair this
     Fake(
         "comb",
         _declares(_component("comb")),
         "ok",
         code=_bisecting("return np.arange(graph.n) % 2"),
     ),
-    # one-sided, but says who repairs that
+    # one-sided, but declares a fallback
     Fake(
         "modest",
         _declares(_component("modest", more="fallback='coordinate'")),
@@ -244,7 +244,7 @@ FAKES = (*_UNLOADABLE, *_CLASHING, *MISBEHAVING, *_COMMANDS, *_LEFT_ALONE)
 
 
 def plain_fakes(count: int) -> list[Fake]:
-    """``count`` plugins that work and whose code would import heavy packages."""
+    """Return ``count`` working plugins whose code would import heavy packages."""
     heavy = "import matplotlib, networkx, numba, scipy, shapely\n"
     names = [f"extra{i}" for i in range(count)]
     return [Fake(name, _declares(_component(name)), "ok", code=heavy + _WORKS) for name in names]

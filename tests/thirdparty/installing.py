@@ -1,4 +1,4 @@
-"""Distributions made on the spot, installed by pip into a folder of their own, and agglo run beside them."""
+"""Build distributions, install them by pip into a separate folder, and run agglo with this folder."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ print(json.dumps(answers))
 
 @dataclass(frozen=True)
 class Answer:
-    """Exit code and output of one command."""
+    """Exit code and output of a command."""
 
     code: int
     out: str
@@ -41,7 +41,7 @@ class Answer:
 
 
 def write_wheel(folder: Path, distribution: str, version: str, files: Mapping[str, str], points: str) -> Path:
-    """Wheel of a pure distribution with ``files`` by path and the entry points ``points`` of agglo."""
+    """Write the wheel of a pure distribution with ``files`` by path and the agglo entry points ``points``."""
     stem = f"{distribution.replace('-', '_')}-{version}"
     info = {
         "METADATA": f"Metadata-Version: 2.1\nName: {distribution}\nVersion: {version}\n",
@@ -59,20 +59,20 @@ def write_wheel(folder: Path, distribution: str, version: str, files: Mapping[st
 
 
 def install(site: Path, *what: Path) -> None:
-    """``pip install`` wheels and source trees into ``site``, without network, dependencies or isolation."""
+    """Install wheels and source trees into ``site``, without network, dependencies or isolation."""
     command = [sys.executable, "-m", "pip", "install", *_OFFLINE, "--target", str(site), *map(str, what)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
 
 def environment(site: Path) -> dict[str, str]:
-    """The environment of a program that sees ``site`` first."""
+    """Return the environment of a program that imports from ``site`` first."""
     paths = (str(site), os.environ.get("PYTHONPATH", ""))
     return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
 
 
 def converse(site: Path, commands: Sequence[Sequence[str]], folder: Path) -> list[Answer]:
-    """Run command lines of agglo one after the other in one fresh interpreter that sees ``site``."""
+    """Run agglo command lines in sequence in a new interpreter that imports from ``site``."""
     done = subprocess.run(
         [sys.executable, "-c", _CONVERSATION],
         input=json.dumps(list(commands)),

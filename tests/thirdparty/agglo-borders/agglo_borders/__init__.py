@@ -1,11 +1,11 @@
-"""Declaration of agglo-borders: a component for each border."""
+"""Declaration of agglo-borders: a component for each remaining kind."""
 
 from agglo_core.authoring import Component, hookimpl
 
 
 @hookimpl
 def agglo_components() -> list[Component]:
-    """One component each."""
+    """Return all components."""
     borders = "agglo_borders"
     robust = {"3d": True, "pickles": True}
     return [

@@ -1,4 +1,4 @@
-"""The constraint ``apart``."""
+"""Constraint ``apart``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["Apart"]
 
 
 class Apart:
-    """Cells with different values of a tag never share a part.
+    """Forbid parts with different values of a tag.
 
     Parameters
     ----------
@@ -22,7 +22,7 @@ class Apart:
         self.tag = tag
 
     def forbidden(self, graph: Graph) -> Mask:
-        """Entries of the graph ``(m,)`` that join cells of different tags."""
+        """Return a mask ``(m,)`` of the graph entries between cells of different tags."""
         if self.tag not in graph.data:
             raise OptionError(f"apart: no cell tag is named {self.tag!r}; there are {', '.join(graph.data)}")
         values = graph.data[self.tag]

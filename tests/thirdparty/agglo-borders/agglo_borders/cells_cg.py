@@ -1,4 +1,4 @@
-"""The solver ``cells_cg``."""
+"""Solver ``cells_cg``."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ __all__ = ["CellsCG"]
 
 
 class CellsCG:
-    """Conjugate gradients for heat problems, one unknown per cell; the hierarchy only tells the mesh."""
+    """Conjugate gradients for heat problems with one unknown per cell.
+
+    The levels are not used.
+    """
 
     accepts = ("heat",)
 

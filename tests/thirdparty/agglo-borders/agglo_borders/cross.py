@@ -1,4 +1,4 @@
-"""The sample ``cross``."""
+"""Sample ``cross``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ __all__ = ["cross"]
 
 
 def cross(n: int = 3) -> Mesh:
-    """Five squares in a cross, each of ``n`` by ``n`` cells; the cell tag ``arm`` is 1 on the upright.
+    """Cross of five squares with ``n`` by ``n`` cells each.
+
+    The cell tag ``arm`` is 1 on the upright.
 
     Parameters
     ----------

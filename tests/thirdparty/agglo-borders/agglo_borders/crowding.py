@@ -1,4 +1,4 @@
-"""The metric ``crowding``."""
+"""Metric ``crowding``."""
 
 from __future__ import annotations
 
@@ -12,17 +12,23 @@ __all__ = ["Crowding"]
 
 
 class Crowding:
-    """Number of cells of an agglomerate, squared: the sum is least where all have equally many."""
+    """Squared number of cells of an agglomerate.
+
+    The sum is smallest for equal numbers.
+    """
 
     better = "low"
     bounds = (1.0, inf)
     homogeneity = 0
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
-        """Value of each agglomerate ``(k,)``."""
+        """Return the value of each agglomerate ``(k,)``."""
         return np.bincount(labels) ** 2.0
 
     def changes(self, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-        """Change of the sum ``(q,)``: (m + 1)² − m² where a cell goes, (m − 1)² − m² where it was."""
+        """Return the changes of the sum ``(q,)``.
+
+        The change is (m + 1)² − m² in the new part, and (m − 1)² − m² in the old part.
+        """
         sizes = np.bincount(labels).astype(float)
         return np.where(labels[cells] == parts, 0.0, 2 * (sizes[parts] - sizes[labels[cells]] + 1))

@@ -1,4 +1,4 @@
-"""The problem ``heat``."""
+"""Problem ``heat``."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["Heat"]
 
 @dataclass(frozen=True)
 class Heat:
-    """A plate heated by ``source`` that loses ``loss`` times its temperature everywhere, none at its rim."""
+    """Plate heated by ``source`` with a heat loss of ``loss`` times the temperature, insulated at its rim."""
 
     kind: ClassVar[str] = "heat"
     source: float = 1.0
@@ -22,7 +22,7 @@ class Heat:
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any], mesh: Mesh, folder: Path) -> Self:
-        """The problem of ``source = 2.0`` and ``loss = 0.5``."""
+        """Read a table such as ``source = 2.0`` and ``loss = 0.5``."""
         values = {key: value for key, value in table.items() if key != "kind"}
         for key, value in values.items():
             if key not in ("source", "loss") or not isinstance(value, int | float):
@@ -31,5 +31,5 @@ class Heat:
 
     @classmethod
     def example(cls, mesh: Mesh) -> Self:
-        """A problem on any mesh."""
+        """Return a problem for any mesh."""
         return cls(source=3.0, loss=0.5)

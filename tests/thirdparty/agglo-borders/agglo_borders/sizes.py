@@ -1,4 +1,4 @@
-"""The section ``sizes`` of the report."""
+"""Report section ``sizes``."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["Sizes"]
 
 
 class Sizes:
-    """How many parts each level of each run has."""
+    """Number of parts of each level in each run."""
 
     title = "Parts of every level"
 

@@ -1,4 +1,4 @@
-"""The format ``toy``."""
+"""Format ``toy``."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["Toy"]
 
 
 class Toy:
-    """Points, vertex loops and cell tags as JSON: cells of the plane without holes, no hierarchies."""
+    """JSON file with points, vertex loops and cell tags, for 2-D meshes without holes and hierarchies."""
 
     lossless = False
 

@@ -1,4 +1,4 @@
-"""The smoother ``two_sweeps``."""
+"""Smoother ``two_sweeps``."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["GaussSeidel"]
 
 
 class GaussSeidel:
-    """A sweep of Gauss and Seidel through the unknowns and one back, as often as there are steps."""
+    """Symmetric Gauss-Seidel: a forward and a backward sweep per step."""
 
     def setup(self, level: MultigridLevel) -> Callable[[Float, Float], Float]:
         """Return ``smooth(b, x)``."""

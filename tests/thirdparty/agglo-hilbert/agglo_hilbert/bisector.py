@@ -1,4 +1,4 @@
-"""Bisection along the Hilbert curve, a whole level in one call."""
+"""Bisection along the Hilbert curve, with a whole level in one call."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ __all__ = ["Hilbert"]
 
 
 class Hilbert:
-    """The first half of a piece's cells along the curve is one side, the rest the other.
+    """Bisector with the first half of the cells along the curve on one side.
 
     Parameters
     ----------
     bits : int in 1..20
-        Depth of the curve; cells closer than the piece's extent / 2^bits are taken as numbered.
+        Depth of the curve; cells closer than extent / 2^bits keep the order of their numbers.
     """
 
     def __init__(self, bits: int = 16) -> None:
@@ -26,7 +26,10 @@ class Hilbert:
         self.bits = bits
 
     def bisect_level(self, level: Graph, seeds: NDArray[np.uint64]) -> NDArray[np.int64]:
-        """Sides ``(n,)`` of every block; seeds are not used."""
+        """Return the sides ``(n,)`` of every block.
+
+        The seeds are not used.
+        """
         first, sizes = level.offsets[:-1], np.diff(level.offsets)
         low = np.minimum.reduceat(level.centroids, first)
         extent = (np.maximum.reduceat(level.centroids, first) - low).max(axis=1)

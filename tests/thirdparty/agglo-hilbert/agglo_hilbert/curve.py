@@ -9,10 +9,13 @@ __all__ = ["hilbert_keys"]
 
 
 def hilbert_keys(grid: NDArray[np.uint64], bits: int) -> NDArray[np.uint64]:
-    """Place on the curve ``(n,)`` of integer points ``(n, d)`` in ``0..2^bits − 1``; d · bits ≤ 64."""
+    """Return positions ``(n,)`` along the curve for integer points ``(n, d)``.
+
+    Coordinates are in ``0..2^bits − 1``, with d · bits ≤ 64.
+    """
     axes = np.array(grid.T, dtype=np.uint64)
     powers = [np.uint64(1 << bit) for bit in range(bits - 1, 0, -1)]
-    for power in powers:  # undo the rotations of ever smaller squares
+    for power in powers:  # undo the rotations of smaller and smaller squares
         low = power - np.uint64(1)
         for axis in axes:
             high = (axis & power) > 0
@@ -24,6 +27,7 @@ def hilbert_keys(grid: NDArray[np.uint64], bits: int) -> NDArray[np.uint64]:
     for power in powers:
         flips ^= np.where((axes[-1] & power) > 0, power - np.uint64(1), np.uint64(0))
     axes ^= flips
+    # Interleave the bits of the coordinates.
     keys = np.zeros(len(grid), np.uint64)
     for bit in range(bits - 1, -1, -1):
         for axis in axes:

@@ -1,4 +1,4 @@
-"""How far the cells of an agglomerate spread."""
+"""Radius of gyration of agglomerates."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ __all__ = ["Gyration"]
 
 
 class Gyration:
-    """Root mean square distance of the cells' centroids, weighted by measure, from theirs, over the diameter.
+    """Radius of gyration of the cell centroids, weighted by measure, relative to the diameter.
 
-    0 for a single cell; at most sqrt(3/8), by Jung's theorem.
+    The value is 0 for a single cell, and at most sqrt(3/8) by Jung's theorem.
     """
 
     better = "low"
@@ -21,7 +21,7 @@ class Gyration:
     homogeneity = 0
 
     def measure(self, mesh: Mesh, labels: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Value of each agglomerate ``(k,)``."""
+        """Return the value of each agglomerate ``(k,)``."""
         coarse = mesh.coarsen(labels)
         away = mesh.local_centroids - coarse.local_centroids[labels]
         squares = np.bincount(labels, mesh.cell_measures * (away**2).sum(axis=1))

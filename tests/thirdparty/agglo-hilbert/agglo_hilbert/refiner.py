@@ -1,4 +1,4 @@
-"""Interface refinement by array operations alone."""
+"""Interface refinement with array operations."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ Labels = NDArray[np.int64]
 
 
 class Leaves:
-    """Moves leaves, cells with one neighbour in their part, to the part they share most interface with.
+    """Refiner that moves leaves, cells with a single neighbour in their part, to an adjacent part.
 
-    A leaf can go without disconnecting its part, and of two neighbours only one goes at a time: no part
-    is emptied or broken, and what the moves gain adds up.
+    The new part has the longest interface with the leaf. A leaf can move without disconnecting its part, and
+    of two neighbours only one moves at a time. Hence no part is emptied or broken, and the gains of all moves
+    add up.
 
     Parameters
     ----------
     sweeps : int
-        At most so many rounds of moves.
+        Maximum number of rounds.
     """
 
     objective = "interface"
@@ -32,7 +33,10 @@ class Leaves:
         self.sweeps = sweeps
 
     def refine(self, graph: Graph, labels: Labels, seeds: NDArray[np.uint64], target: Target) -> Labels:
-        """Labels ``(n,)`` with an interface no longer than before; seeds and target are not used."""
+        """Return labels ``(n,)`` with an interface no longer than before.
+
+        Seeds and target are not used.
+        """
         rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
         refined = np.array(labels)
         for _ in range(self.sweeps):
@@ -44,17 +48,21 @@ class Leaves:
 
 
 def _moves(graph: Graph, rows: Labels, labels: Labels) -> tuple[Labels, Labels]:
-    """Leaves that gain by moving, no two of them neighbours, and the part each goes to."""
+    """Return leaves with a gain, no two of them adjacent, and the new part of each."""
     n, stride = graph.n, int(labels.max()) + 1
+    # Interface of each cell with each adjacent part.
     pairs, place = np.unique(rows * stride + labels[graph.indices], return_inverse=True)
     shared, cell, part = np.bincount(place, graph.interface), pairs // stride, pairs % stride
+    # Interface with the own part, and the largest interface with another part.
     inside = part == labels[cell]
     own, best = np.zeros(n), np.zeros(n)
     own[cell[inside]] = shared[inside]
     np.maximum.at(best, cell[~inside], shared[~inside])
+    # Gain of leaves, up to rounding.
     held = np.bincount(rows, labels[rows] == labels[graph.indices], minlength=n)
     gain = np.where(held == 1, best - own, 0.0)
     gain[gain <= 1e-12 * best] = 0.0
+    # Keep cells with a larger gain than all their neighbours.
     rank = np.empty(n, np.int64)
     rank[np.argsort(gain, kind="stable")] = np.arange(n)
     highest = np.zeros(n, np.int64)
