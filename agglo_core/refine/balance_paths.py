@@ -31,6 +31,32 @@ class Parts(NamedTuple):
     before: Any
 
 
+class Shift(NamedTuple):
+    """Workspace of one shift: a heap of cells, arrays of the connectivity search, and two part centres."""
+
+    heap: Any
+    keys: Any
+    place: Any
+    rings: Any
+    centres: Any
+
+
+class Paths(NamedTuple):
+    """Workspace of the searches for paths.
+
+    ``queue (k,)`` holds the parts in the order of the search, later those of a path; ``came (k,)`` is the
+    predecessor of each part, ``seen (k + 1,)`` the number of the search that reached it. Rows of ``moves``
+    are the moved cell and its old part. Rows of ``barred`` are their number, then pairs of parts.
+    """
+
+    queue: Any
+    came: Any
+    seen: Any
+    moves: Any
+    shift: Any
+    barred: Any
+
+
 @helper
 def _move(weights, parts, i, target):
     """Move cell i to part ``target``."""
@@ -97,14 +123,15 @@ def _can_spare(indptr, indices, labels, i, rings, stamp):
 
 
 @helper
-def _shift(graph, weights, parts, home, target, amount, moved, done, work, stamp):
+def _shift(graph, weights, parts, home, target, amount, done, paths, stamp):
     """Move cells with about the size ``amount`` from ``home`` to ``target``, closest to the target first.
 
-    Moves are recorded in rows of ``moved`` (cell, old part) from ``done`` on, up to the number of rows.
+    Moves are recorded in rows of ``paths.moves`` from ``done`` on, up to the number of rows.
     Returns the end row, the moved size and the last stamp.
     """
     indptr, indices, centroids = graph
-    heap, keys, place, rings, centres = work[4]
+    heap, keys, place, rings, centres = paths.shift
+    moves = paths.moves
     # 1. Direction from one part's centre to the other's.
     _centre(graph, weights, parts, home, centres[0])
     _centre(graph, weights, parts, target, centres[1])
@@ -121,7 +148,7 @@ def _shift(graph, weights, parts, home, target, amount, moved, done, work, stamp
         i = parts.after[i]
     # 3. Move cells until the amount is reached. The first cell may exceed it. A later cell that would exceed
     #    it ends the shift. Cells that keep the part connected are skipped.
-    while size > 0 and parts.cells[home] > 1 and done < len(moved):
+    while size > 0 and parts.cells[home] > 1 and done < len(moves):
         cell, size = take_out(heap, keys, place, size)
         i = np.uint64(cell)
         if total > 0.0 and total + weights[i] > amount * (1.0 + 1e-9):
@@ -129,7 +156,7 @@ def _shift(graph, weights, parts, home, target, amount, moved, done, work, stamp
         stamp += 1
         if not _can_spare(indptr, indices, parts.labels, i, rings, stamp):
             continue
-        moved[done, 0], moved[done, 1] = cell, home
+        moves[done, 0], moves[done, 1] = cell, home
         _move(weights, parts, i, target)
         done, total = done + 1, total + weights[i]
         if total >= amount * (1.0 - 1e-9):
@@ -149,15 +176,15 @@ def _shift(graph, weights, parts, home, target, amount, moved, done, work, stamp
 
 
 @helper
-def _way(graph, parts, bounds, start, sign, barred, work):
+def _way(graph, parts, bounds, start, sign, paths):
     """Find the nearest part to ``start`` with a size on the other side of the mean, or −1.
 
-    The search is breadth-first over the block's parts. ``came`` stores the predecessor of each part on the
-    path. ``barred`` pairs are skipped: row 0 contains their count, the next rows the pairs.
+    The search is breadth-first over the block's parts. ``paths.came`` stores the predecessor of each part on
+    the path. ``paths.barred`` pairs are skipped.
     """
     indptr, indices, _ = graph
-    block, mean = bounds[0], bounds[1]
-    queue, came, seen = work[0], work[1], work[2]
+    block, mean = bounds
+    queue, came, seen, barred = paths.queue, paths.came, paths.seen, paths.barred
     # Marks from earlier searches differ from this search's number, which is stored behind the marks.
     turn = seen[len(seen) - 1] + 1
     seen[len(seen) - 1] = turn
@@ -195,13 +222,13 @@ def _unevenness(parts, way, length, mean):
 
 
 @helper
-def _hand_on(graph, weights, parts, mean, length, sign, barred, work, stamp):
+def _hand_on(graph, weights, parts, mean, length, sign, paths, stamp):
     """Pass cells along the path in the queue, unless this brings sizes no nearer to the mean.
 
     The path has ``length`` parts and starts at the part to correct (``sign`` 1: too large, −1: too small).
     Returns True if cells were passed on, and the last stamp.
     """
-    way, moved, done = work[0], work[3], np.int64(0)
+    way, moves, barred, done = paths.queue, paths.moves, paths.barred, np.int64(0)
     before = _unevenness(parts, way, length, mean)
     # 1. Amount: the smaller deviation of both path ends from the mean.
     amount = min(abs(parts.sizes[way[0]] - mean), abs(parts.sizes[way[length - 1]] - mean))
@@ -210,7 +237,7 @@ def _hand_on(graph, weights, parts, mean, length, sign, barred, work, stamp):
     for s in range(length - 1):
         home, target = (way[s], way[s + 1]) if sign > 0 else (way[length - 1 - s], way[length - 2 - s])
         start = done
-        done, amount, stamp = _shift(graph, weights, parts, home, target, amount, moved, done, work, stamp)
+        done, amount, stamp = _shift(graph, weights, parts, home, target, amount, done, paths, stamp)
         if done == start:
             # No cell can move between these two parts: later paths avoid the pair.
             barred[0, 0] += 1
@@ -225,20 +252,21 @@ def _hand_on(graph, weights, parts, mean, length, sign, barred, work, stamp):
         barred[0, 0] = _TRIES  # another path would not do better
     # 4. Otherwise undo all moves in reverse order.
     for back in range(done):
-        _move(weights, parts, moved[done - 1 - back, 0], moved[done - 1 - back, 1])
+        _move(weights, parts, moves[done - 1 - back, 0], moves[done - 1 - back, 1])
     return False, stamp
 
 
 @helper
-def _traded(graph, weights, parts, bounds, p, sign, work, stamp):
+def _traded(graph, weights, parts, bounds, p, sign, paths, stamp):
     """Pass cells from part p (sign 1) or to part p (−1) along one of several paths.
 
     Returns True if a path succeeded, and the last stamp.
     """
-    queue, came, barred = work[0], work[1], work[5]
+    block, mean = bounds
+    queue, came, barred = paths.queue, paths.came, paths.barred
     barred[0, 0] = 0
     while barred[0, 0] < _TRIES:
-        end = _way(graph, parts, bounds, p, sign, barred, work)
+        end = _way(graph, parts, bounds, p, sign, paths)
         if end < 0:
             break
         # Trace the path back from its last part to p: first its length, then its parts in order.
@@ -248,9 +276,8 @@ def _traded(graph, weights, parts, bounds, p, sign, work, stamp):
         for s in range(length):
             queue[length - 1 - s] = end
             end = came[end]
-        mean = bounds[1][bounds[0][p]]
-        done, stamp = _hand_on(graph, weights, parts, mean, length, sign, barred, work, stamp)
-        if done:
+        passed, stamp = _hand_on(graph, weights, parts, mean[block[p]], length, sign, paths, stamp)
+        if passed:
             return True, stamp
     return False, stamp
 
@@ -284,9 +311,10 @@ def even_out(indptr, indices, centroids, weights, labels, block, mean, room):
     # 2. Workspace for connectivity searches, for the heap of a shift, and for paths between parts.
     rings = (np.empty(n + 1, np.int32), np.empty(n + 1, np.int32), np.zeros((n, 2), np.int64))
     heap, keys, place = np.empty(n, np.int32), np.empty(n), np.full(n, -1, np.int32)
-    shift = (heap, keys, place, rings, np.empty((2, centroids.shape[1])))
+    shift = Shift(heap, keys, place, rings, np.empty((2, centroids.shape[1])))
     queue, came, seen = np.empty(k, np.int32), np.zeros(k, np.int32), np.zeros(k + 1, np.int64)
-    work = (queue, came, seen, np.empty((n, 2), np.int64), shift, np.zeros((_TRIES + 2, 2), np.int64))
+    moves, barred = np.empty((n, 2), np.int64), np.zeros((_TRIES + 2, 2), np.int64)
+    paths = Paths(queue, came, seen, moves, shift, barred)
     # 3. Each part that is too large or too small trades cells until its size is admissible or no path
     #    succeeds. Repeat while cells move, because blocked moves may become possible.
     changed = True
@@ -296,6 +324,6 @@ def even_out(indptr, indices, centroids, weights, labels, block, mean, room):
             b, going = block[p], True
             while going and abs(parts.sizes[p] - mean[b]) > room[b]:
                 sign = 1.0 if parts.sizes[p] > mean[b] else -1.0
-                going, stamp = _traded(graph, weights, parts, bounds, p, sign, work, stamp)
+                going, stamp = _traded(graph, weights, parts, bounds, p, sign, paths, stamp)
                 changed |= going
     return own.astype(np.int64)

@@ -160,10 +160,11 @@ def _put(measures, tally, i, target):
 def _leave(graph, measures, tally, floors, i, target, search, stamp):
     """Move cell i to ``target`` unless its part would become disconnected, empty or too small."""
     parts, part_measures, part_cells = tally
-    own = parts[i]
-    if part_measures[own] - measures[i] < floors[own] or part_cells[own] < 2:
+    indptr, indices, _ = graph
+    home = parts[i]
+    if part_measures[home] - measures[i] < floors[home] or part_cells[home] < 2:
         return False
-    if not keeps_whole(graph[0], graph[1], parts, i, search, stamp):
+    if not keeps_whole(indptr, indices, parts, i, search, stamp):
         return False
     _put(measures, tally, i, target)
     return True

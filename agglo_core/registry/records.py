@@ -98,7 +98,7 @@ def describe(record: Record) -> str:
     --------
     >>> from agglo_core.registry import default, describe
     >>> (record,) = (record for record in default().list() if record.name == "balance")
-    >>> describe(record)  # doctest: +ELLIPSIS
+    >>> describe(record)
     "refiner 'balance' (plugin 'defaults', distribution agglo ...)"
     """
     return record.title
