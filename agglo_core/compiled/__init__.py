@@ -1,8 +1,8 @@
-"""Compiled code: how kernels are compiled and kept on disk, and the kernels that several folders share.
+"""Compiled code: compilation and disk cache of kernels, and kernels shared by several folders.
 
-A kernel stands beside the code that uses it and is tested against a slow, obvious numpy implementation.
-Kernels are compiled while a wheel is built, or on first use. Inputs are read-only arrays, outputs are fresh:
-every kernel has one signature.
+A kernel stands next to the code that uses it, and is tested against a slow, obvious numpy implementation.
+Kernels are compiled while a wheel is built, or on first use. Inputs are read-only arrays and outputs are new
+arrays, so every kernel has one signature.
 """
 
 from agglo_core.compiled.compiling import helper, kernel

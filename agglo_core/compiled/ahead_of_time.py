@@ -1,4 +1,6 @@
-"""Kernels compiled while a wheel is built, so that the first run finds them: those of ``ahead_of_time.txt``.
+"""Compile the kernels listed in ``ahead_of_time.txt`` while a wheel is built.
+
+The first run then finds them on disk.
 
 python -m agglo_core.compiled.ahead_of_time FOLDER
 """
@@ -16,29 +18,29 @@ from typing import Any, NamedTuple
 import numba.types
 
 LISTED = Path(__file__).with_name("ahead_of_time.txt")
-_MOST_WORKERS = 16  # processes at most, each of which loads numba
+_MOST_WORKERS = 16  # maximum number of processes, each of which loads numba
 
 
 class Signature(NamedTuple):
-    """A kernel and the types of the arguments it is compiled for, as numba writes them."""
+    """A kernel and its argument types in numba's notation."""
 
     module: str
     name: str
     arguments: str
 
     def kernel(self) -> Any:
-        """The kernel itself; importing its module compiles nothing."""
+        """Return the kernel. Importing its module compiles nothing."""
         return getattr(import_module(self.module), self.name)
 
     def types(self) -> tuple[Any, ...]:
-        """Numba's types of the arguments."""
+        """Return numba's argument types."""
         names = {**vars(numba.types), "bool": numba.types.boolean, "named": _named_tuple}
-        found: tuple[Any, ...] = eval(self.arguments, names)  # from a file of ours
+        found: tuple[Any, ...] = eval(self.arguments, names)  # from a file in this package
         return found
 
 
 def written(arguments: tuple[Any, ...]) -> str:
-    """Numba's types of the arguments, as :meth:`Signature.types` reads them."""
+    """Return numba's argument types as text that :meth:`Signature.types` can read."""
     texts = []
     for each in arguments:
         if isinstance(each, numba.types.NamedTuple | numba.types.NamedUniTuple):
@@ -56,15 +58,15 @@ def _named_tuple(types: tuple[Any, ...], home: str) -> Any:
 
 
 def listed() -> list[Signature]:
-    """Signatures of ``ahead_of_time.txt``, those that take longest first."""
+    """Return the signatures in ``ahead_of_time.txt``, slowest to compile first."""
     lines = LISTED.read_text(encoding="utf-8").splitlines()
     return [Signature(*line.split(" ", 2)) for line in lines if not line.startswith("#")]
 
 
 def compile_listed(folder: Path, signatures: Iterable[Signature]) -> list[str]:
-    """Compile in as many processes as there are processors; returns a line for each kernel that failed.
+    """Compile in one process per processor, and return a line for each failed kernel.
 
-    Set NUMBA_CACHE_DIR to an empty folder, as kernels that others call are kept there.
+    Set NUMBA_CACHE_DIR to an empty folder, because kernels called by other kernels are stored there.
     """
     processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     with ProcessPoolExecutor(min(processors, _MOST_WORKERS)) as pool:

@@ -12,14 +12,14 @@ from numba.extending import is_jitted, register_jitable
 try:
     from agglo_core.compiled.kernel_cache import KernelCache
     from agglo_core.compiled.self_contained import KernelCompiler
-except (ImportError, AttributeError):  # a numba that is otherwise within: its own compiler and cache serve
+except (ImportError, AttributeError):  # numba with other internals: use its compiler and cache
     KernelCache = KernelCompiler = None  # type: ignore[assignment, misc]
 
 ONE = np.uint64(1)
-"""To be added to unsigned indices, which a plain 1 would make real numbers.
+"""One as an unsigned integer: a plain 1 would turn unsigned indices into real numbers.
 
-An index that may be negative counts from the end: to see whether it does takes three instructions at every
-access, half the time of a loop over neighbours. Hot loops say ``np.uint32(indices[h])``, which takes none.
+An index that may be negative counts from the end, and testing for this takes three instructions at every
+access, half the time of a loop over neighbours. Hot loops therefore write ``np.uint32(indices[h])``.
 """
 
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
@@ -28,10 +28,11 @@ _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wra
 def kernel(
     function: Callable[..., Any] | None = None, *, reorder_sums: bool = False, allocates: bool = True
 ) -> Any:
-    """Compile ``function`` with numba on first call, from the disk cache where one can be written.
+    """Compile ``function`` with numba on first call, using the disk cache if writable.
 
-    ``reorder_sums`` lets the compiler vectorise reductions; results stay the same from run to run. One that
-    calls helpers many times with many arrays, and makes and returns none, may say ``allocates=False``.
+    ``reorder_sums`` lets the compiler vectorise reductions; results stay reproducible from run to run. Use
+    ``allocates=False`` for a kernel that calls helpers many times with many arrays, and neither creates nor
+    returns arrays.
 
     Examples
     --------
@@ -43,7 +44,7 @@ def kernel(
     if function is None:
         return lambda inner: kernel(inner, reorder_sums=reorder_sums, allocates=allocates)
     compiled: Any = numba.njit(pipeline_class=KernelCompiler, **_options(reorder_sums, allocates))(function)
-    if is_jitted(compiled):  # not so under NUMBA_DISABLE_JIT
+    if is_jitted(compiled):  # False under NUMBA_DISABLE_JIT
         _keep(compiled, function)
     return compiled
 
@@ -55,15 +56,15 @@ def helper(
     allocates: bool = False,
     inline: bool = False,
 ) -> Any:
-    """Let kernels call ``function``; called from Python it runs uncompiled.
+    """Let kernels call ``function``, which runs uncompiled from Python.
 
-    Whatever only kernels call should be a helper: it compiles in less time than a kernel, as it needs no
-    entry from Python, and a literal argument does not make a second signature. It cannot call itself. One
-    that both a kernel and a helper call is compiled for each of the two.
+    A function called only by kernels should be a helper: it compiles faster than a kernel, as it needs no
+    entry point from Python, and a literal argument does not create a second signature. A helper cannot call
+    itself. A helper called by both a kernel and a helper is compiled for each of them.
 
-    Arrays are borrowed from the caller, so that no references are counted: two atomic additions for every
-    array of every call. One that makes arrays, or calls a helper that does, says ``allocates=True``. One of
-    many lines that is called in a loop meant for vector registers says ``inline=True``.
+    Arrays are borrowed from the caller, so no references are counted: this saves two atomic additions for
+    every array in every call. Use ``allocates=True`` for helpers that create arrays, or call such helpers.
+    Use ``inline=True`` for long helpers called in a loop to be vectorised.
 
     Examples
     --------
@@ -88,5 +89,5 @@ def _keep(compiled: Any, function: Callable[..., Any]) -> None:
 
 
 def _options(reorder_sums: bool, allocates: bool) -> dict[str, Any]:
-    options = _OPTIONS | {"_nrt": allocates}  # inherited from the caller unless it is given
+    options = _OPTIONS | {"_nrt": allocates}  # inherited from the caller unless given
     return options | ({"fastmath": {"reassoc", "contract", "nsz"}} if reorder_sums else {})

@@ -1,4 +1,4 @@
-"""Notice that kernels are being compiled, which takes longer than most runs."""
+"""Detect the compilation of kernels, which takes longer than most runs."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from numba.core.event import Listener, install_listener
 
 
 def watch_compilation(tell: Callable[[], None]) -> AbstractContextManager[None]:
-    """Call ``tell`` when numba compiles something for the first time within the context.
+    """Call ``tell`` when numba first compiles something within the context.
 
-    Kernels that are on disk are loaded, not compiled.
+    Kernels on disk are loaded, not compiled.
     """
     watch: AbstractContextManager[None] = install_listener("numba:compile", _Once(tell))
     return watch
@@ -22,10 +22,10 @@ class _Once(Listener):
         self._tell, self._told = tell, False
 
     def on_start(self, event: object) -> None:
-        """Called by numba."""
+        """Handle the start of a compilation, called by numba."""
         if not self._told:
             self._told = True
             self._tell()
 
     def on_end(self, event: object) -> None:
-        """Called by numba."""
+        """Do nothing at the end of a compilation, called by numba."""

@@ -1,4 +1,4 @@
-"""Blocks about their centres of mass, their frames, and directions in the plane."""
+"""Centred blocks, their principal frames, and directions in 2-D."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper
 
-_ROUND = 0.8  # ratio of the lesser principal moment to the larger one, above which no axis stands out
+_ROUND = 0.8  # ratio of the smaller to the larger principal moment, above which no axis stands out
 
 
 @helper(reorder_sums=True)
 def planar_frame(n, x, y, shares):
-    """Cosine and sine of the principal axis of the centred points, and their second moments xx, xy, yy.
+    """Return cosine and sine of the principal axis of centred points, and their moments xx, xy, yy.
 
-    If no axis stands out, the ratio of principal moments exceeding 0.8, of the axis of least fourth
-    moments: along the side of a square, to which second moments are blind.
+    If the ratio of principal moments exceeds 0.8, so that no axis stands out, the axis of least fourth
+    moments is used: along the side of a square, which second moments cannot detect.
 
     Examples
     --------
@@ -33,10 +33,10 @@ def planar_frame(n, x, y, shares):
         yy += shares[i] * y[i] * y[i]
         real += shares[i] * (p * p - q * q)
         imaginary += shares[i] * 2.0 * p * q
-    # 2. Principal moments are mean ± radius; the principal axis has half the angle of (xx − yy, 2 xy).
+    # 2. Principal moments are mean ± radius. The principal axis has half the angle of (xx − yy, 2 xy).
     mean, radius = 0.5 * (xx + yy), np.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
     angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
-    # 3. Nearly equal, as those of a square: with the argument φ of the fourth moment, that along the axis at
+    # 3. Nearly equal, as for a square: with the argument φ of the fourth moment, the moment along the axis at
     #    angle t is least where cos(4t − φ) = −1.
     if mean - radius > _ROUND * (mean + radius) or mean == 0.0:
         angle = 0.25 * np.arctan2(-imaginary, -real)
@@ -45,7 +45,7 @@ def planar_frame(n, x, y, shares):
 
 @helper(allocates=True)
 def half_circle(count):
-    """Cosines and sines of ``count`` angles evenly over the half circle, from 0 on ``(count, 2)``.
+    """Return the cosines and sines ``(count, 2)`` of evenly spaced angles on the half circle.
 
     Examples
     --------
@@ -60,7 +60,7 @@ def half_circle(count):
 
 @helper(allocates=True)
 def halvings(count, times):
-    """Cosines and sines of the angles that halve those of ``half_circle(count)``, again and again.
+    """Return the cosines and sines of the angles that repeatedly halve ``half_circle(count)``.
 
     Examples
     --------
@@ -74,7 +74,7 @@ def halvings(count, times):
 
 @helper
 def turned(a, b, p, q):
-    """The direction (a, b) turned by the angle whose cosine and sine are p and q.
+    """Rotate the direction (a, b) by the angle with cosine p and sine q.
 
     Examples
     --------
@@ -85,27 +85,27 @@ def turned(a, b, p, q):
     return a * p - b * q, b * p + a * q
 
 
-_COMPACT = 15.0  # least weight of the inertia: more would favour compact halves, less short cuts
-_GROWTH = 4.0  # times √n: its weight in a block of many cells, more than 15 from n = 15 on
+_COMPACT = 15.0  # smallest weight of the inertia: larger favours compact halves, smaller favours short cuts
+_GROWTH = 4.0  # times √n: weight of the inertia in large blocks, above 15 from n = 15 on
 
 
 @helper
 def compactness(n):
-    """Weight of the inertia relative to the cut of a block of n cells.
+    """Return the weight of the inertia relative to the cut, for a block with n cells.
 
-    A longer cut harms two parts, unequal sides harm all the parts that they will be split into: the
-    more cells, the more that counts, but only like √n, so that necks are still found.
+    A longer cut affects two parts, unequal sides affect all parts that result from them. Their weight
+    therefore increases with the number of cells, but only like √n, so that necks are still found.
     """
     return max(_COMPACT, _GROWTH * np.sqrt(n))
 
 
 @helper
 def centre_block(start, n, centroids, weights, measures, local, shares):
-    """Fill positions about the centre of mass, and shares.
+    """Write centred positions and weight shares of a block, and return its scales.
 
-    Returns 1 / section, inertia, and its weight. ``local (3, n)`` and ``shares (n,)`` are those of the cells
-    ``start`` to ``start + n − 1``; the shares of weights add up to 1. The section is that of a square or cube
-    of the measure of the block.
+    The scales are 1 / section, inertia, and inertia weight. ``local (3, n)`` and ``shares (n,)`` belong to
+    the cells ``start`` to ``start + n − 1``, and the shares add up to 1. The section is a side or face of a
+    square or cube with the block's measure.
 
     Examples
     --------
@@ -123,7 +123,7 @@ def centre_block(start, n, centroids, weights, measures, local, shares):
         shares[i] = weights[start + i]
         total += weights[start + i]
         measure += measures[start + i]
-    # Positions about the first cell: far from the origin, means of these lose no digits.
+    # Positions relative to the first cell, so that means far from the origin lose no digits.
     for k in range(d):
         for i in range(n):
             local[k, i] = centroids[start + i, k] - centroids[start, k]
@@ -134,7 +134,7 @@ def centre_block(start, n, centroids, weights, measures, local, shares):
 
 @helper(reorder_sums=True)
 def _centre(n, column, shares):
-    """Make the mean of a column 0 and return its variance."""
+    """Shift a column to mean 0 and return its variance."""
     mean, variance = 0.0, 0.0
     for i in range(n):
         mean += shares[i] * column[i]
@@ -146,10 +146,9 @@ def _centre(n, column, shares):
 
 @helper
 def centre_points(n, d, local, shares, total, measure):
-    """Centre the positions ``local (3, n)``, of d rows, and make shares of the weights.
+    """Centre the positions ``local (3, n)`` in d dimensions, and normalise the weights.
 
-    Results are those of ``centre_block``. ``total`` is the sum of the weights, ``measure`` that of the
-    measures.
+    Returns the scales of ``centre_block``. ``total`` is the sum of weights, ``measure`` the sum of measures.
     """
     for i in range(n):
         shares[i] = shares[i] / total if total > 0.0 else 1.0 / n

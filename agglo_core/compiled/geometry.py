@@ -1,4 +1,4 @@
-"""Diameters of blocks: largest distances between vertices of their cells, exact or bounded."""
+"""Block diameters: largest distances between cell vertices, exact or bounded."""
 
 from __future__ import annotations
 
@@ -6,18 +6,19 @@ import numpy as np
 
 from agglo_core.compiled.compiling import ONE, helper, kernel
 
-_FEW = 12  # vertices up to which every pair of them is compared at once
+_FEW = 12  # vertex count up to which all pairs are compared directly
 MANY = 64
-"""Vertices above which they are sorted to find the farthest pair; of fewer all pairs are compared."""
+"""Vertex count above which vertices are sorted to find the farthest pair. Below it all pairs are compared."""
 
 
 @helper
 def distinct_vertices(b, cells, vertex_offsets, vertices, points, stamp, unique, centre):
-    """Write the vertices of ``cells``, each once, to ``unique`` and return how many.
+    """Write the distinct vertices of ``cells`` to ``unique`` and return their number.
 
-    ``stamp`` marks the vertices met, with b, which it must not hold before. The ``centre`` of their box is
-    written, too, unless they are few.
+    ``stamp`` marks visited vertices with b, a value not used before. The ``centre`` of their box is also
+    written, unless there are few vertices.
     """
+    # 1. Collect the vertices.
     m = 0
     for i in range(len(cells)):
         for h in range(np.uint64(vertex_offsets[cells[i]]), np.uint64(vertex_offsets[cells[i] + 1])):
@@ -25,6 +26,7 @@ def distinct_vertices(b, cells, vertex_offsets, vertices, points, stamp, unique,
             if stamp[v] != b:
                 stamp[v], unique[m] = b, v
                 m += 1
+    # 2. Centre of the bounding box.
     for k in range(len(centre) if m > _FEW else 0):
         low, high = np.inf, -np.inf
         for i in range(m):
@@ -36,7 +38,7 @@ def distinct_vertices(b, cells, vertex_offsets, vertices, points, stamp, unique,
 
 @helper
 def _farthest(m, unique, x, points):
-    """Square of the largest distance of the vertices ``unique[:m]`` from ``x``, and the vertex there."""
+    """Return the largest squared distance from ``x`` to the vertices ``unique[:m]``, and the vertex there."""
     best, q = -1.0, unique[0]
     for i in range(m):
         s = 0.0
@@ -49,8 +51,8 @@ def _farthest(m, unique, x, points):
 
 @helper
 def sort_along_x(m, unique, points):
-    """Sort the vertices ``unique[:m]`` by their first coordinate, equal ones by number (Shell's sort)."""
-    # Insertion sort over falling gaps, about 5/11 of the one before; the last gap is 1.
+    """Sort the vertices ``unique[:m]`` by first coordinate, then by number (Shell sort)."""
+    # Insertion sort with decreasing gaps, each about 5/11 of the previous. The last gap is 1.
     gap = m // 2
     while gap > 0:
         for i in range(gap, m):
@@ -69,23 +71,23 @@ def sort_along_x(m, unique, points):
 
 @helper
 def widest_of_many(m, unique, centre, points, reach, widest):
-    """The square of the largest distance between any two of ``unique[:m]``, which is at least ``widest``.
+    """Return the largest squared distance between two of ``unique[:m]``, at least ``widest``.
 
-    Let r be the largest distance from the centre c, ``reach`` its square. Of a pair p, q at distance w or
-    more, q lies within √(4r² − w²) of the mirror image 2c − p (parallelogram law): on round shapes hardly
-    any vertex does. The vertices are sorted along x, and q is sought among those near the image in x.
+    Let r be the largest distance from the centre c, with square ``reach``. For a pair p, q at distance w or
+    more, q lies within √(4r² − w²) of the mirror image 2c − p (parallelogram law). On round shapes hardly any
+    vertex does. The vertices are sorted along x, and q is searched among the vertices near the image in x.
     """
     sort_along_x(m, unique, points)
     last = m - 1
     for i in range(m):
-        # 1. Places along x of the image and of the ball around it, which shrinks as the bound rises.
+        # 1. Coordinates along x of the image and of the ball around it, which shrinks as the bound increases.
         image = 2.0 * centre[0] - points[unique[i], 0]
         around = np.sqrt(max(4.0 * reach - widest, 0.0) + 1e-12 * reach)
-        # 2. As images move left, so does the right end of what is in the ball: vertices beyond it are never
-        #    needed again.
+        # 2. As images move left, so does the right end of the ball: vertices beyond it are never needed
+        #    again.
         while last >= 0 and points[unique[last], 0] > image + around:
             last -= 1
-        # 3. Vertices before i in the order whose x lies in the ball: each pair is met once.
+        # 3. Earlier vertices in the order with x in the ball: each pair is visited once.
         j = min(last, i - 1)
         while j >= 0 and points[unique[j], 0] >= image - around:
             s = 0.0
@@ -98,22 +100,22 @@ def widest_of_many(m, unique, centre, points, reach, widest):
 
 @helper
 def largest_distance(m, unique, centre, points):
-    """Largest distance between any two of ``unique[:m]``, which get another order.
+    """Return the largest distance between two of ``unique[:m]``, which is reordered.
 
-    A farthest pair must lie outside the ball where distance to the centre is below
-    (lower bound) − (largest distance to the centre); only those few vertices are compared.
+    A farthest pair must lie outside the ball with radius (lower bound) − (largest distance to the centre).
+    Only these few vertices are compared.
     """
     far, widest = m, 0.0
     if m > _FEW:
-        # 1. Lower bound w: the vertex farthest from the centre, at distance r, then the one farthest from
-        #    it, and so on while that gains anything.
+        # 1. Lower bound w: the vertex farthest from the centre, at distance r, then the vertex farthest from
+        #    it, and so on while the distance increases.
         reach, p = _farthest(m, unique, centre, points)
         for _ in range(3):
             best, q = _farthest(m, unique, points[p], points)
             if best <= widest:
                 break
             widest, p = best, q
-        # 2. A vertex nearer to the centre than w − r is farther than w from none; the others move to the
+        # 2. Vertices nearer to the centre than w − r have no vertex farther than w. Move the others to the
         #    front.
         inner = np.sqrt(widest) - np.sqrt(reach)
         inner = inner * inner * (1.0 - 1e-12) if inner > 0.0 else 0.0
@@ -125,7 +127,7 @@ def largest_distance(m, unique, centre, points):
             if s >= inner:
                 unique[far], unique[i] = unique[i], unique[far]
                 far += 1
-        # 3. Many are left: sorted search. Few: all pairs.
+        # 3. Many vertices remain: sorted search. Few: all pairs.
         if far > MANY:
             return np.sqrt(widest_of_many(far, unique, centre, points, reach, widest))
     for i in range(1, far):
@@ -135,9 +137,9 @@ def largest_distance(m, unique, centre, points):
 
 @helper
 def _cell_diameter(i, vertex_offsets, vertices, points):
-    """Largest distance between any two vertices of one cell that has few."""
+    """Return the diameter of a cell with few vertices."""
     last, widest = points.shape[1] - 1, 0.0
-    third = last - 1.0  # 0 in the plane; a loop over two or three takes twice the time
+    third = last - 1.0  # 0 in 2-D; a loop over the dimensions takes twice the time
     start, stop = np.uint64(vertex_offsets[i]), np.uint64(vertex_offsets[i + ONE])
     for h in range(start, stop):
         v = np.uint32(vertices[h])
@@ -151,13 +153,13 @@ def _cell_diameter(i, vertex_offsets, vertices, points):
 
 @kernel
 def block_diameters(block_offsets, cells, vertex_offsets, vertices, points):
-    """Exact largest vertex distance of each block b, with ``cells[offsets[b]:offsets[b + 1]]``."""
+    """Return the exact diameter of each block b, with ``cells[offsets[b]:offsets[b + 1]]``."""
     result = np.zeros(len(block_offsets) - 1)
     stamp = np.full(len(points), -1, np.int64)
     unique, centre = np.empty(len(points), np.int64), np.empty(points.shape[1])
     for b in range(len(result)):
         own = cells[block_offsets[b] : block_offsets[b + 1]]
-        # A single cell of few vertices: its own pairs, no list.
+        # A single cell with few vertices: compare its own pairs, without a list.
         if len(own) == 1 and vertex_offsets[own[0] + 1] - vertex_offsets[own[0]] <= _FEW:
             result[b] = _cell_diameter(np.uint64(own[0]), vertex_offsets, vertices, points)
             continue
@@ -168,10 +170,10 @@ def block_diameters(block_offsets, cells, vertex_offsets, vertices, points):
 
 @helper
 def octagon(cells, vertex_offsets, vertices, points, enough, centre):
-    """Lower and upper bound of the largest vertex distance in the plane, by extents along axes and diagonals.
+    """Return lower and upper bounds of the 2-D diameter, from extents along axes and diagonals.
 
-    Some of the four directions is within 22.5 degrees of that of the farthest pair. Both are infinite
-    as soon as the lower one is known to exceed ``enough``. Otherwise the ``centre`` of the box is written.
+    One of the four directions is within 22.5 degrees of the farthest pair. Both bounds are infinite as soon
+    as the lower bound exceeds ``enough``. Otherwise the ``centre`` of the box is written.
     """
     x0, y0, u0, v0 = np.inf, np.inf, np.inf, np.inf
     x1, y1, u1, v1 = -np.inf, -np.inf, -np.inf, -np.inf
@@ -182,7 +184,7 @@ def octagon(cells, vertex_offsets, vertices, points, enough, centre):
             x, y = points[v, 0], points[v, 1]
             x0, x1, y0, y1 = min(x0, x), max(x1, x), min(y0, y), max(y1, y)
             u0, u1, v0, v1 = min(u0, x + y), max(u1, x + y), min(v0, x - y), max(v1, x - y)
-        # Known to be too wide: the rest need not be read.
+        # Already too wide: skip the rest.
         if max(x1 - x0, y1 - y0) > enough:
             return np.inf, np.inf
     centre[0], centre[1] = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
@@ -193,7 +195,7 @@ def octagon(cells, vertex_offsets, vertices, points, enough, centre):
 
 @helper
 def box(cells, vertex_offsets, vertices, points, low, high):
-    """Lower and upper bound of the largest vertex distance: longest side and diagonal of the bounding box."""
+    """Return lower and upper bounds of the diameter: longest side and diagonal of the bounding box."""
     lower, upper = 0.0, 0.0
     for k in range(len(low)):
         low[k], high[k] = np.inf, -np.inf
@@ -207,10 +209,10 @@ def box(cells, vertex_offsets, vertices, points, low, high):
 
 @kernel
 def compare_diameters(block_offsets, cells, vertex_offsets, vertices, points, limits):
-    """Diameters as of ``block_diameters``, but only on the right side of each of ``limits`` (ascending).
+    """Return diameters that compare correctly to each of the ascending ``limits``.
 
-    Exact where a limit is near, a lower bound elsewhere, or infinite beyond the last one: many times
-    faster, as most blocks of a recursion are far larger than its targets.
+    The value is exact near a limit, elsewhere a lower bound, or infinite above the last limit. This is many
+    times faster than ``block_diameters``, as most blocks of a recursion are much larger than its targets.
     """
     result = np.zeros(len(block_offsets) - 1)
     stamp = np.full(len(points), -1, np.int64)
@@ -219,13 +221,13 @@ def compare_diameters(block_offsets, cells, vertex_offsets, vertices, points, li
     enough = limits[-1] * (1.0 + 1e-12)
     for b in range(len(result)):
         own = cells[block_offsets[b] : block_offsets[b + 1]]
-        # 1. Bounds from both sides.
+        # 1. Lower and upper bounds.
         if points.shape[1] == 2:
             lower, upper = octagon(own, vertex_offsets, vertices, points, enough, centre)
         else:
             lower, upper = box(own, vertex_offsets, vertices, points, low, high)
         result[b] = lower
-        # 2. Measured only if a limit lies between them, give or take rounding.
+        # 2. Measure only if a limit lies between them, up to rounding.
         for k in range(len(limits)):
             if lower <= limits[k] * (1.0 + 1e-12) and upper >= limits[k] * (1.0 - 1e-12):
                 m = distinct_vertices(b, own, vertex_offsets, vertices, points, stamp, unique, centre)

@@ -1,4 +1,4 @@
-"""Dual graphs: from faces, renumbered, and split into connected components."""
+"""Dual graphs: construction from faces, renumbering, and connected components."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ from agglo_core.compiled.compiling import ONE, helper, kernel
 
 @kernel
 def dual_graph(offsets, faces, face_cells, face_measures):
-    """CSR of the cells that share faces, parallel faces summed, and the exposed measure of each cell.
+    """Return the CSR graph of cells that share faces, with summed interfaces, and the exposed measures.
 
-    ``offsets`` and ``faces`` list the faces of each cell, ``face_cells (f, 2)`` the two cells of a face, −1
-    where there is none.
+    ``offsets`` and ``faces`` list the faces of each cell. ``face_cells (f, 2)`` are the two cells of a face,
+    −1 for none.
     """
     n = len(offsets) - 1
     indptr = np.zeros(n + 1, np.int64)
     indices = np.empty(len(faces), np.int32)
     interface = np.empty(len(faces))
     boundary = np.zeros(n)
-    slot = np.full(n, -1, np.int64)  # where in this row a neighbour stands already
+    slot = np.full(n, -1, np.int64)  # position of a neighbour in the current row
     m = 0
     for c in range(n):
         row = m
         for h in range(offsets[c], offsets[c + 1]):
             f = faces[h]
-            # The cell beyond. None: a face at the boundary. In the row already: another face with it. Slots
-            # of earlier rows lie before this one, so that nothing need be cleared.
+            # Adjacent cell. None: a boundary face. Already in the row: another common face. Slots from
+            # earlier rows lie before the current row, so they need not be cleared.
             j = face_cells[f, 0] if face_cells[f, 1] == c else face_cells[f, 1]
             if j < 0:
                 boundary[c] += face_measures[f]
@@ -45,13 +45,13 @@ def dual_graph(offsets, faces, face_cells, face_measures):
 def permute_graph(indptr, indices, interface, order, offsets, new_indptr, new_indices, new_interface):
     """Write the CSR of the nodes ``order``, in that order.
 
-    Block b of it is ``offsets[b]:offsets[b + 1]``. Edges between blocks, and to nodes left out, are dropped.
-    Returns how many stay, −1 if as many nodes are given as there are, and one twice; else there must be room
-    for all edges of these nodes.
+    Block b consists of ``offsets[b]:offsets[b + 1]``. Edges between blocks, and to omitted nodes, are
+    dropped. Returns the number of remaining entries, or −1 if ``order`` has full length but repeats a node.
+    Otherwise the arrays must have room for all edges of these nodes.
     """
     n, missing, m = len(indptr) - 1, 0, np.uint64(0)
     position = np.full(n, -1, np.int32)
-    # 1. New number of each node; −1 for those left out.
+    # 1. New number of each node, −1 for omitted nodes.
     for i in range(np.uint64(len(order))):
         node = np.uint64(np.uint32(order[i]))
         position[node] = i
@@ -71,7 +71,7 @@ def permute_graph(indptr, indices, interface, order, offsets, new_indptr, new_in
         new_indptr[i + ONE] = m
     for h in range(m):
         new_indices[h] = position[np.uint32(new_indices[h])]
-    # 3. Otherwise an edge is kept only if its other end is in the block.
+    # 3. Otherwise keep an edge only if its other end is in the block.
     for b in range(0 if whole else len(offsets) - 1):
         start, stop = offsets[b], offsets[b + 1]
         for i in range(start, stop):
@@ -87,7 +87,7 @@ def permute_graph(indptr, indices, interface, order, offsets, new_indptr, new_in
 
 @kernel
 def take_rows(offsets, values, order):
-    """Rows ``order`` of a CSR without weights: new offsets and values."""
+    """Return the offsets and values of the rows ``order`` of an unweighted CSR."""
     new_offsets = np.zeros(len(order) + 1, np.int64)
     for i in range(len(order)):
         row = np.uint64(order[i])
@@ -104,21 +104,24 @@ def take_rows(offsets, values, order):
 
 @kernel
 def listed_blocks(labels, chosen, count):
-    """Cells of the ``chosen`` ones of ``count`` labels, one label after the other, and where each begins."""
+    """List the cells of the ``chosen`` labels, label by label, and return the offsets.
+
+    There are ``count`` labels in total.
+    """
     place, offsets = np.full(count, len(chosen), np.int32), np.zeros(len(chosen) + 1, np.int64)
     following, total = np.zeros(len(chosen) + 1, np.int64), 0
-    # 1. Counting sort: number of cells of each chosen label; all others share a last place.
+    # 1. Counting sort: cell counts of the chosen labels; all other labels share a last entry.
     for b in range(len(chosen)):
         place[chosen[b]] = b
     for i in range(len(labels)):
         following[np.uint32(place[np.uint64(labels[i])])] += 1
-    # 2. Numbers become places.
+    # 2. Convert counts to offsets.
     for b in range(len(chosen)):
         own = following[b]
         offsets[b], following[b] = total, total
         total += own
     offsets[len(chosen)], following[len(chosen)] = total, total
-    # 3. Cells go to the next place of their label, those of other labels all to the one behind.
+    # 3. Write each cell to the next position of its label, cells of other labels to the position behind.
     cells = np.empty(total + 1, np.int32)
     for i in range(len(labels)):
         block = np.uint32(place[np.uint64(labels[i])])
@@ -129,14 +132,14 @@ def listed_blocks(labels, chosen, count):
 
 @kernel
 def numbered_as_met(values, count):
-    """Values below ``count`` renumbered as they first occur, and the old ones in that order."""
+    """Renumber values below ``count`` by first occurrence, and return the old values in that order."""
     number, order = np.full(count, -1, np.int32), np.empty(count + 1, np.int64)
     renumbered, met = np.empty(len(values), np.int32), np.uint64(0)
     for h in range(len(values)):
         v = np.uint32(values[h])
         known = number[v]
         own = np.int32(met) if known < 0 else known
-        order[met] = v  # kept only if it is new; a branch would be mispredicted
+        order[met] = v  # kept only if new; a branch would be mispredicted
         met += np.uint64(known < 0)
         number[v], renumbered[h] = own, own
     return renumbered, order[:met]
@@ -144,7 +147,7 @@ def numbered_as_met(values, count):
 
 @kernel
 def child_order(offsets, sides):
-    """Nodes with side 0 before side 1 in each block, order kept, and the offsets of the children."""
+    """Order each block's nodes by side, stably, and return the offsets of the children."""
     order = np.empty(len(sides), np.int64)
     children = np.empty(2 * len(offsets) - 1, np.int64)
     for b in range(len(offsets) - 1):
@@ -152,7 +155,7 @@ def child_order(offsets, sides):
         ones = np.int64(0)
         for i in range(start, stop):
             ones += sides[i]
-        # The right child begins as many places before the end as it has nodes.
+        # The right child starts at the end minus its node count.
         left, right = start, stop - ones
         children[2 * b], children[2 * b + 1] = left, right
         for i in range(start, stop):
@@ -165,10 +168,10 @@ def child_order(offsets, sides):
 
 @helper
 def flood(seed, indptr, indices, waiting, nodes, filled):
-    """List the nodes that ``seed`` reaches through nodes of its label.
+    """List the nodes connected with ``seed`` through nodes of its label.
 
-    Returns how many are listed then. ``waiting`` holds labels, −1 once a node is listed. The first ``filled``
-    of ``nodes (n + 1,)`` are in use.
+    Returns the new list length. ``waiting`` contains labels, −1 for listed nodes. The first ``filled``
+    entries in ``nodes (n + 1,)`` are in use.
     """
     own, done, last = waiting[seed], np.uint64(filled), np.uint64(filled)
     waiting[seed], nodes[last] = -1, seed
@@ -187,9 +190,9 @@ def flood(seed, indptr, indices, waiting, nodes, filled):
 
 @kernel
 def components(indptr, indices, labels):
-    """Connected components of equal labels (none negative), in the order of their first nodes.
+    """Return the connected components of equal, non-negative labels, ordered by first node.
 
-    Returns the nodes component by component, and where each component starts.
+    Returns the nodes component by component, and the component offsets.
     """
     n = len(indptr) - 1
     waiting = labels.copy()
@@ -207,13 +210,13 @@ def components(indptr, indices, labels):
 
 @kernel
 def broken_blocks(offsets, indptr, indices, labels):
-    """Mark the blocks ``(B,)`` with a part that is not connected.
+    """Mark the blocks ``(B,)`` with a disconnected part.
 
     There are no edges between blocks.
     """
     n, highest = len(labels), -1
     waiting, nodes = np.empty(n, np.int32), np.empty(n + 1, np.int32)
-    for i in range(n):  # labels.max() compiles for half a second
+    for i in range(n):  # labels.max() takes half a second to compile
         waiting[i] = labels[i]
         highest = max(highest, labels[i])
     seen = np.full(highest + 1, -1, np.int64)
@@ -231,9 +234,9 @@ def broken_blocks(offsets, indptr, indices, labels):
 
 @helper
 def join_before(i, first, indptr, indices, labels, parent):
-    """Join node i with its neighbours of its label from ``first`` to i − 1, by union-find.
+    """Join node i with its neighbours of its label from ``first`` to i − 1 (union-find).
 
-    Returns how many components became one with it, and whether such a neighbour comes before the first.
+    Returns the number of components joined with it, and whether such a neighbour lies before the first.
     """
     own, root, joined, beyond = labels[i], np.int32(i), 0, False
     parent[i] = root
@@ -244,8 +247,8 @@ def join_before(i, first, indptr, indices, labels, parent):
         other = parent[j] if before & (j >= first) else root  # a branch would be mispredicted half the time
         if other == root:
             continue
-        # Join the tree of the neighbour with that of the node. The least number becomes the root, so that
-        # results do not depend on the order of neighbours.
+        # Join the neighbour's tree with the node's tree. The smaller number becomes the root, so that results
+        # do not depend on the order of neighbours.
         while parent[other] != other:
             other = parent[other]
         if other != root:

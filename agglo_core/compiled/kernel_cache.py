@@ -1,6 +1,6 @@
-"""Cache of machine code: in numba's folders, and beside this file if it was installed.
+"""Machine-code cache: in numba's folders, and next to this file in an installation.
 
-No other file knows ``numba.core.caching`` from within.
+No other module uses the internals of ``numba.core.caching``.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataC
 from agglo_core.lazy_names import names_in_stub
 
 INSTALLED = Path(__file__).with_name("machine_code")
-"""Folder of the kernels that were compiled when the wheel was built; absent in a checkout."""
+"""Folder of the kernels compiled when the wheel was built; absent in a checkout."""
 
 _log = logging.getLogger("agglo")
 _HERE = Path(__file__).parent
 _CORE = Path(__file__).parents[1]
 _COMPILER = Path(__file__).with_name("self_contained.py")
-_HASH = 32  # bytes
+_HASH = 32  # length in bytes
 _IMPORT = re.compile(r"^from ([\w.]+) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
 
 
 class _Nowhere:
-    """The last resort of numba's cache where no folder is writable: what is installed is still found."""
+    """Fallback locator without a writable folder, where installed kernels are still found."""
 
     def __init__(self, function: Any) -> None:
         self._line = str(function.__code__.co_firstlineno)
@@ -59,24 +59,24 @@ class _Files(CompileResultCacheImpl):
 
 
 class _CacheFiles(IndexDataCacheFile):
-    """Machine code of one kernel, in a file for each signature that is named by signature and sources.
+    """Machine code of one kernel, in one file per signature, named by signature and sources.
 
-    Numba numbers these files, and an index leads to them. Of two processes that compile different signatures
-    at once both may take the same number, so that a kernel for float64 is called with integers; or the index
-    of one overwrites that of the other. A name that depends on the content alone needs no index.
+    Numba numbers these files and keeps an index. If two processes compile different signatures at the same
+    time, both may use one number, so that a kernel for float64 is called with integers, or one index
+    overwrites the other. A name that depends only on the content needs no index.
 
-    Each file begins with a hash of the rest. A file that a full disk or a power cut has damaged counts as
-    absent: unpickling it may fail in any way, and machine code with a wrong byte may end the interpreter.
+    Each file begins with a hash of the rest. A file damaged by a full disk or a power failure counts as
+    absent: unpickling it may fail in any way, and machine code with a wrong byte may crash the interpreter.
     """
 
     def save(self, key: Any, data: Any) -> None:
-        """Write the machine code of a signature, and remove what was compiled from other sources."""
+        """Write the machine code of a signature, and remove files compiled from other sources."""
         for file in self._files() - self._files(self._stamp):
             file.unlink(missing_ok=True)
         self._save_data(self._name(key), (key, data))  # type: ignore[no-untyped-call]
 
     def load(self, key: Any) -> Any:
-        """Machine code of a signature; None if its file is absent or damaged."""
+        """Return the machine code of a signature, or None if its file is absent or damaged."""
         try:
             content = Path(self._cache_path, self._name(key)).read_bytes()
         except OSError:
@@ -93,7 +93,7 @@ class _CacheFiles(IndexDataCacheFile):
 
     @contextmanager
     def _open_for_write(self, filepath: str) -> Iterator[BytesIO]:
-        """Collect what is written, and write its hash and then itself in one step."""
+        """Collect the written content, and write its hash and the content in one step."""
         content = BytesIO()
         yield content
         with super()._open_for_write(filepath) as file:
@@ -107,17 +107,17 @@ class _CacheFiles(IndexDataCacheFile):
         return f"{Path(self._index_name).stem}.{self._stamp}{sha256(str(key).encode()).hexdigest()[:10]}.nbc"
 
     def _files(self, stamp: str = "") -> set[Path]:
-        """Files of the kernel that were compiled from the sources with a stamp, or from any."""
+        """Return the kernel's files with a source stamp, or all its files."""
         name = glob.escape(Path(self._index_name).stem)
         return set(Path(self._cache_path).glob(f"{name}.{stamp}*.nbc"))
 
 
 class KernelCache(FunctionCache):
-    """Numba's cache of one kernel, stamped by all sources it is compiled from; installed files come first.
+    """Numba cache of one kernel, stamped by all its source files, installed files first.
 
-    An entry is used for the same sources, versions of numba, numpy and Python, and processor only. Numba
-    by itself looks at the file of the kernel alone, and keeps machine code although a function in another
-    file that is compiled into it has changed.
+    An entry is only used for equal sources, versions of numba, numpy and Python, and processor. Numba's own
+    cache considers only the kernel's file, and keeps machine code even if an inlined function in another file
+    has changed.
     """
 
     _impl_class = _Files
@@ -131,11 +131,11 @@ class KernelCache(FunctionCache):
 
     @property
     def cache_path(self) -> str | None:
-        """Folder of what was compiled on this machine, none where no folder is writable."""
+        """Folder for kernels compiled on this machine, or None without a writable folder."""
         return None if isinstance(self._impl.locator, _Nowhere) else self._cache_path
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Machine code for a signature, or None."""
+        """Return the machine code for a signature, or None."""
         target_context.refresh()
         key = self._index_key(sig, target_context.codegen())  # type: ignore[no-untyped-call]
         data = self._installed.load(key)
@@ -144,18 +144,18 @@ class KernelCache(FunctionCache):
         return self._impl.rebuild(target_context, data)
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep what was compiled; where that is not possible, warn once and go on."""
+        """Store compiled code, or warn once if this is impossible."""
         if self.cache_path is None:
             _warn_unkept("no folder for compiled kernels is writable")
             return
         try:
             super().save_overload(sig, data)  # type: ignore[no-untyped-call]
-        except OSError as error:  # a full disk, a quota, a folder that was removed or closed meanwhile
+        except OSError as error:  # full disk, quota, folder removed or write-protected meanwhile
             reason = error.strerror or str(error)
             _warn_unkept(f"compiled kernels cannot be written to {self.cache_path}: {reason}")
 
     def write_to(self, folder: Path) -> None:
-        """Keep what is compiled from now on in a folder that is to become :data:`INSTALLED`."""
+        """Store all further compiled code in a folder that will become :data:`INSTALLED`."""
         self._cache_file = self._installed = self._files_in(folder)
 
     def _files_in(self, folder: Path) -> Any:
@@ -168,7 +168,7 @@ _warned: set[str] = set()
 
 
 def _warn_unkept(reason: str) -> None:
-    """Log once per process that kernels are not kept."""
+    """Log once per process that compiled kernels are not stored."""
     if not _warned:
         _warned.add(reason)
         _log.warning(
@@ -177,9 +177,9 @@ def _warn_unkept(reason: str) -> None:
         )
 
 
-@cache  # sources do not change while a process runs
+@cache  # assumes that sources do not change while a process runs
 def source_stamp(file: Path) -> str:
-    """Hash of :func:`sources`, of how they are compiled, and of the version of numpy that is compiled in."""
+    """Return a hash of :func:`sources`, the compiler module, and the numpy version."""
     digest = sha256(np.__version__.encode() + _COMPILER.read_bytes())
     for source in sorted(sources(file), key=_place_in_package):
         digest.update(_place_in_package(source).encode())
@@ -188,10 +188,10 @@ def source_stamp(file: Path) -> str:
 
 
 def sources(file: Path) -> set[Path]:
-    """Find the files from which the kernels in ``file`` are compiled.
+    """Find the source files of the kernels in ``file``.
 
-    These are the file itself and what it imports at the top level, directly or not, from the core or from
-    its own package. Files that hold no kernels may be among them: too many do no harm.
+    These are the file and its direct and indirect top-level imports from the core or from its own package.
+    Some of these files may contain no kernels, which is harmless.
     """
     found: set[Path] = set()
     ahead = {file} if file.is_file() else set()
@@ -203,7 +203,7 @@ def sources(file: Path) -> set[Path]:
 
 
 def _package_of(source: Path) -> Path:
-    """Folder of the outermost package that holds a file."""
+    """Return the folder of the outermost package that contains a file."""
     folder = source.parent
     while (folder.parent / "__init__.py").is_file():
         folder = folder.parent
@@ -211,15 +211,15 @@ def _package_of(source: Path) -> Path:
 
 
 def _place_in_package(source: Path) -> str:
-    """Path of a file from its outermost package on: the same wherever it is installed."""
+    """Return a file's path from its outermost package on, independent of the installation folder."""
     return source.relative_to(_package_of(source).parent).as_posix()
 
 
 @cache
 def _imported(source: Path) -> frozenset[Path]:
-    """Files of the core and of the package of ``source`` that its import statements name."""
+    """Return the files in the core and in the package of ``source`` named by its imports."""
     top = _package_of(source)
-    beside = top.parent if (top / "__init__.py").is_file() else top  # modules that belong to no package
+    beside = top.parent if (top / "__init__.py").is_file() else top  # modules without a package
     files: set[Path] = set()
     for module, names in _import_statements(source):
         folder = _CORE.parent if module.partition(".")[0] == _CORE.name else beside
@@ -228,10 +228,13 @@ def _imported(source: Path) -> frozenset[Path]:
 
 
 def _files_of(path: Path, name: str) -> set[Path]:
-    """Files for ``from module import name``: a submodule, or the module and where it has the name from."""
+    """Return the files for ``from module import name``.
+
+    The file is a submodule, or the module and the origin of the name.
+    """
     if (path / f"{name}.py").is_file():
         return {path / f"{name}.py"}
-    if path == _CORE / "authoring":  # which imports what plugins need when it is used
+    if path == _CORE / "authoring":  # lazy module for plugins: resolve the name in its stub
         module, name = names_in_stub(path.with_suffix(".pyi")).get(name, (_CORE.name, name))
         return _files_of(_CORE.parent.joinpath(*module.split(".")), name)
     candidates = (path.with_suffix(".py"), path / "__init__.py")
@@ -240,6 +243,6 @@ def _files_of(path: Path, name: str) -> set[Path]:
 
 @cache
 def _import_statements(source: Path) -> list[tuple[str, list[str]]]:
-    """Modules and names of the statements ``from module import names`` at the top level."""
+    """Return modules and names of the top-level ``from module import names`` statements."""
     statements = _IMPORT.findall(source.read_text(encoding="utf-8"))
     return [(module, re.findall(r"(\w+)(?: as \w+)?", names)) for module, names in statements]

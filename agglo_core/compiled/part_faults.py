@@ -1,7 +1,7 @@
-"""Parts that are not connected or too wide, found in one pass over the cells, in any order.
+"""Find disconnected or wide parts in one pass over the cells, in any order.
 
-A part is connected if each of its cells except the first is connected, within the part, with one of a smaller
-number. For most cells a neighbour is such a cell: only the others are searched from.
+A part is connected if each of its cells except the first is connected, within the part, with a cell of
+smaller number. For most cells a neighbour is such a cell. Only the other cells need a search.
 """
 
 from __future__ import annotations
@@ -12,17 +12,17 @@ from agglo_core.compiled.compiling import ONE, helper, kernel
 from agglo_core.compiled.graphs import flood
 
 _TOGETHER = np.int64(1024)
-"""Cells that are listed at a time: what was read of them is in the cache when it is read again."""
+"""Number of cells listed at a time, so that their data are still in the cache when read again."""
 
 _CROWD = np.uint64(16)
-"""Neighbours from which on those of a cell are not read: each of its neighbours would read all of them."""
+"""Neighbour count from which the neighbours of a cell are not read, as each neighbour would read all."""
 
 
 @helper
 def _near_earlier(x, indptr, indices, labels):
-    """Return whether a neighbour of cell x with its label has one before x.
+    """Return True if a neighbour of cell x in its part has an earlier neighbour in the part.
 
-    Neighbours with a crowd of their own are passed over.
+    Neighbours with a large neighbour count are skipped.
     """
     own, met = labels[x], False
     for h in range(np.uint64(indptr[x]), np.uint64(indptr[x + ONE])):
@@ -36,13 +36,13 @@ def _near_earlier(x, indptr, indices, labels):
 
 @helper
 def _meets_earlier(x, indptr, indices, labels, marks, queue, left):
-    """Return whether cell x is connected in its part with one before it, and ``left`` less the edges read.
+    """Return True if cell x is connected with an earlier cell in its part, and the edge budget.
 
-    The search gives up once that is negative. Marks of other searches differ from x.
+    The search fails when the budget ``left`` is negative. Marks of other searches differ from x.
     """
     own, done, filled, met, mark = labels[x], np.uint64(0), ONE, False, np.int32(x)
     queue[0], marks[x] = mark, mark
-    # A search in breadth within the part, which ends at the first cell before x.
+    # Breadth-first search within the part, until the first cell before x.
     while done < filled and not met:
         i = np.uint64(np.uint32(queue[done]))
         done += ONE
@@ -54,7 +54,7 @@ def _meets_earlier(x, indptr, indices, labels, marks, queue, left):
             j = np.uint32(indices[h])
             same = labels[j] == own
             met |= same & (j < x)
-            queue[filled] = j  # kept only if it is new; branches would be mispredicted half the time
+            queue[filled] = j  # kept only if new; branches would be mispredicted half the time
             filled += np.uint64(same & (marks[j] != mark))
             marks[j] = mark
     return met, left
@@ -62,15 +62,15 @@ def _meets_earlier(x, indptr, indices, labels, marks, queue, left):
 
 @kernel
 def lone_cells(start, stop, indptr, indices, labels, count, lone, marks, queue):
-    """List the cells start..stop − 1 that are not connected with one of their label before them.
+    """List the cells start..stop − 1 not connected with an earlier cell of their label.
 
-    Returns how many. Listed are also those that are the first there of one of the ``count`` labels, and those
-    of which it is not known, as the searches had read as many edges as there are. ``marks (n,)`` are zeros at
-    first, and ``queue`` has room for n + 1.
+    Returns their number. The list also contains the first cell in the range of each of the ``count`` labels,
+    and cells left undecided after the searches read as many edges as there are. ``marks (n,)`` are initially
+    zero, and ``queue`` has length n + 1.
     """
     left, kept, seen = len(indices), np.uint64(0), np.zeros(count, np.bool_)
     for first in range(start, stop, _TOGETHER):
-        # 1. Cells without a neighbour of their label before them.
+        # 1. Cells without an earlier neighbour of their label.
         listed = kept
         for i in range(np.uint64(first), np.uint64(min(first + _TOGETHER, stop))):
             own, joined = labels[i], False
@@ -79,8 +79,8 @@ def lone_cells(start, stop, indptr, indices, labels, count, lone, marks, queue):
                 joined |= (j < i) & (labels[j] == own)  # no branch: it would be mispredicted half the time
             lone[listed] = i
             listed += np.uint64(not joined)
-        # 2. Of these, those that reach no such cell over a neighbour, or further away. The first of a
-        #    label need not be searched from: it stays in any case.
+        # 2. Keep the cells that do not reach an earlier cell via a neighbour, or farther away. The first cell
+        #    of a label is kept without a search.
         for k in range(kept, listed):
             x = np.uint64(np.uint32(lone[k]))
             own = np.uint32(labels[x])
@@ -95,18 +95,18 @@ def lone_cells(start, stop, indptr, indices, labels, count, lone, marks, queue):
 
 @helper
 def _found_apart(lone, indptr, indices, labels, asked, seen, broken, marks, queue):
-    """Mark the parts ``asked`` with a second cell that may not be connected.
+    """Mark the parts ``asked`` with a second, possibly disconnected cell.
 
-    Returns whether there are any. A cell may be listed only because it was the first of its part in a range
-    of cells: those before it were in another call of :func:`lone_cells`.
+    Returns True if there are any. A cell may be listed only as the first cell of its part in a range of
+    cells: the earlier cells were in another call of :func:`lone_cells`.
     """
     left, doubtful = len(indices), False
     seen[:] = False
     for k in range(len(lone)):
         x = np.uint64(np.uint32(lone[k]))
         own = np.uint32(labels[x])
-        # The first cell of a part proves nothing; each later one is searched from. Once too many edges were
-        # read, its part is in doubt without a search.
+        # The first cell of a part is always listed. Search from each later cell. After too many edges, the
+        # part is doubtful without a search.
         if seen[own] and asked[own] and not broken[own]:
             met = False
             if left >= 0:
@@ -121,24 +121,23 @@ def _found_apart(lone, indptr, indices, labels, asked, seen, broken, marks, queu
 def broken_parts(lone, indptr, indices, labels, asked):
     """Mark the parts ``asked (k,)`` that are not connected.
 
-    ``lone`` are all cells listed by ``lone_cells``. Searches decide for most parts. Only those left in doubt
-    are flooded: nearly always none.
+    ``lone`` are all cells listed by ``lone_cells``. Searches decide most parts. Only the remaining doubtful
+    parts are flooded, in almost all cases none.
     """
     n, doubtful = len(labels), False
     seen, broken = np.zeros(len(asked), np.bool_), np.zeros(len(asked), np.bool_)
-    # 1. One lone cell, the first, is in every part: only parts with several may be broken.
+    # 1. Every part has one lone cell, its first. Only parts with several may be broken.
     for k in range(len(lone)):
         own = np.uint32(labels[np.uint32(lone[k])])
         doubtful |= seen[own] & asked[own]
         seen[own] = True
     if not doubtful:
         return broken
-    # 2. Searches from the others, with all cells before them in sight.
+    # 2. Search from the other lone cells, with all earlier cells available.
     marks, nodes = np.zeros(n, np.int32), np.empty(n + 1, np.int32)
     if not _found_apart(lone, indptr, indices, labels, asked, seen, broken, marks, nodes):
         return broken
-    # 3. Parts in doubt are flooded from each cell that is not reached yet: a second flood is a second
-    #    component.
+    # 3. Flood doubtful parts from each cell not reached yet: a second flood is a second component.
     for i in range(n):
         marks[i] = labels[i] if broken[labels[i]] else -1
     for p in range(len(asked)):
@@ -156,15 +155,15 @@ def broken_parts(lone, indptr, indices, labels, asked):
 def extend_parts(start, stop, labels, asked, vertex_offsets, vertices, points, bounds):
     """Extend the ``bounds (k, 8)`` of the parts ``asked (k,)`` by their cells among ``start..stop − 1``.
 
-    They are the least places of vertices along four directions, then the largest: in the plane along x, y and
-    the diagonals x + y and x − y, in space along x, y and z.
+    The bounds are the smallest vertex coordinates along four directions, then the largest: x, y and the
+    diagonals x + y and x − y in 2-D, or x, y and z in 3-D.
     """
     planar = points.shape[1] == 2
     for i in range(np.uint64(start), np.uint64(stop)):
         own = np.uint64(labels[i])
         if not asked[own]:
             continue
-        # Extents are kept in variables over the vertices of a cell, then written back.
+        # Keep the extents in variables over the vertices of a cell, then write them back.
         known = bounds[own]
         x0, y0, u0, v0 = known[0], known[1], known[2], known[3]
         x1, y1, u1, v1 = known[4], known[5], known[6], known[7]

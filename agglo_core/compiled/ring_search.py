@@ -1,4 +1,4 @@
-"""Connection of cells: searches from several of them at once, ring by ring, until they have met."""
+"""Connectivity of cells: simultaneous ring searches from several cells until all have met."""
 
 from __future__ import annotations
 
@@ -6,34 +6,37 @@ import numpy as np
 
 from agglo_core.compiled.compiling import ONE, helper
 
-REACH = np.int64(64)  # cells visited before two neighbours count as not connected around a cell
-CROWD = np.int64(256)  # neighbours from which on rings do not grow from a cell: all would read them
+REACH = np.int64(64)  # visited cells after which neighbours count as locally disconnected
+CROWD = np.int64(
+    256
+)  # neighbour count above which rings do not grow from a cell, as many searches would read them
 
 
 @helper
 def connected(indptr, indices, labels, own, search, filled, stamp, reach, crowd):
-    """Return whether the first ``filled`` cells of the queue, labelled ``own``, are connected in their part.
+    """Return True if the first ``filled`` cells of the queue, labelled ``own``, are connected in their part.
 
-    Complete rings of cells are grown around all of them at once until they meet; the search ends between
-    rings, so that its outcome does not depend on the order of the cells, once more than ``reach`` cells were
-    visited, or all. Rings do not grow from cells with more than ``crowd`` neighbours.
+    Complete rings of cells are grown around all of them simultaneously until they meet. The search ends
+    between rings, so that its result does not depend on the order of the cells, after more than ``reach``
+    visited cells, or after all cells. Rings do not grow from cells with more than ``crowd`` neighbours.
 
     Parameters
     ----------
     search : queue (n,), root (n,), marks (n, 2 or more) int, changed
-        Work arrays; the first two marks of a cell say when it was last reached, and from which of the cells.
+        Workspace. The first two marks of a cell are the stamp of the last search that reached it, and its
+        start cell.
     stamp : int
         Not yet in the first column of the marks.
     """
     queue, root, marks = search
-    # 1. Each start is a tree of its own in a union-find structure; ``apart`` + 1 trees are left.
+    # 1. Each start cell is a tree in a union-find structure. The number of trees is ``apart`` + 1.
     for k in range(filled):
         start = np.uint32(queue[k])
         marks[start, 0], marks[start, 1], root[k] = stamp, k, k
     apart, done, filled = np.int64(filled) - 1, np.uint64(0), np.uint64(filled)
     while apart > 0 and done < filled <= np.uint64(reach):
-        # 2. Grow one ring: the neighbours of all cells up to ``ring`` that have the label. The search
-        #    ends as soon as all have met.
+        # 2. Grow one ring: the neighbours with this label of all cells up to ``ring``. The search ends as
+        #    soon as all trees have met.
         ring = filled
         while apart > 0 and done < ring:
             node = np.uint64(np.uint32(queue[done]))
@@ -44,13 +47,13 @@ def connected(indptr, indices, labels, own, search, filled, stamp, reach, crowd)
                 j = np.uint32(indices[h])
                 if labels[j] != own:
                     continue
-                # 3. A cell not reached before joins the tree that reached it.
+                # 3. A new cell joins the tree that reached it.
                 if marks[j, 0] != stamp:
                     marks[j, 0], marks[j, 1] = stamp, marks[node, 1]
                     queue[filled] = j
                     filled += ONE
                     continue
-                # 4. One reached before joins both trees, if they are two.
+                # 4. At a cell reached before, join both trees if they differ.
                 one, other = np.uint32(marks[node, 1]), np.uint32(marks[j, 1])
                 while root[one] != one:
                     one = np.uint32(root[one])
@@ -64,15 +67,15 @@ def connected(indptr, indices, labels, own, search, filled, stamp, reach, crowd)
 
 @helper
 def keeps_whole(indptr, indices, labels, i, search, stamp):
-    """Return whether the neighbours of cell i with its label stay connected near it once it has left."""
+    """Return True if the neighbours of cell i with its label stay locally connected without it."""
     own, queue, filled = labels[i], search[0], np.int64(0)
     for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + 1])):
         j = np.uint32(indices[h])
-        queue[filled] = j  # kept only if it has the label; a branch would be mispredicted half the time
+        queue[filled] = j  # kept only if the label matches; a branch would be mispredicted half the time
         filled += labels[j] == own
     if filled < 2:
         return True
-    labels[i] = -1  # out of the way
+    labels[i] = -1  # hide the cell from the search
     whole = connected(indptr, indices, labels, own, search, filled, stamp, REACH, CROWD)
     labels[i] = own
     return whole

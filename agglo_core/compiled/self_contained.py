@@ -1,6 +1,6 @@
-"""Kernels that call their own copies of helpers, whichever other kernels a process holds.
+"""Kernels that call their own copies of helpers, independent of other kernels in the process.
 
-No other file knows ``numba.core.codegen`` from within.
+No other module uses the internals of ``numba.core.codegen``.
 """
 
 from __future__ import annotations
@@ -12,31 +12,31 @@ from numba.core.compiler import Compiler
 
 
 class _Library(JITCodeLibrary):
-    """Code of one kernel, whose machine code keeps the functions linked into it private.
+    """Code of one kernel, whose machine code keeps its linked functions private.
 
-    Numba leaves them weak symbols, and a call leads to the first copy of that name in the process. Where
-    the kernel was compiled, this is the helper as compiled for itself; where it was loaded from disk, the
-    copy in its file, over which the optimiser has passed once more. The two round sums differently, so
-    ties of symmetric meshes were broken in one way or the other.
+    Numba leaves these functions as weak symbols, and a call leads to the first copy of that name in the
+    process. In a process that compiled the kernel, this is the helper as compiled separately. In a process
+    that loaded the kernel from disk, it is the copy in the kernel's file, optimised once more. The two round
+    sums differently, so that ties on symmetric meshes were broken inconsistently.
     """
 
     def _finalize_final_module(self) -> None:
-        # all optimisation is done: functions that were private before would be inlined by other rules
+        # All optimisation is finished. Functions made private earlier would be inlined by other rules.
         functions: Any = self._final_module.functions
         linked = [each for each in functions if each.linkage.name == "linkonce_odr"]
         for each in linked:
             each.linkage = "internal"
         super()._finalize_final_module()  # type: ignore[no-untyped-call]
-        # machine code is written; other kernels link the module itself, which needs the functions shared
+        # The machine code is written. Other kernels link the module itself, which must export the functions.
         for each in linked:
             each.linkage = "linkonce_odr"
 
 
 class KernelCompiler(Compiler):
-    """Numba's compiler, with a library that keeps the helpers of a kernel private."""
+    """Numba compiler with a library that keeps a kernel's helpers private."""
 
     def define_pipelines(self) -> Any:
-        """Make the library before the first pass runs; the passes are numba's own."""
+        """Create the library before the first pass, and return numba's passes."""
         state = self.state
         library: Any = _Library
         state.library = library(state.targetctx.codegen(), state.func_id.func_qualname)

@@ -1,4 +1,4 @@
-"""Sorting and heaps of cells within kernels."""
+"""Sorting, and heaps of cells, within kernels."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from agglo_core.compiled.compiling import helper
 
 @helper
 def sort_by_keys(items, keys, m):
-    """Shell sort of ``items[:m]`` by ascending ``keys[:m]``, which are sorted along."""
+    """Sort ``items[:m]`` and their ``keys[:m]`` by ascending keys (Shell sort)."""
     gap = 1
     while gap < m // 3:
         gap = 3 * gap + 1
@@ -25,10 +25,10 @@ def sort_by_keys(items, keys, m):
 
 @helper
 def stable_sort(order, values, spare):
-    """Sort ``order (m,)`` by ``values``, equal ones as they stand, by merging longer and longer runs."""
+    """Sort ``order (m,)`` by ``values``, stably, by merging ever longer runs."""
     m, width = len(order), 1
     while width < m:
-        # Merge runs of ``width`` two by two. Of equal values that of the first run goes first.
+        # Merge pairs of runs of length ``width``. Equal values from the first run come first.
         for start in range(0, m, 2 * width):
             middle, stop = min(start + width, m), min(start + 2 * width, m)
             i, j = start, middle
@@ -46,7 +46,7 @@ def stable_sort(order, values, spare):
 
 @helper
 def _sift_up(heap, keys, place, at):
-    """Move the entry ``at`` up to where the one above it has a larger key."""
+    """Move the entry ``at`` up until its parent has a larger key."""
     cell, key = heap[at], keys[at]
     while at > 0:
         above = (at - 1) // 2
@@ -60,7 +60,7 @@ def _sift_up(heap, keys, place, at):
 
 @helper
 def _sift_down(heap, keys, place, at, size):
-    """Move the entry ``at`` down to where those below it have smaller keys."""
+    """Move the entry ``at`` down until its children have smaller keys."""
     cell, key = heap[at], keys[at]
     while 2 * at + 1 < size:
         below = 2 * at + 1
@@ -76,7 +76,7 @@ def _sift_down(heap, keys, place, at, size):
 
 @helper
 def put_in(heap, keys, place, size, cell, key):
-    """Put a cell in the heap, or give it another key, and return the size."""
+    """Insert a cell into the heap, or change its key, and return the size."""
     at = np.int64(place[cell])
     if at < 0:
         at, size = size, size + 1
@@ -91,7 +91,7 @@ def put_in(heap, keys, place, size, cell, key):
 
 @helper
 def take_out(heap, keys, place, size):
-    """Pop the cell of the largest key and return it and the size."""
+    """Pop the cell with the largest key, and return the cell and the size."""
     cell, size = heap[0], size - 1
     place[cell] = -1
     if size > 0:

@@ -1,4 +1,4 @@
-"""Sweep rounding: of all thresholds of a score, the one that cuts each block best."""
+"""Sweep rounding: find the threshold of a score that cuts each block best."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ import numpy as np
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.compiled.frames import centre_block, half_circle, halvings, planar_frame, turned
 
-NO_CUT = 1e300  # cost where no threshold leaves weight on both sides; finite, for differences are taken
-_BINS = 32  # more would cost time for finer thresholds; even: the middle of a symmetric score is one
-_TIE = 1e-6  # of a bin: values that close to a threshold lie below it
-_CLIP = 2.0  # standard deviations from the mean: no thresholds beyond
+NO_CUT = 1e300  # cost without a valid threshold; finite, because differences are computed
+_BINS = 32  # number of bins, even, so that the middle of a symmetric score is a threshold; more cost time
+_TIE = 1e-6  # relative to a bin: values this close to a threshold count as below it
+_CLIP = 2.0  # largest distance of thresholds from the mean, in standard deviations
 _LONG = 0.5  # ratio of principal moments below which a block is long
 
 
 @helper(allocates=True)
 def edge_room(offsets, indptr):
-    """Work arrays for the edges of the largest block: ends, lengths."""
+    """Allocate workspace for the edges of the largest block: ends and lengths."""
     most = 0
     for b in range(len(offsets) - 1):
         most = max(most, indptr[offsets[b + 1]] - indptr[offsets[b]])
@@ -26,7 +26,7 @@ def edge_room(offsets, indptr):
 
 @helper
 def edges_of_block(start, n, indptr, indices, interface, room):
-    """Write each edge of a block once, its ends numbered within the block, and return how many."""
+    """Write each edge of a block once, with local end numbers, and return the edge count."""
     tails, heads, lengths = room
     count = 0
     for i in range(n):
@@ -39,9 +39,9 @@ def edges_of_block(start, n, indptr, indices, interface, room):
 
 @helper
 def thresholds_between(low, high, spread):
-    """Lowest threshold and thresholds per unit of scores of mean 0.
+    """Return the lowest threshold, and the thresholds per unit, for scores with mean 0.
 
-    ``spread`` is their standard deviation. There are 0 per unit if they are all alike.
+    ``spread`` is their standard deviation. The rate is 0 for constant scores.
     """
     size, reach = max(abs(low), abs(high)), _CLIP * spread
     low, high = max(low, -reach), min(high, reach)
@@ -56,10 +56,11 @@ def _fill_bins(n, score, low, rate, bins):
 
 @helper
 def scan_thresholds(tally, x, y, z, share, cut, scale, inertia, weight):
-    """Cost of the cheapest threshold, 1e300 if none leaves weight on both sides, and the last bin below it.
+    """Return the cost of the cheapest threshold, 1e300 if there is none, and the last bin below it.
 
-    ``tally (32, 5)`` has for each bin its first moments x, y, z, its share and how much the cut grows beyond
-    it, and is cleared for the next time; the numbers are what lies below the first bin.
+    A threshold needs weight on both sides. ``tally (32, 5)`` contains for each bin its first moments x, y, z,
+    its share, and the increase of the cut beyond it. It is cleared for the next use. The numbers are the sums
+    below the first bin.
 
     Examples
     --------
@@ -72,16 +73,15 @@ def scan_thresholds(tally, x, y, z, share, cut, scale, inertia, weight):
     """
     best, bar, last, compact = NO_CUT, NO_CUT, 0, weight / inertia
     for b in range(_BINS):
-        # 1. Moment m = (x, y, z), share s and cut of all bins up to this one.
+        # 1. Moment m = (x, y, z), share s and cut of all bins up to this bin.
         x, y, z = x + tally[b, 0], y + tally[b, 1], z + tally[b, 2]
         share, cut = share + tally[b, 3], cut + tally[b, 4]
         for k in range(5):
             tally[b, k] = 0.0
         if b == _BINS - 1:
             break
-        # 2. Cost: scale · cut · (1 / s + 1 / (1 − s)), which is the cut over each side's share, plus weight
-        #    times the inertia of both sides over that of the block, 1 − |m|² (1 / s + 1 / (1 − s)) / inertia
-        #    (Steiner).
+        # 2. Cost: scale · cut · (1 / s + 1 / (1 − s)), the cut over each side's share, plus weight times the
+        #    inertia of both sides over the block inertia, 1 − |m|² (1 / s + 1 / (1 − s)) / inertia (Steiner).
         both = share * (1.0 - share)
         cost = weight + (cut * scale - (x * x + y * y + z * z) * compact) / max(both, 1e-12)
         # 3. A later threshold must be cheaper by more than rounding.
@@ -92,12 +92,13 @@ def scan_thresholds(tally, x, y, z, share, cut, scale, inertia, weight):
 
 @helper
 def sweep_block(n, low, rate, score, edges, local, shares, scales, bins, tally):
-    """Best threshold of ``score[:n]`` on a block: its cost, 1e300 if there is none, and the last bin below.
+    """Return the cost of the best threshold of ``score[:n]`` on a block, and the last bin below it.
 
-    ``low`` is the lowest threshold, ``rate`` thresholds per unit. ``edges`` are the work arrays that
-    ``edges_of_block`` filled and their number; ``local (3, n)`` are positions about the centre of mass,
-    ``shares`` the weights (sum 1); ``scales`` is one over the measure of a typical section, the inertia,
-    and its weight beside the cut; ``bins (n,)`` and ``tally (32, 5)`` are work arrays, the latter zeros.
+    The cost is 1e300 if there is no valid threshold. ``low`` is the lowest threshold, ``rate`` the thresholds
+    per unit. ``edges`` are the workspace filled by ``edges_of_block`` and the edge count. ``local (3, n)``
+    are positions about the centre of mass, ``shares`` the weights (sum 1). ``scales`` are one over the
+    measure of a typical section, the inertia, and its weight relative to the cut. ``bins (n,)`` and ``tally
+    (32, 5)`` are workspace, the latter zeros.
     """
     if rate == 0.0:
         return NO_CUT, 0
@@ -121,7 +122,7 @@ def sweep_block(n, low, rate, score, edges, local, shares, scales, bins, tally):
 
 @helper
 def write_sides(start, n, found, score, bins, sides):
-    """Write the sides of a block: above the best threshold, or any halving if there is none."""
+    """Write the sides of a block by the best threshold, or any halving if there is none."""
     best, last, low, rate = found
     if best == NO_CUT:
         for i in range(n):
@@ -134,7 +135,7 @@ def write_sides(start, n, found, score, bins, sides):
 
 @helper(reorder_sums=True)
 def _project(n, a, b, x, y, score):
-    """Fill ``score = a x + b y`` and return its extremes."""
+    """Write ``score = a x + b y`` and return its extremes."""
     low, high = a * x[0] + b * y[0], a * x[0] + b * y[0]
     for i in range(n):
         score[i] = a * x[i] + b * y[i]
@@ -144,12 +145,12 @@ def _project(n, a, b, x, y, score):
 
 @helper
 def axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally):
-    """Cheapest cut of a planar block across its principal axis, or axes turned from it by ``turns``.
+    """Find the cheapest cut of a 2-D block across its principal axis, or axes rotated by ``turns``.
 
-    Long blocks are not cut lengthwise: where the ratio of moments is below 0.5, axes more than 25° off are
-    left out. Then the best axis so far is turned by each angle of ``finer``, both ways. Returns the
-    cost, the last bin below, the lowest threshold and thresholds per unit, and the best axis; leaves the
-    coordinates along it in ``score``.
+    Long blocks are not cut lengthwise: if the ratio of moments is below 0.5, axes more than 25° off are
+    skipped. Then the best axis so far is rotated by each angle in ``finer``, in both directions. Returns the
+    cost, the last bin below, the lowest threshold and thresholds per unit, and the best axis. Writes the
+    coordinates along it to ``score``.
 
     Examples
     --------
@@ -162,13 +163,13 @@ def axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally
     >>> print(*best, *axis)
     5.0 10 -1.5 10.666666666666666 1.0 0.0
     """
-    # 1. The principal axis, and whether the block is long.
+    # 1. Principal axis, and whether the block is long.
     cos, sin, xx, xy, yy = planar_frame(n, local[0], local[1], shares)
     mean, radius = 0.5 * (xx + yy), np.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
     long = mean - radius < _LONG * (mean + radius)
     best, p, q = (NO_CUT, 0, 0.0, 0.0), cos, sin
-    # 2. All axes turned from it by ``turns``, then the best one so far by the angles of ``finer``, once to
-    #    the left, once to the right.
+    # 2. All axes rotated by ``turns``, then the best axis so far rotated by the angles in ``finer``, to the
+    #    left and to the right.
     for c in range(len(turns) + 2 * len(finer)):
         f = (c - len(turns)) // 2
         if f < 0 and long and abs(turns[c, 0]) < 0.9:
@@ -180,27 +181,27 @@ def axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally
             a, b = turned(cos, sin, finer[f, 0], finer[f, 1])
         else:
             a, b = turned(cos, sin, finer[f, 0], -finer[f, 1])
-        # 3. Cheapest threshold of the coordinates along the axis; their variance follows from the moments.
+        # 3. Cheapest threshold of the coordinates along the axis. Their variance follows from the moments.
         low, high = _project(n, a, b, local[0], local[1], score)
         low, rate = thresholds_between(low, high, np.sqrt(a * a * xx + 2.0 * a * b * xy + b * b * yy))
         cost, last = sweep_block(n, low, rate, score, edges, local, shares, scales, bins, tally)
         if cost < best[0] - 1e-9 * abs(best[0]):
             best, p, q = (cost, last, low, rate), a, b
-    # 4. The scores of the best axis, for the caller.
+    # 4. Scores along the best axis, for the caller.
     _project(n, p, q, local[0], local[1], score)
     return best, p, q
 
 
 @helper
 def bar_of(found):
-    """Score above which cells lie on the right of the best threshold, infinite if there is none."""
+    """Return the score above which cells lie right of the best threshold, infinite if there is none."""
     best, last, low, rate = found
     return low + (last + 1.0 + _TIE) / rate if best < NO_CUT else np.inf
 
 
 @helper
 def _centred(start, n, column, shares, score):
-    """Fill ``score`` with the column less its mean and return its extremes and standard deviation."""
+    """Write the column minus its mean to ``score``, and return its extremes and standard deviation."""
     low, high, mean, square = column[start], column[start], 0.0, 0.0
     for i in range(n):
         low, high = min(low, column[start + i]), max(high, column[start + i])
@@ -213,7 +214,7 @@ def _centred(start, n, column, shares, score):
 
 @kernel
 def sweep_level(offsets, indptr, indices, interface, centroids, weights, measures, scores):
-    """Side of each node: the cheapest threshold over all columns of ``scores (n, C)``, block by block."""
+    """Bisect each block at the cheapest threshold over all columns of ``scores (n, C)``."""
     largest = np.diff(offsets).max()
     local, shares, score = np.empty((3, largest)), np.empty(largest), np.empty(largest)
     bins, tally, room = np.empty(largest, np.int32), np.zeros((_BINS, 5)), edge_room(offsets, indptr)
@@ -224,7 +225,7 @@ def sweep_level(offsets, indptr, indices, interface, centroids, weights, measure
         scales = centre_block(start, n, centroids, weights, measures, local, shares)
         edges = room, edges_of_block(start, n, indptr, indices, interface, room)
         best, column = (NO_CUT, 0, 0.0, 0.0), 0
-        # 2. The cheapest threshold over all columns; of equally cheap ones the first.
+        # 2. Cheapest threshold over all columns, ties to the first column.
         for c in range(scores.shape[1]):
             low, high, spread = _centred(start, n, scores[:, c], shares, score)
             low, rate = thresholds_between(low, high, spread)
@@ -238,13 +239,14 @@ def sweep_level(offsets, indptr, indices, interface, centroids, weights, measure
 
 @kernel
 def sweep_axes(offsets, indptr, indices, interface, centroids, weights, measures, count):
-    """Side of each node in the plane: the cheapest threshold along ``count`` axes."""
+    """Bisect each 2-D block at the cheapest threshold along ``count`` axes."""
     largest = np.diff(offsets).max()
     local, shares, score = np.empty((3, largest)), np.empty(largest), np.empty(largest)
     bins, tally, room = np.empty(largest, np.int32), np.zeros((_BINS, 5)), edge_room(offsets, indptr)
     sides, turns, finer = np.empty(len(weights), np.int64), half_circle(count), halvings(count, 0)
     for b in range(len(offsets) - 1):
         start, n = offsets[b], offsets[b + 1] - offsets[b]
+        # Frame and edges of the block, then the cheapest cut along all axes.
         scales = centre_block(start, n, centroids, weights, measures, local, shares)
         edges = room, edges_of_block(start, n, indptr, indices, interface, room)
         best, _, _ = axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally)

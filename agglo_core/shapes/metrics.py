@@ -116,7 +116,7 @@ class CircleRatio:
 
 
 class CentredCircleRatio:
-    """Circle ratio for the circle (ball) about the centroid, 0 for an outside centroid: the paper's tables."""
+    """Circle ratio for the circle (ball) about the centroid, 0 for an outside centroid (paper's tables)."""
 
     better: Better = "high"
     bounds = (0.0, 1.0)

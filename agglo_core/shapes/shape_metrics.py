@@ -40,10 +40,10 @@ class Convexity:
 
 
 class StarShapedness:
-    """Kernel area (3-D: volume) over total area, where the kernel sees the whole agglomerate.
+    """Area (3-D: volume) of the kernel over total area (volume).
 
-    The kernel is the set of points that see all other points. The value is 0 for agglomerates that are not
-    star-shaped, for example due to holes, cavities, loose parts or parts that only touch.
+    The kernel is the set of points that see the whole agglomerate. The value is 0 for agglomerates that are
+    not star-shaped, for example due to holes, cavities, loose parts or parts that only touch.
     """
 
     better: Better = "high"
