@@ -1,4 +1,4 @@
-"""Measuring: quality of every agglomerate, one line per level, runs side by side."""
+"""Quality measurement: values per agglomerate, a summary line per level, and run comparisons."""
 
 from agglo_core.measure.agglomerates import Level, measure_levels, quality, summary
 from agglo_core.measure.comparison import RunResult, timed_run, wanted

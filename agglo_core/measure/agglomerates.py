@@ -1,4 +1,4 @@
-"""Measuring partitions: values per agglomerate, and one line per level."""
+"""Measure partitions: values per agglomerate, and one summary line per level."""
 
 from __future__ import annotations
 
@@ -26,23 +26,23 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """One coarse level and what was measured on its k agglomerates.
+    """One coarse level with the measured values on its k agglomerates.
 
     Attributes
     ----------
     target : mapping
-        What was asked for, e.g. ``{"h_star": 0.3}``.
+        The requested target, e.g. ``{"h_star": 0.3}``.
     labels : (n_cells,) int
     mesh : Mesh
         The coarse mesh.
     values : mapping of name to (k,) float
-        ``cells``, ``diameter``, ``measure``, those of the metrics, ``components``.
+        ``cells``, ``diameter``, ``measure``, the metric values, ``components``.
     metrics : sequence of str
-        Names of the metrics that were chosen; where a value does not exist, ``values`` lacks it.
+        Names of the selected metrics. If a metric does not exist on the mesh, ``values`` lacks its name.
     objectives : mapping of name to float
-        Objectives of the partition that were chosen.
+        Values of the selected objectives.
     better : mapping of name to "high" or "low"
-        What the metrics say of their values.
+        Preferred direction of each metric.
 
     Examples
     --------
@@ -64,13 +64,12 @@ class Level:
 
     @cached_property
     def line(self) -> dict[str, Any]:
-        """The level in one line: plain data.
+        """Summary of the level as plain data.
 
-        Keys: ``target``, ``parts``, ``max_diameter``, the mean of each metric by its name (``UF``,
-        ``CR``, ``CRc``, ``J``, ``isoperimetric`` if none were chosen), the share of parts that are
-        ``connected``, ``diameter_ratio``, the mean diameter over h*, ``objectives`` if any were chosen, and
-        :attr:`undefined` if any value is. What does not exist (h* of a count) is
-        None; means are over the agglomerates that have a value.
+        Keys: ``target``, ``parts``, ``max_diameter``, the mean of each metric by name (by default ``UF``,
+        ``CR``, ``CRc``, ``J``, ``isoperimetric``), the share of ``connected`` parts, ``diameter_ratio``, the
+        mean diameter over h*, ``objectives`` if any were selected, and :attr:`undefined` if any value is
+        undefined. Missing values (h* for a count) are None. Means are over the agglomerates with a value.
         """
         h_star = self.target.get("h_star")
         diameters = self.values["diameter"]
@@ -87,7 +86,7 @@ class Level:
 
     @cached_property
     def undefined(self) -> Mapping[str, int]:
-        """On how many agglomerates a metric is undefined (NaN), by its name; those that are nowhere lack."""
+        """Number of agglomerates with an undefined value (NaN) by metric, without zeros."""
         counts = {name: int(np.isnan(values).sum()) for name, values in self.values.items()}
         return {name: count for name, count in counts.items() if count}
 
@@ -106,7 +105,7 @@ def quality(
     verbose: bool = False,
     threads: int | None = None,
 ) -> Quality:
-    """Quality of every agglomerate.
+    """Measure the quality of every agglomerate.
 
     Parameters
     ----------
@@ -116,21 +115,21 @@ def quality(
     metrics : iterable
         Names, ``(name, options)`` pairs or metric objects (keyed by class name).
     registry : Registry, optional
-        Where names are looked up; by default the installed plugins.
+        Registry for name look-up. Default: the installed plugins.
     progress, verbose, threads : optional
         As for :func:`agglo_core.agglomerate`.
 
     Returns
     -------
     Quality
-        A dict of name to (k,) float, which shows itself as a table.
+        A dict from name to (k,) float, displayed as a table.
 
     Raises
     ------
     MeshError
         If the labels do not fit the mesh, or a metric exists only in 2-D.
     OptionError, PluginError
-        For an argument of a wrong kind, an option or a metric that does not exist, or misbehaves.
+        For an argument of a wrong type, an unknown option or metric, or a metric that misbehaves.
 
     Examples
     --------
@@ -164,20 +163,18 @@ def measure_levels(
     mesh : Mesh
     hierarchy : Hierarchy
     registry : Registry, optional
-        Where names are looked up; by default the installed plugins.
+        Registry for name look-up. Default: the installed plugins.
     metrics : iterable, optional
-        As for :func:`quality`; names of objectives are accepted as well. By default UF, CR,
-        CRc, J and isoperimetric.
+        As for :func:`quality`, including names of objectives. Default: UF, CR, CRc, J and isoperimetric.
     progress, verbose : optional
         As for :func:`agglo_core.agglomerate`.
 
     Raises
     ------
     MeshError
-        If a metric that was asked for exists only in 2-D.
+        If a requested metric exists only in 2-D.
     OptionError, PluginError
-        For an argument of a wrong kind, an option or a name that does not exist, or a metric that
-        misbehaves.
+        For an argument of a wrong type, an unknown option or name, or a metric that misbehaves.
 
     Examples
     --------
@@ -190,6 +187,7 @@ def measure_levels(
     >>> int(levels[0].values["cells"].max())
     4
     """
+    # 1. Metrics and objectives.
     chosen = select(RATIOS if metrics is None else metrics, registry)
     shown = tuple(chosen.metrics)
     measured = {**chosen.metrics, **built_metrics(["components"], registry)}
@@ -197,6 +195,7 @@ def measure_levels(
     levels = []
     with followed(progress, verbose) as listen, phase(listen, "measuring") as tell:
         for place, (labels, target) in enumerate(zip(hierarchy.levels, hierarchy.targets, strict=True)):
+            # 2. Coarsen each level once, and measure it.
             own = part(tell, place, len(hierarchy.levels), f"level {place}")
             coarse = mesh.coarsen(labels)
             values = {
@@ -216,7 +215,9 @@ def summary(
     registry: Registry | None = None,
     metrics: Iterable[Metric] | None = None,
 ) -> list[dict[str, Any]]:
-    """One plain dict per level, finest first: :attr:`Level.line`; arguments as :func:`measure_levels`.
+    """Return one plain dict per level, finest first: :attr:`Level.line`.
+
+    The arguments follow :func:`measure_levels`.
 
     Examples
     --------
@@ -234,13 +235,16 @@ def summary(
 def _measured(
     mesh: Mesh, coarse: Mesh, labels: Int, metrics: Mapping[str, Member], tell: Tell
 ) -> dict[str, Float]:
-    """Values by name; metrics of the shape alone share the coarse mesh and what it caches."""
+    """Return metric values by name.
+
+    Metrics that depend only on the shape share the coarse mesh and its caches.
+    """
     own = np.arange(coarse.n_cells)
     values = {}
     for place, (name, metric) in enumerate(metrics.items()):
         part(tell, place, len(metrics), name)
         given = (coarse, own) if getattr(metric.tool, "shape_only", False) else (mesh, labels)
-        with attributed(metric.title, spare=(MeshError,)):  # a metric may refuse a mesh, such as one in 3-D
+        with attributed(metric.title, spare=(MeshError,)):  # a metric may reject a mesh, for example in 3-D
             measured = plain_array(metric.tool.measure(*given), "the result of measure", PluginError)
             result = np.asarray(measured, dtype=float)
         if result.shape != (coarse.n_cells,):

@@ -1,4 +1,4 @@
-"""Runs side by side: what each made of a mesh, measured agglomerate by agglomerate, and how long it took."""
+"""Compare runs on a mesh: values per agglomerate, and run times."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ _WORDS = {
 
 @dataclass(frozen=True, eq=False)
 class RunResult:
-    """One way to agglomerate a mesh, and its result.
+    """Result of one agglomeration run on a mesh.
 
     Attributes
     ----------
     name : str
-        Bisector as the user wrote it, and the method where runs differ in it.
+        Bisector as the user wrote it, plus the method if it differs between runs.
     hierarchy : Hierarchy or None
-        None if the run failed.
+        None for a failed run.
     levels : sequence of Level
         Finest first.
     seconds : float
-        Wall clock of the agglomeration alone.
+        Wall-clock time of the agglomeration only.
     error : str
-        Why the run failed, if it did.
+        Reason for a failure.
     cpu_seconds : float
-        CPU time of the agglomeration alone.
+        CPU time of the agglomeration only.
 
     Examples
     --------
@@ -59,7 +59,7 @@ class RunResult:
 
 
 Run = RunResult
-"""Its name in version 0.1."""
+"""Name of :class:`RunResult` in version 0.1."""
 
 
 def timed_run(
@@ -70,16 +70,16 @@ def timed_run(
     registry: Registry | None = None,
     progress: Listener | None = None,
 ) -> RunResult:
-    """Agglomerate on the clock, then measure the levels.
+    """Agglomerate with a timer, then measure the levels.
 
     Parameters
     ----------
     mesh : Mesh
     name : str
     agglomerated : callable
-        Agglomerates ``mesh``; what it raises passes through.
+        Agglomerates ``mesh``. Its exceptions pass through.
     metrics, registry, progress : optional
-        As for :func:`measure_levels`; ``agglomerated`` tells its own progress.
+        As for :func:`measure_levels`. ``agglomerated`` reports its own progress.
 
     Examples
     --------
@@ -91,7 +91,7 @@ def timed_run(
     (1.0, True)
     """
     with phase(progress, "building the graph"):
-        _ = mesh.graph  # shared by all runs: not on the first one's clock
+        _ = mesh.graph  # shared by all runs, so not part of the first run's time
     start, cpu = time.perf_counter(), time.process_time()
     hierarchy = agglomerated()
     seconds, cpu = time.perf_counter() - start, time.process_time() - cpu
@@ -100,7 +100,7 @@ def timed_run(
 
 
 def wanted(target: Mapping[str, Any]) -> str:
-    """A target as the user gave it: ``h ≤ 4 h0``, ``16 parts``; – if unknown.
+    """Return a target in the user's notation: ``h ≤ 4 h0``, ``16 parts``, or – if unknown.
 
     Examples
     --------

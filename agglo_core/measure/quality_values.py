@@ -1,4 +1,4 @@
-"""Values of metrics on agglomerates: a dictionary that shows itself as a table."""
+"""Metric values on agglomerates: a dictionary displayed as a table."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from agglo_core.mesh.elsewhere import made_by
 
 
 class Quality(dict[str, Float]):
-    """Values ``(k,)`` of each metric by its name.
+    """Values ``(k,)`` of each metric by name.
 
     Examples
     --------

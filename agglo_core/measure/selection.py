@@ -1,4 +1,4 @@
-"""Select metrics and objectives: turn names and options into objects that measure."""
+"""Select metrics and objectives: turn names and options into objects."""
 
 from __future__ import annotations
 
@@ -19,29 +19,30 @@ Metric = str | QualityMetric | tuple[str, Mapping[str, Any]]
 """A metric's name, a metric, or a name with its options."""
 
 RATIOS = ("UF", "CR", "CRc", "J", "isoperimetric")
-"""What is measured where nothing else is asked for."""
+"""Default metrics."""
 
 _RESERVED = ("connected", "diameter", "max_diameter", "measure", "objectives", "parts", "target")
 
 
 @dataclass(frozen=True)
 class Selection:
-    """Metrics by name, as they are shown, and objectives."""
+    """Metrics by display name, and objectives."""
 
     metrics: Mapping[str, Member]
     objectives: tuple[Objective, ...] = ()
 
 
 def select(chosen: Iterable[Metric], registry: Registry | None = None) -> Selection:
-    """Metrics, and objectives where a name is not that of a metric.
+    """Return the selected metrics, and objectives for names that are not metrics.
 
     Raises
     ------
     OptionError
-        For an argument of a wrong kind or an option that does not exist.
+        For an argument of a wrong type, or an unknown option.
     PluginError
-        If a name is neither a metric's nor an objective's.
+        If a name is neither a metric nor an objective.
     """
+    # 1. Separate objectives from metrics; a metric takes precedence.
     source = default() if registry is None else registry
     wanted = _listed(chosen)
     known = {record.name for record in source.list() if record.kind == "metric"}
@@ -50,6 +51,7 @@ def select(chosen: Iterable[Metric], registry: Registry | None = None) -> Select
     for each in rest:
         if isinstance(each, str) and "/" not in each and each not in known:
             raise PluginError(_unknown(each, sorted(known)))
+    # 2. Build the metrics, and check the names.
     metrics = built_metrics(rest, source)
     for name in metrics:
         if name in _RESERVED:
@@ -61,7 +63,7 @@ def select(chosen: Iterable[Metric], registry: Registry | None = None) -> Select
 
 
 def built_metrics(chosen: Iterable[Metric], registry: Registry | None = None) -> dict[str, Member]:
-    """Metric objects with their names in error messages, by name."""
+    """Return metric objects by name, with their titles for error messages."""
     source = default() if registry is None else registry
     built: dict[str, Member] = {}
     for metric in _listed(chosen):

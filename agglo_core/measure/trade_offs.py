@@ -1,4 +1,4 @@
-"""Runs weighed against one another: how round their parts are, how even, and how long they took."""
+"""Trade-offs between runs: roundness, evenness and run time."""
 
 from __future__ import annotations
 
@@ -14,22 +14,23 @@ from agglo_core.measure.agglomerates import Level
 from agglo_core.measure.comparison import RunResult
 
 _ROUND: Final = ("CR", "J")
-"""Metrics of roundness, the first that is known of all runs is taken; else the first that was chosen."""
+"""Roundness metrics in order of preference. The first metric available in all runs is used, otherwise the
+first selected metric."""
 _DIGITS: Final = 9
-"""To which values are compared: what differs by rounding is as good."""
+"""Decimal digits in comparisons, so that rounding differences do not count."""
 _LEAST_SECONDS: Final = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
 class Axis:
-    """A number of each run.
+    """A number for each run.
 
     Attributes
     ----------
     label : str
     values : (n,) float
     high : bool
-        Whether more is better.
+        Whether higher is better.
     """
 
     label: str
@@ -38,25 +39,25 @@ class Axis:
 
     @property
     def scores(self) -> Float:
-        """The values, turned so that more is better."""
+        """The values, with signs such that higher is better."""
         return self.values if self.high else frozen_float(-self.values)
 
 
 @dataclass(frozen=True, eq=False)
 class TradeOffs:
-    """The finest level of each run that came to an end.
+    """Finest level of each completed run.
 
     Attributes
     ----------
     names : sequence of str
     places : (n,) int
-        Of the runs among those given.
+        Indices of the completed runs among all runs.
     parts : (n,) int
     roundness, evenness : Axis
     seconds : (n,) float
-        Wall clock, a tenth of a millisecond at least.
+        Wall-clock time, at least a tenth of a millisecond.
     missing : sequence of str
-        Runs that have no place here.
+        Runs that are not included.
     """
 
     names: Sequence[str]
@@ -69,14 +70,14 @@ class TradeOffs:
 
     @property
     def labels(self) -> list[str]:
-        """Names, with the number of parts where it is not the same for all."""
+        """Names, with the part count if it differs between runs."""
         if len(set(self.parts)) < 2:
             return list(self.names)
         return [f"{name}, K = {parts}" for name, parts in zip(self.names, self.parts, strict=True)]
 
     @property
     def front(self) -> Int:
-        """Runs to which no other is both rounder and more even, from the roundest to the most even."""
+        """Runs on the Pareto front of roundness and evenness, from the roundest to the most even."""
         shapes = np.stack([self.evenness.scores, self.roundness.scores], axis=1)
         kept = np.flatnonzero(not_dominated(shapes))
         order: Int = kept[np.lexsort((-shapes[kept, 1], shapes[kept, 0]))]
@@ -84,13 +85,16 @@ class TradeOffs:
 
     @property
     def best(self) -> Mask:
-        """Runs to which no other is rounder, more even and faster at once."""
+        """Mask of the runs on the Pareto front of roundness, evenness and time."""
         scores = [self.evenness.scores, self.roundness.scores, -self.seconds]
         return not_dominated(np.stack(scores, axis=1))
 
 
 def not_dominated(scores: Float) -> Mask:
-    """Rows of ``scores (n, k)`` to which no other row is as good everywhere and better somewhere ``(n,)``."""
+    """Return a mask ``(n,)`` of the rows of ``scores (n, k)`` that no other row dominates.
+
+    A row dominates another if it is nowhere lower and somewhere higher.
+    """
     found = np.round(scores, _DIGITS)
     other, own = found[:, None], found[None, :]
     worse = (other >= own).all(axis=2) & (other > own).any(axis=2)
@@ -99,16 +103,16 @@ def not_dominated(scores: Float) -> Mask:
 
 
 def trade_offs(runs: Sequence[RunResult]) -> TradeOffs:
-    """Weigh runs on one mesh by their finest levels.
+    """Compare runs on one mesh by their finest levels.
 
-    Roundness is the mean CR; where that is not known the mean J, or else of the metric that was chosen first,
-    and whether more of it is better is what the metric says. Evenness is the mean diameter over h* where all
-    have a size, else the coefficient of variation of the measures of the parts.
+    Roundness is the mean CR, or the mean J if CR is missing, or else the mean of the first selected metric,
+    with the preferred direction of the metric. Evenness is the mean diameter over h* if all runs have a size,
+    else the coefficient of variation of part measures.
 
     Raises
     ------
     OptionError
-        If no run came to an end, or there is no metric that all of them have.
+        If no run completed, or no metric is available in all runs.
     """
     done = [(place, run.levels[0]) for place, run in enumerate(runs) if run.levels]
     if not done:

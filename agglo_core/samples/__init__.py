@@ -1,6 +1,6 @@
-"""Meshes to try things on, each by a function and by a short text such as ``voronoi:n=5000,seed=3``.
+"""Sample meshes, available as functions and by texts such as ``voronoi:n=5000,seed=3``.
 
-The texts know every sample there is: those here and those of plugins, components of the kind ``sample``.
+The texts cover all samples: the samples of this package and of plugins, components of the kind ``sample``.
 
 >>> from agglo_core import samples
 >>> samples.squares(4)

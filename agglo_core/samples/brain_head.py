@@ -1,4 +1,7 @@
-"""A human brain in voxels, with its tissues, from the MNI152 template; docs/brain says how."""
+"""A human brain in voxels, with its tissues, from the MNI152 template.
+
+docs/brain describes the procedure.
+"""
 
 from __future__ import annotations
 
@@ -11,24 +14,24 @@ from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import polyhedra_from_elements
 
-_EDGE = 2.0  # mm, of the voxels in the file
-_COARSEST = 20.0  # mm
-_SPECK = 8  # voxels; smaller pieces of a tissue count as what surrounds them
+_EDGE = 2.0  # voxel edge of the file in mm
+_COARSEST = 20.0  # largest voxel edge in mm
+_SPECK = 8  # in voxels; smaller tissue pieces take the surrounding tissue
 _TISSUES = (1, 2, 3)
 
 
 def brain3d(mm: float = 4.0) -> Mesh:
-    """Human brain in cubes of ``mm`` millimetres; the cell tag ``tissue`` is 1 fluid, 2 grey, 3 white matter.
+    """Human brain in cubes with edge ``mm``, with the cell tag ``tissue``.
 
-    The MNI152 template, of which skull and scalp are removed: 1.9 litres, so about 1.9e6 / mm³ cells. A
-    cube has the tissue that most of it is, and is left out where it is more than half outside. Pieces of a
-    tissue of fewer than eight cubes become what surrounds them. Coordinates are those of the template
-    (MNI) in millimetres: x to the right, y to the front, z up.
+    The values of ``tissue`` are 1 fluid, 2 grey and 3 white matter. The mesh is the MNI152 template without
+    skull and scalp: 1.9 litres, so about 1.9e6 / mm³ cells. A cube has its predominant tissue, and is omitted
+    if it is more than half outside. Tissue pieces with fewer than eight cubes take the surrounding tissue.
+    Coordinates are template coordinates (MNI) in millimetres: x to the right, y to the front, z up.
 
     Parameters
     ----------
     mm : float
-        Edge of the cubes, from 2, which is that of the data, to 20.
+        Edge of the cubes in millimetres, from 2 (the resolution of the data) to 20.
 
     Examples
     --------
@@ -55,9 +58,10 @@ def brain3d(mm: float = 4.0) -> Mesh:
 
 
 def _resampled(fine: Int, low: Float, mm: float) -> tuple[Int, Float]:
-    """Tissue of voxels of ``mm``, by shares of volume, and where the first begins, in ``mm``.
+    """Resample the tissue to voxels with edge ``mm``, by volume shares.
 
-    One voxel lies across the middle plane, about which the template is symmetric.
+    Also returns the grid origin in units of ``mm``. One voxel lies across the middle plane, about which the
+    template is symmetric.
     """
     overlaps, first = zip(
         *(_overlaps(start, n, mm) for start, n in zip(low, fine.shape, strict=True)), strict=True
@@ -67,7 +71,7 @@ def _resampled(fine: Int, low: Float, mm: float) -> tuple[Int, Float]:
 
 
 def _overlaps(start: float, n: int, mm: float) -> tuple[Float, float]:
-    """Share of each voxel of ``mm`` in each of n fine ones from ``start`` on; and where the first begins."""
+    """Return the overlap of each voxel with the n fine voxels from ``start`` on, and the first edge."""
     ends = np.array([start, start + n * _EDGE]) / mm
     edges = np.arange(np.floor(ends[0] - 0.5), np.ceil(ends[1] + 0.5) + 1.0) + 0.5
     fine = (start + _EDGE * np.arange(n + 1)) / mm
@@ -76,24 +80,26 @@ def _overlaps(start: float, n: int, mm: float) -> tuple[Float, float]:
 
 
 def _without_specks(tissue: Int) -> Int:
-    """Tissues whose small pieces are what most of the voxels beside them are."""
+    """Replace small tissue pieces by the predominant tissue of the adjacent voxels."""
     from scipy.ndimage import convolve, label
 
     cross = np.zeros((3, 3, 3), int)
     cross[1, 1] = cross[1, :, 1] = cross[:, 1, 1] = 1
+    # 1. Find the small pieces.
     specks = np.zeros(tissue.shape, bool)
     for each in _TISSUES:
         pieces = label(tissue == each)[0]
         small = np.bincount(pieces.ravel()) < _SPECK
         small[0] = False
         specks |= small[pieces]
+    # 2. Vote over the six neighbours.
     kept = np.where(specks, 0, tissue)
     votes = np.stack([convolve((kept == t).astype(int), cross, mode="constant") for t in _TISSUES])
     return np.where(specks & (votes.sum(axis=0) > 0), 1 + votes.argmax(axis=0), tissue)
 
 
 def _one_piece(tissue: Int) -> Int:
-    """The largest piece of what is filled."""
+    """Return the largest connected piece of the filled voxels."""
     from scipy.ndimage import label
 
     pieces = label(tissue > 0)[0]
@@ -101,7 +107,7 @@ def _one_piece(tissue: Int) -> Int:
 
 
 def _cubes(voxels: Int) -> tuple[Float, Int]:
-    """Points and ``(n, 8)`` corners, in VTK's order, of the unit cubes at the places ``(n, 3)``."""
+    """Return the points and the corners ``(n, 8)`` of unit cubes at ``(n, 3)``, in VTK order."""
     corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     corners = np.concatenate((corners, corners + np.array([0, 0, 1])))
     places = (voxels[:, None] + corners).reshape(-1, 3)

@@ -1,4 +1,7 @@
-"""A coronal section of a human brain, meshed from the MNI152 template; docs/brain says how."""
+"""A coronal section of a human brain, meshed from the MNI152 template.
+
+docs/brain describes the procedure.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +15,8 @@ from agglo_core.mesh import Mesh
 def brain() -> Mesh:
     """Coronal section of a human brain: 13,978 triangles, one simple outline with deep sulci.
 
-    Grey and white matter of the MNI152 template 16 mm behind the anterior commissure; x to the
-    right and z up, in millimetres. Stands for the brain section of the paper (§4).
+    Grey and white matter of the MNI152 template 16 mm behind the anterior commissure, x to the right and z
+    up, in millimetres. It replaces the brain section of the paper (§4).
 
     >>> brain()
     Mesh('brain', 2-D, 13978 cells, 21416 faces, 7439 points)
@@ -22,7 +25,7 @@ def brain() -> Mesh:
 
 
 def brain_holes() -> Mesh:
-    """The same section with the ventricles and the interpeduncular cistern as five holes: 13,327 triangles.
+    """Coronal section with ventricles and interpeduncular cistern as five holes: 13,327 triangles.
 
     >>> brain_holes()
     Mesh('brain_holes', 2-D, 13327 cells, 20518 faces, 7187 points)
@@ -31,7 +34,7 @@ def brain_holes() -> Mesh:
 
 
 def _load(name: str) -> Mesh:
-    """Mesh of triangles from ``data/<name>.npz``: float32 points, uint16 triangles."""
+    """Load a triangle mesh from ``data/<name>.npz``: float32 points, uint16 triangles."""
     with as_file(files("agglo_core.samples") / "data" / f"{name}.npz") as path, np.load(path) as data:
         points, triangles = data["points"].astype(np.float64), data["triangles"].astype(np.int64)
     return Mesh.from_polygons(points, triangles, name=name)

@@ -1,4 +1,4 @@
-"""Samples by name and by text: those of this package and those of plugins."""
+"""Samples by name and by text, from this package and from plugins."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from agglo_core.registry.options import Option, options_of
 
 
 def names(registry: Registry | None = None) -> list[str]:
-    """Names of the samples that can be used, agglo's own first.
+    """Return the names of the usable samples, agglo's own first.
 
     Parameters
     ----------
     registry : Registry, optional
-        Where they are looked up; by default the installed plugins.
+        Registry for name look-up. Default: the installed plugins.
 
     Examples
     --------
@@ -32,22 +32,24 @@ def names(registry: Registry | None = None) -> list[str]:
 
 
 def from_spec(spec: str, registry: Registry | None = None) -> Mesh:
-    """Mesh from a text ``name:option=value,…``; the name of the first option may be left out.
+    """Create a mesh from a text ``name:option=value,…``.
+
+    The name of the first option may be omitted.
 
     Parameters
     ----------
     spec : str
-        Such as ``squares:n=64``, ``squares:64``, ``voronoi:n=5000,seed=3`` or ``paper:random``. The name
+        For example ``squares:n=64``, ``squares:64``, ``voronoi:n=5000,seed=3`` or ``paper:random``. The name
         may be qualified as ``plugin/name``.
     registry : Registry, optional
-        Where the sample is looked up; by default the installed plugins.
+        Registry for name look-up. Default: the installed plugins.
 
     Raises
     ------
     OptionError
-        If there is no such sample or option, or a value does not fit; lists what there is.
+        If the sample or an option is unknown, or a value does not fit. The message lists the options.
     PluginError
-        If the sample cannot be used, fails, or makes something other than a Mesh.
+        If the sample cannot be used, fails, or returns something other than a Mesh.
 
     Examples
     --------
@@ -74,7 +76,7 @@ def from_spec(spec: str, registry: Registry | None = None) -> Mesh:
 
 
 def _given(spec: str, rest: str, accepted: Sequence[Option]) -> dict[str, Text]:
-    """The options of a text, each as it was typed."""
+    """Return the options of a text as typed."""
     options: dict[str, Text] = {}
     items = [item.strip() for item in rest.split(",") if item.strip()]
     for position, item in enumerate(items):

@@ -1,4 +1,4 @@
-"""Random 2-D samples: Delaunay triangles and Voronoi cells of points in the unit square."""
+"""Random 2-D samples: Delaunay triangles and Voronoi cells for points in the unit square."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from agglo_core.mesh import Mesh
 from agglo_core.samples.regular import check_size
 
 _SNAP = 1e-10
-"""Points this close (relative to the unit square) are one; rounding leaves 1e-13 or so."""
+"""Points this close (in units of the square) are merged. Rounding errors are about 1e-13."""
 
 
 def random_triangles(n: int, seed: int = 0) -> Mesh:
-    """Delaunay triangles of ``n`` uniform points and round(√(n/2)) evenly spaced ones per side.
+    """Delaunay triangles of ``n`` uniform points and round(√(n/2)) evenly spaced points per side.
 
     Parameters
     ----------
     n : int
-        Random points in the unit square: about 2n cells.
+        Number of random points in the unit square: about 2n cells.
     seed : int
-        Of the random numbers: 0 or more, the same seed gives the same mesh.
+        Random seed, 0 or more; equal seeds give equal meshes.
 
     Examples
     --------
@@ -33,14 +33,16 @@ def random_triangles(n: int, seed: int = 0) -> Mesh:
 
 
 def voronoi(n: int, seed: int = 0) -> Mesh:
-    """Voronoi cells of ``n`` uniform points, clipped to the unit square; cell i belongs to point i.
+    """Voronoi cells of ``n`` uniform points, clipped to the unit square.
+
+    Cell i belongs to point i.
 
     Parameters
     ----------
     n : int
-        Random points in the unit square: n cells.
+        Number of random points in the unit square: n cells.
     seed : int
-        Of the random numbers: 0 or more, the same seed gives the same mesh.
+        Random seed, 0 or more; equal seeds give equal meshes.
 
     Examples
     --------
@@ -53,14 +55,19 @@ def voronoi(n: int, seed: int = 0) -> Mesh:
 
 
 def delaunay_mesh(interior: Float, name: str) -> Mesh:
-    """Delaunay mesh of the unit square with the points ``(n, 2)`` and about √(n/2) segments per side."""
+    """Return a Delaunay mesh of the unit square with the points ``(n, 2)``.
+
+    Each side has about √(n/2) segments.
+    """
     from scipy.spatial import Delaunay
 
+    # 1. Points on the sides.
     per_side = max(1, round(np.sqrt(len(interior) / 2)))
     t = np.arange(per_side) / per_side
     zero = np.zeros(per_side)
     sides = [(t, zero), (zero + 1, t), (1 - t, zero + 1), (zero, 1 - t)]
     points = np.concatenate([interior, *(np.stack(side, axis=1) for side in sides)])
+    # 2. Triangulate, and drop degenerate triangles.
     cells = Delaunay(points).simplices
     corner, u, v = (points[cells[:, k]] for k in range(3))
     area = np.abs(np.linalg.det(np.stack((u - corner, v - corner), axis=1)))
@@ -68,19 +75,22 @@ def delaunay_mesh(interior: Float, name: str) -> Mesh:
 
 
 def voronoi_mesh(seeds: Float, name: str) -> Mesh:
-    """Voronoi mesh of the seeds ``(n, 2)`` in the unit square.
+    """Return the Voronoi mesh of the seeds ``(n, 2)`` in the unit square.
 
-    Mirror images of the seeds clip the cells exactly. Images of the seeds near a side are enough if
-    the cells then stay inside: inside the square an image is never nearer than its seed.
+    Mirror images of the seeds clip the cells exactly. Images of seeds near a side suffice if the cells then
+    stay inside, because inside the square an image is never nearer than its seed.
     """
+    # 1. Cell corners, with mirror images near the sides, or of all seeds if these do not suffice.
     near = 5.0 / np.sqrt(len(seeds))
     corners, owners = _cell_corners(seeds, near)
     if near < 1.0 and not ((corners > -_SNAP) & (corners < 1 + _SNAP)).all():
         corners, owners = _cell_corners(seeds, 1.0)
+    # 2. Snap corners to the sides, and merge close corners.
     for side in (0.0, 1.0):
         corners[np.abs(corners - side) < _SNAP] = side
     points, vertices = merge_close(corners)
     pairs = np.unique(np.stack((owners, vertices), axis=1), axis=0)
+    # 3. Order the corners of each cell by angle.
     spoke = points[pairs[:, 1]] - seeds[pairs[:, 0]]
     order = np.lexsort((np.arctan2(spoke[:, 1], spoke[:, 0]), pairs[:, 0]))
     offsets = np.searchsorted(pairs[:, 0], np.arange(len(seeds) + 1))
@@ -88,7 +98,7 @@ def voronoi_mesh(seeds: Float, name: str) -> Mesh:
 
 
 def _cell_corners(seeds: Float, near: float) -> tuple[Float, Float]:
-    """Corners of the cells ``(c, 2)`` and whose they are; seeds within ``near`` of a side are mirrored."""
+    """Return the cell corners ``(c, 2)`` and their cells, with mirrored seeds within ``near`` of a side."""
     from scipy.spatial import Voronoi
 
     images = [seeds]
@@ -108,7 +118,10 @@ def _cell_corners(seeds: Float, near: float) -> tuple[Float, Float]:
 
 
 def merge_close(corners: Float) -> tuple[Float, Float]:
-    """Return distinct points and the number of each corner's point; corners within ``_SNAP`` are one."""
+    """Merge corners within ``_SNAP``.
+
+    Returns the distinct points and each corner's point number.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree

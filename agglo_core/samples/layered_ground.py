@@ -1,4 +1,4 @@
-"""Layers of rock with faults: materials as a cell tag, faults and sides as face tags."""
+"""Rock layers with faults: materials as a cell tag, faults and sides as face tags."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import polyhedra_from_elements
 from agglo_core.samples.regular import check_size
 
-_TOPS = (0.12, 0.3, 0.38, 0.6, 0.7)  # of all layers but the last, as shares of the height
-_FAULTS = ((0.35, -0.35), (0.7, 0.45))  # where on the x axis, and how far it leans over the height
-_THROW = 0.12  # how far the block between the faults has dropped, as a share of the height
+_TOPS = (0.12, 0.3, 0.38, 0.6, 0.7)  # tops of all layers except the last, as fractions of the height
+_FAULTS = ((0.35, -0.35), (0.7, 0.45))  # position on the x axis, and lean over the height
+_THROW = 0.12  # drop of the block between the faults, as a fraction of the height
 _DIP, _FOLD = 0.25, 0.08
 
 
 def layered(n: int = 24) -> Mesh:
-    """Six layers of rock, tilted and folded, the middle block dropped between two faults.
+    """Six rock layers, tilted and folded, with the middle block dropped between two faults.
 
-    Hexahedra with plane faces on a unit square of ground, half as high. The cell tag ``material`` numbers
-    the layers from 1 at the bottom to 6; the face tag ``fault`` is 1 and 2 on the two faults, ``side`` is 1
-    to 6 on the outside: low and high x, y, z.
+    Hexahedra with plane faces on a unit square of ground, half as high. The cell tag ``material`` numbers the
+    layers from 1 at the bottom to 6. The face tag ``fault`` is 1 and 2 on the two faults. The face tag
+    ``side`` is 1 to 6 on the boundary: low and high x, y, z.
 
     Parameters
     ----------
     n : int
-        Hexahedra along x and y, half as many along z: about n³/2 cells.
+        Number of hexahedra along x and y, half as many along z: about n³/2 cells.
 
     Examples
     --------
@@ -51,10 +51,10 @@ def layered(n: int = 24) -> Mesh:
 
 
 def _bent(counts: tuple[int, ...]) -> Float:
-    """Points of the grid, x fastest: lines along z lean as the faults do, x and y lift what is above them.
+    """Return the points of the bent grid, x fastest.
 
-    The lift is a function of x plus one of y, so all faces are plane: parallelograms, and trapezia in
-    the planes of constant y.
+    Lines along z lean like the faults. The lift is a function of x plus a function of y, so all faces are
+    plane: parallelograms, and trapezia in the planes of constant y.
     """
     places = np.indices([n + 1 for n in reversed(counts)])
     zeta, y, xi = (each.ravel() / n for each, n in zip(places, counts[::-1], strict=True))
@@ -65,7 +65,7 @@ def _bent(counts: tuple[int, ...]) -> Float:
 
 
 def _corners(counts: tuple[int, ...], i: Int, j: Int, k: Int) -> Int:
-    """Corners ``(n, 8)`` of the hexahedra at these places, in VTK's order."""
+    """Return the corners ``(n, 8)`` of the hexahedra at these positions, in VTK order."""
     row, sheet = counts[0] + 1, (counts[0] + 1) * (counts[1] + 1)
     step = np.array([0, 1, row + 1, row])
     corners: Int = (i + j * row + k * sheet)[:, None] + np.concatenate((step, step + sheet))
@@ -73,7 +73,7 @@ def _corners(counts: tuple[int, ...], i: Int, j: Int, k: Int) -> Int:
 
 
 def _on_planes(mesh: Mesh, counts: tuple[int, ...], axis: int, places: list[int]) -> Int:
-    """1 for faces whose vertices all lie on the first of these grid planes, 2 on the second, 0 on none."""
+    """Return 1 for faces on the first of these grid planes, 2 on the second, else 0."""
     place: Int = np.unravel_index(mesh.face_vertices.reshape(-1, 4), [n + 1 for n in reversed(counts)])[
         2 - axis
     ]

@@ -10,9 +10,10 @@ from agglo_core.mesh import Mesh
 
 
 def check_size(value: object, least: int, option: str, sample: str, power: int = 1) -> int:
-    """``value`` as an int of at least ``least``, or OptionError naming the option and the sample.
+    """Return ``value`` as an int of at least ``least``, or raise OptionError.
 
-    ``value ** power`` is about the number of cells, of which a mesh has less than 2³¹; 0 for what is no size.
+    The error names the option and the sample. ``value ** power`` is approximately the number of cells, which
+    must be less than 2³¹. A ``power`` of 0 means that the value is not a size.
     """
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise OptionError(f"{option} of sample {sample} must be a whole number >= {least}, not {value!r}")
@@ -23,7 +24,10 @@ def check_size(value: object, least: int, option: str, sample: str, power: int =
 
 
 def _lattice(nx: int, ny: int) -> tuple[Float, Int]:
-    """Integer points of an nx × ny grid and its squares ``(nx·ny, 4)``, counter-clockwise, row by row."""
+    """Return integer points of an nx × ny grid, and its squares ``(nx·ny, 4)``.
+
+    Squares are counter-clockwise, row by row.
+    """
     y, x = np.divmod(np.arange((nx + 1) * (ny + 1)), nx + 1)
     j, i = np.divmod(np.arange(nx * ny), nx)
     corner = j * (nx + 1) + i
@@ -37,7 +41,7 @@ def squares(n: int) -> Mesh:
     Parameters
     ----------
     n : int
-        Squares along each side: n² cells.
+        Number of squares along each side: n² cells.
 
     Examples
     --------
@@ -50,12 +54,12 @@ def squares(n: int) -> Mesh:
 
 
 def triangles(n: int) -> Mesh:
-    """Unit square cut into ``n`` × ``n`` squares, each split along the diagonal of direction (1, −1).
+    """Unit square cut into ``n`` × ``n`` squares, each split along the diagonal (1, −1).
 
     Parameters
     ----------
     n : int
-        Squares along each side: 2n² cells.
+        Number of squares along each side: 2n² cells.
 
     Examples
     --------
@@ -69,12 +73,12 @@ def triangles(n: int) -> Mesh:
 
 
 def strip(n: int) -> Mesh:
-    """``n`` squares in a row, of total length 1.
+    """Row of ``n`` squares with total length 1.
 
     Parameters
     ----------
     n : int
-        Squares in all: n cells.
+        Number of squares: n cells.
 
     Examples
     --------
@@ -92,7 +96,7 @@ def disconnected(n: int) -> Mesh:
     Parameters
     ----------
     n : int
-        Squares along each side: 2n² cells.
+        Number of squares along each side: 2n² cells.
 
     Examples
     --------
@@ -106,14 +110,15 @@ def disconnected(n: int) -> Mesh:
 
 
 def hexagons(n: int) -> Mesh:
-    """``n`` rows of ``n`` regular hexagons, odd rows shifted by half a cell; total width 1 for n > 1.
+    """Grid of ``n`` rows with ``n`` regular hexagons each, odd rows shifted by half a cell.
 
-    Corners are counted on a lattice of half widths and half radii, so that neighbours share them.
+    The total width is 1 for n > 1. Corners are numbered on a lattice of half widths and half radii, so that
+    neighbours share them.
 
     Parameters
     ----------
     n : int
-        Hexagons in each row, and rows: n² cells.
+        Number of hexagons per row, and of rows: n² cells.
 
     Examples
     --------
@@ -131,12 +136,12 @@ def hexagons(n: int) -> Mesh:
 
 
 def ring(n: int) -> Mesh:
-    """Annulus of radii 1/2 and 1: ``n`` quadrilaterals around, in as many layers as make them nearly square.
+    """Annulus with radii 1/2 and 1: ``n`` nearly square quadrilaterals around, in several layers.
 
     Parameters
     ----------
     n : int
-        Quadrilaterals around it, 3 or more: about n²/9 cells.
+        Number of quadrilaterals around the annulus, 3 or more: about n²/9 cells.
 
     Examples
     --------
@@ -145,10 +150,10 @@ def ring(n: int) -> Mesh:
     """
     n = check_size(n, 3, "n", "ring")
     layers = max(1, round(n / (3 * np.pi)))
-    lattice, cells = _lattice(n, layers)  # x counts around, y inwards
+    lattice, cells = _lattice(n, layers)  # x runs around the annulus, y inward
     kept = lattice[:, 0] < n
     radius, angle = 1.0 - 0.5 * lattice[kept, 1] / layers, 2 * np.pi * lattice[kept, 0] / n
     points = radius[:, None] * np.stack((np.cos(angle), np.sin(angle)), axis=1)
-    last = cells % (n + 1) == n  # the last column of the lattice is the first again
+    last = cells % (n + 1) == n  # identify the last lattice column with the first
     number = np.cumsum(kept) - 1
     return Mesh.from_polygons(points, number[np.where(last, cells - n, cells)], name=f"ring {n}x{layers}")

@@ -1,4 +1,4 @@
-"""Random 3-D samples: Delaunay tetrahedra and Voronoi cells of points in the unit cube."""
+"""Random 3-D samples: Delaunay tetrahedra and Voronoi cells for points in the unit cube."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from agglo_core.samples.clouds import merge_close
 from agglo_core.samples.regular import check_size
 
 _SNAP = 1e-10
-"""Points this close are one; rounding leaves 1e-13 or so."""
+"""Points this close are merged. Rounding errors are about 1e-13."""
 _APART = 0.7
-"""Distance of the points of tetrahedra in spacings of a grid; those nearer to another one are left out."""
+"""Minimum distance of interior points in grid spacings. Points nearer to another point are dropped."""
 
 
 def random_tetrahedra(n: int, seed: int = 0) -> Mesh:
-    """Delaunay tetrahedra of random points in the unit cube, evenly spread, and some on its surface.
+    """Delaunay tetrahedra of evenly spread random points in the unit cube and on its surface.
 
     Parameters
     ----------
     n : int
-        Random points before those that are too near to another one are left out: about 6 n tetrahedra.
+        Number of random points, before points too close to another point are dropped: about 6 n tetrahedra.
     seed : int
-        Of the random numbers: 0 or more, the same seed gives the same mesh.
+        Random seed, 0 or more; equal seeds give equal meshes.
 
     Examples
     --------
@@ -38,32 +38,37 @@ def random_tetrahedra(n: int, seed: int = 0) -> Mesh:
 
     n = check_size(n, 1, "n", "random_tetrahedra")
     rng = np.random.default_rng(check_size(seed, 0, "seed", "random_tetrahedra", 0))
+    # 1. Randomly displaced grid points on the surface.
     per_edge = max(1, round(n ** (1 / 3)))
     grid = np.array(list(product(range(per_edge + 1), repeat=3)))
     grid = grid[((grid == 0) | (grid == per_edge)).any(axis=1)]
-    moves = rng.uniform(-0.3, 0.3, grid.shape)  # along the surface: no four of them in a plane but there
+    moves = rng.uniform(-0.3, 0.3, grid.shape)  # along the surface: coplanar points only there
     outside = (grid + np.where((grid == 0) | (grid == per_edge), 0.0, moves)) / per_edge
+    # 2. Random points inside, at a minimum distance.
     away = 0.5 * _APART / per_edge
     inside = _spread(rng.uniform(away, 1 - away, (n, 3)), _APART / per_edge)
     points = np.concatenate([inside, outside])
+    # 3. Triangulate, orient the tetrahedra, and drop flat ones.
     cells = Delaunay(points).simplices
     corner, *others = (points[cells[:, k]] for k in range(4))
     volume = np.linalg.det(np.stack([other - corner for other in others], axis=1))
     cells[volume < 0.0] = cells[volume < 0.0][:, [0, 2, 1, 3]]
-    kept = cells[np.abs(volume) > _SNAP].astype(np.int64)  # others are flat: four points of a side
+    kept = cells[np.abs(volume) > _SNAP].astype(np.int64)  # the others are flat: four points on a side
     mesh = polyhedra_from_elements({"tetra": kept})
     return Mesh.from_polyhedra(points, mesh, name=f"random tetrahedra n={n} seed={seed}")
 
 
 def voronoi3d(n: int, seed: int = 0) -> Mesh:
-    """Voronoi cells of ``n`` uniform points, clipped to the unit cube; cell i belongs to point i.
+    """Voronoi cells of ``n`` uniform points, clipped to the unit cube.
+
+    Cell i belongs to point i.
 
     Parameters
     ----------
     n : int
-        Random points in the unit cube: n cells.
+        Number of random points in the unit cube: n cells.
     seed : int
-        Of the random numbers: 0 or more, the same seed gives the same mesh.
+        Random seed, 0 or more; equal seeds give equal meshes.
 
     Examples
     --------
@@ -74,6 +79,7 @@ def voronoi3d(n: int, seed: int = 0) -> Mesh:
 
     n = check_size(n, 1, "n", "voronoi3d")
     seeds = np.random.default_rng(check_size(seed, 0, "seed", "voronoi3d", 0)).random((n, 3))
+    # 1. Voronoi diagram of the points and their mirror images.
     images = [seeds]  # mirror images clip the cells exactly
     for axis, side in product(range(3), (0.0, 1.0)):
         image = seeds.copy()
@@ -81,17 +87,19 @@ def voronoi3d(n: int, seed: int = 0) -> Mesh:
         images.append(image)
     diagram = Voronoi(np.concatenate(images))
     points, number = merge_close(diagram.vertices)
+    # 2. Each ridge is a face of the cells on both sides.
     cells: list[list[list[int]]] = [[] for _ in range(n)]
     for (one, other), vertices in zip(diagram.ridge_points, diagram.ridge_vertices, strict=True):
         if min(one, other) >= n or min(vertices) < 0:
             continue
         loop = [int(v) for v in dict.fromkeys(number[vertices])]
-        if len(loop) < 3:  # four cells meet in an edge of the surface, two of them images
+        if len(loop) < 3:  # an edge of the surface, where four cells meet, two of them images
             continue
         ahead = _turn(points[loop]) @ (diagram.points[other] - diagram.points[one]) > 0.0
         for cell, outward in ((one, ahead), (other, not ahead)):
             if cell < n:
                 cells[cell].append(loop if outward else loop[::-1])
+    # 3. Drop unused points, and snap corners to the sides.
     used, loops = _used(cells)
     corners = points[used]
     for side in (0.0, 1.0):
@@ -100,21 +108,21 @@ def voronoi3d(n: int, seed: int = 0) -> Mesh:
 
 
 def _turn(loop: Float) -> Float:
-    """Area vector ``(3,)`` of a loop, by the right hand."""
+    """Return the area vector ``(3,)`` of a loop (right-hand rule)."""
     spokes = loop[1:] - loop[0]
     vector: Float = np.cross(spokes[:-1], spokes[1:]).sum(axis=0)
     return vector
 
 
 def _used(cells: list[list[list[int]]]) -> tuple[Int, list[list[list[int]]]]:
-    """Points that cells have, and the cells by their numbers among these."""
+    """Return the points used by cells, and the cells with renumbered points."""
     used = np.unique([v for cell in cells for loop in cell for v in loop])
     place = dict(zip(used.tolist(), range(len(used)), strict=True))
     return used, [[[place[v] for v in loop] for loop in cell] for cell in cells]
 
 
 def _spread(points: Float, apart: float) -> Float:
-    """Points in their order without those that are nearer to one that is kept."""
+    """Drop points that are too close to an earlier kept point."""
     from scipy.spatial import cKDTree
 
     pairs = cKDTree(points).query_pairs(apart, output_type="ndarray")

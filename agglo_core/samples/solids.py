@@ -1,4 +1,4 @@
-"""3-D samples: hexahedra, tetrahedra and prisms filling the unit cube."""
+"""3-D samples: hexahedra, tetrahedra and prisms that fill the unit cube."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def boxes(n: int) -> Mesh:
     Parameters
     ----------
     n : int
-        Cubes along each edge: n³ cells.
+        Number of cubes along each edge: n³ cells.
 
     Examples
     --------
@@ -35,12 +35,12 @@ def boxes(n: int) -> Mesh:
 
 
 def tetrahedra(n: int) -> Mesh:
-    """Unit cube cut into n³ cubes, each split in the six tetrahedra around its main diagonal (Kuhn).
+    """Unit cube cut into n³ cubes, each split into six tetrahedra around its main diagonal (Kuhn).
 
     Parameters
     ----------
     n : int
-        Cubes along each edge: 6n³ cells.
+        Number of cubes along each edge: 6n³ cells.
 
     Examples
     --------
@@ -60,16 +60,16 @@ def tetrahedra(n: int) -> Mesh:
 
 
 def prisms(n: int, layers: int = 0, seed: int = 0) -> Mesh:
-    """Unit cube in layers of prisms: Delaunay triangles of ``n`` random points, extruded.
+    """Unit cube in layers of prisms: extruded Delaunay triangles of ``n`` random points.
 
     Parameters
     ----------
     n : int
-        Random points of the triangulation, that of :func:`random_triangles`: about 2n prisms a layer.
+        Number of random points of the triangulation :func:`random_triangles`: about 2n prisms per layer.
     layers : int
-        Layers along z; 0 for round(√n), which makes prisms about as high as wide.
+        Number of layers along z; 0 for round(√n), with prisms about as high as wide.
     seed : int
-        Of the random numbers: 0 or more, the same seed gives the same mesh.
+        Random seed, 0 or more; equal seeds give equal meshes.
 
     Examples
     --------
@@ -79,8 +79,10 @@ def prisms(n: int, layers: int = 0, seed: int = 0) -> Mesh:
     from agglo_core.mesh.elements import polyhedra_from_elements
 
     plane = random_triangles(check_size(n, 1, "n", "prisms"), check_size(seed, 0, "seed", "prisms", 0))
+    # 1. Number of layers, and the triangles of the plane mesh.
     layers = check_size(layers, 0, "layers", "prisms") or max(1, round(np.sqrt(n)))
     triangles = plane.boundary_loops.vertices.reshape(-1, 3)
+    # 2. Extrude the triangles layer by layer.
     sheet = np.arange(layers)[:, None, None] * plane.n_points
     below, above = triangles + sheet, triangles + sheet + plane.n_points
     wedges = np.concatenate((below[..., ::-1], above[..., ::-1]), axis=2).reshape(-1, 6)
@@ -91,7 +93,10 @@ def prisms(n: int, layers: int = 0, seed: int = 0) -> Mesh:
 
 
 def _cubes(n: int) -> tuple[Float, Int]:
-    """Points and ``(n³, 8)`` corners of the cubes; bits 1, 2, 4 of a corner's place are x, y, z."""
+    """Return points and corners ``(n³, 8)`` of the cubes.
+
+    The bits 1, 2, 4 of a corner's position are x, y, z.
+    """
     grid = np.arange((n + 1) ** 3).reshape(n + 1, n + 1, n + 1)
     z, y, x = np.unravel_index(grid.ravel(), grid.shape)
     place = np.arange(8)
