@@ -103,9 +103,7 @@ def _from_pieces(
     pieces = connected_parts(graph, start(graph, _PIECES * parts))
     coarse = graph.coarsen(pieces)
     # 2. Search on this graph.
-    less = replace(
-        EFFORTS[effort], tries=EFFORTS[effort].tries // 2
-    )  # half the tries, because pieces have many corners
+    less = replace(EFFORTS[effort], tries=EFFORTS[effort].tries // 2)  # pieces have many corners
     above = Search(coarse, size, seed, less, search.weights, search.limit)
     found = above.tool.outward(_searched(above, coarse, target, parts, start, rival))
     # 3. Cool and polish on the cells.

@@ -87,9 +87,7 @@ def wide_blocks(block_offsets, cells, vertex_offsets, vertices, points, centres,
     wide, centre = np.empty(len(block_offsets) - 1, np.bool_), np.empty(2)
     for b in range(len(wide)):
         own = cells[block_offsets[b] : block_offsets[b + 1]]
-        centre[0], centre[1] = (
-            centres[b, 0],
-            centres[b, 1],
-        )  # writable copy, so that is_wider is compiled once
+        # A writable copy, so that is_wider is compiled only once.
+        centre[0], centre[1] = centres[b, 0], centres[b, 1]
         wide[b] = is_wider(own, vertex_offsets, vertices, points, centre, limit)
     return wide

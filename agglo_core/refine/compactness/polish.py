@@ -36,9 +36,7 @@ def swept(graph: Graph, labels: Int, block: Int, alpha: float, floor: float, lim
     parts, tally = part_tally(labels, k, *geometry, floor)
     axes, places = part_places(block, count, tally)
     cells = Cells(graph.indptr, graph.indices, graph.interface, *geometry, axes)
-    blocks, due = interface_cells(
-        cells, parts, tally, block, count
-    )  # here, as the sums of neighbours are still close in memory
+    blocks, due = interface_cells(cells, parts, tally, block, count)  # before renumbering: better locality
     # 2. Renumber the parts in a geometric order, so that the parts of a block, and of a slice, are ranges.
     order = strip_order(tally, block, axes, places, graph.dim)
     rank = np.empty(k, np.int32)
