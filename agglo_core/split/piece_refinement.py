@@ -13,10 +13,7 @@ from agglo_core.compiled.ring_search import keeps_whole
 from agglo_core.compiled.sorting import sort_by_keys
 
 _SWEEPS = 10  # maximum; each sweep only visits cells changed by the previous sweep
-_SEEN, _LISTED = (
-    np.int64(2),
-    np.int64(3),
-)  # columns of the marks (a bare number is a separate numba type)
+_SEEN, _LISTED = np.int64(2), np.int64(3)  # columns of the marks; bare numbers are separate numba types
 _TIE = 1e-9  # relative to the cell's interface: smaller gains are rounding
 
 

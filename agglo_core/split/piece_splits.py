@@ -22,10 +22,7 @@ HEAVY = 4.0  # in mean weights: heavier cells are in every sample, and represent
 # One over the fraction of cells chosen for a sample. A larger value saves time, but the cut may differ more
 # from the cut with all cells.
 SAMPLED = np.int64(8)
-_ABOVE, _LEAST = (
-    np.float32(1.0001),
-    np.float32(1e-18),
-)  # single-precision rounding of squares, with a margin
+_ABOVE, _LEAST = np.float32(1.0001), np.float32(1e-18)  # single-precision rounding, with a margin
 _RUN = 64  # run length: about an eighth of so many successive cells should be chosen
 # Number of weight bands up to the mean weight, every eighth of which is chosen. Cells whose weights differ by
 # more than 1.2 % of the mean lie in different bands. Not an integer, so that rounding does not decide for the

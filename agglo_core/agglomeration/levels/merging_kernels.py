@@ -9,7 +9,7 @@ import numpy as np
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.compiled.geometry import distinct_vertices, largest_distance
 
-_FINE = 2.0**40  # scores are rounded to multiples of 2^-40, so that the order of summation does not matter
+_FINE = 2.0**40  # scores are rounded to multiples of 2^-40: the order of summation does not matter
 
 
 @helper

@@ -18,9 +18,7 @@ from agglo_core.compiled.ring_search import CROWD, REACH, connected
 from agglo_core.refine.compactness.reach import fits, take_in
 from agglo_core.refine.compactness.state import CELLS, CENTRE, FLOOR, MASS, ROOM, listed_cells
 
-_TIE = (
-    1e-9  # relative to the terms of a change: smaller changes are rounding; ties go to the lower part number
-)
+_TIE = 1e-9  # relative to the terms of a change, for rounding; ties go to the lower part number
 
 _CACHED = 40_000
 """Number of cells up to which all data stay in the cache, so that prefetching would only cost time."""
@@ -76,9 +74,8 @@ def _best_move(given, state, bounds, price, i, work):
     home, w = np.uint32(state.parts[i]), given.weights[i]
     mass, lost = state.tally[home, MASS], 0.0
     if mass - w > 1e-12 * mass:
-        lost = _square(given, state, i, home) * (
-            w * (mass / (mass - w))
-        )  # this order avoids underflow for lengths of 1e-50
+        # This order of factors avoids underflow for lengths of 1e-50.
+        lost = _square(given, state, i, home) * (w * (mass / (mass - w)))
     # 2. A part with mass m that receives the cell gains w m / (m + w) |x − c|². Parts beyond the slice may
     #    change in another thread, so they are only reported.
     lo, hi, start, stop = bounds
