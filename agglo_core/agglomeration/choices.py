@@ -21,12 +21,14 @@ def new_run(keywords: Keywords, registry: Registry, progress: Listener | None = 
     partition are bisected by this bisector, or by ``inertial`` if the bisector has no bisection method.
     """
     kway = keywords.method == "kway"
+    # 1. Check that the bisector supports the method.
     member, fallback = chosen("bisector", keywords.bisector, registry)
     bisects = member.offers("bisect_level", "bisect")
     if kway and not member.offers("partition"):
         raise OptionError(f"{member.title} has no k-way partition; use method='recursive'")
     if not kway and not bisects:
         raise OptionError(f"{member.title} cannot bisect; use method='kway'")
+    # 2. Build all components. A partitioner without bisection methods gets ``inertial`` as bisector.
     stand_in = None if fallback is None else _stand_in(member, "declares the fallback", fallback, registry)
     return Run(
         bisector=member if bisects else _stand_in(member, "cannot bisect and needs", "inertial", registry),

@@ -133,7 +133,10 @@ class SizeGoal:
         return self.asked
 
     def estimate(self, graph: Graph) -> int:
-        """Estimate the part count for a direct partition: typical parts fill half a ball."""
+        """Estimate the part count for a direct partition.
+
+        Typical parts fill half a ball with diameter ``h_star``.
+        """
         ball = np.pi / 4 if graph.dim == 2 else np.pi / 6
         side = float((graph.measures.sum() / (0.5 * ball)) ** (1.0 / graph.dim)) / self.h_star
         return graph.n if side > graph.n else max(1, int(np.ceil(side**graph.dim)))

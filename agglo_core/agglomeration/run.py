@@ -170,7 +170,7 @@ class Run:
         return shifted(level, sides, uneven, shares)
 
     def note_widths(self, labels: Int, wide: Mask, limit: float) -> None:
-        """Count the cells ``wide (k,)``, wider than ``limit``, and check that no other part is wide."""
+        """Record the number of wide single cells, and check that no part ``wide (k,)`` has several cells."""
         alone = checked_widths(self.bisector, labels, wide, limit)
         self.statistics.oversized_cells = max(alone, self.statistics.oversized_cells)
 

@@ -30,6 +30,7 @@ def read_run_file(path: Path, *, allow_code: bool = False) -> dict[str, Any]:
         If the file cannot be read or parsed, has an unknown key, or has a value of another type where a
         component or a list of components is expected.
     """
+    # 1. Read the table, and check its keys.
     table = read_toml(path)
     unknown = sorted(set(table) - set(NAMES))
     if unknown:
@@ -43,6 +44,7 @@ def read_run_file(path: Path, *, allow_code: bool = False) -> dict[str, Any]:
             return value["name"], options if allow_code else written(options)
         raise FileError(f"{path}: {key} must be a name or a table with a name, not {value!r:.60}")
 
+    # 2. Convert components, single or in lists, to choices.
     given = {key: table[key] for key in NAMES if key in table}
     for key in COMPONENTS:
         if key in COMPONENT_LISTS and key in given:

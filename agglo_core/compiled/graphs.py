@@ -219,6 +219,8 @@ def broken_blocks(offsets, indptr, indices, labels):
     for i in range(n):  # labels.max() takes half a second to compile
         waiting[i] = labels[i]
         highest = max(highest, labels[i])
+    # Flood each component. ``seen`` is the last block in which a part was found: a second component is a
+    # fault.
     seen = np.full(highest + 1, -1, np.int64)
     broken = np.empty(len(offsets) - 1, np.bool_)
     for b in range(len(broken)):

@@ -35,8 +35,10 @@ def in_metric(mesh: Mesh | Graph, graph: Graph, metric: ArrayLike) -> Graph:
     OptionError
         If the metric has another shape, or is not symmetric positive definite.
     """
+    # 1. Map positions by the square roots of the tensors.
     roots = _roots(metric, graph)
     centroids, points = _mapped(graph, roots)
+    # 2. Measures and interfaces in the metric.
     size = np.broadcast_to(np.linalg.det(roots), graph.n)
     interface, boundary = _interfaces(mesh, graph, roots)
     measures = frozen_float(size * graph.measures)

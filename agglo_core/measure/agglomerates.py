@@ -243,10 +243,12 @@ def _measured(
     values = {}
     for place, (name, metric) in enumerate(metrics.items()):
         part(tell, place, len(metrics), name)
+        # 1. Measure on the coarse mesh where possible.
         given = (coarse, own) if getattr(metric.tool, "shape_only", False) else (mesh, labels)
         with attributed(metric.title, spare=(MeshError,)):  # a metric may reject a mesh, for example in 3-D
             measured = plain_array(metric.tool.measure(*given), "the result of measure", PluginError)
             result = np.asarray(measured, dtype=float)
+        # 2. Check the result.
         if result.shape != (coarse.n_cells,):
             raise PluginError(
                 f"{metric.title} returned shape {result.shape}; "

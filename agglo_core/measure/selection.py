@@ -67,6 +67,7 @@ def built_metrics(chosen: Iterable[Metric], registry: Registry | None = None) ->
     source = default() if registry is None else registry
     built: dict[str, Member] = {}
     for metric in _listed(chosen):
+        # 1. Build the metric, or use the object.
         name, options = name_and_options("metric", metric) if isinstance(metric, tuple) else (metric, {})
         if isinstance(name, str):
             title = describe(source.record("metric", name))
@@ -74,6 +75,7 @@ def built_metrics(chosen: Iterable[Metric], registry: Registry | None = None) ->
         else:
             component, name = name, type(name).__name__
             title = f"metric {name!r}"
+        # 2. Reject duplicates and objects that are not metrics.
         if name in built:
             raise OptionError(f"metric {name!r} is given twice")
         if isinstance(component, type) or not callable(getattr(component, "measure", None)):

@@ -43,10 +43,12 @@ def brain3d(mm: float = 4.0) -> Mesh:
         raise OptionError(
             f"mm of sample brain3d must be a number from {_EDGE:g} to {_COARSEST:g}, not {mm!r:.60}"
         )
+    # 1. Load the voxels, and resample them.
     with as_file(files("agglo_core.samples") / "data" / "brain3d.npz") as path, np.load(path) as data:
         fine, low = data["tissue"], data["low"]
     tissue, first = _resampled(fine, low, float(mm))
     tissue = _without_specks(_one_piece(tissue))
+    # 2. Build one hexahedron per filled voxel.
     voxels = np.argwhere(tissue)
     points, cells = _cubes(voxels)
     return Mesh.from_polyhedra(

@@ -57,18 +57,21 @@ def from_spec(spec: str, registry: Registry | None = None) -> Mesh:
     >>> samples.from_spec("voronoi:300,seed=3").n_cells
     300
     """
+    # 1. Look up the sample.
     name, _, rest = spec.partition(":")
     known = default() if registry is None else registry
     try:
         record = known.record("sample", name.strip())
     except PluginError as error:
         raise OptionError(str(error)) from error
+    # 2. Parse and check the options.
     target = resolve(record)
     accepted = options_of(target) or ()
     try:
         options = checked_options(record, target, _given(spec, rest, accepted))
     except OptionError as error:
         raise OptionError(f"{error}; {_usage(record, accepted)}") from error
+    # 3. Create the mesh.
     made = known.assemble(record, options)
     if not isinstance(made, Mesh):
         raise PluginError(f"{describe(record)} made {shown(made)}, expected a Mesh")

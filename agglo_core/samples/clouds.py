@@ -101,12 +101,14 @@ def _cell_corners(seeds: Float, near: float) -> tuple[Float, Float]:
     """Return the cell corners ``(c, 2)`` and their cells, with mirrored seeds within ``near`` of a side."""
     from scipy.spatial import Voronoi
 
+    # 1. Mirror the seeds near each side.
     images = [seeds]
     for axis in (0, 1):
         for side in (0.0, 1.0):
             image = seeds[np.abs(seeds[:, axis] - side) <= near]
             image[:, axis] = 2 * side - image[:, axis]
             images.append(image)
+    # 2. List the ends of each ridge as corners of the cells on both sides.
     diagram = Voronoi(np.concatenate(images))
     ends = np.asarray(diagram.ridge_vertices)
     sites = diagram.ridge_points

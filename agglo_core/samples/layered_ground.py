@@ -34,10 +34,12 @@ def layered(n: int = 24) -> Mesh:
     (Mesh('layered 24x24x12', 3-D, 6912 cells, 21888 faces, 8125 points), [21312, 288, 288])
     """
     n = check_size(n, 4, "n", "layered", 3)
+    # 1. Hexahedra of the grid, with the dropped block between the faults.
     counts = (n, n, max(2, n // 2))
     i, j, k = (each.ravel() for each in np.indices(counts))
     at = [round(place * n) for place, _ in _FAULTS]
     dropped = (i >= at[0]) & (i < at[1])
+    # 2. Material by height before the drop.
     depth = (k + 0.5) / counts[2] + np.where(dropped, max(1, round(_THROW * counts[2])) / counts[2], 0.0)
     mesh = Mesh.from_polyhedra(
         _bent(counts),
@@ -45,6 +47,7 @@ def layered(n: int = 24) -> Mesh:
         cell_tags={"material": 1 + np.searchsorted(_TOPS, depth)},
         name=f"layered {'x'.join(map(str, counts))}",
     )
+    # 3. Tags of the sides and faults.
     ends = [_on_planes(mesh, counts, axis, [0, counts[axis]]) for axis in range(3)]
     side = sum(np.where(end > 0, end + 2 * axis, 0) for axis, end in enumerate(ends))
     return mesh.with_face_tags(fault=_on_planes(mesh, counts, 0, at), side=side)

@@ -34,6 +34,7 @@ def paper(name: Literal["triangles", "squares", "random", "voronoi"]) -> Mesh:
     >>> agglo.samples.paper("squares")
     Mesh('paper squares', 2-D, 256 cells, 544 faces, 289 points)
     """
+    # MATLAB's default stream: its random points first, then the Voronoi seeds.
     stream = np.random.RandomState(5489)
     cloud, seeds = (stream.rand(2 * m).reshape(2, m).T.copy() for m in (128, 256))
     match name:

@@ -22,9 +22,11 @@ def _turn(points, a, b, c):
 @helper
 def _sort(points, vertices, start, stop):
     """Sort ``vertices[start:stop]`` by x, then y (Shell sort: short to compile, fast for short lists)."""
+    # 1. Largest gap of the sequence 1, 4, 13, ….
     gap = 1
     while 3 * gap < stop - start:
         gap = 3 * gap + 1
+    # 2. Insertion sort with decreasing gaps.
     while gap > 0:
         for i in range(start + gap, stop):
             v, j = vertices[i], i

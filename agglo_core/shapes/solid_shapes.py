@@ -93,6 +93,7 @@ def _hulls(mesh: Mesh) -> list[_Hulls]:
         first, last = corners[start], corners[stop]
         own = frozen_int(corners[start : stop + 1] - first)
         found: _Hulls = solid_hulls(points, own, vertices[first:last])
+        # Agglomerates that are flat up to rounding have no hull.
         failed = np.flatnonzero(~(found[0] > 0.0))
         if len(failed):
             raise MeshError(

@@ -242,6 +242,7 @@ def frames_of_blocks(offsets, centroids, weights):
     n_blocks, d, largest = len(offsets) - 1, centroids.shape[1], np.int64(0)
     for b in range(n_blocks):
         largest = max(largest, offsets[b + 1] - offsets[b])
+    # 1. Workspace for the largest block.
     points = new_framed_points(largest)
     local, shares, along, frame, _, _ = points
     frames, coordinates = np.empty((n_blocks, d, d)), np.empty((len(weights), d))
@@ -251,7 +252,7 @@ def frames_of_blocks(offsets, centroids, weights):
             shares[k] = weights[start + k]
             for c in range(d):
                 local[c, k] = centroids[start + k, c]
-        # Apply the functions used for pieces to a copy of the block.
+        # 2. Apply the functions used for pieces to a copy of the block.
         centre_in_order(n, d, local, shares)
         frame_in_order(n, d, points)
         for c in range(d):

@@ -251,6 +251,7 @@ class PieceGrowth:
             return own, *self._advance(piece[None], leaf, own, limit, enough, 0, stamp=stamp)
 
         sizes = todo[:, 1] - todo[:, 0]
+        # In each round, halve all pieces above three quarters of the largest size, in parallel.
         while (sizes > small).any():
             enough = max(small, 3 * int(sizes.max()) // 4)
             smaller, last = [todo[sizes <= enough]], stamp

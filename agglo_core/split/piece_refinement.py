@@ -76,6 +76,7 @@ def _partner(edges, tag, i, home, gain, least, gains):
         j = np.uint64(np.uint32(indices[h]))
         if tag[j] != home:
             continue
+        # 1. Joint gain: listed neighbours have stored sums, others lose their interface with the own side.
         place, both = gains.marks[j, _LISTED] - gains.stamp, gain + 2.0 * interface[h]
         if place >= 0:
             both += gains.shared[place, 0] - gains.shared[place, 1]
@@ -84,6 +85,7 @@ def _partner(edges, tag, i, home, gain, least, gains):
         else:
             for g in range(np.uint64(indptr[j]), np.uint64(indptr[j + ONE])):
                 both -= interface[g] if tag[np.uint32(indices[g])] == home else 0.0
+        # 2. Keep the best pair.
         if both > best:
             partner, best = np.int64(j), both
     return partner
@@ -143,11 +145,13 @@ def _note_move(edges, tag, left, right, i, listed, later, filled, gains, sweep):
         j = np.uint64(np.uint32(edges.indices[h])) if h > before else i
         if tag[j] != left and tag[j] != right:
             continue
+        # 1. List a new cell, and update its sums.
         if gains.marks[j, _LISTED] < gains.stamp:
             gains.marks[j, _LISTED] = gains.stamp + edge
             listed[edge] = j
             edge += 1
         _sum_up(edges, tag, j, left, right, gains.shared, gains.marks[j, _LISTED] - gains.stamp)
+        # 2. Visit the cell in the next sweep.
         if gains.marks[j, _SEEN] != sweep:
             gains.marks[j, _SEEN] = sweep
             later[m] = j

@@ -133,6 +133,7 @@ def _untied(columns, axis, group, gap):
     d, m = len(columns), len(group)
     key, values = np.zeros(m), np.empty(m)
     order, spare = np.empty(m, np.int64), np.empty(m, np.int64)
+    # 1. Rank by each other axis, and combine the ranks in one key.
     for step in range(1, d):
         for i in range(m):
             order[i], values[i] = i, columns[(axis + step) % d, group[i]]
@@ -141,6 +142,7 @@ def _untied(columns, axis, group, gap):
         for i in range(m):
             rank += i > 0 and values[order[i]] - values[order[i - 1]] > gap
             key[order[i]] = key[order[i]] * m + rank
+    # 2. Sort by the combined key.
     for i in range(m):
         order[i] = i
     stable_sort(order, key, spare)
@@ -333,17 +335,20 @@ def shifted_sides(offsets, centroids, mass, sides, shares):
     n, largest = len(sides), np.int64(0)
     for b in range(len(shares)):
         largest = max(largest, offsets[b + 1] - offsets[b])
+    # 1. Records in which each block is a piece.
     cells, tag = np.empty(n, np.int32), np.empty(n, np.int32)
     candidates, reach = np.empty(largest + 1, np.int32), np.zeros(n, np.float32)
     pieces, found = Pieces(cells, tag, np.empty((0, 4), np.int32)), new_sides()
     graph = PieceGraph(offsets, cells, mass, centroids, mass, mass, reach, Units(1.0, 1.0, 1.0))
     for b in range(len(shares)):
         lo, hi = offsets[b], offsets[b + 1]
+        # 2. Tag the sides of the block, and sum their masses.
         left, right = side_tags(lo, hi)
         found.measures[0], found.measures[1] = 0.0, 0.0
         for i in range(lo, hi):
             cells[i], tag[i] = i, right if sides[i] else left
             found.measures[sides[i]] += mass[i]
+        # 3. Move the cut if it misses its share.
         if not holds_share(found, shares[b]):
             shift_cut(graph, pieces, lo, hi, shares[b], candidates, found)
     moved = np.empty(n, np.int64)

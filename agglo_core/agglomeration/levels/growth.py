@@ -130,6 +130,7 @@ def _split(
     """
     seeds, owner = run.seeds(stage, int(labels.max()) + 1), run.bisector
     with run.statistics.timed("grow"), phase(run.progress, "agglomerating") as tell:
+        # Counts: each piece has a quota. Sizes: split to the size, and record single cells that are wider.
         if isinstance(goal, CountGoal):
             quotas = _quotas(graph, labels, goal)
             with attributed(owner.title):

@@ -182,11 +182,14 @@ def recursive_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPa
     first, and each level's parts are the initial pieces for the next level. Sizes are also computed in this
     order if there are post-passes or the bisector depends on the target.
     """
+    # 1. Growth, if the bisector supports these goals.
     grown = grown_levels(graph, goals, run, post)
     if grown is not None:
         return grown
+    # 2. One tree for all sizes.
     if not post.active and _one_tree_serves(goals, run):
         return _levels_of_one_tree(graph, goals, run)
+    # 3. Otherwise one recursion per level, coarsest first, from the parts of the previous level.
     labels = graph.components()
     result: list[Int] = []
     for stage, goal in enumerate(reversed(goals)):

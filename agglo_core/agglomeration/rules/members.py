@@ -75,14 +75,17 @@ class Rules(Keywords):
         OptionError
             If the target is a size, and weights or a balance are given.
         """
+        # 1. Size goals accept neither weights nor a balance.
         if not counts:
             if self.weights is not None and not self.bounds_weights:
                 raise OptionError("weights shares out a number of parts; with sizes it means nothing")
             if self.balance is not None:
                 raise OptionError("balance shares out a number of parts; with sizes it means nothing")
             return graph
+        # 2. Balance by measure.
         if self.balance == "measure":
             return graph.with_loads(Loads("measure"))
+        # 3. Balance by cells or weights, with a small share of the measure to break ties.
         loads = mass = self.mass(graph)
         whole, heavy = total(graph.measures), total(mass)
         if whole > 0:
