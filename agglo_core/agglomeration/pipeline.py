@@ -37,7 +37,7 @@ from agglo_core.threads import thread_count, using_threads
 class Pipeline(Rules):
     """Run configuration: components, targets and rules.
 
-    Names are looked up when the run starts. The parameters are those keywords from
+    Names are looked up when the run starts. The parameters are the keywords of
     :func:`~agglo_core.agglomerate` that define the result, from ``bisector`` to ``lines``, with equal meaning
     and defaults. Parameters up to ``cells_per_part`` in the signature may be positional.
 

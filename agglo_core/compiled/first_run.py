@@ -9,7 +9,7 @@ from numba.core.event import Listener, install_listener
 
 
 def watch_compilation(tell: Callable[[], None]) -> AbstractContextManager[None]:
-    """Call ``tell`` when numba first compiles something within the context.
+    """Call the callback when numba first compiles something within the context.
 
     Kernels on disk are loaded, not compiled.
     """

@@ -7,7 +7,7 @@ import numpy as np
 from agglo_core.compiled.compiling import ONE, helper
 
 REACH = np.int64(64)  # visited cells after which neighbours count as locally disconnected
-CROWD = np.int64(256)  # neighbour count from which rings do not grow: too many searches would read them
+CROWD = np.int64(256)  # neighbour count above which rings do not grow: too many would read them
 
 
 @helper

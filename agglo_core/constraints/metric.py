@@ -22,8 +22,8 @@ _SYMMETRY = 1e-9
 def in_metric(mesh: Mesh | Graph, graph: Graph, metric: ArrayLike) -> Graph:
     """Return the graph with the mesh geometry in a metric.
 
-    A length is √(xᵀ M x). A constant tensor is a linear map, and exact. For tensors per cell no exact map may
-    exist. Then the map is the least-squares fit along the graph edges.
+    A length is √(xᵀ M x). A constant tensor defines an exact linear map. For one tensor per cell an exact map
+    may not exist, and the map is the least-squares fit along the graph edges.
 
     Parameters
     ----------

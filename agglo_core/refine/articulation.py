@@ -15,8 +15,8 @@ def cut_cells(indptr, indices, labels):
 
     These are the articulation points of the graph without edges between different labels (Tarjan 1972,
     Hopcroft and Tarjan 1973), computed by a depth-first search with an explicit stack. ``found`` is a cell's
-    number in search order. ``lowest`` is the smallest such number that the cell's subtree reaches by one
-    non-tree edge.
+    number in search order. ``lowest`` is the smallest number that the cell's subtree reaches by one non-tree
+    edge.
     """
     n = len(labels)
     found, lowest = np.full(n, -1, np.int64), np.empty(n, np.int64)

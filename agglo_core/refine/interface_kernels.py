@@ -101,7 +101,7 @@ def sort_by_key(items, keys, m):
 
 @helper
 def _part_sums(start, stop, centroids, measures, tally, moments):
-    """Sum measure, cell count and first moment by part; return the highest label + 1."""
+    """Sum measure, cell count and first moment by part, and return the highest label + 1."""
     parts, part_measures, part_cells = tally
     present = 0
     for i in range(start, stop):

@@ -316,7 +316,7 @@ def flattened(table, blocks, some, weight, x, y, z, sides):
 
 @helper
 def _crossing(corners, t, p, q, x, y):
-    """Return ±1 if side pq, seen along z, crosses the ray from (x, y) to larger x, else 0.
+    """Return ±1 if side pq, seen along z, crosses the ray from (x, y) in direction x, else 0.
 
     +1 is an upward crossing, −1 a downward crossing.
     """

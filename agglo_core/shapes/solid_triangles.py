@@ -35,10 +35,11 @@ def _square(points, a, b):
 
 @helper
 def _ear(points, ring, m, i, nx, ny, nz, tiny):
-    """Return the shape of the triangle at corner i of the ring, or -1 if it is no ear.
+    """Return the shape of the triangle at corner i of the ring, or -1.
 
     The shape is the area over the squared longest side, so that collinear points come last. An ear is a
-    non-degenerate triangle with the face's orientation that contains no other corner.
+    non-degenerate triangle with the face's orientation that contains no other corner. The result is -1 if the
+    triangle is no ear.
     """
     a, b, c = ring[(i + m - 1) % m], ring[i], ring[(i + 1) % m]
     area = _area(points, a, b, c, nx, ny, nz)

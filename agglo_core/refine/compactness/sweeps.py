@@ -204,7 +204,7 @@ def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, r
     """Visit each due cell once in the slices from ``start`` to ``stop``, and return the number of moves.
 
     Moves lower J · L^α, inertia times interface to the power ``alpha``, linearised about the ``blocks`` at
-    the start of the sweep. The slice gains are set to the changes in inertia and interface. Within a part,
+    the start of the sweep. The changes in inertia and interface are added to the slice gains. Within a part,
     cells are visited by position, so their numbering does not matter.
     """
     n = np.int64(len(state.parts))
