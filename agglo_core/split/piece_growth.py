@@ -116,7 +116,7 @@ class PieceGrowth:
         fixer: Any,
         tiny: int = _TINY,
     ) -> PieceGrowth | None:
-        """Return a growth equivalent to these components, or None unless they are built-in components."""
+        """Return a growth equivalent to built-in components, or None for any other component."""
         known = [each.floor for each in refiners if type(each) is InterfaceRefiner]
         if type(fixer) is not ConnectivityFixer or len(known) < len(refiners) or len(refiners) > 1:
             return None

@@ -22,7 +22,7 @@ class SweepBisection:
 
     The best threshold along all axes minimises the cost in :func:`agglo_core.graph.sweep.sweep`, which
     favours a short interface and compact sides. In 3-D the axes are three principal and four diagonal axes.
-    No random numbers, and nothing learned.
+    The method uses neither random numbers nor learned parameters.
 
     Parameters
     ----------
