@@ -54,7 +54,7 @@ _CORRUPT = (
 
 
 class Archive:
-    """A zip archive of arrays.
+    """A zip archive with arrays.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ class Archive:
                 return _values(stream, header)
 
     def integers(self, name: str, shape: Shape) -> Int:
-        """Return an integer array of any width as int64.
+        """Return an integer array as int64.
 
         Raises FileError as :meth:`take`.
         """
@@ -179,7 +179,7 @@ class _Header(NamedTuple):
 
 
 def _header(stream: IO[bytes], size: int) -> _Header:
-    """Read the header of an array.
+    """Read an array header.
 
     Raises ValueError unless it accounts for ``size`` bytes in total.
     """

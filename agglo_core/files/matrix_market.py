@@ -30,7 +30,7 @@ _MARK = b"\xef\xbb\xbf"  # byte order mark
 
 
 class _Header(NamedTuple):
-    """Words of the banner, numbers of the size line, and position of the first entry."""
+    """Banner words, size line, and position of the first entry."""
 
     kind: str
     field: str
@@ -126,7 +126,7 @@ def _entries(content: bytes, header: _Header) -> sparse.coo_array:
 def _mirrored(
     i: NDArray[Any], j: NDArray[Any], values: NDArray[Any], symmetry: str
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Add the mirror image of each off-diagonal entry.
+    """Mirror all off-diagonal entries.
 
     Files should list one triangle only, because a pair listed on both sides would count twice.
     """

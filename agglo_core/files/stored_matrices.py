@@ -50,7 +50,7 @@ def read_matrix(path: Path) -> Any:
 def read_vectors(path: Path, name: str, rows: int) -> NDArray[Any]:
     """Read an array of real numbers (the array ``name`` in archives) for a matrix with ``rows`` rows.
 
-    Its shape is that of the file; only MatrixMarket shapes are compared with ``rows``.
+    Its shape is given by the file; only MatrixMarket shapes are compared with ``rows``.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def read_vectors(path: Path, name: str, rows: int) -> NDArray[Any]:
 
 
 def stored_matrix(arrays: Archive) -> Any:
-    """Return the sparse matrix of an archive in its stored format.
+    """Return the sparse matrix in an archive, in its stored format.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def _format(arrays: Archive) -> str:
 
 
 def _shape(arrays: Archive, entries: int) -> tuple[int, int]:
-    """Return the shape of the matrix, which is bounded by the number of entries."""
+    """Return the matrix shape, which is bounded by the number of entries."""
     n, m = (int(each) for each in arrays.integers("shape", (2,)))
     if not 0 <= min(n, m) <= max(n, m) <= entries + EMPTY_ROWS:
         raise FileError(f"array 'shape' is ({n}, {m}), but there are {entries} entries")
@@ -133,7 +133,7 @@ def _market_vectors(path: Path, _: str, rows: int) -> NDArray[Any]:
 
 
 def _text_vectors(path: Path, _: str, rows: int) -> NDArray[Any]:
-    """Read a table of numbers, with comments from # to the end of the line."""
+    """Read a number table, with comments from # to the line end."""
     content = path.read_bytes().removeprefix(b"\xef\xbb\xbf")
     if b"#" in content:
         content = _COMMENT.sub(b"", content)

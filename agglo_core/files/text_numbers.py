@@ -22,7 +22,7 @@ _LARGEST = np.iinfo(np.int64).max
 
 
 def reals(content: bytes, start: int = 0, stop: int | None = None) -> Float:
-    """Convert all numbers between two positions of a text.
+    """Convert all numbers between two text positions.
 
     Raises
     ------
@@ -33,7 +33,7 @@ def reals(content: bytes, start: int = 0, stop: int | None = None) -> Float:
 
 
 def integers(content: bytes, start: int = 0, stop: int | None = None) -> Int:
-    """Convert all integers between two positions of a text.
+    """Convert all integers between two text positions.
 
     Raises FileError as :func:`reals`.
     """
@@ -58,7 +58,7 @@ def number_rows(content: bytes, start: int, width: int, dtype: type = np.float64
     Raises
     ------
     FileError
-        With the line of an invalid word, or of another count of numbers.
+        With the line number, for an invalid word or a wrong count.
     """
     parse = integers if dtype is np.int64 else reals
     parts: list[NDArray[Any]] = [np.empty((0, width), dtype)]

@@ -1,4 +1,4 @@
-"""Graphs with blocks: sizes, selection of blocks, split into parts, diameters, components."""
+"""Graphs with blocks: sizes, block selection, splits into parts, diameters, components."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class BlockGraph(FieldState, Loaded):
 
     @cached_property
     def block_ids(self) -> Int:
-        """Block of each node ``(n,)``."""
+        """Block per node ``(n,)``."""
         return frozen_int(np.repeat(np.arange(self.n_blocks), self.sizes))
 
     def __getitem__(self, block: int) -> Self:
@@ -199,12 +199,12 @@ class BlockGraph(FieldState, Loaded):
         return made.with_loads(self.loads)
 
     def diameters(self) -> Float:
-        """Return the exact largest vertex distance of each block ``(B,)``."""
+        """Return the exact largest vertex distance per block ``(B,)``."""
         cells = frozen_int(np.arange(self.n))
         return diameters_of(self.offsets, cells, self.vertex_offsets, self.vertices, self.points)
 
     def part_diameters(self, labels: ArrayLike) -> Float:
-        """Return the exact largest vertex distance of each part ``(k,)``, labels 0..k−1."""
+        """Return the exact largest vertex distance per part ``(k,)``, labels 0..k−1."""
         array = check_labels(labels, self.n)
         alone = len(array) > 0 and bool((np.diff(array) == 1).all())  # each cell is a part, in order
         cells = frozen_int(np.arange(self.n)) if alone else label_order(array)
@@ -225,7 +225,7 @@ class BlockGraph(FieldState, Loaded):
         return wide_parts(array, which, limit, self.vertex_offsets, self.vertices, self.points)
 
     def components(self, labels: ArrayLike | None = None) -> Int:
-        """Return the connected component of each node ``(n,)``, within ``labels`` if given, numbered by first
+        """Return the connected component per node ``(n,)``, within ``labels`` if given, numbered by first
         node.
         """
         from agglo_core.compiled.graphs import components
@@ -261,7 +261,7 @@ def _permuted(
 
 
 def _rows_of(whole: BlockGraph, nodes: Int) -> dict[str, Any]:
-    """Return the vertices of some nodes of a graph."""
+    """Return the cell vertices of some graph nodes."""
     from agglo_core.compiled.graphs import take_rows
 
     vertex_offsets, vertices = take_rows(whole.vertex_offsets, whole.vertices, nodes)

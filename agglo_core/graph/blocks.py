@@ -1,4 +1,4 @@
-"""Compute geometry of graph blocks: extents, sums, principal frames, weighted medians.
+"""Compute block geometry: extents, sums, principal frames, weighted medians.
 
 All blocks of a recursion depth are processed together. Sums use ``np.bincount`` and cumulated weights are
 integers, so that the result for a block does not depend on other blocks, to the last bit.
@@ -69,7 +69,7 @@ def split_at_median(level: Graph, projection: Float, tie: Float, shares: Float |
 
 
 def principal_frames(level: Graph) -> tuple[Float, Float]:
-    """Compute principal axes of the weighted centroids of each block, and the centroids in these axes.
+    """Compute block-wise principal axes of the weighted centroids, and the centroids in these axes.
 
     Axes with second moments within a factor 0.9 are rotated in their plane to the smallest fourth moments
     (along
@@ -82,7 +82,7 @@ def principal_frames(level: Graph) -> tuple[Float, Float]:
     frames : (B, d, d) float
         Orthonormal rows, largest second moment first.
     coordinates : (n, d) float
-        Relative to the centre of mass of the block.
+        Relative to the block's centre of mass.
 
     Examples
     --------
@@ -134,7 +134,7 @@ def block_extents(level: Graph, values: Float) -> Float:
 
 
 def _order(level: Graph, projection: Float, tie: Float) -> Int:
-    """Sort the nodes of each block by ``projection``, with ties resolved by the columns of ``tie``."""
+    """Sort each block's nodes by ``projection``, with ties resolved by the columns of ``tie``."""
     order = np.lexsort((projection, level.block_ids))
     blocks = level.block_ids
     apart = np.ones(level.n + 1, bool)  # True where a value differs from its predecessor

@@ -1,4 +1,4 @@
-"""Kernels for quotient graphs: edges between parts, and the distinct vertices of each part.
+"""Kernels for quotient graphs: edges between parts, and the distinct vertices per part.
 
 The cells are read in storage order and their data moved to the position of their part, because a traversal
 part
@@ -16,7 +16,7 @@ from agglo_core.compiled.compiling import helper, kernel
 
 @helper(allocates=True)
 def _edges_by_part(labels, n_parts, indptr, indices, interface):
-    """Return the edges that leave each part: ranges ``first``, ``last`` of parts, outer cells, interfaces.
+    """Return the edges that leave each part: part ranges ``first``, ``last``, outer cells, interfaces.
 
     Every part has one spare position, because inner edges are also written and then overwritten.
     """
@@ -87,7 +87,7 @@ def quotient_edges(labels, n_parts, indptr, indices, interface):
 
 @kernel
 def union_of_rows(labels, n_parts, offsets, values, n_values):
-    """Return the distinct values in the rows of each part as CSR.
+    """Return the distinct values in the rows per part as CSR.
 
     Values are below ``n_values``.
     """

@@ -55,7 +55,7 @@ class Graph(BlockGraph):
     measures, boundary, weights : (n,) float
         Cell measure, measure of its faces on the domain boundary, weight (default: the measure).
     vertex_offsets : (n + 1,) int64; vertices : (v,) int32; points : (p, d) float
-        Vertices of each cell and their coordinates relative to ``origin``, for exact diameters.
+        Vertices per cell and their coordinates relative to ``origin``, for exact diameters.
     offsets : (B + 1,) int64
         Blocks.
     data : mapping of name to (n, …) array
@@ -80,7 +80,7 @@ class Graph(BlockGraph):
 
     @classmethod
     def from_mesh(cls, mesh: Mesh) -> Graph:
-        """Build the dual graph of ``mesh``.
+        """Build the dual graph from ``mesh``.
 
         Cell tags become ``data``.
         """

@@ -55,7 +55,7 @@ def part_cuts(graph: Graph, labels: ArrayLike, *, edge_weights: Float | None = N
     ----------
     graph : Graph
     labels : (n,) int
-        Part of each node, 0..k−1.
+        Part per node, 0..k−1.
     edge_weights : (m,) float, optional
         One per CSR entry, symmetric; 1 by default.
 

@@ -59,7 +59,7 @@ class Loaded:
 
     @property
     def mass(self) -> Float:
-        """Quantity ``(n,)`` by which parts are distributed among pieces and sides of splits.
+        """Quantity ``(n,)`` by which parts are distributed among pieces and split sides.
 
         By default the measures; a run may set another quantity (:meth:`with_mass`).
         """
@@ -87,12 +87,12 @@ class Loaded:
         return made
 
     def node_sizes(self, kind: Kind | None = None) -> Float:
-        """Return the contribution of each node ``(n,)`` to the size of its part.
+        """Return each node's contribution ``(n,)`` to the size of its part.
 
         Parameters
         ----------
         kind : "cells", "measure" or "weights", optional
-            Number of cells, measure, or the weights of the run (else of the graph). Default: the quantity
+            Cell count, measure, or the weights of the run (else the graph weights). Default: the quantity
             balanced by the run, or cells outside of runs by count.
         """
         loads = self.loads or Loads()

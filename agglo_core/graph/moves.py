@@ -1,4 +1,4 @@
-"""Compute changes of the objectives for single-cell moves, many at once.
+"""Compute objective changes for single-cell moves, many at once.
 
 Each function takes a graph, labels ``(n,)`` that number the parts of all blocks consecutively, and moves:
 cell
@@ -33,19 +33,19 @@ class Links:
 
 
 def part_sums(labels: Int, values: Float | Int | Mask, k: int = 0) -> Float:
-    """Return the sum of the values ``(n,)`` per label 0..k−1 or more."""
+    """Return the sum over ``values (n,)`` per label 0..k−1 or more."""
     return np.bincount(labels, values, k).astype(np.float64)
 
 
 def mass_centres(graph: Graph, labels: Int, k: int = 0) -> tuple[Float, Float]:
-    """Return weight ``(k,)`` and centre of weight ``(k, d)`` of each part."""
+    """Return weight ``(k,)`` and centroid ``(k, d)`` per part."""
     mass = part_sums(labels, graph.weights, k)
     moments = [part_sums(labels, graph.weights * x, k) for x in graph.centroids.T]
     return mass, np.stack([ratio(moment, mass) for moment in moments], axis=1)
 
 
 def links(graph: Graph, labels: Int, cells: Int, parts: Int, edge_weights: Float | None = None) -> Links:
-    """Return the edge weights of moving cells.
+    """Return edge weights for moving cells.
 
     ``edge_weights`` is ``(m,)``, one per CSR entry, 1 by default.
     """
@@ -71,19 +71,19 @@ def boundary_moves(graph: Graph, labels: Int) -> tuple[Int, Int]:
 
 
 def interface_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-    """Return the changes of the face measure between parts ``(q,)``."""
+    """Return the changes in the face measure between parts ``(q,)``."""
     shared = links(graph, labels, cells, parts, graph.interface)
     return shared.own - shared.there
 
 
 def cut_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-    """Return the changes of the number of edges between parts ``(q,)``."""
+    """Return the changes in the number of edges between parts ``(q,)``."""
     shared = links(graph, labels, cells, parts)
     return shared.own - shared.there
 
 
 def normalised_cut_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-    """Return the changes of the sum over parts of cut edges over volume ``(q,)``."""
+    """Return the changes in the normalised cut ``(q,)``: the sum over parts of cut edges / volume."""
     shared = links(graph, labels, cells, parts)
     rows = np.repeat(labels, np.diff(graph.indptr))
     k = int(labels.max(initial=0)) + 1
@@ -97,7 +97,7 @@ def normalised_cut_changes(graph: Graph, labels: Int, cells: Int, parts: Int) ->
 
 
 def inertia_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-    """Return the changes of the parts' moment of inertia about their centroids ``(q,)``."""
+    """Return the changes in the parts' moment of inertia about their centroids ``(q,)``."""
     k = int(labels.max(initial=0)) + 1
     mass, means = mass_centres(graph, labels, k)
     own, weight, place = labels[cells], graph.weights[cells], graph.centroids[cells]
@@ -108,10 +108,9 @@ def inertia_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
 
 
 def shapes(graph: Graph, labels: Int) -> Float:
-    """Return the moment of inertia of each part times its block's interface to the power ``SHORTNESS``,
-    ``(k,)``.
+    """Return each part's moment of inertia times its block's interface to the power ``SHORTNESS``, ``(k,)``.
 
-    The minimiser of the sum does not depend on the unit of length.
+    The minimiser does not depend on the unit of length.
     """
     inertia, interface, block = _inertia_and_interface(graph, labels)
     values: Float = inertia * (interface**SHORTNESS)[block]
@@ -119,7 +118,7 @@ def shapes(graph: Graph, labels: Int) -> Float:
 
 
 def shape_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-    """Return the changes of the sum of the parts' ``shapes`` ``(q,)``."""
+    """Return the changes in the sum of all ``shapes`` ``(q,)``."""
     inertia, interface, block = _inertia_and_interface(graph, labels)
     total, b = part_sums(block, inertia, graph.n_blocks), graph.block_ids[cells]
     moved = total[b] + inertia_changes(graph, labels, cells, parts)
@@ -129,9 +128,7 @@ def shape_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
 
 
 def _inertia_and_interface(graph: Graph, labels: Int) -> tuple[Float, Float, Int]:
-    """Return inertia of each part ``(k,)``, interface of each block ``(B,)``, and block of each part
-    ``(k,)``.
-    """
+    """Return the inertia per part ``(k,)``, interface per block ``(B,)``, and block per part ``(k,)``."""
     _, means = mass_centres(graph, labels)
     inertia = part_sums(labels, graph.weights * ((graph.centroids - means[labels]) ** 2).sum(axis=1))
     rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
@@ -142,7 +139,7 @@ def _inertia_and_interface(graph: Graph, labels: Int) -> tuple[Float, Float, Int
 
 
 def squared_weight_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-    """Return the changes of the sum of squared part weights ``(q,)``."""
+    """Return the changes in the sum of squared part weights ``(q,)``."""
     weights = graph.node_sizes("weights")
     sums, weight = part_sums(labels, weights), weights[cells]
     changes: Float = 2.0 * weight * (sums[parts] - sums[labels[cells]] + weight)
@@ -152,7 +149,7 @@ def squared_weight_changes(graph: Graph, labels: Int, cells: Int, parts: Int) ->
 def edge_difference(
     graph: Graph, before: Int, after: Int, edge_weights: Float | None = None
 ) -> tuple[float, float]:
-    """Return the growth of the edge weight between parts, and the total edge weight of the moved cells.
+    """Return the growth in edge weight between parts, and the total edge weight of moved cells.
 
     Labels ``(n,)`` may number the parts of each block from 0.
     """
@@ -167,7 +164,7 @@ def edge_difference(
 
 
 def _entries(graph: Graph, cells: Int) -> tuple[Int, Int]:
-    """Return the CSR entries of some cells, concatenated, and the position in ``cells`` of each entry."""
+    """Return the concatenated CSR entries of some cells, and the position in ``cells`` for each entry."""
     counts = np.diff(graph.indptr)[cells]
     move = np.repeat(np.arange(len(cells)), counts)
     first = np.cumsum(counts) - counts

@@ -30,14 +30,13 @@ _ROUNDING = 1e-9  # relative growth below this value does not count as worse
 class Objective:
     """Scalar objective of a partition, to be minimised.
 
-
     Attributes
     ----------
     name : str
     summary : str
         One-line description.
     of_parts : callable
-        Function of a graph and labels 0..k−1 that returns the value of each part ``(k,)``.
+        Function of a graph and labels 0..k−1 that returns the value per part ``(k,)``.
     combined : "sum" or "max"
         Reduction of the part values to a scalar.
     changes : callable, optional

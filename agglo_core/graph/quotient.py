@@ -27,9 +27,9 @@ class Quotient(NamedTuple):
 
 
 def quotient(labels: Int, fine: BlockGraph) -> Quotient:
-    """Sum interfaces and measures of agglomerates ``labels (n,)``, and average centroids by measure.
+    """Sum interfaces and measures over agglomerates ``labels (n,)``, and average centroids by measure.
 
-    Neighbours and vertices of agglomerates are in ascending order.
+    Neighbours and vertices are in ascending order.
     """
     from agglo_core.graph.coarse_graphs import quotient_edges, union_of_rows
 

@@ -1,9 +1,8 @@
 """Objective ``solver``: inertia plus interface length, as a single number F.
 
-F is the moment of inertia of the parts, relative to equally many regular hexagons of the same measure, plus
-0.2
-times their interface, relative to that of these hexagons. In 3-D, truncated octahedra (Kelvin cells) replace
-hexagons. F has no unit and hardly depends on the number of parts.
+F is the parts' moment of inertia plus 0.2 times their interface, each relative to equally many regular
+hexagons with the same measure. In 3-D, truncated octahedra (Kelvin cells) replace hexagons. F has no unit and
+hardly depends on the number of parts.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ def solver_factors(graph: Graph, counts: Int) -> tuple[Float, Float]:
 
 
 def solver_shapes(graph: Graph, labels: Int) -> Float:
-    """Return the contribution of each part ``(k,)`` to the F of its block.
+    """Return each part's contribution ``(k,)`` to F in its block.
 
     Labels number the parts of all blocks.
     """

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def sweep(level: Graph, scores: ArrayLike) -> Int:
-    """Split each block at the best of 31 thresholds of each score.
+    """Split each block at the best score threshold, among 31 per score column.
 
     Thresholds are equidistant between the extremes of the score, at most two standard deviations from its
     mean.

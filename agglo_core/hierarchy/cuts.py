@@ -1,4 +1,4 @@
-"""Cuts through the trees of a nested hierarchy: coarse meshes with locally fine parts."""
+"""Cuts through nested hierarchies: coarse meshes with locally fine parts."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from agglo_core.mesh import Mesh
 
 
 class Change(NamedTuple):
-    """A new cut, and the relation of its parts to those of the old cut.
+    """A new cut, with a map from old to new parts.
 
     Attributes
     ----------
@@ -69,9 +69,9 @@ class Cut:
     forest : Forest
         The levels of the hierarchy as trees.
     nodes : (n_parts,) int
-        Forest node of each part.
+        Forest node per part.
     grade : int or None
-        Maximum level difference of adjacent parts; None for no limit.
+        Maximum level difference between adjacent parts; None for no limit.
 
     Examples
     --------
@@ -98,7 +98,7 @@ class Cut:
 
     @property
     def labels(self) -> Int:
-        """Part of each cell ``(n,)``, numbered by smallest cell id."""
+        """Part per cell ``(n,)``, numbered by smallest cell id."""
         found: Int = self.__dict__["_labels"]
         return found
 
@@ -109,7 +109,7 @@ class Cut:
 
     @property
     def levels(self) -> Int:
-        """Coarsest level of each part ``(n_parts,)``.
+        """Coarsest level per part ``(n_parts,)``.
 
         Single cells have −1.
         """
@@ -153,9 +153,8 @@ class Cut:
     def coarsen(self, parts: ArrayLike) -> Change:
         """Join parts to those of the coarser level if all their siblings are given.
 
-        Other parts are unchanged, as are, with a grade, parts with too fine neighbours. The pieces of a part
-        split by
-        :meth:`refine` become this part again if all of them are given.
+        Other parts are unchanged, as are, with a grade, parts with too fine neighbours. Pieces from
+        :meth:`refine` become the original part again if all are given.
 
         Parameters
         ----------
@@ -196,7 +195,7 @@ class Cut:
 
     # -- transfer ------------------------------------------------------------------------------
     def prolongation(self, finer: Cut) -> sparse.csr_array[Any, Any]:
-        """Return the prolongation of piecewise constants to a finer cut: ones, ``(finer.n_parts, n_parts)``.
+        """Return the piecewise constant prolongation to a finer cut: ones, ``(finer.n_parts, n_parts)``.
 
         Prolongations between three cuts compose: the product over an intermediate cut is the direct
         prolongation.
@@ -204,7 +203,7 @@ class Cut:
         Raises
         ------
         OptionError
-            If a part of ``finer`` is no subset of a part of this cut, or belongs to another hierarchy.
+            If ``finer`` is no refinement of this cut, or belongs to another hierarchy.
         """
         self._check_same_forest(finer)
         columns = self.labels[first_of_each(finer.labels)]
@@ -220,7 +219,7 @@ class Cut:
         Raises
         ------
         OptionError
-            If a part of this cut is no subset of a part of ``coarser``, or belongs to another hierarchy.
+            If this cut is no refinement of ``coarser``, or belongs to another hierarchy.
         """
         coarser.prolongation(self)
         return self.projection(coarser)
@@ -228,7 +227,7 @@ class Cut:
     def projection(self, other: Cut) -> sparse.csr_array[Any, Any]:
         """Return the mean by measure on the parts of any other cut, locally finer or coarser.
 
-        It is the L2 projection of piecewise constants, and preserves the integral.
+        It is the L2 projection for piecewise constants, and preserves the integral.
 
         Raises
         ------

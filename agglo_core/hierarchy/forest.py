@@ -34,7 +34,7 @@ class Forest(FieldState):
     finest, coarsest : (N,) int
         Finest and coarsest level with this part; −1 stands for the cells.
     rounds : (r,) int
-        First node of each coarsest level, from above; the roots are the first round.
+        First node per coarsest level, from above; the roots are the first round.
 
     Examples
     --------
@@ -56,12 +56,12 @@ class Forest(FieldState):
 
     @classmethod
     def of(cls, levels: Sequence[Int], n: int) -> Forest:
-        """Build the forest of nested levels ``(n,)``, finest first.
+        """Build the forest from nested levels ``(n,)``, finest first.
 
         Raises
         ------
         OptionError
-            If a part of a level lies in two parts of the next coarser level.
+            If the levels are not nested.
         """
         check_nested(levels)
         order = np.arange(n)
@@ -84,12 +84,13 @@ class Forest(FieldState):
 
     @property
     def n_roots(self) -> int:
-        """Number of roots (parts of the coarsest level)."""
+        """Number of roots, the parts on the coarsest level."""
         return int(self.rounds[1]) if len(self.rounds) > 1 else len(self.parent)
 
     def sums(self, values: Float) -> Float:
-        """Return the sum of cell values ``(n,)`` over each node, for non-negative values at least that of a
-        child.
+        """Sum cell values ``(n,)`` over each node.
+
+        For non-negative values, rounding never makes a node smaller than one of its children.
         """
         total = np.zeros(len(self.parent))
         single = np.flatnonzero(self.n_children == 0)
@@ -100,7 +101,7 @@ class Forest(FieldState):
         return frozen_float(total)
 
     def level(self, level: int) -> Int:
-        """Return the nodes of a level, −1 for the cells."""
+        """Return the nodes on a level, −1 for the cells."""
         return frozen_int(np.flatnonzero((self.finest <= level) & (level <= self.coarsest)))
 
     def labelled(self, nodes: Int) -> tuple[Int, Int]:
@@ -135,7 +136,7 @@ def _nodes(levels: Sequence[Int], order: Int) -> tuple[Int, ...]:
 
 
 def check_nested(levels: Sequence[Int]) -> None:
-    """Raise OptionError if a part of a level ``(n,)`` lies in two parts of the next coarser level."""
+    """Raise OptionError unless the levels ``(n,)`` are nested, finest first."""
     for level, (fine, coarse) in enumerate(pairwise(levels)):
         holder = np.empty(int(fine.max(initial=-1)) + 1, np.int64)
         holder[fine] = coarse

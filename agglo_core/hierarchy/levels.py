@@ -37,7 +37,7 @@ class Hierarchy(FieldState):
         ``levels[0]`` is the finest coarse level; labels 0..k−1 numbered by smallest cell id. One level per
         target; equal levels are kept.
     targets : list of mapping
-        Target of each level, e.g. ``{"h_star": 0.3}``.
+        Target per level, e.g. ``{"h_star": 0.3}``.
     nested : bool
         True if each level is a coarsening of the previous level.
     statistics : mapping
@@ -100,8 +100,7 @@ class Hierarchy(FieldState):
         return self.levels[level]
 
     def parents(self, level: int) -> Int:
-        """Return the agglomerate of level + 1 that contains each agglomerate of ``level``, shape
-        ``(n_level,)``.
+        """Return for each agglomerate on ``level`` its parent on level + 1, shape ``(n_level,)``.
 
         Raises
         ------
@@ -137,7 +136,7 @@ class Hierarchy(FieldState):
         return ones_by_row(columns, self.parts[level])
 
     def mesh(self, level: int) -> Mesh:
-        """Return the mesh of the agglomerates of ``level``.
+        """Return the coarse mesh on ``level``.
 
         Raises
         ------
@@ -241,7 +240,7 @@ class Hierarchy(FieldState):
     ) -> Cut:
         """Return the best coarse mesh with at most ``n_parts`` parts, each from any level or a single cell.
 
-        The indicator of a part is the sum over its cells. Objective ``largest`` minimises the largest part
+        A part's indicator is the sum over its cells. Objective ``largest`` minimises the largest part
         indicator over all cuts of this size (with the same grade, if any). The parts with the next largest
         indicators are then split while they fit, until no part can be split or the rest have indicator 0.
         Objective ``squares`` minimises the sum of squared indicators (for a given number of parts, equal
@@ -260,7 +259,8 @@ class Hierarchy(FieldState):
             measure, so that parts are as equal as the levels allow.
         objective : {"largest", "squares"}
         grade : int, optional
-            Maximum level difference of parts that share a face (1 is usual); by default unlimited. For a part
+            Maximum level difference between parts that share a face (1 is usual); by default unlimited. For a
+            part
             of
             several levels the smallest difference counts. Not available with ``squares``.
 

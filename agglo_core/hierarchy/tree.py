@@ -1,4 +1,4 @@
-"""The tree of splits, and the numbering of labels."""
+"""The split tree, and label numbering."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from agglo_core.arrays import Float, Int, frozen_int
 
 
 def by_first_cell(labels: ArrayLike) -> Int:
-    """Renumber labels to 0..k−1 in the order of their smallest cell ids.
+    """Renumber labels to 0..k−1 by their smallest cell ids.
 
     Examples
     --------

@@ -1,8 +1,8 @@
 """Kernels for cuts through a forest: refinement of the largest values first, and grading.
 
-``trees`` are the cells in forest order, the range ``start[p]:stop[p]`` of each node p, its first child and
-number of children, and its finest and coarsest level. The children of p are ``count[p]`` nodes from
-``first[p]``; ``at`` holds the node of each cell.
+``trees`` are the cells in forest order, the range ``start[p]:stop[p]`` per node p, its first child, child
+count, finest level and coarsest level. The children of p are ``count[p]`` nodes from ``first[p]``; ``at``
+holds the node of each cell.
 """
 
 # mypy: allow-untyped-defs, allow-incomplete-defs

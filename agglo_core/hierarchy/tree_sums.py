@@ -4,9 +4,8 @@ Tables hold the minimum cost for each number of parts above the minimum. Childre
 pairs,
 and so are these sums, so that the choices follow from the tables and need no storage.
 
-Nodes are numbered from the roots down, pairs follow after all nodes. The table of node p is the range
-``offsets[p]`` to ``offsets[p + 1]`` of ``tables``: entry k is the minimum cost with k parts above the
-minimum.
+Nodes are numbered from the roots down, pairs follow after all nodes. The table of node p is
+``tables[offsets[p]:offsets[p + 1]]``: entry k is the minimum cost with k parts above the minimum.
 """
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
@@ -44,7 +43,7 @@ def _pair_up(begin, end, n_pairs, left, right, lengths, most, queue):
 
 @helper
 def _add_up(a, b, made, offsets, tables):
-    """Fill the table of a pair with the minimum cost over all distributions of parts to a and b."""
+    """Fill a pair's table with the minimum cost over all distributions of parts to a and b."""
     begin, length = offsets[made], offsets[made + 1] - offsets[made]
     for k in range(length):
         tables[begin + k] = np.inf
@@ -59,7 +58,7 @@ def _add_up(a, b, made, offsets, tables):
 
 @helper
 def _share(a, b, k, offsets, tables):
-    """Return the number of a's parts among the k additional parts of a pair."""
+    """Return how many of a pair's k additional parts belong to a."""
     best, least = 0, np.inf
     for i in range(min(offsets[a + 1] - offsets[a], k + 1)):
         if k - i < offsets[b + 1] - offsets[b]:
@@ -71,7 +70,7 @@ def _share(a, b, k, offsets, tables):
 
 @helper
 def _node_table(p, count, cost, top, offsets, tables):
-    """Fill the table of a node: the node itself as one part, or its children together."""
+    """Fill a node's table: the node itself as one part, or its children together."""
     begin, fewest = offsets[p], count[p] - 1
     for k in range(1, offsets[p + 1] - begin):
         tables[begin + k] = tables[offsets[top[p]] + k - fewest] if k >= fewest else np.inf
@@ -80,7 +79,7 @@ def _node_table(p, count, cost, top, offsets, tables):
 
 @helper
 def _fewest_of_least(begin, end, tables):
-    """Return the index of the smallest cost in a table, the first of equal values."""
+    """Return the index of the smallest table entry, the first among equals."""
     best = begin
     for k in range(begin, end):
         if tables[k] < tables[best]:
@@ -90,7 +89,7 @@ def _fewest_of_least(begin, end, tables):
 
 @helper
 def _trace(whole, best, count, top, left, right, offsets, tables, queue, many, chosen):
-    """Mark the nodes that make up the table entry ``best`` of ``whole``."""
+    """Mark the nodes behind the table entry ``best`` of ``whole``."""
     n_nodes, size = len(count), 1
     queue[0], many[0] = whole, best
     while size > 0:

@@ -31,7 +31,7 @@ def to_pyvista(mesh: Mesh, hierarchy: Hierarchy | None = None) -> Any:
     OptionError
         If pyvista is not installed.
     MeshError
-        If the hierarchy belongs to another mesh, or VTU cannot hold the name of a cell tag.
+        If the hierarchy belongs to another mesh, or VTU cannot hold a tag name.
 
     Examples
     --------

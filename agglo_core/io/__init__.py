@@ -170,13 +170,12 @@ def write(
     The suffix selects the format.
 
 
-    ``.npz`` keeps everything. ``.vtu`` holds the mesh with its tags and the labels of every level as cell
-    data
+    ``.npz`` keeps everything. ``.vtu`` holds the mesh with its tags and all level labels as cell data
     ``level_0``, …. Each coarse mesh goes into a file ``NAME_level0.vtu``, … beside it, with label, parent,
     number
     of cells, measure and diameter per agglomerate. Other formats raise an error instead of losing data.
 
-    Files appear whole or not at all. Remains of an earlier hierarchy are removed: mesh tags
+    Files appear whole or not at all. Remains from an earlier hierarchy are removed: mesh tags
     ``level_<number>`` are not written to such files, and superfluous coarse meshes are deleted (only files
     named
     ``NAME_level<number>.vtu`` beside the new file and written by agglo).
@@ -202,7 +201,7 @@ def write(
     FileError
         With the file name, if it cannot be written.
     MeshError
-        If the hierarchy belongs to another mesh, or the file cannot hold the name of a cell tag.
+        If the hierarchy belongs to another mesh, or the file cannot hold a tag name.
     OptionError
         If an argument has a wrong type, the values do not fit the levels, or the format does not compress.
     PluginError

@@ -1,4 +1,4 @@
-"""Check the arguments and results of formats.
+"""Check format arguments and results.
 
 Every error names the file and the format at fault.
 """
@@ -91,7 +91,7 @@ def write_by(
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Prefix the file name to the message of any error in the block."""
+    """Prefix the file name to any error message in the block."""
     try:
         yield
     except OptionError:

@@ -44,7 +44,7 @@ class KnownFormat:
 
 @dataclass(frozen=True)
 class Formats:
-    """The formats of a registry, in order of precedence.
+    """The formats in a registry, by precedence.
 
     Built-in formats come first, then plugins, then formats of last resort. A format is built only when its
     turn
@@ -216,7 +216,7 @@ class Formats:
 
 
 def _claims(suffixes: tuple[str, ...], path: Path) -> bool:
-    """Return True if the name of a file ends in one of the suffixes."""
+    """Return True if a file name ends in one of the suffixes."""
     name = path.name.lower()
     return any(name.endswith(suffix) and name != suffix for suffix in suffixes)
 
@@ -232,7 +232,7 @@ def _has_magic(record: Record, head: bytes) -> bool:
 
 
 def _recognises(known: KnownFormat, head: bytes) -> bool:
-    """Call ``recognises`` of a format without declared suffixes."""
+    """Call ``recognises`` for a format without declared suffixes."""
     if not known.has("recognises"):
         return False
     with attributed(known.title):

@@ -98,7 +98,7 @@ def _parents(labels: Int, coarser: Sequence[Int]) -> Int:
 
 
 def check_level_values(hierarchy: Hierarchy | None, values: LevelValues) -> list[dict[str, Float]]:
-    """Return the values of each level as floats.
+    """Return the values per level as floats.
 
     Raises
     ------

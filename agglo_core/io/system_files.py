@@ -5,7 +5,7 @@ An ``.npz`` holds the CSR arrays ``data, indices, indptr`` of A, ``b``, ``block_
 ``name_block_offsets.mtx`` and ``name_near_null.mtx`` are the others; b with one column is read as ``(n,)``.
 Files appear whole or not at all.
 
-Levels of a system are the arrays ``level_0``, ``level_1``, … in an ``.npz`` (agglomerate of each cell, finest
+Levels of a system are the arrays ``level_0``, ``level_1``, … in an ``.npz`` (agglomerate per cell, finest
 level first), together with the entries for ``scipy.sparse.load_npz``; or files ``name_level_0.mtx``, ….
 """
 
@@ -168,7 +168,7 @@ def _require_file(path: Path) -> None:
 
 @contextmanager
 def _naming(name: object) -> Iterator[None]:
-    """Prefix the file name to the message of any error in the block."""
+    """Prefix the file name to any error message in the block."""
     try:
         yield
     except (FileError, OptionError) as error:
@@ -192,7 +192,7 @@ def check_system_file(path: Path) -> None:
 
 
 def write_system_and_levels(path: str | PathLike[str], system: System, levels: Sequence[Int]) -> None:
-    """Write a system and the labels ``(n_cells,)`` of each level to ``.npz`` or ``.mtx`` files.
+    """Write a system and the labels ``(n_cells,)`` per level to ``.npz`` or ``.mtx`` files.
 
     Raises
     ------

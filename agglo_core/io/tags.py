@@ -1,4 +1,4 @@
-"""Convert cell tags to the cell data of files and back, with checks of names and values."""
+"""Convert cell tags to file cell data and back, with name and value checks."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ def is_level(name: str) -> bool:
 
 
 def cell_data(mesh: Mesh, hierarchy: Hierarchy | None) -> dict[str, Int]:
-    """Return cell tags and the labels of every level, see :func:`tags_and_levels`."""
+    """Return cell tags and all level labels, see :func:`tags_and_levels`."""
     return tags_and_levels(mesh.cell_tags, hierarchy.levels if hierarchy is not None else None)
 
 
 def tags_and_levels(tags: Mapping[str, Int], levels: Sequence[Int] | None) -> dict[str, Int]:
-    """Return tags and the labels of every level as ``level_0``, …, without labels of an earlier hierarchy.
+    """Return tags and all level labels as ``level_0``, …, without those of an earlier hierarchy.
 
     Without levels, tags with such names are kept.
     """

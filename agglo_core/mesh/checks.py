@@ -1,4 +1,4 @@
-"""Check and repair arrays before the construction of a mesh."""
+"""Check and repair arrays before a mesh is built."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _SMALLEST, _LARGEST = 1e-50, 1e50  # fifth powers of lengths (moments of volume)
 
 
 def box_centre(points: Float) -> Float:
-    """Return the centre ``(d,)`` of the bounding box of ``points (n, d)``.
+    """Return the bounding-box centre ``(d,)`` of ``points (n, d)``.
 
     Examples
     --------
@@ -76,7 +76,7 @@ def check_finite(points: Float, vertices: Int | None = None) -> None:
 
 
 def check_faces(points: Float, offsets: Int, vertices: Int, cells: Int) -> None:
-    """Raise MeshError unless shapes and ranges of the mesh arrays are consistent."""
+    """Raise MeshError unless the mesh arrays have consistent shapes and ranges."""
     if points.ndim != 2 or points.shape[1] not in (2, 3):
         raise MeshError(f"points must have shape (n_points, 2) or (n_points, 3), not {points.shape}")
     check_finite(points)
@@ -107,7 +107,7 @@ def check_faces(points: Float, offsets: Int, vertices: Int, cells: Int) -> None:
 
 
 def check_extent(points: Float) -> None:
-    """Raise MeshError if the extent of the points is outside the range of safe squares."""
+    """Raise MeshError if the point set is too small or too large for accurate moments."""
     extent = max((float(column.max()) - float(column.min()) for column in points.T), default=0.0)
     if extent > _LARGEST or 0 < extent < _SMALLEST:
         raise MeshError(
@@ -123,7 +123,10 @@ def check_offsets(offsets: Int, total: int, what: str) -> None:
 
 
 def check_indices(offsets: Int, vertices: Int, n_points: int) -> None:
-    """Raise MeshError unless all vertices are in 0..n_points−1; cell c has ``offsets[c]:offsets[c + 1]``."""
+    """Raise MeshError unless all vertices are in 0..n_points−1.
+
+    Cell c has the vertices ``offsets[c]:offsets[c + 1]``.
+    """
     if vertices.min(initial=0) < 0 or vertices.max(initial=-1) >= n_points:
         bad = np.flatnonzero((vertices < 0) | (vertices >= n_points))
         owner = int(np.searchsorted(offsets, bad[0], side="right")) - 1
@@ -182,7 +185,7 @@ def note_repairs(repairs: Mapping[str, int]) -> dict[str, int]:
 
 
 def warn_of_overlaps(pairs: Int) -> None:
-    """Log a warning for pairs of 2-D cells ``(k, 2)`` on the same side of an edge, if there are any."""
+    """Log a warning for 2-D cell pairs ``(k, 2)`` on the same side of an edge."""
     if len(pairs):
         _log.warning(
             "%d pairs of cells overlap at an edge, such as cells %d and %d: their common area is counted "

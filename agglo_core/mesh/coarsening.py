@@ -1,4 +1,4 @@
-"""Compute faces and tags of agglomerates: interior faces are dropped."""
+"""Compute coarse faces and tags: faces inside agglomerates are dropped."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def coarse_faces(labels: Int, face_offsets: Int, face_vertices: Int, face_cells:
     Parameters
     ----------
     labels : (n_cells,) int
-        Agglomerate of each cell.
+        Agglomerate per cell.
     face_offsets, face_vertices, face_cells
         As in :class:`~agglo_core.mesh.Mesh`.
     """

@@ -60,10 +60,9 @@ class Derived:
 
     @cached_property
     def outer_faces(self) -> Mask:
-        """Mask of faces on the boundary of the domain ``(n_faces,)``.
+        """Mask of faces on the domain boundary ``(n_faces,)``.
 
-        These are the faces with one cell. In a rank's part of a larger mesh they are the faces on the
-        boundary of the
+        These are the faces with one cell. In a rank's part of a larger mesh they are on the boundary of the
         larger mesh.
         """
         return frozen(self.face_cells[:, 1] < 0, np.bool_)
@@ -75,7 +74,7 @@ class Derived:
 
     @cached_property
     def cell_faces(self) -> tuple[Int, Int]:
-        """Faces of each cell as CSR: offsets ``(n_cells + 1,)`` and face numbers."""
+        """Faces per cell as CSR: offsets ``(n_cells + 1,)`` and face numbers."""
         return faces_of_cells(self.face_cells, self.n_cells)
 
     @cached_property
@@ -103,7 +102,7 @@ class Derived:
 
     @property
     def face_pairs(self) -> Int:
-        """Vertices of each 2-D face ``(n_faces, 2)``.
+        """Vertices per 2-D face ``(n_faces, 2)``.
 
         Raises
         ------
@@ -162,7 +161,7 @@ class Derived:
 
     @cached_property
     def cell_vertices(self) -> tuple[Int, Any]:
-        """Vertices of each cell as CSR (offsets int64, vertices int32), in arbitrary order."""
+        """Vertices per cell as CSR (offsets int64, vertices int32), in arbitrary order."""
         if self.dim == 3:
             faces = self.cell_faces
             return polyhedron_vertices(self.face_offsets, self.face_vertices, *faces, self.n_points)
@@ -184,7 +183,7 @@ class Derived:
 
     @cached_property
     def cell_diameters(self) -> Float:
-        """Largest vertex distance of each cell ``(n_cells,)``."""
+        """Largest vertex distance per cell ``(n_cells,)``."""
         cells = frozen_int(np.arange(self.n_cells + 1))
         return diameters_of(cells, cells, *self.cell_vertices, self.local_points)
 
@@ -195,7 +194,7 @@ class Derived:
 
     @cached_property
     def boundary_loops(self) -> Loops:
-        """Boundary loops of every cell (2-D).
+        """Boundary loops per cell (2-D).
 
         Raises
         ------

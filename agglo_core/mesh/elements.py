@@ -45,7 +45,7 @@ class Polyhedra(NamedTuple):
 
 
 def polyhedra_from_elements(blocks: Mapping[str, ArrayLike]) -> Polyhedra:
-    """Return outward half-faces of element blocks, in block order.
+    """Return outward half-faces for element blocks, in block order.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def polyhedra_from_elements(blocks: Mapping[str, ArrayLike]) -> Polyhedra:
 
 
 def _block(kind: str, cells: ArrayLike) -> Polyhedra:
-    """Return the half-faces of a block of equal elements, with folded hexahedra as tetrahedra."""
+    """Return the half-faces in a block of equal elements, with folded hexahedra as tetrahedra."""
     if kind not in _FACES:
         raise MeshError(f"unknown element {kind!r}; known: {', '.join(_FACES)}")
     table, nodes = _FACES[kind], np.asarray(cells, dtype=np.int64)
@@ -89,7 +89,7 @@ def _block(kind: str, cells: ArrayLike) -> Polyhedra:
 
 
 def concatenate(parts: Iterable[Polyhedra]) -> Polyhedra:
-    """Concatenate the cells of all parts."""
+    """Concatenate the cells in all parts."""
     given = list(parts)
     return Polyhedra(
         _join_offsets([part.cell_offsets for part in given]),
@@ -106,7 +106,7 @@ def take_cells(polyhedra: Polyhedra, cells: Int) -> Polyhedra:
 
 
 def gather(offsets: Int, rows: Int) -> tuple[Int, Int]:
-    """Return the offsets of the chosen CSR rows, and the positions of their entries."""
+    """Return offsets for the chosen CSR rows, and the positions of their entries."""
     sizes = offsets[rows + 1] - offsets[rows]
     new = np.concatenate(([0], np.cumsum(sizes)))
     return frozen_int(new), frozen_int(np.arange(new[-1]) + np.repeat(offsets[rows] - new[:-1], sizes))

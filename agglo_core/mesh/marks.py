@@ -1,4 +1,4 @@
-"""Evaluate groups and weights of cells or faces: tags, tags with values, or arrays."""
+"""Evaluate cell or face groups and weights: tags, tags with values, or arrays."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from agglo_core.errors import OptionError
 
 
 def in_group(values: NDArray[Any]) -> Mask:
-    """Return the mask ``(n,)`` of the group members of a tag: values other than 0 and −1.
+    """Return the mask ``(n,)`` of a tag's group members: values other than 0 and −1.
 
     Readers set −1 on faces that the file does not list, and 0 on listed faces of other groups.
 

@@ -213,7 +213,7 @@ class Mesh(FieldState, Derived, Tagged):
         Parameters
         ----------
         labels : (n_cells,) int
-            Agglomerate of each cell, all of 0..k−1 in use.
+            Agglomerate per cell, all of 0..k−1 in use.
 
         Raises
         ------
@@ -230,15 +230,11 @@ class Mesh(FieldState, Derived, Tagged):
     def conforming(self, *, tolerance: float = TOLERANCE, merge_points: bool = True) -> Mesh:
         """Return this mesh with coincident outer faces joined (unchanged if there are none).
 
-        In 2-D, vertices on the interior of a neighbour's outer edge are inserted there, so that cells of
-        different size
-        become neighbours. Coincident points are merged at joined faces. Cells keep their numbers. Both parts
-        of a split
-        face inherit its tags; a joined face has the tags of its first face, or of the second where the first
-        has −1.
-        ``repairs`` counts all changes. Faces that coincide without fitting (overlapping cells) stay separate,
-        with a
-        warning.
+        In 2-D, vertices on the interior of a neighbour's outer edge are inserted there, so that cells with
+        different sizes become neighbours. Coincident points are merged at joined faces. Cells keep their
+        numbers. Both parts of a split face inherit its tags; a joined face has the tags of its first face, or
+        of the second where the first has −1. ``repairs`` counts all changes. Faces that coincide without
+        fitting (overlapping cells) stay separate, with a warning.
 
         Construction and reading include this step unless ``allow_gaps=True``.
 

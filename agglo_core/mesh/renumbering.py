@@ -1,4 +1,4 @@
-"""Renumber the arrays of a mesh."""
+"""Renumber mesh arrays."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from agglo_core.mesh.derived import Derived
 
 
 class Renumbered(NamedTuple):
-    """Mesh arrays, with the old numbers of cells and faces."""
+    """Mesh arrays, with old cell and face numbers."""
 
     points: Float
     face_offsets: Int

@@ -1,4 +1,4 @@
-"""Tag cells and faces by functions of position, and list the combinations of tag values."""
+"""Tag cells and faces by functions of position, and list tag value combinations."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class Tagged:
 
     @cached_property
     def boundary_kinds(self) -> BoundaryKinds:
-        """Combinations of face tag values on the boundary of each component of the domain.
+        """Combinations of face tag values on the boundary, per domain component.
 
         A rank's part of a larger mesh holds the combinations of the whole mesh.
         """
@@ -140,7 +140,7 @@ class Tagged:
 
 
 def _evaluated(kind: str, tags: Mapping[str, TagValues], where: Float) -> dict[str, Int]:
-    """Return the values of each tag as ``(n,)`` integers, or raise MeshError with the tag name."""
+    """Return the values per tag as ``(n,)`` integers, or raise MeshError with the tag name."""
     arrays = {}
     for name, values in tags.items():
         given = values(where) if callable(values) else values

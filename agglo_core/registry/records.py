@@ -189,7 +189,7 @@ def with_conflicts(records: Sequence[Record]) -> list[Record]:
 
 
 def _resolved(record: Record, rivals: list[Record]) -> Record:
-    """Resolve name conflicts: agglo's own components keep their names, otherwise no claimant gets the name."""
+    """Resolve name conflicts: built-in components keep their names, plugins with equal names lose them."""
     if len(rivals) == 1 and record.command is None:
         return record
     owners = [rival for rival in rivals if rival.in_tree] or rivals

@@ -100,7 +100,7 @@ class Meshlane(Reading):
         FileError
             With the data that the format would lose.
         MeshError
-            If files cannot hold the name of a cell tag.
+            If files cannot hold a tag name.
         """
         tags = cell_data(mesh, hierarchy)
         check_names(tags)
@@ -128,7 +128,7 @@ def _is_gmsh(path: Path) -> bool:
 def _soup(path: Path) -> tuple[Soup, set[str], list[str]]:
     """Run meshlane in a separate process.
 
-    Return the cells, the names of set tags and of data left out.
+    Return cells, set tag names, and names of data left out.
     """
     size = path.stat().st_size
     seconds, memory = _SECONDS + size // _BYTES_PER_SECOND, _MEMORY + _MEMORY_PER_BYTE * size

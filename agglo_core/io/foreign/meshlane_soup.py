@@ -173,7 +173,7 @@ def _save(soup: Soup, sets: list[str], data: list[str], target: str) -> None:
 
 
 def soup_from_meshlane(found: Any) -> Soup:
-    """Join the blocks of a meshlane mesh into one list of cells."""
+    """Join the blocks in a meshlane mesh into one cell list."""
     points = np.asarray(found.points, dtype=np.float64)
     if points.ndim == 2 and points.shape[1] == 1:
         raise FileError("it holds a 1-D mesh")
@@ -200,7 +200,7 @@ def soup_from_meshlane(found: Any) -> Soup:
 
 
 def _block(name: str, data: Any) -> tuple[Int, Int, Int, Polyhedra]:
-    """Return VTK types, offsets, nodes and half-faces of a block of cells."""
+    """Return VTK types, offsets, nodes and half-faces for a cell block."""
     none = concatenate([])
     if name.startswith("polyhedron"):
         solids = _polyhedra(data)
@@ -272,7 +272,7 @@ def _set_tags(found: Any, counts: list[int]) -> dict[str, Int]:
 
 
 def _families(found: Any) -> dict[str, list[int]]:
-    """Return the family numbers of each group (OpenFOAM patches, MED groups)."""
+    """Return the family numbers per group (OpenFOAM patches, MED groups)."""
     families: dict[str, list[int]] = {}
     for number, names in (getattr(found, "cell_tags", None) or {}).items():
         for name in names:

@@ -1,4 +1,4 @@
-"""Read nodes, entities and elements from Gmsh files of any supported version."""
+"""Read nodes, entities and elements from Gmsh files, all supported versions."""
 
 from __future__ import annotations
 
@@ -262,7 +262,7 @@ def _with_tags(stream: Int, numbers: Int, kinds: Int, first: Int, n_tags: Int) -
 
 
 def _node_count_of(kind: int) -> int:
-    """Return the node count of a Gmsh element type.
+    """Return the node count for a Gmsh element type.
 
     Raises FileError if it is unsupported.
     """

@@ -28,7 +28,7 @@ def write_variables(path: Path, variables: Iterable[bytes], *, compress: bool) -
     Raises
     ------
     FileError
-        If a matrix exceeds the limit of the format.
+        If a matrix exceeds the format's limit.
     """
     with open(path, "wb") as stream:
         stream.write(b"MATLAB 5.0 MAT-file, written by agglo".ljust(124) + b"\x00\x01IM")
@@ -75,7 +75,7 @@ def cell_array(name: str, shape: tuple[int, int], cells: Words) -> bytes:
 
 
 def lists(offsets: Int, values: Int) -> Words:
-    """Create a row vector of integers for each CSR row."""
+    """Create an integer row vector for each CSR row."""
     sizes = np.diff(offsets)
     words, starts = _blank(sizes, (sizes + 1) // 2, 5, 4 * sizes)
     words[starts + 4, 0] = 1
@@ -99,7 +99,7 @@ def matrices(offsets: Int, rows: Float) -> Words:
 
 
 def nested(cell_offsets: Int, loop_offsets: Int, values: Int) -> Words:
-    """Create a column of row vectors for each cell of a nested CSR."""
+    """Create a column with row vectors for each nested CSR cell."""
     inner = lists(loop_offsets, values)
     rows = np.concatenate(([0], np.cumsum(1 + _HEAD + (np.diff(loop_offsets) + 1) // 2)))[cell_offsets]
     starts = rows[:-1] + _HEAD * np.arange(len(rows) - 1)

@@ -195,7 +195,7 @@ def _is_list(variable: Variable, count: int) -> bool:
 
 
 def _own_names(variable: Variable) -> dict[str, str]:
-    """Read agglo's table of tag names per variable."""
+    """Read agglo's tag name table, by variable."""
     try:
         names = json.loads(bytes(variable.integers().astype(np.uint8)))
     except (ValueError, RecursionError):

@@ -50,7 +50,7 @@ def write_matlab(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compres
     FileError
         For 2-D cells with holes, or a mesh above the size limit of the format.
     MeshError
-        If files cannot hold the name of a cell tag.
+        If files cannot hold a tag name.
     """
     write_levels(path, mesh, hierarchy, partial(_write, compress=compress))
 

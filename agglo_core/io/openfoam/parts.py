@@ -98,7 +98,7 @@ def _repeated(offsets: Int, vertices: Int) -> Int:
 
 
 def _unique(file: str, parser: FoamParser) -> Iterator[tuple[str, Table]]:
-    """Yield the entries of a list of dictionaries.
+    """Yield the entries in a list of dictionaries.
 
     Duplicate names raise FileError.
     """
@@ -132,7 +132,7 @@ def _with_patches(part: FoamPart, tables: Mapping[str, Table]) -> FoamPart:
 
 
 def _zones(poly: Path, n_cells: int) -> dict[str, Int]:
-    """Return the cells of each cell zone by name."""
+    """Return the cells per cell zone by name."""
     zones: dict[str, Int] = {}
     if not has_foam(poly, "cellZones"):
         return zones

@@ -35,7 +35,7 @@ def read_processors(folders: Sequence[Path]) -> tuple[FoamPart, Int]:
     part : FoamPart
         Mesh without the patches between processors; pieces of periodic patches rejoin their patch.
     processor : (n_cells,) int
-        Processor of each cell.
+        Processor per cell.
 
     Raises
     ------
@@ -140,7 +140,7 @@ def _pairs(parts: Sequence[FoamPart]) -> tuple[Int, Int]:
 
 
 def _merged(apart: FoamPart, near: Int, far: Int) -> Int:
-    """Return the number of each point after the faces of each pair are merged.
+    """Return new point numbers after the faces in each pair are merged.
 
     Both loops begin at the same point and run in opposite directions.
     """
@@ -168,7 +168,7 @@ def _merged(apart: FoamPart, near: Int, far: Int) -> Int:
 
 
 def _cell_numbers(folders: Sequence[Path], parts: Sequence[FoamPart]) -> Int:
-    """Return the number of each cell in the joined mesh."""
+    """Return the number per cell in the joined mesh."""
     n = sum(part.n_cells for part in parts)
     polys = [folder / "constant" / "polyMesh" for folder in folders]
     if not all(has_foam(poly, "cellProcAddressing") for poly in polys):
@@ -180,7 +180,7 @@ def _cell_numbers(folders: Sequence[Path], parts: Sequence[FoamPart]) -> Int:
 
 
 def _joined(groups: Iterable[tuple[str, Int]]) -> dict[str, Int]:
-    """Concatenate the members of groups with equal names."""
+    """Concatenate groups with equal names."""
     members: dict[str, list[Int]] = {}
     for name, own in groups:
         members.setdefault(name, []).append(own)

@@ -158,7 +158,7 @@ def _inside(cells: Int, n_cells: int) -> Int:
 
 
 def _numbers(patches: Mapping[str, Int], mesh: Mesh) -> Int:
-    """Return the patch number of each face, −1 outside all patches."""
+    """Return each face's patch number, −1 outside all patches."""
     number = np.full(mesh.n_faces, -1)
     for place, tag in enumerate(patches.values()):
         number[tag == 1] = place

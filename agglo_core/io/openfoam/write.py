@@ -58,7 +58,7 @@ def write_foam(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compress:
     FileError
         For a 2-D mesh.
     MeshError
-        If files cannot hold the name of a cell tag.
+        If files cannot hold a tag name.
     """
     if mesh.dim != 3:
         raise FileError(f"OpenFOAM's meshes are 3-D, this one is {mesh.dim}-D; .vtu and .npz hold both")
@@ -207,7 +207,7 @@ def _sorted(mesh: Mesh) -> _Faces:
 
 
 def _patches(mesh: Mesh, outer: Int) -> tuple[list[str], Int]:
-    """Return the patch names and the patch number of each outer face.
+    """Return patch names, and a patch number per outer face.
 
     A 0/1 tag is a patch with its name; for other tags each value is a patch ``TAG_VALUE``.
     """

@@ -91,7 +91,7 @@ def counted_solids(stream: Int, n: int, ahead: int) -> tuple[Int, Int, Int, int]
 
 
 def record_starts(stream: NDArray[Any], n: int, ends: Callable[[NDArray[Any]], Int]) -> tuple[Int, int]:
-    """Return the start of each of n records, and the end of the last record.
+    """Return the starts of n records, and the end of the last record.
 
     Parameters
     ----------

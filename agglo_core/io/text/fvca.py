@@ -81,7 +81,7 @@ class Fvca(Reading):
         FileError
             For a 3-D mesh, or cells with holes.
         MeshError
-            If files cannot hold the name of a cell tag.
+            If files cannot hold a tag name.
         """
         if path.suffix.lower() == ".typ1":
             raise FileError("a .typ1 file is read, not written; .typ2 holds the same")

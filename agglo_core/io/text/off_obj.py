@@ -73,7 +73,7 @@ class Off(Reading):
         FileError
             For a mesh in 3-D, or cells with holes.
         MeshError
-            If files cannot hold the name of a cell tag.
+            If files cannot hold a tag name.
         """
         write_levels(path, mesh, hierarchy, _write_off)
 
@@ -164,7 +164,7 @@ class Obj(Reading):
         FileError
             For a mesh in 3-D, or cells with holes.
         MeshError
-            If files cannot hold the name of a cell tag.
+            If files cannot hold a tag name.
         """
         write_levels(path, mesh, hierarchy, _write_obj)
 

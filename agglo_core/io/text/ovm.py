@@ -92,7 +92,7 @@ class Ovm(Reading):
         FileError
             For a 2-D mesh.
         MeshError
-            If files cannot hold the name of a cell tag.
+            If files cannot hold a tag name.
         """
         write_levels(path, mesh, hierarchy, _write)
 

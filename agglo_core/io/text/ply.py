@@ -230,7 +230,7 @@ class Ply(Reading):
         FileError
             For a 3-D mesh, cells with holes, or a tag with values beyond 32 bits.
         MeshError
-            If files cannot hold the name of a cell tag.
+            If files cannot hold a tag name.
         """
         write_levels(path, mesh, hierarchy, _write)
 

@@ -88,7 +88,7 @@ class RegnFace(Reading):
         FileError
             For a 2-D mesh.
         MeshError
-            If files cannot hold the name of a cell tag.
+            If files cannot hold a tag name.
         """
         write_levels(path, mesh, hierarchy, _write)
         for level, labels in enumerate(hierarchy.levels if hierarchy is not None else ()):

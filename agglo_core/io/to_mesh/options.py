@@ -1,4 +1,4 @@
-"""Options of formats that build meshes from the points and cells of a file."""
+"""Options of formats that build meshes from points and cells."""
 
 from __future__ import annotations
 

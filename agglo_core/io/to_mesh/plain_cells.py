@@ -50,7 +50,7 @@ def loops_of(mesh: Mesh, suffix: str) -> Loops:
 
 
 def solids_of(mesh: Mesh, suffix: str) -> tuple[Float, Polyhedra]:
-    """Return the points in use and the faces of every cell, counter-clockwise from outside.
+    """Return the points in use and the faces per cell, counter-clockwise from outside.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def used_points(mesh: Mesh) -> tuple[Float, Int | None]:
 
 
 def half_faces(mesh: Mesh) -> Polyhedra:
-    """Return the faces of every cell in the order of ``cell_faces``, counter-clockwise from outside."""
+    """Return the faces per cell in the order of ``cell_faces``, counter-clockwise from outside."""
     offsets, faces = mesh.cell_faces
     loop_offsets = np.concatenate(([0], np.cumsum(np.diff(mesh.face_offsets)[faces])))
     vertices = np.empty(loop_offsets[-1], np.int64)

@@ -217,7 +217,7 @@ def _solids(soup: Soup, cells: Int) -> Polyhedra:
 
 
 def _face_tags(mesh: Mesh, soup: Soup, loops: tuple[Int, Int], facets: Int) -> tuple[dict[str, Int], int]:
-    """Return tags of cells on mesh faces (−1 on other faces), and the number of such cells.
+    """Return tags from cells on mesh faces (−1 on other faces), and the number of such cells.
 
     Points are matched by coordinates, because the construction of the mesh renumbers them.
     """

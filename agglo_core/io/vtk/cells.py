@@ -124,7 +124,7 @@ def _cross(u: Float, v: Float) -> Float:
 
 
 def _bent(mesh: Mesh) -> Mask:
-    """Return the mask of faces of a 3-D mesh that are non-convex quadrilaterals."""
+    """Return the mask of non-convex quadrilateral faces in a 3-D mesh."""
     bent = np.zeros(mesh.n_faces, bool)
     quads = np.flatnonzero(np.diff(mesh.face_offsets) == 4)
     corners = mesh.face_vertices[mesh.face_offsets[quads][:, None] + np.arange(4)]
@@ -168,7 +168,7 @@ def _elements(mesh: Mesh, solids: Polyhedra, kind: str, cells: Int) -> tuple[Int
 
 @cache
 def _reference(kind: str) -> Int:
-    """Return the face loops of the reference element ``(1, c)``, in the order of its sizes."""
+    """Return the reference element's face loops ``(1, c)``, in the order of its sizes."""
     table = polyhedra_from_elements({kind: [range(CORNERS[kind])]})
     sizes = np.diff(table.loop_offsets)
     order = np.argsort(sizes != _ELEMENTS[kind].sizes[0], kind="stable")
@@ -176,7 +176,7 @@ def _reference(kind: str) -> Int:
 
 
 def _neighbours(sizes: Int) -> tuple[Int, Int]:
-    """Return the columns of the previous and the next corner for faces of these sizes."""
+    """Return the columns of previous and next corners for faces with these sizes."""
     ends = np.cumsum(sizes)
     before, after = np.arange(ends[-1]) - 1, np.arange(ends[-1]) + 1
     before[ends - sizes], after[ends - 1] = ends - 1, ends - sizes

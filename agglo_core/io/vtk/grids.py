@@ -36,7 +36,7 @@ FaceArrays = Callable[[Cells, Int | None], dict[str, NDArray[Any]]]
 
 
 class Share(NamedTuple):
-    """Cells of a mesh that form a piece of a larger mesh.
+    """Cells that form a piece of a larger mesh.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ def piece_of(
 
 
 def _points_of(cells: Cells, n_points: int) -> tuple[Int, Int]:
-    """Return the points of cells, and the number of each mesh point among them."""
+    """Return the cells' points, and the number of each mesh point among them."""
     used = np.zeros(n_points, bool)
     used[cells.vertices] = used[cells.solids.vertices] = True
     return frozen_int(np.flatnonzero(used)), frozen_int(np.cumsum(used) - 1)
@@ -175,7 +175,7 @@ def write_grids(
     check_names(mesh.face_tags, "face")
     taken = {BRIDGES, *(name for name in mesh.cell_tags if not is_level(name))}
     with staging(path) as folder:
-        for i, labels in enumerate(levels):  # before the mesh, of which then less is derived: it would stay
+        for i, labels in enumerate(levels):  # before the fine mesh, whose derived arrays stay in memory
             own = part(tell, i, 1 + len(levels), f"level {i}")
             piece = _coarse_piece(storage, mesh.coarsen(labels), levels, i, values[i], taken)
             storage.write(folder / f"{path.stem}_level{i}{path.suffix}", piece, compress=compress, tell=own)

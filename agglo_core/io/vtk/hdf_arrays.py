@@ -1,4 +1,4 @@
-"""Define the arrays of VTKHDF files and read the arrays of one partition safely."""
+"""Define the arrays in VTKHDF files and read one partition safely."""
 
 from __future__ import annotations
 

@@ -175,7 +175,7 @@ class _Reader:
             self.data[unquote(name)] = values.reshape(-1, max(width, 1))
 
     def _lists(self, n: int, size: int) -> tuple[Int, Int]:
-        """Read ends and entries of lists: separate offsets since version 5.1, a count before each list
+        """Read list ends and list entries: separate offsets since version 5.1, a count before each list
         earlier.
         """
         place = self.file.tell()
@@ -233,7 +233,7 @@ class _Reader:
         return np.unpackbits(values)[:n] if packed else values
 
     def _numbers(self, dtype: np.dtype[Any], n: int) -> NDArray[Any]:
-        """Read n numbers of a text, or fewer if other content comes first."""
+        """Read n numbers from a text, or fewer if other content comes first."""
         with warnings.catch_warnings():
             warnings.simplefilter("error", DeprecationWarning)  # numpy before 2.4 warns about invalid numbers
             try:

@@ -35,7 +35,7 @@ def write_solution(path: str | PathLike[str], mesh: Mesh, samples: Samples, *, n
     FileError
         For another suffix, or a file that cannot be written.
     MeshError
-        If files cannot hold the name of a cell tag.
+        If files cannot hold a tag name.
     """
     path = Path(path)
     if path.suffix.lower() != ".vtu":
@@ -63,7 +63,7 @@ def solution_piece(
     Raises
     ------
     MeshError
-        If files cannot hold the name of a cell tag.
+        If files cannot hold a tag name.
     """
     check_names(tags)
     owners = samples.cells[samples.simplices[:, 0]]

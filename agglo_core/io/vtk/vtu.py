@@ -116,7 +116,7 @@ class Vtp(Reading):
 
 
 def stored_pieces(content: bytes, kind: str = "UnstructuredGrid") -> Stored:
-    """Read the pieces of a file of this type.
+    """Read the pieces in a file of this type.
 
     Raises FileError if damaged.
     """

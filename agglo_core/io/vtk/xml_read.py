@@ -55,7 +55,7 @@ class Document:
         ----------
         element : Element
         declared : int
-            Expected number of values according to the rest of the file. Arrays with many more values are
+            Expected number of values according to other parts of the file. Arrays with many more values are
             rejected before decoding; the caller checks the exact number.
 
         Raises

@@ -49,7 +49,7 @@ class _Pieces(NamedTuple):
 
 
 def join_outer_faces(mesh: Derived, tolerance: float, merge: bool) -> Joined | None:
-    """Join the coincident outer faces of a mesh.
+    """Join coincident outer faces.
 
     Return None if there are none.
 
@@ -94,7 +94,7 @@ def join_outer_faces(mesh: Derived, tolerance: float, merge: bool) -> Joined | N
 
 
 def warn_of_gaps(mesh: Derived) -> None:
-    """Log a warning if outer faces of an immutable mesh coincide."""
+    """Log a warning if an immutable mesh has coincident outer faces."""
     outer, contacts = _contacts(mesh, TOLERANCE)
     if len(contacts.pairs):
         found = _in_words(mesh.face_cells[outer.faces[contacts.pairs], 0])
@@ -117,13 +117,13 @@ def _contacts(mesh: Derived, tolerance: float) -> tuple[Outer, Contacts]:
 
 
 def _in_words(cells: Int) -> str:
-    """Return a message about outer faces of cell pairs ``(k, 2)``."""
+    """Return a message about coincident outer faces for cell pairs ``(k, 2)``."""
     first, second = np.sort(cells[0]).tolist()
     return f"{len(cells)} pairs of outer faces, such as of cells {first} and {second}, lie on one another"
 
 
 def reach(mesh: Derived, outer: Outer, pairs: Int, tolerance: float) -> Float:
-    """Return for each pair of faces the largest distance at which they coincide."""
+    """Return for each face pair the largest distance at which both coincide."""
     if not len(pairs):
         return frozen_float([])
     size = outer.measure if mesh.dim == 2 else np.sqrt(outer.measure)
@@ -268,8 +268,9 @@ def _joined(mesh: Derived, outer: Outer, pieces: _Pieces, place: Int, apart: int
 
 
 def _renumbered(n: int, outer: Outer, pieces: _Pieces, place: Int) -> tuple[Int, Int]:
-    """Return the new number of each of n points, with coincident points of joined pieces merged, and the kept
-    points.
+    """Merge coincident points of joined pieces.
+
+    Return new numbers for all n points, and the kept points.
     """
     ends = np.zeros(len(place), bool)
     joined = gather(pieces.offsets, frozen_int(np.flatnonzero(pieces.partner >= 0)))[1]
@@ -283,6 +284,6 @@ def _renumbered(n: int, outer: Outer, pieces: _Pieces, place: Int) -> tuple[Int,
 
 
 def _among(pairs: Int, others: Int, n: int) -> Mask:
-    """Return the mask of pairs of numbers below n that occur among the others, in either order."""
+    """Return the mask of pairs (numbers below n) that occur among the others, in either order."""
     key, known = (np.sort(each, axis=1) @ [n, 1] for each in (pairs, others))
     return np.isin(key, known)

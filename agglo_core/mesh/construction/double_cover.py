@@ -1,4 +1,4 @@
-"""Detect overlaps of 2-D cells from the outer faces of the mesh alone."""
+"""Detect overlapping 2-D cells from outer faces alone."""
 
 from __future__ import annotations
 
@@ -22,8 +22,7 @@ def warn_of_double_cover(mesh: Derived) -> None:
     """Log a warning if 2-D cells overlap, so that their total measure exceeds that of their union.
 
     The winding number of the outer faces counts the cells at a point (Stokes), so the cost depends on the
-    number
-    of outer faces only. Overlaps within the tolerance of :meth:`Mesh.conforming` are accepted. Cells on the
+    outer faces only. Overlaps within the tolerance of :meth:`Mesh.conforming` are accepted. Cells on the
     same
     side of an edge are already reported during edge matching. 3-D meshes are not examined.
     """
@@ -132,7 +131,7 @@ def _without_cracks(points: Float, faces: Int) -> tuple[Float, Int]:
 
 
 def _followers(points: Float, faces: Int) -> Int:
-    """Return the next face of each face along its loop.
+    """Return the successor of each face along its loop.
 
     Where loops touch, the successor stays at the cells of the sector.
     """

@@ -19,12 +19,12 @@ _FEW_BUCKETS = 10  # buckets of about 2,000 points, below which one thread is us
 def polygon_faces(
     offsets: Int, vertices: Int, used: Int, own: Int, *, weak: bool, strict: bool
 ) -> tuple[Int, Int, int]:
-    """Pair the half-edges of counter-clockwise loops to faces.
+    """Pair half-edges in counter-clockwise loops to faces.
 
     Parameters
     ----------
     offsets, vertices : int
-        Vertices of each cell as CSR.
+        Vertices per cell as CSR.
     used, own : int
         Numbers of points and cells in messages.
     weak : bool
@@ -82,7 +82,7 @@ def _refuse_duplicates(offsets: Int, vertices: Int, own: Int, pairs: Iterable[Se
 
 
 def plain_faces(offsets: Int, vertices: Int, n_points: int) -> tuple[Int, Int] | None:
-    """Return face vertices and face cells ``(n_faces, 2)`` of counter-clockwise loops.
+    """Return face vertices and face cells ``(n_faces, 2)`` for counter-clockwise loops.
 
     Return None if an edge has more than two cells, two on the same side, or one cell on both sides. Faces are
     in

@@ -106,7 +106,7 @@ def _plane(points: Float) -> Float:
 def build_polygons(
     points: ArrayLike, cells: Any, merge_points: bool, weak: bool, strict: bool, drop_flat: bool
 ) -> tuple[Faces, Int, int]:
-    """Build the faces of polygons given as vertex loops.
+    """Build faces from polygons given as vertex loops.
 
     Return them, the kept cells, and the number of given cells.
 
@@ -239,5 +239,5 @@ def _check_coverage(points: Float, offsets: Int, vertices: Int, own: Int) -> Non
 
 
 def _closed(offsets: Int, vertices: Int) -> Int:
-    """Return the vertices of each loop with the first repeated at the end."""
+    """Return the loop vertices, with each first vertex repeated at the end."""
     return frozen_int(np.insert(vertices, offsets[1:], vertices[offsets[:-1]]))

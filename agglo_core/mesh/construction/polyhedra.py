@@ -35,7 +35,7 @@ _ROUNDING = 8  # units in the last place by which points may be off the edge or 
 def build_polyhedra(
     points: ArrayLike, cells: Any, merge_points: bool, drop_flat: bool
 ) -> tuple[Faces, Int, int]:
-    """Build the faces of polyhedra given as loops.
+    """Build faces from polyhedra given as loops.
 
     Return them, the kept cells, and the number of given cells.
 

@@ -1,4 +1,4 @@
-"""Orient the faces of polyhedra, with nested shells (cavities) and separate lumps."""
+"""Orient polyhedron faces, with nested shells (cavities) and separate lumps."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def outward_signs(
     Parameters
     ----------
     cell_of : (n,) int
-        Cell of each half-face, 0 to k − 1, increasing, without gaps.
+        Cell per half-face, 0 to k − 1, increasing, without gaps.
     loop_offsets, vertices
         Loops of the half-faces as CSR.
     points : (n_points, 3) float
@@ -51,8 +51,8 @@ def outward_signs(
     vector, centre : (n, 3) float
         Area vectors and centroids of the half-faces.
     off : float
-        Distance of hanging points from their edge. The tiles of a split face and the adjacent faces leave a
-        slit of this width.
+        Distance of hanging points from their edge. Between the tiles and neighbours of a split face there is
+        a slit of this width.
 
     Returns
     -------
@@ -65,9 +65,8 @@ def outward_signs(
     Notes
     -----
     A cell that is star-shaped about the mean of its face centres is oriented by its face directions alone. In
-    other cells, faces with a common edge are oriented consistently. Each shell is then oriented outward if an
-    even
-    number of other shells of the cell encloses it, otherwise inward, because it bounds a cavity.
+    other cells, faces with a common edge are oriented consistently. Each shell is then oriented outward if
+    the cell has an even number of other shells around it, otherwise inward, because it bounds a cavity.
     """
     from agglo_core.mesh.kernels.solid_cells import surfaces
 
@@ -143,7 +142,7 @@ def _turns(offsets: Int, vertices: Int, seen: Float, loops: Int, eyes: Float) ->
 def _by_shells(
     cell_of: Int, loop_offsets: Int, vertices: Int, points: Float, vector: Float, centre: Float
 ) -> Float:
-    """Return signs of half-faces that turn each shell of a cell away from its interior."""
+    """Return half-face signs that turn each shell away from its interior."""
     links, loose = _links(cell_of, loop_offsets, vertices, points, vector)
     patch, side = _two_sides(*links, len(cell_of))
     shell = _shells(patch, cell_of, *loose)
@@ -164,11 +163,10 @@ def _by_shells(
 def _links(
     cell_of: Int, loop_offsets: Int, vertices: Int, points: Float, vector: Float
 ) -> tuple[tuple[Int, Int, Mask], tuple[Int, Int]]:
-    """Return pairs of adjacent half-faces around cell edges, and a mask of pairs with opposite orientation.
+    """Return adjacent half-face pairs around cell edges, and the mask of oppositely oriented pairs.
 
-    Also return half-faces and vertices of edges with an odd number of faces, which occur at hanging vertices
-    that
-    only some faces list.
+    Also return the half-faces and vertices at edges with an odd number of faces (hanging vertices listed by
+    some faces only).
     """
     # Group the half-edges of each cell by edge.
     loop = np.repeat(np.arange(len(cell_of)), np.diff(loop_offsets))
@@ -212,7 +210,7 @@ def _units(vectors: Float) -> Float:
 
 
 def _two_sides(f: Int, g: Int, clash: Mask, n: int) -> tuple[Int, Float]:
-    """Return the patch of each of n faces, and the sign that orients it like the first face of the patch.
+    """Return the patch of each face, and the sign that orients it like the patch's first face.
 
     Faces f and g share an edge; where ``clash`` is True, one of them must turn. Each face is represented by
     two
@@ -244,9 +242,9 @@ def _shells(patch: Int, cell_of: Int, loops: Int, vertices: Int) -> Int:
 
 
 def _depths(surface: _Surface, shell: Int, cells: Int) -> Float:
-    """Return for each shell the number of other shells of its cell around it.
+    """Return the nesting depth of each shell: the number of shells around it in the same cell.
 
-    The number is the sum of the windings of other shells' faces along a ray from a point of the shell. It is
+    The depth is the sum of the other shells' face windings along a ray from a point on the shell. It is
     NaN
     if the point lies on such a face, because the shells then share a part of a face.
     """
@@ -264,7 +262,7 @@ def _depths(surface: _Surface, shell: Int, cells: Int) -> Float:
 
 
 def _in_line(surface: _Surface, test: Float, shell: Int, cells: Int) -> tuple[Int, Int]:
-    """Return pairs of a shell and a face of another shell in the cell, whose box the shell's line meets."""
+    """Return (shell, face) pairs: faces of the cell's other shells whose box meets the shell's line."""
     import shapely
 
     several = np.bincount(cells)[cells] > 1
@@ -287,7 +285,7 @@ def _in_line(surface: _Surface, test: Float, shell: Int, cells: Int) -> tuple[In
 
 
 def _test_points(surface: _Surface, shell: Int, n: int) -> Float:
-    """Return a point ``(n, 3)`` in the largest face of each shell, near the middle of its longest edge."""
+    """Return a point ``(n, 3)`` per shell, in its largest face near the middle of the longest edge."""
     area = np.linalg.norm(surface.vector, axis=1)
     order = np.lexsort((area, shell))
     last = np.append(np.flatnonzero(np.diff(shell[order])), len(order) - 1)

@@ -21,7 +21,7 @@ _LAID = 3  # vertices of a tile that must lie on the edges of a warped face
 
 
 class Outer(NamedTuple):
-    """The m outer faces of a mesh, with their points relative to the centre of their bounding box."""
+    """The m outer faces of a mesh, with their points relative to the bounding-box centre."""
 
     faces: Int  # (m,) numbers in the mesh
     used: Int  # numbers of their points in the mesh
@@ -89,16 +89,15 @@ def _lengths(vectors: Float) -> Float:
 def facing_pairs(outer: Outer) -> Int:
     """Return pairs ``(k, 2)`` of outer faces that face each other and may coincide.
 
-    The normal is part of the tree coordinates, negated in one of the trees, so convex domains have no
-    candidates.
-    Faces are grouped by powers of two of their size, and each group is compared with all smaller faces.
+    The tree coordinates include the normal, negated in one tree, so convex domains have no candidates. Faces
+    are grouped by size (powers of two), and each group is compared with all smaller faces.
     """
     found = [np.empty((0, 2), np.int64), *_candidates(outer)]
     return frozen_int(np.unique(np.sort(np.concatenate(found), axis=1), axis=0))
 
 
 def _candidates(outer: Outer) -> Iterator[Int]:
-    """Yield pairs of close outer faces with opposite normals, from trees of centre and scaled normal."""
+    """Yield close outer faces with opposite normals as pairs, from trees with centre and scaled normal."""
     from scipy.spatial import cKDTree
 
     real = np.flatnonzero(outer.measure > 0)
@@ -221,7 +220,7 @@ def _lifts(outer: Outer, ordered: Int, row: Int, first: Int, second: Int) -> tup
 
 
 def _on_edges(outer: Outer, ordered: Int, reach: Float) -> Int:
-    """Count the vertices of the second of two faces that lie on edges of the first."""
+    """Count the vertices of each second face that lie on an edge of the first face."""
     # Pair each edge of the first face with each vertex of the second.
     following = np.arange(1, len(outer.vertices) + 1)
     following[outer.offsets[1:] - 1] = outer.offsets[:-1]

@@ -12,7 +12,7 @@ _NEAR = 1e-12  # relative distance from a limit within which bounds may be wrong
 
 
 def diameters_of(offsets: Int, cells: Int, vertex_offsets: Int, vertices: Index, points: Float) -> Float:
-    """Return the diameter ``(B,)`` of each block.
+    """Return the diameter ``(B,)`` per block.
 
     Block b is ``cells[offsets[b]:offsets[b + 1]]``.
 
@@ -22,7 +22,7 @@ def diameters_of(offsets: Int, cells: Int, vertex_offsets: Int, vertices: Index,
     offsets : (B + 1,) int
     cells : (n,) int
     vertex_offsets, vertices : CSR
-        Vertices of each cell.
+        Vertices per cell.
     points : (p, d) float
 
     Examples
@@ -75,7 +75,7 @@ def compared_diameters(
 def wide_parts(
     labels: Int, asked: Mask, limit: float, vertex_offsets: Int, vertices: Index, points: Float
 ) -> Mask:
-    """Return the mask of the parts ``asked (k,)`` wider than ``limit``.
+    """Return the mask of parts in ``asked (k,)`` that are wider than ``limit``.
 
     The labels ``(n,)`` are below k.
 

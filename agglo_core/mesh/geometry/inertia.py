@@ -1,4 +1,4 @@
-"""Compute moments of inertia of cells from their faces by the divergence theorem, exact for any shape."""
+"""Compute cell inertias from faces by the divergence theorem, exact for any shape."""
 
 from __future__ import annotations
 

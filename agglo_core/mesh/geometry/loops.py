@@ -1,4 +1,4 @@
-"""Compute the boundary loops of cells in 2-D meshes."""
+"""Compute cell boundary loops in 2-D meshes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from agglo_core.threads import over_ranges
 
 
 class Loops(NamedTuple):
-    """Boundary loops of every cell.
+    """Boundary loops per cell.
 
     Cell c owns loops ``cell_offsets[c]:cell_offsets[c + 1]``; loop l owns
     ``vertices[loop_offsets[l]:loop_offsets[l + 1]]``. The cell lies on the left of each loop: outer
@@ -33,7 +33,7 @@ class Loops(NamedTuple):
 
 
 def faces_of_cells(face_cells: Int, n_cells: int) -> tuple[Int, Int]:
-    """Return the faces of each cell as CSR, in ascending order."""
+    """Return the faces per cell as CSR, in ascending order."""
     from agglo_core.mesh.kernels.faces import cell_faces
 
     faces = np.empty(len(face_cells) + np.count_nonzero(face_cells[:, 1] >= 0), np.int64)
@@ -46,7 +46,7 @@ def faces_of_cells(face_cells: Int, n_cells: int) -> tuple[Int, Int]:
 
 
 def loops_of_cells(points: Float, offsets: Int, faces: Int, face_pairs: Int, face_cells: Int) -> Loops:
-    """Return the loops of the cells of a 2-D mesh with these arrays."""
+    """Return the boundary loops of all cells from the arrays of a 2-D mesh."""
     from agglo_core.mesh.kernels.faces import chain_loops
 
     vertices = np.empty(len(faces), np.int64)

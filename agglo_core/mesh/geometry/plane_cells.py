@@ -15,8 +15,8 @@ from agglo_core.threads import over_ranges
 class Neighbours(NamedTuple):
     """Cells with common faces, in both directions, and the measure of outer faces.
 
-    The neighbours of cell c are ``indices[indptr[c]:indptr[c + 1]]``, each once. ``interface`` is the
-    measure of all faces shared with that neighbour, ``boundary (n_cells,)`` the measure of outer faces.
+    The neighbours of cell c are ``indices[indptr[c]:indptr[c + 1]]``, each once. ``interface`` is the total
+    measure of the faces shared with that neighbour, ``boundary (n_cells,)`` that of outer faces.
     """
 
     indptr: Int
@@ -36,7 +36,7 @@ class PlaneCells(NamedTuple):
 
 
 def plane_cells(points: Float, face_pairs: Int, face_cells: Int, n_cells: int) -> PlaneCells:
-    """Compute the geometry of the cells of a 2-D mesh with these arrays."""
+    """Compute the cell geometry from the arrays of a 2-D mesh."""
     from agglo_core.mesh.kernels import plane_cells as kernels
 
     # Allocate for all half-edges; each thread fills the ranges of its cells.

@@ -1,4 +1,4 @@
-"""Compute the geometry of polyhedra from their faces: areas, volumes, centroids, vertices."""
+"""Compute polyhedron geometry from faces: areas, volumes, centroids, vertices."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from agglo_core.threads import over_ranges
 
 
 def face_moments(points: Float, offsets: Int, vertices: Int) -> tuple[Float, Float]:
-    """Return area vectors and centroids of polygonal faces ``(F, 3)``, by triangle fans."""
+    """Return area vectors and centroids ``(F, 3)`` of polygonal faces, by triangle fans."""
     from agglo_core.mesh.kernels.face_loops import loop_moments
 
     found = over_ranges(
@@ -20,7 +20,7 @@ def face_moments(points: Float, offsets: Int, vertices: Int) -> tuple[Float, Flo
 
 
 def sum_by(groups: Int, values: Float, n: int) -> Float:
-    """Return the sums ``(n, d)`` of the rows ``values (m, d)`` per group."""
+    """Return group sums ``(n, d)`` of the rows ``values (m, d)``."""
     columns = [np.bincount(groups, weights=column, minlength=n) for column in values.T]
     return np.stack(columns, axis=1)
 
@@ -28,7 +28,7 @@ def sum_by(groups: Int, values: Float, n: int) -> Float:
 def polyhedron_moments(
     vector: Float, centre: Float, face_cells: Int, offsets: Int, faces: Int
 ) -> tuple[Float, Float]:
-    """Return volumes and centroids by the divergence theorem, with pyramids over the faces of each cell."""
+    """Return volumes and centroids by the divergence theorem, with pyramids over each cell's faces."""
     n = len(offsets) - 1
     cells = np.repeat(np.arange(n), np.diff(offsets))
     sign = np.where(face_cells[faces, 0] == cells, 1.0, -1.0)
@@ -36,7 +36,7 @@ def polyhedron_moments(
 
 
 def pyramid_moments(cells: Int, vector: Float, centre: Float, n: int) -> tuple[Float, Float]:
-    """Return volumes and centroids of n cells from outward area vectors and centroids of their half-faces."""
+    """Return volumes and centroids of n cells from half-face centroids and outward area vectors."""
     count = np.bincount(cells, minlength=n)[:, None]
     apex = sum_by(cells, centre, n) / count
     arm = centre - apex[cells]
@@ -50,7 +50,7 @@ def pyramid_moments(cells: Int, vector: Float, centre: Float, n: int) -> tuple[F
 def polyhedron_vertices(
     face_offsets: Int, face_vertices: Int, offsets: Int, faces: Int, n_points: int
 ) -> tuple[Int, Index]:
-    """Return the distinct vertices of each cell as CSR.
+    """Return the distinct vertices per cell as CSR.
 
     Cell c has ``faces[offsets[c]:offsets[c + 1]]``.
     """

@@ -71,7 +71,7 @@ def _row(y, low, height, n_rows):
 
 @helper(allocates=True)
 def _in_rows(points, tails, heads, begin, end):
-    """Return the segments of a cell per row as CSR, and the lowest point and height of the cell.
+    """Return a cell's segments per row as CSR, and its lowest coordinate and height.
 
     n segments use √n rows (one row for few segments), so that rows of short segments have about √n entries.
     """
@@ -103,7 +103,7 @@ def _in_rows(points, tails, heads, begin, end):
 
 @helper
 def _winding(points, tails, heads, members, begin, end, own):
-    """Return the winding number of the boundary around points just left of the middle of segment ``own``.
+    """Return the boundary's winding number around points just left of the midpoint of segment ``own``.
 
     It counts crossings of a ray to the right, +1 upwards and −1 downwards, among the segments
     ``members[begin:end]``.

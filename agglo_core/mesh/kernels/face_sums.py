@@ -1,4 +1,4 @@
-"""Sum over the faces of 2-D cells in one pass, for the check of closed cells."""
+"""Sum over faces of 2-D cells in one pass, to check that cells are closed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def _random_number(vertex):
 
 @kernel
 def add_faces(points, face_vertices, face_cells, gap, area):
-    """Add the faces of a 2-D mesh to the sums of their cells and return the bounding box of their vertices.
+    """Add the faces of a 2-D mesh to their cell sums and return the bounding box.
 
     Parameters
     ----------

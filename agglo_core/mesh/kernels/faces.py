@@ -11,7 +11,7 @@ FEW = 24  # edges per cell up to which the next edge is found by linear search
 
 @kernel
 def match_half_edges(offsets, vertices, n_points):
-    """Pair the directed edges of counter-clockwise cells into faces.
+    """Pair directed edges into faces, for counter-clockwise cells.
 
     Returns face vertices (F, 2), face cells (F, 2), the cell pairs (D, 2) that traverse an edge in the same
     direction (they overlap; each keeps its own face), and the first edge with a third cell as (a, b, its

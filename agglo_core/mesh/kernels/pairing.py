@@ -79,8 +79,7 @@ def pair_half_edges(edges, bounds, first, beyond):
 
 @kernel
 def number_faces(offsets, vertices, beyond, first, face_vertices, face_cells):
-    """Write vertices and cells of the faces of cells ``first``, ..., in the order in which the cells meet
-    them.
+    """Write face vertices and face cells for cells ``first``, ..., in the order in which cells meet faces.
 
     Cell ``first + c`` has the half-edges ``offsets[c]:offsets[c + 1]``. Half-edges with ``beyond`` ≥ −1 are
     faces;

@@ -9,7 +9,7 @@ from agglo_core.compiled.compiling import kernel
 
 @kernel
 def outlines(offsets, tails, heads, n_points):
-    """Return the boundary vertices of each patch in order, and whether the boundary is a simple loop.
+    """Return each patch's boundary vertices in order, and a flag for simple loops.
 
     The edges of patch p, in any order, are ``offsets[p]`` to ``offsets[p + 1]``, each from a point in
     ``tails`` to a

@@ -16,7 +16,7 @@ _SHORT = 16  # edges per cell up to which neighbours are compared one by one; ab
 
 @kernel
 def half_edges(face_vertices, face_cells, places, edges):
-    """Write (tail, head, opposite cell, ownership flag) for the faces of each cell, in face order.
+    """Write (tail, head, opposite cell, ownership flag) for each cell's faces, in face order.
 
     The next entry of cell c is written to ``edges[places[c]]``, and ``places[c]`` is incremented. If
     ``edges`` is

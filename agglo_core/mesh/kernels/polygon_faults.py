@@ -1,4 +1,4 @@
-"""Detect faults of polygons: repeated or touching vertices, zero area, crossing edges."""
+"""Detect polygon faults: repeated or touching vertices, zero area, crossing edges."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def _loop_fault(points, loop):
 
 @kernel
 def plain_faults(points, offsets, vertices, weak):
-    """Return signed area and fault code of each polygon.
+    """Return signed area and fault code per polygon.
 
     Non-convex polygons are only marked as such.
 

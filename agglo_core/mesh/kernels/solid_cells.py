@@ -23,7 +23,7 @@ def _sort(values, start, stop):
 
 @kernel
 def vertices_of_solids(face_offsets, face_vertices, offsets, faces, n_points):
-    """Return the distinct vertices of each cell, ascending, as CSR.
+    """Return the distinct vertices per cell, ascending, as CSR.
 
     Cell c has ``faces[offsets[c]:offsets[c + 1]]``.
     """
@@ -46,7 +46,7 @@ def vertices_of_solids(face_offsets, face_vertices, offsets, faces, n_points):
 
 @kernel
 def surfaces(offsets, vector, centre):
-    """Sum areas, area vectors and fluxes over the half-faces of each cell.
+    """Sum areas, area vectors and fluxes over each cell's half-faces.
 
     Cell c has the half-faces ``offsets[c]:offsets[c + 1]``. ``vector`` and ``centre (h, 3)`` are the area
     vector a

@@ -52,9 +52,7 @@ class Chains(NamedTuple):
 
 
 def ends_at(ends: Int, n_points: int) -> tuple[Mask, Int]:
-    """Return the mask of vertices with exactly two of the edges ``(E, 2)``, and these edges ``(n_points,
-    2)``.
-    """
+    """Return the mask of vertices with exactly two edges in ``(E, 2)``, and these edges ``(n_points, 2)``."""
     order = np.argsort(ends.ravel(), kind="stable")
     count = np.bincount(ends.ravel(), minlength=n_points)
     first = np.cumsum(count) - count

@@ -47,7 +47,7 @@ def fewer_edges(mesh: Derived, tags: Mapping[str, Int], tolerance: float) -> Few
 
 
 def _directed(mesh: Derived) -> tuple[Int, Int]:
-    """Return tail and head of each edge such that the cell with the larger number is on its left."""
+    """Return edge tails and heads such that the cell with the larger number is on the left."""
     owner, other = mesh.face_cells.T
     pairs = np.where((owner > other)[:, None], mesh.face_pairs, mesh.face_pairs[:, ::-1])
     return frozen_int(pairs[:, 0]), frozen_int(pairs[:, 1])
@@ -68,7 +68,7 @@ def _joints(mesh: Derived, tails: Int, heads: Int, tags: Mapping[str, Int]) -> t
 
 
 def _ends(chains: Chains, keep: Mask) -> tuple[Int, Int]:
-    """Return the first and last vertex of each run of merged edges."""
+    """Return the first and last vertices of merged edges."""
     begins = np.flatnonzero(keep[chains.before])
     last = np.append(begins[1:], len(chains.edges)) - 1
     return (

@@ -39,7 +39,7 @@ def fewer_faces(mesh: Derived, tags: Mapping[str, Int]) -> Fewer:
 
 
 def _heads(offsets: Int, vertices: Int) -> Int:
-    """Return the next vertex of each loop vertex."""
+    """Return the vertex after each loop vertex."""
     heads = np.roll(vertices, -1)
     heads[offsets[1:] - 1] = vertices[offsets[:-1]]
     return frozen_int(heads)
@@ -72,7 +72,7 @@ def _merged(mesh: Derived, tags: Mapping[str, Int]) -> _Loops:
 
 
 def _twins(tails: Int, heads: Int, n_points: int) -> tuple[Int, Int]:
-    """Return the two half-edges of each edge with exactly two faces."""
+    """Return pairs of half-edges, for edges with exactly two faces."""
     key = np.minimum(tails, heads) * n_points + np.maximum(tails, heads)
     order = np.argsort(key, kind="stable")
     start = np.flatnonzero(np.append(True, np.diff(key[order]) != 0))
@@ -99,7 +99,7 @@ def _put_together(mesh: Derived, patch: Int, around: Int, found: Int, whole: Mas
 
 
 def _patches(mesh: Derived, tags: Mapping[str, Int], f: Int, g: Int, ways: Mask) -> Int:
-    """Return the patch of each face.
+    """Return the patch per face.
 
     Faces f and g share an edge, traversed in the same direction if ``ways``.
     """
@@ -158,7 +158,7 @@ def _centres(mesh: Derived) -> Float:
 
 
 def _off(mesh: Derived, faces: Int, normals: Float, centres: Float) -> Float:
-    """Return the largest vertex distance of each face from its given plane."""
+    """Return each face's largest vertex distance from the given plane."""
     sizes = np.diff(mesh.face_offsets)[faces]
     row = np.repeat(np.arange(len(faces)), sizes)
     start = np.cumsum(sizes) - sizes

@@ -1,4 +1,4 @@
-"""Records of simplified meshes, and the assembly of their faces."""
+"""Records of mesh simplifications, and the assembly of simplified faces."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Simplification:
     vertices_saved, faces_saved : int
         Number of removed face vertices and faces.
     points : (n_points,) int
-        Old number of each point.
+        Old number per point.
     faces : (n_faces before,) int
         New face that contains or replaces each old face.
     measure_change : (n_cells,) float
@@ -53,7 +53,7 @@ class Simplification:
 
 
 class Fewer(NamedTuple):
-    """Arrays of a mesh with fewer faces, and the relation of old and new faces."""
+    """Arrays of a mesh with fewer faces, with a map from old to new faces."""
 
     points: Int  # old numbers of the kept points
     face_offsets: Int
