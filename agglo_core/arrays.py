@@ -1,8 +1,7 @@
 """Array types and the read-only rule: dataclasses hold read-only C-contiguous arrays.
 
 Read-only inputs also give every numba kernel a single signature: arguments are always read-only views,
-outputs
-always new arrays.
+outputs always new arrays.
 """
 
 from __future__ import annotations
@@ -249,8 +248,9 @@ def _forbid_writing(value: Any) -> None:
 
 
 def label_order(labels: Int) -> Int:
-    """Return the stable order ``(n,)`` of non-negative labels by radix sort, several times faster than
-    argsort.
+    """Return the stable order ``(n,)`` of non-negative labels by radix sort.
+
+    This is several times faster than argsort.
     """
     order = np.argsort((labels & 0xFFFF).astype(np.uint16), kind="stable")
     for shift in range(16, int(labels.max(initial=0)).bit_length(), 16):

@@ -87,8 +87,7 @@ def mapped(call: Callable[..., _Result], *columns: Iterable[Any]) -> Iterator[_R
     """Yield results like :func:`map`, with as many simultaneous calls as there are threads.
 
     The threads end with the iteration. An exception of a call reaches the caller; afterwards, or if the
-    caller stops
-    early, pending calls are dropped. Inside calls the number of threads is 1.
+    caller stops early, pending calls are dropped. Inside calls the number of threads is 1.
 
     Examples
     --------

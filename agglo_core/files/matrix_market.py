@@ -43,8 +43,7 @@ def read_matrix_market(path: Path, rows: int | None = None) -> Any:
     """Read a ``coo_array``, or a dense array ``(rows, columns)`` from the layout ``array``.
 
     Implied entries of symmetric and skew-symmetric files are filled in. Integers become int64, other numbers
-    float64,
-    pattern entries 1.
+    float64, pattern entries 1.
 
     Parameters
     ----------

@@ -174,8 +174,9 @@ class BlockGraph(FieldState, Loaded):
         return self.subgraph(nodes, offsets)
 
     def without_edges(self, removed: ArrayLike) -> Self:
-        """Return the graph without the CSR entries ``removed (m,)``, a mask with both directions of each
-        edge.
+        """Return the graph without the CSR entries in the mask ``removed (m,)``.
+
+        The mask contains both directions of each edge.
 
         Their interfaces become boundary of the cells on both sides, so that perimeters do not change.
         """
@@ -212,8 +213,9 @@ class BlockGraph(FieldState, Loaded):
         return diameters_of(offsets, cells, self.vertex_offsets, self.vertices, self.points)
 
     def wide_parts(self, labels: ArrayLike, limit: float, asked: Mask | None = None) -> Mask:
-        """Return the mask ``(k,)`` of parts (labels 0..k−1) wider than ``limit``, faster than with all
-        diameters.
+        """Return the mask ``(k,)`` of parts (labels 0..k−1) wider than ``limit``.
+
+        This is faster than the computation of all diameters.
 
         With ``asked (k,)`` only these parts are examined; others are reported as not wide.
         """
@@ -225,8 +227,9 @@ class BlockGraph(FieldState, Loaded):
         return wide_parts(array, which, limit, self.vertex_offsets, self.vertices, self.points)
 
     def components(self, labels: ArrayLike | None = None) -> Int:
-        """Return the connected component per node ``(n,)``, within ``labels`` if given, numbered by first
-        node.
+        """Return the connected component per node ``(n,)``, within ``labels`` if given.
+
+        Components are numbered by their first nodes.
         """
         from agglo_core.compiled.graphs import components
 

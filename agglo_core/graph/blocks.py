@@ -27,8 +27,7 @@ def split_at_median(level: Graph, projection: Float, tie: Float, shares: Float |
     """Split each block at the weighted median of ``projection``, or at a share of the mass.
 
     Projections closer than 1e-7 of their extent in the block count as equal; the ``tie`` columns, not the
-    cell
-    numbers, decide between them.
+    cell numbers, decide between them.
 
     Parameters
     ----------
@@ -72,10 +71,8 @@ def principal_frames(level: Graph) -> tuple[Float, Float]:
     """Compute block-wise principal axes of the weighted centroids, and the centroids in these axes.
 
     Axes with second moments within a factor 0.9 are rotated in their plane to the smallest fourth moments
-    (along
-    the sides of a square). Each axis points to its heavier tail (positive third moment), so that frames
-    rotate with
-    the mesh.
+    (along the sides of a square). Each axis points to its heavier tail (positive third moment), so that
+    frames rotate with the mesh.
 
     Returns
     -------
@@ -197,7 +194,9 @@ def block_sums(level: Graph, values: NDArray[np.float64]) -> Float:
 
 
 def block_shares(values: Float, blocks: Int) -> Float:
-    """Return the share of each value ``(n,)`` in its block sum, or equal shares if all values are zero.
+    """Return each value's share ``(n,)`` in its block sum.
+
+    If all values of a block are zero, the shares are equal.
 
     Examples
     --------
@@ -229,8 +228,7 @@ def _turned(level: Graph, weights: Float, local: Float, moments: Float, frames: 
     """Rotate frames to the smallest fourth moments, in planes with nearly equal second moments.
 
     With z = x + iy, a rotation by θ gives x⁴ + y⁴ = (3|z|⁴ + Re z⁴ exp(−4iθ)) / 4, hence a closed formula for
-    the
-    angle per plane. In 3-D, sweeps over the three planes converge quadratically, like Jacobi rotations.
+    the angle per plane. In 3-D, sweeps over the three planes converge quadratically, like Jacobi rotations.
     """
     frames = frames.copy()
     planes = []

@@ -1,8 +1,7 @@
 """Kernels for quotient graphs: edges between parts, and the distinct vertices per part.
 
 The cells are read in storage order and their data moved to the position of their part, because a traversal
-part
-by part would cause a cache miss per cell.
+part by part would cause a cache miss per cell.
 """
 
 # mypy: allow-untyped-defs, allow-incomplete-defs
@@ -52,8 +51,7 @@ def quotient_edges(labels, n_parts, indptr, indices, interface):
     """Return the CSR of the quotient graph without loops, with neighbours in arbitrary order.
 
     Interfaces are added in the order of the sparse product G A Gᵀ, with bitwise equal results: first the
-    interfaces
-    of the part with one outer cell, then those of the cells of one neighbour, the last cell first.
+    interfaces of the part with one outer cell, then those of the cells of one neighbour, the last cell first.
     """
     first, last, beyond, share = _edges_by_part(labels, n_parts, indptr, indices, interface)
     place = np.full(len(labels), -1, np.int64)  # position of an outer cell

@@ -41,8 +41,7 @@ class Graph(BlockGraph):
     """Dual graph of a mesh, with one block per piece.
 
     Block b owns the nodes ``offsets[b]:offsets[b + 1]`` and no edge joins two blocks. A mesh is one block.
-    All
-    pieces at one depth of a recursion form one block-diagonal Graph, called a *level* in bisectors.
+    All pieces at one depth of a recursion form one block-diagonal Graph, called a *level* in bisectors.
 
     Attributes
     ----------
@@ -213,8 +212,7 @@ class Graph(BlockGraph):
         """Return the quotient graph: one node per agglomerate, labels 0..k−1 without gaps.
 
         Interfaces, measures, boundaries and weights are summed, centroids averaged by measure, and vertices
-        collected.
-        ``data`` are dropped, because their meaning on agglomerates is unknown.
+        collected. ``data`` are dropped, because their meaning on agglomerates is unknown.
 
         Raises
         ------

@@ -169,8 +169,7 @@ def expected_normalised_cut(
     """Return Σ_ij [(Y ⊘ Γ)(1 − Y)ᵀ ⊙ A]_ij: the sum of expected cuts over expected volumes.
 
     The paper calls this value the expected normalised cut. It is a ratio of expectations, and equals the
-    normalised
-    cut where Y is 0 or 1.
+    normalised cut where Y is 0 or 1.
 
     Examples
     --------

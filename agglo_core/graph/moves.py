@@ -1,8 +1,7 @@
 """Compute objective changes for single-cell moves, many at once.
 
 Each function takes a graph, labels ``(n,)`` that number the parts of all blocks consecutively, and moves:
-cell
-``cells[i]`` alone goes to part ``parts[i]``. It returns the change of the sum over all parts, ``(q,)``.
+cell ``cells[i]`` alone goes to part ``parts[i]``. It returns the change of the sum over all parts, ``(q,)``.
 """
 
 from __future__ import annotations

@@ -54,7 +54,7 @@ class Objective:
     difference: Callable[[Graph, Int, Int], tuple[float, float]] | None = None
 
     def worse_by(self, graph: Graph, before: Int, after: Int) -> float:
-        """Return by how much ``after (n,)`` is worse than ``before (n,)``, or 0 if it is not, up to rounding.
+        """Return the increase from ``before (n,)`` to ``after (n,)``, or 0 if there is none up to rounding.
 
         Labels may number the parts of each block from 0.
         """
@@ -123,12 +123,11 @@ def _diameters(graph: Graph, labels: Int) -> Float:
 
 
 def _roundness(graph: Graph, labels: Int) -> Float:
-    """Return how far each part ``(k,)`` is from round, plus how much narrower than the widest part of its
-    block.
+    """Return the sum of two shape defects per part ``(k,)``: not round, and narrower than other parts.
 
-    Both terms are between 0 and 1. The roundness of a part is 2 r / diameter, with r = 0.95 · dimension ·
-    measure /
-    surface: 0.95 for a disc, and about the ratio of the inscribed circle for real parts.
+    Both terms are between 0 and 1. Widths are relative to the widest part of the block. The roundness of a
+    part is 2 r / diameter, with r = 0.95 · dimension · measure / surface: 0.95 for a disc, and about the
+    ratio of the inscribed circle for real parts.
     """
     widths = graph.part_diameters(labels)
     block, most = np.zeros(len(widths), np.int64), np.zeros(graph.n_blocks)

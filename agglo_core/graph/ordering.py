@@ -8,8 +8,9 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 
 
 def curve_order(centroids: Float) -> Int:
-    """Return the order ``(n,)`` of points ``(n, d)`` along a Morton curve with 2^16 (2-D) or 2^10 (3-D)
-    steps.
+    """Return the order ``(n,)`` of points ``(n, d)`` along a Morton curve.
+
+    The curve has 2^16 (2-D) or 2^10 (3-D) steps per axis.
 
     Examples
     --------

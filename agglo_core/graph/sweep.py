@@ -18,17 +18,14 @@ def sweep(level: Graph, scores: ArrayLike) -> Int:
     """Split each block at the best score threshold, among 31 per score column.
 
     Thresholds are equidistant between the extremes of the score, at most two standard deviations from its
-    mean.
-    With measure A = A₁ + A₂ of the two sides, cut length, and the share B/T of the inertia between the sides
-    (the
-    energy maximised by 2-means), the cost of a threshold is
+    mean. With measure A = A₁ + A₂ of the two sides, cut length, and the share B/T of the inertia between the
+    sides (the energy maximised by 2-means), the cost of a threshold is
 
         cut · √A (1/A₁ + 1/A₂) + max(15, 4 √n) (1 − B/T)
 
     for a block with n cells (in 3-D ∛A replaces √A, so that the cost has no unit). A longer cut harms two
-    parts,
-    unequal sides harm all parts of later splits. One pass over the edges computes all cuts. Neither side is
-    ever empty, whatever the scores, even for probabilities on one side of ½.
+    parts, unequal sides harm all parts of later splits. One pass over the edges computes all cuts. Neither
+    side is ever empty, whatever the scores, even for probabilities on one side of ½.
 
     Parameters
     ----------

@@ -18,8 +18,9 @@ OBJECTIVES = ("largest", "squares")
 def best_nodes(
     forest: Forest, graph: Graph, indicator: ArrayLike | None, n_parts: int, objective: str, grade: int | None
 ) -> Int:
-    """Return the nodes of the best cut with at most ``n_parts`` parts, with arguments as in
-    ``Hierarchy.cut``.
+    """Return the nodes of the best cut with at most ``n_parts`` parts.
+
+    Arguments are as in ``Hierarchy.cut``.
     """
     from agglo_core.hierarchy.tree_cuts import refine_largest
 

@@ -181,8 +181,7 @@ class Hierarchy(FieldState):
             Colours: the name of a metric, or numbers, with a colour bar; grey for non-finite values.
         explode : float, optional
             In 3-D: shift of each agglomerate away from the middle of the mesh, relative to their distance,
-            from
-            0 to 10; by default 0.35.
+            from 0 to 10; by default 0.35.
         registry : Registry, optional
             Registry with the metrics; by default the installed plugins.
 
@@ -244,10 +243,8 @@ class Hierarchy(FieldState):
         indicator over all cuts of this size (with the same grade, if any). The parts with the next largest
         indicators are then split while they fit, until no part can be split or the rest have indicator 0.
         Objective ``squares`` minimises the sum of squared indicators (for a given number of parts, equal
-        indicators
-        are optimal), in time proportional to cells times parts. The number of parts may stay below
-        ``n_parts``, because
-        a part is always split into all of its children.
+        indicators are optimal), in time proportional to cells times parts. The number of parts may stay below
+        ``n_parts``, because a part is always split into all of its children.
 
         Parameters
         ----------
@@ -255,14 +252,11 @@ class Hierarchy(FieldState):
             Maximum number of parts; the coarsest level has the fewest.
         indicator : (n,) float, optional
             Non-negative value per fine cell: an estimated error, a speed, the vicinity of a well. By default
-            the
-            measure, so that parts are as equal as the levels allow.
+            the measure, so that parts are as equal as the levels allow.
         objective : {"largest", "squares"}
         grade : int, optional
             Maximum level difference between parts that share a face (1 is usual); by default unlimited. For a
-            part
-            of
-            several levels the smallest difference counts. Not available with ``squares``.
+            part of several levels the smallest difference counts. Not available with ``squares``.
 
         Raises
         ------

@@ -37,8 +37,7 @@ def _grade_around(begin, end, trees, near, grade, at, log, n_log, room):
     """Split nodes that are too coarse for adjacent cells at positions ``begin`` to ``end``.
 
     ``room`` is the number of parts that may be added. Split nodes are appended to the log. Returns the log
-    length
-    and the remaining room, which is negative if it was too small.
+    length and the remaining room, which is negative if it was too small.
     """
     cells, count, finest, coarsest = trees[0], trees[4], trees[5], trees[6]
     for k in range(begin, end):
@@ -71,14 +70,13 @@ def _settle(done, trees, near, grade, at, log, n_log, room):
 
 @kernel
 def refine_largest(trees, near, grade, value, roots, most):
-    """Return the node of each cell ``(n,)`` in the cut with at most ``most`` parts that splits the largest
-    value first.
+    """Return the node of each cell ``(n,)`` in the cut that splits the largest value first.
+
+    The cut has at most ``most`` parts.
 
     ``value (N,)`` is given per node; the first ``roots`` nodes are the roots. Nodes without children or value
-    are
-    not split, nor are nodes that would create too many parts. With ``grade`` ≥ 0, neighbours are split until
-    their
-    levels differ by at most ``grade``.
+    are not split, nor are nodes that would create too many parts. With ``grade`` ≥ 0, neighbours are split
+    until their levels differ by at most ``grade``.
     """
     cells, start, _, first, count = trees[:5]
     at = np.empty(len(cells), np.int64)

@@ -1,8 +1,7 @@
 """Find the forest cut with minimum total cost and bounded number of parts: a knapsack on trees.
 
 Tables hold the minimum cost for each number of parts above the minimum. Children of a node are summed in
-pairs,
-and so are these sums, so that the choices follow from the tables and need no storage.
+pairs, and so are these sums, so that the choices follow from the tables and need no storage.
 
 Nodes are numbered from the roots down, pairs follow after all nodes. The table of node p is
 ``tables[offsets[p]:offsets[p + 1]]``: entry k is the minimum cost with k parts above the minimum.
@@ -22,8 +21,7 @@ def _pair_up(begin, end, n_pairs, left, right, lengths, most, queue):
     """Pair the nodes from ``begin`` to ``end``, then the pairs, until one remains, and return it.
 
     Pairs are numbered after the nodes; ``left`` and ``right`` are their halves. Also returns the number of
-    pairs in
-    all calls.
+    pairs in all calls.
     """
     n_nodes = len(left)
     for p in range(begin, end):
@@ -114,8 +112,7 @@ def least_cut(first, count, cost, roots, most):
     """Mark the nodes ``(N,)`` of the minimum-cost cut with at most ``most`` parts.
 
     ``cost (N,)`` is the cost of each node as a part; costs add up over a cut. Of equal cuts, the cut with the
-    fewest
-    parts is marked.
+    fewest parts is marked.
     """
     n_nodes = len(first)
     left, right = np.empty(n_nodes, np.int64), np.empty(n_nodes, np.int64)

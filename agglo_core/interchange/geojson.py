@@ -35,8 +35,7 @@ def to_geojson(
 
     Each feature has the cell number as ``id``. Its properties are the cell tags and, with a hierarchy, its
     agglomerate on each level as ``level_0``, ``level_1``, …, which replace older tags with such names.
-    Coordinates are
-    those of the mesh, without a reference system.
+    Coordinates are those of the mesh, without a reference system.
 
     Parameters
     ----------
@@ -116,8 +115,7 @@ def from_geojson(collection: Mapping[str, Any], *, tolerance: float = 0.0, stric
 
 
     Properties that are integers in every feature become cell tags (including ``level_0``, …); the names of
-    other
-    properties are logged.
+    other properties are logged.
 
     Parameters
     ----------

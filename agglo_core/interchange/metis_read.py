@@ -172,7 +172,7 @@ def parts_from_metis(path: str | Path) -> Int:
     Examples
     --------
     >>> from agglo_core.interchange import parts_from_metis
-    >>> _ = open("mesh.graph.part.2", "w").write("0\n0\n1\n")
+    >>> _ = open("mesh.graph.part.2", "w").write("0\\n0\\n1\\n")
     >>> parts_from_metis("mesh.graph.part.2")
     array([0, 0, 1])
     """

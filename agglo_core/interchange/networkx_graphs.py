@@ -24,9 +24,8 @@ def graph_to_networkx(graph: Graph) -> nx.Graph:
 
     Node i, 0..n−1, has the attributes ``centroid`` (relative to ``G.graph["origin"]``, usable as ``pos=`` for
     drawing), ``measure``, ``boundary``, ``weight``, ``vertices`` (rows of ``G.graph["points"]``) and one
-    attribute
-    per entry of ``graph.data``. Each edge has ``interface``. ``G.graph`` holds ``origin``, ``points``, block
-    ``offsets``, and the dtypes of ``data``.
+    attribute per entry of ``graph.data``. Each edge has ``interface``. ``G.graph`` holds ``origin``,
+    ``points``, block ``offsets``, and the dtypes of ``data``.
 
     Raises
     ------
@@ -80,10 +79,8 @@ def graph_from_networkx(
     """Convert a networkx graph, with nodes numbered in the order of ``network.nodes``.
 
     Results of :func:`graph_to_networkx` are restored bit by bit, with neighbours in ascending order. Other
-    graphs
-    need centroids only: interfaces and measures default to 1, weights to the measures, boundaries to 0, and
-    diameters
-    are those of the centroids.
+    graphs need centroids only: interfaces and measures default to 1, weights to the measures, boundaries to
+    0, and diameters are those of the centroids.
 
     Parameters
     ----------

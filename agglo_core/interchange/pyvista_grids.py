@@ -21,10 +21,8 @@ def to_pyvista(mesh: Mesh, hierarchy: Hierarchy | None = None) -> Any:
     """Convert to a ``pyvista.UnstructuredGrid`` in cell order, with VTK elements where they are exact.
 
     Cell data are the cell tags and, with a hierarchy, the labels ``level_0``, ``level_1``, …. The conversion
-    uses a
-    VTU file in a temporary folder, so the grid is the one that ParaView opens: a cell with holes is a polygon
-    with
-    bridges, which VTK does not fill; colour the fine mesh by ``level_i`` instead.
+    uses a VTU file in a temporary folder, so the grid is the one that ParaView opens: a cell with holes is a
+    polygon with bridges, which VTK does not fill; colour the fine mesh by ``level_i`` instead.
 
     Raises
     ------

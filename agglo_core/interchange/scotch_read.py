@@ -136,7 +136,9 @@ def _places(given: ArrayLike | str | Path, n: int, base: int) -> ArrayLike:
 
 
 def parts_from_scotch(path: str | Path, *, base: int = 0) -> Int:
-    """Read labels ``(n,)`` from a ``.map`` file: the number of vertices, then a vertex and its part per line.
+    """Read labels ``(n,)`` from a ``.map`` file.
+
+    It holds the number of vertices, then a vertex and its part per line.
 
     Parameters
     ----------

@@ -66,8 +66,7 @@ def mesh_from_shapely(
     """Build a mesh whose cell i is polygon i, holes included.
 
     A MultiPolygon is one cell with several pieces, like a disconnected agglomerate in
-    :func:`mesh_to_shapely`. To
-    make each piece a cell, split first and keep its origin as a tag::
+    :func:`mesh_to_shapely`. To make each piece a cell, split first and keep its origin as a tag::
 
         pieces, item = shapely.get_parts(polygons, return_index=True)
         mesh = mesh_from_shapely(pieces, cell_tags={"item": item})

@@ -1,4 +1,4 @@
-"""Convert a mesh to shapely: each cell is a Polygon, or a MultiPolygon if it has several outer loops."""
+"""Convert cells to shapely: Polygons, or MultiPolygons for several outer loops."""
 
 from __future__ import annotations
 
@@ -19,10 +19,8 @@ def mesh_to_shapely(mesh: Mesh) -> Geometries:
     """Return the cells as shapely polygons ``(n_cells,)`` with exactly the mesh coordinates.
 
     A cell with holes is a Polygon with holes. A cell with several outer loops (a disconnected agglomerate, or
-    an
-    interior cut at pinch vertices) is a MultiPolygon. Shells run counter-clockwise, holes clockwise. The
-    polygons are
-    valid wherever the mesh cells do not overlap.
+    an interior cut at pinch vertices) is a MultiPolygon. Shells run counter-clockwise, holes clockwise. The
+    polygons are valid wherever the mesh cells do not overlap.
 
     Raises
     ------
@@ -62,7 +60,7 @@ def _linear_rings(mesh: Mesh, loops: Loops) -> Geometries:
 
 
 def _shell_of(rings: Geometries, hole: NDArray[np.bool_], cell: Int, n_cells: int) -> Int:
-    """Return the shell of each loop: itself, or for a hole the smallest enclosing outer loop of its cell."""
+    """Return each loop's shell: itself, or for holes the smallest enclosing outer loop of the cell."""
     import shapely
 
     shells, holes = np.flatnonzero(~hole), np.flatnonzero(hole)

@@ -80,9 +80,9 @@ def read(
         Merge exactly equal points. An ``.npz`` written by :func:`write` is never changed.
     allow_gaps : bool
         Keep coincident outer faces: a crack (with ``merge_points=False`` if its points are doubled) or
-        touching bodies. By default they are joined as by
-        :meth:`Mesh.conforming <agglo_core.mesh.Mesh.conforming>`; for an ``.npz`` written by :func:`write`
-        they only cause a warning.
+        touching bodies. By default they are joined as by :meth:`Mesh.conforming
+        <agglo_core.mesh.Mesh.conforming>`; for an ``.npz`` written by :func:`write` they only cause a
+        warning.
     drop_flat : bool
         Drop cells with zero area or volume, such as pinched layers, and renumber the others in order. By
         default such cells are an error. Formats stored face by face (OpenFOAM, MRST's ``G``, an ``.npz``
@@ -172,13 +172,12 @@ def write(
 
     ``.npz`` keeps everything. ``.vtu`` holds the mesh with its tags and all level labels as cell data
     ``level_0``, …. Each coarse mesh goes into a file ``NAME_level0.vtu``, … beside it, with label, parent,
-    number
-    of cells, measure and diameter per agglomerate. Other formats raise an error instead of losing data.
+    number of cells, measure and diameter per agglomerate. Other formats raise an error instead of losing
+    data.
 
     Files appear whole or not at all. Remains from an earlier hierarchy are removed: mesh tags
     ``level_<number>`` are not written to such files, and superfluous coarse meshes are deleted (only files
-    named
-    ``NAME_level<number>.vtu`` beside the new file and written by agglo).
+    named ``NAME_level<number>.vtu`` beside the new file and written by agglo).
 
     Parameters
     ----------

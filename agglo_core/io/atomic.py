@@ -130,8 +130,9 @@ def check_replaceable(target: Path) -> Path:
 
 
 def _beside(target: Path, file: Path, elsewhere: ExitStack) -> Path:
-    """Return the file, or a copy beside the target if it lies on another file system (renaming needs the
-    same).
+    """Return the file, or a copy beside the target if it lies on another file system.
+
+    A file can only be renamed within its file system.
     """
     if file.stat().st_dev == target.parent.stat().st_dev:
         return file

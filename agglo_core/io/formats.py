@@ -47,8 +47,7 @@ class Formats:
     """The formats in a registry, by precedence.
 
     Built-in formats come first, then plugins, then formats of last resort. A format is built only when its
-    turn
-    comes and it claims the suffix, so the modules of the others are not imported.
+    turn comes and it claims the suffix, so the modules of the others are not imported.
 
     Attributes
     ----------

@@ -1,4 +1,6 @@
-"""Read and write the native format: an ``.npz`` with all arrays of a mesh and its hierarchy, without pickle.
+"""Read and write the native format, a lossless ``.npz`` without pickle.
+
+It contains all arrays of a mesh and its hierarchy.
 
 ``meta`` holds JSON: format, version, names, repairs, and the targets, nesting and statistics of the
 hierarchy. The plain layout ``points, cell_offsets, cell_vertices`` (polygons) is also supported for reading.

@@ -71,7 +71,7 @@ def tag_values(name: str, values: NDArray[Any]) -> Int:
 
 
 def note_left_out(mesh: Mesh, names: Iterable[str]) -> Mesh:
-    """Count the cell data that could not become tags as a repair of the mesh, and log the names."""
+    """Record cell data that could not become tags as a repair, and log their names."""
     left = list(dict.fromkeys(name or "(without a name)" for name in names))
     if not left:
         return mesh

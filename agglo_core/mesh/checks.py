@@ -32,8 +32,9 @@ def box_centre(points: Float) -> Float:
 
 
 def last_place(points: Float) -> float:
-    """Return the unit in the last place of the largest coordinate, for float32 if all values are float32
-    numbers.
+    """Return the unit in the last place of the largest coordinate.
+
+    If all coordinates are float32 numbers, it is the unit in single precision.
     """
     largest = np.abs(points).max()
     with np.errstate(over="ignore", under="ignore"):

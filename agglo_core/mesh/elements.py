@@ -113,7 +113,7 @@ def gather(offsets: Int, rows: Int) -> tuple[Int, Int]:
 
 
 def turns_as_listed(first: Int, second: Int, own: Mask, turns: Int, ranks: Int) -> Int:
-    """Return for each cell the first of the ``turns (T, k)`` that lists its faces like the element, or −1.
+    """Return for each cell the first rotation that lists its faces like the element, or −1.
 
     Parameters
     ----------

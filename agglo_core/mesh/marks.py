@@ -31,10 +31,8 @@ def marked(word: str, given: Any, tags: Mapping[str, NDArray[Any]], n: int, what
     """Return the mask ``(n,)`` of cells or faces selected by ``given``.
 
     A name selects the members of that group (see :func:`in_group`), ``name=value`` the members with that
-    value, and
-    several names select their union. A mapping holds values or lists of values by name. A boolean array is
-    returned
-    unchanged.
+    value, and several names select their union. A mapping holds values or lists of values by name. A boolean
+    array is returned unchanged.
 
     Parameters
     ----------

@@ -40,8 +40,7 @@ class Mesh(FieldState, Derived, Tagged):
 
     Create meshes with :meth:`from_polygons`, :meth:`from_polyhedra`, :func:`agglo_core.read` or
     :mod:`agglo_core.samples`, or from the arrays below, which are copied unless they are immutable. An
-    agglomerate
-    is simply a larger cell, so :meth:`coarsen` returns a Mesh.
+    agglomerate is simply a larger cell, so :meth:`coarsen` returns a Mesh.
 
     Attributes
     ----------
@@ -111,8 +110,7 @@ class Mesh(FieldState, Derived, Tagged):
         """Build a mesh from polygons given as vertex loops.
 
         Overlapping cells cause a warning with the difference between total measure and measure of the union.
-        This check
-        takes a few per cent of the construction time, because it examines outer faces only.
+        This check takes a few per cent of the construction time, because it examines outer faces only.
 
         Parameters
         ----------
@@ -207,8 +205,7 @@ class Mesh(FieldState, Derived, Tagged):
         """Return the mesh whose cells are the agglomerates.
 
         Points are kept, interior faces dropped. Cell tags are kept if they are constant on every agglomerate;
-        face tags
-        are always kept.
+        face tags are always kept.
 
         Parameters
         ----------
@@ -280,16 +277,12 @@ class Mesh(FieldState, Derived, Tagged):
         """Return this mesh with straight edge runs between the same two cells merged into single edges.
 
         In 3-D, flat face patches are merged into one face if its boundary is a single loop. Without tolerance
-        the
-        geometry changes by rounding only. With a tolerance (2-D), interfaces are straightened: a vertex
-        without other
-        edges is removed if its distance from the new edge is within this fraction of the smaller cell's
-        diameter. The
-        domain boundary and the total measure are preserved. Cells remain polygons without crossings and keep
-        at least
-        half their measure; interfaces keep more vertices where this would fail. The result is not a
-        coarsening of the
-        old mesh, and ``simplification.exact`` is False.
+        the geometry changes by rounding only. With a tolerance (2-D), interfaces are straightened: a vertex
+        without other edges is removed if its distance from the new edge is within this fraction of the
+        smaller cell's diameter. The domain boundary and the total measure are preserved. Cells remain
+        polygons without crossings and keep at least half their measure; interfaces keep more vertices where
+        this would fail. The result is not a coarsening of the old mesh, and ``simplification.exact`` is
+        False.
 
         Faces with different tags are not merged. Cells keep their numbers; points and faces are renumbered.
         ``simplification`` holds the old numbers, counts, and the change of each cell's measure.
@@ -388,8 +381,7 @@ class Mesh(FieldState, Derived, Tagged):
         """Draw the mesh on matplotlib axes.
 
         2-D meshes are drawn in their own coordinates, so that more can be drawn on top; 3-D meshes are drawn
-        as a
-        picture seen obliquely from above.
+        as a picture seen obliquely from above.
 
         Parameters
         ----------

@@ -93,8 +93,7 @@ class Tagged:
         ----------
         **tags : function of x, or (n_cells,) int or bool
             By name. A function gets the centroids x ``(n_cells, d)`` and returns a value per row; True
-            becomes
-            1, False 0.
+            becomes 1, False 0.
 
         Raises
         ------

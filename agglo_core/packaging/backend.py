@@ -1,8 +1,8 @@
 """Build backend: hatchling, plus numba for wheels with precompiled kernels.
 
 Compiled kernels are valid for one version of numba, numpy and Python and one processor type; elsewhere
-kernels are
-compiled on first use. Therefore the tested versions are required, which README installs, not the newest.
+kernels are compiled on first use. Therefore the tested versions are required, which README installs, not the
+newest.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Protocols: methods and attributes of components of each kind.
 
 Components need no base class: any class with the methods is a component. :mod:`agglo_core.registry.kinds`
-lists
-the kinds, and the checks at construction.
+lists the kinds, and the checks at construction.
 
 A *part* is a (block, label) pair, with labels local to their block. A *level* is a block-diagonal
 :class:`~agglo_core.graph.Graph` whose blocks are the pieces of one recursion depth. All components obey one

@@ -17,19 +17,14 @@ class Format(Protocol):
     Its suffixes are declared (:class:`~agglo_core.registry.Component`), or are the attribute ``suffixes``.
     ``lossless`` is True if written data are read back to the last bit, hierarchy included. A format rejects a
     file with an AggloError, and the next format with this suffix is tried. OSErrors are reported unchanged;
-    other
-    exceptions are bugs in the format.
+    other exceptions are bugs in the format.
 
     The following attributes are optional and false by default. ``last_resort``: the format is tried after all
-    others.
-    ``reads_empty``: empty files are valid. ``atomic``: its own ``write`` is atomic. ``keeps_level_values``:
-    its
-    ``write`` takes a fourth argument with numbers ``(k,)`` by name for each level. ``recognises(head)``, for
-    formats
-    without declared suffixes, may recognise other files by their first 512 bytes, and
-    ``recognises_folder(folder)`` a folder as a whole. The constructor options ``merge_points``,
-    ``allow_gaps`` and
-    ``drop_flat`` (bool) are those of ``agglo.read``.
+    others. ``reads_empty``: empty files are valid. ``atomic``: its own ``write`` is atomic.
+    ``keeps_level_values``: its ``write`` takes a fourth argument with numbers ``(k,)`` by name for each
+    level. ``recognises(head)``, for formats without declared suffixes, may recognise other files by their
+    first 512 bytes, and ``recognises_folder(folder)`` a folder as a whole. The constructor options
+    ``merge_points``, ``allow_gaps`` and ``drop_flat`` (bool) are those of ``agglo.read``.
 
     Examples
     --------

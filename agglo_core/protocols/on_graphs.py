@@ -142,8 +142,7 @@ class TargetAware(Protocol):
     """
 
     def for_target(self, target: Target) -> LevelBisector | Bisector:
-        """Return the bisector for pieces with this ``target``, or ``self`` if it does not depend on the
-        target.
+        """Return the bisector for pieces with this ``target``, or ``self``.
 
         It is called before pieces are split. Nested sizes are then met in turn, the coarsest first.
         """
@@ -181,9 +180,8 @@ class Refiner(Protocol):
     """Improves labels without emptying a part or increasing any part's number of components.
 
     ``objective`` names the value that never gets worse: one of
-    :data:`agglo_core.graph.objectives.OBJECTIVES`, such
-    as ``"interface"`` (total length) or ``"compactness"`` (moment of inertia), or a metric, summed over the
-    parts.
+    :data:`agglo_core.graph.objectives.OBJECTIVES`, such as ``"interface"`` (total length) or
+    ``"compactness"`` (moment of inertia), or a metric, summed over the parts.
 
     Examples
     --------

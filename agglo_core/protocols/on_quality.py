@@ -20,11 +20,9 @@ class QualityMetric(Protocol):
     3-D ratios are also ratios; for p ≠ 0, lengths may become areas: an integer power from p to 2 p.
 
     The following attributes are optional and false by default. ``undefined``: some agglomerates have no value
-    (NaN);
-    reports count them, and means exclude them. ``directional``: values depend on the directions of the axes.
-    ``relative``: values depend on distant agglomerates, like diam(P) / h. ``shape_only``: values depend
-    neither on the
-    cells of an agglomerate nor on the division of its outline into edges.
+    (NaN); reports count them, and means exclude them. ``directional``: values depend on the directions of the
+    axes. ``relative``: values depend on distant agglomerates, like diam(P) / h. ``shape_only``: values depend
+    neither on the cells of an agglomerate nor on the division of its outline into edges.
 
     Examples
     --------

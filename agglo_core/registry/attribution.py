@@ -27,8 +27,9 @@ class Member:
     title: str
 
     def offers(self, *methods: str) -> bool:
-        """Return True if the object has one of these methods (ten times faster than isinstance with a
-        protocol).
+        """Return True if the object has one of these methods.
+
+        This is ten times faster than isinstance with a protocol.
         """
         return any(callable(getattr(self.tool, method, None)) for method in methods)
 
@@ -38,8 +39,7 @@ def attributed(owner: str, *, spare: tuple[type[Exception], ...] = ()) -> Iterat
     """Prefix ``owner`` to AggloErrors, and turn any other exception into a PluginError.
 
     OptionErrors, MeshErrors and FileErrors about the input keep their class. If the component changes the
-    current
-    folder, the folder is restored with a warning.
+    current folder, the folder is restored with a warning.
 
     Parameters
     ----------

@@ -5,8 +5,7 @@ A component marks such an option by its annotation, and imports the code itself:
     def __init__(self, network: ImportPath | None = None) -> None: ...
 
 Texts from the command line and from Python pass unchanged, because their author decides. Texts from TOML
-files
-are marked as :class:`Written`; for such options they are rejected before anything is imported.
+files are marked as :class:`Written`; for such options they are rejected before anything is imported.
 """
 
 from __future__ import annotations
@@ -54,7 +53,7 @@ def is_written(value: Any) -> bool:
 
 
 def plain(value: Any) -> Any:
-    """Remove the mark of a text, or of the texts in a list, for options that take any text."""
+    """Remove the marks from a text or list, for options that take any text."""
     if isinstance(value, list):
         return [plain(each) for each in value]
     return str(value) if isinstance(value, Written) else value

@@ -1,15 +1,11 @@
 """Options of components: names, types, and validation of values.
 
 An option is a keyword of the constructor. Its type is the annotation: bool, int, float, str, ``Literal[…]``,
-an
-Enum, Path, a tuple of these, or a union, also with None. The default always fits: ``int = None`` accepts
-None.
-The same rules apply on the command line (where every value is a text), in TOML and in Python. An
+an Enum, Path, a tuple of these, or a union, also with None. The default always fits: ``int = None`` accepts
+None. The same rules apply on the command line (where every value is a text), in TOML and in Python. An
 :data:`~agglo_core.registry.code_options.ImportPath` is a text that refers to code, allowed in a TOML file
-only
-with the user's permission. Options with another annotation, or none, accept any value; texts are then
-converted
-by their form: number, true, false, none, or text.
+only with the user's permission. Options with another annotation, or none, accept any value; texts are then
+converted by their form: number, true, false, none, or text.
 """
 
 from __future__ import annotations

@@ -91,8 +91,9 @@ class Record:
 
 
 def describe(record: Record) -> str:
-    """Return the label of a record in messages: ``bisector 'halves' (plugin 'halves', distribution my-dist
-    0.3)``.
+    """Return the label of a record in messages.
+
+    An example is ``bisector 'halves' (plugin 'halves', distribution my-dist 0.3)``.
 
     Examples
     --------

@@ -145,7 +145,7 @@ def _limit(seconds: int, memory: int) -> None:
 
 
 def _address_space(page: int) -> int:
-    """Return the bytes in use by this process, or a safe upper bound if the system does not report them."""
+    """Return the bytes in use by this process, or an upper bound if unknown."""
     try:
         return page * int(Path("/proc/self/statm").read_text().split()[0])
     except (OSError, ValueError):

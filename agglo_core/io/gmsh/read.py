@@ -48,8 +48,7 @@ def soup_of_gmsh(content: bytes) -> tuple[Soup, set[str], list[str]]:
 
     Each named physical group is a tag: 1 inside, 0 outside. ``gmsh:physical`` holds the first group of each
     element, ``gmsh:geometrical`` its entity, and ``gmsh:partition`` its partition, if any. Unnamed groups
-    that
-    are not the first group of all their elements become tags ``gmsh:physical_NUMBER``.
+    that are not the first group of all their elements become tags ``gmsh:physical_NUMBER``.
 
     Raises
     ------

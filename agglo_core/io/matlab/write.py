@@ -41,8 +41,7 @@ def write_matlab(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compres
     """Write a mesh with its tags and labels, and each coarse mesh beside it.
 
     A 2-D mesh is written as ``node`` and ``elem`` and as ``region`` and ``neighbor``, a 3-D mesh as ``node3``
-    and
-    ``elem3``. Both are also written as MRST's ``G``, with ``CG_0``, … for the levels. Points, cells and
+    and ``elem3``. Both are also written as MRST's ``G``, with ``CG_0``, … for the levels. Points, cells and
     agglomerates are numbered from 1, tags keep their values.
 
     Raises

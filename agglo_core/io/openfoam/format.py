@@ -15,8 +15,9 @@ if TYPE_CHECKING:
 
 
 class OpenFoam(Compressing):
-    """OpenFOAM cases: ``constant/polyMesh`` beside a file or in a folder, with levels as fields for
-    decomposePar.
+    """OpenFOAM cases: ``constant/polyMesh`` beside a file or in a folder.
+
+    Levels are written as a decomposition for decomposePar and as fields.
 
     Parameters
     ----------

@@ -22,8 +22,7 @@ def read_processors(folders: Sequence[Path]) -> tuple[FoamPart, Int]:
     """Join the meshes of ``processor0``, ``processor1``, … at their common faces.
 
     Cells keep their numbers from before the decomposition if all folders have a ``cellProcAddressing``;
-    otherwise
-    they are numbered processor by processor.
+    otherwise they are numbered processor by processor.
 
     Parameters
     ----------

@@ -47,11 +47,9 @@ def write_foam(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compress:
     """Write ``constant/polyMesh`` and the labels of all levels beside the file that marks the case.
 
     ``constant/cellDecomposition`` holds the finest level in decomposePar's format, ``constant/agglo`` every
-    level
-    and tag, and ``0`` the levels as fields ``level0``, ``level1``, …. (A field ``level_0`` would hold the
-    old-time
-    values of ``level``, and VTK skips such fields.) Patches are named after face tags, cell zones after cell
-    tags. Face zones, point zones and level fields of an earlier mesh are removed.
+    level and tag, and ``0`` the levels as fields ``level0``, ``level1``, …. (A field ``level_0`` would hold
+    the old-time values of ``level``, and VTK skips such fields.) Patches are named after face tags, cell
+    zones after cell tags. Face zones, point zones and level fields of an earlier mesh are removed.
 
     Raises
     ------

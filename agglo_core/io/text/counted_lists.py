@@ -59,7 +59,9 @@ def counted_lists(stream: Int, n: int, ahead: int = 0, behind: int = 0) -> tuple
 
 
 def counted_solids(stream: Int, n: int, ahead: int) -> tuple[Int, Int, Int, int]:
-    """Locate nested lists: ``f``, then f lists ``k, v1, …, vk``, with ``ahead`` values before each f and k.
+    """Locate nested lists: ``f``, then f lists ``k, v1, …, vk``.
+
+    Each f and k follows ``ahead`` other values.
 
     Returns
     -------
@@ -155,7 +157,7 @@ def _list_ends(window: Int, ahead: int, behind: int = 0) -> Int:
 
 
 def _solid_ends(window: Int, ahead: int) -> Int:
-    """Return the end of each possible cell: step over as many lists as its head states, by powers of two."""
+    """Return the end of each possible cell by stepping over its lists, in powers of two."""
     size = len(window)
     step = np.concatenate((np.minimum(_list_ends(window, ahead), size + 1), [size + 1, size + 1]))
     place = np.full(size, size + 1)

@@ -1,8 +1,7 @@
 """Read and write FVCA benchmark meshes: titles, each followed by a count and its rows.
 
 ``.typ2`` lists the points under ``Vertices`` and all cells under ``cells`` or ``Control volumes``, each with
-its
-number of points. ``.typ1`` has a title for each cell type. Points are numbered from 1.
+its number of points. ``.typ1`` has a title for each cell type. Points are numbered from 1.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Read and write OpenVolumeMesh's text format .ovm: points, edges, half-edges, half-faces.
 
 Half-edge 2 e runs from the first to the second point of edge e, 2 e + 1 in the opposite direction. Half-face
-2 f
-has the half-edges of face f in order, 2 f + 1 is seen from the other side.
+2 f has the half-edges of face f in order, 2 f + 1 is seen from the other side.
 """
 
 from __future__ import annotations

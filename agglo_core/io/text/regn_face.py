@@ -54,8 +54,7 @@ class RegnFace(Reading):
 
 
         Integer cell attributes of Triangle and TetGen become tags ``triangle:ref`` and ``tetgen:ref``,
-        further
-        attributes ``triangle:ref2``, ….
+        further attributes ``triangle:ref2``, ….
 
         Raises
         ------

@@ -1,1 +1,1 @@
-"""Convert the points and cells of a file to a mesh, and back to lists of cells and faces."""
+"""Convert points and cells to a mesh, and meshes to lists of cells and faces."""

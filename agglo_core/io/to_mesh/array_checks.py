@@ -15,7 +15,7 @@ from agglo_core.mesh.geometry.solid_cells import face_moments
 
 
 def check_directions(mesh: Mesh) -> None:
-    """Raise FileError if a shell of a 3-D cell, such as a cavity, has faces that look into the cell.
+    """Raise FileError if a shell of a 3-D cell, such as a cavity, is oriented inward.
 
     The arrays are already checked, so only cells with several shells can be wrong.
     """

@@ -166,10 +166,8 @@ def faces_with(mesh: Mesh, points: Float, offsets: Int, vertices: Int, cells: In
     """Return for each of k loops the face with the same points ``(k,)``, or −1.
 
     Points are compared by coordinates, because the construction of a mesh renumbers them. Repeated
-    consecutive
-    points count once (triangles stored as quadrilaterals). With ``cells``, the smaller number of the cells at
-    the
-    face must also agree.
+    consecutive points count once (triangles stored as quadrilaterals). With ``cells``, the smaller number of
+    the cells at the face must also agree.
     """
     # Number the points of mesh and file by coordinates.
     given = points[:, : mesh.dim]

@@ -67,8 +67,9 @@ def solids_of(mesh: Mesh, suffix: str) -> tuple[Float, Polyhedra]:
 
 
 def used_points(mesh: Mesh) -> tuple[Float, Int | None]:
-    """Return the points of faces (coarse meshes keep unused points) and the new point numbers, None if
-    unchanged.
+    """Return the face points, and new point numbers (None if unchanged).
+
+    Coarse meshes keep points without faces, which are dropped here.
     """
     used = np.zeros(mesh.n_points, bool)
     used[mesh.face_vertices] = True

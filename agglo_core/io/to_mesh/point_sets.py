@@ -17,8 +17,7 @@ def convex_hulls(points: Float, offsets: Int, vertices: Int, cells: Int) -> Poly
     """Return the convex hull of the points ``vertices[offsets[c]:offsets[c + 1]]`` for each given cell.
 
     Coplanar triangles form one face. Points inside a hull or a face are not used. The loop over cells takes
-    about
-    0.2 ms per cell.
+    about 0.2 ms per cell.
 
     Raises
     ------

@@ -5,9 +5,8 @@ faces refer to cells; a type that stands for several cells must be split with al
 joined (``soup_of_pieces`` in ``io/vtk/pieces.py``).
 
 To add a type: an element of ``mesh/elements.py`` needs its number in ``_SHAPES``; another 3-D shape also
-needs
-its faces there; a 2-D shape needs a row in ``_dimensions_and_corners`` and, if its nodes do not follow its
-boundary, a case in ``_loops``.
+needs its faces there; a 2-D shape needs a row in ``_dimensions_and_corners`` and, if its nodes do not follow
+its boundary, a case in ``_loops``.
 """
 
 from __future__ import annotations

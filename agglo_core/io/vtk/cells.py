@@ -62,8 +62,7 @@ def cells_of(mesh: Mesh) -> Cells:
 
     Triangles and convex quadrilaterals are VTK elements, other 2-D cells polygons, because VTK assumes that
     quadrilaterals are convex. Tetrahedra, hexahedra, wedges and pyramids are VTK elements if their faces
-    match
-    and no quadrilateral face is non-convex; other 3-D cells are polyhedra.
+    match and no quadrilateral face is non-convex; other 3-D cells are polyhedra.
     """
     if mesh.dim == 2:
         return _plane(mesh)

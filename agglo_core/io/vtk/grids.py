@@ -63,7 +63,7 @@ def piece_of(
     derived: Mapping[str, NDArray[Any]],
     share: Share | None = None,
 ) -> Piece:
-    """Return the cells of a mesh with tags and derived data, or the cells of a share with its data."""
+    """Return a piece with the cells, tags and derived data of a mesh, or of a share."""
     cells = cells_of(mesh) if share is None else these_cells(cells_of(mesh), share.cells)
     data = dict(tags)
     if (cells.loops > 1).any():
@@ -135,15 +135,12 @@ def write_grids(
     """Write ``path``, and with a hierarchy each coarse mesh beside it as ``NAME_level0.SUFFIX``, ….
 
     The fine mesh has its cell tags and the labels of every level (``level_0``, …). A coarse mesh has its tags
-    and
-    data on each agglomerate: ``agglomerate``, ``parent``, ``cells``, ``measure``, ``diameter`` and the
+    and data on each agglomerate: ``agglomerate``, ``parent``, ``cells``, ``measure``, ``diameter`` and the
     ``level_values``. These data are marked as derived, so that they do not become tags on reading; a name
-    already
-    used by a tag gets the prefix ``agglo_``. Field data hold face tags.
+    already used by a tag gets the prefix ``agglo_``. Field data hold face tags.
 
     A cell with several boundary loops (a hole) is one polygon with a bridge traversed in both directions.
-    Integer
-    cell data ``agglo_loops`` then hold the number of loops per cell. VTK reads such polygons, but its
+    Integer cell data ``agglo_loops`` then hold the number of loops per cell. VTK reads such polygons, but its
     triangulation does not fill them: colour the fine mesh by ``level_i`` to see the whole level.
 
     With a hierarchy of k levels, old tags ``level_<number>`` are not written, and files

@@ -175,8 +175,9 @@ class _Reader:
             self.data[unquote(name)] = values.reshape(-1, max(width, 1))
 
     def _lists(self, n: int, size: int) -> tuple[Int, Int]:
-        """Read list ends and list entries: separate offsets since version 5.1, a count before each list
-        earlier.
+        """Read list ends and list entries.
+
+        Since version 5.1 offsets are stored separately, earlier a count before each list.
         """
         place = self.file.tell()
         words = self.file.readline().decode("ascii", "replace").split()

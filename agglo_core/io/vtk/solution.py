@@ -27,8 +27,7 @@ def write_solution(path: str | PathLike[str], mesh: Mesh, samples: Samples, *, n
     """Write a sampled function to a ``.vtu`` file for ParaView and VTK.
 
     Cells share no points, so jumps are visible and holes are empty. Cell data: ``cell``, the cell number in
-    the
-    mesh (``agglo_cell`` if a tag is called ``cell``), and the cell tags of the mesh.
+    the mesh (``agglo_cell`` if a tag is called ``cell``), and the cell tags of the mesh.
 
     Raises
     ------

@@ -43,7 +43,7 @@ _FACES = 64  # face entries per cell above which an array is checked before it i
 
 
 class Vtu(Compressing):
-    """VTU with agglo's own reader and writer: any mesh with its cell tags and the labels of all levels.
+    """VTU with agglo's own reader and writer: any mesh with its cell tags and level labels.
 
     Parameters
     ----------

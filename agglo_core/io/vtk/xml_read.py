@@ -33,7 +33,7 @@ _WORDS = 1 << 16  # text numbers per conversion
 
 
 def is_derived(element: ElementTree.Element) -> bool:
-    """Return True if agglo derived a DataArray when it wrote the file, so that it is not a tag."""
+    """Return True for a DataArray that agglo derived from the mesh (not a tag)."""
     return element.get("agglo") == "derived"
 
 

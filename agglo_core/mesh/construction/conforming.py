@@ -175,9 +175,7 @@ def _cut(outer: Outer, contacts: Contacts, place: Int, owner: Int, merge: bool) 
 
 
 def _opposite(tails: Int, heads: Int, owner: Int) -> Int:
-    """Return for each piece the only other piece between its ends if it runs in the opposite direction, else
-    −1.
-    """
+    """Return for each piece its single counterpart with reversed direction, or −1."""
     order = np.lexsort((np.maximum(tails, heads), np.minimum(tails, heads)))
     ends = np.sort(np.stack((tails, heads))[:, order], axis=0)
     start = np.flatnonzero(np.concatenate(([True], (np.diff(ends, axis=1) != 0).any(axis=0))))
@@ -216,7 +214,10 @@ def _tiled(outer: Outer, contacts: Contacts, merge: bool) -> _Pieces:
 
 
 def _tiles(outer: Outer, contacts: Contacts, fits: Mask, times: Int) -> tuple[Int, Int]:
-    """Return pairs of a face and each of its tiles, faces in no other contact that cover it completely."""
+    """Return the (face, tile) pairs where tiles cover a face completely.
+
+    Tiles are in contact with this face only.
+    """
     both = np.concatenate((contacts.pairs, contacts.pairs[:, ::-1]))
     share, slack = np.concatenate((contacts.share, contacts.share[:, ::-1])), np.tile(contacts.slack, 2)
     tile = (share[:, 1] > 1 - slack) & np.tile(fits & ~contacts.alike, 2) & (times[both[:, 1]] == 1)

@@ -22,8 +22,7 @@ def warn_of_double_cover(mesh: Derived) -> None:
     """Log a warning if 2-D cells overlap, so that their total measure exceeds that of their union.
 
     The winding number of the outer faces counts the cells at a point (Stokes), so the cost depends on the
-    outer faces only. Overlaps within the tolerance of :meth:`Mesh.conforming` are accepted. Cells on the
-    same
+    outer faces only. Overlaps within the tolerance of :meth:`Mesh.conforming` are accepted. Cells on the same
     side of an edge are already reported during edge matching. 3-D meshes are not examined.
     """
     if mesh.dim != 2 or "overlapping edges left apart" in mesh.repairs:

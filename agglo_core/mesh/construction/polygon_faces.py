@@ -85,8 +85,7 @@ def plain_faces(offsets: Int, vertices: Int, n_points: int) -> tuple[Int, Int] |
     """Return face vertices and face cells ``(n_faces, 2)`` for counter-clockwise loops.
 
     Return None if an edge has more than two cells, two on the same side, or one cell on both sides. Faces are
-    in
-    the order in which the cells meet them.
+    in the order in which the cells meet them.
     """
     n = len(vertices)
     if n > np.iinfo(np.int32).max:

@@ -184,8 +184,9 @@ def kept_cells(flat: Mask, measure: str, drop_flat: bool, own: Int | None = None
 def _oriented(
     points: Float, offsets: Int, vertices: Int, weak: bool, drop_flat: bool
 ) -> tuple[Int, Int, Int, int, int]:
-    """Return cells with area, their counter-clockwise loops, and the numbers of simplified and reversed
-    cells.
+    """Orient the loops counter-clockwise and remove cells without area.
+
+    Return kept cells, loops, and the numbers of simplified and reversed cells.
     """
     from agglo_core.mesh.kernels.polygon_faults import check_polygons
 

@@ -31,8 +31,7 @@ def simple_solids(solids: Polyhedra) -> Polyhedra:
     """Remove repeated vertices from polyhedra, with the faces that lose their area.
 
     Faces with fewer than three vertices are dropped. In changed cells, pairs of faces with equal vertices
-    (the two
-    sides of a part without thickness) are also dropped.
+    (the two sides of a part without thickness) are also dropped.
     """
     loop_offsets, vertices = simple_loops(solids.loop_offsets, solids.vertices)
     cell = np.repeat(np.arange(len(solids.cell_offsets) - 1), np.diff(solids.cell_offsets))

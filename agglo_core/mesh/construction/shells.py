@@ -213,8 +213,7 @@ def _two_sides(f: Int, g: Int, clash: Mask, n: int) -> tuple[Int, Float]:
     """Return the patch of each face, and the sign that orients it like the patch's first face.
 
     Faces f and g share an edge; where ``clash`` is True, one of them must turn. Each face is represented by
-    two
-    nodes, as listed and turned. The connected components are then the two orientations of each patch.
+    two nodes, as listed and turned. The connected components are then the two orientations of each patch.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -244,8 +243,7 @@ def _shells(patch: Int, cell_of: Int, loops: Int, vertices: Int) -> Int:
 def _depths(surface: _Surface, shell: Int, cells: Int) -> Float:
     """Return the nesting depth of each shell: the number of shells around it in the same cell.
 
-    The depth is the sum of the other shells' face windings along a ray from a point on the shell. It is
-    NaN
+    The depth is the sum of the other shells' face windings along a ray from a point on the shell. It is NaN
     if the point lies on such a face, because the shells then share a part of a face.
     """
     offsets, vertices, points, vector, centre, side = surface

@@ -205,8 +205,9 @@ def _plates(outer: Outer, pairs: Int, reach: Float) -> Contacts:
 
 
 def _lifts(outer: Outer, ordered: Int, row: Int, first: Int, second: Int) -> tuple[Float, Float]:
-    """Return the largest vertex distances from the larger face's mean plane: for both faces, and for it
-    alone.
+    """Return the largest vertex distances from the larger face's mean plane.
+
+    The first array is for both faces, the second for the larger face alone.
     """
     large = ordered[row, 0]
     high, warp = np.zeros(len(ordered)), np.zeros(len(ordered))

@@ -49,8 +49,7 @@ def compared_diameters(
     """Return values on the same side of each increasing limit in ``limits (k,)`` as the diameters.
 
     The values are exact near a limit, lower bounds elsewhere, and infinite beyond the last limit. This is
-    many
-    times faster than :func:`diameters_of`.
+    many times faster than :func:`diameters_of`.
 
     Examples
     --------
@@ -75,7 +74,7 @@ def compared_diameters(
 def wide_parts(
     labels: Int, asked: Mask, limit: float, vertex_offsets: Int, vertices: Index, points: Float
 ) -> Mask:
-    """Return the mask of parts in ``asked (k,)`` that are wider than ``limit``.
+    """Return the mask of parts wider than ``limit``, among the parts ``asked (k,)``.
 
     The labels ``(n,)`` are below k.
 

@@ -48,10 +48,8 @@ def polyhedron_inertias(
 ) -> Float:
     """Return ∫ |x − C|² ``(n,)`` of polyhedra, by pyramids between their faces and the centroid C.
 
-    A face with area S, centroid m and moment ∫ |x − m|² = M, at distance h from C, contributes
-    h (S |m − C|² + M) / 5. ``vectors`` and ``centres`` are the area vectors and centroids ``(n_faces, 3)`` of
-    the
-    faces.
+    A face with area S, centroid m and moment ∫ |x − m|² = M, at distance h from C, contributes h (S |m − C|²
+    + M) / 5. ``vectors`` and ``centres`` are the area vectors and centroids ``(n_faces, 3)`` of the faces.
     """
     areas = np.linalg.norm(vectors, axis=1)
     spread = _face_inertias(points, face_offsets, face_vertices, vectors, centres)

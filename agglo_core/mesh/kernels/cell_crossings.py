@@ -12,7 +12,7 @@ _FLAT = 1e-12  # relative to the product of two lengths: tolerance for zero area
 
 @helper
 def _side(points, a, b, c):
-    """Return the side of ab that contains c: 1 left, −1 right, 0 on the line up to rounding."""
+    """Return the side of c relative to ab: 1 left, −1 right, 0 on the line (up to rounding)."""
     ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
     vx, vy = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1]
     area = ux * vy - uy * vx
@@ -150,10 +150,8 @@ def mark_crossings(points, offsets, tails, heads, chains, cells, bad):
     """Mark segment chains that cross others of their cell, or all chains of an inverted cell.
 
     Cell c has the segments ``offsets[c]`` to ``offsets[c + 1]``, sorted by their smallest x, each from a
-    point in
-    ``tails`` to a point in ``heads`` with the cell on its left. Each segment belongs to one of the
-    ``chains``. Only
-    ``cells`` are examined; ``bad`` is the mask of chains.
+    point in ``tails`` to a point in ``heads`` with the cell on its left. Each segment belongs to one of the
+    ``chains``. Only ``cells`` are examined; ``bad`` is the mask of chains.
     """
     for c in cells:
         begin, end = offsets[c], offsets[c + 1]

@@ -9,7 +9,7 @@ from agglo_core.compiled.compiling import helper, kernel
 
 @helper
 def _bend(points, a, b, c):
-    """Return the cosine of the turn at b between ab and bc: 1 for a straight line, −1 for a reversal."""
+    """Return the cosine of the turn from ab to bc: 1 straight on, −1 reversal."""
     product, first, second = 0.0, 0.0, 0.0
     for k in range(points.shape[1]):
         u, v = points[b, k] - points[a, k], points[c, k] - points[b, k]
@@ -42,11 +42,10 @@ def _sharpest(points, ends, at, e, v):
 
 @helper
 def _walk(ends, at, joint, e, v, used, edges, vertices, n_edges, n_chains):
-    """Write a chain that begins at v with edge e, and return the number of edges written so far.
+    """Write the chain from v along edge e, and return the total number of edges written.
 
     A chain has one vertex more than edges, so vertices are ``n_chains`` positions ahead. The chain ends at a
-    vertex
-    that is no joint, or at its first edge.
+    vertex that is no joint, or at its first edge.
     """
     while True:
         used[e] = True
@@ -64,11 +63,9 @@ def _walk(ends, at, joint, e, v, used, edges, vertices, n_edges, n_chains):
 def walk_chains(points, ends, joint, at):
     """Trace chains of edges ``ends (E, 2)`` through the vertices ``joint``, whose two edges are ``at``.
 
-    ``joint (n_points,)`` is a mask, ``at`` has a row per point. Chain c has ``edges[offsets[c]:offsets[c +
-    1]]``
-    and one vertex more; a closed chain begins and ends at its sharpest turn. Returns offsets, edges and
-    vertices;
-    the vertices of chain c begin at ``offsets[c] + c``.
+    ``joint (n_points,)`` is a mask, ``at`` has a row per point. Chain c has
+    ``edges[offsets[c]:offsets[c + 1]]`` and one vertex more; a closed chain begins and ends at its sharpest turn. Returns offsets, edges and
+    vertices; the vertices of chain c begin at ``offsets[c] + c``.
     """
     n = len(ends)
     used = np.zeros(n, np.bool_)
@@ -125,8 +122,7 @@ def _split(points, vertices, i, j, limit, keep, stack):
     """Mark vertices between positions i and j by the Douglas-Peucker algorithm.
 
     The vertex farthest from the segment is kept if its squared distance exceeds ``limit``; both halves are
-    then
-    processed. ``stack`` holds the pending intervals.
+    then processed. ``stack`` holds the pending intervals.
     """
     stack[0, 0], stack[0, 1], size = i, j, 1
     while size > 0:
@@ -175,10 +171,8 @@ def thinned(points, offsets, vertices, limits, chains, keep):
     """Mark in ``keep`` the vertices that chains need to stay within ``limits`` of all their vertices.
 
     The vertices of chain c are at ``offsets[c] + c`` to ``offsets[c + 1] + c``. A closed chain keeps at least
-    three.
-    ``limits (n,)`` are lengths, one per chain; ``keep`` has an entry per position in ``vertices`` and is
-    written
-    only for ``chains``.
+    three. ``limits (n,)`` are lengths, one per chain; ``keep`` has an entry per position in ``vertices`` and
+    is written only for ``chains``.
     """
     longest = 0
     for c in chains:

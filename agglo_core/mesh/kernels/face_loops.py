@@ -24,8 +24,7 @@ def loop_moments(points, offsets, vertices):
     """Compute area vectors and centroids of loops ``(n, 3)``, by triangle fans from their first points.
 
     Loop f has ``vertices[offsets[f]:offsets[f + 1]]``. The area vector is the area times the normal. The
-    centroid of
-    a loop without area is its first point.
+    centroid of a loop without area is its first point.
     """
     n = len(offsets) - 1
     total, centre = np.zeros((n, 3)), np.zeros((n, 3))

@@ -15,8 +15,7 @@ def match_half_edges(offsets, vertices, n_points):
 
     Returns face vertices (F, 2), face cells (F, 2), the cell pairs (D, 2) that traverse an edge in the same
     direction (they overlap; each keeps its own face), and the first edge with a third cell as (a, b, its
-    three
-    cells), else −1. An edge that one cell traverses in both directions is a bridge and dropped.
+    three cells), else −1. An edge that one cell traverses in both directions is a bridge and dropped.
     """
     n_half = len(vertices)
     head = np.full(n_points, -1, np.int64)
@@ -92,8 +91,9 @@ def cell_faces(face_cells, first, places, faces):
 
 @helper
 def _next_edge(points, start, end, first, other, used, h, seed):
-    """Return the edge that continues edge h: the leftmost edge, so that the loop stays at the same corner of
-    the cell.
+    """Return the leftmost edge that continues edge h.
+
+    The loop thus stays at the same corner of the cell.
 
     Candidates at the end of h are unused edges, and the ``seed``, which closes the loop.
     """
@@ -134,8 +134,7 @@ def chain_loops(points, offsets, faces, face_vertices, face_cells, first_cell, l
 
     No loop repeats a vertex. Cell ``first_cell + c`` has ``faces[offsets[c]:offsets[c + 1]]``. Vertices are
     written to ``loops``, with space for one per face. Returns the number of loops per cell (n + 1,) as
-    offsets, and
-    vertex offsets per loop.
+    offsets, and vertex offsets per loop.
     """
     n = len(offsets) - 1
     most = 0

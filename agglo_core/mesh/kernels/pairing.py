@@ -1,8 +1,8 @@
 """Pair half-edges of 2-D cells into faces, for meshes where every edge has one or two consistent cells.
 
 ``match_half_edges`` handles all other meshes. Here the half-edges are first sorted into buckets of points
-that
-fit into a cache. The caller allocates the largest arrays, see :mod:`agglo_core.mesh.kernels.plane_cells`.
+that fit into a cache. The caller allocates the largest arrays, see
+:mod:`agglo_core.mesh.kernels.plane_cells`.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ def to_buckets(offsets, vertices, first, places, edges):
     """Write (lower end, upper end, half-edge, cell) of cells ``first``, ... to buckets of lower ends.
 
     The next entry of bucket b is written to ``edges[places[b]]``, and ``places[b]`` is incremented. If
-    ``edges`` is
-    empty, entries are only counted. The upper end is stored as ~upper if the half-edge starts there.
+    ``edges`` is empty, entries are only counted. The upper end is stored as ~upper if the half-edge starts
+    there.
     """
     c, count_only = 0, len(edges) == 0
     for h in range(offsets[0], offsets[len(offsets) - 1]):
@@ -38,13 +38,13 @@ def to_buckets(offsets, vertices, first, places, edges):
 
 @kernel
 def pair_half_edges(edges, bounds, first, beyond):
-    """Write the cell across each half-edge of counter-clockwise cells: −1 outside, −2 at the second of a
-    pair.
+    """Write the cell across each half-edge of counter-clockwise cells.
+
+    It is −1 outside, and −2 at the second half-edge of a pair.
 
     The entries of bucket ``first + k`` are ``edges[bounds[k]:bounds[k + 1]]``, with rows (lower end, upper
-    end,
-    half-edge, cell) from :func:`to_buckets`. Returns the number of pairs, or −1 if an edge has more than two
-    cells, two cells on the same side, or one cell on both sides; the output is then invalid.
+    end, half-edge, cell) from :func:`to_buckets`. Returns the number of pairs, or −1 if an edge has more than
+    two cells, two cells on the same side, or one cell on both sides; the output is then invalid.
     """
     most = 0
     for k in range(len(bounds) - 1):
@@ -82,8 +82,7 @@ def number_faces(offsets, vertices, beyond, first, face_vertices, face_cells):
     """Write face vertices and face cells for cells ``first``, ..., in the order in which cells meet faces.
 
     Cell ``first + c`` has the half-edges ``offsets[c]:offsets[c + 1]``. Half-edges with ``beyond`` ≥ −1 are
-    faces;
-    the output has space for these only.
+    faces; the output has space for these only.
     """
     f, c = 0, 0
     for h in range(offsets[0], offsets[len(offsets) - 1]):

@@ -12,9 +12,8 @@ def outlines(offsets, tails, heads, n_points):
     """Return each patch's boundary vertices in order, and a flag for simple loops.
 
     The edges of patch p, in any order, are ``offsets[p]`` to ``offsets[p + 1]``, each from a point in
-    ``tails`` to a
-    point in ``heads``. A patch without edges is no simple loop, and the vertices of such patches are
-    undefined.
+    ``tails`` to a point in ``heads``. A patch without edges is no simple loop, and the vertices of such
+    patches are undefined.
     """
     n = len(offsets) - 1
     vertices, whole = np.empty(len(tails), np.int64), np.zeros(n, np.bool_)

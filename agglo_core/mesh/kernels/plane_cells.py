@@ -19,8 +19,7 @@ def half_edges(face_vertices, face_cells, places, edges):
     """Write (tail, head, opposite cell, ownership flag) for each cell's faces, in face order.
 
     The next entry of cell c is written to ``edges[places[c]]``, and ``places[c]`` is incremented. If
-    ``edges`` is
-    empty, entries are only counted.
+    ``edges`` is empty, entries are only counted.
     """
     count_only = len(edges) == 0
     for f in range(len(face_cells)):
@@ -39,10 +38,8 @@ def _moments(ends, own, start, stop):
     """Return area and centroid of a cell by the divergence theorem.
 
     ``ends[start:stop]`` are (tail x, y, head x, y) of its edges, counter-clockwise. Coordinates are relative
-    to a
-    vertex of the cell, so that small cells far from 0 lose no digits: the tail of the first edge if the cell
-    owns it
-    (``own``), else the head, which is then the first vertex of that face.
+    to a vertex of the cell, so that small cells far from 0 lose no digits: the tail of the first edge if the
+    cell owns it (``own``), else the head, which is then the first vertex of that face.
     """
     side = 0 if own else 2
     x0, y0 = ends[start, side], ends[start, side + 1]
@@ -64,10 +61,8 @@ def plane_cells(
     """Compute moments, vertices and neighbours of cells with half-edges ``edges[offsets[c]:offsets[c + 1]]``.
 
     Writes area, centroid, boundary length and number of neighbours per cell, and consecutively for all cells
-    their
-    vertices, neighbours (``indices``) and shared lengths (``interface``), with parallel faces summed. Returns
-    the
-    total number of neighbours. ``edges`` come from :func:`half_edges`.
+    their vertices, neighbours (``indices``) and shared lengths (``interface``), with parallel faces summed.
+    Returns the total number of neighbours. ``edges`` come from :func:`half_edges`.
     """
     n, start_of_all = len(offsets) - 1, offsets[0]
     most = 0

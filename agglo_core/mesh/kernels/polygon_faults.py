@@ -15,7 +15,7 @@ _BENT, _BENT_ZERO = 5, 6  # non-convex, still to be examined; the same with zero
 
 @helper
 def _crosses(points, a, b, c, d):
-    """Return True if the open segments ab and cd meet, or one passes through an end of the other."""
+    """Return True if segments ab and cd cross, overlap or touch."""
     # Coordinates relative to a.
     ax, ay = points[a, 0], points[a, 1]
     bx, by = points[b, 0] - ax, points[b, 1] - ay
@@ -41,8 +41,9 @@ def _crosses(points, a, b, c, d):
 
 @helper
 def _is_convex(points, vertices, start, stop):
-    """Return True if all turns have the same direction and the boundary winds once (it then cannot cross
-    itself).
+    """Return True if all turns have the same direction and the boundary winds once.
+
+    Such a boundary cannot cross itself.
     """
     # Turns at v from edge pv to vw; a straight turn must not fold back. In a single winding the x-direction
     # changes its sign twice (vertical edges count by their y-direction).
@@ -101,8 +102,7 @@ def plain_faults(points, offsets, vertices, weak):
 
 
     Polygon c has ``vertices[offsets[c]:offsets[c + 1]]``. If ``weak``, it may touch itself, and convexity is
-    not
-    tested.
+    not tested.
     """
     n = len(offsets) - 1
     area = np.zeros(n)

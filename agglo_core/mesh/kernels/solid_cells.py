@@ -49,10 +49,8 @@ def surfaces(offsets, vector, centre):
     """Sum areas, area vectors and fluxes over each cell's half-faces.
 
     Cell c has the half-faces ``offsets[c]:offsets[c + 1]``. ``vector`` and ``centre (h, 3)`` are the area
-    vector a
-    and the centre x of each half-face. With M the mean of a cell's centres, the flux of x - M through a
-    half-face
-    is a · (x - M).
+    vector a and the centre x of each half-face. With M the mean of a cell's centres, the flux of x - M
+    through a half-face is a · (x - M).
 
     Returns
     -------
@@ -89,11 +87,10 @@ def surfaces(offsets, vector, centre):
 
 @kernel
 def pair_half_faces(offsets, vertices, n_points):
-    """Pair loops with the same vertex set: the first gets the number of the second, the second gets −2.
+    """Pair loops with equal vertex sets: the first gets the second's number, the second −2.
 
     A loop without partner gets −1. If three loops have the same vertices, the result is empty. Loops repeat
-    no point;
-    loop f has ``vertices[offsets[f]:offsets[f + 1]]``.
+    no point; loop f has ``vertices[offsets[f]:offsets[f + 1]]``.
     """
     n, slots = len(offsets) - 1, 1
     while slots < n:

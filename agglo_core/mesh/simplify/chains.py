@@ -16,8 +16,7 @@ class Chains(NamedTuple):
 
 
     Its vertices are ``vertices[offsets[c] + c:offsets[c + 1] + c + 1]``; the first and last vertex of a
-    closed chain
-    are equal.
+    closed chain are equal.
     """
 
     offsets: Int

@@ -23,8 +23,7 @@ def fewer_edges(mesh: Derived, tags: Mapping[str, Int], tolerance: float) -> Few
     """Remove vertices of a 2-D mesh that are unnecessary within ``tolerance`` times h.
 
     Chains end where more than two edges meet and where a tag changes. Chains on the boundary are thinned only
-    where
-    they are straight, others within the tolerance times the diameter of the smaller cell.
+    where they are straight, others within the tolerance times the diameter of the smaller cell.
     """
     # Chains between two cells, thinned exactly, then within the tolerance.
     tails, heads = _directed(mesh)
@@ -100,8 +99,9 @@ def _thin_within(
 
 
 def _in_bad_cells(mesh: Derived, chains: Chains, keep: Mask, tails: Int, doubtful: Int) -> Mask:
-    """Return the mask of chains that make a cell self-intersecting, inverted or smaller than half its
-    measure.
+    """Return the mask of chains that make a cell invalid.
+
+    Invalid cells cross themselves, are inverted, or have less than half their measure.
     """
     from agglo_core.mesh.kernels.cell_crossings import mark_crossings
 
