@@ -42,6 +42,7 @@ def quotient(labels: Int, fine: BlockGraph) -> Quotient:
     edges = _sorted_rows(rows, columns, values, k)
     offsets, vertices = union_of_rows(part, k, fine.vertex_offsets, fine.vertices, len(fine.points))
     corners = _sorted_rows(offsets, vertices, np.zeros(len(vertices), bool), len(fine.points))
+    # Without measure in some part, the centroid is the mean over its nodes.
     total = added(fine.measures)
     mass = fine.measures if (total > 0).all() else frozen_float(np.ones(len(labels)))
     middle = np.stack([added(mass * x) for x in fine.centroids.T], axis=1) / added(mass)[:, None]

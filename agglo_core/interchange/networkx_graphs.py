@@ -43,6 +43,7 @@ def graph_to_networkx(graph: Graph) -> nx.Graph:
     taken = [name for name in graph.data if name in _RESERVED]
     if taken:
         raise MeshError(f"data {taken[0]!r} has the name of a node attribute: {', '.join(_RESERVED)}")
+    # Node and graph attributes as plain Python values.
     columns: dict[str, list[Any]] = {
         "centroid": graph.centroids.tolist(),
         "measure": graph.measures.tolist(),
@@ -59,6 +60,7 @@ def graph_to_networkx(graph: Graph) -> nx.Graph:
     )
     rows = zip(*columns.values(), strict=True)
     result.add_nodes_from((i, dict(zip(columns, row, strict=True))) for i, row in enumerate(rows))
+    # Each edge once.
     start = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
     once = start < graph.indices
     edges = (start[once].tolist(), graph.indices[once].tolist(), graph.interface[once].tolist())
@@ -112,6 +114,7 @@ def graph_from_networkx(
     if centroids is None or centroids.ndim != 2 or centroids.shape[1] not in (2, 3):
         given = "none has it" if centroids is None else f"given shape {centroids.shape}"
         raise MeshError(f"nodes need the attribute {centroid!r}, 2 or 3 coordinates each; {given}")
+    # Optional attributes.
     size = _column(nodes, measure, None)
     size = np.ones(len(nodes)) if size is None else frozen_float(size)
     load = _column(nodes, weight, None)
@@ -176,6 +179,7 @@ def _geometry(network: nx.Graph, nodes: Mapping[Any, Mapping[str, Any]], centroi
     """Return coordinates, cell vertices and blocks, stored or derived from the centroids."""
     n, d = centroids.shape
     stored = network.graph
+    # Other graphs: each node has its centroid as its only vertex.
     if "points" not in stored or any("vertices" not in attributes for attributes in nodes.values()):
         centre = 0.5 * (centroids.min(axis=0) + centroids.max(axis=0))
         return {
@@ -186,6 +190,7 @@ def _geometry(network: nx.Graph, nodes: Mapping[Any, Mapping[str, Any]], centroi
             "offsets": [0, n],
             "origin": np.asarray(stored.get("origin", np.zeros(d))) + centre,
         }
+    # Graphs with stored vertices.
     rows = [np.asarray(attributes["vertices"], np.int64) for attributes in nodes.values()]
     points, vertices = np.array(stored["points"], np.float64).reshape(-1, d), np.concatenate(rows)
     if len(vertices) and not 0 <= vertices.min() <= vertices.max() < len(points):

@@ -140,6 +140,7 @@ def _checked_items(polygons: Any) -> NDArray[np.object_]:
     items = np.fromiter(polygons, dtype=object)
     if not len(items):
         raise MeshError("the mesh is empty: no polygons were given")
+    # Type, emptiness and validity of all items.
     alien = np.flatnonzero(~shapely.is_geometry(items))
     if len(alien):
         kind = type(items[alien[0]]).__name__

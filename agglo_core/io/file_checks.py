@@ -120,6 +120,7 @@ def _stored(known: KnownFormat, path: Path) -> tuple[Mesh, Hierarchy | None]:
         given = known.tool.read_hierarchy(path)
     if not isinstance(given, tuple) or len(given) != 2:
         raise PluginError(f"{known.title}: read_hierarchy() returned {shown(given)}, expected a pair")
+    # Check the types, then that the hierarchy belongs to the mesh.
     mesh, hierarchy = _checked_mesh(known, "read_hierarchy", given[0]), given[1]
     if hierarchy is None:
         return mesh, None

@@ -161,6 +161,7 @@ def _native(arrays: Archive, allow_gaps: bool) -> tuple[Mesh, Hierarchy | None]:
     cells = arrays.integers("face_cells", (None, 2))
     offsets = arrays.integers("face_offsets", (len(cells) + 1,))
     vertices = arrays.integers("face_vertices", (int(offsets[-1]),))
+    # Any inconsistency in the arrays or the metadata means that the file is corrupt.
     try:
         mesh = trusted(
             Mesh,

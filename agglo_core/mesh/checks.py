@@ -85,6 +85,7 @@ def check_faces(points: Float, offsets: Int, vertices: Int, cells: Int) -> None:
         raise MeshError(f"face_cells must have shape (n_faces, 2), not {cells.shape}")
     if not len(cells):
         raise MeshError("the mesh is empty: it has no faces")
+    # Vertex lists of the faces.
     if len(offsets) != len(cells) + 1 or offsets[0] != 0 or offsets[-1] != len(vertices):
         raise MeshError(
             f"face_offsets must be {len(cells) + 1} numbers that rise from 0 to {len(vertices)}, the lengths "
@@ -97,6 +98,7 @@ def check_faces(points: Float, offsets: Int, vertices: Int, cells: Int) -> None:
         raise MeshError(f"face_offsets: a face has {wanted}, face {wrong[0]} has {sizes[wrong[0]]}")
     if vertices.view(np.uint64).max() >= len(points):  # single pass: negative numbers become large
         raise MeshError(f"face_vertices must lie in 0..{len(points) - 1}")
+    # Cells at the faces.
     if cells[:, 0].min() < 0 or cells[:, 1].min() < -1:
         raise MeshError("face_cells: every face needs an owner cell, and a neighbour cell or -1")
     n_cells = int(cells.max()) + 1

@@ -101,6 +101,7 @@ def _bar() -> Iterator[Listener]:
     from rich.progress import BarColumn, Progress as Bar, SpinnerColumn, TaskProgressColumn, TextColumn
     from rich.table import Column
 
+    # Columns: spinner, phase, bar, percentage, details.
     details = TextColumn(
         "{task.fields[text]}", markup=False, table_column=Column(no_wrap=True, overflow="ellipsis")
     )

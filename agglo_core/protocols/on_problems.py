@@ -84,8 +84,8 @@ class Solver(Protocol):
     meaning of the unknowns (:class:`~agglo_core.problems.Discretisation`). With the promise ``symmetric`` the
     solver also has ``aspreconditioner(problem, hierarchy)``, which returns a
     ``scipy.sparse.linalg.LinearOperator``. It sets ``needs_levels = False`` if it needs no levels,
-    ``plain_cg = True`` if it is plain conjugate gradients, and ``galerkin = False`` if its coarse operators are not Pᵀ A
-    P but rediscretised or rounded. With ``tells_progress = True`` it takes ``progress``, None or for
+    ``plain_cg = True`` if it is plain conjugate gradients, and ``galerkin = False`` if its coarse operators
+    are not Pᵀ A P but rediscretised or rounded. With ``tells_progress = True`` it takes ``progress``, None or for
     :func:`agglo_core.progress.phase`.
 
     Examples

@@ -5,7 +5,8 @@ module (or object) whose hooks return records::
 
     from agglo_core import Component, hookimpl
 
-    @hookimpl def agglo_components():
+    @hookimpl
+    def agglo_components():
         return [Component(kind="bisector", name="halves", target="my_package.halves:Halves")]
 
 To list components, only the declarations are imported; a target is imported when it is built. A plugin

@@ -140,6 +140,7 @@ def _component_faults(component: Component) -> Iterator[str]:
     name = component.name
     if not isinstance(name, str) or not _NAME.fullmatch(name) or name.lower() == "none":
         yield f"name {shown(name)} is not an identifier (a-z, A-Z, 0-9, '_'; 'none' means no component)"
+    # Requirements are module names, checked without an import.
     requires = component.requires
     if not isinstance(requires, tuple | list) or not all(isinstance(r, str) and r for r in requires):
         yield f"requires {shown(requires)} is not a tuple of module names"
@@ -156,6 +157,7 @@ def _component_faults(component: Component) -> Iterator[str]:
         yield f"fallback {shown(component.fallback)} is not the name of a bisector"
     yield from _suffix_faults(component)
     yield from _magic_faults(component)
+    # Promises.
     if not isinstance(component.promises, Mapping):
         yield f"promises {shown(component.promises)} is not a mapping of promise to bool or number"
         return

@@ -136,6 +136,7 @@ def _soup(path: Path) -> tuple[Soup, set[str], list[str]]:
         target = os.path.join(folder, "cells.npz")
         command = [sys.executable, "-P", "-m", "agglo_core.io.foreign.meshlane_soup"]
         search = os.pathsep.join(part for part in sys.path if part)
+        # The child process limits itself; the timeout only covers a blocked process.
         try:
             done = subprocess.run(
                 [*command, str(_without_marks(path.absolute(), folder)), target, str(seconds), str(memory)],

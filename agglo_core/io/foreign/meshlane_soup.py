@@ -177,11 +177,13 @@ def soup_from_meshlane(found: Any) -> Soup:
     points = np.asarray(found.points, dtype=np.float64)
     if points.ndim == 2 and points.shape[1] == 1:
         raise FileError("it holds a 1-D mesh")
+    # Convert block by block, then concatenate.
     parts = [_block(block.type, block.data) for block in found.cells]
     sizes = np.concatenate([np.empty(0, np.int64), *(np.diff(part[1]) for part in parts)])
     counts = [len(part[0]) for part in parts]
     vertices = np.concatenate([np.empty(0, np.int64), *(part[2] for part in parts)])
     solids = concatenate([part[3] for part in parts])
+    # meshlane does not check point numbers.
     for name, used in (("cells", vertices), ("faces", solids.vertices)):
         if used.size and (used.min() < 0 or used.max() >= len(points)):
             raise FileError(f"its {name} use points outside 0..{len(points) - 1}")

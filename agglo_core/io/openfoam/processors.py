@@ -69,11 +69,13 @@ def read_processors(folders: Sequence[Path]) -> tuple[FoamPart, Int]:
 
 def _side_by_side(parts: Sequence[FoamPart]) -> FoamPart:
     """Concatenate the arrays of all parts, without the patches between processors."""
+    # Offsets of points, cells and faces in the joined numbering.
     first_point, first_cell = (
         _starts(counts) for counts in ([len(p.points) for p in parts], [p.n_cells for p in parts])
     )
     first_face = _first_faces(parts)
     sizes = np.concatenate([np.diff(part.offsets) for part in parts])
+    # Pieces of periodic patches get the name of the whole patch.
     patches = _joined(
         (part.whole.get(name, name), faces + start)
         for part, start in zip(parts, first_face, strict=False)

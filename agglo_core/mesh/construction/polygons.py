@@ -51,6 +51,7 @@ def loops_as_csr(cells: Any) -> tuple[Int, Int]:
     """
     if isinstance(cells, tuple) and len(cells) == 2 and any(isinstance(part, np.ndarray) for part in cells):
         return whole_numbers(cells[0], "cell offsets"), whole_numbers(cells[1], "cells")
+    # Padded rows: a mask.
     if is_masked_array(cells) and cells.ndim == 2:
         kept = ~np.ma.getmaskarray(cells)
         gaps = np.flatnonzero((~kept[:, :-1] & kept[:, 1:]).any(axis=1))
@@ -61,6 +62,7 @@ def loops_as_csr(cells: Any) -> tuple[Int, Int]:
     if isinstance(cells, np.ndarray) and cells.ndim == 2:
         n, k = cells.shape
         return frozen_int(np.arange(n + 1) * k), whole_numbers(cells.ravel(), "cells")
+    # A sequence of loops.
     try:
         loops = [without_padding(loop) for loop in cells]
         sizes = [len(loop) for loop in loops]

@@ -83,6 +83,7 @@ def _oriented(points: Float, solids: Polyhedra, drop_flat: bool) -> tuple[Int, P
     if len(own) < len(solids.cell_offsets) - 1:
         solids = take_cells(solids, own)
     _check_counts(solids, own)
+    # Orientation by moments relative to the centre, to limit rounding.
     local = frozen_float(points - box_centre(points))
     vector, centre = face_moments(local, solids.loop_offsets, solids.vertices)
     cell_of = frozen_int(np.repeat(np.arange(len(own)), np.diff(solids.cell_offsets)))
@@ -99,6 +100,7 @@ def _oriented(points: Float, solids: Polyhedra, drop_flat: bool) -> tuple[Int, P
         raise MeshError(f"{name_cells(own[open_])}: the faces do not close, or cannot be oriented")
     if not flat.any():
         return own, solids, vector, sign
+    # Drop cells without volume and their half-faces.
     full = kept_cells(flat, "volume", drop_flat, own)
     half = ~flat[cell_of]
     return (

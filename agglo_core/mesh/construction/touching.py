@@ -52,6 +52,7 @@ class Contacts(NamedTuple):
 
 def outer_faces(mesh: Derived) -> Outer:
     """Return the faces of a mesh with a cell on one side only."""
+    # Outer faces with compact point numbers.
     faces = frozen_int(np.flatnonzero(mesh.face_cells[:, 1] < 0))
     start = mesh.face_offsets[faces]
     sizes = mesh.face_offsets[faces + 1] - start
@@ -60,6 +61,7 @@ def outer_faces(mesh: Derived) -> Outer:
     used, vertices = np.unique(mesh.face_vertices[places], return_inverse=True)
     points = mesh.points[used]
     points = frozen_float(points - box_centre(points) if len(used) else points)
+    # Area vector and centre of each face.
     if mesh.dim == 2:
         tail, head = points[vertices[::2]], points[vertices[1::2]]
         edge, centre = head - tail, 0.5 * (head + tail)

@@ -64,8 +64,8 @@ def walk_chains(points, ends, joint, at):
     """Trace chains of edges ``ends (E, 2)`` through the vertices ``joint``, whose two edges are ``at``.
 
     ``joint (n_points,)`` is a mask, ``at`` has a row per point. Chain c has
-    ``edges[offsets[c]:offsets[c + 1]]`` and one vertex more; a closed chain begins and ends at its sharpest turn. Returns offsets, edges and
-    vertices; the vertices of chain c begin at ``offsets[c] + c``.
+    ``edges[offsets[c]:offsets[c + 1]]`` and one vertex more; a closed chain begins and ends at its sharpest
+    turn. Returns offsets, edges and vertices; the vertices of chain c begin at ``offsets[c] + c``.
     """
     n = len(ends)
     used = np.zeros(n, np.bool_)
