@@ -194,7 +194,7 @@ def trusted(kind: type[T], /, *values: Any, **named: Any) -> T:
     Arrays become read-only, and are neither copied nor cast. They must be consistent and have no other
     writers.
     """
-    declared = fields(kind)  # all of these classes are dataclasses
+    declared = fields(kind)  # type: ignore[arg-type]  # all of these classes are dataclasses
     known = dict(zip((field.name for field in declared), values, strict=False), **named)
     for field in declared:
         if field.default_factory is not MISSING:

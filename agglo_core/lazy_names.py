@@ -43,4 +43,4 @@ def import_name(importer: str, file: Path, name: str) -> object:
         home = import_module(module)
         if hasattr(home, original):
             return getattr(home, original)
-    return import_module(f"{module}.{original}")  # a module
+    return import_module(f"{module}.{original}")  # the name is a module

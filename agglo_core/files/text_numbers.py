@@ -38,7 +38,7 @@ def integers(content: bytes, start: int = 0, stop: int | None = None) -> Int:
     Raises FileError as :func:`reals`.
     """
     values = _converted(content, start, stop, np.int64)
-    if values.size and (values.max() == _LARGEST or values.min() == -_LARGEST - 1):  # saturated
+    if values.size and (values.max() == _LARGEST or values.min() == -_LARGEST - 1):  # saturation
         raise FileError("it holds a number that an int64 cannot")
     return frozen_int(values)
 

@@ -62,7 +62,7 @@ def quotient_edges(labels, n_parts, indptr, indices, interface):
     for p in range(n_parts):
         end = first[p]
         # 1. Sum the edges of the part to each outer cell, in place. Positions of earlier parts lie before the
-        #   first position of this part, so nothing must be cleared.
+        #    first position of this part, so nothing must be cleared.
         for s in range(first[p], last[p]):
             if place[beyond[s]] >= first[p]:
                 share[place[beyond[s]]] += share[s]
@@ -91,7 +91,7 @@ def union_of_rows(labels, n_parts, offsets, values, n_values):
     """
     starts = np.zeros(n_parts + 2, np.int64)
     # 1. Counting sort of all rows by part. Counts are shifted by two: ``starts[p + 1]`` is the start of part
-    #   p, and advances to its end as rows are written.
+    #    p, and advances to its end as rows are written.
     for c in range(len(labels)):
         starts[labels[c] + 2] += offsets[c + 1] - offsets[c]
     for p in range(n_parts):

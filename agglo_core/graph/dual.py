@@ -135,7 +135,7 @@ class Graph(BlockGraph):
         columns: Index = copied("indices", indices, np.int32)
         size = np.ones(n) if measures is None else measures
         return cls(
-            indptr=indptr,  # type: ignore[arg-type]  # the constructor takes and checks what is no array yet
+            indptr=indptr,  # type: ignore[arg-type]  # checked by the constructor
             indices=columns,
             interface=np.ones(columns.size) if interface is None else interface,  # type: ignore[arg-type]
             centroids=centre - origin,

@@ -119,7 +119,7 @@ def least_cut(first, count, cost, roots, most):
     lengths, queue = np.ones(2 * n_nodes, np.int64), np.empty(2 * n_nodes, np.int64)
     top, pairs = np.full(n_nodes, -1, np.int64), np.zeros(n_nodes + 1, np.int64)
     # 1. Lengths of all tables, from the leaves up (children have larger numbers). ``pairs`` counts the pairs
-    #   up to each node, for the order in step 3.
+    #    up to each node, for the order in step 3.
     room, n_pairs = most - roots + 1, 0
     for p in range(n_nodes - 1, -1, -1):
         if count[p] > 0:
@@ -133,7 +133,7 @@ def least_cut(first, count, cost, roots, most):
     for p in range(n_nodes + n_pairs):
         offsets[p + 1] = offsets[p] + lengths[p]
     # 3. Fill the tables from the leaves up: pairs of children, then the node itself, finally the pairs of
-    #   roots.
+    #    roots.
     tables = np.empty(offsets[n_nodes + n_pairs])
     for p in range(n_nodes - 1, -1, -1):
         for k in range(pairs[n_nodes - 1 - p], pairs[n_nodes - p]):

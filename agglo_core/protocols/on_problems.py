@@ -85,8 +85,8 @@ class Solver(Protocol):
     solver also has ``aspreconditioner(problem, hierarchy)``, which returns a
     ``scipy.sparse.linalg.LinearOperator``. It sets ``needs_levels = False`` if it needs no levels,
     ``plain_cg = True`` if it is plain conjugate gradients, and ``galerkin = False`` if its coarse operators
-    are not Pᵀ A P but rediscretised or rounded. With ``tells_progress = True`` it takes ``progress``, None or for
-    :func:`agglo_core.progress.phase`.
+    are not Pᵀ A P but rediscretised or rounded. With ``tells_progress = True`` it takes ``progress``, None or
+    for :func:`agglo_core.progress.phase`.
 
     Examples
     --------

@@ -142,10 +142,10 @@ def read_entities(numbers: Numbers) -> dict[tuple[int, int], Entity]:
                 parent = tuple(numbers.ints(2).tolist())
                 parts = numbers.ints(int(numbers.sizes(1)[0]))
                 partition = int(parts[0]) if len(parts) else 0
-            numbers.reals(3 if dim == 0 and numbers.header.version == "4.1" else 6)  # its box
+            numbers.reals(3 if dim == 0 and numbers.header.version == "4.1" else 6)  # bounding box
             groups = np.abs(numbers.ints(int(numbers.sizes(1)[0])))  # negative where it is reversed
             if dim > 0:
-                numbers.ints(int(numbers.sizes(1)[0]))  # what bounds it
+                numbers.ints(int(numbers.sizes(1)[0]))  # boundary entities
             found[dim, own] = Entity(parent[1] if parent[0] == dim else own, frozen_int(groups), partition)
     return found
 
@@ -222,7 +222,7 @@ def _one_by_one(numbers: Numbers, n_elements: int) -> Elements:
     def ends(window: Int) -> Int:
         stops = np.full(len(window), len(window) + 1)
         kinds, n_tags = window[1:-1], window[2:]
-        sizes = _NODES[np.clip(kinds, 0, 255)]  # 1 for types that are refused below
+        sizes = _NODES[np.clip(kinds, 0, 255)]  # 1 for unsupported types, rejected below
         stops[: len(n_tags)] = np.arange(len(n_tags)) + 3 + np.clip(n_tags, 0, _LONGEST) + sizes
         return frozen_int(stops)
 

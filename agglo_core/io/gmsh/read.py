@@ -86,7 +86,7 @@ def soup_of_gmsh(content: bytes) -> tuple[Soup, set[str], list[str]]:
     # Version 2 repeats elements per group: merge the repetitions into one cell.
     first = first_listings(elements) if header.version == "2" else frozen_int(np.arange(len(elements.types)))
     kept = frozen_int(np.flatnonzero(first == np.arange(len(first))))
-    cell = frozen_int(np.searchsorted(kept, first))  # of each element of the file
+    cell = frozen_int(np.searchsorted(kept, first))  # cell per element of the file
     members = np.column_stack((cell[elements.members[:, 0]], elements.members[:, 1]))
     # Bound the memory of the tags before they are built.
     steps = {each.name: each.step for each in data}
@@ -116,7 +116,7 @@ def _group_tags(
     tags: dict[str, Int] = {}
     cells, numbers = members.T
     physical = np.zeros(len(dims), np.int64)
-    physical[cells[::-1]] = numbers[::-1]  # the first one stays
+    physical[cells[::-1]] = numbers[::-1]  # the first group is kept
     if len(members):
         tags["gmsh:physical"] = frozen_int(physical)
     # Membership of each name: equal number and dimension.

@@ -36,7 +36,7 @@ class _Elements(NamedTuple):
     dim: int
     types: Int  # (n,) Gmsh's
     offsets: Int  # (n + 1,)
-    nodes: Int  # from 1 on
+    nodes: Int  # numbered from 1
     groups: Mapping[str, Int]  # name -> (n,) 1 inside, 0 outside
 
 
@@ -146,7 +146,9 @@ def _write_elements(stream: TextIO, points: Float, parts: list[_Elements]) -> No
         sets, entity = np.unique(table, axis=0, return_inverse=True)
         for tag, members in enumerate(sets[:, 1:], 1):
             own = [i for i, inside in zip(numbers, members.tolist(), strict=True) if inside]
-            own = own or [len(names) + 1] * bool(names)  # readers want one for each entity, or for none
+            own = own or [len(names) + 1] * bool(
+                names
+            )  # readers expect a group for all entities, or for none
             entities[part.dim].append(f"{tag} {box} {len(own)} {' '.join(map(str, own))} 0\n")
         blocks += _blocks(part, entity.ravel() + 1, first)
         first += len(part.types)

@@ -184,7 +184,7 @@ def _tags(found: Mapping[str, Variable], count: int) -> dict[str, Int]:
     for variable, name in names.items():
         if variable not in found or (found[variable].shape[:1] != (count,) and NAMES in found):
             raise FileError(f"{NAMES} names the variable {variable!r}, which has not a row for each cell")
-        with suppress(FileError):  # lengths and the like are no tags
+        with suppress(FileError):  # real values are no tags
             tags[name] = frozen_int(found[variable].integers() - (1 if is_level(name) else 0))
     return tags
 

@@ -193,8 +193,8 @@ def thinned(points, offsets, vertices, limits, chains, keep):
                 keep[k] = True
             continue
         # 2. A closed chain has three corners: its first vertex, the vertex farthest from it, and the vertex
-        #   farthest from the segments between these two. The three pieces between corners are treated like
-        #   open chains.
+        #    farthest from the segments between these two. The three pieces between corners are treated like
+        #    open chains.
         middle = _farthest(points, vertices, i, j)[0]
         a, first = _farthest(points, vertices, i, middle)
         b, second = _farthest(points, vertices, middle, j)

@@ -42,7 +42,7 @@ def loop_moments(points, offsets, vertices):
                 centre[f, k] = points[a, k]
             continue
         # 2. The centroid is the mean of the triangle centroids, weighted by the areas projected along the
-        #   normal, so that the reversed triangles of loops with notches count negatively.
+        #    normal, so that the reversed triangles of loops with notches count negatively.
         for k in range(3):
             unit[k] = total[f, k] / size
         for h in range(offsets[f] + 1, offsets[f + 1] - 1):

@@ -31,7 +31,7 @@ def match_half_edges(offsets, vertices, n_points):
             b = vertices[h + 1] if h + 1 < stop else vertices[start]
             low, high = min(a, b), max(a, b)
             # 1. Search faces with these two vertices in the list of the lower vertex: ``partner`` has the
-            #   opposite direction, ``rival`` the same direction. A third cell is an error.
+            #    opposite direction, ``rival`` the same direction. A third cell is an error.
             f, partner, rival = head[low], -1, -1
             while f >= 0:
                 if max(face_vertices[f, 0], face_vertices[f, 1]) == high:
@@ -45,7 +45,7 @@ def match_half_edges(offsets, vertices, n_points):
                         rival = f
                 f = link[f]
             # 2. Make the cell the second cell of a face, or create a face; overlapping cells get separate
-            #   faces.
+            #    faces.
             if partner >= 0:
                 face_cells[partner, 1] = c
                 continue
@@ -176,7 +176,7 @@ def chain_loops(points, offsets, faces, face_vertices, face_cells, first_cell, l
             other[h] = first[start[h]]
             first[start[h]] = h
         # 4. Walk from each unused edge until the walk returns to it. At each repeated vertex the part since
-        #   its first visit is split off as a loop, so no loop repeats a vertex.
+        #    its first visit is split off as a loop, so no loop repeats a vertex.
         for seed in range(size):
             h, length = seed, 0
             while h >= 0 and (not used[h] or (h == seed and length > 0)):

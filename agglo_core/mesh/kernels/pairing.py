@@ -63,8 +63,8 @@ def pair_half_edges(edges, bounds, first, beyond):
             while j >= 0 and edges[j, 1] != key and edges[j, 1] != ~key:
                 j = link[j - start]
             # 3. The first half-edge of an edge is outside for now. The second must have the opposite
-            #   direction and another cell. It gets −2, because the first one creates the face; a third is an
-            #   error.
+            #    direction and another cell. It gets −2, because the first one creates the face; a third is an
+            #    error.
             if j < 0:
                 beyond[edges[i, 2]] = -1
                 link[i - start] = head[low]

@@ -28,7 +28,7 @@ def outlines(offsets, tails, heads, n_points):
         if not once:
             continue
         # 2. Follow the edges: they form one loop if the walk returns to the first edge after all edges, not
-        #   earlier.
+        #    earlier.
         h = begin
         for k in range(begin, end):
             vertices[k] = tails[h]

@@ -86,7 +86,7 @@ def plane_cells(
         start, stop = offsets[c] - offsets[first], offsets[c + 1] - offsets[first]
         area[c], centroid[c, 0], centroid[c, 1] = _moments(ends, edges[offsets[c], 3], start, stop)
         # 3. Add lengths to the domain boundary or to the neighbour, at its position in the row if it has one.
-        #   ``slot`` is never cleared, because positions in earlier rows are below ``row``.
+        #    ``slot`` is never cleared, because positions in earlier rows are below ``row``.
         boundary[c] = 0.0
         row = m
         for i in range(start, stop):

@@ -68,7 +68,7 @@ def surfaces(offsets, vector, centre):
             z += centre[h, 2]
         x, y, z = x / count, y / count, z / count
         # 2. Sums of areas, area vectors (u, v, w) and fluxes. All fluxes have the same sign only if all faces
-        #   look away from M, or all towards it.
+        #    look away from M, or all towards it.
         area, u, v, w, least, most, total = 0.0, 0.0, 0.0, 0.0, np.inf, -np.inf, 0.0
         for h in range(offsets[c], offsets[c + 1]):
             a, b, d = vector[h, 0], vector[h, 1], vector[h, 2]
