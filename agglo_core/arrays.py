@@ -43,7 +43,6 @@ def plain_array(values: Any, name: str = "array", error: type[AggloError] = Mesh
 
     Array subclasses become plain arrays.
 
-
     Raises
     ------
     AggloError
@@ -69,7 +68,6 @@ def exact_cast(
     """Cast an array to ``dtype`` exactly.
 
     Only floats may be rounded.
-
 
     Raises
     ------
@@ -162,7 +160,6 @@ def frozen_int(values: ArrayLike) -> Int:
 
     Errors are those of :func:`frozen`, so fractions are rejected.
 
-
     Examples
     --------
     >>> from agglo_core.authoring import frozen_int
@@ -177,7 +174,6 @@ def frozen_index(values: ArrayLike) -> Index:
     """Return a read-only int32 array (CSR indices).
 
     Errors are those of :func:`frozen`, so large numbers are rejected.
-
 
     Examples
     --------

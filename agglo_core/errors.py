@@ -13,7 +13,6 @@ class AggloError(Exception):
 
     The message contains the given value, the expected value and the location.
 
-
     Examples
     --------
     >>> try:
@@ -28,7 +27,6 @@ class MeshError(AggloError, ValueError):
     """A mesh or graph that breaks a rule.
 
     The message names cells or faces.
-
 
     Examples
     --------
@@ -56,7 +54,6 @@ class FileError(AggloError, ValueError):
 
     The message names the file.
 
-
     Examples
     --------
     >>> agglo.read("no.vtu")
@@ -70,7 +67,6 @@ class PluginError(AggloError, RuntimeError):
     """A component that is missing, unusable or misbehaves.
 
     The message names component, plugin and distribution.
-
 
     Examples
     --------

@@ -52,7 +52,6 @@ def using_threads(count: int | None, few: int | None = None) -> Iterator[None]:
 
     None leaves the number unchanged.
 
-
     Parameters
     ----------
     count : int or None

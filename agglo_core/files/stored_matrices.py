@@ -38,7 +38,6 @@ def read_matrix(path: Path) -> Any:
 
     Its indices are not yet checked.
 
-
     Raises
     ------
     FileError

@@ -164,7 +164,6 @@ def block_ranks(level: Graph, values: Float, extents: Float) -> Int:
 
     Values connected by a chain of tiny steps have equal ranks.
 
-
     Examples
     --------
     >>> from agglo_core.authoring import block_ranks

@@ -43,7 +43,6 @@ def broken_parts(indptr: Int, indices: Index, labels: Int | Index, asked: Mask) 
 
     The labels ``(n,)`` are below k.
 
-
     Several threads share the pass over all nodes, after which few nodes remain.
 
     Examples

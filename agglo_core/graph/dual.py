@@ -118,7 +118,6 @@ class Graph(BlockGraph):
 
         The arrays are copied.
 
-
         Interfaces and measures default to 1. Without cell vertices, diameters are those of the centroids.
 
         Raises
@@ -229,7 +228,6 @@ def dual_graph(mesh: Mesh) -> Graph:
     """Build the dual graph of a mesh.
 
     ``mesh.graph`` caches it.
-
 
     Examples
     --------

@@ -114,7 +114,6 @@ def normalised_cut(
 
     Parts without volume add 0.
 
-
     Examples
     --------
     >>> graph = agglo.samples.squares(2).graph

@@ -18,7 +18,6 @@ class Loads(NamedTuple):
 
     Subgraphs select from them, quotients add them up.
 
-
     Attributes
     ----------
     kind : "cells", "measure" or "weights"

@@ -47,7 +47,6 @@ def copied(name: str, values: ArrayLike, dtype: Any) -> NDArray[Any]:
 
     Integer types require integer input.
 
-
     Raises
     ------
     MeshError

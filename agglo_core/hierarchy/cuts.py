@@ -139,7 +139,6 @@ class Cut:
 
         With a grade, neighbours are split as necessary.
 
-
         Parameters
         ----------
         parts : (k,) int or (n_parts,) bool

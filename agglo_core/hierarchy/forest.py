@@ -20,7 +20,6 @@ class Forest(FieldState):
 
     Equal parts of several levels are one node.
 
-
     Attributes
     ----------
     cells : (n,) int

@@ -113,7 +113,6 @@ def from_geojson(collection: Mapping[str, Any], *, tolerance: float = 0.0, stric
 
     Feature i is cell i.
 
-
     Properties that are integers in every feature become cell tags (including ``level_0``, …); the names of
     other properties are logged.
 

@@ -168,7 +168,6 @@ def parts_from_metis(path: str | Path) -> Int:
 
     Raises FileError.
 
-
     Examples
     --------
     >>> from agglo_core.interchange import parts_from_metis

@@ -2,7 +2,6 @@
 
 The suffix selects the format.
 
-
 :func:`read` returns a mesh, :func:`read_hierarchy` also the stored hierarchy, and :func:`write` writes both;
 :mod:`agglo_core` re-exports all three. Formats are components (kind ``format``,
 :class:`~agglo_core.protocols.Format`), built in or from plugins. The built-in classes are :class:`Vtu`,
@@ -65,7 +64,6 @@ def read(
     """Read the mesh in a file.
 
     The suffix selects the format.
-
 
     If several formats claim a suffix, the first to accept the file reads it: built-in formats come before
     plugins, and meshlane comes last.
@@ -168,7 +166,6 @@ def write(
     """Write a mesh and optionally its hierarchy.
 
     The suffix selects the format.
-
 
     ``.npz`` keeps everything. ``.vtu`` holds the mesh with its tags and all level labels as cell data
     ``level_0``, …. Each coarse mesh goes into a file ``NAME_level0.vtu``, … beside it, with label, parent,

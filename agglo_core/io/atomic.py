@@ -29,7 +29,6 @@ def staging(path: Path) -> Iterator[Path]:
 
     Its files move beside ``path`` when the block ends without error.
 
-
     No file moves before all are written, and none at all if an existing target is not a regular file.
     Symbolic links are followed, permissions of existing files are kept. Folders left for the same ``path`` by
     killed processes are removed first.
@@ -195,7 +194,6 @@ def _lock(folder: Path) -> int | None:
     """Lock a folder until :func:`_unlock` or the end of the process.
 
     Return None if locks are unavailable.
-
 
     Raises
     ------

@@ -67,7 +67,6 @@ def write_by(
 
     Pass the optional arguments that the format declares.
 
-
     Raises
     ------
     AggloError

@@ -324,7 +324,6 @@ class Mesh(FieldState, Derived, Tagged):
 
         Faces and points are numbered as they are encountered.
 
-
         Tags are permuted with cells and faces; points without faces are dropped.
 
         Parameters

@@ -88,7 +88,6 @@ class Tagged:
 
         Tags with these names are replaced.
 
-
         Parameters
         ----------
         **tags : function of x, or (n_cells,) int or bool
@@ -114,7 +113,6 @@ class Tagged:
         """Return this mesh with additional face tags.
 
         Tags with these names are replaced.
-
 
         Parameters
         ----------

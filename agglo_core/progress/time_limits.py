@@ -51,7 +51,6 @@ def checked_seconds(owner: str, seconds: object) -> float | None:
 
     Raises OptionError for other values.
 
-
     Examples
     --------
     >>> from agglo_core.progress import checked_seconds

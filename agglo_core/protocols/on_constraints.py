@@ -39,7 +39,6 @@ class Admitting(Protocol):
 
     Pieces of admissible parts must also be admissible.
 
-
     Examples
     --------
     >>> import numpy as np

@@ -118,7 +118,6 @@ class UnevenBisector(Protocol):
 
         One side of block b holds ``shares[b] < 1/2``.
 
-
         The share refers to ``level.mass``; either side may be the lighter side.
         """
 
@@ -153,7 +152,6 @@ class Partitioner(Protocol):
     """Optional: direct k-way partition of a connected graph.
 
     The partition is refined unless ``final_parts = True``.
-
 
     Examples
     --------

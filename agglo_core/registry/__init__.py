@@ -9,9 +9,9 @@ module (or object) whose hooks return records::
     def agglo_components():
         return [Component(kind="bisector", name="halves", target="my_package.halves:Halves")]
 
-To list components, only the declarations are imported; a target is imported when it is built. A plugin
-that is broken, lacks a package or conflicts with another never stops the program: it is listed with its
-state and the reason, and its use raises :class:`~agglo_core.errors.PluginError`.
+To list components, only the declarations are imported; a target is imported at the first build. A broken
+or conflicting plugin, or a plugin without a required package, never stops the program: the listing shows
+its state and the reason, and its use raises :class:`~agglo_core.errors.PluginError`.
 
 **Installing a plugin runs its code**: agglo imports the declaration module whenever it searches for
 components. ``AGGLO_BLOCK=a,b`` prevents the import of these plugins, ``AGGLO_ONLY=a,b`` the import of all

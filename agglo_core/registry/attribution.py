@@ -27,7 +27,7 @@ class Member:
     title: str
 
     def offers(self, *methods: str) -> bool:
-        """Return True if the object has one of these methods.
+        """Return True if the object has at least one of the methods.
 
         This is ten times faster than isinstance with a protocol.
         """

@@ -55,7 +55,7 @@ class Registry:
     Attributes
     ----------
     hook : pluggy.HookRelay
-        The hooks themselves; :meth:`level_done` calls the watchers one by one.
+        The hooks themselves; :meth:`level_done` calls the watchers separately.
 
     Examples
     --------
@@ -76,7 +76,6 @@ class Registry:
         """Add a module or object with hooks.
 
         A broken plugin is listed with the reason.
-
 
         Raises
         ------
@@ -102,7 +101,7 @@ class Registry:
             self._plugins.remove(plugin)
 
     def block(self, name: str, reason: str = "blocked by the program") -> None:
-        """Make a plugin unusable, whether it is already registered or not."""
+        """Make a plugin unusable, registered or not."""
         self._blocked[name] = reason
         for plugin in self._plugins:
             if plugin.name == name:
@@ -120,7 +119,6 @@ class Registry:
 
         This method never fails.
 
-
         With a kind, only the components of that kind are listed.
         """
         return [record for record in self._records(kind) if record.command is None]
@@ -134,11 +132,10 @@ class Registry:
 
         ``name`` may be qualified as ``plugin/name`` (or ``distribution/name``).
 
-
         Raises
         ------
         PluginError
-            If it is unknown, not ok, or misbehaves, with component, plugin, distribution and version.
+            For an unknown, unusable or faulty component, with its plugin, distribution and version.
         OptionError
             If an option is not accepted, with the accepted options.
         """
@@ -156,7 +153,6 @@ class Registry:
         """Return the record for a name, in any state.
 
         ``kind`` may also be ``"command"``.
-
 
         Raises
         ------
@@ -198,7 +194,7 @@ class Registry:
                 detach(self._manager, watcher.plugin)
 
     def discover(self, environ: Mapping[str, str] = os.environ) -> None:
-        """Load every installed plugin, except those excluded by ``AGGLO_BLOCK`` and ``AGGLO_ONLY``."""
+        """Load all installed plugins except for exclusions by ``AGGLO_BLOCK`` and ``AGGLO_ONLY``."""
         if environ.get("AGGLO_TRACE"):
             self._manager.trace.root.setwriter(sys.stderr.write)
             self._manager.enable_tracing()

@@ -1,4 +1,4 @@
-"""Options that refer to code: texts from files must not cause imports unless the user allows them.
+"""Options that refer to code: texts from files cause no import without the user's permission.
 
 A component marks such an option by its annotation, and imports the code itself::
 

@@ -1,4 +1,4 @@
-"""Build a component: import the target, check the options, call it, check the result."""
+"""Build a component: import the target, check the options, call the target, check the result."""
 
 from __future__ import annotations
 
@@ -46,13 +46,12 @@ def resolve(record: Record) -> Any:
 def construct(record: Record, options: Mapping[str, Any], registry: object = None) -> Any:
     """Build the component of a record with these options.
 
-    ``registry`` is passed if it has such a parameter.
-
+    ``registry`` is passed to targets with this parameter.
 
     Raises
     ------
     PluginError
-        If it is not ok, cannot be imported or built, or lacks a method of its kind.
+        If the record is not ok, or its component cannot be imported or built, or lacks a method of its kind.
     OptionError
         If an option is unknown or missing; other AggloErrors of the constructor pass unchanged.
     """

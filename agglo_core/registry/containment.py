@@ -18,7 +18,7 @@ component.
 
 
 class LoadingError(Exception):
-    """A plugin raised an exception while it was loaded.
+    """A plugin raised an exception during its import or in a hook.
 
     The original exception is the cause.
     """

@@ -33,7 +33,7 @@ hookimpl = pluggy.HookimplMarker("agglo")
 
 @dataclass(frozen=True)
 class Component:
-    """Declaration of a component, without importing it.
+    """Declaration of a component, without an import of its target.
 
     Attributes
     ----------
@@ -50,13 +50,13 @@ class Component:
     summary : str
         One line for listings.
     fallback : str, optional
-        For a bisector with possibly one-sided output: the bisector that repairs such a piece.
+        For a bisector with possibly one-sided output: the bisector that splits the piece instead.
     suffixes : tuple of str
         For a format: the suffixes of its files, in lower case with their dot, so that it is imported only for
         such files. A format without declared suffixes is built to read its attribute ``suffixes``.
     magic : str
         For a format with ``suffixes``: a regular expression of bytes (as Latin-1). Files with another suffix
-        are also read if it matches in the first 512 bytes.
+        are also read if their first 512 bytes match.
 
     Examples
     --------
@@ -134,7 +134,7 @@ def faults(declared: Component | Command) -> Iterator[str]:
 
 
 def _component_faults(component: Component) -> Iterator[str]:
-    """Yield the faults of a declared component, one sentence each."""
+    """Yield the faults of a declared component as sentences."""
     if component.kind not in KINDS:
         yield f"kind {shown(component.kind)} is not known; accepted: {', '.join(KINDS)}"
     name = component.name
@@ -195,7 +195,7 @@ def is_suffix(suffix: object) -> bool:
 
 
 def made_plain(declared: Component | Command) -> Component | Command:
-    """Convert the texts of a faulty declaration to plain strings, so that it can be listed."""
+    """Convert the texts of a faulty declaration to plain strings for the listing."""
     name, target, summary = map(_text, (declared.name, declared.target, declared.summary))
     if isinstance(declared, Command):
         return Command(name, target, summary)

@@ -67,8 +67,7 @@ def version_of(distribution: str) -> str:
 def attach(manager: pluggy.PluginManager, plugin: object, key: str) -> tuple[list[Component | Command], str]:
     """Register the hooks of a plugin.
 
-    Return its declarations, and the reason if it is broken (or ``""``).
-
+    Return the declarations, and the reason if the plugin is broken (or ``""``).
 
     A broken plugin does not stay registered, so none of its hooks will be called.
     """
@@ -91,7 +90,7 @@ def attach(manager: pluggy.PluginManager, plugin: object, key: str) -> tuple[lis
 
 
 def detach(manager: pluggy.PluginManager, plugin: object) -> None:
-    """Unregister the hooks of a plugin, if they are registered."""
+    """Unregister the hooks of a plugin, if any."""
     if manager.is_registered(plugin):
         manager.unregister(plugin)
 

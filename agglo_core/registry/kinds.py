@@ -24,7 +24,7 @@ class Kind:
     summary : str
         Purpose of these components.
     methods : tuple of str
-        At least one of these is necessary, the preferred one first; empty if the target is a function.
+        Components have at least one of these methods, preferably the first; empty for functions.
     promises : tuple of str
         Promises that some law of the kind can check.
     laws : tuple of str

@@ -47,7 +47,7 @@ def parse_value(text: str) -> int | float | bool | str | None:
 
 
 def words_of(annotation: Any) -> list[str]:
-    """Return the words accepted by an option of this type, if they can be listed."""
+    """Return the words accepted by an option of this type, if the type has a finite list."""
     members = get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else (annotation,)
     words: list[str] = []
     for member in members:
@@ -75,7 +75,7 @@ def fit(annotation: Any, value: Any) -> tuple[bool, Any]:
 
 
 def _members(annotation: Any) -> tuple[Any, ...] | None:
-    """Return the types of a union, text last, or None if one of them is unsupported."""
+    """Return the types of a union, text last, or None for a union with an unsupported type."""
     members = get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else (annotation,)
     if not all(_is_known(member) for member in members):
         return None

@@ -36,7 +36,7 @@ class Option:
     ----------
     name : str
     type : object
-        Its annotation; ``inspect.Parameter.empty`` if there is none or it cannot be evaluated.
+        Its annotation; ``inspect.Parameter.empty`` without an annotation or if evaluation fails.
     default : object
         ``inspect.Parameter.empty`` for required options.
     about : str
@@ -60,7 +60,7 @@ class Option:
 
 
 def options_of(target: Callable[..., Any]) -> tuple[Option, ...] | None:
-    """Return the options of a class or factory, or None if it accepts any or has no signature.
+    """Return the options of a class or factory, or None for arbitrary options or without a signature.
 
     In the latter case the target checks the options itself.
     """
@@ -86,7 +86,7 @@ def _options_of(target: Callable[..., Any]) -> tuple[Option, ...] | None:
 def wants_registry(target: Callable[..., Any]) -> bool:
     """Return True if a class or factory has the parameter ``*, registry=None`` for its registry.
 
-    It is no option: users never see it.
+    This parameter is no option, and no listing shows it.
     """
     return _class_wants_registry(target) if isinstance(target, type) else _wants_registry(target)
 
@@ -122,8 +122,8 @@ def convert(option: Option, value: Any, owner: str) -> Any:
     Raises
     ------
     OptionError
-        If it does not fit, with the given value, the expected type and the owner of the option; also if it
-        refers to code and comes from a file.
+        For a value of another type, with the value, the expected type and the owner of the option; also for
+        a value from a file that refers to code.
     """
     if names_code(option.type) and is_written(value):
         raise OptionError(
@@ -144,9 +144,9 @@ def convert(option: Option, value: Any, owner: str) -> Any:
 
 
 def _annotation(target: Callable[..., Any], parameter: inspect.Parameter) -> Any:
-    """Return the annotation, evaluated if it is a string.
+    """Return the annotation of a parameter.
 
-    The result is empty if the evaluation fails.
+    A string annotation is evaluated; the result is empty if the evaluation fails.
     """
     given = parameter.annotation
     if not isinstance(given, str):
@@ -162,7 +162,7 @@ def _annotation(target: Callable[..., Any], parameter: inspect.Parameter) -> Any
 
 
 def _with_default(annotation: Any, default: Any) -> Any:
-    """Add None to an annotation if it is the default, because ``int = None`` is common."""
+    """Add None to the annotation of an option with default None, because ``int = None`` is common."""
     if default is not None or annotation is UNTYPED:
         return annotation
     return Optional[annotation]  # noqa: UP045 - None | None is an error

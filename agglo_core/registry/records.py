@@ -25,7 +25,6 @@ class Record:
 
     A failed plugin has neither.
 
-
     Attributes
     ----------
     component : Component or None
@@ -71,7 +70,7 @@ class Record:
 
     @property
     def in_tree(self) -> bool:
-        """True if it belongs to the ``agglo`` distribution itself, whose names are reserved."""
+        """True for records of the ``agglo`` distribution itself, whose names are reserved."""
         return re.sub(r"[-_.]+", "-", self.distribution).lower() == "agglo"
 
     @cached_property
@@ -190,7 +189,7 @@ def with_conflicts(records: Sequence[Record]) -> list[Record]:
 
 
 def _resolved(record: Record, rivals: list[Record]) -> Record:
-    """Resolve name conflicts: built-in components keep their names, plugins with equal names lose them."""
+    """Resolve name conflicts: built-in components keep their names, equal names of plugins conflict."""
     if len(rivals) == 1 and record.command is None:
         return record
     owners = [rival for rival in rivals if rival.in_tree] or rivals

@@ -21,11 +21,10 @@ def read_toml(path: Path) -> dict[str, Any]:
 
     A byte order mark is ignored.
 
-
     Raises
     ------
     FileError
-        With the file name, if it does not exist, cannot be read, is too large, or is not TOML.
+        With the file name, for a file that does not exist, cannot be read, is too large, or is not TOML.
     """
     text = _text(path)
     try:

@@ -78,7 +78,6 @@ class Meshlane(Reading):
 
         Integer cell data and cell sets become tags.
 
-
         Raises
         ------
         FileError, MeshError

@@ -45,7 +45,6 @@ def write_gmsh(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
 
     0/1 tags become physical groups, other cell tags element data.
 
-
     Raises
     ------
     FileError

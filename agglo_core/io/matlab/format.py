@@ -19,7 +19,6 @@ class Matlab(Compressing):
 
     Both are written.
 
-
     Parameters
     ----------
     merge_points : bool

@@ -158,7 +158,6 @@ def variables(content: bytes) -> dict[str, Variable]:
 
     Other classes are skipped.
 
-
     Raises
     ------
     FileError

@@ -21,7 +21,6 @@ def mesh_of_grid(grid: Variable) -> Mesh:
 
     Drop points without a face.
 
-
     Raises
     ------
     FileError, MeshError

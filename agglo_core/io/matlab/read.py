@@ -43,7 +43,6 @@ def read_matlab(path: Path, *, merge_points: bool, allow_gaps: bool, drop_flat: 
 
     Variables with an integer per cell become tags.
 
-
     Raises
     ------
     FileError, MeshError

@@ -36,7 +36,6 @@ class FoamParser:
 
     Each method advances past its result.
 
-
     Parameters
     ----------
     name : str

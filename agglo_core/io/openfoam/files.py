@@ -93,7 +93,6 @@ def labels_of(file: FoamFile, most: int) -> Int:
 
     Raises FileError if damaged.
 
-
     ``most`` bounds the number of labels, because a list of equal labels stores only its length and one label.
     """
     n, start, bracket = _declared(file, file.start, most)

@@ -46,7 +46,6 @@ def read_foam(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
 
     Patches and cell zones become tags with their names.
 
-
     Parameters
     ----------
     path : Path

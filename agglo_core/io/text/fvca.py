@@ -57,7 +57,6 @@ class Fvca(Reading):
 
         Cell data in agglo's own files become tags again.
 
-
         Raises
         ------
         FileError, MeshError

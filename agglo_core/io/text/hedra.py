@@ -33,7 +33,6 @@ class Hedra(Reading):
 
         Cell data in agglo's own files become tags again.
 
-
         Raises
         ------
         FileError, MeshError

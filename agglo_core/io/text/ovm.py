@@ -52,7 +52,6 @@ class Ovm(Reading):
 
         Properties of other programs are ignored.
 
-
         Raises
         ------
         FileError, MeshError

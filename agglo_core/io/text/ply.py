@@ -58,7 +58,6 @@ def read_elements(content: bytes, start: int, order: str, elements: list[Element
 
     ``order`` is the byte order, empty for text.
 
-
     Raises
     ------
     FileError
@@ -203,7 +202,6 @@ class Ply(Reading):
         """Read a PLY file.
 
         Integer properties of faces become cell tags, colours are ignored.
-
 
         Raises
         ------

@@ -41,7 +41,6 @@ class RegnFace(Reading):
 
     Either name is accepted.
 
-
     Triangle's triangles and TetGen's tetrahedra with the same suffixes are also read.
     """
 
@@ -51,7 +50,6 @@ class RegnFace(Reading):
         """Read ``NAME.node`` and ``NAME.ele``.
 
         Cell data in agglo's own files become tags again.
-
 
         Integer cell attributes of Triangle and TetGen become tags ``triangle:ref`` and ``tetgen:ref``,
         further attributes ``triangle:ref2``, ….

@@ -37,7 +37,6 @@ def face_fields(
 
     The mapping is empty without tags.
 
-
     Parameters
     ----------
     mesh : Mesh
@@ -97,7 +96,6 @@ def listed_faces(fields: Mapping[str, NDArray[Any]], n_points: int, n_cells: int
 
     Return None if there are none.
 
-
     Raises
     ------
     FileError
@@ -128,7 +126,6 @@ def joined_faces(listed: Sequence[ListedFaces | None], cells: Int, points: Int) 
     """Join the listed faces of pieces, with offsets of cells and points.
 
     Return None if the pieces disagree.
-
 
     They agree if their tags have the same names, and the same value on all other faces.
     """

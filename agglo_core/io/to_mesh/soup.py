@@ -75,7 +75,6 @@ def mesh_from_soup(
 
     Cells of one dimension less become face tags.
 
-
     Cells of lower dimensions are dropped.
 
     Raises

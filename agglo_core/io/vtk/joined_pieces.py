@@ -92,7 +92,6 @@ def in_global_order(soup: Soup) -> Soup:
 
     Raises FileError for contradictory ids.
 
-
     Cells and points without ids are unchanged.
     """
     if soup.point_ids is not None:

@@ -30,7 +30,6 @@ class Pvtu(Reading):
 
         Cells are in piece order.
 
-
         Raises
         ------
         FileError, MeshError

@@ -54,7 +54,6 @@ class VtkHdf(Compressing):
 
         Partitions are joined, integer cell data become cell tags.
 
-
         Raises
         ------
         FileError, MeshError

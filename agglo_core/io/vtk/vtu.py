@@ -75,7 +75,6 @@ class Vtu(Compressing):
 
         Pieces are joined, integer cell data become cell tags.
 
-
         Raises
         ------
         FileError, MeshError

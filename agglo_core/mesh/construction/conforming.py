@@ -53,7 +53,6 @@ def join_outer_faces(mesh: Derived, tolerance: float, merge: bool) -> Joined | N
 
     Return None if there are none.
 
-
     Parameters
     ----------
     mesh : Mesh

@@ -112,7 +112,6 @@ def build_polygons(
 
     Return them, the kept cells, and the number of given cells.
 
-
     Arguments and errors are those of ``Mesh.from_polygons``.
     """
     # Check the arrays.

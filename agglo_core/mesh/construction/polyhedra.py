@@ -39,7 +39,6 @@ def build_polyhedra(
 
     Return them, the kept cells, and the number of given cells.
 
-
     Arguments and errors are those of ``Mesh.from_polyhedra``.
     """
     # Check the arrays.

@@ -16,7 +16,6 @@ def diameters_of(offsets: Int, cells: Int, vertex_offsets: Int, vertices: Index,
 
     Block b is ``cells[offsets[b]:offsets[b + 1]]``.
 
-
     Parameters
     ----------
     offsets : (B + 1,) int
@@ -77,7 +76,6 @@ def wide_parts(
     """Return the mask of parts wider than ``limit``, among the parts ``asked (k,)``.
 
     The labels ``(n,)`` are below k.
-
 
     One pass over the cells bounds all parts; only parts close to the limit are measured exactly.
 

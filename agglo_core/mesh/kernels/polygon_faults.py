@@ -100,7 +100,6 @@ def plain_faults(points, offsets, vertices, weak):
 
     Non-convex polygons are only marked as such.
 
-
     Polygon c has ``vertices[offsets[c]:offsets[c + 1]]``. If ``weak``, it may touch itself, and convexity is
     not tested.
     """

@@ -14,7 +14,6 @@ class Chains(NamedTuple):
 
     Chain c has ``edges[offsets[c]:offsets[c + 1]]`` and one vertex more, in order.
 
-
     Its vertices are ``vertices[offsets[c] + c:offsets[c + 1] + c + 1]``; the first and last vertex of a
     closed chain are equal.
     """
