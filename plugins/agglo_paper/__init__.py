@@ -1,4 +1,4 @@
-"""The paper's tables and figures, ours beside the printed numbers."""
+"""Reproduce the paper's tables and figures beside the printed numbers."""
 
 from __future__ import annotations
 
@@ -7,5 +7,5 @@ from agglo_core.authoring import Command, hookimpl
 
 @hookimpl
 def agglo_commands() -> list[Command]:
-    """``agglo paper``."""
+    """Return the command ``agglo paper``."""
     return [Command("paper", "agglo_paper.command:paper", "The paper's tables and figures beside ours.")]

@@ -1,4 +1,4 @@
-"""The paper's claims, each checked against the fresh meshes and the timings."""
+"""Check the paper's claims against the fresh meshes and the timings."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from agglo_paper.work.plan import Plan
 from agglo_paper.work.store import Results
 from agglo_paper.work.strategies import Strategy
 
-_LEAST = 8  # meshes of which all must agree before a sign test reaches 0.01
+_LEAST = 8  # smallest number of agreeing meshes for a sign test at the level 0.01
 _MEASURES: Final = (
     ("CRc", "Learning-based strategies have rounder agglomerates than METIS (CRc, what the paper prints)"),
     ("CR", "The same, with CR as its text defines it"),
@@ -25,20 +25,20 @@ _MEASURES: Final = (
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim, the verdict on it, and the evidence."""
+    """A claim, its verdict, and the evidence."""
 
     text: str
     verdict: str
     evidence: Table
 
     def markdown(self) -> str:
-        """Heading, verdict, evidence."""
+        """Return heading, verdict and evidence as Markdown."""
         title, rest = self.evidence.markdown().split("\n\n", 1)
         return f"{title}\n\n**{self.verdict}**\n\n{rest}"
 
 
 def claims(plan: Plan, results: Results) -> Iterator[Claim]:
-    """The claims of the paper, in its order."""
+    """Yield the paper's claims, in order."""
     for name, text in _MEASURES:
         for rival, how in (
             (plan.printed[0], "METIS as the paper runs it, by count"),
@@ -60,16 +60,17 @@ def _claim(text: str, verdict: str, rows: Sequence[Row], notes: Sequence[str] = 
 
 
 def _learned(plan: Plan) -> list[Strategy]:
-    """The paper's two, and `gnn`."""
+    """Return the paper's two learned strategies, and `gnn`."""
     return [each for each in plan.compared[1:] if not each.problem]
 
 
 def _judged(plan: Plan) -> list[Strategy]:
-    """METIS as the paper runs it, and the learned ones."""
+    """Return METIS as the paper runs it, and the learned strategies."""
     return [each for each in plan.compared if not each.problem]
 
 
 def _comparison(plan: Plan, results: Results, text: str, rival: Strategy, name: str) -> Claim:
+    # 1. Paired differences to the rival, per family
     rows, outcomes = [], []
     for each in _learned(plan):
         if each is rival:
@@ -78,6 +79,7 @@ def _comparison(plan: Plan, results: Results, text: str, rival: Strategy, name: 
         outcomes += [each.outcome for each in found.values()]
         digits = 1 if name == "mg" else 3
         rows.append(Row(each.name, {family: each.text(digits) for family, each in found.items()}))
+    # 2. Verdict by the number of better and worse outcomes
     better, worse, n = outcomes.count("better"), outcomes.count("worse"), len(outcomes)
     if plan.fresh < _LEAST:
         verdict = "Too few meshes to tell."
@@ -130,7 +132,7 @@ def _gradients_claim(plan: Plan, results: Results) -> Claim:
 
 
 def _against_gradients(families: Sequence[str], learned: Sequence[float], metis: Sequence[float]) -> str:
-    """Verdict, from the shares of the meshes of each family on which either beats CG."""
+    """Return the verdict on CG, from the mesh fractions per family on which each side beats CG."""
     won = [family for family, share in zip(families, learned, strict=True) if share > 0.5]
     also = [family for family, share in zip(families, metis, strict=True) if share > 0.5]
     word = "Confirmed" if len(won) == len(families) and not also else "In part"
@@ -145,7 +147,7 @@ def _against_gradients(families: Sequence[str], learned: Sequence[float], metis:
 
 
 def _below(plan: Plan, results: Results, strategy: Strategy, family: str, tolerance: str) -> float:
-    """Share of the fresh meshes on which multigrid with m = 1 takes fewer iterations than plain CG."""
+    """Return the fresh mesh fraction on which multigrid with m = 1 takes fewer iterations than CG."""
     ours = sampled(plan, results, strategy, family, "m1")
     plain = sampled(plan, results, Strategy("CG", ""), family, tolerance)
     known = ~np.isnan(ours + plain)
@@ -163,7 +165,7 @@ def _speed_claim(plan: Plan, results: Results) -> Claim:
 
 
 def _speed_verdict(now: Mapping[str, float]) -> Iterator[str]:
-    """Sentences on the CPU time of one bisection by each method."""
+    """Yield sentences on each method's CPU time for one bisection."""
     network, ours = now.get("GNN, forward"), now.get("gnn")
     raw, wrapped = now.get("METIS, raw"), now.get("METIS through networkx")
     faster = [name for name in now if network is not None and now[name] < network]

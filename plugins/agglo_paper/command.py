@@ -1,4 +1,4 @@
-"""``agglo paper``: the paper's tables and figures, ours beside the printed numbers."""
+"""Implement ``agglo paper``: the paper's tables and figures beside agglo's."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ def paper(
     mesh: Path | None,
     as_json: bool,
 ) -> None:
-    """Reproduce the paper: WHAT is one or more of its tables and figures (default all).
+    """Reproduce tables and figures of the paper: WHAT selects them (default all).
 
-    Each cell is paper / ours, each row has a verdict and, where it differs, the reason. Every installed
-    bisector, or each that is chosen, has a column. An interrupted run goes on where it was.
+    Each cell is paper / ours; each row has a verdict and, for differences, the reason. Every installed or
+    selected bisector has a column. An interrupted run resumes.
     """
     chosen = {spec: choice("bisector", spec) for spec in bisectors} or None
     with one_thread(), without_notices():

@@ -1,4 +1,4 @@
-"""The paper's figures as SVG: agglomerated grids, box plots, the brain, runtimes."""
+"""Draw the paper's figures as SVG: agglomerated grids, box plots, the brain, runtimes."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ _ALSO = ("gnn", "kmeans", "spectral", "metis k-way")
 
 
 def _shown(plan: Plan) -> list[Strategy]:
-    """The paper's columns and a few of ours."""
+    """Return the paper's columns and a few of agglo's."""
     return [each for each in plan.usable if each in plan.printed or each.name in _ALSO]
 
 
 def draw_grids(plan: Plan, sources: Sequence[str], convention: str, path: Path) -> None:
-    """Each mesh in a row of its own: as it is, then agglomerated by the paper's columns and some of ours."""
+    """Draw each mesh in its own row: unchanged, then agglomerated by the paper's and some other columns."""
     shown = _shown(plan)
     across = len(shown) + 1 if len(sources) > 1 else (len(shown) + 2) // 2
     down = len(sources) if len(sources) > 1 else 2
@@ -70,7 +70,7 @@ def _agglomerated(axis: Any, mesh: Mesh, each: Strategy, source: str, convention
 
 
 def _panel(axis: Any, mesh: Mesh, hierarchy: Hierarchy | None, title: str) -> None:
-    dense = mesh.n_cells > _DENSE  # drawn as an image inside the SVG
+    dense = mesh.n_cells > _DENSE  # drawn as a bitmap inside the SVG
     if hierarchy is None:
         _fill(axis, mesh.coarsen(np.zeros(mesh.n_cells, np.int64)), [_PAPER], dense)
         _edges(axis, mesh, _FINE, 0.12 if dense else 0.4, dense)
@@ -87,7 +87,7 @@ def _panel(axis: Any, mesh: Mesh, hierarchy: Hierarchy | None, title: str) -> No
 
 
 def _fill(axis: Any, mesh: Mesh, palette: Sequence[str], rasterized: bool) -> None:
-    """Fill the cells, one path for all of a colour."""
+    """Fill the cells with one path per colour."""
     loops = mesh.boundary_loops
     colours = colouring(mesh, len(palette)) if len(palette) > 1 else np.zeros(mesh.n_cells, np.int64)
     owner = np.repeat(colours, np.diff(loops.cell_offsets))
@@ -104,7 +104,7 @@ def _edges(axis: Any, mesh: Mesh, colour: str, width: float, rasterized: bool) -
 
 
 def _path(axis: Any, lines: Iterable[Float], rasterized: bool, **style: Any) -> None:
-    """Draw polylines ``(k, 2)`` as one path; loops are filled by the even-odd of their directions."""
+    """Draw polylines ``(k, 2)`` as one path, with closed loops filled by the even-odd rule."""
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path as Outline
 
@@ -117,7 +117,7 @@ def _path(axis: Any, lines: Iterable[Float], rasterized: bool, **style: Any) -> 
 
 
 def draw_boxes(plan: Plan, results: Results, sources: Mapping[str, str], convention: str, path: Path) -> None:
-    """Box plots of UF (above) and CRc (below), a panel for each of the sources (name to source)."""
+    """Draw box plots of UF (above) and CRc (below), one panel per source (name to source)."""
     shown = _shown(plan)
     with picture((0.4 * len(shown) * len(sources) + 1.5, 5.0), path) as figure:
         panels = figure.subplots(2, len(sources), squeeze=False, sharey=True)
@@ -131,7 +131,7 @@ def draw_boxes(plan: Plan, results: Results, sources: Mapping[str, str], convent
 def _values(
     plan: Plan, results: Results, strategy: Strategy, source: str, convention: str, metric: str
 ) -> list[float]:
-    """Values of all agglomerates of the first repetition."""
+    """Return the values for all agglomerates in the first repetition."""
     first = repeats(plan, strategy)[0]
     values: list[float] = results[unit(source, convention, strategy, first).key].get(metric, [])
     return values
@@ -155,7 +155,7 @@ def _boxes(axis: Any, values: Mapping[str, Sequence[float]]) -> None:
 
 
 def draw_runtime(plan: Plan, results: Results, path: Path) -> None:
-    """CPU milliseconds by number of cells, logarithmic scales: one bisection, full recursion."""
+    """Draw CPU milliseconds by cell count, in log scales: one bisection, full recursion."""
     both = {kind: curves(plan, results, kind) for kind in KINDS}
     names = dict.fromkeys(name for lines in both.values() for name in lines if "whole" not in name)
     styles = {name: (f"C{k % 10}", ("-", "--")[k // 10 % 2]) for k, name in enumerate(names)}
@@ -169,7 +169,7 @@ def draw_runtime(plan: Plan, results: Results, path: Path) -> None:
 
 
 def _curve(axis: Any, name: str, line: Sequence[tuple[int, Cell]], colour: str, style: str) -> None:
-    """Median of the times by number of cells, over the band of all of them."""
+    """Plot the median time by cell count, over the band of all times."""
     at = [cells for cells, _ in line]
     median, low, high = ([getattr(c, what) or np.nan for _, c in line] for what in ("ours", "low", "high"))
     axis.plot(at, median, label=name, linewidth=1.1, color=colour, linestyle=style)
@@ -178,7 +178,7 @@ def _curve(axis: Any, name: str, line: Sequence[tuple[int, Cell]], colour: str, 
 
 @contextmanager
 def picture(size: tuple[float, float], path: Path) -> Iterator[Any]:
-    """A figure that is written to ``path`` when the block ends: the same content gives the same bytes."""
+    """Yield a figure, written to ``path`` at the end of the block, reproducibly to the byte."""
     try:
         from matplotlib import rc_context
         from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -1,4 +1,4 @@
-"""The front page of the results: the claims, how much was reproduced, and how it was made."""
+"""Write the front page: claims, reproduced rows, command and versions."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ What is not reproduced to the digit has its reason below its table.
 
 
 def front(plan: Plan, results: Results, pages: Sequence[Page], quick: bool, mesh: Path | None) -> str:
-    """The page ``README.md`` in Markdown."""
+    """Return the page ``README.md`` in Markdown."""
     parts = [_INTRO, _made(quick, mesh), "## The claims\n", _claims(plan, results)]
     parts += ["## The tables\n", _summary(pages), *_authors(pages)]
     if problems := plan.problems():
@@ -35,13 +35,13 @@ def front(plan: Plan, results: Results, pages: Sequence[Page], quick: bool, mesh
 
 
 def _made(quick: bool, mesh: Path | None) -> str:
-    """Command line and versions; of a mesh file the name alone."""
+    """Return command line and versions, with only the mesh file name."""
     listed = ", ".join(f"{name} {version}" for name, version in versions().items())
     return f"Made by `{command('all', quick, mesh)}` with {listed}.\n"
 
 
 def command(word: str, quick: bool, mesh: Path | None) -> str:
-    """Command that makes the pages of a word."""
+    """Return the command for a word's pages."""
     words = ["agglo", "paper", word, *(["--quick"] if quick else [])]
     return shlex.join([*words, *(["--mesh", mesh.name] if mesh is not None else [])])
 
@@ -68,6 +68,6 @@ def _summary(pages: Sequence[Page]) -> str:
 
 
 def _authors(pages: Sequence[Page]) -> list[str]:
-    """The table of `gnn` beside the authors' files, with the given mesh if there is one."""
+    """Return the table of `gnn` and the authors' files, for the given mesh if there is one."""
     found = [table for page in pages for table in page.tables if table.name.endswith("-authors")]
     return [table.markdown() for table in found[-1:]]

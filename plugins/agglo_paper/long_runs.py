@@ -1,4 +1,4 @@
-"""Contexts for long computations of a command: one thread, no repeated notices, a bar."""
+"""Contexts for long computations: one thread, no repeated notices, a progress bar."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _THREADS: Final = ("OMP", "OPENBLAS", "MKL", "NUMBA", "BLIS")
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Libraries loaded from here on use one thread: CPU times are compared."""
+    """Restrict libraries loaded in the block to one thread, for comparable CPU times."""
     names = [f"{library}_NUM_THREADS" for library in _THREADS]
     before = {name: os.environ.get(name) for name in names}
     os.environ.update(dict.fromkeys(names, "1"))
@@ -34,7 +34,7 @@ def one_thread() -> Iterator[None]:
 
 @contextmanager
 def without_notices() -> Iterator[None]:
-    """Hides notices about single cells larger than h*, which would be repeated thousands of times."""
+    """Hide notices about single cells larger than h*, which would repeat thousands of times."""
     log = logging.getLogger("agglo")
     level = log.level
     log.setLevel(logging.ERROR)
@@ -46,7 +46,10 @@ def without_notices() -> Iterator[None]:
 
 @contextmanager
 def progress() -> Iterator[Callable[[Sequence[Unit], str], Callable[[Unit, bool], None]]]:
-    """A bar on stderr: given the units of a page and its name, what to call after each."""
+    """Yield a function that starts a progress bar on stderr for the units of a page.
+
+    The function takes units and page name, and returns a function to call after each unit.
+    """
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 

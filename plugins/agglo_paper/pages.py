@@ -1,4 +1,4 @@
-"""From words of the command to pages: plan the work, do what is not stored yet, write pages and figures."""
+"""Build pages from command words: plan the work, compute missing results, write pages and figures."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from agglo_paper.work.store import Data, Results, Store, Unit
 from agglo_paper.work.strategies import columns
 
 Begin = Callable[[Sequence[Unit], str], Callable[[Unit, bool], None]]
-"""Called with the units of a page and its name; returns a function to call after each unit."""
+"""Function of a page's units and name that returns a function to call after each unit."""
 
 _TABLES: Final = ("uf", "cr", "brain", *multigrid.TABLES, "statistics", "runtime")
 _DRAWN: Final = ("uf", "brain", "runtime")
@@ -34,29 +34,33 @@ def build(
     begin: Begin,
     bisectors: Mapping[str, tuple[str, Mapping[str, Any]]] | None = None,
 ) -> tuple[list[Page], str]:
-    """Compute and write the pages of these words, figures beside them; the front page if it is ``all``.
+    """Compute and write the pages and figures for ``words``, and the front page for ``all``.
 
-    ``bisectors``, name and options by the heading of their column, stand in for every installed one.
+    ``bisectors``, name and options by column heading, replace the installed bisectors.
 
     Raises
     ------
     FileError
         If the folder cannot be written to, or the mesh cannot be read.
     OptionError
-        If figures are asked for without matplotlib.
+        If figures are requested without matplotlib.
     """
+    # 1. Plan
     plan = (quick if quickly else full)(columns(chosen=bisectors))
     sources = ["brain", *([brain.source_of(mesh)] if mesh is not None else [])]
     asked = [word for word in _TABLES if word in words or "all" in words]
-    shown = {"uf" if word == "cr" else word for word in asked}  # both have the same figures
+    shown = {"uf" if word == "cr" else word for word in asked}  # uf and cr share their figures
     drawn = [word for word in _DRAWN if word in shown or "figures" in words]
     if "figures" in words and find_spec("matplotlib") is None:
         raise OptionError('figures need matplotlib: pip install "agglo[plot]"')
+    # 2. Compute missing results
     try:
         folder.mkdir(parents=True, exist_ok=True)
         results = _computed(plan, dict.fromkeys([*asked, *drawn]), sources, Store(folder / "cache"), begin)
+        # 3. Draw the figures
         if find_spec("matplotlib") is not None:
             _draw(plan, results, drawn, sources, folder)
+        # 4. Write the pages
         pages = [page for word in asked for page in _pages(plan, results, word, sources)]
         pages = [_finished(page, plan, results, folder, sources) for page in pages]
         pages = [_signed(page, quickly, mesh) for page in pages]
@@ -72,7 +76,7 @@ def build(
 
 
 def _finished(page: Page, plan: Plan, results: Results, folder: Path, sources: Sequence[str]) -> Page:
-    """The page with the figures that exist, and the messages of what failed."""
+    """Complete a page with the existing figures and the failure messages."""
     word = next((w for w in _TABLES if w == page.name), "brain")
     failed: dict[str, str] = {}
     for unit in _units(plan, word, sources):
@@ -88,7 +92,7 @@ def _finished(page: Page, plan: Plan, results: Results, folder: Path, sources: S
 
 
 def _signed(page: Page, quickly: bool, mesh: Path | None) -> Page:
-    """The page with the command that makes it."""
+    """Append the command that reproduces the page."""
     word = page.name if page.name in _TABLES else "brain"
     own = mesh if page.name not in _TABLES else None
     return replace(page, intro=f"{page.intro}\n\nMade by `{command(word, quickly, own)}`.")
@@ -138,7 +142,7 @@ def _pages(plan: Plan, results: Results, word: str, sources: Sequence[str]) -> l
 
 
 def _draw(plan: Plan, results: Results, words: Sequence[str], sources: Sequence[str], folder: Path) -> None:
-    """Draw the figures of these pages."""
+    """Draw the figures for the selected pages."""
     if "uf" in words:
         grids = {grid: f"paper:{grid}" for grid in GRIDS}
         figures.draw_grids(plan, list(grids.values()), "run", folder / "grids.svg")

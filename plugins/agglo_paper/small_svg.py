@@ -1,4 +1,4 @@
-"""Drawings in fewer bytes: matplotlib writes six decimals, each dot's style, and pictures in true colour."""
+"""Shrink matplotlib drawings: fewer decimals, shared styles, palette images."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections import Counter
 from io import BytesIO
 
 _NUMBER = re.compile(r"-?\d+\.\d{3,}")
-_TAG = re.compile(r"<[a-z][^<>]*>")  # numbers between tags are words: labels of axes
+_TAG = re.compile(r"<[a-z][^<>]*>")  # numbers between tags are axis labels
 _SPACES = re.compile(r"\n\s+|(?<=[a-zA-Z0-9]) \n")
 _PICTURE = re.compile(r"(data:image/png;base64,)([^\"]+)")
 _STYLE = re.compile(r'style="([^"]+)"')
@@ -23,19 +23,22 @@ _OFTEN = 20
 
 
 def smaller(svg: str) -> str:
-    """Compress a drawing to within 0.06 points, with pictures in up to 20 colours.
+    """Compress a drawing to within 0.06 points, with images in up to 20 colours.
 
-    A drawing that went through it already stays as it is.
+    A compressed drawing stays unchanged.
     """
+    # 1. Set images aside, with fewer colours
     pictures: list[str] = []
 
     def keep(found: re.Match[str]) -> str:
         pictures.append(found[1] + _few_colours(found[2]))
         return f"kept picture {len(pictures) - 1};"
 
+    # 2. Round numbers, and shorten polylines and positions
     bare = _TAG.sub(lambda tag: _NUMBER.sub(_hundredths, tag[0]), _PICTURE.sub(keep, svg))
     bare = _POLYLINES.sub(_steps, _SPACES.sub("\n", bare))
     bare = _PLACE.sub(lambda found: f"{float(found[0]):.1f}", bare)
+    # 3. Share clips, names and styles
     bare = _shared_styles(_short_names(_joined_clips(bare)))
     return re.sub(r"kept picture (\d+);", lambda found: pictures[int(found[1])], bare)
 
@@ -45,7 +48,7 @@ def _hundredths(found: re.Match[str]) -> str:
 
 
 def _steps(found: re.Match[str]) -> str:
-    """Polylines of many corners as steps from corner to corner, to a tenth of a point."""
+    """Shorten long polylines to relative steps, to a tenth of a point."""
     words = found[2].split()
     if len(words) < _MANY:
         return found[0]
@@ -57,9 +60,9 @@ def _steps(found: re.Match[str]) -> str:
             continue
         here = round(10 * float(words[place + 1])), round(10 * float(words[place + 2]))
         across, down = (_tenths(now - before) for now, before in zip(here, at, strict=True))
-        if letter == "l":  # a corner that follows a move, or a line, needs no letter
+        if letter == "l":  # no letter needed after a move or a line
             short += _after(across) + _after(down)
-        elif here != at or short[-1:] in ("", "z"):  # to where it is already it need not move
+        elif here != at or short[-1:] in ("", "z"):  # skip moves to the current point
             short += "m" + across + _after(down)
         at, first, place = here, here if letter == "m" else first, place + 3
     return f'{found[1]}{short}"'
@@ -74,13 +77,13 @@ def _tenths(count: int) -> str:
 
 
 def _short_names(svg: str) -> str:
-    """Names that are hashes, in order of appearance."""
+    """Replace hash names by short names, as they appear."""
     names = {name: f"n{place:x}" for place, name in enumerate(dict.fromkeys(_HASH.findall(svg)))}
     return _HASH.sub(lambda found: names[found[0]], svg)
 
 
 def _few_colours(encoded: str) -> str:
-    """A PNG with a palette, if that is smaller."""
+    """Return a PNG with a palette, if smaller."""
     from PIL import Image
 
     before = base64.b64decode(encoded)
@@ -94,7 +97,7 @@ def _few_colours(encoded: str) -> str:
 
 
 def _joined_clips(svg: str) -> str:
-    """Neighbours that are clipped alike in one group."""
+    """Join adjacent groups with an equal clip path."""
     lines, last = [], ""
     for piece in re.split(r"(?=<g clip-path)", svg):
         found = _CLIPPED.match(piece)
@@ -107,7 +110,7 @@ def _joined_clips(svg: str) -> str:
 
 
 def _once(dots: re.Match[str]) -> str:
-    """A group of dots alike says once what they look like."""
+    """Move a common style of dots to their group."""
     looks = set(re.findall(r' class="\w+"', dots[2]))
     if len(looks) != 1 or dots[2].count(" class=") != dots[2].count("<use"):
         return dots[0]
@@ -116,7 +119,7 @@ def _once(dots: re.Match[str]) -> str:
 
 
 def _shared_styles(svg: str) -> str:
-    """Styles that many things have are named once, at the beginning."""
+    """Define frequent styles once, at the beginning."""
     counted = Counter(_STYLE.findall(svg))
     names = {
         style: f"s{place}" for place, (style, often) in enumerate(counted.most_common()) if often >= _OFTEN

@@ -1,4 +1,4 @@
-"""The comparisons of the paper over many fresh meshes: means, paired differences, sign tests."""
+"""Compare methods over many fresh meshes: means, paired differences, sign tests."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MEASURES: Final[Mapping[str, tuple[str, int]]] = {
     "mg": ("iterations, ℓ = 3, m = 3", 1),
     "m1": ("iterations, ℓ = 3, m = 1, to 1e-8", 1),
 }
-"""What is measured on every fresh mesh: title, digits."""
+"""Measured quantities on every fresh mesh: title, digits."""
 
 _INTRO = (
     "{n} fresh meshes a family, made from seeds used for nothing else: triangles and squares of the paper "
@@ -36,20 +36,20 @@ _INTRO = (
 
 
 def fresh_unit(family: str, number: int, strategy: Strategy, solver: str) -> Unit:
-    """One fresh mesh by one strategy."""
+    """Return the work unit for a strategy on one fresh mesh."""
     source = f"fresh:{family}:{number}"
     settings = {"source": source, "strategy": strategy.data(), "solve": bool(solver)}
     return Unit(fresh, settings, (strategy.package, solver))
 
 
 def plain_fresh(family: str, number: int, solver: str) -> Unit:
-    """Plain conjugate gradients on one fresh mesh, to 1e-6 and 1e-8."""
+    """Return the unit for plain conjugate gradients on one fresh mesh, to 1e-6 and 1e-8."""
     settings = {"source": f"fresh:{family}:{number}", "degree": 1, "tolerances": [1e-6, 1e-8]}
     return Unit(plain, settings, (solver,))
 
 
 def units(plan: Plan) -> Iterator[Unit]:
-    """Everything on every fresh mesh."""
+    """Yield all units on all fresh meshes."""
     for family in plan.families:
         for number in range(plan.fresh):
             if plan.solver:
@@ -58,10 +58,10 @@ def units(plan: Plan) -> Iterator[Unit]:
 
 
 def sampled(plan: Plan, results: Results, strategy: Strategy, family: str, name: str) -> Float:
-    """One number per fresh mesh ``(plan.fresh,)``; NaN where there is none, ∞ if it did not converge.
+    """Return one number per fresh mesh ``(plan.fresh,)``.
 
-    ``name`` is one of :data:`MEASURES`, ``spread`` (of the counts over ℓ), or for ``strategy`` named CG
-    ``1e-6``, ``1e-8``.
+    NaN means no value, ∞ no convergence. ``name`` is a key of :data:`MEASURES`, ``spread`` (of the counts
+    over ℓ), or, for the strategy CG, ``1e-6`` or ``1e-8``.
     """
     found = []
     for number in range(plan.fresh):
@@ -87,20 +87,20 @@ def _value(data: Data, name: str) -> float | None:
 
 
 class Paired:
-    """Paired comparison of two samples ``(n,)``: what the first gains, its wins and losses, a sign test.
+    """Paired comparison between two samples ``(n,)``: mean gain, wins, losses, sign test.
 
     Parameters
     ----------
     first, second : (n,) float
-        Meshes on which either is NaN are left out; ∞ loses, and does not enter the mean.
+        Meshes with NaN in either sample are left out; ∞ loses, and does not enter the mean.
     more : bool
-        Whether more is better.
+        Whether larger values are better.
     """
 
     def __init__(self, first: Float, second: Float, more: bool) -> None:
         from scipy.stats import binomtest
 
-        with np.errstate(invalid="ignore"):  # neither converged: they tie
+        with np.errstate(invalid="ignore"):  # tie if neither converged
             difference = np.where(first == second, 0.0, first - second)
         difference = difference[~np.isnan(difference)]
         gains = difference if more else -difference
@@ -120,7 +120,7 @@ class Paired:
         return "better" if self.wins > self.losses else "worse"
 
     def text(self, digits: int) -> str:
-        """``+0.012 ± 0.030, 40:10, p = 2e-05, better``."""
+        """Return a text like ``+0.012 ± 0.030, 40:10, p = 2e-05, better``."""
         if not self.n:
             return "–"
         deviation = "–" if np.isnan(self.std) else f"{self.std:.{digits}f}"
@@ -129,13 +129,13 @@ class Paired:
 
 
 def paired(plan: Plan, results: Results, first: Strategy, second: Strategy, family: str, name: str) -> Paired:
-    """Two strategies on the fresh meshes of a family."""
+    """Compare two strategies on a family's fresh meshes."""
     ours, theirs = (sampled(plan, results, each, family, name) for each in (first, second))
     return Paired(ours, theirs, more=name in ("UF", "CR", "CRc"))
 
 
 def page(plan: Plan, results: Results) -> Page:
-    """The page ``statistics``."""
+    """Return the page ``statistics``."""
     tables = [_means(plan, results, name) for name in MEASURES]
     by_count = plan.printed[0]
     for rival in (None if by_count.problem else by_count, same_sizes(plan)):
@@ -145,7 +145,7 @@ def page(plan: Plan, results: Results) -> Page:
 
 
 def same_sizes(plan: Plan) -> Strategy | None:
-    """METIS by recursive bisection to the same diameters, in the default pipeline."""
+    """Return METIS by recursive bisection to equal diameters, in the default pipeline."""
     mine = [s for s in plan.usable if s.bisector == "metis" and not s.by_count and s.method == "recursive"]
     return mine[0] if mine else None
 

@@ -1,1 +1,1 @@
-"""The tables: their form, the printed numbers, and one module for each kind."""
+"""Tables: their format, the printed numbers, and one module per kind."""

@@ -1,4 +1,4 @@
-"""``gnn`` beside the agglomerated grids that the paper's authors published as files."""
+"""Compare ``gnn`` with agglomerated grids published by the paper's authors."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def _ours(plan: Plan) -> Strategy | None:
 
 
 def _cases(source: str) -> Mapping[str, tuple[str, str, str]]:
-    """Rows: where the authors' numbers stand, the mesh, what it is coarsened to."""
+    """Return the rows: key of the authors' numbers, mesh, target convention."""
     brain = "brain (our section)" if source == "brain" else "brain (this mesh)"
     return {
         "random": ("random", "paper:random", "run"),
@@ -29,14 +29,14 @@ def _cases(source: str) -> Mapping[str, tuple[str, str, str]]:
 
 
 def authors_units(plan: Plan, source: str) -> Iterator[Unit]:
-    """Units of work of the table."""
+    """Yield the work units for the table."""
     ours = _ours(plan)
     if ours is not None:
         yield from (unit(mesh, convention, ours) for _, mesh, convention in _cases(source).values())
 
 
 def authors_table(plan: Plan, results: Results, source: str, name: str) -> Table:
-    """K / UF / CR / CRc of the authors' files and of `gnn` by the default pipeline."""
+    """Return K / UF / CR / CRc for the authors' files and for `gnn` in the default pipeline."""
     ours, rows = _ours(plan), []
     for row, (key, mesh, convention) in _cases(source).items():
         theirs = printed()["authors"][key]

@@ -1,4 +1,4 @@
-"""The brain: our section, and any mesh that is given, in the paper's terms (paper, section 4.1)."""
+"""The brain page: the shipped section, or a given mesh, in the paper's terms (section 4.1)."""
 
 from __future__ import annotations
 
@@ -25,12 +25,14 @@ _INTRO = (
 
 
 def source_of(file: Path) -> str:
-    """The source text of a mesh file; it names the content too, so that a changed file is another one.
+    """Return the source text for a mesh file.
+
+    The text contains a digest, so that a changed file is a different source.
 
     Raises
     ------
     FileError, MeshError
-        If there is no plane mesh in the file.
+        If the file contains no 2-D mesh.
     """
     try:
         digest = hashlib.sha256(file.read_bytes()).hexdigest()[:16]
@@ -43,18 +45,18 @@ def source_of(file: Path) -> str:
 
 
 def page_name(source: str) -> str:
-    """Name of the page of a source."""
+    """Return a source's page name."""
     return "brain" if source == "brain" else Path(source.partition(":")[2].partition(":")[2]).stem
 
 
 def units(plan: Plan, source: str) -> Iterator[Unit]:
-    """All measurements of the page of a source."""
+    """Yield all measurements for a source's page."""
     yield from shape_units(plan, [source], ["brain"])
     yield from authors_units(plan, source)
 
 
 def page(plan: Plan, results: Results, source: str) -> Page:
-    """The page of a source: the printed table, every bisector, and `gnn` beside the authors' files."""
+    """Return a source's page: printed table, all bisectors, and the authors' files."""
     name = page_name(source)
     tables = [
         _as_printed(plan, results, source, name),

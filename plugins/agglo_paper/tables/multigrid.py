@@ -1,4 +1,4 @@
-"""The four tables of multigrid iterations, with plain conjugate gradients beside them (paper, section 5)."""
+"""The four tables with multigrid and conjugate gradient iterations (paper, section 5)."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ TABLES: Final[Mapping[str, tuple[str, str, Sequence[int]]]] = {
     "mg-smoothing": ("Iterations by smoothing steps m (ℓ = 3, p = 1)", "steps", (1, 5)),
     "mg-degree": ("Iterations by polynomial degree p (ℓ = 3, m = 3)", "degree", (1, 6, 7)),
 }
-"""By word of the command: title, what varies, and which settings."""
+"""By command word: title, varying parameter, settings."""
 
 _SIGNS: Final = {"levels": "ℓ", "steps": "m", "degree": "p"}
 
 
 def unit(plan: Plan, grid: str, strategy: Strategy, repeat: int = 0) -> Unit:
-    """All counts of a strategy on a grid of the paper."""
+    """Return the work unit with all counts for a strategy on a paper grid."""
     wanted = [i for i, each in enumerate(SETTINGS) if each.degree <= plan.degrees]
     settings: Data = {"source": f"paper:{grid}", "strategy": strategy.data(), "settings": wanted}
     if repeat and strategy.varies:
@@ -37,13 +37,13 @@ def unit(plan: Plan, grid: str, strategy: Strategy, repeat: int = 0) -> Unit:
 
 
 def plain_unit(plan: Plan, grid: str, degree: int) -> Unit:
-    """The count of plain conjugate gradients on a grid of the paper."""
+    """Return the work unit for plain conjugate gradients on a paper grid."""
     settings = {"source": f"paper:{grid}", "degree": degree, "tolerances": [1e-6]}
     return Unit(plain, settings, (plan.solver,))
 
 
 def units(plan: Plan) -> Iterator[Unit]:
-    """All counts of the four tables."""
+    """Yield all counts for the four tables."""
     for grid in plan.grids if plan.solver else ():
         yield from (plain_unit(plan, grid, degree) for degree in range(1, plan.degrees + 1))
         for strategy in plan.usable:
@@ -51,7 +51,7 @@ def units(plan: Plan) -> Iterator[Unit]:
 
 
 def page(plan: Plan, results: Results, name: str) -> Page:
-    """The page of one of :data:`TABLES`."""
+    """Return the page for a key of :data:`TABLES`."""
     title, _, _ = TABLES[name]
     tables = [_table(plan, results, name, as_printed) for as_printed in (True, False)]
     if not plan.solver:

@@ -1,4 +1,4 @@
-"""The paper's printed numbers, what counts as reproduced, and the reasons for what is not."""
+"""The paper's printed numbers, the verdict rules, and the reasons for differences."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _NETWORKS: Final = ("GNN", "gnn")
 
 
 class Band(NamedTuple):
-    """Half-width of what counts as within band, absolute or relative to the printed number."""
+    """Accepted half-width, absolute or relative to the printed number."""
 
     width: float
     relative: bool
@@ -26,18 +26,21 @@ class Band(NamedTuple):
 
 @cache
 def printed() -> Mapping[str, Any]:
-    """Content of ``published.toml``."""
+    """Return the content of ``published.toml``."""
     text = files("agglo_paper.tables").joinpath("published.toml").read_text(encoding="utf-8")
     return tomllib.loads(text)
 
 
 def band(name: str) -> Band:
-    """Band of ``uf``, ``cr``, ``ratios``, ``counts`` or ``cg``."""
+    """Return the band for ``uf``, ``cr``, ``ratios``, ``counts`` or ``cg``."""
     return Band(float(printed()["bands"][name]), name not in ("uf", "cr"))
 
 
 def number(table: Mapping[str, Any], column: str, place: int | None = None) -> float | None:
-    """The printed number of a column, if any; our `gnn` is compared with the paper's GNN."""
+    """Return a column's printed number, if any.
+
+    `gnn` is compared with the paper's GNN.
+    """
     value = table.get("GNN" if column == "gnn" else column)
     if value is None:
         return None
@@ -45,9 +48,9 @@ def number(table: Mapping[str, Any], column: str, place: int | None = None) -> f
 
 
 def judge(cell: Cell, band: Band) -> str:
-    """Verdict on a cell: equal as printed, near (by the band, or inside our own spread), or neither.
+    """Judge a cell: equal as printed, near (in the band or the repetition range), or neither.
 
-    Empty where the paper prints nothing.
+    Returns an empty text if the paper prints nothing.
     """
     if cell.paper is None:
         return ""
@@ -64,19 +67,19 @@ def judge(cell: Cell, band: Band) -> str:
 def judged(
     table: str, name: str, cells: Mapping[str, Cell], usual: Band, others: Mapping[str, Band] | None = None
 ) -> Row:
-    """A row with its verdict and the reasons for the cells that are not exact.
+    """Return a row with its verdict, and the reasons for all inexact cells.
 
-    The learned columns decide, and of the two networks the better one; METIS and CG, the references, only
-    where they are alone. Verdicts that differ from it are listed after it.
+    The learned columns decide, with the better network of the two; the references METIS and CG decide only
+    if they are alone. Deviating verdicts are listed after the main verdict.
 
     Parameters
     ----------
     table, name : str
-        Which reasons apply; ``name`` heads the row.
+        Table and row heading, which select the reasons.
     cells : mapping of column to Cell
     usual : Band
     others : mapping of column to Band, optional
-        Where another band holds.
+        Bands for special columns.
     """
     verdicts = {column: judge(cell, (others or {}).get(column, usual)) for column, cell in cells.items()}
     verdicts = {column: verdict for column, verdict in verdicts.items() if verdict}

@@ -1,4 +1,4 @@
-"""Tables as data: cells that hold the paper's number beside ours, rows with a verdict, pages of tables."""
+"""Tables as data: cells with both numbers, rows with a verdict, pages."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Cell:
-    """A number of ours, the paper's, and the spread of ours over repetitions.
+    """A number from agglo and from the paper, with the range over repetitions.
 
     Attributes
     ----------
     ours, paper : float, optional
-        None where there is none.
+        None if there is none.
     low, high : float, optional
-        Range of ours; ``ours`` is the median then.
+        Range of ours; ``ours`` is then the median.
     flag : str
-        A mark after our number, explained in the notes of the table.
+        Mark after our number, explained in the table notes.
     """
 
     ours: float | None = None
@@ -29,7 +29,7 @@ class Cell:
     flag: str = ""
 
     def text(self, digits: int) -> str:
-        """``paper / ours (low–high)``, or ``ours`` alone."""
+        """Return ``paper / ours (low–high)``, or ``ours`` alone."""
         ours = _number(self.ours, digits) + self.flag
         if self.low is not None and self.high is not None and self.low < self.high:
             ours += f" ({_number(self.low, digits)}–{_number(self.high, digits)})"
@@ -38,7 +38,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Row:
-    """A row: cells by column, or plain words where no number fits; verdict on them, and the reasons."""
+    """A row: cells or texts by column, verdict, and reasons."""
 
     name: str
     cells: Mapping[str, Cell | str]
@@ -53,11 +53,11 @@ class Table:
     Attributes
     ----------
     name : str
-        Unique, for programs.
+        Unique key for programs.
     title : str
     rows : sequence of Row
     digits : int
-        After the point, 0 for counts.
+        Number of decimals, 0 for counts.
     corner : str
         Heading of the first column.
     notes : sequence of str
@@ -72,11 +72,11 @@ class Table:
 
     @property
     def columns(self) -> list[str]:
-        """Headings of the columns, in order of appearance."""
+        """Column headings, in order of appearance."""
         return list(dict.fromkeys(name for row in self.rows for name in row.cells))
 
     def markdown(self) -> str:
-        """The table in Markdown, reasons and notes below it."""
+        """Return the table in Markdown, with reasons and notes below."""
         judged = any(row.verdict for row in self.rows)
         heads = [self.corner, *self.columns, *(["verdict"] if judged else [])]
         reasons = list(dict.fromkeys(reason for row in self.rows for reason in row.why))
@@ -103,7 +103,7 @@ class Page:
     failures: Sequence[str] = ()
 
     def markdown(self) -> str:
-        """The whole page in Markdown."""
+        """Return the whole page in Markdown."""
         pictures = "\n".join(f"![{caption}]({name})\n" for name, caption in self.figures.items())
         failures = "\n".join(f"*{failure}.*\n" for failure in self.failures)
         tables = (table.markdown() for table in self.tables)
@@ -111,14 +111,14 @@ class Page:
         return "\n".join(part for part in parts if part)
 
     def data(self) -> dict[str, Any]:
-        """The page as plain data, the form of ``--json``."""
+        """Return the page as plain data for ``--json``."""
         tables = [_plain(asdict(table)) for table in self.tables]
         failures = {"failures": list(self.failures)} if self.failures else {}
         return {"name": self.name, "title": self.title, "tables": tables, **failures}
 
 
 def _plain(value: Any) -> Any:
-    """``value`` with six digits after the point and without empty entries."""
+    """Return ``value`` with six decimals and without empty entries."""
     if isinstance(value, Mapping):
         plain = {key: _plain(each) for key, each in value.items()}
         return {key: each for key, each in plain.items() if each not in (None, "", [])}
@@ -132,7 +132,7 @@ def _plain(value: Any) -> Any:
 def _number(value: float | None, digits: int) -> str:
     if value is None or not math.isfinite(value):
         return "–"
-    return f"{value:.{digits or int(value % 1 > 0)}f}"  # a median of counts may be a half
+    return f"{value:.{digits or int(value % 1 > 0)}f}"  # a median of counts may end in .5
 
 
 def _text(cell: Cell | str, digits: int) -> str:

@@ -1,4 +1,4 @@
-"""Time of a bisection and of a whole recursion, all on one graph (paper, section 4.2)."""
+"""Time a bisection and a full recursion on one graph (paper, section 4.2)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from agglo_paper.work.store import Results, Unit
 from agglo_paper.work.timing import time_one
 
 KINDS: Final = ("bisection", "recursion")
-_AT = 5000  # the size the paper gives ratios for
+_AT = 5000  # number of cells for the paper's ratios
 _INTRO = (
     "CPU milliseconds on one thread, median and (lowest–highest), Voronoi meshes, dual graph built before "
     "the clock starts, everything compiled and imported, all methods in one process. A name alone is the "
@@ -35,7 +35,7 @@ def _timed_bisectors(plan: Plan) -> list[str]:
 
 
 def unit(plan: Plan, kind: str, cells: int) -> Unit:
-    """The timings of one mesh."""
+    """Return the work unit for timings on one mesh."""
     settings = {
         "kind": kind,
         "cells": cells,
@@ -47,13 +47,13 @@ def unit(plan: Plan, kind: str, cells: int) -> Unit:
 
 
 def units(plan: Plan) -> Iterator[Unit]:
-    """All timings."""
+    """Yield all timings."""
     for kind in KINDS:
         yield from (unit(plan, kind, cells) for cells in plan.cells)
 
 
 def curves(plan: Plan, results: Results, kind: str) -> Mapping[str, list[tuple[int, Cell]]]:
-    """Milliseconds of each method by number of cells."""
+    """Return each method's milliseconds by cell count."""
     lines: dict[str, list[tuple[int, Cell]]] = {}
     for cells in plan.cells:
         for name, taken in results[unit(plan, kind, cells).key].get("seconds", {}).items():
@@ -64,7 +64,7 @@ def curves(plan: Plan, results: Results, kind: str) -> Mapping[str, list[tuple[i
 
 
 def page(plan: Plan, results: Results) -> Page:
-    """The page ``runtime``."""
+    """Return the page ``runtime``."""
     tables = [_claim(plan, results)]
     for kind, title in zip(KINDS, ("One bisection", "Full recursion"), strict=True):
         shown = [n for n in plan.cells if n in (25, 500, 1000, 2500, 5000, 20_000, 100_000)]
@@ -78,7 +78,7 @@ def page(plan: Plan, results: Results) -> Page:
 
 
 def _claim(plan: Plan, results: Results) -> Table:
-    """The paper's two ratios at 5000 cells, with the wrapper it timed and without."""
+    """Return the paper's two ratios at 5000 cells, with the timed wrapper and without."""
     at = max(n for n in plan.cells if n <= _AT)
     lines = curves(plan, results, "bisection")
     now = {name: cell.ours for name, line in lines.items() for n, cell in line if n == at}

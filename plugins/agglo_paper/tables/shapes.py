@@ -1,4 +1,4 @@
-"""Tables of the uniformity factor and the circle ratio on the paper's grids (paper, section 4)."""
+"""Tables with uniformity factor and circle ratio on the paper's grids (paper, section 4)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,10 @@ _INTRO = {
 
 
 def unit(source: str, convention: str, strategy: Strategy, repeat: int = 0) -> Unit:
-    """The measurement as a unit of work; ``repeat`` renumbers the cells or changes the seed."""
+    """Return the measurement as a work unit.
+
+    ``repeat`` renumbers the cells or changes the seed.
+    """
     settings: Data = {"source": source, "convention": convention, "strategy": strategy.data()}
     if repeat and strategy.varies:
         settings["numbering" if strategy.varies == "numbering" else "seed"] = repeat
@@ -33,12 +36,12 @@ def unit(source: str, convention: str, strategy: Strategy, repeat: int = 0) -> U
 
 
 def repeats(plan: Plan, strategy: Strategy) -> range:
-    """Numbers of the repetitions of a strategy: one only if nothing varies."""
+    """Return a strategy's repetition numbers, a single number if nothing varies."""
     return range(1, plan.repeats + 1) if strategy.varies else range(1)
 
 
 def units(plan: Plan, sources: Sequence[str] = (), conventions: Sequence[str] = ()) -> Iterator[Unit]:
-    """All measurements of the pages ``uf`` and ``cr``."""
+    """Yield all measurements for the pages ``uf`` and ``cr``."""
     for source in sources or [f"paper:{grid}" for grid in GRIDS]:
         for strategy in plan.usable:
             for convention in conventions or ("run", "text"):
@@ -55,7 +58,7 @@ def cell(
     name: str,
     paper: float | None = None,
 ) -> Cell:
-    """Mean of a metric (or K, ``diameter``) as a cell: median and range over the repetitions."""
+    """Return the mean metric (or K, ``diameter``) as a cell: median and range over repetitions."""
     if strategy.problem:
         return Cell(None, paper)
     found = [results[unit(source, convention, strategy, repeat).key] for repeat in repeats(plan, strategy)]
@@ -68,7 +71,7 @@ def cell(
 
 
 def notes(plan: Plan) -> list[str]:
-    """Notes of the tables."""
+    """Return the table notes."""
     return [
         "paper / ours; where the result hangs on the numbering of the cells or on a seed, ours is the median "
         f"and (lowest–highest) of {plan.repeats}",
@@ -77,7 +80,7 @@ def notes(plan: Plan) -> list[str]:
 
 
 def ratio(above: Cell, below: Cell, paper: float | None) -> Cell:
-    """Quotient of two cells, with the range it can have."""
+    """Return the quotient of two cells, with its possible range."""
     if above.ours is None or not below.ours:
         return Cell(None, paper)
     low, high = (c if c is not None else below.ours for c in (below.low, below.high))
@@ -86,7 +89,7 @@ def ratio(above: Cell, below: Cell, paper: float | None) -> Cell:
 
 
 def page(plan: Plan, results: Results, name: str) -> Page:
-    """The page ``uf`` or ``cr``."""
+    """Return the page ``uf`` or ``cr``."""
     metric = {"uf": "UF", "cr": "CRc"}[name]
     tables = [
         _as_printed(plan, results, name, metric),

@@ -1,1 +1,1 @@
-"""The work: meshes, methods, what is computed of them, and where results are kept."""
+"""The work: meshes, methods, measurements, and the result store."""

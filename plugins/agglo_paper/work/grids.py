@@ -1,4 +1,4 @@
-"""Meshes and targets: the paper's four grids, fresh ones of four families, brains."""
+"""Meshes and targets: the paper's four grids, fresh meshes in four families, brains."""
 
 from __future__ import annotations
 
@@ -14,23 +14,25 @@ from agglo_paper.work.strategies import Targets
 
 GRIDS: Final = ("triangles", "random", "voronoi", "squares")
 SIZES: Final = (sqrt(2) / 8, sqrt(2) / 4, sqrt(2) / 2)
-"""Largest diameters of the three levels on every grid, as the authors ran them."""
+"""Largest diameters on the three levels of every grid, as in the authors' runs."""
 
 FAMILIES: Final = ("perturbed triangles", "random triangles", "Voronoi", "perturbed squares")
-_FIRST_SEED = 90_000  # of the fresh meshes; nothing was trained or tuned on them
+_FIRST_SEED = 90_000  # seeds of fresh meshes, not used for training or tuning
 _JITTER, _ROOM = 0.1, 1.2
 _ARRAYS: Final = {"points", "cell_offsets", "cell_vertices"}
 _BRAIN_SHARE, _BRAIN_PARTS = 0.2, 50
 
 
 def load(source: str, numbering: int = 0) -> Mesh:
-    """Mesh of a short text: ``paper:NAME``, ``fresh:FAMILY:NUMBER``, ``brain``, ``file:DIGEST:PATH``.
+    """Return the mesh for a source text.
+
+    The text is ``paper:NAME``, ``fresh:FAMILY:NUMBER``, ``brain`` or ``file:DIGEST:PATH``.
 
     Parameters
     ----------
     source : str
     numbering : int
-        If positive: cells are renumbered at random, from this seed.
+        If positive, cells are renumbered at random from this seed.
     """
     kind, _, rest = source.partition(":")
     if kind == "paper":
@@ -46,10 +48,10 @@ def load(source: str, numbering: int = 0) -> Mesh:
 
 
 def targets(mesh: Mesh, source: str, convention: str) -> Targets:
-    """Targets of a mesh.
+    """Return the targets for a mesh.
 
-    ``levels``: the three levels of the multigrid tables; ``run``: the middle one, √2/4 or N0/16 parts;
-    ``text``: the same with 4 h0, as the text of the paper says; ``brain``: 0.2 D or 50 parts.
+    ``levels``: the three levels in the multigrid tables; ``run``: the middle level, √2/4 or N0/16 parts;
+    ``text``: the middle level with 4 h0, as in the paper's text; ``brain``: 0.2 D or 50 parts.
     """
     if convention == "brain":
         return Targets((_BRAIN_SHARE * float(mesh.graph.diameters()[0]),), (_BRAIN_PARTS,))
@@ -76,7 +78,7 @@ def _fresh(family: str, number: int) -> Mesh:
 
 
 def _perturbed(mesh: Mesh, spacing: float, seed: int) -> Mesh:
-    """Inner points moved by up to a tenth of the spacing in x and y."""
+    """Move inner points by up to a tenth of the spacing in x and y."""
     inner = np.all((mesh.points > 0) & (mesh.points < 1), axis=1, keepdims=True)
     moves = np.random.default_rng(seed).uniform(-1, 1, mesh.points.shape) * _JITTER * spacing
     loops = mesh.boundary_loops
@@ -85,7 +87,7 @@ def _perturbed(mesh: Mesh, spacing: float, seed: int) -> Mesh:
 
 
 def _renumbered(mesh: Mesh, seed: int) -> Mesh:
-    """Renumber the cells of a mesh at random."""
+    """Renumber cells at random."""
     loops = mesh.boundary_loops
     cells = np.split(loops.vertices, loops.loop_offsets[1:-1])
     order = np.random.default_rng(seed).permutation(mesh.n_cells)
@@ -93,13 +95,13 @@ def _renumbered(mesh: Mesh, seed: int) -> Mesh:
 
 
 def _from_file(path: Path) -> Mesh:
-    """A mesh file, or an ``.npz`` of bare arrays points, cell_offsets, cell_vertices."""
+    """Read a mesh file, or an ``.npz`` with the arrays points, cell_offsets, cell_vertices."""
     if path.suffix == ".npz":
         try:
             with np.load(path) as data:
                 arrays = {name: data[name] for name in data} if set(data) == _ARRAYS else {}
         except (OSError, ValueError, EOFError, BadZipFile):
-            arrays = {}  # whatever it is, the reader says what is wrong with it
+            arrays = {}  # the reader reports the error
         if arrays:
             cells = arrays["cell_offsets"], arrays["cell_vertices"]
             return Mesh.from_polygons(arrays["points"], cells, name=path.stem)

@@ -19,7 +19,7 @@ _PROBLEM: Final = 8.0
 
 
 class Setting(NamedTuple):
-    """Levels ℓ, smoothing steps m, degree p, and the tolerance the printed counts belong to."""
+    """Levels ℓ, smoothing steps m, degree p, and the tolerance of the printed counts."""
 
     levels: int
     steps: int
@@ -38,13 +38,13 @@ SETTINGS: Final = (
     Setting(3, 3, 3),
 )
 FRESH: Final = (0, 1, 2, 3)
-"""Settings that are counted on fresh meshes: ℓ = 2, 3, 4 with m = 3, and ℓ = 3 with m = 1."""
+"""Settings counted on fresh meshes: ℓ = 2, 3, 4 with m = 3, and ℓ = 3 with m = 1."""
 
 
 def measure(
     source: str, convention: str, strategy: Mapping[str, Any], numbering: int = 0, seed: int = 0
 ) -> dict[str, Any]:
-    """Shapes of one level: K, mean diameter over h*, and UF, CR, CRc of each agglomerate."""
+    """Measure the shapes on one level: K, mean diameter over h*, and UF, CR, CRc per agglomerate."""
     mesh = load(source, numbering)
     asked = targets(mesh, source, convention)
     labels = Strategy(**strategy).run(mesh, asked, seed).levels[0]
@@ -58,9 +58,9 @@ def measure(
 
 
 def _iterations(hierarchy: Hierarchy, setting: Setting) -> tuple[int, bool]:
-    """Multigrid iterations on a hierarchy until the paper's test is met, and whether it was.
+    """Return the number of multigrid iterations, and True if the paper's test was met.
 
-    That is the size of the residual alone; the solver goes on until the energy error is as small.
+    The paper tests only the residual; the solver continues until the energy error is as small.
     """
     solver = default().build(
         "solver",
@@ -76,7 +76,7 @@ def _iterations(hierarchy: Hierarchy, setting: Setting) -> tuple[int, bool]:
 
 
 def _first_met(solution: Solution, tolerance: float) -> int | None:
-    """The first iteration whose residual is small enough; None if there is none."""
+    """Return the first iteration with a small enough residual, or None."""
     met = solution.residuals <= tolerance * solution.residuals[0]
     return int(np.argmax(met)) if met.any() else None
 
@@ -84,7 +84,7 @@ def _first_met(solution: Solution, tolerance: float) -> int | None:
 def count(
     source: str, strategy: Mapping[str, Any], settings: Sequence[int], numbering: int = 0, seed: int = 0
 ) -> dict[str, Any]:
-    """Iterations of some of :data:`SETTINGS`; one that fails is None, with the reason."""
+    """Count the iterations for some of :data:`SETTINGS`, with None and a reason for failures."""
     mesh = load(source, numbering)
     hierarchy = Strategy(**strategy).run(mesh, targets(mesh, source, "levels"), seed)
     found: list[tuple[int, bool] | None] = []
@@ -104,9 +104,9 @@ def count(
 
 
 def plain(source: str, degree: int, tolerances: Sequence[float]) -> dict[str, Any]:
-    """Iterations of plain conjugate gradients on the same system, for each tolerance None if never met.
+    """Count iterations of plain conjugate gradients for each tolerance, None if never met.
 
-    ``smallest`` is the number of the iterate of smallest residual, what counts where none is met.
+    ``smallest`` is the number of the iterate with the smallest residual, used if no tolerance is met.
     """
     mesh = load(source)
     hierarchy = agglomerate(mesh, bisector="inertial", n_parts=1)
@@ -117,7 +117,7 @@ def plain(source: str, degree: int, tolerances: Sequence[float]) -> dict[str, An
 
 
 def fresh(source: str, strategy: Mapping[str, Any], solve: bool) -> dict[str, Any]:
-    """Shapes and, if asked for, iterations on one fresh mesh: None where they did not converge."""
+    """Measure shapes and, optionally, iterations on one fresh mesh, None without convergence."""
     shapes = measure(source, "run", strategy)
     values: dict[str, Any] = {name: float(np.mean(shapes[name])) for name in ("K", *METRICS)}
     if solve:

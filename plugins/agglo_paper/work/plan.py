@@ -1,4 +1,4 @@
-"""Amount of work: the full plan or the quick one."""
+"""Plan the work: full or quick."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from agglo_paper.work.strategies import Strategy
 
 @dataclass(frozen=True)
 class Plan:
-    """Columns and amounts.
+    """Columns and amounts of work.
 
     Attributes
     ----------
     columns : sequence of Strategy
     repeats : int
-        Renumberings or seeds where a strategy varies.
+        Renumberings or seeds for a varying strategy.
     grids : sequence of str
-        Of the multigrid tables.
+        Grids in the multigrid tables.
     degrees : int
         Largest polynomial degree.
     families : sequence of str
-        Of the fresh meshes, ``fresh`` of each.
+        Fresh mesh families, with ``fresh`` meshes each.
     cells : sequence of int
-        Sizes of the meshes of the runtime figure; ``runs`` of each, at most ``seconds`` together.
+        Mesh sizes in the runtime figure, with up to ``runs`` runs in ``seconds`` each.
     solver : str
-        Package of the paper's solver; empty if it cannot be used here.
+        Package with the paper's solver; empty if unavailable.
     """
 
     columns: Sequence[Strategy]
@@ -45,7 +45,7 @@ class Plan:
 
     @property
     def usable(self) -> list[Strategy]:
-        """The columns that can be computed here."""
+        """Columns that can be computed here."""
         return [each for each in self.columns if not each.problem]
 
     @property
@@ -55,7 +55,7 @@ class Plan:
 
     @property
     def compared(self) -> list[Strategy]:
-        """The columns compared with printed numbers: the paper's own, and `gnn` against its GNN."""
+        """Columns compared with printed numbers: the paper's own, and `gnn` against its GNN."""
         return [*self.columns[:3], *(each for each in self.usable if each.name == "gnn")]
 
     @property
@@ -64,18 +64,18 @@ class Plan:
         return [each for each in self.columns if each not in self.compared]
 
     def problems(self) -> list[str]:
-        """Why columns are missing, a sentence each."""
+        """Return the reasons for missing columns, one sentence each."""
         return [f"{each.name} is not here ({each.problem})" for each in self.columns if each.problem]
 
 
 def full(columns: Sequence[Strategy]) -> Plan:
-    """Everything: the paper's 21 meshes of 25 to 5000 cells, then on to 100,000."""
+    """Return the full plan: the paper's 21 meshes with 25 to 5000 cells, then up to 100,000."""
     cells = [25, *range(250, 5001, 250), 10_000, 20_000, 50_000, 100_000]
     return Plan(columns, 20, GRIDS, 3, FAMILIES, 50, cells, 20, 0.5, _solver_package())
 
 
 def quick(columns: Sequence[Strategy]) -> Plan:
-    """A little of everything: the same tables with fewer rows and repetitions."""
+    """Return the quick plan: all tables with fewer rows and repetitions."""
     few = ("triangles", "squares"), 2, ("Voronoi",), 2
     return Plan(columns, 2, *few, (25, 500), 3, 0.1, _solver_package())
 

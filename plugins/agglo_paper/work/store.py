@@ -1,4 +1,4 @@
-"""Units of work and where their results are kept, so that an interrupted run can be resumed."""
+"""Units of work, and a store for their results, so that interrupted runs can resume."""
 
 from __future__ import annotations
 
@@ -17,28 +17,19 @@ from agglo_core.authoring import AggloError, staging
 
 Data = dict[str, Any]
 Results = Mapping[str, Data]
-"""Results by the key of their unit; one that failed is ``{"error": reason}``."""
+"""Results by unit key; a failed unit has ``{"error": reason}``."""
 
 _PROJECTS: Final = (
     *("agglo", "numpy", "scipy", "numba"),
     *("scikit-learn", "pymetis", "torch", "networkx", "matplotlib"),
 )
-_SHARED: Final = ("grids.py", "strategies.py")  # beside a unit's own module, what it computes with
-_DECISIVE: Final = _PROJECTS[:-2]  # of these the results depend on
+_SHARED: Final = ("grids.py", "strategies.py")  # modules that units use in addition to their own
+_DECISIVE: Final = _PROJECTS[:-2]  # projects that affect the results
 
 
 @dataclass(frozen=True, eq=False)
 class Unit:
-    """A function of a module and its arguments, all plain data, as is its result.
-
-    Attributes
-    ----------
-    work : callable
-        Called with ``settings`` as keywords.
-    settings : mapping
-    packages : tuple of str
-        Whose code it runs besides agglo_core and this plugin's module.
-    """
+    """A module function with its arguments, both arguments and result being plain data."""
 
     work: Callable[..., Data]
     settings: Mapping[str, Any]
@@ -50,12 +41,12 @@ class Unit:
         return json.dumps([self.work.__module__, self.work.__name__, self.settings], sort_keys=True)
 
     def run(self) -> Data:
-        """The result; a component's failure is one."""
+        """Run the unit, and return its result or a component's failure."""
         try:
             return self.work(**self.settings)
         except AggloError as error:
             cause: BaseException | None = error
-            while cause is not None:  # Ctrl-C inside a component is not its failure
+            while cause is not None:  # Ctrl-C inside a component is not a failure
                 if isinstance(cause, KeyboardInterrupt):
                     raise
                 cause = cause.__cause__ or cause.__context__
@@ -64,18 +55,18 @@ class Unit:
 
 @dataclass(frozen=True)
 class Store:
-    """A folder of results, one JSON file per unit; a file is valid for the same code and versions only."""
+    """A folder with one JSON result file per unit, valid for unchanged code and versions."""
 
     folder: Path
 
     def results(self, units: Iterable[Unit], done: Callable[[Unit, bool], None]) -> Results:
-        """Results of all units, computed where they are not stored.
+        """Return the results of all units, computing those not stored.
 
         Parameters
         ----------
         units : iterable of Unit
         done : callable
-            Called with each finished unit, and whether its result was stored.
+            Called with each finished unit, and True if its result was stored.
         """
         self.folder.mkdir(parents=True, exist_ok=True)
         (self.folder / ".gitignore").write_text("*\n", encoding="utf-8")
@@ -90,7 +81,7 @@ class Store:
         file = self.folder / f"{self._name(unit)}.json"
         try:
             kept: Data = json.loads(file.read_text(encoding="utf-8"))["result"]
-        except (OSError, ValueError, KeyError, TypeError, RecursionError):  # none, or damaged
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):  # missing or damaged
             kept = {}
         if kept:
             return kept, True
@@ -115,7 +106,7 @@ class Store:
 
 @cache
 def versions() -> Mapping[str, str]:
-    """Versions of Python and of the packages that take part; those not installed are left out."""
+    """Return the versions of Python and all relevant installed packages."""
     found = {"python": platform.python_version()}
     for project in _PROJECTS:
         try:
@@ -127,7 +118,7 @@ def versions() -> Mapping[str, str]:
 
 @cache
 def _package_digest(name: str) -> str:
-    """Digest of every source and weight file of a package, or of its module file."""
+    """Return the digest of a package's source and weight files, or of its module file."""
     spec = find_spec(name)
     if spec is None or spec.origin is None:
         return ""
@@ -142,5 +133,5 @@ def _package_digest(name: str) -> str:
 def _file_digest(path: str) -> str:
     try:
         return hashlib.sha256(Path(path).read_bytes()).hexdigest()
-    except OSError:  # code of no file, as in an interactive session
+    except OSError:  # code without a file, as in an interactive session
         return ""

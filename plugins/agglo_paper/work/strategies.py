@@ -1,4 +1,4 @@
-"""The columns of the tables: what the paper prints, METIS at its best, and every installed bisector."""
+"""The table columns: the paper's methods, METIS at its best, and every installed bisector."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _BEST = {"vertex_weights": True, "edge_weights": True, "ufactor": 300, "contig":
 
 @dataclass(frozen=True)
 class Targets:
-    """Targets of the levels of a grid: largest diameters, or counts for METIS."""
+    """Level targets for a grid: largest diameters, or counts for METIS."""
 
     sizes: tuple[float, ...]
     counts: tuple[int, ...]
@@ -32,25 +32,25 @@ class Targets:
 
 @dataclass(frozen=True)
 class Strategy:
-    """One way to agglomerate.
+    """An agglomeration method.
 
     Attributes
     ----------
     name : str
-        Heading of its column.
+        Column heading.
     bisector : str
     options : mapping
     method : "recursive" or "kway"
     by_count : bool
-        Asked for counts, each level by a call of its own, as the paper asks METIS.
+        Use counts as targets, with a separate call per level, as the paper runs METIS.
     refined : bool
-        With the default refiner, the paper's "adjust partition"; else without any.
+        Use the default refiner, the paper's "adjust partition"; otherwise none.
     varies : "", "numbering" or "seed"
-        What the result depends on besides the grid: tables then give median and range.
+        Further dependence of the result: tables then give median and range.
     package : str
-        Whose code it runs.
+        Package with the bisector.
     problem : str
-        Why it cannot be used here.
+        Reason if it cannot be used here.
     """
 
     name: str
@@ -64,7 +64,7 @@ class Strategy:
     problem: str = ""
 
     def data(self) -> dict[str, Any]:
-        """Settings that tell the strategy from others, as plain data."""
+        """Return the identifying settings of the strategy, as plain data."""
         return {key: value for key, value in asdict(self).items() if key not in ("package", "problem")}
 
     def run(self, mesh: Mesh, targets: Targets, seed: int = 0) -> Hierarchy:
@@ -83,7 +83,7 @@ class Strategy:
 
 
 def paper_columns() -> list[Strategy]:
-    """METIS as the paper states it, its k-means, its network, and METIS with the options that suit it."""
+    """Return the paper's columns: METIS as stated, its k-means, its network, and METIS with good options."""
     return [
         Strategy("METIS", "metis", _PLAIN, "kway", by_count=True, refined=False, varies="numbering"),
         Strategy("k-means", "kmeans_sklearn", varies="seed"),
@@ -95,12 +95,11 @@ def paper_columns() -> list[Strategy]:
 def columns(
     registry: Registry | None = None, chosen: Mapping[str, tuple[str, Mapping[str, Any]]] | None = None
 ) -> list[Strategy]:
-    """All columns: the paper's, then every bisector of the registry in the default pipeline.
+    """Return all columns: the paper's, then every registered bisector in the default pipeline.
 
-    ``chosen`` bisectors, name and options by the heading of their column, stand in for every one.
-
-    A bisector that also partitions gets a second column, ``NAME k-way``. One that cannot be used stays,
-    with its ``problem``; a newly installed one appears by itself.
+    ``chosen`` bisectors, name and options by column heading, replace the registered bisectors. A bisector
+    that also partitions gets a second column, ``NAME k-way``. An unusable bisector stays, with its
+    ``problem``; newly installed bisectors appear automatically.
     """
     registry = default() if registry is None else registry
     if chosen is None:
@@ -110,7 +109,7 @@ def columns(
             _offered(registry.record("bisector", name), registry, head, options)
             for head, (name, options) in chosen.items()
         ]
-    mine = {each.bisector for each in paper_columns()[1:3]}  # shown already, with the same pipeline
+    mine = {each.bisector for each in paper_columns()[1:3]}  # shown already, with an equal pipeline
     rest = [each for group in ours for each in group if each.name not in mine]
     return [_checked(each, registry) for each in paper_columns()] + rest
 

@@ -1,4 +1,4 @@
-"""CPU time of one bisection and of a full recursion by every method on one mesh."""
+"""Measure every method's CPU time on one mesh, for one bisection and a full recursion."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _CELLS_PER_PART = 16
 
 
 def time_one(kind: str, cells: int, bisectors: Sequence[str], runs: int, seconds: float) -> dict[str, Any]:
-    """CPU seconds of every method on one Voronoi mesh, and the failures of those that have none.
+    """Return every method's CPU seconds on one Voronoi mesh, and the failures.
 
-    Each method runs once untimed, then ``runs`` times, or as often as ``seconds`` allow: at least
-    three times, and once if a single run takes longer.
+    Each method runs once untimed, then ``runs`` times, or as often as ``seconds`` allow: at least three
+    times, or once if a single run takes longer.
     """
     mesh = samples.voronoi(cells, seed=cells)
     graph = mesh.graph.subgraph(curve_order(mesh.graph.centroids), [0, mesh.n_cells])
@@ -55,7 +55,7 @@ def _clocked(call: Call, runs: int, seconds: float) -> list[float]:
 
 
 def _alone(name: str, graph: Graph) -> Mapping[str, Call]:
-    """One bisection by the component itself; the paper's two in the variants that are of interest."""
+    """Return the calls for one bisection by the component itself, with variants for the paper's two."""
     if name == _KMEANS:
         tools = {"k-means, 1 start": {"n_init": 1}, "k-means, 10 starts": {"n_init": 10}}
         return {
@@ -75,7 +75,7 @@ def _split(tool: Any, graph: Graph) -> Call:
 
 
 def _metis(graph: Graph, parts: int, once: bool) -> dict[str, Call]:
-    """METIS without any of our code between, if pymetis is installed."""
+    """Return direct METIS calls, if pymetis is installed."""
     if find_spec("pymetis") is None:
         return {}
     import pymetis
