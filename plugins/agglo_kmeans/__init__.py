@@ -1,4 +1,4 @@
-"""k-means bisection: the batched deterministic one, and the paper's through scikit-learn."""
+"""Bisectors by k-means: batched deterministic, and the paper's through scikit-learn."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from agglo_core.authoring import Component, hookimpl
 
 @hookimpl
 def agglo_components() -> list[Component]:
-    """Both bisectors."""
+    """Return both bisectors."""
     return [
         Component(
             kind="bisector",

@@ -1,6 +1,6 @@
-"""Kernels of 2-means: ``two_means`` for the blocks of a graph, ``split_by_means`` for the whole recursion.
+"""Kernels for 2-means: ``two_means`` for graph blocks, ``split_by_means`` for the whole recursion.
 
-Both cut a piece by the helpers ``_load`` and ``_cut``, which are the arguments ``load`` and ``cut`` of
+Both cut a piece by the helpers ``_load`` and ``_cut``, passed as ``load`` and ``cut`` to
 ``split_pieces_by`` (``agglo_core/split/piece_driver.py``, here ``piece_driver``).
 """
 
@@ -12,28 +12,28 @@ from agglo_core.authoring import helper, kernel, piece_driver, piece_splits
 from agglo_kmeans.points import load_points, new_means
 from agglo_kmeans.separator import separator
 
-_ROUNDING = 1e-6  # of the extent: bound of the error of points in single precision, with a margin
+_ROUNDING = 1e-6  # error bound for points in single precision, relative to the extent, with a margin
 
 
 @helper
 def _tag_sides(graph, pieces, lo, hi, placing, extent, plane, candidates, sides):
-    """Tag the cells of a piece by the side of the plane they lie on, at least one on each side.
+    """Tag a piece's cells by their side of a plane, at least one on each side.
 
-    ``placing`` says where the origin of the plane is, and in which unit (see ``load_points``). The candidates
-    are the cells no further from the plane than their neighbours are from them; returns how many. ``plane``
-    is that of ``separator``: inertia, unit normal and t.
+    ``placing`` contains origin and unit of the plane (see ``load_points``). The candidates are the cells at
+    least as close to the plane as their neighbours are to them; their number is returned. ``plane`` comes
+    from ``separator``: inertia, unit normal and t.
     """
     cells, tag, centroids, reach = pieces.cells, pieces.tag, graph.centroids, graph.reach
     left, right = piece_splits.side_tags(lo, hi)
-    # 1. The plane in coordinates of the mesh, from its origin; heights are lengths times units.length, as
-    #    reach.
+    # 1. Convert the plane to mesh coordinates, relative to its origin; heights are lengths times
+    # units.length, like reach.
     inertia, nx, ny, nz, t = plane
     x, y, z, unit, solid = placing[0], placing[1], placing[2], placing[3], centroids.shape[1] > 2
     length = graph.units.length
     nx, ny, nz, t = length * nx, length * ny, length * nz, length * t / unit
     slack = _ROUNDING * extent * length
-    # 2. All cells in double precision, those outside of the sample too. Cells near the plane, up to the
-    #    rounding of single precision, are candidates.
+    # 2. Tag all cells in double precision, including cells outside the sample. Cells near the plane, up to
+    # single-precision rounding, are candidates.
     ones, total, above, m = np.int64(0), 0.0, 0.0, np.uint64(0)
     for k in range(np.uint64(lo), np.uint64(hi)):
         i = np.uint32(cells[k])
@@ -49,7 +49,7 @@ def _tag_sides(graph, pieces, lo, hi, placing, extent, plane, candidates, sides)
         m += np.uint64(abs(height) - slack <= reach[i])
     sides.measures[0], sides.measures[1] = total - above, above
     sides.counts[0], sides.counts[1] = hi - lo - ones, ones
-    # 3. No plane, or all cells on one side: halves of the list.
+    # 3. Without a plane, or with all cells on one side, halve the list.
     if inertia > 0.0 and 0 < ones < hi - lo:
         return np.int64(m)
     return piece_driver.tag_halves(graph, pieces, lo, hi, candidates, sides)
@@ -63,9 +63,10 @@ def _load(graph, pieces, lo, hi, means):
 
 @helper
 def _cut(graph, pieces, lo, hi, extent, means, candidates, sides):
-    """Tag the sides of the loaded piece, and write its cut: ``cut`` of ``split_pieces_by``.
+    """Tag the sides of the loaded piece, and write its cut: the ``cut`` of ``split_pieces_by``.
 
-    Writes the normal, measures and counts of ``sides``, and the ``candidates``; returns how many these are.
+    Writes normal, measures and counts of ``sides``, and the ``candidates``; returns the number of
+    candidates.
     """
     plane = separator(means, graph.centroids.shape[1] == 2)
     _, sides.normal[0], sides.normal[1], sides.normal[2], _ = plane
@@ -74,14 +75,14 @@ def _cut(graph, pieces, lo, hi, extent, means, candidates, sides):
 
 @kernel
 def two_means(offsets, centroids, weights):
-    """Side of each node: the 2-means split of its block of least energy over the starting axes."""
+    """Return the side of each node, by the best 2-means split of its block over the starting axes."""
     n, largest = len(weights), np.int64(0)
     for b in range(len(offsets) - 1):
         largest = max(largest, offsets[b + 1] - offsets[b])
     means, units = new_means(largest), piece_splits.units_of(centroids, weights)
     candidates, sides = np.empty(largest + 1, np.int32), piece_splits.new_sides()
     cells, tag, reach = np.empty(n, np.int32), np.empty(n, np.int32), np.zeros(n, np.float32)
-    # A graph without edges, of which nothing but the cut is wanted: offsets and cells stand in for its CSR.
+    # A graph without edges suffices for the cut: offsets and cells replace its CSR.
     graph = piece_splits.PieceGraph(offsets, cells, weights, centroids, weights, weights, reach, units)
     pieces = piece_splits.Pieces(cells, tag, np.empty((0, 4), np.int32))
     for i in range(n):
@@ -90,7 +91,7 @@ def two_means(offsets, centroids, weights):
         lo, hi = offsets[b], offsets[b + 1]
         extent = _load(graph, pieces, lo, hi, means)
         _cut(graph, pieces, lo, hi, extent, means, candidates, sides)
-    # Tags of right sides are odd.
+    # Right sides have odd tags.
     result = np.empty(n, np.int64)
     for i in range(n):
         result[i] = tag[i] & 1

@@ -27,37 +27,38 @@ from agglo_core.authoring import (
 
 
 class KMeans:
-    """2-means on the cell centroids, weighted by ``graph.weights`` (paper, §2.2).
+    """Bisect by 2-means on the cell centroids, weighted by ``graph.weights`` (paper, §2.2).
 
-    All blocks are split in one call. Lloyd's iteration starts from the halves either side
-    of a principal axis; where no axis stands out (ratio of principal moments above 0.8) eight rotated
-    axes are tried and the least energy kept. In 3-D: three principal and four diagonal axes.
-    Deterministic: no random numbers.
+    All blocks are split in one call. Lloyd's iteration starts from the halves on both sides of a principal
+    axis. If no axis stands out (ratio of principal moments above 0.8), eight rotated axes are tried and the
+    lowest energy is kept. In 3-D: three principal and four diagonal axes. The method is deterministic and
+    uses no random numbers.
 
     Parameters
     ----------
     iterations : int
-        Lloyd steps of the k-way ``partition``.
+        Lloyd steps in the k-way ``partition``.
     effort : "fast", "good" or "best", optional
-        Anneal the k-way partition: about 5, 50 or 500 ms for 300 cells, more for roundness. What the
-        bisections find is returned where nothing better is found. Depends on the seed, and on how the mesh
-        is turned.
+        Anneal the k-way partition: about 5, 50 or 500 ms for 300 cells, more for roundness. If nothing
+        better is found, the bisections' result is returned. The result depends on the seed, and on
+        the mesh orientation.
     objective : "solver" or "roundness"
-        What annealed parts are to be: of small moments of inertia with short interfaces, which solvers
-        want; or round and of even width, with few parts of a given size.
+        Goal of annealing: small moments of inertia with short interfaces, good for solvers; or round parts
+        with even width, and few parts for a given size.
     seconds : float, optional
-        When annealing ends, by a clock on the wall, for each level and connected component: the best so far
-        is returned, which then differs from run to run.
+        Wall-clock limit for annealing, per level and connected component: the best partition so far is
+        returned, which then differs from run to run.
     balance : float, optional
-        With an effort, and a number of parts: how far sizes of parts may be from their mean, relatively, if
-        that is more than a cell; 0 makes numbers of cells differ by at most 1.
+        With an effort and a number of parts: largest relative deviation of part sizes from their mean, if
+        more than a cell; with 0, numbers of cells differ by at most 1.
     size : "cells", "measure" or "weights", optional
-        Quantity that is balanced. Default: that of the run (its ``weights=`` or ``balance=``), else cells.
+        Balanced quantity. Default: the quantity of the run (its ``weights=`` or ``balance=``), otherwise
+        cells.
 
     Raises
     ------
     OptionError
-        If an option is anything else.
+        For any other value.
     """
 
     def __init__(
@@ -76,35 +77,38 @@ class KMeans:
 
     @property
     def final_parts(self) -> bool:
-        """True if refiners and polish are to leave the k-way partition as it is."""
+        """True if refiners and polish must leave the k-way partition unchanged."""
         return self.search is not None
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
-        """Side of each node ``(n,)``; ``seeds`` are not used."""
+        """Return the side of each node ``(n,)``, whatever the ``seeds``."""
         from agglo_kmeans.kernel import two_means
 
         sides: Int = two_means(level.offsets, level.centroids, level.weights)
         return sides
 
     def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> PieceGrowth | None:
-        """All splits of a run in one call; None unless refiner (if any) and fixer are the built-in ones."""
+        """Run all splits in one call, or return None.
+
+        Only the built-in refiner, or none, and the built-in fixer allow this.
+        """
         from agglo_kmeans.kernel import split_by_means
 
         return PieceGrowth.for_components(graph, pieces, split_by_means, refiners, fixer)
 
     def partition(self, graph: Graph, target: Target, seed: int) -> Int:
-        """Labels ``(n,)`` of a direct k-means with ``target.parts`` means.
+        """Return labels ``(n,)`` from a direct k-means with ``target.parts`` means.
 
-        The means start as equal-mass runs of a space-filling curve; a few Lloyd steps follow. Some
-        labels may be left unused. ``seed`` is used only with an ``effort``; then, if the target has a size,
-        the number of parts is free.
+        The means start as equal-mass runs of a space-filling curve, followed by a few Lloyd steps. Some
+        labels may be unused. ``seed`` only matters with an ``effort``; then, for a target size, the number
+        of parts is free.
         """
         if self.search is None:
             return self._lloyd(graph, target.parts or 1)
         return self.search.parts(graph, target, seed, self._lloyd, self._bisected)
 
     def _bisected(self, graph: Graph, target: Target) -> Int:
-        """Labels that the bisections find for a connected graph."""
+        """Return labels from the bisections of a connected graph."""
         growth = self.grow(graph, frozen_int(np.zeros(graph.n)), [InterfaceRefiner()], ConnectivityFixer())
         seeds = np.zeros(1, np.uint64)
         if target.h_star is None:
@@ -112,12 +116,14 @@ class KMeans:
         return growth.split_to_size(SizeGoal(target.h_star).limit, seeds, to_nobody)[0]
 
     def _lloyd(self, graph: Graph, k: int) -> Int:
-        """Labels of about k parts after some Lloyd steps."""
+        """Return labels of about k parts after some Lloyd steps."""
         weights, mass = _positive(graph.weights), _positive(graph.mass)
+        # 1. Start: equal-mass runs of a space-filling curve
         order = curve_order(graph.centroids)
         rank = np.cumsum(mass[order]) - 0.5 * mass[order]
         labels = np.empty(graph.n, np.int64)
         labels[order] = np.minimum((rank / mass.sum() * k).astype(np.int64), k - 1)
+        # 2. Lloyd steps
         for _ in range(self.iterations):
             used, labels = np.unique(labels, return_inverse=True)
             total = np.bincount(labels, weights, minlength=len(used))
@@ -127,5 +133,5 @@ class KMeans:
 
 
 def _positive(weights: Float) -> Float:
-    """The weights, or all of them larger by their mean if some are 0."""
+    """Return the weights, all increased by their mean if some are 0."""
     return weights if weights.all() else weights + (weights.mean() or 1.0)

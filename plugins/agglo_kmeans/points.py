@@ -1,4 +1,4 @@
-"""Point sets of 2-means: loading, axes to try, and binning of large sets."""
+"""Point sets for 2-means: loading, trial axes, and binning."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ import numpy as np
 from agglo_core.authoring import helper, kernel, piece_frames, piece_splits
 
 _ROUND = 0.8  # ratio of principal moments above which no axis stands out, and several are tried
-# Bins along each axis; even: the middle is a border. More bins are more points for every step of Lloyd's,
-# fewer move the separator.
+# Bins along each axis; even, so that the middle is a border. More bins mean more points in every Lloyd
+# step, fewer move the separator.
 _BINS_2D, _BINS_3D = 32, 12
-_BIN_TIE = 1e-4  # of a bin: points this close to a border lie below it
-_AXES = 8  # over the half circle, where no axis stands out in 2-D; each costs Lloyd's steps
+_BIN_TIE = 1e-4  # bin widths: points this close to a border lie below it
+_AXES = 8  # over the half circle, if no axis stands out in 2-D; each costs Lloyd steps
 _COS, _SIN = np.cos(np.pi / _AXES), np.sin(np.pi / _AXES)
-# Cells above which a sample serves. Samples of smaller pieces made less round parts, and saved less than a
-# hundredth of the time.
+# Number of cells above which a sample suffices. Samples of smaller pieces made less round parts, and saved
+# less than a hundredth of the time.
 _MANY = 4096
 LANES = 32
-"""Points that loops over them take at a time: those of weight 0 fill the last round, or it would be slow."""
+"""Number of points per loop round: points with weight 0 fill the last round, for full vector speed."""
 
 
 class Means(NamedTuple):
-    """A set of points that is split by 2-means, and workspace.
+    """Point set for a 2-means split, and workspace.
 
-    ``points (4, m)`` are coordinates and weights, ``means (4, bins)`` those of a grid, with their ``sums``;
-    ``axes (8, 3)`` are directions to try, ``frame`` and ``matrix (3, 3)`` workspace for them; ``chosen`` are
-    the cells of a sample, and ``placing (5,)`` the origin of the points, their unit and their number.
+    ``points (4, m)`` are coordinates and weights, ``means (4, bins)`` the grid means, with their ``sums``;
+    ``axes (8, 3)`` are trial directions, ``frame`` and ``matrix (3, 3)`` workspace for them; ``chosen`` are
+    the sampled cells, and ``placing (5,)`` the origin, unit and number of points.
     """
 
     points: Any
@@ -42,7 +42,7 @@ class Means(NamedTuple):
 
 @helper(allocates=True)
 def new_means(m):
-    """Workspace for sets of at most m points."""
+    """Return the workspace for sets with up to m points."""
     bins = max(_BINS_2D**2, _BINS_3D**3)
     return Means(
         np.empty((4, m + LANES), np.float32),
@@ -58,7 +58,7 @@ def new_means(m):
 
 @helper
 def _sampled(cells, lo, hi, sample, chosen):
-    """Write the cells of a large piece that are in the sample to ``chosen``, and return how many."""
+    """Write the sampled cells in a large piece to ``chosen``, and return their number."""
     m = np.uint64(0)
     for k in range(np.uint64(lo), np.uint64(hi)):
         i = np.uint32(cells[k])
@@ -69,13 +69,13 @@ def _sampled(cells, lo, hi, sample, chosen):
 
 @helper
 def _gather(cells, lo, n, centroids, weights, units, points):
-    """Write centroids relative to the first one, and weights, to ``points``, and return their extent."""
+    """Write centroids relative to the first, and weights, to ``points``, and return their extent."""
     x, y, z, w = points[0], points[1], points[2], points[3]
     solid, first, start = centroids.shape[1] > 2, cells[lo], np.uint64(lo)
     length, weight = units.length, units.weight
     x0, y0, z0 = centroids[first, 0], centroids[first, 1], centroids[first, centroids.shape[1] - 1]
     x1, y1, z1, x2, y2, z2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    # Differences in double precision, stored in single: near the first cell little is lost.
+    # Differences in double precision, stored in single: near the first cell the loss is small.
     for k in range(n):
         i = np.uint32(cells[start + np.uint64(k)])
         a, b = (centroids[i, 0] - x0) * length, (centroids[i, 1] - y0) * length
@@ -89,7 +89,7 @@ def _gather(cells, lo, n, centroids, weights, units, points):
 
 @helper(reorder_sums=True)
 def _first_moments(x, y, z, w, n):
-    """Weight and first moments of points, in double precision."""
+    """Return the points' weight and first moments, in double precision."""
     total, cx, cy, cz = 0.0, 0.0, 0.0, 0.0
     for i in range(n):
         m = float(w[i])
@@ -102,19 +102,19 @@ def _first_moments(x, y, z, w, n):
 
 @helper
 def rounded(n):
-    """Round a number of points up to a multiple of the lanes."""
+    """Round a point count up to a multiple of the lanes."""
     return (n + LANES - 1) // LANES * LANES
 
 
 @helper
 def load_points(cells, lo, hi, centroids, weights, units, work):
-    """Write the centroids of ``cells[lo:hi]``, centred and of order 1, and their weights of mean 1.
+    """Write the centroids of ``cells[lo:hi]``, centred and scaled to order 1, and weights with mean 1.
 
-    ``units``: see ``piece_splits.units_of``. Of many cells only some are taken, if they can stand for all.
-    Returns the largest extent of their centroids along an axis, in its own unit.
+    ``units``: see ``piece_splits.units_of``. A large piece is replaced by a sample, if representative.
+    Returns the largest centroid extent along an axis, in the original unit.
     """
     points, chosen, placing, one = work.points, work.chosen, work.placing, np.float32(1.0)
-    # 1. A sample of a large piece, weighted to stand for all, unless it has too few cells.
+    # 1. Sample a large piece, weighted to represent all cells, unless the sample has too few cells.
     boost = one
     if hi - lo > _MANY and len(units.sample) > 0:
         m = _sampled(cells, lo, hi, units.sample, chosen)
@@ -122,14 +122,15 @@ def load_points(cells, lo, hi, centroids, weights, units, work):
             cells, lo, hi, boost = chosen, 0, m, np.float32(piece_splits.SAMPLED)
     n, d, first = hi - lo, centroids.shape[1], cells[lo]
     x, y, z, w = points[0], points[1], points[2], points[3]
-    # 2. Single precision relative to the first cell, heavy cells of the sample standing for themselves.
+    # 2. Convert to single precision relative to the first cell; heavy sample cells represent only
+    # themselves.
     extent = _gather(cells, lo, n, centroids, weights, units, points)
     if boost > one:
         for k in range(n):
             w[k] *= boost if units.sample[np.uint32(cells[k])] < 2 else one
-    # 3. Centre of mass at the origin, extent 1, mean weight 1.
+    # 3. Move the centre of mass to the origin, scale to extent 1, mean weight 1.
     total, cx, cy, cz = _first_moments(x, y, z, w, n)
-    if not total > 1e-30:  # no weight in single precision: all alike
+    if not total > 1e-30:  # no weight in single precision: equal weights
         total, cx, cy, cz = float(n), 0.0, 0.0, 0.0
         for k in range(n):
             w[k] = 1.0
@@ -144,7 +145,7 @@ def load_points(cells, lo, hi, centroids, weights, units, work):
         w[k] *= share
     for k in range(n):
         z[k] = (z[k] - cz) * scale if d == 3 else np.float32(0.0)
-    # 4. Points without weight up to a full round of vector registers; and where the origin is.
+    # 4. Pad with weightless points to a full round of vector registers, and store the origin.
     for k in range(n, rounded(n)):
         x[k], y[k], z[k], w[k] = 0.0, 0.0, 0.0, 0.0
     length = units.length
@@ -156,7 +157,7 @@ def load_points(cells, lo, hi, centroids, weights, units, work):
 
 @kernel(reorder_sums=True)
 def moments(x, y, z, w, n):
-    """Weight and second moments of points, in double precision."""
+    """Return the points' weight and second moments, in double precision."""
     a, xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(n):
         u, v, t, m = float(x[i]), float(y[i]), float(z[i]), float(w[i])
@@ -172,7 +173,7 @@ def moments(x, y, z, w, n):
 
 @helper(reorder_sums=True)
 def _fourth(x, y, w, n):
-    """Real and imaginary part of the fourth moment ⟨(x + iy)⁴⟩ of points in 2-D."""
+    """Return real and imaginary part of the fourth moment ⟨(x + iy)⁴⟩ in 2-D."""
     re, im = 0.0, 0.0
     for i in range(n):
         u, v = float(x[i]), float(y[i])
@@ -184,14 +185,14 @@ def _fourth(x, y, w, n):
 
 @helper
 def _half_angle(x, y):
-    """Cosine and sine of half the angle of the vector (x, y), without calls of trigonometric functions.
+    """Return cosine and sine of half the angle of (x, y), without trigonometric functions.
 
     The half angle is in −π/2..π/2.
     """
     length = np.sqrt(x * x + y * y)
     if not length > 0.0:
         return 1.0, 0.0
-    # cos²(φ/2) = (1 + cos φ)/2, and sin φ = 2 sin(φ/2) cos(φ/2): roots of small differences are not taken.
+    # cos²(φ/2) = (1 + cos φ)/2, and sin φ = 2 sin(φ/2) cos(φ/2): this avoids roots of small differences.
     larger = np.sqrt(0.5 * (1.0 + abs(x) / length))
     smaller = 0.5 * abs(y) / (length * larger)
     cos, sin = (larger, smaller) if x >= 0.0 else (smaller, larger)
@@ -200,28 +201,28 @@ def _half_angle(x, y):
 
 @helper
 def _planar_axes(x, y, w, n, second, frame, axes):
-    """Fill ``axes`` with the directions to try in 2-D, and ``frame``, and return how many.
+    """Fill ``axes`` with trial directions in 2-D, and ``frame``, and return their number.
 
-    ``second (7,)`` are weight and second moments, as :func:`moments` returns them.
+    ``second (7,)`` are weight and second moments from :func:`moments`.
     """
     xx, xy, yy = second[1], second[2], second[4]
     mean, radius = 0.5 * (xx + yy), np.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
     count = 1
     if mean - radius > _ROUND * (mean + radius):
-        # No axis stands out: eight, from the orientation of the fourth moment, which a square has. That is a
-        # quarter of the angle of (re, im).
+        # No axis stands out: try eight, aligned with the fourth moment, which distinguishes even the axes
+        # of a square. Its direction is a quarter of the angle of (re, im).
         re, im = _fourth(x, y, w, n)
         count = _AXES
         cos, sin = _half_angle(re, im)
     else:
-        # The principal axis: half the angle of ((xx − yy)/2, xy).
+        # Principal axis: half the angle of ((xx − yy)/2, xy).
         cos, sin = 0.5 * (xx - yy), xy
     cos, sin = _half_angle(cos, sin)
     axes[0, 0], axes[0, 1], axes[0, 2] = cos, sin, 0.0
     for c in range(1, count):
         p, q = axes[c - 1, 0], axes[c - 1, 1]
         axes[c, 0], axes[c, 1], axes[c, 2] = _COS * p - _SIN * q, _SIN * p + _COS * q, 0.0
-    # The frame of the grid: the first axis, and the one across it.
+    # Frame of the grid: the first axis, and its normal.
     for k in range(3):
         frame[0, k] = axes[0, k]
         frame[1, k], frame[2, k] = 0.0, 0.0
@@ -231,23 +232,23 @@ def _planar_axes(x, y, w, n, second, frame, axes):
 
 @helper
 def _spatial_axes(second, a, frame, axes):
-    """Fill ``axes`` with three principal and four diagonal directions, and return how many.
+    """Fill ``axes`` with three principal and four diagonal directions, and return their number.
 
     ``second (7,)`` are weight and second moments, ``a (3, 3)`` is workspace.
     """
-    # 1. Eigenvectors of the second moments; the values are left on the diagonal.
+    # 1. Eigenvectors of the second moments; the eigenvalues remain on the diagonal.
     a[0, 0], a[0, 1], a[0, 2] = second[1], second[2], second[3]
     a[1, 0], a[1, 1], a[1, 2] = second[2], second[4], second[5]
     a[2, 0], a[2, 1], a[2, 2] = second[3], second[5], second[6]
     piece_frames.diagonalise(a, frame)
-    # 2. The longest axis first, then the others in turn.
+    # 2. The longest axis first, then the others in cyclic order.
     most = 0
     for p in range(3):
         most = p if a[p, p] > a[most, most] else most
     for p in range(3):
         for k in range(3):
             axes[p, k] = frame[(most + p) % 3, k]
-    # 3. The diagonals of the cube of the axes, one for each pair of opposite corners.
+    # 3. Diagonals of the cube spanned by the axes, one for each pair of opposite corners.
     for c in range(4):
         one, other = 1.0 - 2.0 * (c >> 1), 1.0 - 2.0 * (c & 1)
         for k in range(3):
@@ -257,7 +258,7 @@ def _spatial_axes(second, a, frame, axes):
 
 @helper(reorder_sums=True)
 def _reach(x, y, z, n, axis):
-    """Largest distance of the points from the centre, along an axis."""
+    """Return the largest distance from the centre, along an axis."""
     a, b, c = np.float32(axis[0]), np.float32(axis[1]), np.float32(axis[2])
     low, high = np.float32(0.0), np.float32(0.0)
     for i in range(n):
@@ -269,14 +270,14 @@ def _reach(x, y, z, n, axis):
 
 @helper
 def binned(x, y, z, w, n, frame, planar, sums, few):
-    """Write the means of the points in each cell of a grid along the frame, and return how many.
+    """Write the point means in each grid cell along the frame, and return their number.
 
-    ``few (4, bins)`` are coordinates and weights, ``sums (bins, 4)`` is workspace. The rows of ``frame``, of
-    length 1, are multiplied by bins per length.
+    ``few (4, bins)`` are coordinates and weights, ``sums (bins, 4)`` is workspace. The unit rows of
+    ``frame`` are multiplied by bins per length.
     """
     steps, layers = (_BINS_2D, 1) if planar else (_BINS_3D, _BINS_3D)
     count = steps * steps * layers
-    # 1. A square or cube about the centre that holds all points; the same number of bins each way.
+    # 1. A square or cube about the centre that contains all points, with equally many bins each way.
     reach = 1e-30
     for k in range(2 if planar else 3):
         reach = max(reach, float(_reach(x, y, z, n, frame[k])))
@@ -297,7 +298,7 @@ def binned(x, y, z, w, n, frame, planar, sums, few):
         sums[found, 1] += w[i] * y[i]
         sums[found, 2] += w[i] * z[i]
         sums[found, 3] += w[i]
-    # 3. Means of the bins with any weight.
+    # 3. Means of all bins with positive weight.
     m = 0
     for b in range(count):
         if sums[b, 3] > 0.0:
@@ -310,5 +311,5 @@ def binned(x, y, z, w, n, frame, planar, sums, few):
 
 @helper
 def axes_to_try(x, y, w, n, second, planar, a, frame, axes):
-    """Fill ``axes`` with directions to try and ``frame`` with an orthogonal frame, and return how many."""
+    """Fill ``axes`` with trial directions and ``frame`` with an orthogonal frame, and return their number."""
     return _planar_axes(x, y, w, n, second, frame, axes) if planar else _spatial_axes(second, a, frame, axes)

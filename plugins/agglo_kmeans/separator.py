@@ -1,4 +1,4 @@
-"""The 2-means split of one set of points: Lloyd's steps from several axes."""
+"""Split point sets by 2-means: Lloyd's steps from several axes."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ import numpy as np
 from agglo_core.authoring import helper
 from agglo_kmeans.points import axes_to_try, binned, moments, rounded
 
-_TIE = 4e-6  # of the size: a point this close to the separator is on side 0; single precision
-_ITERATIONS = np.int64(100)  # Lloyd's steps at most: they end when nothing changes
-_TRIED = np.int64(2)  # Lloyd's steps from each axis before the best one goes on; each reads all points
-# Points beyond which they are binned: a step then takes a time that does not depend on their number, for a
-# separator that may be off by part of a bin.
+_TIE = 4e-6  # relative to the size: points this close to the separator are on side 0 (single precision)
+_ITERATIONS = np.int64(100)  # maximum number of Lloyd steps: they end when nothing changes
+_TRIED = np.int64(2)  # Lloyd steps from each axis before the best continues; each reads all points
+# Number of points above which they are binned: a step then takes constant time, for a separator that may be
+# off by a fraction of a bin.
 _MANY = 16_384
 
 
 @helper(reorder_sums=True)
 def _side_sums(x, y, z, w, n, planar, nx, ny, nz, t):
-    """Weight and first moments of the points with normal · point > t, in single precision."""
+    """Return weight and first moments of the points with normal · point > t, in single precision."""
     # Points on the other side are added with weight 0: without branches the loops vectorise.
     zero = np.float32(0.0)
     a, sx, sy, sz = zero, zero, zero, zero
@@ -39,17 +39,17 @@ def _side_sums(x, y, z, w, n, planar, nx, ny, nz, t):
 
 @helper
 def _lloyd(x, y, z, w, n, planar, total, tie, plane, steps):
-    """Take at most so many of Lloyd's steps from a plane, with centred points.
+    """Take at most ``steps`` Lloyd steps from a plane, for centred points.
 
-    Then both means lie on one line through the centre, so the separator follows from the sums of one
-    side. Returns the between-cluster inertia (−1 if a side is empty) and the separator, its normal of any
-    length.
+    For centred points both means lie on one line through the centre, so the separator follows from the sums
+    on one side. Returns the between-cluster inertia (−1 if a side is empty) and the separator, its normal
+    with any length.
     """
     inertia, nx, ny, nz, t = plane
     before_a, before_square = -1.0, -1.0
     for _ in range(steps):
-        # 1. Weight a and first moment s of one side; the other has total − a and −s. Without weight on both
-        #    sides, or without a distance of the means, there is no split.
+        # 1. Weight a and first moment s of one side; the other side has total − a and −s. Without weight on
+        # both sides, or with coinciding means, there is no split.
         sums = _side_sums(
             x, y, z, w, n, planar, np.float32(nx), np.float32(ny), np.float32(nz), np.float32(t)
         )
@@ -60,12 +60,12 @@ def _lloyd(x, y, z, w, n, planar, total, tie, plane, steps):
         # 2. The means are s / a and −s / b: inertia a |s/a|² + b |s/b|² = |s|² (a + b) / (a b).
         share = square / (a * b)  # s² / (a b): divisions and roots cost more than all else
         inertia = share * total
-        # The sums of the step before: the sides have not changed.
+        # Equal sums in successive steps: the sides have not changed.
         if a == before_a and square == before_square:
             break
         before_a, before_square = a, square
-        # 3. The plane halfway between the means, with normal s: t = s · (s/a − s/b) / 2. The tie is a length,
-        #    so it is multiplied by |s|.
+        # 3. The plane halfway between the means, with normal s: t = s · (s/a − s/b) / 2. The tie is a
+        # length, so it is multiplied by |s|.
         nx, ny, nz = sx, sy, sz
         t = 0.5 * share * (b - a) + tie * np.sqrt(square)
     return inertia, nx, ny, nz, t
@@ -73,28 +73,28 @@ def _lloyd(x, y, z, w, n, planar, total, tie, plane, steps):
 
 @helper
 def separator(work, planar):
-    """The plane ``normal · point > t`` of the 2-means split of least energy of the loaded points.
+    """Return the plane ``normal · point > t`` of the loaded points' best 2-means split.
 
-    Returns its inertia, not positive if there is none, the normal (3 numbers) and t.
+    Returns its inertia, not positive without a split, the normal (3 numbers) and t.
     """
     points, sums, means, axes, frame, matrix, _, placing = work
     x, y, z, w = points[0], points[1], points[2], points[3]
     n = rounded(np.int64(placing[4]))
-    # 1. Starting planes: across the principal axis, or across several if no axis stands out.
+    # 1. Starting planes: normal to the principal axis, or to several axes if none stands out.
     second = moments(x, y, z, w, n)
     total, xx, _, _, yy, _, zz = second
     tie = _TIE * np.sqrt((xx + yy + zz) / total)
     count = axes_to_try(x, y, w, n, second, planar, matrix, frame, axes)
-    # 2. Very many points are replaced by the means of those in each cell of a grid.
+    # 2. Replace very many points by their means in each grid cell.
     if n > _MANY:
         n = binned(x, y, z, w, n, frame, planar, sums, means)
         x, y, z, w = means[0], means[1], means[2], means[3]
-    # 3. A few of Lloyd's steps from each plane; the one of most inertia between the sides goes on to the end.
+    # 3. A few Lloyd steps from each plane; the plane with the largest inertia between the sides continues.
     best = (-1.0, 1.0, 0.0, 0.0, tie)
     for c in range(count):
         start = (0.0, axes[c, 0], axes[c, 1], axes[c, 2], tie)
         trial = _lloyd(x, y, z, w, n, planar, total, tie, start, _TRIED if count > 1 else _ITERATIONS)
-        # By more than single precision loses: of equally good axes the first.
+        # Better by more than single-precision rounding: among equally good axes the first wins.
         if trial[0] > best[0] * (1.0 + 1e-5):
             best = trial
     if count > 1 and best[0] > 0.0:

@@ -1,4 +1,4 @@
-"""The paper's k-means bisection, through scikit-learn: k-means++ seeding, restarts, Lloyd iterations."""
+"""The paper's k-means bisection by scikit-learn: k-means++ seeding, restarts, Lloyd iterations."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from agglo_core.authoring import Float, Graph, Int, OptionError, block_shares
 if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController
 
-_LEAST_WEIGHT = 1e-6  # of the mean: clusters of weight zero would come back empty
+_LEAST_WEIGHT = 1e-6  # relative to the mean: clusters with weight zero would be empty
 
 
 class SklearnKMeans:
-    """2-means of the centroids weighted by the weights of the nodes (by default measures).
+    """Bisect by 2-means on the centroids, with node weights (by default measures).
 
     Parameters
     ----------
     n_init : int
-        Restarts; the one of lowest energy is kept. One restart often misses the best split.
+        Restarts; the lowest energy is kept. A single start often misses the best split.
 
     Raises
     ------
@@ -35,15 +35,15 @@ class SklearnKMeans:
         self.n_init = n_init
 
     def bisect(self, graph: Graph, rng: np.random.Generator) -> Int:
-        """Return the side of each node ``(n,)``; both sides occur if there are two nodes."""
+        """Return the side of each node ``(n,)``, with both sides if there are two nodes."""
         from sklearn.cluster import KMeans
 
         points = _unit(graph.centroids)
-        if len(np.unique(points, axis=0)) < 2:  # nothing to tell the nodes apart
+        if len(np.unique(points, axis=0)) < 2:  # all nodes coincide
             return np.arange(graph.n) * 2 // max(graph.n, 1)
         relative = graph.n * block_shares(graph.weights, graph.block_ids)
         model = KMeans(2, n_init=self.n_init, random_state=int(rng.integers(2**31)))
-        # on pieces this small threads cost more than they save, and on a busy machine they spin
+        # On pieces this small threads cost more than they save, and on a busy machine they spin
         with _threads().limit(limits=1, user_api="openmp"):
             model.fit(points, sample_weight=np.maximum(relative, _LEAST_WEIGHT))
         return np.asarray(model.labels_, dtype=np.int64)
@@ -51,16 +51,16 @@ class SklearnKMeans:
 
 @cache
 def _threads() -> ThreadpoolController:
-    """The thread pools of this process; finding them takes milliseconds, so it is done once."""
+    """Return this process's thread pools, cached because finding them takes milliseconds."""
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
 
 
 def _unit(centroids: Float) -> Float:
-    """Centroids moved and scaled into the unit box: scikit-learn's tolerances are not scale-free.
+    """Move and scale centroids to the unit box, because scikit-learn's tolerances are not scale-free.
 
-    Those that differ by rounding alone become equal, so that there are as many points as it counts.
+    Centroids that differ only by rounding become equal, so that scikit-learn counts distinct points.
     """
     low = centroids.min(axis=0)
     extent = float((centroids - low).max())
