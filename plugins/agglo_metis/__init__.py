@@ -1,11 +1,11 @@
-"""Declaration of the METIS plugin."""
+"""Declare the METIS plugin."""
 
 from agglo_core.authoring import Component, hookimpl
 
 
 @hookimpl
 def agglo_components() -> list[Component]:
-    """The component ``metis``."""
+    """Return the component ``metis``."""
     return [
         Component(
             kind="bisector",

@@ -1,4 +1,4 @@
-"""METIS through pymetis: blocks are bisected one by one, a k-way partition is one call.
+"""METIS by pymetis: blocks are bisected one by one, a k-way partition is one call.
 
 Source: Karypis and Kumar, "A fast and high quality multilevel scheme for partitioning irregular graphs"
 (SIAM J. Sci. Comput. 20, 1998).
@@ -15,43 +15,44 @@ from agglo_core.authoring import Float, Graph, Int, OptionError, PartSearch, Tar
 if TYPE_CHECKING:
     import pymetis
 
-_UNITS = 1000  # integer weights: this many units are the mean of the block
-_SEED_MASK = np.uint64(0x7FFFFFFF)  # seeds METIS takes on every platform
+_UNITS = 1000  # mean integer weight of a block
+_SEED_MASK = np.uint64(0x7FFFFFFF)  # seed range of METIS on every platform
 
 
 class Metis:
-    """Bisector and k-way partitioner of the METIS library.
+    """Bisect and partition by the METIS library.
 
     Parameters
     ----------
     algorithm : {"kway", "recursive"}
-        Of :meth:`partition`: k-way refinement, or repeated bisection (4 to 5 times faster, and its
-        parts are not kept connected). Bisections are always multilevel recursive bisections.
+        Algorithm for :meth:`partition`: k-way refinement, or repeated bisection (4 to 5 times faster, but
+        parts may be disconnected). Bisections are always multilevel recursive bisections.
     vertex_weights, edge_weights : bool
-        Balance the weights of the nodes (in a run by count what its ``balance`` says) instead of their
+        Balance the node weights (in a run by count the quantity of its ``balance``) instead of their
         number; minimise the interface cut instead of the number of edges.
     ufactor : int in 1..10^6, optional
-        Allowed imbalance in thousandths. Default: 300 for k-way (parts round themselves off at the
-        cost of balance), METIS' own for bisections.
+        Allowed imbalance in thousandths. Default: 300 for k-way (parts become rounder at the cost of
+        balance), METIS' own for bisections.
     contig : bool
-        k-way only: force connected parts.
+        Force connected parts (k-way only).
     niter, ncuts : int in 1..10^4
-        Refinement sweeps per level; partitions tried, the best is kept.
+        Refinement sweeps per level; number of trial partitions, of which the best is kept.
     effort : "fast", "good" or "best", optional
-        Anneal the k-way partition, from the parts of METIS; then a size may be asked for, too.
+        Anneal the k-way partition, starting from METIS' parts; then a target size is possible, too.
     objective : "solver" or "roundness"
-        What annealed parts are to be: see ``kmeans``.
+        Goal of annealing, see ``kmeans``.
     seconds : float, optional
-        When annealing ends.
+        Time limit for annealing.
     balance : float, optional
-        How far sizes of annealed parts may be from their mean, relatively.
+        Largest relative deviation of annealed part sizes from their mean.
     size : "cells", "measure" or "weights", optional
-        Quantity that is balanced. Default: that of the run (its ``weights=`` or ``balance=``), else cells.
+        Balanced quantity. Default: the quantity of the run (its ``weights=`` or ``balance=``), otherwise
+        cells.
 
     Raises
     ------
     OptionError
-        If an option is of another type or outside its bounds.
+        If an option has the wrong type or is out of bounds.
     """
 
     def __init__(
@@ -86,19 +87,24 @@ class Metis:
 
     @property
     def final_parts(self) -> bool:
-        """Whether refiners and polish are to leave the k-way partition as it is."""
+        """True if refiners and polish must leave the k-way partition unchanged."""
         return self.search is not None
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
-        """Bisect each block; return sides ``(n,)``, both in every block of at least two nodes."""
+        """Bisect each block, and return sides ``(n,)``.
+
+        Both sides occur in every block with at least two nodes.
+        """
         return self.bisect_shares(level, seeds, None)
 
     def bisect_shares(self, level: Graph, seeds: UInt64, shares: Float | None) -> Int:
-        """Bisect each block; side 0 gets these ``shares (B,)`` of the weight, half of it by default."""
+        """Bisect each block so that side 0 gets ``shares (B,)`` of the weight, by default half."""
+        # 1. Adjacency and weights, with node numbers local to each block
         ends = level.indptr[level.offsets]
         adjacent = level.indices - np.repeat(level.offsets[:-1], np.diff(ends))
         nodes, edges = self._weights(level)
         sides, options = np.zeros(level.n, dtype=np.int64), self._options(recursive=True)
+        # 2. One METIS call per block
         for b, (i, j) in enumerate(zip(level.offsets[:-1], level.offsets[1:], strict=True)):
             if j - i > 1:
                 span = slice(ends[b], ends[b + 1])
@@ -112,24 +118,24 @@ class Metis:
     def partition(self, graph: Graph, target: Target, seed: int) -> Int:
         """Partition one connected graph into ``target.parts`` parts (at most one per node).
 
-        METIS may leave labels unused: it returns fewer parts than asked for when parts are few cells. With an
-        effort its parts are what a search starts from, and meet the target.
+        METIS may leave labels unused: for parts with few cells it returns fewer parts than requested. With
+        an effort, its parts are the start of a search, and the result meets the target.
 
         Raises
         ------
         OptionError
-            If ``target.parts`` is not given, and no effort: METIS knows nothing of sizes.
+            Without ``target.parts`` and without an effort: METIS supports no target sizes.
         """
         if self.search is not None:
             return self.search.parts(graph, target, seed, lambda own, k: self._direct(own, Target(k), seed))
         return self._direct(graph, target, seed)
 
     def _direct(self, graph: Graph, target: Target, seed: int) -> Int:
-        """Labels ``(n,)`` that METIS finds."""
+        """Return METIS' labels ``(n,)``."""
         if target.parts is None or target.parts < 1:
             raise OptionError(f"metis: partition needs a positive number of parts, not {target.parts!r}")
         parts = min(target.parts, graph.n)
-        if parts in (1, graph.n):  # METIS itself leaves gaps among n parts
+        if parts in (1, graph.n):  # METIS would leave gaps among n parts
             return np.arange(graph.n) % parts
         nodes, edges = self._weights(graph)
         recursive = self.algorithm == "recursive"
@@ -139,7 +145,10 @@ class Metis:
         return _part(parts, graph.indptr, graph.indices.astype(np.int64), nodes, edges, options, recursive)
 
     def _options(self, recursive: bool) -> pymetis.Options:
-        """Options of METIS but for the seed; they are as dear to make as a few dozen nodes to bisect."""
+        """Return METIS options except the seed.
+
+        Creating them takes as long as bisecting a few dozen nodes.
+        """
         import pymetis
 
         options = pymetis.Options(niter=self.niter, ncuts=self.ncuts)
@@ -150,7 +159,7 @@ class Metis:
         return options
 
     def _weights(self, level: Graph) -> tuple[Int | None, Int | None]:
-        """Integer weights of nodes ``(n,)`` and edges ``(m,)``, or None where they do not count."""
+        """Return integer weights of nodes ``(n,)`` and edges ``(m,)``, or None if not used."""
         own = level.weights if level.loads is None else level.mass
         nodes = _integers(own, level.offsets) if self.vertex_weights else None
         edges = _integers(level.interface, level.indptr[level.offsets]) if self.edge_weights else None
@@ -167,7 +176,7 @@ def _part(
     recursive: bool,
     shares: list[float] | None = None,
 ) -> Int:
-    """One call of METIS: labels ``(n,)`` of parts with equal ``shares`` of the weight unless given."""
+    """Call METIS once, and return part labels ``(n,)``, with equal ``shares`` by default."""
     import pymetis
 
     graph = pymetis.CSRAdjacency(starts, adjacent)
@@ -187,7 +196,7 @@ def _sliced(values: Int | None, span: slice) -> Int | None:
 
 
 def _integers(values: Float, offsets: Int) -> Int:
-    """Values in thousandths of the mean of their block, at least 1; all the same where they are zero."""
+    """Convert values to thousandths of their block mean, at least 1, or equal if all are zero."""
     sizes = np.diff(offsets)
     totals = np.bincount(np.repeat(np.arange(len(sizes)), sizes), values, len(sizes))
     some = totals > 0
@@ -200,20 +209,24 @@ def _integers(values: Float, offsets: Int) -> Int:
 
 
 def _that_fit(nodes: Int, parts: int) -> Int | None:
-    """Weights no larger than a part, which such a node is alone; None where parts have hardly two nodes.
+    """Limit weights to the size of a part, or return None if parts have fewer than two nodes.
 
-    METIS prints complaints where weights leave it halves without nodes.
+    A node with a limited weight forms a part alone. METIS prints complaints if weights leave a half without
+    nodes.
     """
     if 2 * parts > len(nodes):
         return None
     most = int(nodes.max())
-    while (share := max(1, int(nodes.sum()) // parts)) < most:  # ends: the largest falls each time
+    while (share := max(1, int(nodes.sum()) // parts)) < most:  # terminates: the largest decreases each time
         nodes, most = np.minimum(nodes, share), share
     return nodes
 
 
 def _with_two_sides(level: Graph, sides: Int) -> Int:
-    """Where METIS left a side empty (one node outweighs the rest), put the heaviest node on its own."""
+    """Separate the heaviest node in blocks where METIS left a side empty.
+
+    This happens if one node outweighs the rest.
+    """
     starts, sizes = level.offsets[:-1], np.diff(level.offsets)
     ones = np.add.reduceat(sides, starts)
     empty = np.flatnonzero((sizes > 1) & ((ones == 0) | (ones == sizes)))
