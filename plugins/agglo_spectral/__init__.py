@@ -1,11 +1,11 @@
-"""Declaration of the spectral plugin."""
+"""Declare the spectral plugin."""
 
 from agglo_core.authoring import Component, hookimpl
 
 
 @hookimpl
 def agglo_components() -> list[Component]:
-    """The component ``spectral``."""
+    """Return the component ``spectral``."""
     return [
         Component(
             kind="bisector",

@@ -1,7 +1,7 @@
-"""The lowest eigenpairs of the graph Laplacian of each block: dense in batches, iterative above.
+"""Lowest graph Laplacian eigenpairs per block: dense in batches, iterative for large blocks.
 
-L x = λ M x with L = D − W, W the edge weights and M the diagonal of masses (shares of the block, so that
-the modes are orthonormal whatever the units), solved as S z = λ z with S = M^{-1/2} L M^{-1/2}.
+L x = λ M x with L = D − W, W the edge weights and M the diagonal of masses (fractions of the block, so that
+the modes are orthonormal in any units), solved as S z = λ z with S = M^{-1/2} L M^{-1/2}.
 """
 
 from __future__ import annotations
@@ -15,30 +15,30 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from agglo_core.authoring import Float, Graph, Int, block_extents, block_shares, principal_frames
 
-_BATCH = 2**22  # entries of a stack of dense matrices: 32 MiB
-_SHIFT = 1e-3  # of an estimate of the lowest eigenvalue: makes the Laplacian regular
-_FAR = 0.1  # part of that estimate below which the matrix is factored anew
-_ROUNDING = 1e-13  # of the largest entry: least shift and residual
-_RESIDUAL = 1e-8  # of the lowest eigenvalue
+_BATCH = 2**22  # entries in a stack of dense matrices: 32 MiB
+_SHIFT = 1e-3  # relative to the estimated lowest eigenvalue: makes the Laplacian regular
+_FAR = 0.1  # fraction of that estimate below which the matrix is refactorised
+_ROUNDING = 1e-13  # relative to the largest entry: least shift and residual
+_RESIDUAL = 1e-8  # relative to the lowest eigenvalue
 _SWEEPS = 200
-_WEAKEST = 1e-6  # of the mean edge weight of a block: bound of the weights
+_WEAKEST = 1e-6  # relative to the mean edge weight in a block: lower bound for weights
 
 
 def laplacian_modes(level: Graph, count: int, weighted: bool, dense_limit: int) -> tuple[Float, Float]:
-    """The ``count`` lowest eigenpairs above the constant, of each block.
+    """Return the ``count`` lowest eigenpairs above the constant, for each block.
 
     Parameters
     ----------
     weighted : bool
-        Weigh edges by interface over distance of centroids and nodes by their weight, which makes
-        them those of −Δu = λu with Neumann conditions on any mesh; otherwise all by 1.
+        Weigh edges by interface over centroid distance and nodes by their weight, so that the modes
+        approximate those of −Δu = λu with Neumann conditions on any mesh; otherwise all weights are 1.
     dense_limit : int
-        Blocks of up to this many nodes are solved densely.
+        Blocks up to this number of nodes are solved densely.
 
     Returns
     -------
     values : (B, count) float
-        Rising; infinite where a block has too few nodes.
+        Increasing; infinite if a block has too few nodes.
     modes : (n, count) float
         Orthonormal with respect to the masses, zero where the value is infinite.
     """
@@ -56,7 +56,7 @@ def laplacian_modes(level: Graph, count: int, weighted: bool, dense_limit: int) 
 
 
 def _batches(sizes: Int, dense_limit: int) -> Iterator[Int]:
-    """Blocks of similar size in stacks; each block above ``dense_limit`` alone."""
+    """Yield stacks of blocks with similar sizes, and each block above ``dense_limit`` alone."""
     yield from np.flatnonzero(sizes > dense_limit)[:, None]
     padded = np.where(sizes <= dense_limit, _padded(sizes), 0)
     for size in np.unique(padded[padded > 0]):
@@ -65,16 +65,19 @@ def _batches(sizes: Int, dense_limit: int) -> Iterator[Int]:
 
 
 def _padded(sizes: Int) -> Int:
-    """Size of the dense matrix of a block: 2, 3, 4, 6, 8, 12, 16, …; it depends on no other block."""
+    """Return the dense matrix size for each block: 2, 3, 4, 6, 8, 12, 16, ….
+
+    Other blocks have no influence.
+    """
     powers = 2 ** np.arange(1, 32)
     steps = np.sort(np.concatenate((powers, powers // 2 * 3)))
     return np.asarray(steps[np.searchsorted(steps, sizes)])
 
 
 def _edge_weights(level: Graph, weighted: bool) -> Float:
-    """Interface over distance of the centroids, both bounded below, ``(m,)``.
+    """Return interface over centroid distance, both bounded below, ``(m,)``.
 
-    Without the bound a block whose interfaces are zero along a cut would have several constant modes.
+    Without the bound, a block with zero interfaces along a cut would have several constant modes.
     """
     if not weighted:
         return np.ones(len(level.indices))
@@ -87,13 +90,17 @@ def _edge_weights(level: Graph, weighted: bool) -> Float:
     weights = np.divide(level.interface, distances, out=np.ones_like(distances), where=distances > 0)
     blocks = level.block_ids[owners]
     means = np.bincount(blocks, weights, level.n_blocks) / np.maximum(np.bincount(blocks), 1)
-    least = np.where(means > 0, _WEAKEST * means, 1.0)  # all weights 1 where no interface has a measure
+    least = np.where(means > 0, _WEAKEST * means, 1.0)  # all weights 1 if all interfaces vanish
     bounded: Float = np.maximum(weights, least[blocks])
     return bounded
 
 
 def _dense(level: Graph, roots: Float, weights: Float, count: int) -> tuple[Float, Float]:
-    """Eigenpairs of a stack of equally padded matrices; padding lies above the spectrum."""
+    """Return the eigenpairs for a stack of equally padded matrices.
+
+    Padding entries lie above the spectrum.
+    """
+    # 1. Scale each block by its largest degree
     sizes = np.diff(level.offsets)
     n = int(_padded(sizes).max())
     owners = np.repeat(np.arange(level.n), np.diff(level.indptr))
@@ -101,12 +108,14 @@ def _dense(level: Graph, roots: Float, weights: Float, count: int) -> tuple[Floa
     degrees = np.bincount(owners, weights, minlength=level.n) / roots**2
     tops = np.maximum.reduceat(degrees, level.offsets[:-1])
     scales = np.where(tops > 0, tops, 1.0)
+    # 2. Fill the stack
     stack = np.zeros((level.n_blocks, n, n))
     stack[:, range(n), range(n)] = 4.0  # the spectrum lies in [0, 2] by Gershgorin, after scaling
     blocks = level.block_ids[owners]
     couplings = weights / (roots[owners] * roots[level.indices] * scales[blocks])
     stack[blocks, places[owners], places[level.indices]] = -couplings
     stack[level.block_ids, places, places] = degrees / scales[level.block_ids]
+    # 3. Solve, and mark absent modes
     values, vectors = np.linalg.eigh(stack)
     chosen = np.minimum(1 + np.arange(count), n - 1)
     absent = 1 + np.arange(count) >= sizes[:, None]
@@ -116,19 +125,22 @@ def _dense(level: Graph, roots: Float, weights: Float, count: int) -> tuple[Floa
 
 
 def _iterative(graph: Graph, roots: Float, weights: Float, count: int) -> tuple[Float, Float]:
-    """Eigenpairs of one block by inverse iteration of a subspace.
+    """Return one block's eigenpairs by inverse subspace iteration.
 
-    It starts from the linear and quadratic monomials of the principal coordinates, which turn with
-    the mesh and lie close to the lowest modes; nothing is random.
+    It starts from linear and quadratic monomials in the principal coordinates, which rotate with the
+    mesh and are close to the lowest modes; nothing is random.
     """
+    # 1. Scaled Laplacian
     n = graph.n
     adjacency = sparse.csr_array((weights, graph.indices.astype(np.int64), graph.indptr), shape=(n, n))
     scaling = sparse.diags_array(1.0 / roots)
     degrees = sparse.diags_array(adjacency.sum(axis=1))
     matrix = sparse.csc_array(scaling @ (degrees - adjacency) @ scaling)
+    # 2. Starting space
     space = _orthonormal(_monomials(principal_frames(graph)[1]) * roots[:, None], roots)
     lowest, rounding = np.min(np.einsum("ni,ni->i", space, matrix @ space)), _ROUNDING * matrix.max()
     factored = np.inf
+    # 3. Inverse iteration with Rayleigh–Ritz projection
     for _ in range(_SWEEPS):
         if lowest < _FAR * factored:  # a shift far above the lowest eigenvalue would slow the iteration down
             shift, factored = max(_SHIFT * lowest, rounding), lowest
@@ -145,7 +157,7 @@ def _iterative(graph: Graph, roots: Float, weights: Float, count: int) -> tuple[
 
 
 def _factors(matrix: sparse.csc_array[Any, Any], shift: float) -> SuperLU:
-    """Factors of ``matrix + shift``, which is positive definite."""
+    """Factorise ``matrix + shift``, which is positive definite."""
     return splu(
         matrix + shift * sparse.eye_array(matrix.shape[0], format="csc"),
         permc_spec="MMD_AT_PLUS_A",
@@ -155,7 +167,7 @@ def _factors(matrix: sparse.csc_array[Any, Any], shift: float) -> SuperLU:
 
 
 def _orthonormal(space: Float, roots: Float) -> Float:
-    """Orthonormal basis of the columns without their constant part (``roots`` after scaling)."""
+    """Return an orthonormal basis for the columns without their constant part (scaled ``roots``)."""
     constant = roots / np.linalg.norm(roots)
     space = space - constant[:, None] * (constant @ space)
     basis: Float = np.linalg.qr(space / np.linalg.norm(space, axis=0).clip(min=np.finfo(float).tiny))[0]
@@ -163,6 +175,6 @@ def _orthonormal(space: Float, roots: Float) -> Float:
 
 
 def _monomials(coordinates: Float) -> Float:
-    """Linear and quadratic monomials of the columns of ``coordinates``."""
+    """Return linear and quadratic monomials in the columns of ``coordinates``."""
     i, j = np.triu_indices(coordinates.shape[1])
     return np.concatenate((coordinates, coordinates[:, i] * coordinates[:, j]), axis=1)

@@ -1,4 +1,4 @@
-"""Spectral bisection: the lowest mode of a piece, cut where it divides the piece best.
+"""Spectral bisection: cut the lowest mode of a piece at the best place.
 
 Sources: Fiedler, "A property of eigenvectors of nonnegative symmetric matrices" (1975); Shi and Malik,
 "Normalized cuts and image segmentation" (2000) for the sweep over the sorted mode.
@@ -30,28 +30,27 @@ from agglo_spectral.modes import laplacian_modes
 
 Flags = NDArray[np.bool_]
 
-_TIE = 1e-9  # relative difference of normalised cuts that does not count
+_TIE = 1e-9  # relative difference of normalised cuts that counts as a tie
 
 
 class Spectral:
     """Bisect each block along the Fiedler vector of its graph Laplacian.
 
-    Where the lowest eigenvalues (nearly) agree, as on squares, the mode is a choice: eight directions
-    of the plane, spread from the axes of the block, are tried and the lowest normalised cut is kept.
+    If the lowest eigenvalues (nearly) agree, as on squares, the mode is arbitrary: directions spread from
+    the block axes, eight in 2-D, are tried and the lowest normalised cut is kept.
 
     Parameters
     ----------
     split : {"ncut", "median"}
-        Cut the sorted mode where the normalised cut (interface over weight) is least, or at the
-        weighted median.
+        Cut the sorted mode at the lowest normalised cut (interface over weight), or at the weighted median.
     weighted : bool
-        Weigh edges by interface over distance and nodes by their weight; otherwise all by 1.
+        Weigh edges by interface over distance and nodes by their weight; otherwise all weights are 1.
     balance : float in [0, 0.5]
-        ``ncut`` leaves each side at least this share of the weight, if some cut does.
+        ``ncut`` leaves each side at least this fraction of the weight, if possible.
     degeneracy : float
-        Eigenvalues within this relative distance of the lowest span the modes tried.
+        Eigenvalues within this relative distance from the lowest span the trial modes.
     dense_limit : int
-        Up to this many nodes blocks are solved densely, in batches.
+        Blocks up to this number of nodes are solved densely, in batches.
 
     Raises
     ------
@@ -79,15 +78,20 @@ class Spectral:
         self.degeneracy, self.dense_limit = degeneracy, dense_limit
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
-        """Return the sides ``(n,)``, both in every block of at least two nodes; seeds are not needed."""
+        """Return the sides ``(n,)``, both in every block with at least two nodes.
+
+        ``seeds`` are ignored.
+        """
         return self.bisect_shares(level, seeds, None)
 
     def bisect_shares(self, level: Graph, seeds: UInt64, shares: Float | None) -> Int:
-        """Return the sides ``(n,)``; side 0 gets ``shares (B,)`` of the mass, by a quantile of the mode."""
+        """Return the sides ``(n,)`` with mass ``shares (B,)`` on side 0, by a mode quantile."""
+        # 1. Cut along the lowest mode
         values, modes = laplacian_modes(level, level.dim, self.weighted, self.dense_limit)
         coordinates = principal_frames(level)[1]
         near = np.isfinite(values) & (values <= (1 + self.degeneracy) * values[:, :1])
         sides, _ = self._cut(level, modes[:, 0], coordinates, shares)
+        # 2. Blocks with several near-lowest modes: try directions in their span
         choice = near.sum(axis=1) > 1
         if choice.any():
             nodes = choice[level.block_ids]
@@ -98,9 +102,9 @@ class Spectral:
         return sides
 
     def _best(self, level: Graph, basis: Float, coordinates: Float, sides: Int, shares: Float | None) -> Int:
-        """Sides of the direction in the span of ``basis`` whose normalised cut is lowest.
+        """Return the sides for the best direction in the span of ``basis``, by normalised cut.
 
-        The given ``sides`` stay where no cut leaves weight on both.
+        The given ``sides`` remain if no cut leaves weight on both.
         """
         best = np.full(level.n_blocks, np.inf)
         for direction in _directions(level.dim):
@@ -111,28 +115,33 @@ class Spectral:
         return sides
 
     def _cut(self, level: Graph, mode: Float, coordinates: Float, shares: Float | None) -> tuple[Int, Float]:
-        """Sides ``(n,)`` along one mode and their normalised cut ``(B,)``."""
+        """Return the sides ``(n,)`` along one mode and their normalised cut ``(B,)``."""
+        # 1. Orient the mode by its third moment
         thirds = block_sums(level, (block_shares(level.weights, level.block_ids) * mode**3)[:, None])[:, 0]
         mode = np.where(thirds < 0, -1.0, 1.0)[level.block_ids] * mode
+        # 2. Cut
         if self.split == "median" or shares is not None:
             sides = split_at_median(level, mode, coordinates, shares)
         else:
             sides, found = _sweep(level, mode, self.balance)
-            if not found.all():  # one node outweighs the rest, or all have the same value
+            if not found.all():  # one node outweighs the rest, or all values are equal
                 sides = np.where(found[level.block_ids], sides, split_at_median(level, mode, coordinates))
         return sides, _normalised_cut(level, sides)
 
 
 def _sweep(level: Graph, mode: Float, balance: float) -> tuple[Int, Flags]:
-    """Sides ``(n,)`` of the least normalised cut between two values of the mode; whether there is one."""
+    """Return the sides ``(n,)`` by the lowest normalised cut between mode values, and a success mask."""
+    # 1. Sort the nodes of each block by mode
     blocks, starts, ends = level.block_ids, level.offsets[:-1], level.offsets[1:] - 1
     ranks = block_ranks(level, mode, block_extents(level, mode[:, None])[:, 0])
     order = np.lexsort((ranks, blocks))
     places = np.empty(level.n, dtype=np.int64)
     places[order] = np.arange(level.n)
+    # 2. Weight below and interface crossing each place
     below = _running(level, integer_shares(level.weights, blocks)[order])
     share = below / below[ends][blocks]
     crossing = _running(level, _changes(level, places))
+    # 3. Lowest cut between different values, within the balance
     last = np.append(ranks[order][1:] > ranks[order][:-1], False)
     allowed = last & (share >= balance - _TIE) & (share <= 1 - balance + _TIE)
     allowed[ends] = False
@@ -144,14 +153,14 @@ def _sweep(level: Graph, mode: Float, balance: float) -> tuple[Int, Flags]:
 
 
 def _running(level: Graph, values: Int) -> Int:
-    """Running sum of integers (exact, whatever lies beside a block) from the start of each block."""
+    """Return the exact running sum from the start of each block."""
     sums = np.cumsum(values)
     before = np.concatenate(([0], sums[level.offsets[1:-1] - 1]))
     return np.asarray(sums - before[level.block_ids])
 
 
 def _changes(level: Graph, places: Int) -> Int:
-    """What each place, joining the lower side, adds to the interface between the sides."""
+    """Return the interface change when each place joins the lower side."""
     owners = np.repeat(np.arange(level.n), np.diff(level.indptr))
     lengths = integer_shares(level.interface, level.block_ids[owners])
     signs = np.where(places[owners] < places[level.indices], 1, -1)
@@ -160,7 +169,7 @@ def _changes(level: Graph, places: Int) -> Int:
 
 
 def _normalised_cut(level: Graph, sides: Int) -> Float:
-    """Interface between the sides times the total weight over the product of their weights, ``(B,)``."""
+    """Return the interface times the total weight over the product of the side weights, ``(B,)``."""
     owners = np.repeat(np.arange(level.n), np.diff(level.indptr))
     crossing = np.where(sides[owners] != sides[level.indices], level.interface, 0.0)
     cut = np.bincount(level.block_ids[owners], crossing, minlength=level.n_blocks) / 2
@@ -171,10 +180,10 @@ def _normalised_cut(level: Graph, sides: Int) -> Float:
 
 
 def _aligned(level: Graph, modes: Float, near: Flags, coordinates: Float) -> Float:
-    """Orthonormal basis ``(n, d)`` of the near modes, as close as possible to the linear functions.
+    """Return an orthonormal near-mode basis ``(n, d)``, closest to the linear functions.
 
-    The orthogonal factor of the projections of the coordinates on the modes (Procrustes): a basis that
-    depends neither on numbering nor on the basis an eigenvalue solver returns.
+    It is the orthogonal factor of the coordinate projections on the modes (Procrustes), independent of the
+    numbering and of the eigenvalue solver's basis.
     """
     modes = np.where(near[level.block_ids], modes, 0.0)
     masses = block_shares(level.weights, level.block_ids)[:, None, None]
@@ -186,7 +195,7 @@ def _aligned(level: Graph, modes: Float, near: Flags, coordinates: Float) -> Flo
 
 
 def _directions(dim: int) -> Float:
-    """Directions tried, axes first: 8 in the plane; axes and diagonals of the cube (13) in space."""
+    """Return the trial directions, axes first: 8 in 2-D, in 3-D the cube's axes and diagonals (13)."""
     if dim == 2:
         angles = np.pi * np.array([0, 4, 2, 6, 1, 3, 5, 7]) / 8
         return np.stack((np.cos(angles), np.sin(angles)), axis=1)
