@@ -29,7 +29,16 @@ _DECISIVE: Final = _PROJECTS[:-2]  # projects that affect the results
 
 @dataclass(frozen=True, eq=False)
 class Unit:
-    """A module function with its arguments, both arguments and result being plain data."""
+    """A module function with its arguments, both arguments and result being plain data.
+
+    Attributes
+    ----------
+    work : callable
+        Called with ``settings`` as keywords.
+    settings : mapping
+    packages : tuple of str
+        Packages whose code it runs, in addition to agglo_core and this plugin's module.
+    """
 
     work: Callable[..., Data]
     settings: Mapping[str, Any]

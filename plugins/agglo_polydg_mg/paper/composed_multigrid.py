@@ -72,8 +72,8 @@ class ComposedMultigrid:
     scaled_basis : bool
         Scale the basis by the size of each cell's bounding box.
     corrections : bool
-        Pass the correction by the next level to smoothers that use it. Its matrices are inherited, Pᵀ A
-        P from the mesh down, for any coarse operator.
+        Pass the correction by the next level to smoothers that use it. Its matrices are inherited,
+        Pᵀ A P from the mesh down, for any coarse operator.
     registry : Registry, optional
         Registry for names; by default the program's.
 

@@ -67,8 +67,8 @@ def iterate(
     Parameters
     ----------
     outer : "cg", "flexible_cg" or "stationary"
-        Conjugate gradients, for a linear and symmetric M; :class:`FlexibleSteps`, for any; or x + M (b
-        − A x).
+        Conjugate gradients, for a linear and symmetric M; :class:`FlexibleSteps`, for any; or
+        x + M (b − A x).
     """
     if outer == "cg":
         return pcg(

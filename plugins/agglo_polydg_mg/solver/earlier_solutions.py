@@ -19,8 +19,7 @@ def differences_of(vectors, table):
     """Write the backward differences of vectors to the columns of ``table (n, WIDE)``.
 
     The ``vectors (k, n)`` are ordered by age, the latest last. Order 0 is the latest vector itself.
-    Each column is divided by its largest magnitude; columns from k on, and differences that vanish, are
-    0.
+    Each column is divided by its largest magnitude; columns from k on, and vanishing differences, are 0.
     """
     count, n = vectors.shape
     rows, largest = np.zeros((WIDE, _ROWS)), np.zeros(WIDE)

@@ -39,11 +39,11 @@ class PolyDGMultigrid:
     tolerance : float
     max_iterations : int
     recipe : "auto", "conforming", "patches" or "agglomerates"
-        ``conforming``: a continuous space inside the discontinuous space, with its own multigrid on the
-        graph of its matrix, or on agglomerates if given
+        Coarse spaces and their smoother. ``conforming``: a continuous space inside the discontinuous space,
+        with its own multigrid on the graph of its matrix, or on agglomerates if given
         (:mod:`~agglo_polydg_mg.auxiliary.conforming_stack`). ``patches``: polynomials on agglomerates,
-        smoothed patch by patch (:mod:`~agglo_polydg_mg.auxiliary.patch_recipe`). ``agglomerates``: in
-        3-D, polynomials on agglomerates, smoothed cell by cell. Linear systems take ``auto``, or
+        smoothed patch by patch (:mod:`~agglo_polydg_mg.auxiliary.patch_recipe`). ``agglomerates``: in 3-D,
+        polynomials on agglomerates, smoothed cell by cell. Linear systems take ``auto``, or
         ``agglomerates`` to use the agglomerates as aggregates even if each cell has one unknown.
     cycle : "auto", "V", "W", "F" or "K"
     precision : "auto", "single" or "double"
@@ -51,9 +51,9 @@ class PolyDGMultigrid:
     penalty : float, "paper" or "sharp"
         See :class:`~agglo_polydg_mg.polydg.PolyDG`.
     levels : int, optional
-        Number of levels to use from mesh, level 0, 1, …; by default all. For a diffusion problem
-        without levels, agglomerates with 8 cells each are made if ``levels`` is given, or for the
-        recipe ``patches``.
+        Number of levels to use from mesh, level 0, 1, …; by default all. For a diffusion problem without
+        levels, agglomerates with 8 cells each are made if ``levels`` is given, or for the recipe
+        ``patches``.
 
     Raises
     ------
