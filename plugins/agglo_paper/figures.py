@@ -42,11 +42,13 @@ def _shown(plan: Plan) -> list[Strategy]:
 
 def draw_grids(plan: Plan, sources: Sequence[str], convention: str, path: Path) -> None:
     """Draw each mesh in its own row: unchanged, then agglomerated by the paper's and some other columns."""
+    # 1. Panel layout: a row per mesh, or two rows for a single mesh
     shown = _shown(plan)
     across = len(shown) + 1 if len(sources) > 1 else (len(shown) + 2) // 2
     down = len(sources) if len(sources) > 1 else 2
     with picture((2.2 * across, 2.45 * down), path) as figure:
         panels = figure.subplots(down, across, squeeze=False).ravel()
+        # 2. Each mesh, then its agglomerations
         place = 0
         for source in sources:
             mesh = load(source)

@@ -89,6 +89,7 @@ def _ask(name: str, network: nn.Module) -> None:
 
     In evaluation mode the second mesh is evaluated alone too, in training mode with the first mesh changed.
     """
+    # 1. Two meshes with their features
     graphs = [samples.voronoi(18).graph, samples.strip(5).graph]
     first, second = (torch.from_numpy(inorm(graph)).float() for graph in graphs)
     both = Neighbours.of(graphs)
@@ -97,6 +98,7 @@ def _ask(name: str, network: nn.Module) -> None:
         torch.manual_seed(0)  # fixes dropout
         return _checked(name, network(x, neighbours), len(x))
 
+    # 2. Evaluate both modes, with the first mesh absent or changed
     network.eval()
     with torch.no_grad():
         used = logits(torch.cat((first, second)), both)[len(first) :]
@@ -104,6 +106,7 @@ def _ask(name: str, network: nn.Module) -> None:
     network.train()
     trained = logits(torch.cat((first, second)), both)
     changed = logits(torch.cat((1 - 3 * first, second)), both)[len(first) :]
+    # 3. Compare the logits of the second mesh
     for one, other, when in ((used, alone, ""), (trained[len(first) :], changed, " in training")):
         if not torch.allclose(one, other, rtol=1e-3, atol=1e-4):
             raise OptionError(

@@ -68,10 +68,12 @@ def _arrays_of(level: Graph) -> dict[str, Any]:
 def batch_of(data: Pieces, chosen: Int) -> dict[str, torch.Tensor]:
     import torch
 
+    # 1. Rows of the chosen pieces
     cells, cell_owner, cell_first = rows_of(data.cell_offsets, chosen)
     edges, edge_owner, _ = rows_of(data.edge_offsets, chosen)
     nodes, node_owner, node_first = rows_of(data.node_offsets, chosen)
     near = data.near[nodes]
+    # 2. Arrays, numbered within the batch
     arrays = {
         "cells": data.cells[cells].astype(np.float32),
         "shares": data.shares[cells].astype(np.float32),

@@ -72,6 +72,7 @@ def page(plan: Plan, results: Results, name: str) -> Page:
 def _table(plan: Plan, results: Results, name: str, as_printed: bool) -> Table:
     title, varies, chosen = TABLES[name]
     rows = []
+    # 1. A row per grid and setting
     for grid in plan.grids:
         for index in chosen:
             setting = SETTINGS[index]
@@ -86,6 +87,7 @@ def _table(plan: Plan, results: Results, name: str, as_printed: bool) -> Table:
                 rows.append(replace(row, name=label))
             else:
                 rows.append(Row(label, cells))
+    # 2. Table with notes
     if not as_printed:
         return Table(f"{name}-ours", f"{title}: every other bisector", rows, 0)
     starred = (

@@ -81,12 +81,15 @@ def judged(
     others : mapping of column to Band, optional
         Bands for special columns.
     """
+    # 1. Verdict of each column
     verdicts = {column: judge(cell, (others or {}).get(column, usual)) for column, cell in cells.items()}
     verdicts = {column: verdict for column, verdict in verdicts.items() if verdict}
+    # 2. Deciding columns
     networks = [verdicts[column] for column in _NETWORKS if column in verdicts]
     deciding = [verdicts["k-means"]] if "k-means" in verdicts else []
     deciding += [_first((EXACT, NEAR, NOT), networks)] if networks else []
     verdict = _first((NOT, NEAR, EXACT), deciding or verdicts.values())
+    # 3. Deviating verdicts and reasons
     rest = [f"{column} {each}" for column, each in verdicts.items() if each != verdict]
     differing = [column for column, each in verdicts.items() if each != EXACT]
     why = _reasons(table, name, differing)

@@ -77,6 +77,7 @@ class Table:
 
     def markdown(self) -> str:
         """Return the table in Markdown, with reasons and notes below."""
+        # 1. Headings, rows and marks of reasons
         judged = any(row.verdict for row in self.rows)
         heads = [self.corner, *self.columns, *(["verdict"] if judged else [])]
         reasons = list(dict.fromkeys(reason for row in self.rows for reason in row.why))
@@ -85,6 +86,7 @@ class Table:
             cells = [_text(row.cells.get(name, "–"), self.digits) for name in self.columns]
             marks = "".join(f" [{n}]" for n, reason in enumerate(reasons, 1) if reason in row.why)
             lines.append(_line([row.name, *cells, *([(row.verdict or "–") + marks] if judged else [])]))
+        # 2. Reasons and notes
         whys = [f"- [{place}] {reason}." for place, reason in enumerate(reasons, 1)]
         notes = [f"*{note}.*" for note in self.notes]
         blocks = ["\n".join(lines), "\n".join(whys), "\n\n".join(notes)]

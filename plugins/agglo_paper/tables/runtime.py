@@ -79,10 +79,12 @@ def page(plan: Plan, results: Results) -> Page:
 
 def _claim(plan: Plan, results: Results) -> Table:
     """Return the paper's two ratios at 5000 cells, with the timed wrapper and without."""
+    # 1. Median times at the largest size up to 5000 cells
     at = max(n for n in plan.cells if n <= _AT)
     lines = curves(plan, results, "bisection")
     now = {name: cell.ours for name, line in lines.items() for n, cell in line if n == at}
     rows = []
+    # 2. Ratios to each network, beside the printed ones
     for fast in ("GNN, forward", "gnn_paper", "gnn"):
         pairs = (
             ("METIS through networkx", "METIS through networkx", printed()["runtime"]["METIS"]),

@@ -102,6 +102,7 @@ def columns(
     ``problem``; newly installed bisectors appear automatically.
     """
     registry = default() if registry is None else registry
+    # 1. Registered or chosen bisectors
     if chosen is None:
         ours = [_offered(record, registry) for record in registry.list() if record.kind == "bisector"]
     else:
@@ -109,6 +110,7 @@ def columns(
             _offered(registry.record("bisector", name), registry, head, options)
             for head, (name, options) in chosen.items()
         ]
+    # 2. Add them to the paper's columns, without duplicates
     mine = {each.bisector for each in paper_columns()[1:3]}  # shown already, with an equal pipeline
     rest = [each for group in ours for each in group if each.name not in mine]
     return [_checked(each, registry) for each in paper_columns()] + rest

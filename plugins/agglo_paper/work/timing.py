@@ -24,12 +24,14 @@ def time_one(kind: str, cells: int, bisectors: Sequence[str], runs: int, seconds
     Each method runs once untimed, then ``runs`` times, or as often as ``seconds`` allow: at least three
     times, or once if a single run takes longer.
     """
+    # 1. Mesh and graph
     mesh = samples.voronoi(cells, seed=cells)
     graph = mesh.graph.subgraph(curve_order(mesh.graph.centroids), [0, mesh.n_cells])
     whole = 2 if kind == "bisection" else max(2, cells // _CELLS_PER_PART)
     methods = _metis(graph, whole, kind == "bisection")
     taken: dict[str, list[float]] = {}
     failures: dict[str, str] = {}
+    # 2. Bisectors through a whole run, then the components alone
     for name in bisectors:
         run = partial(agglomerate, graph, bisector=name, n_parts=whole)
         try:
@@ -38,6 +40,7 @@ def time_one(kind: str, cells: int, bisectors: Sequence[str], runs: int, seconds
             failures[name] = str(error)
         else:
             methods |= _alone(name, graph) if kind == "bisection" else {}
+    # 3. Direct calls
     taken |= {name: _clocked(call, runs, seconds) for name, call in methods.items()}
     return {"seconds": taken, "failures": failures}
 
@@ -80,6 +83,7 @@ def _metis(graph: Graph, parts: int, once: bool) -> dict[str, Call]:
         return {}
     import pymetis
 
+    # 1. METIS on its CSR arrays
     adjacency = pymetis.CSRAdjacency(graph.indptr, graph.indices)
     recursive = partial(pymetis.part_graph, parts, adjacency, recursive=True)
     if not once:
@@ -87,6 +91,7 @@ def _metis(graph: Graph, parts: int, once: bool) -> dict[str, Call]:
         return {"METIS, raw": recursive, "METIS k-way, raw": kway}
     import networkx
 
+    # 2. METIS on a networkx graph, converted as in the paper
     nodes = graph.to_networkx()
 
     def through_networkx() -> Any:

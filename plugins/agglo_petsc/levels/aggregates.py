@@ -212,12 +212,14 @@ def _single(P: Any) -> Any:
 
 def _start(A: Any, block_offsets: ArrayLike | None, near_null: ArrayLike | None) -> tuple[Int, Float]:
     """Return block offsets and near-null vectors for the rows of this rank, checked on all ranks."""
+    # 1. Offsets and vectors, with defaults
     n, size = A.getLocalSize()[0], A.getBlockSize()
     offsets = np.arange(0, n + 1, size) if block_offsets is None else np.asarray(block_offsets)
     if near_null is None:
         near_null = _known(A, n, offsets)
     B = np.asarray(near_null, np.float64)
     B = B[:, None] if B.ndim == 1 else B
+    # 2. Check both on all ranks
     fit = offsets.ndim == 1 and len(offsets) and offsets[0] == 0 and offsets[-1] == n
     wrong = (
         ""

@@ -114,12 +114,14 @@ def _along_faces(space: ConformingSpace, mesh: Mesh, kappa: Float, side: int, no
 
 def _in_triangles(space: ConformingSpace, mesh: Mesh, kappa: Float, nodal: Mask) -> list[Edges]:
     """Return edges between two faces of a triangle, parallel to the third."""
+    # 1. Triangles with their faces
     offsets, of_cells = mesh.cell_faces
     cells = np.flatnonzero(np.diff(offsets) == 3)
     faces = of_cells[offsets[cells][:, None] + np.arange(3)]
     squares, extra = mesh.face_measures[faces] ** 2, space.bubbles_of_a_face
     places = _shares(extra) / _points(extra)
     found = []
+    # 2. For each third face: orient the two others from their common vertex, and join equal positions
     for third in range(3):
         e, f = faces[:, third - 2], faces[:, third - 1]
         cotangent = (squares.sum(axis=1) - 2.0 * squares[:, third]) / (4.0 * mesh.cell_measures[cells])

@@ -69,11 +69,13 @@ class UnitForms:
             mesh.cell_faces,
             (mesh.face_pairs, mesh.face_cells),
         )
+        # 1. Workspace, and a coefficient with c = κ = 1
         forms = np.zeros((len(faces), (m - 1) * m // 2 + 1))
         of_cells, rule = (basis.boxes, basis.scale, basis.fill, self.stiffness), gauss(basis.degree)
         held, ones = np.ones(mesh.n_faces, bool), np.where(mesh.face_cells[:, 1] < 0, 1.0, 4.0)
         on_faces = frozen_float(np.stack((ones, ones), axis=1)[:, :, None])  # gives ωκ/2 = 1
 
+        # 2. Forms, cell range by cell range
         def write(start: int, stop: int) -> np.ndarray:
             own = [each[start:stop] for each in of_cells]
             shape = points, offsets[start : stop + 1], faces, *sides, start

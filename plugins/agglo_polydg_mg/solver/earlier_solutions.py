@@ -110,13 +110,13 @@ def best_combination(A: Any, b: Float, earlier: Sequence[Float]) -> Float:
     """
     from agglo_polydg_mg.solver.earlier_solutions import WIDE, differences_of
 
-    V = np.empty((len(b), WIDE))  # differences: each has the digits that vectors alike would lose
+    V = np.empty((len(b), WIDE))  # differences keep the digits that similar vectors would lose
     differences_of(np.array(earlier[-KEPT:], dtype=np.float64), V)
     # 1. G = Vᵀ A V, scaled to a unit diagonal; columns without energy are scaled to 0.
     energies = _energies(A, V)
     squares = np.diag(energies)
     sizes = np.sqrt(np.where(squares > 0.0, squares, np.inf))
-    # 2. Eigenvectors of G without those of rounding: directions orthogonal in the energy.
+    # 2. Eigenvectors of G above the rounding level: energy-orthogonal directions.
     values, turn = np.linalg.eigh(energies / np.outer(sizes, sizes))
     chosen = values > max(_PARALLEL * values[-1], 0.0)
     turn = turn[:, chosen] / sizes[:, None]
