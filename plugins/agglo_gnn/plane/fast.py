@@ -43,8 +43,9 @@ class FastGNN:
     In 2-D a block of at least 400 cells is rasterised in its principal frame. Two SAGE layers on the
     raster, pooling and three dense layers give the cut direction. The threshold near the mean with the
     lowest cost is chosen by :func:`agglo_core.graph.sweep.sweep`. Smaller blocks try their axes and
-    diagonals instead, and so do blocks of equal cells in addition; then the best direction rotated by ±
-    22.5°. Below 96 cells all thresholds are tried, and rotated directions from 24 cells on.
+    diagonals instead, blocks of equal cells try them in addition, and both then try the best of these
+    directions rotated by ± 22.5°. Below 96 cells all thresholds are tried, and rotated directions from 24
+    cells on.
 
     In 3-D a network of two dense layers evaluates the block moments, up to the fourth: it scores the three
     principal axes and tilts each. The block is swept along the best axis, and along axes with nearly equal

@@ -10,7 +10,7 @@ import numpy as np
 from agglo_core.authoring import Float, Graph, Int, UInt64, default
 
 Rival = Callable[[Graph, UInt64], Int]
-"""Return the sides ``(n,)`` of the cells in a graph, block by block."""
+"""Function that returns the sides ``(n,)`` of the cells in a graph, block by block."""
 
 
 class CutCosts(NamedTuple):

@@ -12,7 +12,7 @@ import click
 from agglo_core.authoring import FileError
 
 Report = Callable[[str, float], None]
-"""Receives a status line, and the completed fraction of the training."""
+"""Function that receives a status line, and the completed fraction of the training."""
 
 
 @contextmanager

@@ -40,7 +40,7 @@ class RowShare:
     _rank: int
 
     def patches(self, level: int, whole: Patches) -> Patches:
-        """Return the patches of a level whose first part this rank owns."""
+        """Return the level's patches whose first part this rank owns."""
         parts = self._numbers[level][whole.parts]
         group = np.repeat(np.arange(len(whole)), np.diff(whole.offsets))
         least = np.full(len(whole), len(self._numbers[level]))
