@@ -134,6 +134,7 @@ def _run(args: Sequence[str] | None) -> int:
         if sys.stdout is not None:  # None if the caller has closed stdout
             sys.stdout.flush()
     except (AggloError, click.Abort, SystemError) as error:
+        # Interrupts may be wrapped in other errors.
         stop = stopped_by(error)
         if stop is not None or isinstance(error, click.Abort):
             return _stopped(143 if isinstance(stop, Terminated) else 130, stop)
@@ -148,6 +149,7 @@ def _run(args: Sequence[str] | None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
+        # Files are reported by name, a full stdout in general.
         if error.filename is not None:
             return _fail(f"{error.filename}: {error.strerror}")
         if error.errno not in _FULL:

@@ -26,7 +26,7 @@ _RATIO = "mean diam/h*"
 
 
 def watched(quiet: bool = False) -> AbstractContextManager[Listener | None]:
-    """Return a context with a progress bar on stderr, or without bar if quiet or not on a terminal."""
+    """Return a context with a progress bar on stderr, without bar if quiet or not on a terminal."""
     return nullcontext() if quiet else shown(lines=False)
 
 
@@ -111,7 +111,7 @@ def data(mesh: Mesh, source: str, runs: Sequence[Mapping[str, Any]]) -> dict[str
 
 
 def level_data(level: Level) -> dict[str, Any]:
-    """Return the data of a level, with its target as a number: maximum diameter or number of parts."""
+    """Return a level's data, with its target as a number: maximum diameter or number of parts."""
     asked = level.line["target"]
     return level.line | {"target": asked.get("h_star", asked.get("n_parts"))}
 
@@ -182,7 +182,7 @@ def _limited(run: RunResult) -> str:
 
 
 def _columns(level: Level, sized: bool) -> dict[str, str]:
-    """Return keys and headings of the columns, with mean diameter over h* if a level has a size."""
+    """Return column keys and headings, with mean diameter over h* if a level has a size."""
     shown = {"diameter_ratio": _RATIO} if sized and "diameter_ratio" not in level.metrics else {}
     alike = (*level.metrics, "connected", *level.objectives)
     return {"parts": "K"} | shown | {name: name for name in alike}

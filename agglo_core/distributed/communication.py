@@ -112,7 +112,7 @@ class Ranks:
         return max(self.gathered(value))
 
     def reduced(self, values: NDArray[Any], how: Literal["sum", "min", "max"]) -> NDArray[Any]:
-        """Reduce arrays of equal shape from all ranks entry by entry. The result is equal on all ranks.
+        """Reduce equally shaped arrays from all ranks entry by entry, with equal result on all ranks.
 
         Integer sums do not depend on the distribution, real sums differ in the last digits.
         """

@@ -50,7 +50,7 @@ class Meeting:
         self.senders = frozen_int(np.repeat(np.array(list(counts), np.int64), list(counts.values())))
 
     def answered(self, *columns: NDArray[Any]) -> list[NDArray[Any]]:
-        """Reply with a row ``(m, …)`` per received row, and return the replies ``(n, …)`` to sent rows."""
+        """Reply to each received row (``(m, …)``), and return the replies to sent rows (``(n, …)``)."""
         bounds = np.searchsorted(self.senders, np.arange(self._ranks.size + 1))
         back = {
             rank: [each[bounds[rank] : bounds[rank + 1]] for each in columns]
@@ -72,7 +72,7 @@ def rank_of_key(keys: UInt64, size: int) -> Int:
 
 
 def groups(*keys: NDArray[Any]) -> tuple[Int, Int]:
-    """Sort rows by the keys (last key first). Return the order, the starts of equal groups, and the end."""
+    """Sort rows by the keys (last key first), and return the order and the group bounds."""
     order = np.lexsort(keys)
     new = np.zeros(len(order), bool)
     new[:1] = True

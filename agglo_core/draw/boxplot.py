@@ -58,6 +58,7 @@ def draw_boxes(
     except ImportError as error:
         raise OptionError(f'drawing needs matplotlib: pip install "agglo[plot]" ({error})') from error
 
+    # One panel per metric.
     width = 1.4 + max(2.6, 0.75 * len(runs))
     figure = Figure(figsize=(len(metrics) * width, 4.2), dpi=160)
     figure.set_layout_engine("constrained", w_pad=0.1, h_pad=0.1)

@@ -146,6 +146,7 @@ def frame_curves(axis: Any, curves: Sequence[Curves]) -> None:
 def one_curve(axis: Any, name: str, curves: Curves, colour: str = LINES[0]) -> None:
     """Draw residuals and energy errors of a solver with legend entry ``name``."""
     name = f"{name}: " if name else ""
+    # Solid line: residuals.
     steps = np.arange(len(curves.residuals))
     size = 3.5 if len(steps) <= MARKED + 1 else 0.0
     fall = "" if curves.contraction is None else f", contraction {curves.contraction:.3g}"
@@ -159,6 +160,7 @@ def one_curve(axis: Any, name: str, curves: Curves, colour: str = LINES[0]) -> N
         clip_on=False,
         label=f"{name}residual{fall}",
     )
+    # Dashed line or single mark: energy errors.
     known = np.isfinite(curves.errors)
     if known.any():
         alone = known.sum() == 1

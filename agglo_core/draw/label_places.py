@@ -106,7 +106,7 @@ def _one_by_one(
 
 
 def _thread(dot: Float, box: Float, gap: float) -> Float:
-    """Return small boxes ``(n, 4)`` along the line from a dot to its label, to keep other labels away."""
+    """Return small boxes ``(n, 4)`` along the line from a dot to its label."""
     end = np.clip(dot, box[:2], box[2:])
     beads = max(1, round(float(np.linalg.norm(end - dot)) / (0.5 * gap)))
     way = dot + np.linspace(0.0, 1.0, beads + 1)[1:, None] * (end - dot)

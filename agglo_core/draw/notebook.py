@@ -64,7 +64,7 @@ def inline_picture(
 
 
 def _png(figure: Any) -> bytes:
-    """Return a figure on white as PNG with few colours (a third of the size), shrunk until small enough."""
+    """Return a figure as PNG with few colours (a third of the size), shrunk if necessary."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
 

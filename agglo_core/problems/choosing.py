@@ -76,8 +76,7 @@ def named_problem(
 def read_problem(
     path: Path, mesh: Mesh, registry: Registry | None = None, *, allow_code: bool = False
 ) -> Problem:
-    """Read a problem for ``mesh`` from a TOML file, with the problem's kind as key ``kind`` (default
-    diffusion).
+    """Read a problem for ``mesh`` from a TOML file. The key ``kind`` defaults to diffusion.
 
     Raises
     ------

@@ -167,7 +167,7 @@ def constant(source: float = 8.0) -> Diffusion:
 
 
 def sine() -> Diffusion:
-    """Return the paper's problem f = 2π² sin πx sin πy, with u = sin πx sin πy on the unit square.
+    """Return the paper's problem with u = sin πx sin πy on the unit square, so f = 2π² u.
 
     In 3-D, f = 3π² u with u = sin πx sin πy sin πz on the unit cube.
     """

@@ -82,7 +82,7 @@ class _Field:
 
 @dataclass(frozen=True, eq=False)
 class Lifting:
-    """Shifted system that was solved instead of ``A x = b``: x = offset + rest, ``A rest = load``.
+    """Shifted system solved instead of ``A x = b``: x = offset + rest, ``A rest = load``.
 
     ``load (n,)`` is b − A offset, and the residual of x is load − A rest. Both avoid the cancellation that
     occurs for an offset far above the rest.

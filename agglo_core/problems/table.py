@@ -1,4 +1,4 @@
-"""Values in TOML problem tables: numbers by cell tag or boundary tag, with errors that name the key."""
+"""Values in TOML problem tables: numbers by cell tag or boundary tag."""
 
 from __future__ import annotations
 
@@ -69,7 +69,9 @@ def cell_values(key: str, given: Any, mesh: Mesh) -> float | Float:
 
 
 def boundary_values(key: str, given: Any, mesh: Mesh, face_tag: str) -> dict[int, float]:
-    """Return numbers by face tag value on the boundary. Without this tag, all faces have the value 0.
+    """Return numbers by face tag value on the boundary.
+
+    Without this tag, all faces have the value 0.
 
     A name may replace the value if a face tag with this name is 1 exactly on the value's faces, as for the
     patches and groups in files.
@@ -97,7 +99,7 @@ def _tags_of(mesh: Mesh) -> str:
 
 
 def _named(values: Int, marks: Mapping[str, Int]) -> dict[str, int]:
-    """Return the value for each name with a mark that is 1 exactly where ``values`` equals this value."""
+    """Return the value for each name that marks exactly the entries with this value."""
     names: dict[str, int] = {}
     for name, marked in marks.items():
         inside = marked == 1

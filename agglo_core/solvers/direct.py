@@ -129,7 +129,7 @@ class Direct:
 
 
 def _refined(fine: FineSystem, solves: Solves, tolerance: float, most: int) -> History:
-    """Solve, then correct x by solves for b − A x until residual and error pass, at most ``most`` times."""
+    """Solve, then refine at most ``most`` times until residual and error pass."""
     b = fine.b
     x, residuals = np.zeros(len(b)), [two_norm(b)]
     size, error, energy = (fine.measure(b), np.inf, True) if b.any() else (0.0, 0.0, True)
@@ -164,7 +164,7 @@ def _refined(fine: FineSystem, solves: Solves, tolerance: float, most: int) -> H
 
 
 def _error(fine: FineSystem, x: Float, r: Float, correction: Any) -> tuple[float, bool]:
-    """Return the error of x estimated by the correction, relative to x, and True if in the energy norm.
+    """Return the relative error estimated by the correction, and True if in the energy norm.
 
     A negative product δ·r or b·x means that A has no energy norm. Then 2-norms are compared.
     """

@@ -51,7 +51,7 @@ class FineSystem(NamedTuple):
     def solution(
         self, history: History, operators: list[tuple[Any, Any]], watch: Stopwatch, tolerance: float
     ) -> Solution:
-        """Return the solution of A x = full from a history for A x = b, with phases timed by ``watch``."""
+        """Return the solution of A x = full from a history for A x = b."""
         x = rest = self._solution_of_problem(history.x)
         lifting = None
         if self.offset is not None:

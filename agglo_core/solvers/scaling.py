@@ -21,14 +21,14 @@ _DIGITS = 1e-10
 
 
 def factor_for(size: float, moderate: float = _MODERATE) -> float:
-    """Return a power of two that scales numbers of a size near 1, or 1 for a moderate size."""
+    """Return a power of two that scales numbers to size 1, or 1 for a moderate size."""
     if size == 0.0 or 1.0 / moderate <= size <= moderate:
         return 1.0
     return math.ldexp(1.0, max(-1000, min(1000, -math.frexp(size)[1])))
 
 
 def matrix_factor(A: Any) -> float:
-    """Return a power of two that scales a matrix diagonal near 1, or 1 for a moderate median entry."""
+    """Return a power of two that scales the median diagonal entry to 1, or 1 if moderate."""
     return factor_for(float(np.median(np.abs(A.diagonal()))), _MODERATE_MATRIX)
 
 

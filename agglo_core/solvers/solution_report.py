@@ -59,9 +59,11 @@ def report(
             - ``memory``, ``cpu_seconds``, ``choice``, ``advice``: as reported by the solver, or None or
               empty.
     """
+    # Unknowns, entries and agglomerates per level.
     matrices = _matrices(solution)
     dofs = [A.shape[0] for A in matrices]
     sizes = zip(_parts(mesh, solution, dofs), dofs, map(_entries, matrices), strict=True)
+    # Residual measure, errors and energy, from the discretisation if available.
     rest, b = _solved(solution)
     measure = how.residual_measure(problem, mesh, b) if how else row_measure(solution.A, b)
     with phase(progress, "measuring", "errors"):

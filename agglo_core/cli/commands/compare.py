@@ -38,7 +38,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _Plan:
-    """Bisector and method of a run. ``lacks`` is the reason if the bisector does not support the method."""
+    """Bisector and method of a run.
+
+    ``lacks`` is the reason if the bisector does not support the method.
+    """
 
     name: str
     spec: str
@@ -96,6 +99,7 @@ def compare(
         quieten()
     refuse_duplicates("--bisector", bisectors)
     refuse_duplicates("--method", methods)
+    # Check all options before any work.
     plans = _plans(bisectors or all_bisectors(), methods or [_configured_method(agglomeration)])
     if problem is not None and solver is None:
         raise click.UsageError("--problem is for --solve, which is not given")
@@ -104,6 +108,7 @@ def compare(
     if pareto is not None:
         check_picture(pareto, "--pareto")
     with watched(quiet) as progress:
+        # Read, run and solve.
         with phase(progress, "reading", source):
             mesh = load_mesh(source)
         refuse_metrics(mesh, metrics)
@@ -118,6 +123,7 @@ def compare(
         solved = (
             [] if posed is None else solve_runs(posed, tool, str(solver), runs, progress, detailed=detailed)
         )
+    # Print results, then write pictures and report.
     if as_json:
         done = [run_data(run, plan.spec, plan.method) for plan, run in zip(plans, runs, strict=True)]
         asked_for = {"solver": solver, "problem": asked} if solver else {}

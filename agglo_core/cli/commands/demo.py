@@ -71,6 +71,7 @@ def demo(
     diameter = float(mesh.graph.diameters()[0])
     if not quiet:
         explain_compilation()
+    # Three sizes, smaller than the mesh.
     factors = [factor * times for times in (1, 2, 4) if times == 1 or factor * times < 1.0]
     sizes = tuple(diameter * each for each in factors)
     with watched(quiet) as progress:
@@ -79,6 +80,7 @@ def demo(
             for spec, bisector in chosen.items()
         ]
         refuse_all_failed(runs)
+        # Titles, then meshes, report and pictures.
         size = f"diameter D = {number(diameter)}"
         note = f"{size}; levels at h* = {', '.join(f'{each:g}' for each in factors)} D"
         note += f"; {_TISSUE}s kept apart" if solid else ""
@@ -174,6 +176,7 @@ def _pictures(
     from agglo_core.draw.plot import draw, draw_mesh
     from agglo_core.measure.selection import RATIOS
 
+    # Box plots, mesh, and the levels of each run.
     values = {run.name: run.levels[0].values for run in runs if run.levels}
     boxes = folder / "boxplots.png"
     with phase(progress, "drawing", boxes.name):

@@ -62,7 +62,7 @@ def quality(file: Path, metrics: list[Any] | None, as_json: bool, quiet: bool) -
 
 
 def _columns(levels: Sequence[Level]) -> list[str]:
-    """Return the keys of the columns, with the mean diameter over h* if a level has a size."""
+    """Return the column keys, with the mean diameter over h* if a level has a size."""
     sized = any(level.line["diameter_ratio"] is not None for level in levels)
     first = ["level", "parts", *(["diameter_ratio"] if sized else []), "max_diameter"]
     metrics = [name for name in levels[0].metrics if name not in first]

@@ -83,6 +83,7 @@ def run(
             explain_compilation()
         options = {"independent": independent, "as_json": as_json, "quiet": quiet}
         return run_on_ranks(source, bisectors, agglomeration, metrics, output, **options)
+    # Check all options before any work.
     files = check_outputs(output, plot, report, bisectors)
     plans = {spec: {"bisector": choice("bisector", spec)} for spec in bisectors} or {"": {}}
     outputs = Outputs()
@@ -95,6 +96,7 @@ def run(
         if not quiet:
             explain_compilation()
         try:
+            # Each run is written as soon as it is complete.
             runs = [
                 _carry_out(mesh, spec, {**agglomeration, **given}, metrics, outputs, file, progress)
                 for (spec, given), file in zip_longest(plans.items(), files)

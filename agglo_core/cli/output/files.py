@@ -99,7 +99,7 @@ def _coarse_meshes(path: Path) -> str:
 def check_outputs(
     output: Path | None, plot: Path | None, report: Path | None, bisectors: Sequence[str]
 ) -> list[Path]:
-    """Return the mesh file of each run, after checking that all files are writable, as far as possible.
+    """Return the mesh file of each run, after checking all output files as far as possible.
 
     Raises
     ------

@@ -114,7 +114,7 @@ def _carried_out(command: Callable[[], int]) -> int:
 
 
 def _codes_of_all(comm: Any, code: int) -> list[int] | None:
-    """Return the exit codes of all ranks, or None if this rank has failed and others do not end in time."""
+    """Return all exit codes, or None if this rank has failed and others do not end in time."""
     import numpy as np
 
     sent, codes = np.array([code]), np.zeros(comm.Get_size(), np.int64)

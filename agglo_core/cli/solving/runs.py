@@ -124,6 +124,7 @@ def _attempt(
         if stopped_by(error) is not None:
             raise
         return Solved(error=str(error))
+    # Without progress reports, set-up and solve cannot be separated.
     total = time.process_time() - start
     tells = clock.seen and bool(getattr(solver.tool, "tells_progress", False))
     return Solved(

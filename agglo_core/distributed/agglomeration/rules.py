@@ -107,7 +107,7 @@ def _single_rules(pipeline: Pipeline) -> Iterator[Rules]:
 
 
 def _asked(ranks: Ranks, rule: Rules, mesh: Mesh, graph: Graph, registry: Registry) -> list[Member]:
-    """Return the constraints of a rule on this rank, or raise the first error if it fits on no rank."""
+    """Return a rule's constraints on this rank, or raise an error if it fits on no rank."""
     refusal: OptionError | None = None
     found: list[Member] = []
     with ranks.together():

@@ -85,8 +85,7 @@ def given_cells(
     weak: bool,
     name: str,
 ) -> GivenCells:
-    """Check and build the cells of this rank, with arguments and errors of
-    :meth:`DistributedMesh.from_local`.
+    """Check and build the local cells, with arguments and errors of :meth:`DistributedMesh.from_local`.
 
     Without ``point_ids`` on all ranks, points with exactly equal coordinates are identified.
     """

@@ -79,9 +79,11 @@ def joined(parts: Sequence[WholeCells]) -> WholeCells:
     """Merge cells, faces and points from all parts, where the first occurrence wins."""
     if len(parts) == 1:
         return parts[0]
+    # Merge the global numbers, keeping first occurrences.
     _, cells = _merged([part.cells for part in parts])
     _, faces = _merged([part.faces for part in parts])
     points, first = _merged([part.points for part in parts])
+    # Faces and their vertices by the merged numbers.
     sizes = np.concatenate([np.diff(part.face_offsets) for part in parts])
     offsets, entries = gather(frozen_int(np.concatenate(([0], np.cumsum(sizes)))), faces)
     vertices = np.concatenate([places(part.points, points)[part.face_vertices] for part in parts])

@@ -23,8 +23,7 @@ class _Seen(NamedTuple):
 
 
 def with_second_layer(mesh: DistributedMesh) -> tuple[Mesh, Int]:
-    """Return own cells, ghosts and the neighbours of ghosts as a mesh, with increasing global ids.
-    Collective.
+    """Return own cells, ghosts and their neighbours as a mesh, with increasing global ids. Collective.
 
     Here ghosts have all their neighbours, as needed for penalties at a face that depend on all faces of both
     cells. ``outer_faces`` excludes faces to cells outside this mesh. The kinds of cells and boundary faces

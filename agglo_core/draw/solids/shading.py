@@ -16,7 +16,7 @@ _ROOM = 5.0  # minimum face size in pixels for cell outlines
 
 
 def brightness(surface: Surface, sight: Sight) -> Float:
-    """Return the brightness of each face ``(f,)``, 0.5 to 1, with light from above and left of the eye."""
+    """Return face brightness ``(f,)``, 0.5 to 1, with light from above and left of the eye."""
     left = np.cross(sight.eye, np.array([0.0, 0.0, 1.0]))
     light = 2.0 * sight.eye + 0.8 * left / max(float(np.linalg.norm(left)), 1e-9) + np.array([0.0, 0.0, 1.6])
     facing: Float = surface.normals @ (light / np.linalg.norm(light))

@@ -158,7 +158,7 @@ def seen(surface: Surface, side: tuple[float, float] = SIDE, pixels: int = 800) 
 
 
 def _planes(corners: Float, offsets: Int, normals: Float) -> Float:
-    """Return the depth of each face as a linear function of x and y ``(f, 3)``, through its corner mean."""
+    """Return face depths as linear functions of x and y ``(f, 3)``, through the corner means."""
     middle = np.add.reduceat(corners, offsets[:-1]) / np.diff(offsets)[:, None]
     slope = -normals[:, :2] / np.where(np.abs(normals[:, 2:]) > _EDGE_ON, normals[:, 2:], 1.0)
     flat: Float = middle[:, 2] - np.einsum("ij,ij->i", slope, middle[:, :2])

@@ -58,7 +58,7 @@ def _places(order: Int) -> Int:
 def _still(
     name: str, surface: Surface, side: tuple[float, float], pixels: int, places: Int
 ) -> dict[str, Any]:
-    """Return runs of equal pixels, row by row: number of the visible face (0 for none), and run length.
+    """Return pixel runs, row by row: number of the visible face (0 for none), and run length.
 
     For face number k + 1, entry k of ``cells`` and ``bright`` is its cell and brightness (255 is full).
     """

@@ -61,7 +61,7 @@ class Tentative:
     R: Float
 
     def of(self, values: Float) -> Any:
-        """Apply to ``values (n, k)`` the combinations and cuts that map B to T, and return the matrix."""
+        """Apply to ``values (n, k)`` the combinations and cuts that map B to T."""
         single = self.R.shape[1] == 1
         back = 1.0 / np.where(self.R > 0.0, self.R, 1.0) if single else np.linalg.pinv(self.R)
         combined = np.einsum("ik,ikq->iq", values, back[self.holder])[self.mask]

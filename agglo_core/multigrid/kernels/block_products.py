@@ -13,7 +13,7 @@ from agglo_core.multigrid.kernels.block_vectors import add_product
 
 @cache
 def block_products(width: int) -> Any:
-    """Return the kernel for the product of two matrices with blocks of 2 to 16 unknowns in flat arrays.
+    """Return the kernel for products of two matrices with flat blocks of 2 to 16 unknowns.
 
     ``product(indptr, indices, places, left, transposed, graph, to, right, columns)``
         Row i of the first matrix has the blocks ``left[places[k]]`` in columns ``indices[k]``, for k from

@@ -20,7 +20,9 @@ _FLAGS = ("contract", "reassoc", "nsz")
 
 
 def _add_product(typing, n, factors, start, stride, block, at, into, to):
-    """Generate ``into[to:to + n] += Σ_c factors[start + c · stride] · block[at + c · n:at + (c + 1) · n]``.
+    """Generate the sum of block rows times factors, added to ``into[to:to + n]``.
+
+    The sum is Σ_c factors[start + c · stride] · block[at + c · n:at + (c + 1) · n].
 
     c runs from 0 to n − 1. n must be a literal, or a variable of the function around a kernel.
     """
@@ -45,7 +47,9 @@ def _add_product(typing, n, factors, start, stride, block, at, into, to):
 
 
 def _add_dots(typing, n, block, at, vector, start, into, to):
-    """Generate ``into[to + c] += Σ_q block[at + c · n + q] · vector[start + q]``.
+    """Generate the product of a block and a vector, added to ``into[to:to + n]``.
+
+    Entry c of the product is Σ_q block[at + c · n + q] · vector[start + q].
 
     c and q run from 0 to n − 1. n must be a literal, or a variable of the function around a kernel.
     """

@@ -17,7 +17,7 @@ from agglo_core.compiled.compiling import helper, kernel
 
 @kernel
 def patch_orders(offsets, parts, indptr, indices):
-    """Order the parts of each patch by minimum degree, and find the blocks of L in this order.
+    """Order the parts of each patch by minimum degree, and find the pattern of L.
 
     Patch i has the parts ``parts[offsets[i]:offsets[i + 1]]`` of a block matrix. Returns the parts, permuted
     within patches so that the next part always has the fewest neighbours, and the pattern of L: the column of
@@ -83,7 +83,7 @@ def patch_orders(offsets, parts, indptr, indices):
 
 @cache
 def patch_factors(width: int) -> Any:
-    """Return the kernel for block factors L D Lᵀ of the matrix on each patch, for a block size (0 for any).
+    """Return the kernel for block factors L D Lᵀ on patches, for a block size (0 for any).
 
     The arguments are ``(offsets, parts, starts, below, indptr, indices, data, pivots, factors)``, with
     patches from :func:`patch_orders`. D is block diagonal, and the diagonal blocks of L are identities. The

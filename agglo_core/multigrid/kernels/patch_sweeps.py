@@ -15,7 +15,7 @@ _TINY = 1e-22  # relative to the largest entry: smaller entries are set to 0, ag
 
 @kernel(reorder_sums=True)
 def patch_inverses(offsets, parts, indptr, indices, data, starts, half, out):
-    """Fill ``out`` with the inverses of the matrix on each patch i, stored by rows from ``starts[i]`` on.
+    """Fill ``out`` with the patch inverses, for patch i by rows from ``starts[i]`` on.
 
     If ``half``, only the rows of the lower halves are stored. The blocks ``data`` must be symmetric, and only
     those in the lower half of a patch are read. The sweep operator (M. Goodnight, Amer. Statist. 33, 1979)

@@ -137,8 +137,7 @@ def pcg_columns(
     pace: float | None = None,
     tell: Tell = to_nobody,
 ) -> tuple[History, ...]:
-    """Run :func:`pcg` for several right-hand sides ``b (n, k)`` from ``x0 (n, k)``, with a history per
-    column.
+    """Run :func:`pcg` for several right-hand sides ``b (n, k)``, with a history per column.
 
     Each column has its own iteration, with count and result independent of the others. Products with A, and
     with an M that is not a function, are computed together.

@@ -93,7 +93,7 @@ class Restarts:
     _idle: int = 0
 
     def add(self, iterate: Iterate, bound: float = 1.0) -> bool:
-        """Record a restart with its error bound if known, and return True if restarts gain nothing any more.
+        """Record a restart with its error bound, and return True if restarts gain nothing any more.
 
         Where rounding prevents further reduction, residual and error bound go up and down.
         """
@@ -153,6 +153,6 @@ def _smallest_ritz_value(r: Float, most: int) -> Generator[Request, Float, float
 
 
 def is_rounding(r: Float, x: Float, b: Float) -> Generator[Request, Float, bool]:
-    """Return True if r = b − A x is within the rounding of x and of entries of A."""
+    """Return True if r = b − A x is within the rounding of x and A."""
     magnitudes = yield "|A|", x
     return two_norm(r) <= 0.5 * LIMIT * two_norm(magnitudes + np.abs(b))

@@ -127,7 +127,7 @@ def _subdomains(strength: Couplings, offsets: Int, domain: Int, overlap: int) ->
 def _coarse_level(
     A: Any, offsets: Int, part_of: Int, strength: Couplings, domain: Int, B: Float
 ) -> tuple[Any, Any, Solve]:
-    """Return P, Pᵀ and the solver for Pᵀ A P, with P smoothed over half the subdomain width."""
+    """Return P (smoothed over half the subdomain width), Pᵀ, and the coarse solver."""
     start = tentative(domain[part_of], int(domain.max()) + 1, B)
     width = np.sqrt(len(domain) / (int(domain.max()) + 1))
     steps = int(np.clip(round(0.5 * width), 1, _MOST_STEPS))

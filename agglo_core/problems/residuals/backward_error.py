@@ -70,7 +70,7 @@ def magnitudes(A: Any, x: Float) -> Float:
 
 
 def joints_told(A: Any) -> str:
-    """Return a text that names two unknowns with a spring so stiff that rounding hides other forces, or "".
+    """Return a remark on two unknowns joined so stiffly that rounding hides other forces.
 
     Examples
     --------

@@ -99,7 +99,7 @@ def penalised_rows(A: Any) -> Int:
 
 
 def lifted(A: Any, b: Float, rows: Int | None = None) -> tuple[Float, Float]:
-    """Solve some rows of A x = b by their diagonal entries. Return this offset and the remaining load.
+    """Solve some rows of A x = b by their diagonal. Return this offset and the remaining load.
 
     With x = offset + y, A y = load = b − A offset. Penalties times imposed values vanish from the load, so
     residuals and energies of y describe the other unknowns. In the given rows, the load is computed from the

@@ -47,7 +47,9 @@ def relative_size(r: Float, size: float) -> float:
 
 
 def size_ratio(length: float, size: float) -> float:
-    """Return length / size, or 0 if both are 0, or ∞ if only ``size`` is 0 or either is infinite.
+    """Return length / size, or 0 if both are 0.
+
+    The result is ∞ if only ``size`` is 0, or either is infinite.
 
     Examples
     --------

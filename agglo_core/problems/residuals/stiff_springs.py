@@ -189,7 +189,7 @@ def _solved(rows: Any, b: Float, members: Int, root: Int, label: Int) -> tuple[F
 
 
 def stiffest_joint(A: Any) -> tuple[int, int] | None:
-    """Return the two unknowns with a spring that hides other forces, or None if no spring is that stiff.
+    """Return two unknowns with a spring that hides other forces, or None if none is so stiff.
 
     In double precision, entries in their rows keep less than eight digits of the other forces.
 
