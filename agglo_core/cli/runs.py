@@ -135,7 +135,7 @@ def refuse_metrics(mesh: Mesh, metrics: Metrics) -> None:
     Raises
     ------
     MeshError
-            If a metric does not exist in 3-D.
+        If a metric does not exist in 3-D.
     """
     if metrics is None or mesh.dim == 2:
         return

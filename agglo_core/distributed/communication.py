@@ -64,14 +64,14 @@ class Ranks:
     Parameters
     ----------
     comm : mpi4py communicator, optional
-            Default: ``MPI.COMM_WORLD``. The communicator is duplicated to separate messages from other users.
+        Default: ``MPI.COMM_WORLD``. The communicator is duplicated to separate messages from other users.
 
     Attributes
     ----------
     rank, size : int
-            Number of this process, and number of processes.
+        Number of this process, and number of processes.
     traffic : Traffic
-            Messages and bytes sent so far.
+        Messages and bytes sent so far.
 
     Raises
     ------

@@ -19,16 +19,16 @@ class Meeting:
     ----------
     ranks : Ranks
     to : (n,) int
-            Destination rank per local row.
+        Destination rank per local row.
     *columns : (n, …) arrays
-            Data to send, row by row.
+        Data to send, row by row.
 
     Attributes
     ----------
     columns : list of (m, …) arrays
-            Received rows, in sender order.
+        Received rows, in sender order.
     senders : (m,) int
-            Sender per received row.
+        Sender per received row.
     """
 
     def __init__(self, ranks: Ranks, to: Int, *columns: NDArray[Any]) -> None:

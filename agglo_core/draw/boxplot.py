@@ -34,14 +34,14 @@ def draw_boxes(
     path : path
         The suffix chooses the format.
     metrics : sequence of str
-            Metrics with values in [0, 1].
+        Metrics with values in [0, 1].
     title : str
-            Title above the panels.
+        Title above the panels.
 
     Raises
     ------
     OptionError
-            Without matplotlib, without runs, or for a run without values of a metric.
+        Without matplotlib, without runs, or for a run without values of a metric.
     FileError
         If the file cannot be written, or its suffix is unknown.
     """

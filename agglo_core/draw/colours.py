@@ -116,7 +116,7 @@ def by_number(values: ArrayLike, label: str = "", cmap: str = "viridis") -> Pain
     Raises
     ------
     OptionError
-            For an unknown matplotlib colour map.
+        For an unknown matplotlib colour map.
     """
     from matplotlib import colormaps
     from matplotlib.colors import to_hex

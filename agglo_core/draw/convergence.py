@@ -27,9 +27,9 @@ class Curves:
     Attributes
     ----------
     residuals : (iterations + 1,) float
-            2-norms relative to the first, NaN where a logarithmic scale cannot show the value.
+        2-norms relative to the first, NaN where a logarithmic scale cannot show the value.
     errors : (iterations + 1,) float
-            Estimates of the relative energy error. Some solvers report only the last, or none.
+        Estimates of the relative energy error. Some solvers report only the last, or none.
     contraction, tolerance : float, optional
     """
 
@@ -83,16 +83,16 @@ def draw_convergence(
     Parameters
     ----------
     solutions : mapping of name to Solution
-            At least one solution, by legend name.
+        At least one solution, by legend name.
     path : path
-            File, with the format chosen by the suffix: .png, .pdf, .svg, …
+        File, with the format chosen by the suffix: .png, .pdf, .svg, …
     title : str
-            Title above the picture.
+        Title above the picture.
 
     Raises
     ------
     OptionError
-            Without matplotlib, or without solutions.
+        Without matplotlib, or without solutions.
     FileError
         If the file cannot be written, or its suffix is unknown.
     """

@@ -26,13 +26,13 @@ def label_places(dots: Float, sizes: Float, frame: Float, gap: float, lines: Flo
     ----------
     dots : (n, 2) float
     sizes : (n, 2) float
-            Width and height of each label.
+        Width and height of each label.
     frame : (2,) float
-            Width and height of the picture, with lower left corner 0.
+        Width and height of the picture, with lower left corner 0.
     gap : float
-            Radius of a dot, and distance between objects.
+        Radius of a dot, and distance between objects.
     lines : (m, 4) float, optional
-            Further boxes to avoid, by lower left and upper right corner.
+        Further boxes to avoid, by lower left and upper right corner.
     """
     least, best = np.inf, np.zeros((len(dots), 2))
     for order in _orders(dots):

@@ -36,16 +36,16 @@ def inline_picture(
     Parameters
     ----------
     draw : sequence of callables
-            Functions that draw a panel on given axes. Without functions there is no picture.
+        Functions that draw a panel on given axes. Without functions there is no picture.
     about : str
-            Alternative text.
+        Alternative text.
     width, ratio : float
-            Width of a panel in inches, and ratio of height to width.
+        Width of a panel in inches, and ratio of height to width.
 
     Returns
     -------
     str, str
-            The element, below 60 kB, and ``""``, or ``""`` and the reason (missing matplotlib).
+        The element, below 60 kB, and ``""``, or ``""`` and the reason (missing matplotlib).
     """
     if not draw:
         return "", ""

@@ -32,16 +32,16 @@ def draw_pareto(runs: Sequence[RunResult], path: str | os.PathLike[str], title: 
     Parameters
     ----------
     runs : sequence of RunResult
-            At least one successful run. Failed runs are named below the picture.
+        At least one successful run. Failed runs are named below the picture.
     path : path
-            File, with the format chosen by the suffix: .png, .pdf, .svg, …
+        File, with the format chosen by the suffix: .png, .pdf, .svg, …
     title : str
-            Title above the picture.
+        Title above the picture.
 
     Raises
     ------
     OptionError
-            Without matplotlib, or without runs.
+        Without matplotlib, or without runs.
     FileError
         If the file cannot be written, or its suffix is unknown.
     """

@@ -21,7 +21,7 @@ class PlanePanels:
     Parameters
     ----------
     mesh : Mesh
-            2-D mesh.
+        2-D mesh.
     """
 
     def __init__(self, mesh: Mesh) -> None:

@@ -54,25 +54,25 @@ def draw(
     hierarchies : mapping of run name to Hierarchy
         At least one.
     path : path
-            File, with the format chosen by the suffix: .png, .pdf, .svg, …
+        File, with the format chosen by the suffix: .png, .pdf, .svg, …
     metrics, registry, progress : optional
         As for :func:`agglo_core.measure.measure_levels`.
     explode : float, optional
-            In 3-D, agglomerates are moved by this factor times the vector from the mesh centre to their
-            centre, from 0 (in place) to 10. Default: 0.35.
+        In 3-D, agglomerates are moved by this factor times the vector from the mesh centre to their
+        centre, from 0 (in place) to 10. Default: 0.35.
     section : (3,) float, optional
-            In 3-D, cells beyond the plane with this normal through the mesh centre are left out. The eye is
-            at (0.43, −0.75, 0.5), so (0, −1, 0) opens the mesh in front.
+        In 3-D, cells beyond the plane with this normal through the mesh centre are left out. The eye is
+        at (0.43, −0.75, 0.5), so (0, −1, 0) opens the mesh in front.
     fine : bool
-            Begin each row with the fine mesh. :func:`draw_mesh` draws the mesh alone.
+        Begin each row with the fine mesh. :func:`draw_mesh` draws the mesh alone.
     levels : mapping of run name to sequence of Level, optional
-            Levels already measured by ``measure_levels`` with the given ``metrics``, to avoid measuring
-            again.
+        Levels already measured by ``measure_levels`` with the given ``metrics``, to avoid measuring
+        again.
 
     Raises
     ------
     OptionError
-            Without matplotlib, without runs, or for invalid ``explode`` or ``section``.
+        Without matplotlib, without runs, or for invalid ``explode`` or ``section``.
     FileError
         If the file cannot be written, or its suffix is unknown.
 
@@ -117,14 +117,14 @@ def draw_mesh(mesh: Mesh, path: str | os.PathLike[str], section: Sequence[float]
     ----------
     mesh : Mesh
     path : path
-            File, with the format chosen by the suffix: .png, .pdf, .svg, …
+        File, with the format chosen by the suffix: .png, .pdf, .svg, …
     section : (3,) float, optional
-            As in :func:`draw`.
+        As in :func:`draw`.
 
     Raises
     ------
     OptionError
-            Without matplotlib, or for an invalid ``section``.
+        Without matplotlib, or for an invalid ``section``.
     FileError
         If the file cannot be written, or its suffix is unknown.
 
@@ -233,8 +233,8 @@ def save_figure(figure: Any, path: Path, *, palette: bool = False) -> None:
     figure : matplotlib.figure.Figure
     path : Path
     palette : bool
-            Reduce a .png to its best 256 colours, for a third of the size. Suitable for agglomerates, not for
-            smooth scales.
+        Reduce a .png to its best 256 colours, for a third of the size. Suitable for agglomerates, not for
+        smooth scales.
 
     Raises
     ------

@@ -31,9 +31,9 @@ def middle_slice(samples: Samples, axis: int) -> Slice:
     Parameters
     ----------
     samples : Samples
-            3-D samples.
+        3-D samples.
     axis : int
-            Axis 0, 1 or 2. The other two axes are the coordinates of the slice, in order.
+        Axis 0, 1 or 2. The other two axes are the coordinates of the slice, in order.
     """
     along = samples.points[:, axis]
     # Select the tetrahedra cut by the plane, with corners sorted by height.

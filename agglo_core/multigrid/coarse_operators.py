@@ -26,9 +26,9 @@ class Rediscretised:
         Raises
         ------
         OptionError
-                Without a discretisation, as for linear systems, or if P maps to other unknowns.
+            Without a discretisation, as for linear systems, or if P maps to other unknowns.
         MeshError
-                For self-overlapping agglomerates.
+            For self-overlapping agglomerates.
         """
         if step.rediscretised is None:
             raise OptionError(

@@ -32,14 +32,14 @@ def direct_solver(A: Any, dtype: Any = np.float64, dense: int = 1500) -> Solve:
     ----------
     A : (n, n) sparse
     dtype : numpy dtype
-            Type of the solutions. Matrices are factorised in double precision.
+        Type of the solutions. Matrices are factorised in double precision.
     dense : int
 
     Raises
     ------
     LinAlgError
-            If the matrix is not finite or has a negative diagonal entry, or, for up to ``dense`` unknowns,
-            any negative eigenvalue.
+        If the matrix is not finite or has a negative diagonal entry, or, for up to ``dense`` unknowns,
+        any negative eigenvalue.
 
     Examples
     --------
@@ -126,9 +126,9 @@ def dense_solve(A: Any, dtype: Any = np.float64) -> Solve:
     Raises
     ------
     OptionError
-            For more than 5,000 unknowns.
+        For more than 5,000 unknowns.
     LinAlgError
-            If the matrix has a negative eigenvalue, or entries that are not finite.
+        If the matrix has a negative eigenvalue, or entries that are not finite.
     """
     n = A.shape[0]
     if n > _MOST:
@@ -245,15 +245,15 @@ def coarse_solver(given: str | Callable[[Any], Solve], A: Any, dtype: Any = np.f
     Parameters
     ----------
     given : "dense", "elimination", "lu" or callable
-            A function that returns a solver in double precision for a matrix, or a name.
+        A function that returns a solver in double precision for a matrix, or a name.
     A : (n, n) sparse
-            Symmetric positive definite matrix.
+        Symmetric positive definite matrix.
     dtype : float32 or float64
 
     Raises
     ------
     OptionError
-            For another name, or a function that does not return a function.
+        For another name, or a function that does not return a function.
     LinAlgError
         If the matrix cannot be factorised.
 

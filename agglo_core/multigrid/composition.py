@@ -44,29 +44,29 @@ class Composition:
     Parameters
     ----------
     transfer : "smoothed", "injection", "aggregation", or a component of kind ``transfer``
-            Representation of coarse unknowns on the finer level: coarse functions, smoothed or unchanged, or
-            smoothed near-null vectors on agglomerates.
+        Representation of coarse unknowns on the finer level: coarse functions, smoothed or unchanged, or
+        smoothed near-null vectors on agglomerates.
     coarse_operator : "galerkin", "rediscretised", or a component of kind ``coarse_operator``
-            Matrices of coarse levels: Pᵀ A P, or rediscretisation on the agglomerates.
+        Matrices of coarse levels: Pᵀ A P, or rediscretisation on the agglomerates.
     smoother : "gauss_seidel", "block_jacobi", "chebyshev", or a component of kind ``smoother``
     coarse_solver : "elimination", "dense", "lu", or a component of kind ``coarse_solver``
-            Solver for the coarsest level, and for smoothers that add the next coarse correction.
+        Solver for the coarsest level, and for smoothers that add the next coarse correction.
     registry : Registry, optional
-            Registry of names. Default: the installed plugins.
+        Registry of names. Default: the installed plugins.
 
     Attributes
     ----------
     transfer, coarse_operator, smoother, coarse_solver : Member
-            The components (``tool``) with their titles in errors.
+        The components (``tool``) with their titles in errors.
     title : str
-            Description of the parts.
+        Description of the parts.
 
     Raises
     ------
     OptionError
-            For an unknown name, or an object that is not a component.
+        For an unknown name, or an object that is not a component.
     PluginError
-            For an unusable component.
+        For an unusable component.
 
     Examples
     --------
@@ -120,29 +120,29 @@ class Composition:
         Parameters
         ----------
         system : System
-                System. With a mesh, smoothers receive the patches of each level.
+            System. With a mesh, smoothers receive the patches of each level.
         labels : sequence of (n_blocks,) int
-                Agglomerate of each block (cell) on the coarse levels, finest first.
+            Agglomerate of each block (cell) on the coarse levels, finest first.
         injected : sequence of (n, m) sparse, optional
-                Coarse functions on the next finer level, finest first, from a discretisation. Default: the
-                unknowns of a part are copied to its children.
+            Coarse functions on the next finer level, finest first, from a discretisation. Default: the
+            unknowns of a part are copied to its children.
         rediscretised : sequence of callables, optional
-                Functions that return the coarse matrices.
+            Functions that return the coarse matrices.
         steps : int
-                Smoothing steps before and after the coarse correction.
+            Smoothing steps before and after the coarse correction.
         corrections : bool
-                Provide coarse corrections to smoothers that use them.
+            Provide coarse corrections to smoothers that use them.
         tell : callable, optional
-                Receives the progress of the set-up.
+            Receives the progress of the set-up.
 
         Raises
         ------
         OptionError
-                For parts that do not fit each other or the system.
+            For parts that do not fit each other or the system.
         PluginError
-                For a result of a part that violates its protocol.
+            For a result of a part that violates its protocol.
         LinAlgError
-                If a matrix is not positive definite. The message names the level.
+            If a matrix is not positive definite. The message names the level.
         """
         given = _checked(labels, system.n_blocks, injected, rediscretised)
         offsets, near_null = system.block_offsets, system.near_null

@@ -26,20 +26,20 @@ def cycle(stack: LevelStack, kind: Kind = "V") -> LinearOperator:
     ----------
     stack : LevelStack
     kind : "V", "W", "F" or "K"
-            V and W are linear and, with mirrored smoothers, symmetric: suitable for conjugate gradients. F
-            visits the next level twice, the second time by V, and is linear but not symmetric. K takes two
-            steps of flexible conjugate gradients on each level and is not linear. F and K need flexible outer
-            methods (Notay, Vassilevski, Numer. Linear Algebra Appl. 15, 2008).
+        V and W are linear and, with mirrored smoothers, symmetric: suitable for conjugate gradients. F
+        visits the next level twice, the second time by V, and is linear but not symmetric. K takes two
+        steps of flexible conjugate gradients on each level and is not linear. F and K need flexible outer
+        methods (Notay, Vassilevski, Numer. Linear Algebra Appl. 15, 2008).
 
     Returns
     -------
     LinearOperator
-            Operator ``(n, n)`` in double precision, whatever the precision of the stack.
+        Operator ``(n, n)`` in double precision, whatever the precision of the stack.
 
     Raises
     ------
     OptionError
-            For an unknown kind.
+        For an unknown kind.
 
     Examples
     --------

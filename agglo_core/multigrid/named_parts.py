@@ -84,19 +84,19 @@ def part(kind: str, given: Any, own: Mapping[str, Callable[[], Any]], registry: 
     kind : str
         ``transfer``, ``coarse_operator``, ``smoother`` or ``coarse_solver``.
     given : str, (str, dict), object or callable
-            A name, a name with options, an object with the method of the kind, or a function that replaces
-            the method.
+        A name, a name with options, an object with the method of the kind, or a function that replaces
+        the method.
     own : mapping
-            Built-in components by name. The names are reserved, so that no registry is needed.
+        Built-in components by name. The names are reserved, so that no registry is needed.
     registry : Registry, optional
-            Registry of other names. Default: the installed plugins.
+        Registry of other names. Default: the installed plugins.
 
     Raises
     ------
     OptionError
-            For any other object, or an unknown name.
+        For any other object, or an unknown name.
     PluginError
-            For an unusable component.
+        For an unusable component.
     """
     method = KINDS[kind].methods[0]
     if isinstance(given, Member):

@@ -68,16 +68,16 @@ class Level(FieldState):
     ----------
     A : (n, n) sparse
     block_offsets : (parts + 1,) int
-            Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``.
+        Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``.
     P : (n, m) sparse, optional
-            Prolongation from the next coarser level.
+        Prolongation from the next coarser level.
     smoother : LevelSmoother, optional
     labels : (n_cells,) int, optional
-            Part on this level for each mesh cell, if parts are agglomerates.
+        Part on this level for each mesh cell, if parts are agglomerates.
     patches : Patches, optional
-            Groups of parts to be smoothed together.
+        Groups of parts to be smoothed together.
     visits : int
-            Number of visits for each visit of the next finer level, for any cycle.
+        Number of visits for each visit of the next finer level, for any cycle.
 
     Examples
     --------
@@ -144,11 +144,11 @@ class LevelStack:
     ----------
     levels : sequence of Level
     coarse : callable
-            Solver for the last level.
+        Solver for the last level.
     dtype : numpy dtype
-            Precision of the vectors in a cycle: float32 or float64.
+        Precision of the vectors in a cycle: float32 or float64.
     scaling : (n, n) sparse, optional
-            T, if the finest level matrix is T A Tᵀ. A cycle preconditions A itself.
+        T, if the finest level matrix is T A Tᵀ. A cycle preconditions A itself.
 
     Examples
     --------

@@ -41,18 +41,18 @@ def build_levels(
     ----------
     A : (n, n) sparse
     hierarchy : Hierarchy, optional
-            Hierarchy with agglomerates to use as aggregates, where block c holds the unknowns of cell c. By
-            default, aggregates come from the matrix graph.
+        Hierarchy with agglomerates to use as aggregates, where block c holds the unknowns of cell c. By
+        default, aggregates come from the matrix graph.
     block_offsets : (blocks + 1,) int, optional
-            Block c has the unknowns ``block_offsets[c]:block_offsets[c + 1]``. Default: single unknowns, or
-            with a hierarchy n / n_cells unknowns per block.
+        Block c has the unknowns ``block_offsets[c]:block_offsets[c + 1]``. Default: single unknowns, or
+        with a hierarchy n / n_cells unknowns per block.
     near_null : (n, m) float, optional
-            Near-null vectors of A, such as rigid motions. Default: constants.
+        Near-null vectors of A, such as rigid motions. Default: constants.
 
     Raises
     ------
     OptionError
-            If A is not square, symmetric and finite with a positive diagonal, or other arguments do not fit.
+        If A is not square, symmetric and finite with a positive diagonal, or other arguments do not fit.
 
     Examples
     --------
@@ -107,7 +107,7 @@ def stack_of_system(system: System, labels: Sequence[Int] = (), dtype: Any = np.
     ----------
     system : System
     labels : sequence of (blocks,) int
-            Agglomerates to use as aggregates, finest first.
+        Agglomerates to use as aggregates, finest first.
     dtype : numpy dtype
         Precision of the cycles.
 
@@ -147,7 +147,7 @@ class SystemLevels:
     Attributes
     ----------
     system : System
-            Matrix with blocks and near-null vectors, and right-hand side 0.
+        Matrix with blocks and near-null vectors, and right-hand side 0.
     stack : LevelStack
 
     Examples
@@ -185,20 +185,20 @@ class SystemLevels:
         ----------
         b : (n,) float
         x0 : (n,) float, optional
-                Initial iterate. Default: 0.
+            Initial iterate. Default: 0.
         tolerance : float
-                Tolerance of residual and energy error, see :func:`agglo_core.multigrid.pcg`.
+            Tolerance of residual and energy error, see :func:`agglo_core.multigrid.pcg`.
         max_iterations : int
 
         Returns
         -------
         Solution
-                Solution with the last iterate, converged or not.
+            Solution with the last iterate, converged or not.
 
         Raises
         ------
         OptionError
-                For a right-hand side or initial iterate that does not fit or is not finite.
+            For a right-hand side or initial iterate that does not fit or is not finite.
         """
         A, right = self.system.A, frozen_float(real_array("b", b))
         history = pcg(

@@ -39,18 +39,18 @@ def named_problem(
         ``constant``, ``sine``, another component of kind ``problem``, or a path.
     mesh : Mesh
     options : mapping
-            Component options.
+        Component options.
     registry : Registry, optional
-            Registry of names. Default: the installed plugins.
+        Registry of names. Default: the installed plugins.
     allow_code : bool
-            Allow files to name code that components import, see :func:`agglo_core.agglomerate`.
+        Allow files to name code that components import, see :func:`agglo_core.agglomerate`.
 
     Raises
     ------
     FileError
-            As :func:`read_problem`, if no component has this name.
+        As :func:`read_problem`, if no component has this name.
     OptionError
-            For an unknown or invalid option.
+        For an unknown or invalid option.
     PluginError
         If the component cannot be used.
 
@@ -81,7 +81,7 @@ def read_problem(
     Raises
     ------
     FileError
-            If the file cannot be read, its kind is unknown, or the kind refuses an entry. Names the key.
+        If the file cannot be read, its kind is unknown, or the kind refuses an entry. Names the key.
 
     Examples
     --------
@@ -138,7 +138,7 @@ def discretisation_of(solver: object, problem: Problem) -> Discretisation | None
     Raises
     ------
     OptionError
-            If the solver's ``discretisation`` lacks a required method or attribute.
+        If the solver's ``discretisation`` lacks a required method or attribute.
 
     Examples
     --------

@@ -49,19 +49,19 @@ class Diffusion:
     kappa, source : Field
         Diffusion coefficient (positive) and right-hand side f.
     dirichlet, neumann : mapping of boundary tag value to Field
-            Boundary values u and outward fluxes κ ∂u/∂n. If both are empty, u = 0 on the whole boundary.
-            Otherwise faces with tags in neither mapping are insulated, and every domain component needs a tag
-            in ``dirichlet``: with fluxes alone, u is determined only up to a constant.
+        Boundary values u and outward fluxes κ ∂u/∂n. If both are empty, u = 0 on the whole boundary.
+        Otherwise faces with tags in neither mapping are insulated, and every domain component needs a tag
+        in ``dirichlet``: with fluxes alone, u is determined only up to a constant.
     exact : callable, optional
-            Exact solution, if known, for error norms.
+        Exact solution, if known, for error norms.
     boundary : str
-            Face tag with the parts of the boundary. On a mesh without the tag ``"boundary"``, all faces have
-            the value 0.
+        Face tag with the parts of the boundary. On a mesh without the tag ``"boundary"``, all faces have
+        the value 0.
 
     Raises
     ------
     OptionError
-            For data of any other form.
+        For data of any other form.
 
     Examples
     --------
@@ -105,8 +105,8 @@ class Diffusion:
         Raises
         ------
         OptionError
-                For an unknown or missing key, tag or value, numbers that are not finite, or a coefficient ≤
-                0.
+            For an unknown or missing key, tag or value, numbers that are not finite, or a coefficient ≤
+            0.
         """
         require_keys(table, _KEYS)
         empty = [key for key in ("dirichlet", "neumann") if table.get(key) == {}]
@@ -161,7 +161,7 @@ def constant(source: float = 8.0) -> Diffusion:
     Parameters
     ----------
     source : float
-            Constant f. The default 8 belongs to the paper's published counts.
+        Constant f. The default 8 belongs to the paper's published counts.
     """
     return Diffusion(source=source)
 

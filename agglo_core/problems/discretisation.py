@@ -46,7 +46,7 @@ class Samples:
         Cell of each point.
     points : (q, d) float
     simplices : (t, d + 1) int
-            Triangles or tetrahedra by point numbers, each within one cell.
+        Triangles or tetrahedra by point numbers, each within one cell.
     values : (q,) float
     """
 
@@ -61,11 +61,11 @@ class Samples:
         Parameters
         ----------
         ax : matplotlib.axes.Axes, optional
-                Default: axes of a new pyplot figure, shown by notebooks and ``plt.show()``.
+            Default: axes of a new pyplot figure, shown by notebooks and ``plt.show()``.
         across : {"x", "y", "z"}
-                Axis perpendicular to the plane in 3-D.
+            Axis perpendicular to the plane in 3-D.
         cmap : str
-                Matplotlib colour map.
+            Matplotlib colour map.
 
         Returns
         -------
@@ -74,7 +74,7 @@ class Samples:
         Raises
         ------
         OptionError
-                Without matplotlib, or for an invalid argument.
+            Without matplotlib, or for an invalid argument.
 
         Examples
         --------

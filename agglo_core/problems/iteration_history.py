@@ -127,11 +127,11 @@ def iterated(iterations: int, size: float, tolerance: float) -> tuple[float, str
     Parameters
     ----------
     iterations : int
-            Number of completed iterations.
+        Number of completed iterations.
     size : float
-            Residual relative to the first residual.
+        Residual relative to the first residual.
     tolerance : float
-            Required size, below 1.
+        Required size, below 1.
 
     Examples
     --------

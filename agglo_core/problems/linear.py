@@ -58,18 +58,18 @@ class Linear:
     Attributes
     ----------
     A : (n, n) sparse
-            Matrix in CSR, or in BSR if given as BSR: sorted columns, no duplicates, read-only arrays.
+        Matrix in CSR, or in BSR if given as BSR: sorted columns, no duplicates, read-only arrays.
     b : (n,) or (n, k) float
-            One right-hand side, or several if the solver supports several.
+        One right-hand side, or several if the solver supports several.
     block_offsets : (n_cells + 1,) int
-            Offsets of the cells. The number of unknowns may vary, and be zero, if the solver supports this.
+        Offsets of the cells. The number of unknowns may vary, and be zero, if the solver supports this.
     near_null : (n, m) float, optional
-            Near-null vectors of A, such as constants and rigid motions.
+        Near-null vectors of A, such as constants and rigid motions.
 
     Raises
     ------
     OptionError
-            If ``block_offsets`` is not an array ``(n_cells + 1,)``, or indices in A are out of range.
+        If ``block_offsets`` is not an array ``(n_cells + 1,)``, or indices in A are out of range.
 
     Examples
     --------
@@ -106,10 +106,10 @@ class Linear:
         Raises
         ------
         OptionError
-                For unknown or missing keys, a matrix that is not square, a right-hand side or near-null
-                vectors of wrong size, or unknowns that do not fit the cells.
+            For unknown or missing keys, a matrix that is not square, a right-hand side or near-null
+            vectors of wrong size, or unknowns that do not fit the cells.
         FileError
-                If a file cannot be read, or contains values that are not finite real numbers.
+            If a file cannot be read, or contains values that are not finite real numbers.
         """
         require_keys(table, _KEYS)
         # Read matrix and right-hand side.
@@ -233,9 +233,9 @@ def symmetric_system(problem: Linear) -> tuple[sparse.csr_array, Float]:
     Raises
     ------
     OptionError
-            For a matrix without entries (a LinearOperator), not square or not symmetric, several right-hand
-            sides or a sparse right-hand side, complex, non-numeric or infinite values, or shapes that do not
-            fit.
+        For a matrix without entries (a LinearOperator), not square or not symmetric, several right-hand
+        sides or a sparse right-hand side, complex, non-numeric or infinite values, or shapes that do not
+        fit.
 
     Examples
     --------

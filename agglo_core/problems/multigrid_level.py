@@ -42,21 +42,21 @@ class MultigridLevel:
     Attributes
     ----------
     A : (n, n) sparse
-            Level matrix.
+        Level matrix.
     inherited : (n, n) sparse
-            Pᵀ A P from the finest level, equal to A on levels that are not rediscretised.
+        Pᵀ A P from the finest level, equal to A on levels that are not rediscretised.
     block_offsets : (parts + 1,) int
-            Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``.
+        Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``.
     labels : (n_cells,) int
-            Part on this level for each mesh cell.
+        Part on this level for each mesh cell.
     P : (n, m) sparse
         Prolongation from the next coarser level.
     coarse : callable, optional
-            Maps a residual ``(n,)`` to the coarse correction ``(n,)``. None for no coarse correction.
+        Maps a residual ``(n,)`` to the coarse correction ``(n,)``. None for no coarse correction.
     steps : int
-            Number of smoothing steps per application.
+        Number of smoothing steps per application.
     patches : Patches, optional
-            Groups of parts around a vertex, or None without a mesh.
+        Groups of parts around a vertex, or None without a mesh.
 
     Examples
     --------
@@ -86,20 +86,20 @@ class Coarsening:
     Attributes
     ----------
     A : (n, n) sparse
-            Level matrix, with blocks (``bsr_array``) if all parts have equally many unknowns.
+        Level matrix, with blocks (``bsr_array``) if all parts have equally many unknowns.
     block_offsets : (parts + 1,) int
-            Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``.
+        Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``.
     labels, coarse_labels : (n_cells,) int
-            Part on this level, and on the next coarser level, for each mesh cell.
+        Part on this level, and on the next coarser level, for each mesh cell.
     parents : (parts,) int, optional
-            Coarse part of each part, or None if some part lies in several.
+        Coarse part of each part, or None if some part lies in several.
     near_null : (n, k) float, optional
-            Near-null vectors of A, if any are known.
+        Near-null vectors of A, if any are known.
     injected : (n, m) sparse, optional
-            Coarse functions on the finer level, or their L2 projections, or None for methods without an own
-            coarse space.
+        Coarse functions on the finer level, or their L2 projections, or None for methods without an own
+        coarse space.
     rediscretised : callable, optional
-            Builds the problem's matrix ``(m, m)`` on the coarse parts, or None without a discretisation.
+        Builds the problem's matrix ``(m, m)`` on the coarse parts, or None without a discretisation.
 
     Examples
     --------
@@ -131,9 +131,9 @@ class CoarseSpace:
     P : (n, m) sparse
         Prolongation.
     block_offsets : (parts + 1,) int, optional
-            Unknowns of each coarse part. Default: equally many.
+        Unknowns of each coarse part. Default: equally many.
     near_null : (m, k) float, optional
-            Near-null vectors on the coarse level, passed to its own transfer.
+        Near-null vectors on the coarse level, passed to its own transfer.
 
     Examples
     --------
@@ -155,9 +155,9 @@ class LevelTable:
     Parameters
     ----------
     unknowns, entries : sequence of int
-            Counts per level, finest first.
+        Counts per level, finest first.
     smoothers : sequence of str, optional
-            Smoother of each level, and the coarsest solver.
+        Smoother of each level, and the coarsest solver.
 
     Examples
     --------

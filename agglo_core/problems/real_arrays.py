@@ -24,8 +24,8 @@ def real_matrix(given: Any) -> Any:
     Raises
     ------
     OptionError
-            For a matrix without entries (a LinearOperator), values that are not real, or indices that do not
-            form a sparse matrix.
+        For a matrix without entries (a LinearOperator), values that are not real, or indices that do not
+        form a sparse matrix.
     """
     if sparse.issparse(given):
         if given.dtype.kind not in "biuf":
@@ -49,7 +49,7 @@ def kept_matrix(A: Any) -> Any:
     Raises
     ------
     OptionError
-            If indices exceed the shape. scipy does not check indices, and would access foreign memory.
+        If indices exceed the shape. scipy does not check indices, and would access foreign memory.
     """
     if A.ndim != 2 or A.dtype.kind not in "biufc":
         raise OptionError(f"A must be a matrix of numbers, given the shape {A.shape} of {A.dtype}")
@@ -174,7 +174,7 @@ def real_array(name: str, given: Any) -> Float:
     Raises
     ------
     OptionError
-            For complex numbers, text, masked values, or objects that are not arrays.
+        For complex numbers, text, masked values, or objects that are not arrays.
     """
     values = plain_array(given, name, OptionError)
     try:

@@ -192,7 +192,7 @@ class Solution:
         Raises
         ------
         OptionError
-                If the solver does not interpret x, as for a linear system.
+            If the solver does not interpret x, as for a linear system.
 
         Examples
         --------
@@ -215,13 +215,13 @@ class Solution:
         Parameters
         ----------
         ax : matplotlib.axes.Axes, optional
-                Default: axes of a new pyplot figure, shown by notebooks and ``plt.show()``.
+            Default: axes of a new pyplot figure, shown by notebooks and ``plt.show()``.
         convergence : bool
-                Draw residuals, relative to the first, and energy errors of the iterates instead.
+            Draw residuals, relative to the first, and energy errors of the iterates instead.
         across : {"x", "y", "z"}
-                Axis perpendicular to the plane in 3-D.
+            Axis perpendicular to the plane in 3-D.
         cmap : str
-                Matplotlib colour map.
+            Matplotlib colour map.
 
         Returns
         -------
@@ -230,8 +230,8 @@ class Solution:
         Raises
         ------
         OptionError
-                Without matplotlib, for 3-D axes or an invalid argument, or for x without interpretation, as
-                of a linear system (except with ``convergence``).
+            Without matplotlib, for 3-D axes or an invalid argument, or for x without interpretation, as
+            of a linear system (except with ``convergence``).
 
         Examples
         --------

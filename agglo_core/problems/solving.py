@@ -34,27 +34,27 @@ def solve(
     Parameters
     ----------
     on : Mesh or Hierarchy
-            On a mesh, the solver builds levels if it can.
+        On a mesh, the solver builds levels if it can.
     problem : Problem, optional
-            Default: ``Diffusion()``, that is −Δu = 1 with u = 0 on the boundary.
+        Default: ``Diffusion()``, that is −Δu = 1 with u = 0 on the boundary.
     solver : str, tuple or object
-            Solver name, name with options, or an object with ``solve(problem, hierarchy)``.
+        Solver name, name with options, or an object with ``solve(problem, hierarchy)``.
     registry : Registry, optional
-            Registry of names. Default: the installed plugins.
+        Registry of names. Default: the installed plugins.
     progress, verbose : optional
-            As in :func:`agglo_core.agglomerate`.
+        As in :func:`agglo_core.agglomerate`.
     **options
-            Solver options, such as ``degree=2`` or ``tolerance=1e-8``.
+        Solver options, such as ``degree=2`` or ``tolerance=1e-8``.
 
     Returns
     -------
     Solution
-            Check ``converged`` and ``reason``: a solver that stops early raises no error.
+        Check ``converged`` and ``reason``: a solver that stops early raises no error.
 
     Raises
     ------
     OptionError
-            If the solver does not accept the problem or an option, or needs a hierarchy instead of a mesh.
+        If the solver does not accept the problem or an option, or needs a hierarchy instead of a mesh.
     PluginError
         If the solver cannot be used, or fails.
 
@@ -107,9 +107,9 @@ def solved_by(
     Raises
     ------
     AggloError
-            Errors that the solver raises on purpose.
+        Errors that the solver raises on purpose.
     PluginError
-            For any other exception, or a result other than a Solution.
+        For any other exception, or a result other than a Solution.
     """
     with unwrapped(progress) as listen, attributed(solver.title, spare=(AggloError,)):
         if getattr(solver.tool, "tells_progress", False):

@@ -25,22 +25,22 @@ class System:
     Attributes
     ----------
     A : (n, n) sparse, float64
-            Any sparse or dense matrix. Stored as CSR, or BSR if given as BSR: sorted columns, no duplicates,
-            read-only arrays.
+        Any sparse or dense matrix. Stored as CSR, or BSR if given as BSR: sorted columns, no duplicates,
+        read-only arrays.
     b : (n,) or (n, k) float
-            One or several right-hand sides.
+        One or several right-hand sides.
     block_offsets : (blocks + 1,) int
-            Block c has the unknowns ``block_offsets[c]:block_offsets[c + 1]``, at least one. Default: single
-            unknowns. With a mesh, blocks are its cells.
+        Block c has the unknowns ``block_offsets[c]:block_offsets[c + 1]``, at least one. Default: single
+        unknowns. With a mesh, blocks are its cells.
     mesh : Mesh, optional
     near_null : (n, m) float, optional
-            Near-null vectors of A, such as constants and rigid motions.
+        Near-null vectors of A, such as constants and rigid motions.
 
     Raises
     ------
     OptionError
-            For a matrix without entries (a LinearOperator), not square or not symmetric up to rounding,
-            indices out of range, complex, non-numeric or infinite values, or shapes that do not fit.
+        For a matrix without entries (a LinearOperator), not square or not symmetric up to rounding,
+        indices out of range, complex, non-numeric or infinite values, or shapes that do not fit.
 
     Examples
     --------

@@ -42,7 +42,7 @@ def cell_values(key: str, given: Any, mesh: Mesh) -> float | Float:
     Raises
     ------
     OptionError
-            For an unknown tag, a missing or unknown tag value, or a value that is not a number.
+        For an unknown tag, a missing or unknown tag value, or a value that is not a number.
     """
     if not isinstance(given, Mapping):
         return number(key, given)
@@ -79,7 +79,7 @@ def boundary_values(key: str, given: Any, mesh: Mesh, face_tag: str) -> dict[int
     Raises
     ------
     OptionError
-            For a value without boundary faces, or an entry that is not a number.
+        For a value without boundary faces, or an entry that is not a number.
     """
     if not isinstance(given, Mapping):
         raise OptionError(f"{key} must be a table by boundary tag, given {given!r:.60}")

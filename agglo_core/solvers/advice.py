@@ -61,9 +61,9 @@ def advice_of_multigrid(A: Any, kind: Kind, count: int = 1, penalty: float | str
     A : (n, n) sparse
     kind : "cells", "groups" or "linear"
     count : int
-            Number of right-hand sides.
+        Number of right-hand sides.
     penalty : float, "paper" or "sharp"
-            Penalty that gives ``direct`` an equal discretisation.
+        Penalty that gives ``direct`` an equal discretisation.
     """
     table = _SEVERAL if count >= MANY else _ONE
     for backend in available_backends():

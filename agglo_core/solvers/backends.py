@@ -118,7 +118,7 @@ def chosen_backend(name: str) -> str:
     Raises
     ------
     OptionError
-            For an unknown name, or a solver that is not installed (with the package to install).
+        For an unknown name, or a solver that is not installed (with the package to install).
     """
     if name == AUTO:
         return available_backends()[0]

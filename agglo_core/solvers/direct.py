@@ -32,25 +32,25 @@ class Direct:
     Parameters
     ----------
     degree : int
-            Polynomial degree, 1..6.
+        Polynomial degree, 1..6.
     tolerance : float
-            Bound on the residual relative to the right-hand side (measured by
-            :class:`~agglo_core.solvers.residual_measure.ResidualMeasure`) and on the energy error.
+        Bound on the residual relative to the right-hand side (measured by
+        :class:`~agglo_core.solvers.residual_measure.ResidualMeasure`) and on the energy error.
     max_refinements : int
-            Maximum number of solves after the first.
+        Maximum number of solves after the first.
     penalty : float, "paper" or "sharp"
-            Jump penalty in the discretisation ``polydg``.
+        Jump penalty in the discretisation ``polydg``.
     scaled_basis : bool
-            Scale the basis by each cell's bounding box. The paper does not.
+        Scale the basis by each cell's bounding box. The paper does not.
     backend : "auto", "pardiso", "cholmod" or "superlu"
-            See :mod:`~agglo_core.solvers.backends`. Default: the first installed solver.
+        See :mod:`~agglo_core.solvers.backends`. Default: the first installed solver.
     registry : Registry, optional
-            Registry with the discretisation ``polydg``. Default: the program's registry.
+        Registry with the discretisation ``polydg``. Default: the program's registry.
 
     Raises
     ------
     OptionError
-            For an invalid value, or a backend that is not installed.
+        For an invalid value, or a backend that is not installed.
     """
 
     accepts: ClassVar[tuple[str, ...]] = ("diffusion", "linear")
@@ -87,7 +87,7 @@ class Direct:
         OptionError
             If problem and hierarchy do not fit, or data are not finite.
         MeshError
-                For a mesh with self-overlapping cells.
+            For a mesh with self-overlapping cells.
         """
         watch = Stopwatch()
         with watch("assemble"), phase(progress, "assembling"):

@@ -96,7 +96,7 @@ def discretisation(name: str, registry: Registry | None = None, **options: Any) 
     Raises
     ------
     OptionError
-            For invalid options.
+        For invalid options.
     """
     known = default() if registry is None else registry
     try:
@@ -116,8 +116,8 @@ def fine_system(problem: Problem, hierarchy: Hierarchy, how: Any) -> FineSystem:
     Raises
     ------
     OptionError
-            If problem and hierarchy do not fit, cells of a linear system have unequal numbers of unknowns, or
-            values are not finite. Further errors as :func:`~agglo_core.problems.linear.symmetric_system`.
+        If problem and hierarchy do not fit, cells of a linear system have unequal numbers of unknowns, or
+        values are not finite. Further errors as :func:`~agglo_core.problems.linear.symmetric_system`.
     """
     if isinstance(problem, Linear):
         return _given(problem, hierarchy.graph.n)
@@ -190,12 +190,12 @@ def chosen_levels(hierarchy: Hierarchy, levels: int | None = None) -> list[Int]:
     ----------
     hierarchy : Hierarchy
     levels : int, optional
-            Number of levels to use, counting the mesh. Default: all.
+        Number of levels to use, counting the mesh. Default: all.
 
     Raises
     ------
     OptionError
-            If there are fewer levels, or no level is coarser than the mesh.
+        If there are fewer levels, or no level is coarser than the mesh.
     """
     most = len(hierarchy.levels) + 1
     if levels is not None and not 2 <= levels <= most:

@@ -34,8 +34,8 @@ class LinearTask:
     Raises
     ------
     OptionError
-            For a diffusion recipe, blocks that do not match the hierarchy's cells, or invalid systems
-            (see :class:`~agglo_core.problems.System`).
+        For a diffusion recipe, blocks that do not match the hierarchy's cells, or invalid systems
+        (see :class:`~agglo_core.problems.System`).
     """
 
     def __init__(

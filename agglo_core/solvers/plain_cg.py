@@ -26,11 +26,11 @@ class PlainCG:
     Parameters
     ----------
     discretisation : object
-            Discretisation for problems other than linear systems
-            (:func:`~agglo_core.solvers.fine_system.fine_system`).
+        Discretisation for problems other than linear systems
+        (:func:`~agglo_core.solvers.fine_system.fine_system`).
     tolerance : float
-            Bound on the residual relative to the right-hand side (measured by
-            :class:`~agglo_core.solvers.residual_measure.ResidualMeasure`) and on the energy error.
+        Bound on the residual relative to the right-hand side (measured by
+        :class:`~agglo_core.solvers.residual_measure.ResidualMeasure`) and on the energy error.
     max_iterations : int
     """
 
@@ -55,7 +55,7 @@ class PlainCG:
         OptionError
             If problem and hierarchy do not fit, or data are not finite.
         MeshError
-                For a mesh with self-overlapping cells.
+            For a mesh with self-overlapping cells.
         """
         watch = Stopwatch()
         with watch("assemble"), phase(progress, "assembling"):

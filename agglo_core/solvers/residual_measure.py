@@ -26,14 +26,14 @@ class ResidualMeasure:
     ----------
     b : (n,) float
     kappa : (n,) float, optional
-            Coefficient of each unknown's cell, or None if constant.
+        Coefficient of each unknown's cell, or None if constant.
     load : (n,) float, optional
-            b without Dirichlet terms, or None if b has none.
+        b without Dirichlet terms, or None if b has none.
     norm : callable, optional
-            Energy norm for solutions, including jumps from Dirichlet data, or None without such data.
+        Energy norm for solutions, including jumps from Dirichlet data, or None without such data.
     rows : callable, optional
-            Residual measure for linear systems, used instead of the measure above
-            (:func:`~agglo_core.problems.residuals.row_scales.row_measure`).
+        Residual measure for linear systems, used instead of the measure above
+        (:func:`~agglo_core.problems.residuals.row_scales.row_measure`).
     """
 
     b: Float

@@ -34,30 +34,30 @@ def report(
     Parameters
     ----------
     how : Discretisation, optional
-            Provides error norms, loads and the residual measure. Without a discretisation there are no
-            errors, the energy is bᵀx, and residuals are measured in the 2-norm.
+        Provides error norms, loads and the residual measure. Without a discretisation there are no
+        errors, the energy is bᵀx, and residuals are measured in the 2-norm.
     cg_tolerance : float, optional
-            Tolerance for plain conjugate gradients from 0 with an equal stopping test. The report then
-            contains their iteration count, or None if 10,000 do not suffice.
+        Tolerance for plain conjugate gradients from 0 with an equal stopping test. The report then
+        contains their iteration count, or None if 10,000 do not suffice.
     progress : callable, optional
-            Receives the phases. Plain conjugate gradients take most of the time.
+        Receives the phases. Plain conjugate gradients take most of the time.
 
     Returns
     -------
     dict
-            - ``cells`` of a level: number of agglomerates, None if unknowns belong to none;
-            - ``nonzeros`` of a level: number of stored matrix entries, None if unavailable;
-            - ``energy``: fᵀu, the work of source and fluxes;
-            - ``relative_residual``: measure of b − A x, without an offset that the solver subtracted;
-            - ``energy_error``, ``energy_errors``, ``tests_met``, ``tolerance``, ``outcome``,
-              ``backward_error``: attributes of the solution;
-            - ``error_l2``, ``error_dg`` and further norms of the discretisation: absolute, None if unknown;
-            - ``operator_complexity``: matrix entries of all levels divided by finest entries;
-            - ``grid_complexity``: unknowns of all levels divided by finest unknowns;
-            - ``contraction``, ``asymptotic_contraction``: mean factor of residual reduction per iteration,
-              over all iterations and over the second half;
-            - ``memory``, ``cpu_seconds``, ``choice``, ``advice``: as reported by the solver, or None or
-              empty.
+        - ``cells`` of a level: number of agglomerates, None if unknowns belong to none;
+        - ``nonzeros`` of a level: number of stored matrix entries, None if unavailable;
+        - ``energy``: fᵀu, the work of source and fluxes;
+        - ``relative_residual``: measure of b − A x, without an offset that the solver subtracted;
+        - ``energy_error``, ``energy_errors``, ``tests_met``, ``tolerance``, ``outcome``,
+          ``backward_error``: attributes of the solution;
+        - ``error_l2``, ``error_dg`` and further norms of the discretisation: absolute, None if unknown;
+        - ``operator_complexity``: matrix entries of all levels divided by finest entries;
+        - ``grid_complexity``: unknowns of all levels divided by finest unknowns;
+        - ``contraction``, ``asymptotic_contraction``: mean factor of residual reduction per iteration,
+          over all iterations and over the second half;
+        - ``memory``, ``cpu_seconds``, ``choice``, ``advice``: as reported by the solver, or None or
+          empty.
     """
     # Unknowns, entries and agglomerates per level.
     matrices = _matrices(solution)

@@ -13,7 +13,7 @@ class Stopwatch:
     Attributes
     ----------
     wall, cpu : dict
-            Seconds per phase: wall time, and CPU time over all threads in this process.
+        Seconds per phase: wall time, and CPU time over all threads in this process.
 
     Examples
     --------

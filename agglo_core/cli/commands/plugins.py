@@ -53,7 +53,7 @@ def _named(registry: Registry, text: str) -> list[Record]:
     Raises
     ------
     PluginError
-            If there is no such record.
+        If there is no such record.
     """
     kind, colon, name = text.partition(":")
     if colon:

@@ -147,9 +147,9 @@ class _Task:
     Attributes
     ----------
     name : str
-            Name of the mesh, or its source.
+        Name of the mesh, or its source.
     solver : str
-            Solver as typed.
+        Solver as typed.
     """
 
     name: str

@@ -199,14 +199,14 @@ def agglomeration_options(
     Parameters
     ----------
     command : callable, optional
-            Without decorator arguments, the command has refiners, fixer, the four kinds of target, and the
-            seed.
+        Without decorator arguments, the command has refiners, fixer, the four kinds of target, and the
+        seed.
     bisector : "one" or "several"
-            Add all options of ``agglo run``: also bisector, method, nested, merge, polish, post-refiners,
-            constraints, rules for the parts, config. With "several", the command also receives ``bisectors``,
-            a list of texts for :func:`choice`, empty by default.
+        Add all options of ``agglo run``: also bisector, method, nested, merge, polish, post-refiners,
+        constraints, rules for the parts, config. With "several", the command also receives ``bisectors``,
+        a list of texts for :func:`choice`, empty by default.
     method : "one" or "several"
-            With "several", the command also receives ``methods``, a list of words, empty by default.
+        With "several", the command also receives ``methods``, a list of words, empty by default.
 
     Examples
     --------

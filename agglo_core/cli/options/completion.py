@@ -34,9 +34,9 @@ def names(*kinds: str, several: bool = False, also: tuple[str, ...] = ()) -> Off
     Parameters
     ----------
     several : bool
-            Complete a comma list of components.
+        Complete a comma list of components.
     also : tuple of str
-            Further words besides component names.
+        Further words besides component names.
     """
 
     def offer(_: click.Context, __: click.Parameter, typed: str) -> list[CompletionItem]:

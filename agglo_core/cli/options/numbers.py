@@ -19,7 +19,7 @@ class Number(click.ParamType[float]):
     kind : type
         ``int`` or ``float``.
     least, above, most : number, optional
-            Bounds: at least ``least``, larger than ``above``, at most ``most``.
+        Bounds: at least ``least``, larger than ``above``, at most ``most``.
 
     Examples
     --------

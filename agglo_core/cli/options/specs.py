@@ -29,9 +29,9 @@ def load_mesh(text: str | Path) -> Mesh:
     Raises
     ------
     FileError
-            For an unreadable file, or a text that is neither a file nor has the form of a sample.
+        For an unreadable file, or a text that is neither a file nor has the form of a sample.
     OptionError
-            For a text with the form of a sample, but without such a sample.
+        For a text with the form of a sample, but without such a sample.
 
     Examples
     --------
@@ -70,7 +70,7 @@ def parse_spec(text: str) -> tuple[str, dict[str, Value]]:
     Raises
     ------
     OptionError
-            If the name is missing, or an option is not of the form ``option=value`` or given twice.
+        If the name is missing, or an option is not of the form ``option=value`` or given twice.
 
     Examples
     --------
@@ -88,7 +88,7 @@ def as_typed(text: str) -> tuple[str, dict[str, Text]]:
     Raises
     ------
     OptionError
-            If the name is missing, or an option is not of the form ``option=value`` or given twice.
+        If the name is missing, or an option is not of the form ``option=value`` or given twice.
     """
     name, _, rest = text.partition(":")
     if not name.strip():
@@ -130,7 +130,7 @@ def bisector_specs(typed: Sequence[str]) -> list[str]:
     Raises
     ------
     UsageError
-            If a bisector is given twice.
+        If a bisector is given twice.
     """
     specs = [spec for text in typed for spec in split_specs(text)]
     refuse_duplicates("--bisector", specs)
@@ -144,9 +144,9 @@ def choice(kind: str, spec: str) -> tuple[str, dict[str, Any]]:
     Raises
     ------
     PluginError
-            For an unknown or unusable component.
+        For an unknown or unusable component.
     OptionError
-            For an unknown option or an invalid value.
+        For an unknown option or an invalid value.
 
     Examples
     --------

@@ -40,9 +40,9 @@ class Outputs:
     ----------
     written : list of Path
     failures : list of (path, error)
-            Missing files and their errors.
+        Missing files and their errors.
     code : int
-            Exit code: 2 if a result is missing, else 3 if a picture or report is missing, else 0.
+        Exit code: 2 if a result is missing, else 3 if a picture or report is missing, else 0.
     """
 
     written: list[Path] = field(default_factory=list)

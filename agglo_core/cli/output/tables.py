@@ -37,9 +37,9 @@ class Table:
         Headings.
     rows : sequence of sequence of str
     spare : sequence of str
-            Columns that may be dropped, in this order.
+        Columns that may be dropped, in this order.
     fold : mapping of str to int
-            Minimum widths of columns with words, which may be folded.
+        Minimum widths of columns with words, which may be folded.
     """
 
     columns: Sequence[str]
@@ -96,12 +96,12 @@ def print_table(
     Parameters
     ----------
     title : str
-            Line above the table, or empty.
+        Line above the table, or empty.
     columns, rows, spare, fold
-            As in :class:`Table`. With spare columns, the command must have ``--json``, as a hint refers to
-            it.
+        As in :class:`Table`. With spare columns, the command must have ``--json``, as a hint refers to
+        it.
     boxed : bool
-            Draw lines around the cells if they fit.
+        Draw lines around the cells if they fit.
 
     Examples
     --------

@@ -42,7 +42,7 @@ class Posed:
         Raises
         ------
         OptionError
-                Without a discretisation.
+            Without a discretisation.
         """
         import numpy as np
 
@@ -71,9 +71,9 @@ def built_solver(spec: str, given: Mapping[str, Any], flag: str = "--solver") ->
     Raises
     ------
     OptionError
-            For an unknown option, or an option given twice.
+        For an unknown option, or an option given twice.
     PluginError
-            For an unknown or unusable solver.
+        For an unknown or unusable solver.
     """
     name, options = as_typed(spec)
     twice = sorted(set(options) & set(given))
@@ -93,8 +93,8 @@ def posed_by(text: str, mesh: Mesh, tool: object, solver: str, *, allow_code: bo
     Raises
     ------
     OptionError
-            If the solver does not accept the problem, and errors of
-            :func:`~agglo_core.problems.named_problem` and of the discretisation.
+        If the solver does not accept the problem, and errors of
+        :func:`~agglo_core.problems.named_problem` and of the discretisation.
     """
     from agglo_core.problems import discretisation_of, named_problem, require_accepted
 

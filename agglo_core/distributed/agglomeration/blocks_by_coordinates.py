@@ -40,7 +40,7 @@ def halvings(n_cells: int, dim: int, block_cells: int | None) -> int:
     Raises
     ------
     OptionError
-            For blocks without cells.
+        For blocks without cells.
     """
     most = BLOCK_CELLS[dim] if block_cells is None else block_cells
     if not most >= 1:
@@ -63,11 +63,11 @@ def coordinate_blocks(points: Float, depth: int, reduced: Reduced = _alone) -> I
     Parameters
     ----------
     points : (n, d) float
-            Local points. The result depends on all points, not on their distribution.
+        Local points. The result depends on all points, not on their distribution.
     depth : int
         Number of cuts from all points to a block.
     reduced : callable, optional
-            Reduction across ranks. Default: all points are local.
+        Reduction across ranks. Default: all points are local.
     """
     block = np.zeros(len(points), np.int64)
     if depth == 0:

@@ -24,9 +24,9 @@ class Cells:
     ----------
     ranks : Ranks
     graph : Graph
-            Own cells and ghosts. Only data on own cells need be complete.
+        Own cells and ghosts. Only data on own cells need be complete.
     ids : (n,) int
-            Global ids, increasing.
+        Global ids, increasing.
     owners : (n,) int
     """
 

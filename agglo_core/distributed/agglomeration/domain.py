@@ -24,15 +24,15 @@ class Links:
     Attributes
     ----------
     node : (e,) int
-            Local node.
+        Local node.
     to, domain : (e,) int
-            Remote node: its id and domain.
+        Remote node: its id and domain.
     interface : (e,) float
-            Measure of the faces between the nodes.
+        Measure of the faces between the nodes.
     barred : (e,) bool
-            True if a constraint forbids a part across these faces.
+        True if a constraint forbids a part across these faces.
     barrier : (e,) bool
-            True if no part may contain both nodes.
+        True if no part may contain both nodes.
     """
 
     node: Int
@@ -73,17 +73,17 @@ class Domain:
     Attributes
     ----------
     graph : Graph
-            Nodes with inner edges, without edges that constraints forbid.
+        Nodes with inner edges, without edges that constraints forbid.
     ids : (n,) int
-            Global id of each node, increasing.
+        Global id of each node, increasing.
     cells : (n,) int
-            Number of mesh cells in each node.
+        Number of mesh cells in each node.
     weights : (n, bounds) float
-            Weights of each node, with a column per bound on part sizes.
+        Weights of each node, with a column per bound on part sizes.
     barriers : (p, 2) int
-            Node pairs that no part may contain, whatever lies between.
+        Node pairs that no part may contain, whatever lies between.
     links : Links
-            Edges to nodes in other domains.
+        Edges to nodes in other domains.
     """
 
     graph: Graph
@@ -149,11 +149,11 @@ def joined(
     Parameters
     ----------
     pieces : sequence of Domain
-            Pieces, at least one.
+        Pieces, at least one.
     number : int
-            New domain number.
+        New domain number.
     renumbered : callable
-            Map from old to new domain numbers in links.
+        Map from old to new domain numbers in links.
     """
     # Sort the nodes of all pieces by id.
     ids = np.concatenate([piece.ids for piece in pieces])

@@ -30,9 +30,9 @@ class DomainRun:
     ----------
     pipeline : Pipeline
     run : Run
-            Run with its components. Events are added to its statistics.
+        Run with its components. Events are added to its statistics.
     kept : Kept
-            Run constraints.
+        Run constraints.
     """
 
     pipeline: Pipeline

@@ -28,18 +28,18 @@ class DistributedHierarchy:
     ----------
     mesh : DistributedMesh
     levels : sequence of (n_own,) int
-            Part containing each own cell, by global id in 0..k−1 over all ranks. ``levels[0]`` is the finest.
+        Part containing each own cell, by global id in 0..k−1 over all ranks. ``levels[0]`` is the finest.
     bounds : sequence of (size + 1,) int
-            Rank r owns the parts ``bounds[level][r]:bounds[level][r + 1]`` on a level, on whatever ranks
-            their cells are.
+        Rank r owns the parts ``bounds[level][r]:bounds[level][r + 1]`` on a level, on whatever ranks
+        their cells are.
     targets : sequence of mapping
-            Target per level.
+        Target per level.
     nested : bool
-            True if each level is a coarsening of the level before.
+        True if each level is a coarsening of the level before.
     statistics : mapping
-            Run statistics: counts over all ranks, and CPU seconds of the slowest rank. ``messages`` and
-            ``bytes`` were sent by this rank, ``sent_by_level`` for each level and its domains. The rest was
-            sent before or after the levels.
+        Run statistics: counts over all ranks, and CPU seconds of the slowest rank. ``messages`` and
+        ``bytes`` were sent by this rank, ``sent_by_level`` for each level and its domains. The rest was
+        sent before or after the levels.
 
     Examples
     --------
@@ -116,7 +116,7 @@ class DistributedHierarchy:
         Raises
         ------
         OptionError
-                For a metric that uses inner cells, or compares parts with each other (except UF).
+            For a metric that uses inner cells, or compares parts with each other (except UF).
         """
         return means(self.mesh_of(level), self.components(level), metrics, registry)
 

@@ -20,9 +20,9 @@ def components_of_parts(mesh: DistributedMesh, labels: Int, bounds: Int) -> Int:
     ----------
     mesh : DistributedMesh
     labels : (n_own,) int
-            Global part of each own cell.
+        Global part of each own cell.
     bounds : (size + 1,) int
-            Rank r owns the parts ``bounds[r]:bounds[r + 1]``.
+        Rank r owns the parts ``bounds[r]:bounds[r + 1]``.
     """
     ranks = mesh.ranks
     told = _touching(mesh, mesh.local.graph, labels)[1]
@@ -56,7 +56,7 @@ def component_sizes(mesh: DistributedMesh, forbidden: Mask) -> Int:
     ----------
     mesh : DistributedMesh
     forbidden : (m,) bool
-            Forbidden entries in the local graph, equal on both sides where ranks meet.
+        Forbidden entries in the local graph, equal on both sides where ranks meet.
     """
     ranks = mesh.ranks
     with ranks.together():

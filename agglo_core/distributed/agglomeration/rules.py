@@ -38,15 +38,15 @@ class Kept:
     Attributes
     ----------
     forbidden : (m,) bool
-            Graph entries that no part may cross.
+        Graph entries that no part may cross.
     barriers : (p, 2) int
-            Cell pairs that no part may contain.
+        Cell pairs that no part may contain.
     bounds : sequence of Member
-            Bounds on part sizes.
+        Bounds on part sizes.
     weights : (n, len(bounds)) float
-            Cell weights, a column per bound.
+        Cell weights, a column per bound.
     members : sequence of Member
-            All constraints, for messages.
+        All constraints, for messages.
     """
 
     forbidden: Mask
@@ -64,7 +64,7 @@ def kept_rules(cells: Cells, pipeline: Pipeline, mesh: Mesh, registry: Registry)
     Raises
     ------
     OptionError
-            If a rule fits on no rank, or constrains whole parts by other means than bounds and barriers.
+        If a rule fits on no rank, or constrains whole parts by other means than bounds and barriers.
     """
     ranks, graph = cells.ranks, mesh.graph
     with ranks.together():

@@ -42,27 +42,27 @@ def agglomerate(
     ----------
     mesh : DistributedMesh
     pipeline : Pipeline, optional
-            Components, targets and rules, as on one process. Arrays hold a value per own cell (``barriers``:
-            per face of ``mesh.local``). Lines of cells end at rank borders.
+        Components, targets and rules, as on one process. Arrays hold a value per own cell (``barriers``:
+        per face of ``mesh.local``). Lines of cells end at rank borders.
     independent_of_ranks : bool, optional
-            Require labels independent of the number of ranks: True sends each block's cells to one
-            rank if necessary, False lets each rank agglomerate its own cells. Default: blocks if nothing has
-            to be sent. ``statistics["independent_of_ranks"]`` reports the outcome.
+        Require labels independent of the number of ranks: True sends each block's cells to one
+        rank if necessary, False lets each rank agglomerate its own cells. Default: blocks if nothing has
+        to be sent. ``statistics["independent_of_ranks"]`` reports the outcome.
     block_cells : int, optional
-            Approximate maximum number of cells per block, as for :meth:`DistributedMesh.scatter`. Default:
-            16,384 in 2-D, 131,072 in 3-D.
+        Approximate maximum number of cells per block, as for :meth:`DistributedMesh.scatter`. Default:
+        16,384 in 2-D, 131,072 in 3-D.
     registry, progress, verbose, threads : optional
-            As for :func:`agglo_core.agglomerate`. Only rank 0 reports progress.
+        As for :func:`agglo_core.agglomerate`. Only rank 0 reports progress.
 
     Returns
     -------
     DistributedHierarchy
-            Every part is connected, with sizes and counts as on one process.
+        Every part is connected, with sizes and counts as on one process.
 
     Raises
     ------
     OptionError, PluginError, RankError
-            As on one process. A failure on one rank is a failure on all ranks.
+        As on one process. A failure on one rank is a failure on all ranks.
 
     Examples
     --------

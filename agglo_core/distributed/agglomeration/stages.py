@@ -24,9 +24,9 @@ class Numbering:
     Attributes
     ----------
     first : (count + 1,) int
-            First id per domain, and the number of parts.
+        First id per domain, and the number of parts.
     bounds : (size + 1,) int
-            First id per rank, and the number of parts.
+        First id per rank, and the number of parts.
     """
 
     first: Int
@@ -48,7 +48,7 @@ class Stage:
     count : int
         Number of domains on all ranks.
     domains : mapping of number to Domain
-            Local domains.
+        Local domains.
     """
 
     ranks: Ranks
@@ -122,9 +122,9 @@ class Return:
     Attributes
     ----------
     sent : mapping of rank to list of int
-            Positions of pieces sent to each rank.
+        Positions of pieces sent to each rank.
     received : mapping of rank to list of (int, (n,) int)
-            Own domain and node positions for each piece received from a rank.
+        Own domain and node positions for each piece received from a rank.
     """
 
     ranks: Ranks
@@ -155,12 +155,12 @@ def moved(
     ----------
     ranks : Ranks
     pieces : sequence of (int, Domain)
-            Local pieces with their new domain numbers. Each domain gets at least one piece, from any
-            rank.
+        Local pieces with their new domain numbers. Each domain gets at least one piece, from any
+        rank.
     count : int
         Number of domains on all ranks.
     renumbered : callable
-            Map from old to new domain numbers in links.
+        Map from old to new domain numbers in links.
     """
     # Pack the pieces by destination rank.
     sent: dict[int, list[int]] = {}

@@ -79,11 +79,11 @@ class Beginning:
     cells : Cells
     stage : Stage
     pieces : sequence of (int, Domain)
-            Own cells with domain numbers.
+        Own cells with domain numbers.
     way : Return or None
-            Way back from domains to pieces, or None if these are equal.
+        Way back from domains to pieces, or None if these are equal.
     in_blocks : bool
-            True if domains are blocks by coordinates.
+        True if domains are blocks by coordinates.
     """
 
     cells: Cells

@@ -43,7 +43,7 @@ def mesh_of_pieces(stored: Stored, file: Path, ranks: Ranks, *, allow_gaps: bool
     Raises
     ------
     FileError, MeshError
-            With the file name (RankError on other ranks).
+        With the file name (RankError on other ranks).
     """
     with ranks.together(), naming(file):
         own = _own_cells(stored, file.stem, allow_gaps=allow_gaps)

@@ -40,17 +40,17 @@ def read(
     ----------
     path : path
     ranks : Ranks, optional
-            Default: all ranks in ``MPI.COMM_WORLD``.
+        Default: all ranks in ``MPI.COMM_WORLD``.
     allow_gaps : bool
-            Leave outer faces apart that lie on each other. By default they are joined, as in
-            :func:`agglo_core.read`, and pieces with global point ids and such faces are refused.
+        Leave outer faces apart that lie on each other. By default they are joined, as in
+        :func:`agglo_core.read`, and pieces with global point ids and such faces are refused.
     registry : Registry, optional
-            Format registry. Default: the installed plugins.
+        Format registry. Default: the installed plugins.
 
     Raises
     ------
     FileError, MeshError
-            As :func:`agglo_core.read`, with the piece (RankError on other ranks).
+        As :func:`agglo_core.read`, with the piece (RankError on other ranks).
 
     Examples
     --------

@@ -22,13 +22,13 @@ def shared_staging(path: Path, ranks: Ranks) -> Iterator[Path]:
     Yields
     ------
     Path
-            Folder for the files.
+        Folder for the files.
 
     Raises
     ------
     FileError
-            If a file cannot be moved, or a rank does not see the folder that rank 0 has made (RankError on
-            the other ranks).
+        If a file cannot be moved, or a rank does not see the folder that rank 0 has made (RankError on
+        the other ranks).
     """
     with ExitStack() as stages:
         made = None

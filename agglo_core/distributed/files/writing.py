@@ -47,20 +47,20 @@ def write(
     Parameters
     ----------
     path : path
-            Equal on all ranks, in a shared folder.
+        Equal on all ranks, in a shared folder.
     mesh : DistributedMesh
     hierarchy : DistributedHierarchy, optional
-            Hierarchy on this mesh.
+        Hierarchy on this mesh.
     compress : bool
-            Write smaller files, at the cost of slower writing and reading.
+        Write smaller files, at the cost of slower writing and reading.
 
     Raises
     ------
     FileError
-            If a file cannot be written. A failure on one rank is a failure on all ranks, with a RankError on
-            the others.
+        If a file cannot be written. A failure on one rank is a failure on all ranks, with a RankError on
+        the others.
     MeshError
-            If the hierarchy belongs to another mesh, or a cell tag has a name that files cannot hold.
+        If the hierarchy belongs to another mesh, or a cell tag has a name that files cannot hold.
 
     Examples
     --------

@@ -51,13 +51,13 @@ class CellValues:
         Parameters
         ----------
         values : (n_own, …)
-                Values on own cells, by increasing global id.
+            Values on own cells, by increasing global id.
 
         Raises
         ------
         MeshError
-                If the number of values differs from the number of own cells (RankError on other ranks), or
-                value shapes differ between ranks (on all ranks).
+            If the number of values differs from the number of own cells (RankError on other ranks), or
+            value shapes differ between ranks (on all ranks).
 
         Examples
         --------
@@ -81,13 +81,13 @@ class CellValues:
         Parameters
         ----------
         values : (n_own, …)
-                Values on own cells, by increasing global id.
+            Values on own cells, by increasing global id.
 
         Raises
         ------
         MeshError
-                If the number of values differs from the number of own cells (RankError on other ranks), or
-                value shapes differ between ranks (on all ranks).
+            If the number of values differs from the number of own cells (RankError on other ranks), or
+            value shapes differ between ranks (on all ranks).
 
         Examples
         --------
@@ -106,8 +106,8 @@ class CellValues:
         Raises
         ------
         MeshError
-                If the number of values differs from the number of own cells (RankError on other ranks), or
-                value shapes differ between ranks (on all ranks).
+            If the number of values differs from the number of own cells (RankError on other ranks), or
+            value shapes differ between ranks (on all ranks).
         """
         here, n = self.ranks.rank, len(self.own)
         with self.ranks.together():

@@ -18,13 +18,13 @@ def check_laws(own: WholeCells, known: Int, owners: Int, held: LocalMesh, n_cell
     Parameters
     ----------
     own : WholeCells
-            Own cells, the reference for ghosts on other ranks.
+        Own cells, the reference for ghosts on other ranks.
     known, owners : (n,) int
-            Global ids and owners, for own cells and ghosts.
+        Global ids and owners, for own cells and ghosts.
     held : LocalMesh
-            Local mesh with own cells and ghosts.
+        Local mesh with own cells and ghosts.
     n_cells : int
-            Number of cells in the whole mesh.
+        Number of cells in the whole mesh.
     """
     here = f"rank {ranks.rank}"
     # Every cell has one owner, and local cells are in global order.

@@ -39,18 +39,18 @@ class DistributedMesh(CellValues):
     ----------
     ranks : Ranks
     local : Mesh
-            Own cells and ghosts by global id. Ghosts are all cells of other ranks that share a face with an
-            own cell.
+        Own cells and ghosts by global id. Ghosts are all cells of other ranks that share a face with an
+        own cell.
     global_ids : (local.n_cells,) int
-            Global id of each cell, increasing.
+        Global id of each cell, increasing.
     owners : (local.n_cells,) int
-            Owner of each cell.
+        Owner of each cell.
     point_ids : (local.n_points,) int
-            Global id of each point, increasing.
+        Global id of each point, increasing.
     face_ids : (local.n_faces,) int
-            Global number of each face, increasing. Some numbers may be unused.
+        Global number of each face, increasing. Some numbers may be unused.
     hidden : (local.n_faces,) bool
-            Ghost faces to cells outside the local mesh. They look like boundary faces, but have no tags.
+        Ghost faces to cells outside the local mesh. They look like boundary faces, but have no tags.
     n_cells : int
         Number of cells of the whole mesh.
 
@@ -85,21 +85,21 @@ class DistributedMesh(CellValues):
         Parameters
         ----------
         mesh : Mesh or None
-                Mesh on rank 0. Ignored on other ranks.
+            Mesh on rank 0. Ignored on other ranks.
         ranks : Ranks, optional
-                Default: the ranks of ``MPI.COMM_WORLD``.
+            Default: the ranks of ``MPI.COMM_WORLD``.
         method : str
-                ``"coordinates"``: whole blocks, so that :func:`agglomerate` makes equal parts on any number
-                of ranks, or boxes if a rank would get more than 1.6 times the mean. ``"curve"``: intervals of
-                a space-filling curve.
+            ``"coordinates"``: whole blocks, so that :func:`agglomerate` makes equal parts on any number
+            of ranks, or boxes if a rank would get more than 1.6 times the mean. ``"curve"``: intervals of
+            a space-filling curve.
         block_cells : int, optional
-                Approximate maximum number of cells per block, as for :func:`agglomerate`. Default: 16,384 in
-                2-D, 131,072 in 3-D.
+            Approximate maximum number of cells per block, as for :func:`agglomerate`. Default: 16,384 in
+            2-D, 131,072 in 3-D.
 
         Raises
         ------
         OptionError
-                If rank 0 has no mesh, for an unknown method or blocks without cells, or without mpi4py.
+            If rank 0 has no mesh, for an unknown method or blocks without cells, or without mpi4py.
 
         Examples
         --------
@@ -131,36 +131,36 @@ class DistributedMesh(CellValues):
         Parameters
         ----------
         ranks : Ranks or None
-                None for all ranks of ``MPI.COMM_WORLD``.
+            None for all ranks of ``MPI.COMM_WORLD``.
         points : (n_points, d) float
-                Points of the cells, possibly with unused points. A rank without cells may pass anything.
+            Points of the cells, possibly with unused points. A rank without cells may pass anything.
         cells
-                Own cells by local point numbers, as in :meth:`Mesh.from_polygons` or, if d is 3,
-                :meth:`Mesh.from_polyhedra`.
+            Own cells by local point numbers, as in :meth:`Mesh.from_polygons` or, if d is 3,
+            :meth:`Mesh.from_polyhedra`.
         point_ids : (n_points,) int
-                Global ids. Points with equal id are identified across ranks and must coincide.
+            Global ids. Points with equal id are identified across ranks and must coincide.
         cell_ids : (n_own,) int, optional
-                Global ids, a permutation of 0..n_cells−1 over all ranks. Default: numbered rank after rank.
+            Global ids, a permutation of 0..n_cells−1 over all ranks. Default: numbered rank after rank.
         cell_tags : mapping of name to (n_own,) int, optional
-                Equal names on all ranks with cells.
+            Equal names on all ranks with cells.
         face_tags : mapping of name to (faces, values), optional
-                Faces as point lists with an integer each, 0 elsewhere. Either rank may tag a face between
-                ranks.
+            Faces as point lists with an integer each, 0 elsewhere. Either rank may tag a face between
+            ranks.
         weak : bool
-                As in :meth:`Mesh.from_polygons`: 2-D cells may have bridges to holes.
+            As in :meth:`Mesh.from_polygons`: 2-D cells may have bridges to holes.
         allow_gaps : bool
-                Keep outer faces apart that lie on each other, as at fractures. By default, outer faces that
-                lie on each other are refused if they share points, as at hanging vertices, and reported by a
-                warning otherwise. Unlike :meth:`Mesh.conforming`, nothing is joined.
+            Keep outer faces apart that lie on each other, as at fractures. By default, outer faces that
+            lie on each other are refused if they share points, as at hanging vertices, and reported by a
+            warning otherwise. Unlike :meth:`Mesh.conforming`, nothing is joined.
         name : str
 
         Raises
         ------
         MeshError
-                For an invalid cell, with its local number (RankError on other ranks). On all ranks, with
-                ranks and cells: for duplicate or missing cell ids, a point at two places, three cells at a
-                face, cells of two ranks on one side of a face, ranks with different dimensions or tag names,
-                a mesh without cells, or faces refused under ``allow_gaps``.
+            For an invalid cell, with its local number (RankError on other ranks). On all ranks, with
+            ranks and cells: for duplicate or missing cell ids, a point at two places, three cells at a
+            face, cells of two ranks on one side of a face, ranks with different dimensions or tag names,
+            a mesh without cells, or faces refused under ``allow_gaps``.
 
         Examples
         --------
@@ -246,14 +246,14 @@ class DistributedMesh(CellValues):
         Parameters
         ----------
         labels : (n_own,) int
-                Part of each own cell: its global id in the coarse mesh, on any rank.
+            Part of each own cell: its global id in the coarse mesh, on any rank.
         bounds : (size + 1,) int
-                Rank r gets the parts ``bounds[r]:bounds[r + 1]``. Equal on all ranks.
+            Rank r gets the parts ``bounds[r]:bounds[r + 1]``. Equal on all ranks.
 
         Raises
         ------
         MeshError
-                If the bounds do not increase from 0, or a part has no cell (RankError on other ranks).
+            If the bounds do not increase from 0, or a part has no cell (RankError on other ranks).
 
         Examples
         --------
@@ -280,7 +280,7 @@ class DistributedMesh(CellValues):
         Raises
         ------
         MeshError
-                For a rank that does not exist (RankError on other ranks).
+            For a rank that does not exist (RankError on other ranks).
 
         Examples
         --------

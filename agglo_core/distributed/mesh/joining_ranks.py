@@ -25,20 +25,20 @@ def joined_across(own: WholeCells, ranks: Ranks, name: str) -> Mesh | None:
     Parameters
     ----------
     own : WholeCells
-            Own cells, with their neighbours on other ranks.
+        Own cells, with their neighbours on other ranks.
     ranks : Ranks
     name : str
-            Mesh name.
+        Mesh name.
 
     Returns
     -------
     Mesh or None
-            Cells in unchanged order, or None without cells.
+        Cells in unchanged order, or None without cells.
 
     Raises
     ------
     MeshError
-            As :meth:`agglo_core.Mesh.conforming` (RankError on other ranks).
+        As :meth:`agglo_core.Mesh.conforming` (RankError on other ranks).
     """
     near, origin = cells_near(own, ranks), common_origin(own, ranks)
     with ranks.together():

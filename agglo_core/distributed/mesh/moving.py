@@ -60,9 +60,9 @@ def moved(own: WholeCells, known: Int, number: Int, to: Int, ranks: Ranks) -> Wh
     Parameters
     ----------
     own : WholeCells
-            Local cells before moving.
+        Local cells before moving.
     known, number, to : (n,) int
-            Global ids for own cells and ghosts (increasing), their new numbers, and their new ranks.
+        Global ids for own cells and ghosts (increasing), their new numbers, and their new ranks.
     """
     # Renumber cells and faces, and drop faces inside joined cells.
     sides = places(own.face_cells, known)

@@ -37,7 +37,7 @@ def shared_points(ids: Int, points: Float, ranks: Ranks) -> Mask:
     Raises
     ------
     MeshError
-            On all ranks, if points with equal global id have different coordinates.
+        On all ranks, if points with equal global id have different coordinates.
     """
     # Collect points with equal id on one rank and compare their coordinates.
     to = rank_of_key(splitmix(ids.view(np.uint64)), ranks.size)
@@ -109,19 +109,19 @@ def cells_beyond(
     Parameters
     ----------
     vertices, offsets : CSR
-            Global points per face in the owner's orientation.
+        Global points per face in the owner's orientation.
     cells : (n, 2) int
-            Global own cell ids on both sides, -1 for none.
+        Global own cell ids on both sides, -1 for none.
     tags : (n, k) int
-            Face tags, 0 for no tag.
+        Face tags, 0 for no tag.
     numbers : (n,) int
-            Face numbers to pass to other ranks.
+        Face numbers to pass to other ranks.
 
     Raises
     ------
     MeshError
-            On all ranks, with cells and ranks: for a face with three cells, two cells on one side of a face,
-            or ranks with different face tags.
+        On all ranks, with cells and ranks: for a face with three cells, two cells on one side of a face,
+        or ranks with different face tags.
     """
     # Collect the sides of each face on one rank and pair them.
     low, mixed = face_keys(vertices, offsets)

@@ -61,7 +61,7 @@ def scattered(mesh: Mesh | None, ranks: Ranks, method: str, block_cells: int | N
     Raises
     ------
     OptionError
-            If rank 0 has no mesh, for an unknown method, or blocks without cells.
+        If rank 0 has no mesh, for an unknown method, or blocks without cells.
     """
     sent: dict[int, WholeCells] = {}
     with ranks.together():

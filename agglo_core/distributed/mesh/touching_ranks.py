@@ -37,12 +37,12 @@ def refuse_hanging_vertices(own: WholeCells, ranks: Ranks) -> None:
     Parameters
     ----------
     own : WholeCells
-            Own cells, with their neighbours on other ranks.
+        Own cells, with their neighbours on other ranks.
 
     Raises
     ------
     MeshError
-            On all ranks, with two cells and their ranks.
+        On all ranks, with two cells and their ranks.
     """
     # Contacts with shared points are an error on all ranks.
     near = cells_near(own, ranks)

@@ -125,9 +125,9 @@ def parcels(
     ----------
     whole : WholeCells
     cells, faces : (ranks (k,), places (k,))
-            Destination ranks and positions, possibly repeated.
+        Destination ranks and positions, possibly repeated.
     always : iterable of int
-            Ranks that receive a parcel in any case, if only with tag names.
+        Ranks that receive a parcel in any case, if only with tag names.
     """
     by_cell, by_face = _by_rank(*cells, len(whole.cells)), _by_rank(*faces, len(whole.faces))
     none = frozen_int([])

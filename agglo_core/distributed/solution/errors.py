@@ -25,22 +25,22 @@ def error_norms(
     ----------
     mesh : DistributedMesh
     problem : Problem
-            The problem as posed on the local cells.
+        The problem as posed on the local cells.
     how : Discretisation
-            Interpretation of the unknowns. Its ``errors_in`` measures part of a mesh.
+        Interpretation of the unknowns. Its ``errors_in`` measures part of a mesh.
     x : (n_own unknowns,) float
-            Unknowns on own cells by increasing global id, equally many per cell.
+        Unknowns on own cells by increasing global id, equally many per cell.
 
     Returns
     -------
     dict
-            Norms by name. Empty if a rank lacks the exact solution, or ``how`` lacks ``errors_in``.
+        Norms by name. Empty if a rank lacks the exact solution, or ``how`` lacks ``errors_in``.
 
     Raises
     ------
     OptionError
-            If the number of unknowns does not fit the own cells, and errors of ``how``. A failure on one rank
-            is a failure on all ranks, with a RankError on the others.
+        If the number of unknowns does not fit the own cells, and errors of ``how``. A failure on one rank
+        is a failure on all ranks, with a RankError on the others.
 
     Examples
     --------

@@ -35,24 +35,24 @@ def write_solution(
     Parameters
     ----------
     path : path
-            Equal on all ranks, in a shared folder.
+        Equal on all ranks, in a shared folder.
     mesh : DistributedMesh
     how : Discretisation
-            Interpretation of the unknowns.
+        Interpretation of the unknowns.
     x : (n_own unknowns,) float
-            Unknowns on own cells by increasing global id, equally many per cell.
+        Unknowns on own cells by increasing global id, equally many per cell.
     name : str
-            Function name.
+        Function name.
 
     Raises
     ------
     OptionError
-            For another suffix, or a number of unknowns that does not fit the own cells.
+        For another suffix, or a number of unknowns that does not fit the own cells.
     FileError
-            If a file cannot be written. A failure on one rank is a failure on all ranks, with a RankError on
-            the others.
+        If a file cannot be written. A failure on one rank is a failure on all ranks, with a RankError on
+        the others.
     MeshError
-            For a cell tag with a name that files cannot hold.
+        For a cell tag with a name that files cannot hold.
 
     Examples
     --------

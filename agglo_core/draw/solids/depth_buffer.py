@@ -44,16 +44,16 @@ def nearest_faces(corners, offsets, faces, planes, width, height):
         depth, increasing towards the eye. Face f has the corners ``corners[offsets[f]:offsets[f + 1]]``.
     offsets : (f + 1,) int64
     faces : (m,) int64
-            Faces to draw, convex or not. Among equally near faces, the first is seen.
+        Faces to draw, convex or not. Among equally near faces, the first is seen.
     planes : (f, 3) float64
-            Face f has the depth ``planes[f] @ (1, x, y)``, clipped to the depths of its corners.
+        Face f has the depth ``planes[f] @ (1, x, y)``, clipped to the depths of its corners.
     width, height : int
 
     Returns
     -------
     seen : (height, width) int64
     depth : (height, width) float64
-            −∞ where no face is seen.
+        −∞ where no face is seen.
     """
     seen = np.full((height, width), -1, np.int64)
     depth = np.full((height, width), -np.inf)

@@ -24,16 +24,16 @@ class SolidPanels:
     Parameters
     ----------
     mesh : Mesh
-            3-D mesh.
+        3-D mesh.
     explode : float
-            Agglomerates are moved by this factor times the vector from the mesh centre to their centre.
+        Agglomerates are moved by this factor times the vector from the mesh centre to their centre.
     section : (3,) float, optional
-            Cells beyond the plane with this normal through the centre are left out.
+        Cells beyond the plane with this normal through the centre are left out.
 
     Raises
     ------
     OptionError
-            If ``explode`` is not a number from 0 to 10, or ``section`` is not a direction.
+        If ``explode`` is not a number from 0 to 10, or ``section`` is not a direction.
     """
 
     def __init__(self, mesh: Mesh, explode: float, section: Sequence[float] | None = None) -> None:

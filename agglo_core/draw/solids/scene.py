@@ -44,28 +44,28 @@ def view(
     Parameters
     ----------
     hierarchy : Hierarchy
-            Hierarchy of a 3-D mesh.
+        Hierarchy of a 3-D mesh.
     level : int
-            Level, 0 for the finest.
+        Level, 0 for the finest.
     explode : float
-            Agglomerates are moved by this factor, from 0 to 10, times the vector from the mesh centre to
-            their centre.
+        Agglomerates are moved by this factor, from 0 to 10, times the vector from the mesh centre to
+        their centre.
     section : (3,) float, optional
-            Normal of a plane through the middle. The mesh beyond the plane is cut away, through cells.
+        Normal of a plane through the middle. The mesh beyond the plane is cut away, through cells.
     path : path, optional
-            Picture to write instead of opening a window: .png, .jpg, .bmp or .tif.
+        Picture to write instead of opening a window: .png, .jpg, .bmp or .tif.
 
     Raises
     ------
     OptionError
-            Without pyvista, without a display for the window, for invalid ``explode`` or ``section``, or both
-            together.
+        Without pyvista, without a display for the window, for invalid ``explode`` or ``section``, or both
+        together.
     MeshError
-            If the hierarchy has no mesh, or a 2-D mesh.
+        If the hierarchy has no mesh, or a 2-D mesh.
     FileError
         If the picture cannot be written, or its suffix is unknown.
     IndexError
-            For a level that does not exist.
+        For a level that does not exist.
     """
     # Check all arguments.
     mesh = _solid(hierarchy)

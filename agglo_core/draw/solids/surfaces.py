@@ -25,12 +25,12 @@ class Surface:
     Attributes
     ----------
     corners : (c, 3) float
-            Face f has the corners ``corners[offsets[f]:offsets[f + 1]]``, relative to the mesh centre.
+        Face f has the corners ``corners[offsets[f]:offsets[f + 1]]``, relative to the mesh centre.
     offsets : (f + 1,) int
     cells, parts : (f,) int
-            Inner cell of each face, and its part.
+        Inner cell of each face, and its part.
     normals : (f, 3) float
-            Outward unit normals.
+        Outward unit normals.
     """
 
     corners: Float
@@ -47,9 +47,9 @@ class Sight:
     Attributes
     ----------
     faces : (height, width) int
-            Face of the surface, −1 for none. Row 0 is at the top.
+        Face of the surface, −1 for none. Row 0 is at the top.
     depth : (height, width) float
-            Depth towards the eye, in pixels.
+        Depth towards the eye, in pixels.
     eye : (3,) float
         Unit vector towards the eye.
     """
@@ -76,13 +76,13 @@ def outer_faces(mesh: Mesh, labels: Int, explode: float = 0.0, kept: Mask | None
     Parameters
     ----------
     mesh : Mesh
-            3-D mesh.
+        3-D mesh.
     labels : (n_cells,) int
         Part of each cell.
     explode : float
-            Each part is moved by this factor times the vector from the mesh centre to its centroid.
+        Each part is moved by this factor times the vector from the mesh centre to its centroid.
     kept : (n_cells,) bool, optional
-            Present cells (default: all). Faces towards absent cells are outer faces.
+        Present cells (default: all). Faces towards absent cells are outer faces.
     """
     # Select the faces seen from either side.
     present = labels if kept is None else np.where(kept, labels, -1)

@@ -69,23 +69,23 @@ def write_page(
     Parameters
     ----------
     path : path
-            File that ends in ``.html`` or ``.htm``.
+        File that ends in ``.html`` or ``.htm``.
     mesh : Mesh
-            Mesh. Solids are shown as stills from several sides and cut open.
+        Mesh. Solids are shown as stills from several sides and cut open.
     runs : sequence of RunResult
-            At least one successful run, or none to report solutions only.
+        At least one successful run, or none to report solutions only.
     note : str
-            Sentence under the title.
+        Sentence under the title.
     registry : Registry, optional
-            Registry of sections. Default: the installed plugins.
+        Registry of sections. Default: the installed plugins.
     solves : mapping of str to mapping, optional
-            Data for the section Solve by name of solver or run, from
-            :func:`agglo_core.solvers.solution_report.report`, or ``{"error": why}``.
+        Data for the section Solve by name of solver or run, from
+        :func:`agglo_core.solvers.solution_report.report`, or ``{"error": why}``.
 
     Raises
     ------
     OptionError
-            Without runs and solutions.
+        Without runs and solutions.
     FileError
         If the file cannot be written.
     """

@@ -22,7 +22,7 @@ def solve_section(solves: Mapping[str, Mapping[str, Any]]) -> str:
     Parameters
     ----------
     solves : mapping of str to mapping
-            Data from :func:`agglo_core.solvers.solution_report.report`, or ``{"error": why}``.
+        Data from :func:`agglo_core.solvers.solution_report.report`, or ``{"error": why}``.
     """
     if not solves:
         return ""

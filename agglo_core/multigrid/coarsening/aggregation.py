@@ -92,34 +92,34 @@ def aggregation_stack(
     Parameters
     ----------
     A : (n, n) sparse
-            Scalar matrix, or matrix with several unknowns per part.
+        Scalar matrix, or matrix with several unknowns per part.
     labels : sequence of (parts,) int, optional
-            Agglomerates, finest first, as in ``Hierarchy.levels``: each array has the label of each part *of
-            A*, whatever the level. Aggregates are these labels, split where strong couplings do not connect
-            them. Further levels, and by default all levels, come from the matrix graph. So do levels with
-            labels in more than two pieces on average, as for a coefficient that jumps from cell to cell.
+        Agglomerates, finest first, as in ``Hierarchy.levels``: each array has the label of each part *of
+        A*, whatever the level. Aggregates are these labels, split where strong couplings do not connect
+        them. Further levels, and by default all levels, come from the matrix graph. So do levels with
+        labels in more than two pieces on average, as for a coefficient that jumps from cell to cell.
     near_null : (n, k) or (n,) float, optional
-            Near-null vectors of A. Default: constants, one vector per unknown of a part.
+        Near-null vectors of A. Default: constants, one vector per unknown of a part.
     block_offsets : (parts + 1,) int, optional
-            Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``. Default: single unknowns.
+        Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``. Default: single unknowns.
     theta : float
-            A coupling between parts i and j is strong if above θ times the value of ν equal couplings:
-            −a_ij > θ max(a_ii, a_jj) / ν, with the mean number ν of neighbours, at least 6. Blocks are
-            measured in the Frobenius norm.
+        A coupling between parts i and j is strong if above θ times the value of ν equal couplings:
+        −a_ij > θ max(a_ii, a_jj) / ν, with the mean number ν of neighbours, at least 6. Blocks are
+        measured in the Frobenius norm.
     weak : float
-            Couplings up to this fraction of the diagonal are omitted from prolongation smoothing.
+        Couplings up to this fraction of the diagonal are omitted from prolongation smoothing.
     dtype : numpy dtype
-            Precision of the cycles. Levels are built in double precision.
+        Precision of the cycles. Levels are built in double precision.
     smoother : callable, optional
-            Function of ``(A, block_offsets, dtype)`` that returns a LevelSmoother. Default: Gauss–Seidel over
-            unknowns, :func:`pointwise`. For parts with several unknowns :func:`blockwise` is better.
+        Function of ``(A, block_offsets, dtype)`` that returns a LevelSmoother. Default: Gauss–Seidel over
+        unknowns, :func:`pointwise`. For parts with several unknowns :func:`blockwise` is better.
     coarsest : int
-            Maximum number of unknowns to be solved directly.
+        Maximum number of unknowns to be solved directly.
 
     Raises
     ------
     OptionError
-            For arrays that do not fit the matrix, or a diagonal that is not positive.
+        For arrays that do not fit the matrix, or a diagonal that is not positive.
 
     Notes
     -----

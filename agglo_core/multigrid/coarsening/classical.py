@@ -58,36 +58,36 @@ def classical_stack(
     ----------
     A : (n, n) sparse
     labels : sequence of (n,) int, optional
-            Agglomerates, finest first, as in ``Hierarchy.levels``. After one classical step, the coarse
-            unknowns are aggregated by labels as in :func:`aggregation_stack`. With a guide, classical steps
-            continue until no more unknowns are left than the finest agglomerates. By default all levels are
-            classical.
+        Agglomerates, finest first, as in ``Hierarchy.levels``. After one classical step, the coarse
+        unknowns are aggregated by labels as in :func:`aggregation_stack`. With a guide, classical steps
+        continue until no more unknowns are left than the finest agglomerates. By default all levels are
+        classical.
     near_null : (n,) or (n, 1) float, optional
-            Near-null vector with positive entries. Default: ones, or Gauss–Seidel applied to ones if these
-            are not near-null, as after a scaling of the unknowns. The levels then belong to the matrix scaled
-            by this vector, with ``scaling`` in the stack.
+        Near-null vector with positive entries. Default: ones, or Gauss–Seidel applied to ones if these
+        are not near-null, as after a scaling of the unknowns. The levels then belong to the matrix scaled
+        by this vector, with ``scaling`` in the stack.
     guide : (n, n) sparse, optional
-            Symmetric matrix with equivalent energy, and with negative couplings where those of A are
-            positive. It determines coarse unknowns and interpolation instead of A. Level matrices remain
-            Galerkin products of A.
+        Symmetric matrix with equivalent energy, and with negative couplings where those of A are
+        positive. It determines coarse unknowns and interpolation instead of A. Level matrices remain
+        Galerkin products of A.
     theta : float
-            Unknown i depends on j if −a_ij ≥ θ max_k −a_ik, with θ between 0 and 1.
+        Unknown i depends on j if −a_ij ≥ θ max_k −a_ik, with θ between 0 and 1.
     dtype : numpy dtype
-            Precision of the cycles. Levels are built in double precision.
+        Precision of the cycles. Levels are built in double precision.
     coarsest : int
-            Maximum number of unknowns to be solved directly.
+        Maximum number of unknowns to be solved directly.
     groups : int
-            With more than 1, up to this number of unknowns joined by strong couplings of either sign are
-            smoothed together (:func:`~agglo_core.multigrid.coarsening.strong_groups.group_smoother`), which
-            compensates for poor interpolation weights.
+        With more than 1, up to this number of unknowns joined by strong couplings of either sign are
+        smoothed together (:func:`~agglo_core.multigrid.coarsening.strong_groups.group_smoother`), which
+        compensates for poor interpolation weights.
 
     Raises
     ------
     OptionError
-            For arrays that do not fit the matrix, or entries of the diagonal or of ``near_null`` that are not
-            positive.
+        For arrays that do not fit the matrix, or entries of the diagonal or of ``near_null`` that are not
+        positive.
     LinAlgError
-            If the matrix is indefinite on a group.
+        If the matrix is indefinite on a group.
 
     Notes
     -----
@@ -149,7 +149,7 @@ class CoarseFirst:
     Parameters
     ----------
     A : (n, n) sparse
-            Symmetric matrix with positive diagonal and sorted columns.
+        Symmetric matrix with positive diagonal and sorted columns.
     stays : (n,) bool
     dtype : numpy dtype
         Precision of the sweeps: float32 or float64.

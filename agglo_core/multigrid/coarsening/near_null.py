@@ -24,17 +24,17 @@ def smoothed_near_null(
     Parameters
     ----------
     A : (n, n) sparse
-            Symmetric positive (semi)definite matrix.
+        Symmetric positive (semi)definite matrix.
     block_offsets : (parts + 1,) int
-            Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``.
+        Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``.
     near_null : (n, k) float, optional
     sweeps : int
-            Number of symmetric sweeps, forward and backward.
+        Number of symmetric sweeps, forward and backward.
 
     Returns
     -------
     (n, k) float
-            By default, k is the part size, or 1 for unequal parts.
+        By default, k is the part size, or 1 for unequal parts.
 
     Raises
     ------

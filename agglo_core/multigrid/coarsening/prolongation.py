@@ -40,17 +40,17 @@ class Tentative:
     Attributes
     ----------
     T : (n, m) sparse
-            Prolongation with orthonormal columns.
+        Prolongation with orthonormal columns.
     offsets : (aggregates + 1,) int
-            Coarse unknowns of each aggregate.
+        Coarse unknowns of each aggregate.
     near_null : (m, k) float
-            B on the coarse level.
+        B on the coarse level.
     mask : (n, k) bool
-            Columns of the aggregate that the rows of T contain.
+        Columns of the aggregate that the rows of T contain.
     holder : (n,) int
-            Aggregate of each unknown, −1 for none.
+        Aggregate of each unknown, −1 for none.
     R : (aggregates, k, k) float
-            B in the basis of each aggregate.
+        B in the basis of each aggregate.
     """
 
     T: Any
@@ -74,7 +74,7 @@ def tentative(labels: Int, count: int, near_null: Float) -> Tentative:
     Parameters
     ----------
     labels : (n,) int
-            Aggregate of each unknown, −1 for none.
+        Aggregate of each unknown, −1 for none.
     count : int
         Number of aggregates.
     near_null : (n, k) float

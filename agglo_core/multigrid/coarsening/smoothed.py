@@ -27,14 +27,14 @@ def smoothed_prolongation(
     Parameters
     ----------
     A : (n, n) bsr
-            Symmetric positive definite matrix in square blocks.
+        Symmetric positive definite matrix in square blocks.
     P : (n, m) bsr
-            Prolongation in blocks of equal size.
+        Prolongation in blocks of equal size.
     damping : float
-            Damping ω. λ_max is the :func:`~agglo_core.multigrid.largest_eigenvalue` of D⁻¹A.
+        Damping ω. λ_max is the :func:`~agglo_core.multigrid.largest_eigenvalue` of D⁻¹A.
     scaled : bool
-            D is the identity, as after
-            :func:`~agglo_core.multigrid.matrices.block_scaling.block_scaled`.
+        D is the identity, as after
+        :func:`~agglo_core.multigrid.matrices.block_scaling.block_scaled`.
 
     Raises
     ------

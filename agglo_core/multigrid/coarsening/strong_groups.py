@@ -26,7 +26,7 @@ def strong_groups(A: Any, most: int) -> Patches:
     Parameters
     ----------
     A : (n, n) csr_array
-            Symmetric matrix with positive diagonal.
+        Symmetric matrix with positive diagonal.
     most : int
 
     Raises

@@ -44,7 +44,7 @@ class Injection:
         Raises
         ------
         OptionError
-                If the method has no own coarse space, as for linear systems with parts of unequal size.
+            If the method has no own coarse space, as for linear systems with parts of unequal size.
         """
         if step.injected is None:
             raise OptionError(
@@ -83,7 +83,7 @@ class Aggregation:
     Parameters
     ----------
     weak : float
-            Couplings up to this fraction of the diagonal are omitted from smoothing.
+        Couplings up to this fraction of the diagonal are omitted from smoothing.
     """
 
     def __init__(self, weak: float = 0.01) -> None:
@@ -97,9 +97,9 @@ class Aggregation:
         Raises
         ------
         OptionError
-                If agglomerates are not unions of finer agglomerates.
+            If agglomerates are not unions of finer agglomerates.
         LinAlgError
-                If a diagonal block is not positive definite and near-null vectors must be computed.
+            If a diagonal block is not positive definite and near-null vectors must be computed.
         """
         if step.parents is None:
             raise OptionError("aggregation needs agglomerates that are unions of those of the finer level")

@@ -23,9 +23,9 @@ class RitzValue:
     Attributes
     ----------
     steps, ratios : list of float
-            Length of each step, and the ratio of r·r after and before.
+        Length of each step, and the ratio of r·r after and before.
     least : float
-            Value at the last :meth:`refresh`.
+        Value at the last :meth:`refresh`.
     """
 
     steps: list[float] = field(default_factory=list)
@@ -59,7 +59,7 @@ def ritz_value(steps: Sequence[float], ratios: Sequence[float], *, largest: bool
     Parameters
     ----------
     steps, ratios : sequence of float
-            α of k iterations, and β of all except the last.
+        α of k iterations, and β of all except the last.
     largest : bool
     """
     from scipy.linalg import eigvalsh_tridiagonal
@@ -84,7 +84,7 @@ class Curvatures:
     Attributes
     ----------
     flat : bool
-            True if the last curvature is so far below the largest that p may be a null vector of A.
+        True if the last curvature is so far below the largest that p may be a null vector of A.
     """
 
     flat: bool = False
@@ -106,7 +106,7 @@ def failure(p: Float, Ap: Float, magnitudes: Float) -> Ended:
     ----------
     p, Ap : (n,) float
     magnitudes : (n,) float
-            |A| |p|, or 0 if A has no entries. Then no vector counts as null vector.
+        |A| |p|, or 0 if A has no entries. Then no vector counts as null vector.
 
     Examples
     --------

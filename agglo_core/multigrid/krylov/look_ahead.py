@@ -39,13 +39,13 @@ def conjugate_gradients(
     b : (n,) float
     tolerance : float
     most : int
-            Maximum number of iterations.
+        Maximum number of iterations.
     measure : callable, optional
-            Measure of residuals. Default: :func:`~agglo_core.problems.residuals.row_scales.row_measure`.
+        Measure of residuals. Default: :func:`~agglo_core.problems.residuals.row_scales.row_measure`.
     energy : callable, optional
-            Function of x: the norm to compare ‖e‖_A with, for the error e. Default: (b·x)^½.
+        Function of x: the norm to compare ‖e‖_A with, for the error e. Default: (b·x)^½.
     tell : callable, optional
-            Receives the progress of the iteration, see :func:`iterated`.
+        Receives the progress of the iteration, see :func:`iterated`.
 
     Notes
     -----

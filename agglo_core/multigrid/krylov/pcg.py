@@ -41,50 +41,50 @@ def pcg(
     Parameters
     ----------
     A : (n, n) sparse, array or LinearOperator
-            Symmetric positive definite matrix.
+        Symmetric positive definite matrix.
     b : (n,) float
     M : (n, n) sparse, array or LinearOperator, or callable, optional
-            Approximate inverse of A, symmetric and positive definite, such as a cycle. Maps a residual
-            ``(n,)`` to a correction ``(n,)``.
+        Approximate inverse of A, symmetric and positive definite, such as a cycle. Maps a residual
+        ``(n,)`` to a correction ``(n,)``.
     x0 : (n,) float, optional
-            Initial iterate. Default: 0.
+        Initial iterate. Default: 0.
     tolerance : float
-            Tolerance between 0 and 1.
+        Tolerance between 0 and 1.
     most : int
-            Maximum number of iterations.
+        Maximum number of iterations.
     beta : "flexible" or "fletcher-reeves"
-            Coefficient of the last direction: z·(r − r_before) / (z·r)_before (Polak–Ribière) tolerates an M
-            that changes a little or is slightly unsymmetric. z·r / (z·r)_before saves one product.
+        Coefficient of the last direction: z·(r − r_before) / (z·r)_before (Polak–Ribière) tolerates an M
+        that changes a little or is slightly unsymmetric. z·r / (z·r)_before saves one product.
     stop : "energy", "residual" or "both"
-            Quantities required to be at most ``tolerance``: the estimated energy error, the measure of b − A
-            x, or both. Both are reported in any case.
+        Quantities required to be at most ``tolerance``: the estimated energy error, the measure of b − A
+        x, or both. Both are reported in any case.
     probe : bool
-            Before convergence, search once from a random vector for eigenvalues of M A that b does not show.
-            The search stops when z·r has lost four digits: three to five steps for a good M. Not necessary
-            for an M known to be good.
+        Before convergence, search once from a random vector for eigenvalues of M A that b does not show.
+        The search stops when z·r has lost four digits: three to five steps for a good M. Not necessary
+        for an M known to be good.
     pace : float, optional
-            Maximum total iterations, extrapolated from the reduction in the first five. A slower iteration
-            ends there, as if five were ``most``. For an M with unknown quality.
+        Maximum total iterations, extrapolated from the reduction in the first five. A slower iteration
+        ends there, as if five were ``most``. For an M with unknown quality.
     measure : callable, optional
-            Measure of residuals. Default: ‖r‖ / ‖b‖ or, if row sizes of A differ by a factor above 100,
-            :func:`~agglo_core.problems.residuals.row_scales.row_measure`.
+        Measure of residuals. Default: ‖r‖ / ‖b‖ or, if row sizes of A differ by a factor above 100,
+        :func:`~agglo_core.problems.residuals.row_scales.row_measure`.
     energy : callable, optional
-            Function of x: the norm to compare ‖e‖_A with, for the error e. Default: (b·x)^½.
+        Function of x: the norm to compare ‖e‖_A with, for the error e. Default: (b·x)^½.
     tell : callable, optional
-            Receives the progress of the iteration.
+        Receives the progress of the iteration.
 
     Returns
     -------
     History
-            History with the last iterate, which has the smallest energy error, converged or not. After a
-            breakdown with the iterate of smallest residual. ``ended`` names the breakdown. After
-            ``preconditioner_failed``, an M in double precision may continue from ``x``. If a null vector of
-            the matrix is found, the matrix is reported as singular, and b as outside its range.
+        History with the last iterate, which has the smallest energy error, converged or not. After a
+        breakdown with the iterate of smallest residual. ``ended`` names the breakdown. After
+        ``preconditioner_failed``, an M in double precision may continue from ``x``. If a null vector of
+        the matrix is found, the matrix is reported as singular, and b as outside its range.
 
     Raises
     ------
     OptionError
-            For shapes that do not fit, values that are not real or not finite, or unknown options.
+        For shapes that do not fit, values that are not real or not finite, or unknown options.
 
     Notes
     -----

@@ -28,7 +28,7 @@ class Recursion:
     pp : float
         p·M⁻¹p by recursion, as z·p_before is 0.
     alpha, gain : float
-            Length of the last step in units of p, and its reduction of ‖e‖_A² for the error e.
+        Length of the last step in units of p, and its reduction of ‖e‖_A² for the error e.
     ritz : RitzValue
         θ, the smallest Ritz value of M A.
     """

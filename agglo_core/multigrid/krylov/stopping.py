@@ -60,9 +60,9 @@ class Rules:
         Parameters
         ----------
         residuals : sequence of float
-                2-norms so far.
+            2-norms so far.
         size : float
-                Relative size of the last residual.
+            Relative size of the last residual.
         """
         done = len(residuals) - 1
         if self.pace is None or done != TRIAL or size <= self.tolerance:
@@ -82,9 +82,9 @@ class Restarts:
     Attributes
     ----------
     best : tuple
-            Iterate with smallest residual among the restarts.
+        Iterate with smallest residual among the restarts.
     patience : int
-            Number of successive restarts allowed without gain, because rounding differs between restarts.
+        Number of successive restarts allowed without gain, because rounding differs between restarts.
     """
 
     best: Iterate = (np.inf, frozen_float([]), frozen_float([]))
@@ -120,8 +120,8 @@ def probed(n: int, done: int) -> Generator[Request, Float, float]:
     Returns
     -------
     float
-            Approximate eigenvalue, extrapolated by the reduction over the second half of the steps, or 0 if A
-            or M is not positive definite.
+        Approximate eigenvalue, extrapolated by the reduction over the second half of the steps, or 0 if A
+        or M is not positive definite.
     """
     most, start = _MORE + 2 * done, np.random.default_rng(n).normal(size=n)
     least = yield from _smallest_ritz_value(start, most)

@@ -35,9 +35,9 @@ class BlockMatrix:
     Attributes
     ----------
     matrix : (n, n) bsr_array or csr_array
-            Matrix, as BSR if all parts have equally many unknowns.
+        Matrix, as BSR if all parts have equally many unknowns.
     inverses : (n, n) bsr_array or csr_array
-            D⁻¹ for the diagonal blocks D, in equal format.
+        D⁻¹ for the diagonal blocks D, in equal format.
     block_offsets : (parts + 1,) int
 
     Examples
@@ -134,18 +134,18 @@ def block_matrix(
     ----------
     A : (n, n) sparse
     block_offsets : (parts + 1,) int
-            Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``. Sizes may differ.
+        Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``. Sizes may differ.
     dtype : float32 or float64
-            Precision of the sweeps. Diagonal blocks are inverted in double precision.
+        Precision of the sweeps. Diagonal blocks are inverted in double precision.
     symmetric : bool
-            Skip the checks of A, known to be symmetric and finite.
+        Skip the checks of A, known to be symmetric and finite.
 
     Raises
     ------
     OptionError
-            If A is not symmetric or has indices out of range, for offsets that do not fit, or another dtype.
+        If A is not symmetric or has indices out of range, for offsets that do not fit, or another dtype.
     LinAlgError
-            If a diagonal block is not positive definite. The message names its part.
+        If a diagonal block is not positive definite. The message names its part.
 
     Examples
     --------
@@ -205,7 +205,7 @@ def block_inverses(A: Any, block_offsets: Int) -> Any:
     OptionError
         If the offsets do not fit the matrix.
     LinAlgError
-            If a block is not positive definite. The message names its part.
+        If a block is not positive definite. The message names its part.
 
     Examples
     --------

@@ -16,7 +16,7 @@ class BlockProduct:
     Parameters
     ----------
     A : (n, n) bsr_array
-            Matrix in double precision with blocks of 2 to 16 unknowns.
+        Matrix in double precision with blocks of 2 to 16 unknowns.
     """
 
     def __init__(self, A: Any) -> None:

@@ -23,11 +23,11 @@ class Scaled(NamedTuple):
     Attributes
     ----------
     A : (n, n) bsr
-            T A Tᵀ. The solution of A x = b is x = Tᵀ y with (T A Tᵀ) y = T b.
+        T A Tᵀ. The solution of A x = b is x = Tᵀ y with (T A Tᵀ) y = T b.
     T : (n, n) bsr
-            Block diagonal and lower triangular, like its inverse L.
+        Block diagonal and lower triangular, like its inverse L.
     LT : (n, n) bsr
-            Lᵀ, which maps x to y.
+        Lᵀ, which maps x to y.
     """
 
     A: sparse.bsr_array
@@ -41,7 +41,7 @@ def block_scaled(A: Any) -> Scaled:
     Parameters
     ----------
     A : (n, n) bsr
-            Symmetric positive definite matrix in square blocks.
+        Symmetric positive definite matrix in square blocks.
 
     Raises
     ------

@@ -29,9 +29,9 @@ def csr_galerkin(A: Any, P: Any) -> Any:
     Parameters
     ----------
     A : (n, n) csr
-            Symmetric matrix in double precision with read-only arrays.
+        Symmetric matrix in double precision with read-only arrays.
     P : (n, m) csr
-            Prolongation in double precision.
+        Prolongation in double precision.
     """
     m = P.shape[1]
     indptr, indices, data = galerkin_product(A.indptr, A.indices, A.data, P.indptr, P.indices, P.data, m)
@@ -97,7 +97,7 @@ def injection(parents: Int, width: int = 1) -> sparse.bsr_array:
     parents : (n,) int
         Coarse part of each fine part: 0..parts − 1.
     width : int
-            Number of unknowns per part.
+        Number of unknowns per part.
 
     Examples
     --------
@@ -159,32 +159,32 @@ def build_stack(
     Parameters
     ----------
     A : (n, n) sparse
-            Symmetric positive definite matrix.
+        Symmetric positive definite matrix.
     block_offsets : (parts + 1,) int, or a sequence of them
-            Offsets of the finest level, with coarse blocks taken from the columns of prolongations (single
-            unknowns unless ``bsr_array``), or offsets of every level, finest first.
+        Offsets of the finest level, with coarse blocks taken from the columns of prolongations (single
+        unknowns unless ``bsr_array``), or offsets of every level, finest first.
     prolongations : sequence of (n, m) sparse
-            Prolongations to each level from the next coarser level, finest first.
+        Prolongations to each level from the next coarser level, finest first.
     smoother : str, object with ``setup``, or callable
         See :func:`smoother_setup`.
     coarse : "dense", "elimination", "lu" or callable
         See :func:`coarse_solver`.
     dtype : float32 or float64
-            Precision of the vectors in a cycle.
+        Precision of the vectors in a cycle.
     labels : sequence of (n_cells,) int, optional
-            Part of each mesh cell per level, finest first. Without labels, smoothers treat each part as a
-            cell.
+        Part of each mesh cell per level, finest first. Without labels, smoothers treat each part as a
+        cell.
     patches : sequence of Patches or None, optional
-            Patches of each smoothed level, finest first.
+        Patches of each smoothed level, finest first.
     steps : int
-            Smoothing steps before and after the coarse correction.
+        Smoothing steps before and after the coarse correction.
 
     Raises
     ------
     OptionError
-            If shapes do not fit, or for invalid options.
+        If shapes do not fit, or for invalid options.
     LinAlgError
-            If a matrix is not positive definite. The message names the level.
+        If a matrix is not positive definite. The message names the level.
 
     Examples
     --------

@@ -34,9 +34,9 @@ class Adapted:
     ----------
     smooth : callable
     A : (n, n) sparse
-            Level matrix.
+        Level matrix.
     title : str
-            Title of the smoother in errors.
+        Title of the smoother in errors.
     guard : Guard
 
     Examples
@@ -105,17 +105,17 @@ def adapted(
     Parameters
     ----------
     smoother : object with ``setup``
-            Component, see :class:`agglo_core.protocols.Smoother`.
+        Component, see :class:`agglo_core.protocols.Smoother`.
     level : MultigridLevel
-            Level with its matrix in double precision.
+        Level with its matrix in double precision.
     title : str
-            Title of the smoother in errors.
+        Title of the smoother in errors.
     guard : Guard, optional
 
     Raises
     ------
     PluginError
-            If setup does not return a function.
+        If setup does not return a function.
 
     Examples
     --------

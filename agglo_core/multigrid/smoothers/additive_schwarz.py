@@ -38,28 +38,28 @@ def additive_schwarz(
     Parameters
     ----------
     A : (n, n) sparse
-            Symmetric positive (semi)definite matrix.
+        Symmetric positive (semi)definite matrix.
     block_offsets : (parts + 1,) int or None
-            Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``. None for single unknowns.
+        Part p has the unknowns ``block_offsets[p]:block_offsets[p + 1]``. None for single unknowns.
     labels : (parts,) int
-            Subdomain of each part, 0..k−1: agglomerates of cells.
+        Subdomain of each part, 0..k−1: agglomerates of cells.
     overlap : int
-            Number of layers of neighbouring parts to add to each subdomain.
+        Number of layers of neighbouring parts to add to each subdomain.
     coarse : bool
-            Add a coarse level, by smoothed aggregation with the subdomains as aggregates. Then iteration
-            counts do not grow with the number of subdomains of fixed size.
+        Add a coarse level, by smoothed aggregation with the subdomains as aggregates. Then iteration
+        counts do not grow with the number of subdomains of fixed size.
     near_null : (n, k) or (n,) float, optional
-            Near-null vectors for the coarse level. Default: constants, see :func:`aggregation_stack`.
+        Near-null vectors for the coarse level. Default: constants, see :func:`aggregation_stack`.
 
     Returns
     -------
     LinearOperator
-            Operator ``(n, n)``, with all subdomains and the coarse level factorised in advance.
+        Operator ``(n, n)``, with all subdomains and the coarse level factorised in advance.
 
     Raises
     ------
     OptionError
-            For arrays that do not fit the matrix, or negative labels or overlap.
+        For arrays that do not fit the matrix, or negative labels or overlap.
 
     Notes
     -----

@@ -46,7 +46,7 @@ class GaussSeidel:
         OptionError
             If the matrix is not symmetric.
         LinAlgError
-                If the block of a part is not positive definite.
+            If the block of a part is not positive definite.
         """
         return self.on(block_matrix(level.A, level.block_offsets, dtype), level.steps)
 
@@ -110,9 +110,9 @@ class Chebyshev:
     Parameters
     ----------
     degree : int
-            Number of matrix applications per step.
+        Number of matrix applications per step.
     ratio : float
-            Ratio of λ_max to the smallest eigenvalue to be smoothed.
+        Ratio of λ_max to the smallest eigenvalue to be smoothed.
 
     Notes
     -----
@@ -203,13 +203,13 @@ def smoother_setup(given: Any) -> SetUp:
     Parameters
     ----------
     given : str, object with ``setup``, or callable
-            A name in :data:`SMOOTHERS`, a built-in smoother, a component of kind ``smoother``, or a function
-            of level and dtype that returns a :class:`~agglo_core.multigrid.LevelSmoother`.
+        A name in :data:`SMOOTHERS`, a built-in smoother, a component of kind ``smoother``, or a function
+        of level and dtype that returns a :class:`~agglo_core.multigrid.LevelSmoother`.
 
     Raises
     ------
     OptionError
-            For any other object.
+        For any other object.
 
     Examples
     --------

@@ -139,23 +139,23 @@ class VertexPatches:
     Parameters
     ----------
     A : (n, n) bsr
-            Symmetric positive definite matrix in square blocks, one per part.
+        Symmetric positive definite matrix in square blocks, one per part.
     patches : Patches
-            Patches that cover every part.
+        Patches that cover every part.
     dtype : numpy dtype
-            Precision of sweeps. Inverses and factors are computed in double precision.
+        Precision of sweeps. Inverses and factors are computed in double precision.
     some : bool
-            Allow parts outside patches. Their values stay unchanged, and their rows are ignored.
+        Allow parts outside patches. Their values stay unchanged, and their rows are ignored.
 
     Attributes
     ----------
     A : (n, n) bsr
-            Matrix in the precision of the sweeps.
+        Matrix in the precision of the sweeps.
 
     Raises
     ------
     OptionError
-            If a part is in no patch, or a patch contains an unknown part.
+        If a part is in no patch, or a patch contains an unknown part.
     LinAlgError
         If the matrix is not positive definite on a patch.
 
@@ -257,7 +257,7 @@ class PatchSmoother:
         Raises
         ------
         OptionError
-                If the level has no patches, or its parts have unequal numbers of unknowns.
+            If the level has no patches, or its parts have unequal numbers of unknowns.
         LinAlgError
             If the matrix is not positive definite on a patch.
         """

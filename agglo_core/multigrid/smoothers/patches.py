@@ -25,18 +25,18 @@ def vertex_patches(mesh: Mesh, labels: Int | None = None, *, most: int = _MOST) 
     Parameters
     ----------
     mesh : Mesh
-            2-D or 3-D mesh.
+        2-D or 3-D mesh.
     labels : (n_cells,) int, optional
-            Part of each cell, 0..k−1. By default, the cells are the parts. Then up to three vertices joined
-            by edges shorter than 0.4 times the diameter of an adjacent cell count as one: their patches would
-            hardly differ, and needles are smoothed together with all cells around.
+        Part of each cell, 0..k−1. By default, the cells are the parts. Then up to three vertices joined
+        by edges shorter than 0.4 times the diameter of an adjacent cell count as one: their patches would
+        hardly differ, and needles are smoothed together with all cells around.
     most : int
-            Maximum number of parts around a vertex with patch, to keep the dense matrices small.
+        Maximum number of parts around a vertex with patch, to keep the dense matrices small.
 
     Raises
     ------
     MeshError
-            If the labels have a wrong shape, or leave gaps.
+        If the labels have a wrong shape, or leave gaps.
 
     Examples
     --------
@@ -103,12 +103,12 @@ def joined_patches(pairs: Int, n_parts: int, *, most: int = 8) -> Patches:
     Returns
     -------
     Patches
-            Groups by ascending smallest part. A part in no pair forms a separate group.
+        Groups by ascending smallest part. A part in no pair forms a separate group.
 
     Raises
     ------
     OptionError
-            For a number outside 0..``n_parts`` − 1 in a pair.
+        For a number outside 0..``n_parts`` − 1 in a pair.
 
     Examples
     --------

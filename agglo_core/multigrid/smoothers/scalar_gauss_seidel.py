@@ -19,14 +19,14 @@ class ScalarGaussSeidel:
     Parameters
     ----------
     A : (n, n) sparse
-            Symmetric matrix with positive diagonal.
+        Symmetric matrix with positive diagonal.
     dtype : numpy dtype
         Precision of the sweeps: float32 or float64.
 
     Attributes
     ----------
     matrix : (n, n) csr_array
-            A in this precision, sharing its arrays with the sweeps.
+        A in this precision, sharing its arrays with the sweeps.
 
     Raises
     ------

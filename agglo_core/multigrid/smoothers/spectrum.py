@@ -18,16 +18,16 @@ def largest_eigenvalue(A: Any, precondition: Solve, steps: int = _STEPS) -> floa
     Parameters
     ----------
     A : (n, n) sparse
-            Symmetric positive definite matrix.
+        Symmetric positive definite matrix.
     precondition : callable
-            Applies M⁻¹, symmetric positive definite.
+        Applies M⁻¹, symmetric positive definite.
     steps : int
-            Number of matrix-vector products.
+        Number of matrix-vector products.
 
     Raises
     ------
     LinAlgError
-            If A or M is found not to be positive definite.
+        If A or M is found not to be positive definite.
 
     Examples
     --------

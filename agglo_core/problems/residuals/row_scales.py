@@ -52,7 +52,7 @@ def row_measure(A: Any, b: Float) -> Measure:
     Parameters
     ----------
     A : (n, n) sparse, array or LinearOperator
-            Row sizes of a LinearOperator are unknown.
+        Row sizes of a LinearOperator are unknown.
     b : (n,) float
 
     Examples
@@ -80,7 +80,7 @@ def penalised_rows(A: Any) -> Int:
     Parameters
     ----------
     A : (n, n) sparse, array or LinearOperator
-            Rows of a LinearOperator are unknown.
+        Rows of a LinearOperator are unknown.
 
     Examples
     --------
@@ -113,7 +113,7 @@ def lifted(A: Any, b: Float, rows: Int | None = None) -> tuple[Float, Float]:
     A : (n, n) sparse or array
     b : (n,) or (n, k) float
     rows : (m,) int, optional
-            Default: :func:`penalised_rows`.
+        Default: :func:`penalised_rows`.
 
     Returns
     -------

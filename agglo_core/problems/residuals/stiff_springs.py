@@ -35,11 +35,11 @@ class Imposed(NamedTuple):
     Attributes
     ----------
     members : (m,) int
-            Unknowns in all clusters, except the root of each cluster (its largest diagonal entry).
+        Unknowns in all clusters, except the root of each cluster (its largest diagonal entry).
     values : (m,) float
-            Solution of the member rows, with all other unknowns 0.
+        Solution of the member rows, with all other unknowns 0.
     label : (n,) int
-            Cluster number of each unknown. Unknowns outside clusters have unique numbers.
+        Cluster number of each unknown. Unknowns outside clusters have unique numbers.
     """
 
     members: Int
@@ -59,12 +59,12 @@ def imposed_differences(A: Any, b: Float, sizes: Float) -> Imposed | None:
     A : (n, n) sparse or array
     b : (n,) float
     sizes : (n,) float
-            Row sizes (:func:`~agglo_core.problems.residuals.row_scales.row_sizes`).
+        Row sizes (:func:`~agglo_core.problems.residuals.row_scales.row_sizes`).
 
     Returns
     -------
     Imposed or None
-            None unless loads without springs are at most 1 % of b·D⁻¹b, with the row sizes D.
+        None unless loads without springs are at most 1 % of b·D⁻¹b, with the row sizes D.
 
     Examples
     --------
@@ -167,9 +167,9 @@ def _solved(rows: Any, b: Float, members: Int, root: Int, label: Int) -> tuple[F
     Returns
     -------
     values : (m,) float
-            Values of the members.
+        Values of the members.
     forces, stiffness : (n,) float
-            Load and diagonal entry in each root row after elimination of the members.
+        Load and diagonal entry in each root row after elimination of the members.
     """
     # Split the member rows into springs between members and couplings to the roots.
     own = sparse.coo_array(rows[members])
