@@ -66,8 +66,7 @@ def draw(
     fine : bool
         Begin each row with the fine mesh. :func:`draw_mesh` draws the mesh alone.
     levels : mapping of run name to sequence of Level, optional
-        Levels already measured by ``measure_levels`` with the given ``metrics``, to avoid measuring
-        again.
+        Levels already measured by ``measure_levels`` with the given ``metrics``, to avoid measuring again.
 
     Raises
     ------

@@ -233,9 +233,8 @@ def symmetric_system(problem: Linear) -> tuple[sparse.csr_array, Float]:
     Raises
     ------
     OptionError
-        For a matrix without entries (a LinearOperator), not square or not symmetric, several right-hand
-        sides or a sparse right-hand side, complex, non-numeric or infinite values, or shapes that do not
-        fit.
+        For a matrix without entries (a LinearOperator), not square or not symmetric, several right-hand sides
+        or a sparse right-hand side, complex, non-numeric or infinite values, or shapes that do not fit.
 
     Examples
     --------

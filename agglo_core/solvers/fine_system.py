@@ -32,9 +32,8 @@ class FineSystem(NamedTuple):
     The solver may have subtracted ``offset (n,)`` from the solution of A x = ``full``, so b = full − A
     offset. Vectors are ``factor`` times the problem's vectors, a power of two that avoids over- and underflow
     of squares, and 1 for moderate data. The matrix is ``matrix_factor`` times the problem's matrix, hence x
-    is factor / matrix_factor times the problem's solution.
-    ``sigma (n_faces,)`` is the jump penalty of discretised problems. ``meaning`` holds the discretisation,
-    which interprets unknowns, and the mesh.
+    is factor / matrix_factor times the problem's solution. ``sigma (n_faces,)`` is the jump penalty of
+    discretised problems. ``meaning`` holds the discretisation, which interprets unknowns, and the mesh.
     """
 
     A: Any

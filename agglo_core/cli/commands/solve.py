@@ -104,7 +104,6 @@ def solve(
     3: not converged, or no picture.
     """
     options = {"levels": levels, "degree": degree, "smoothing_steps": smoothing_steps, "tolerance": tolerance}
-    # Check options and files before any work.
     tool = built_solver(solver, _given(options))
     files = {"--plot": plot, "--plot-convergence": history, "--report": report, "--write-system": system_file}
     _refuse_one_process(tool, solver, files if solves_across(tool) else {"-o": output} | files)

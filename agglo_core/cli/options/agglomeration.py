@@ -199,8 +199,7 @@ def agglomeration_options(
     Parameters
     ----------
     command : callable, optional
-        Without decorator arguments, the command has refiners, fixer, the four kinds of target, and the
-        seed.
+        Without decorator arguments, the command has refiners, fixer, the four kinds of target, and the seed.
     bisector : "one" or "several"
         Add all options of ``agglo run``: also bisector, method, nested, merge, polish, post-refiners,
         constraints, rules for the parts, config. With "several", the command also receives ``bisectors``,

@@ -98,8 +98,7 @@ def print_table(
     title : str
         Line above the table, or empty.
     columns, rows, spare, fold
-        As in :class:`Table`. With spare columns, the command must have ``--json``, as a hint refers to
-        it.
+        As in :class:`Table`. With spare columns, the command must have ``--json``, as a hint refers to it.
     boxed : bool
         Draw lines around the cells if they fit.
 

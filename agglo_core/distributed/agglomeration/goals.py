@@ -75,9 +75,8 @@ def census_of(rows: Sequence[Sequence[float]]) -> Census:
 def ready_goals(goals: Sequence[Goal], census: Census) -> list[list[Goal]]:
     """Return the goals per domain, finest first, that the given domains can meet.
 
-    A single domain meets all goals.
-    Counts are distributed by mass. Each domain gets at least the parts it needs, and at least as many as for
-    a coarser goal.
+    A single domain meets all goals. Counts are distributed by mass. Each domain gets at least the parts it
+    needs, and at least as many as for a coarser goal.
     """
     count = len(census.nodes)
     # Drop coarse goals until the rest fits.

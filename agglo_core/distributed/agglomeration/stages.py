@@ -155,8 +155,7 @@ def moved(
     ----------
     ranks : Ranks
     pieces : sequence of (int, Domain)
-        Local pieces with their new domain numbers. Each domain gets at least one piece, from any
-        rank.
+        Local pieces with their new domain numbers. Each domain gets at least one piece, from any rank.
     count : int
         Number of domains on all ranks.
     renumbered : callable

@@ -144,8 +144,7 @@ class DistributedMesh(CellValues):
         cell_tags : mapping of name to (n_own,) int, optional
             Equal names on all ranks with cells.
         face_tags : mapping of name to (faces, values), optional
-            Faces as point lists with an integer each, 0 elsewhere. Either rank may tag a face between
-            ranks.
+            Faces as point lists with an integer each, 0 elsewhere. Either rank may tag a face between ranks.
         weak : bool
             As in :meth:`Mesh.from_polygons`: 2-D cells may have bridges to holes.
         allow_gaps : bool

@@ -58,10 +58,9 @@ def classical_stack(
     ----------
     A : (n, n) sparse
     labels : sequence of (n,) int, optional
-        Agglomerates, finest first, as in ``Hierarchy.levels``. After one classical step, the coarse
-        unknowns are aggregated by labels as in :func:`aggregation_stack`. With a guide, classical steps
-        continue until no more unknowns are left than the finest agglomerates. By default all levels are
-        classical.
+        Agglomerates, finest first, as in ``Hierarchy.levels``. After one classical step, the coarse unknowns
+        are aggregated by labels as in :func:`aggregation_stack`. With a guide, classical steps continue until
+        no more unknowns are left than the finest agglomerates. By default all levels are classical.
     near_null : (n,) or (n, 1) float, optional
         Near-null vector with positive entries. Default: ones, or Gauss–Seidel applied to ones if these
         are not near-null, as after a scaling of the unknowns. The levels then belong to the matrix scaled

@@ -33,8 +33,7 @@ def smoothed_prolongation(
     damping : float
         Damping ω. λ_max is the :func:`~agglo_core.multigrid.largest_eigenvalue` of D⁻¹A.
     scaled : bool
-        D is the identity, as after
-        :func:`~agglo_core.multigrid.matrices.block_scaling.block_scaled`.
+        D is the identity, as after :func:`~agglo_core.multigrid.matrices.block_scaling.block_scaled`.
 
     Raises
     ------

@@ -172,8 +172,7 @@ def build_stack(
     dtype : float32 or float64
         Precision of the vectors in a cycle.
     labels : sequence of (n_cells,) int, optional
-        Part of each mesh cell per level, finest first. Without labels, smoothers treat each part as a
-        cell.
+        Part of each mesh cell per level, finest first. Without labels, smoothers treat each part as a cell.
     patches : sequence of Patches or None, optional
         Patches of each smoothed level, finest first.
     steps : int
