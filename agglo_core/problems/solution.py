@@ -1,4 +1,4 @@
-"""Solutions of solvers, and record fields computed on first use."""
+"""Solutions returned by solvers, and record fields computed on first use."""
 
 from __future__ import annotations
 

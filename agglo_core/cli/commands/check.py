@@ -29,9 +29,9 @@ _ABOUT = "what it says, or what is wrong"
 )
 @click.option("--thorough", is_flag=True, help="Also try large meshes, and how the time grows with them.")
 def check(component: str, as_json: bool, timeout: float, thorough: bool) -> int:
-    """Check COMPONENT (mine, bisector:mine, metric:mine:option=value) and say what to do where it fails.
+    """Check COMPONENT (mine, bisector:mine, metric:mine:option=value), and print a remedy for each failure.
 
-    Exit codes: 0 all laws hold, 2 there is no such component, 3 a law fails.
+    Exit codes: 0 all laws hold, 2 unknown component, 3 a law fails.
     """
     before, _, after = component.partition(":")
     kind, spec = (before, after) if before in KINDS else (None, component)

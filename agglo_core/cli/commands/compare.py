@@ -91,9 +91,9 @@ def compare(
 ) -> int:
     """Compare bisectors, in the order given (default: all), on a mesh file or a sample.
 
-    One that fails is a line of its own and makes the exit code 3; one that does not implement a method
-    is shown as such. Targets are those of agglo run. With --solve a second table has iterations and CPU
-    seconds of a solver with each hierarchy; one that does not converge makes the exit code 3 too.
+    A failed run has its own line and makes the exit code 3. A method that a bisector does not implement is
+    marked. Targets are as in agglo run. With --solve, a second table shows iterations and CPU seconds of a
+    solver with each hierarchy. A solver that does not converge makes the exit code 3, too.
     """
     if quiet:
         quieten()

@@ -53,12 +53,12 @@ _BOXES = 2
 def demo(
     output: Path, bisectors: Sequence[str], solid: bool, factor: float, as_json: bool, quiet: bool
 ) -> int:
-    """Agglomerate a coronal section of a human brain with every bisector, or those chosen.
+    """Agglomerate a coronal section of a human brain with every bisector, or with chosen bisectors.
 
-    With --3d it is the whole brain in cubes of 4 mm: fluid, grey and white matter share no agglomerate.
+    With --3d, use the whole brain in cubes of 4 mm: fluid, grey and white matter share no agglomerate.
 
-    The table compares them at --diameter-fraction; levels of twice and four times that size stand above.
-    The folder gets report.html, pictures and meshes for ParaView; files of an earlier demo are replaced.
+    The table compares bisectors at --diameter-fraction. Coarser levels have twice and four times this size.
+    The folder receives report.html, pictures and meshes for ParaView. Files of an earlier demo are replaced.
     """
     if quiet:
         quieten()

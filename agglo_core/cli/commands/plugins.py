@@ -27,12 +27,12 @@ _SLOW = 2.0  # seconds: imports of plugins delay every command
 def plugins(name: str | None, verbose: bool, as_json: bool) -> None:
     """List the components and commands of all plugins, with their states.
 
-    With NAME (metis, bisector:metis, plugin/metis): what that component is, and its options with type,
+    With NAME (metis, bisector:metis, plugin/metis), describe this component and its options with type,
     default and meaning.
 
-    States: ok; needs (a package that is not installed); broken; conflict (the name is taken); blocked
-    (by AGGLO_BLOCK or AGGLO_ONLY). Installing a plugin runs its code: its declaration is imported by
-    every command. AGGLO_TRACE=1 shows how.
+    States: ok; needs (a package is not installed); broken; conflict (the name is taken); blocked
+    (by AGGLO_BLOCK or AGGLO_ONLY). Installing a plugin runs its code: every command imports its
+    declaration. AGGLO_TRACE=1 shows each call.
     """
     registry = default()
     records = registry.records() if name is None else _named(registry, name)

@@ -30,10 +30,10 @@ if TYPE_CHECKING:
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked for).")
 def quality(file: Path, metrics: list[Any] | None, as_json: bool, quiet: bool) -> None:
-    """Print the means of UF, CR, CRc, J and isoperimetric, or of other metrics, of every level in FILE.
+    """Print the means of UF, CR, CRc, J and isoperimetric, or of other metrics, for every level in FILE.
 
-    Levels are those of a hierarchy (.npz) or the cell data level_0, level_1, …; a file without any has
-    its cells measured as they are.
+    Levels come from a hierarchy (.npz) or from the cell data level_0, level_1, … In a file without levels,
+    the cells themselves are measured.
     """
     if quiet:
         quieten()

@@ -70,8 +70,8 @@ def run(
 ) -> int:
     """Agglomerate a mesh file, or a sample: squares:n=64, voronoi:n=5000,seed=3, paper:triangles, …
 
-    Targets are one of --h-star, --h-factor, --parts, --cells-per-part: a comma list, a level for each. After
-    mpiexec -n 4 the mesh lies on four processes, and is written as .pvtu.
+    Targets are one of --h-star, --h-factor, --parts, --cells-per-part, as comma lists with a value per level.
+    With mpiexec -n 4, the mesh is distributed over four processes, and written as .pvtu.
     """
     if quiet:
         quieten()

@@ -99,9 +99,9 @@ def solve(
 ) -> int:
     """Solve a problem on a mesh file or a sample: squares:n=64, voronoi:n=5000, paper:triangles, …
 
-    The problem is −∇·(κ∇u) = f with u = 0 on the boundary: constant is f = 8, sine f = 2π² sin πx sin πy; a
-    TOML file holds numbers by cell tag and boundary tag, or names the matrix of a linear system. Exit code
-    3: not converged, or no picture.
+    The problem is −∇·(κ∇u) = f with u = 0 on the boundary: constant is f = 8, sine f = 2π² sin πx sin πy. A
+    TOML file contains numbers by cell tag and boundary tag, or names the matrix of a linear system. Exit
+    code 3: not converged, or no picture.
     """
     options = {"levels": levels, "degree": degree, "smoothing_steps": smoothing_steps, "tolerance": tolerance}
     tool = built_solver(solver, _given(options))

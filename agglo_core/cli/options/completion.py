@@ -153,7 +153,7 @@ add_completion_class(_Bash)
 @click.command(cls=OwnCommand, short_help="Let the shell complete what is typed.")
 @click.argument("shell", type=click.Choice(("bash", "zsh", "fish")))
 def completion(shell: str) -> None:
-    """Print the script for SHELL that completes commands, options, components, their options, samples.
+    """Print a script for SHELL to complete commands, options, components with options, and samples.
 
     bash: put eval "$(agglo completion bash)" into ~/.bashrc, and likewise in ~/.zshrc. fish: agglo
     completion fish > ~/.config/fish/completions/agglo.fish

@@ -77,7 +77,7 @@ def pcg(
     -------
     History
         History with the last iterate, which has the smallest energy error, converged or not. After a
-        breakdown with the iterate of smallest residual. ``ended`` names the breakdown. After
+        breakdown, the iterate has the smallest residual. ``ended`` names the breakdown. After
         ``preconditioner_failed``, an M in double precision may continue from ``x``. If a null vector of
         the matrix is found, the matrix is reported as singular, and b as outside its range.
 
