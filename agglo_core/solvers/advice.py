@@ -20,7 +20,7 @@ Kind = Literal["cells", "groups", "solids", "linear"]
 _PENALTY: Final = 10.0
 """Default penalty of ``direct``."""
 MANY: Final = 10
-"""Minimum number of right-hand sides for the table `_SEVERAL`."""
+"""Minimum number of right-hand sides for the table ``_SEVERAL``."""
 _TITLES: Final[Mapping[str, str]] = MappingProxyType({"pardiso": "PARDISO", "superlu": "SuperLU"})
 
 

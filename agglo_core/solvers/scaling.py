@@ -16,7 +16,7 @@ from agglo_core.problems import Diffusion, Field
 
 _MODERATE = 1e100
 _MODERATE_MATRIX = 1e10
-"""Narrower than `_MODERATE`, because levels may be in single precision."""
+"""Narrower than ``_MODERATE``, because levels may be in single precision."""
 _DIGITS = 1e-10
 
 

@@ -50,7 +50,7 @@ def check_laws(own: WholeCells, known: Int, owners: Int, held: LocalMesh, n_cell
 
 
 def _border(own: WholeCells, part: WholeCells, other: int, rank: int) -> str | None:
-    """Return the fault at the faces between this rank and another, the sender of `part`, or None."""
+    """Return the fault at the faces between this rank and another, the sender of ``part``, or None."""
     none = frozen_int([])
     mine = taken(own, none, frozen_int(np.flatnonzero((own.face_owners == other).any(axis=1))))
     theirs = taken(part, none, frozen_int(np.flatnonzero((part.face_owners == rank).any(axis=1))))

@@ -43,7 +43,7 @@ def places(sought: Int, among: Int) -> Int:
 def distinct(values: NDArray[np.int64]) -> Int:
     """Return the distinct values, increasing.
 
-    Sorting is used because `numpy.unique` by hashing can take a hundred times as long.
+    Sorting is used because ``numpy.unique`` by hashing can take a hundred times as long.
     """
     ordered = np.sort(values, axis=None)
     new = np.ones(len(ordered), bool)

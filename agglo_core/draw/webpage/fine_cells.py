@@ -16,7 +16,7 @@ _FINEST: Final = 2.0**-30
 _COARSEST: Final = 2.0**-16
 """Minimum and maximum step of the grid, relative to the mesh size."""
 _TINY: Final = 1.0
-"""Percentage of faces that may be shorter than `_STEPS` steps."""
+"""Percentage of faces that may be shorter than ``_STEPS`` steps."""
 _STEPS: Final = 16.0
 
 
