@@ -11,8 +11,8 @@ from agglo_core.arrays import Float, Int, frozen_float
 
 _TURNS: Final = (0, 12, 4, 20, 8, 16, 2, 22, 10, 14, 6, 18, 1, 23, 11, 13, 3, 21, 9, 15, 5, 19, 7, 17)
 """Directions in 1/24 turns: beside the dot first, then diagonal, above and below."""
-_ATTEMPTS: Final = 8
-_FAR: Final = 0.4
+_ATTEMPTS: Final = 8  # number of orders to try
+_FAR: Final = 0.4  # maximum distance of a label, relative to the picture size
 
 
 def label_places(dots: Float, sizes: Float, frame: Float, gap: float, lines: Float | None = None) -> Float:

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 _DPI = 125  # 100 pixels per inch on screen
 _SHARES = (1.0, 0.8, 0.64, 0.5)
 """Scales to try until the picture file is small enough."""
-_BYTES = 40_000
-_COLOURS = 64
+_BYTES = 40_000  # maximum size of a picture file
+_COLOURS = 64  # palette size of a picture
 
 
 def inline_picture(
@@ -86,7 +86,7 @@ _MOST = 50_000
 """Maximum number of cells for a picture, as notebooks should not wait."""
 _LISTED = 8
 """Maximum number of table rows for tags, repairs, levels and metrics."""
-_PANELS = 3
+_PANELS = 3  # half the maximum number of histograms
 
 
 def mesh_html(mesh: Mesh) -> str:

@@ -20,7 +20,7 @@ from agglo_core.measure.trade_offs import Axis, TradeOffs, trade_offs
 FRONT: Final = "none is both rounder and more even"
 BEST: Final = "thick ring: none is rounder, more even and faster at once"
 _GAP: Final = 5.0  # points
-_MARGIN: Final = 0.16
+_MARGIN: Final = 0.16  # margin of an axis, relative to its range of values
 
 
 def draw_pareto(runs: Sequence[RunResult], path: str | os.PathLike[str], title: str = "") -> None:

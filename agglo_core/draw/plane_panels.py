@@ -12,7 +12,7 @@ from agglo_core.mesh import Mesh
 
 _SEEN = 3.0
 """Minimum cell size, in points, for fine edges inside agglomerates. Smaller cells would be speckle."""
-_AT_ONCE = 1000
+_AT_ONCE = 1000  # edges per path
 
 
 class PlanePanels:

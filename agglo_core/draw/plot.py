@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
 __all__ = ["PALETTE", "colouring", "draw", "draw_mesh", "panels_of", "save_figure", "short_name"]
 
-_DPI = 160
+_DPI = 160  # pixels per inch
 _IN_TITLES = ("UF", "CR")
-_EXPLODE = 0.35
+_EXPLODE = 0.35  # default explosion of agglomerates
 
 
 def draw(

@@ -13,7 +13,7 @@ from agglo_core.arrays import Float, plain_array
 from agglo_core.errors import OptionError
 from agglo_core.problems.residuals.row_scales import row_sizes
 
-_ASYMMETRY = 1e-10
+_ASYMMETRY = 1e-10  # maximum |a_ij − a_ji| relative to (a_ii a_jj)^½
 _COMPRESSED = {"csr": sparse.csr_array, "csc": sparse.csc_array, "bsr": sparse.bsr_array}
 _PARTS = ("data", "indices", "indptr")
 

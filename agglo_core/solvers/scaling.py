@@ -14,10 +14,10 @@ from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 from agglo_core.problems import Diffusion, Field
 
-_MODERATE = 1e100
+_MODERATE = 1e100  # sizes between 1e-100 and 1e100 need no scaling
 _MODERATE_MATRIX = 1e10
 """Narrower than ``_MODERATE``, because levels may be in single precision."""
-_DIGITS = 1e-10
+_DIGITS = 1e-10  # maximum relative loss when scaling back
 
 
 def factor_for(size: float, moderate: float = _MODERATE) -> float:

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from agglo_core.mesh import Mesh
     from agglo_core.problems import Samples, Solution
 
-_COLUMNS = 80
+_COLUMNS = 80  # maximum width of the text
 
 
 @click.command(cls=OwnCommand, short_help="Solve a problem with the help of a hierarchy.")

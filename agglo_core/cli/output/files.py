@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger("agglo")
 
 _PICTURES = (".png", ".pdf", ".svg")
-_NO_RESULT, _NO_PICTURE = 2, 3
+_NO_RESULT, _NO_PICTURE = 2, 3  # exit codes
 
 
 @dataclass

@@ -25,8 +25,8 @@ from agglo_core.registry.attribution import attributed
 if TYPE_CHECKING:
     from agglo_core.distributed import DistributedHierarchy
 
-NOT_CONVERGED = 3
-_COLUMNS = 80
+NOT_CONVERGED = 3  # exit code
+_COLUMNS = 80  # maximum width of the text
 
 
 def solves_across(tool: object) -> bool:

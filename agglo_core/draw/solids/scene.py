@@ -20,7 +20,7 @@ from agglo_core.mesh import Mesh
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
-_SIZE: Final = (1200, 900)
+_SIZE: Final = (1200, 900)  # window size in pixels
 _PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 _FURTHEST = 2.0
 """Upper end of the explosion slider."""

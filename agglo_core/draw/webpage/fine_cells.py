@@ -17,7 +17,7 @@ _COARSEST: Final = 2.0**-16
 """Minimum and maximum step of the grid, relative to the mesh size."""
 _TINY: Final = 1.0
 """Percentage of faces that may be shorter than ``_STEPS`` steps."""
-_STEPS: Final = 16.0
+_STEPS: Final = 16.0  # grid steps per face length
 
 
 def along_curve(mesh: Mesh) -> Int:

@@ -16,12 +16,12 @@ from agglo_core.measure.comparison import RunResult
 from agglo_core.measure.trade_offs import Axis, TradeOffs, trade_offs
 from agglo_core.mesh import Mesh
 
-_LEFT, _TOP, _WIDTH, _HEIGHT = 72.0, 14.0, 660.0, 400.0
+_LEFT, _TOP, _WIDTH, _HEIGHT = 72.0, 14.0, 660.0, 400.0  # plot area in pixels
 _LETTER, _LINE, _GAP = 6.4, 14.0, 6.0
 """Space of a letter, a line of 11 pixels (in the widest page font), and around a dot."""
 _COLOURS: Final = ((253, 231, 37), (93, 201, 99), (33, 145, 140), (59, 82, 139), (68, 1, 84))
 """Steps of matplotlib's viridis, from fast to slow."""
-_SWATCHES: Final = 5
+_SWATCHES: Final = 5  # colours in the legend
 
 
 class ParetoSection:

@@ -18,7 +18,7 @@ from agglo_core.measure.comparison import RunResult, wanted
 from agglo_core.mesh import Mesh
 from agglo_core.registry.discovery import version_of
 
-_ROUNDING = 1e-6
+_ROUNDING = 1e-6  # tolerance for metric values in [0, 1]
 
 
 def payload(mesh: Mesh, runs: Sequence[RunResult], note: str = "") -> dict[str, Any]:

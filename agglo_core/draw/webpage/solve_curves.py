@@ -13,7 +13,7 @@ from agglo_core.arrays import Float
 from agglo_core.draw.colours import LINES
 from agglo_core.draw.convergence import MARKED, Curves
 
-_HEIGHT, _TOP, _BOTTOM = 300, 10, 40
+_HEIGHT, _TOP, _BOTTOM = 300, 10, 40  # height and margins in pixels
 _LEFT, _RIGHT = 12.0, 98.0  # percent of the width
 _MOST = 300  # maximum number of points per curve
 _GRID, _AXIS = 'class="grid"', 'class="axis"'

@@ -12,8 +12,8 @@ from agglo_core.draw.solids.surfaces import SIDE, Surface, beyond, outer_faces, 
 from agglo_core.draw.webpage.packing import integers
 from agglo_core.mesh import Mesh
 
-_PIXELS, _PIXELS_APART = 720, 600
-_EXPLODE = 0.35
+_PIXELS, _PIXELS_APART = 720, 600  # longer side of the pictures in pixels
+_EXPLODE = 0.35  # explosion of agglomerates
 _SIDES: Final = {
     "from +x −y, above": SIDE,
     "from +x +y, above": (30.0, 30.0),

@@ -23,7 +23,7 @@ from agglo_core.multigrid.stack import Real
 from agglo_core.problems.real_arrays import real_matrix
 
 _NOTHING = 1e-22  # relative to the largest entry: smaller entries make slow denormal products
-_ASYMMETRY = 1e-6
+_ASYMMETRY = 1e-6  # maximum |A v − Aᵀ v| relative to the largest entry
 
 
 @dataclass(frozen=True, eq=False)

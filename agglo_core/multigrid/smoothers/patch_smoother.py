@@ -25,7 +25,7 @@ from agglo_core.multigrid.smoothers.spectrum import largest_eigenvalue
 from agglo_core.multigrid.stack import Real
 from agglo_core.problems import MultigridLevel, Patches
 
-_TINY = 1e-22
+_TINY = 1e-22  # relative to the largest value: smaller values become 0 in single precision
 _CUBICS = 10
 """Block size of cubics, where overlapping patches are most useful: factors are compiled for this size."""
 

@@ -12,8 +12,8 @@ from agglo_core.problems import Patches
 
 _SHORT = 0.4
 """Maximum length of a short edge, relative to the diameter of an adjacent cell."""
-_JOINED = 3
-_MOST = 64
+_JOINED = 3  # maximum number of vertices joined along short edges
+_MOST = 64  # default maximum number of parts per vertex patch
 
 
 def vertex_patches(mesh: Mesh, labels: Int | None = None, *, most: int = _MOST) -> Patches:

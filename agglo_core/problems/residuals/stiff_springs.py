@@ -83,7 +83,7 @@ def imposed_differences(A: Any, b: Float, sizes: Float) -> Imposed | None:
     most, left = _LEFT * float(square.sum()), sizes > least
     if not most > 0.0 or float(square.sum() - square[left].sum()) > most:
         return None  # rows without springs keep their load
-    # Quick exit: net loads on freely movable clusters are small, and their total is cheap to compute.
+    # Quick exit: the net load on freely movable clusters must be small, and is cheap to compute.
     free = left & (np.abs(A @ np.ones(len(b))) <= _WEAK * sizes)
     if 2.0 * square[free].sum() > square[left].sum() and b[free].sum() ** 2 > most * sizes[free].sum():
         return None
