@@ -1,4 +1,4 @@
-"""Box plots of quality metrics per run, as in the paper's comparison of methods."""
+"""Box plots for quality metrics per run, as in the paper."""
 
 from __future__ import annotations
 

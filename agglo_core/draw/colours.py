@@ -72,7 +72,7 @@ def colouring(mesh: Mesh, n_colours: int) -> Int:
 
 
 _TONES = 128
-"""Steps of a colour scale, which limit the number of paths, whatever the number of cells."""
+"""Steps per colour scale, which limit the number of paths, whatever the number of cells."""
 _UNDEFINED = "#BBBBBB"
 
 
@@ -142,7 +142,7 @@ def blank(count: int) -> Paint:
 
 
 def explain(axis: Any, paint: Paint) -> None:
-    """Add the legend or colour bar of a paint to a plot, if its colours have a meaning."""
+    """Add legend or colour bar to a plot, if the paint's colours have a meaning."""
     if paint.names:
         from matplotlib.patches import Patch
 

@@ -148,7 +148,7 @@ def quality_html(values: Mapping[str, Float]) -> str:
 
 
 def solution_html(solution: Solution) -> str:
-    """Return outcome and residuals of a solution as HTML."""
+    """Return a solution's outcome and residuals as HTML."""
     first, last = solution.residuals[[0, -1]] if len(solution.residuals) else (np.nan, np.nan)
     told: Mapping[str, Any] = {
         "unknowns": f"{solution.x.shape[0]:,}",
@@ -175,7 +175,7 @@ def solution_html(solution: Solution) -> str:
 
 
 def _drawn(mesh: Mesh, instead: str, draw: Sequence[Callable[[Any, Any], None]]) -> tuple[str, str]:
-    """Return a picture of mesh panels, or the reason for its absence."""
+    """Return a picture with mesh panels, or the reason for its absence."""
     if mesh.n_cells > _MOST:
         return "", f"{mesh.n_cells:,} cells: no picture by itself above {_MOST:,}; {instead} draws one"
     if not draw:

@@ -160,7 +160,7 @@ def _panels(
 def panels_of(
     mesh: Mesh, explode: float | None = None, section: Sequence[float] | None = None
 ) -> PlanePanels | SolidPanels:
-    """Return the panels of a mesh, or raise OptionError for 3-D options on a 2-D mesh.
+    """Return mesh panels, or raise OptionError for 3-D options on a 2-D mesh.
 
     Examples
     --------
@@ -200,7 +200,7 @@ def short_name(text: str, most: int = 34) -> str:
 
 
 def _title(level: Level, usual: bool) -> str:
-    """Return the title of a level. With ``usual``, show only the default metrics."""
+    """Return a level's title. With ``usual``, show only the default metrics."""
     line = level.line
     parts = f"{line['parts']:,} part{'s' if line['parts'] != 1 else ''}"
     target = line["target"]

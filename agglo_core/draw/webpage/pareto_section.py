@@ -18,7 +18,7 @@ from agglo_core.mesh import Mesh
 
 _LEFT, _TOP, _WIDTH, _HEIGHT = 72.0, 14.0, 660.0, 400.0  # plot area in pixels
 _LETTER, _LINE, _GAP = 6.4, 14.0, 6.0
-"""Space of a letter, a line of 11 pixels (in the widest page font), and around a dot."""
+"""Space per letter, per line (11 pixels, widest page font), and around dots."""
 _COLOURS: Final = ((253, 231, 37), (93, 201, 99), (33, 145, 140), (59, 82, 139), (68, 1, 84))
 """Steps of matplotlib's viridis, from fast to slow."""
 _SWATCHES: Final = 5  # colours in the legend
@@ -30,7 +30,7 @@ class ParetoSection:
     title = "Round, even, fast"
 
     def html(self, mesh: Mesh, runs: Sequence[RunResult]) -> str:
-        """Return a figure of all successful runs, or an empty text for a single run."""
+        """Return a figure with all successful runs, or an empty text for a single run."""
         if len(runs) < 2 or not any(run.levels for run in runs):
             return ""
         found = trade_offs(runs)

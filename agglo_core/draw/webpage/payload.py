@@ -1,4 +1,4 @@
-"""JSON data of the page."""
+"""JSON data for the page."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ def _details(name: str, data: Mapping[str, Any]) -> str:
 
 
 def _story(data: Mapping[str, Any]) -> str:
-    """Return outcome, reason and cost of a solve."""
+    """Return a solve's outcome, reason and cost."""
     parts = [f"<p>{escape(_state(data))}</p>"]
     parts += [
         f"<p><b>{title}</b> {escape(data[key])}</p>"

@@ -30,7 +30,7 @@ _CUTS: Final = {
 
 
 def stills(mesh: Mesh, order: Int) -> list[dict[str, Any]]:
-    """Return stills of the mesh from five sides, and cut open along three planes, for all levels.
+    """Return mesh stills from five sides, and cut open along three planes, for all levels.
 
     Cells are identified by positions in ``order``.
     """
@@ -44,7 +44,7 @@ def stills(mesh: Mesh, order: Int) -> list[dict[str, Any]]:
 
 
 def apart(mesh: Mesh, labels: Int, order: Int) -> dict[str, Any]:
-    """Return a still of a level with parts moved apart."""
+    """Return a still with parts moved apart."""
     faces = outer_faces(mesh, labels, _EXPLODE)
     return _still("moved apart", faces, SIDE, _PIXELS_APART, _places(order))
 
