@@ -63,7 +63,7 @@ class InertialBisection:
         return split_at_median(level, coordinates[:, 0], coordinates[:, 1:])
 
     def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> PieceGrowth | None:
-        """Make all splits in one call, with at most the built-in refiner and with the built-in fixer.
+        """Make all splits in one call, if refiner and fixer are the built-in components.
 
         As in the recursion by depth, every split is tested and repaired, including splits of small pieces.
         """

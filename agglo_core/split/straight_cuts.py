@@ -53,7 +53,7 @@ class SweepBisection:
         return sides
 
     def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> PieceGrowth | None:
-        """Make all splits in one call, with at most the built-in refiner and with the built-in fixer."""
+        """Make all splits in one call, if refiner and fixer are the built-in components."""
         from agglo_core.split.piece_sweeps import split_along_axes
 
         return PieceGrowth.for_components(

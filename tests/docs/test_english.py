@@ -13,7 +13,7 @@ TREES = {file.relative_to(ROOT).as_posix(): ast.parse(file.read_text(encoding="u
 
 RIDDLE = re.compile(r"(What|Whether|How|Where|Which|Who|The same)\b")
 PERSON = re.compile(r"\b(told|tells?|says?|said|knows?|asks?|asked|wants?|somebody|nobody|anybody|but for)\b")
-WORDS = 20
+WORDS = 18
 
 
 def docstrings() -> Iterator[tuple[str, str]]:
@@ -27,6 +27,8 @@ def docstrings() -> Iterator[tuple[str, str]]:
 
 
 HEADLINES = {place: " ".join(text.partition("\n\n")[0].split()) for place, text in docstrings()}
+PROSE = {place: re.sub("`+[^`]*`+", "", text) for place, text in HEADLINES.items()}
+"""Headlines without code."""
 
 
 def compiled_functions() -> Iterator[tuple[str, ast.FunctionDef]]:
@@ -44,21 +46,22 @@ def test_headlines_are_no_riddles() -> None:
 
 
 def test_headlines_are_one_statement() -> None:
-    assert [f"{place} {text}" for place, text in HEADLINES.items() if ";" in text] == []
+    assert [f"{place} {text}" for place, text in PROSE.items() if ";" in text] == []
 
 
 def test_headlines_are_short() -> None:
-    assert [f"{place} {text}" for place, text in HEADLINES.items() if len(text.split()) > WORDS] == []
+    words = {place: re.findall(r"[^\W\d_]{2,}", text) for place, text in PROSE.items()}
+    assert [f"{place} {' '.join(each)}" for place, each in words.items() if len(each) > WORDS] == []
 
 
 def test_programs_are_no_persons() -> None:
-    assert [f"{place} {text}" for place, text in HEADLINES.items() if PERSON.search(text)] == []
+    assert [f"{place} {text}" for place, text in PROSE.items() if PERSON.search(text)] == []
 
 
 def test_two_of_five_headlines_begin_with_an_imperative() -> None:
     first = [text.split()[0] for text in HEADLINES.values()]
-    verbs = {"Return", "Compute", "Write", "Read", "Build", "Check", "Find", "Make", "Raise", "Draw", "Add", "Yield"}
-    assert sum(word in verbs for word in first) > 0.2 * len(first)
+    verbs = {"Return", "Compute", "Write", "Read", "Build", "Check", "Find", "Make", "Raise", "Yield"}
+    assert sum(word in verbs for word in first) > 0.4 * len(first)
 
 
 def test_long_compiled_functions_name_their_steps() -> None:
