@@ -53,14 +53,14 @@ def for_target(tool: Any, target: Target) -> Any:
     AggloError
         If the component refuses the target.
     """
-    told = tool.for_target(target)
-    bisects = any(callable(getattr(told, name, None)) for name in ("bisect_level", "bisect"))
-    if not bisects or isinstance(told, type):
+    bisector = tool.for_target(target)
+    bisects = any(callable(getattr(bisector, name, None)) for name in ("bisect_level", "bisect"))
+    if not bisects or isinstance(bisector, type):
         raise Broken(
-            f"for {target} it returned a {type(told).__name__} ({told!r:.40}), expected an object with "
-            "bisect_level or bisect"
+            f"for {target} it returned a {type(bisector).__name__} ({bisector!r:.40}), expected an object "
+            "with bisect_level or bisect"
         )
-    return told
+    return bisector
 
 
 def _sides(tool: Any, graph: Graph, seeds: UInt64, target: Target | None = None) -> Any:
@@ -125,7 +125,7 @@ def _masks(tool: Any, mesh: Mesh, labels: Any) -> dict[str, Any]:
     tool, graph = tool.for_mesh(mesh) if hasattr(tool, "for_mesh") else tool, mesh.graph
     arguments = {"forbidden": (graph,), "admissible": (graph, labels), "incomplete": (graph, labels)}
     return {
-        method: getattr(tool, method)(*given)
-        for method, given in arguments.items()
+        method: getattr(tool, method)(*values)
+        for method, values in arguments.items()
         if callable(getattr(tool, method, None))
     }

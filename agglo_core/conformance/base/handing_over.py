@@ -33,27 +33,27 @@ def task_of(subject: Subject) -> dict[str, Any]:
     task |= {"options": dict(subject.options), "promises": dict(subject.declared)}
     task["thorough"] = subject.thorough
     # Prefer the registered name, then the declaration, then the import path of the class.
-    record, given = subject.record, subject.given
+    record, target = subject.record, subject.given
     if record is not None and record.component is not None:
         if record.distribution and subject.registry is None:
             return task | {"name": f"{record.distribution}/{record.name}"}
         return task | {"component": asdict(record.component)}
-    if hasattr(given, "__qualname__") and "<" not in given.__qualname__ and given.__module__ != "__main__":
-        return task | {"target": [given.__module__, given.__qualname__]}
+    if hasattr(target, "__qualname__") and "<" not in target.__qualname__ and target.__module__ != "__main__":
+        return task | {"target": [target.__module__, target.__qualname__]}
     raise OptionError("a timeout needs a name, a declaration or a class that can be imported: not an object")
 
 
 def subject_from(task: Mapping[str, Any]) -> Subject:
     """Return the component described by :func:`task_of`."""
-    given: Any = task.get("name")
+    component: Any = task.get("name")
     if "component" in task:
         lists = {name: tuple(task["component"][name]) for name in ("requires", "suffixes")}
-        given = Component(**task["component"] | lists)
+        component = Component(**task["component"] | lists)
     if "target" in task:
         module, qualname = task["target"]
-        given = importlib.import_module(module)
+        component = importlib.import_module(module)
         for part in qualname.split("."):
-            given = getattr(given, part)
+            component = getattr(component, part)
     options = task["options"] | {name: Text(task["options"][name]) for name in task["texts"]}
-    subject = subject_of(given, task["kind"], options=options, promises=task["promises"])
+    subject = subject_of(component, task["kind"], options=options, promises=task["promises"])
     return replace(subject, thorough=task["thorough"])

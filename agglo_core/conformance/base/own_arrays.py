@@ -30,19 +30,19 @@ def in_own_arrays(case: Case) -> Case:
 
 def arrays_in(case: Case) -> list[NDArray[Any]]:
     """Return the writable arrays of a case, including the arrays of sparse matrices."""
-    found: list[NDArray[Any]] = []
-    for each in case.given:
-        if isinstance(each, np.ndarray):
-            found.append(each)
-        elif isinstance(each, Linear):
-            found += [each.b, each.A.data, each.A.indices, each.A.indptr]
-    return [each for each in found if each.flags.writeable]
+    arrays: list[NDArray[Any]] = []
+    for value in case.given:
+        if isinstance(value, np.ndarray):
+            arrays.append(value)
+        elif isinstance(value, Linear):
+            arrays += [value.b, value.A.data, value.A.indices, value.A.indptr]
+    return [value for value in arrays if value.flags.writeable]
 
 
-def _own(given: Any) -> Any:
-    if isinstance(given, Linear) and sparse.issparse(given.A) and hasattr(given.A, "indptr"):
-        return replace(given, A=given.A.copy(), b=np.array(given.b))
-    return np.array(given) if isinstance(given, np.ndarray) and given.dtype.kind in "if" else given
+def _own(value: Any) -> Any:
+    if isinstance(value, Linear) and sparse.issparse(value.A) and hasattr(value.A, "indptr"):
+        return replace(value, A=value.A.copy(), b=np.array(value.b))
+    return np.array(value) if isinstance(value, np.ndarray) and value.dtype.kind in "if" else value
 
 
 def home(kind: str, tool: Any) -> Path | None:
@@ -58,31 +58,31 @@ def written_meanwhile(call: Callable[[], Any], folder: Path, watched: Sequence[N
     The call runs in a traced thread, and the arrays are compared before each line in ``folder``. Return
     None if the arrays never change. Exceptions of the call propagate.
     """
-    before, found, failed = [each.copy() for each in watched], list[int](), list[BaseException]()
+    before, lines, errors = [array.copy() for array in watched], list[int](), list[BaseException]()
     inside: dict[str, bool] = {}
 
     # Trace function: compare the arrays before each line of a file in the folder.
-    def look(frame: FrameType, event: str, argument: Any) -> Any:
+    def compare_arrays(frame: FrameType, event: str, argument: Any) -> Any:
         name = frame.f_code.co_filename
-        if not inside.setdefault(name, Path(name).parent == folder) or found:
+        if not inside.setdefault(name, Path(name).parent == folder) or lines:
             return None
         if any((one != two).any() for one, two in zip(watched, before, strict=True)):
-            found.append(frame.f_lineno)
-        return look
+            lines.append(frame.f_lineno)
+        return compare_arrays
 
     # Run the call in a thread with this trace function.
-    def traced() -> None:
-        sys.settrace(look)
+    def run_traced() -> None:
+        sys.settrace(compare_arrays)
         try:
             call()
         except Exception as error:  # raised again below
-            failed.append(error)
+            errors.append(error)
         finally:
             sys.settrace(None)
 
-    thread = threading.Thread(target=traced)
+    thread = threading.Thread(target=run_traced)
     thread.start()
     thread.join()
-    if failed:
-        raise failed[0]
-    return found[0] if found else None
+    if errors:
+        raise errors[0]
+    return lines[0] if lines else None

@@ -35,25 +35,30 @@ def runs_with(subject: Subject) -> Iterator[tuple[str, Hierarchy]]:
     for mesh in _meshes(subject):
         for roles in _roles(subject, choice):
             for target in _TARGETS:
-                (kind, wanted), *_ = target.items()
-                asked = f"on {mesh.name}, {roles['method']}, {kind}={wanted}"
-                yield asked, agglomerate(mesh, **roles, **target, registry=registry)
+                (kind, value), *_ = target.items()
+                description = f"on {mesh.name}, {roles['method']}, {kind}={value}"
+                yield description, agglomerate(mesh, **roles, **target, registry=registry)
 
 
 def runs_both_ways(subject: Subject) -> Iterator[tuple[str, Hierarchy, Hierarchy]]:
     """Yield a description and two hierarchies: with the ``grow`` method of a bisector, and depth by depth."""
     from agglo_core.agglomeration.one_call import agglomerate
 
-    own = own_components()
+    registry = own_components()
     for mesh in _meshes(subject):
-        for refiners in ([], [own.build("refiner", "interface")]):
-            one, other = (
+        for refiners in ([], [registry.build("refiner", "interface")]):
+            grow_hierarchy, split_hierarchy = (
                 agglomerate(
-                    mesh, bisector=each, refiners=refiners, polish=False, n_parts=(9, 4), registry=own
+                    mesh,
+                    bisector=bisector,
+                    refiners=refiners,
+                    polish=False,
+                    n_parts=(9, 4),
+                    registry=registry,
                 )
-                for each in (subject.build(), _DepthByDepth(subject.build()))
+                for bisector in (subject.build(), _DepthByDepth(subject.build()))
             )
-            yield f"on {mesh.name}, {len(refiners)} refiners", one, other
+            yield f"on {mesh.name}, {len(refiners)} refiners", grow_hierarchy, split_hierarchy
 
 
 @dataclass(frozen=True)
@@ -79,13 +84,13 @@ def _roles(subject: Subject, choice: Any) -> list[dict[str, Any]]:
 
     A bisector is run with all its methods, a refiner as both ``refiners`` and ``post_refiners``.
     """
-    own = own_components()
-    beside = {
-        "bisector": own.build("bisector", "inertial"),
-        "fixer": own.build("fixer", "connectivity"),
-        "post_refiners": [own.build("refiner", "compactness")],
+    registry = own_components()
+    defaults = {
+        "bisector": registry.build("bisector", "inertial"),
+        "fixer": registry.build("fixer", "connectivity"),
+        "post_refiners": [registry.build("refiner", "compactness")],
     }
-    recursive = beside | {"refiners": [own.build("refiner", "interface")], "method": "recursive"}
+    recursive = defaults | {"refiners": [registry.build("refiner", "interface")], "method": "recursive"}
     if subject.kind == "bisector":
         bisects = subject.has("bisect") or subject.has("bisect_level")
         methods = ["recursive"] * bisects + ["kway"] * subject.partitions

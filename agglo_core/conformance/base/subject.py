@@ -76,7 +76,7 @@ class Subject:
             raise Broken("it cannot be built: the law builds says why") from error
         return tool if self.told is None else for_target(tool, self.told)
 
-    def make(self, **more: Any) -> Any:
+    def make(self, **extra_options: Any) -> Any:
         """Build a new object with additional options.
 
         Exceptions of the constructor propagate. A class of problems is returned itself: problems are made
@@ -85,11 +85,11 @@ class Subject:
         if self._is_class_of_problems:
             return self.target
         if self.record is not None:
-            return construct(self.record, {**self.options, **more}, self.registry)
+            return construct(self.record, {**self.options, **extra_options}, self.registry)
         if not self.takes_options:
             return self.given
-        handed = {"registry": self.registry} if wants_registry(self.given) else {}
-        return self.given(**self.options, **more, **handed)
+        registry_option = {"registry": self.registry} if wants_registry(self.given) else {}
+        return self.given(**self.options, **extra_options, **registry_option)
 
     def problem(self, kind: str) -> Any:
         """Return the kind of problem of this name: a class, or the result of a factory."""
@@ -97,8 +97,8 @@ class Subject:
 
     def metric(self, name: str) -> Any:
         """Return the metric of this name, or None."""
-        known = {record.name for record in self.lookup.list() if record.kind == "metric"}
-        return self.lookup.build("metric", name) if name.rpartition("/")[2] in known else None
+        names = {record.name for record in self.lookup.list() if record.kind == "metric"}
+        return self.lookup.build("metric", name) if name.rpartition("/")[2] in names else None
 
     @property
     def takes_options(self) -> bool:
@@ -177,18 +177,20 @@ def subject_of(
     OptionError
         If the kind is unknown or ambiguous, or options are given for an object.
     """
-    chosen = dict(options or {})
+    option_values = dict(options or {})
     if isinstance(component, str):
         record = find(component, kind, registry)
         if record.state != "ok":
             raise PluginError(f"{describe(record)} cannot be used: {unusable(record)}")
-        return _declared(record, chosen, promises, registry)
+        return _declared(record, option_values, promises, registry)
     if isinstance(component, Component):
         if wrong := "; ".join(faults(component)):
             raise PluginError(f"{component.kind} {component.name!r} is not declared well: {wrong}")
-        return _declared(Record(component, component.name), chosen, promises, registry)
+        return _declared(Record(component, component.name), option_values, promises, registry)
     sort = kind or _kind_of(component)
-    subject = Subject(sort, f"{sort} {_title(component)}", None, component, chosen, promises or {}, registry)
+    subject = Subject(
+        sort, f"{sort} {_title(component)}", None, component, option_values, promises or {}, registry
+    )
     if options and not subject.takes_options:
         raise OptionError(f"{component!r:.60} is built already: options are for names and classes")
     return subject
@@ -196,28 +198,28 @@ def subject_of(
 
 def find(text: str, kind: str | None = None, registry: Registry | None = None) -> Record:
     """Return the record for ``"name"`` or ``"plugin/name"``, with an optional prefix ``"kind:"``."""
-    known = default() if registry is None else registry
+    lookup = default() if registry is None else registry
     # An explicit kind decides.
     before, colon, after = text.partition(":")
     if colon:
-        return known.record(before, after)
+        return lookup.record(before, after)
     if kind:
-        return known.record(kind, text)
+        return lookup.record(kind, text)
     # Otherwise the name must belong to a single kind.
-    plain = text.rpartition("/")[2]
-    kinds = sorted({record.kind for record in known.list() if record.name == plain} & set(KINDS))
+    base_name = text.rpartition("/")[2]
+    kinds = sorted({record.kind for record in lookup.list() if record.name == base_name} & set(KINDS))
     if len(kinds) == 1:
-        return known.record(kinds[0], text)
+        return lookup.record(kinds[0], text)
     if kinds:
         raise OptionError(f"{text!r} is the name of a {' and a '.join(kinds)}: say {kinds[0]}:{text}")
-    broken = [record for record in known.list() if record.name == plain and record.state == "broken"]
+    broken = [record for record in lookup.list() if record.name == base_name and record.state == "broken"]
     if broken:  # a component of an unknown kind
         raise PluginError(f"{describe(broken[0])} cannot be used: {unusable(broken[0])}")
-    names = ", ".join(sorted({record.name for record in known.list() if record.kind in KINDS}))
-    failed = "; ".join(f"{describe(r)}: {r.reason}" for r in known.list() if r.kind == "plugin")
+    names = ", ".join(sorted({record.name for record in lookup.list() if record.kind in KINDS}))
+    failures = "; ".join(f"{describe(r)}: {r.reason}" for r in lookup.list() if r.kind == "plugin")
     raise PluginError(
         f"no component is named {text!r}; there are {names}"
-        + (f"; plugins that cannot be used: {failed}" if failed else "")
+        + (f"; plugins that cannot be used: {failures}" if failures else "")
     )
 
 
@@ -238,6 +240,6 @@ def _title(component: object) -> str:
 def _kind_of(component: object) -> str:
     kind = kind_of_methods(component)
     if kind is None:
-        wanted = ", ".join(method for each in KINDS.values() for method in each.methods)
-        raise OptionError(f"{component!r:.60} is not a component: it has none of the methods {wanted}")
+        methods = ", ".join(method for entry in KINDS.values() for method in entry.methods)
+        raise OptionError(f"{component!r:.60} is not a component: it has none of the methods {methods}")
     return kind

@@ -49,7 +49,7 @@ def _builtins() -> dict[str, int]:
 
 def _logging() -> list[Any]:
     loggers = (logging.getLogger(), logging.getLogger("agglo"))
-    return [(each.level, each.disabled, len(each.handlers), each.propagate) for each in loggers] + [
+    return [(logger.level, logger.disabled, len(logger.handlers), logger.propagate) for logger in loggers] + [
         logging.root.manager.disable
     ]
 
@@ -145,22 +145,22 @@ def stdout_of_process() -> Iterator[Callable[[], bytes]]:
     """
     sys.stdout.flush()
     _flush_c()
-    kept = os.dup(1)
+    saved_fd = os.dup(1)
     try:
-        with TemporaryFile() as caught:
-            os.dup2(caught.fileno(), 1)
+        with TemporaryFile() as buffer:
+            os.dup2(buffer.fileno(), 1)
 
-            def written() -> bytes:
+            def read_output() -> bytes:
                 _flush_c()
-                caught.seek(0)
-                return caught.read()
+                buffer.seek(0)
+                return buffer.read()
 
             try:
-                yield written
+                yield read_output
             finally:
-                os.dup2(kept, 1)
+                os.dup2(saved_fd, 1)
     finally:
-        os.close(kept)
+        os.close(saved_fd)
 
 
 def _flush_c() -> None:

@@ -83,10 +83,10 @@ def format_row(name: str, suffix: str) -> str:
     if record.state != "ok":
         raise PluginError(f"format {name!r}: {record.reason}")
     files = [suffix] if name == "meshlane" else _suffixes(name)
-    shown = " ".join(f"`{each}`" for each in files)
-    found = round_trips(suffix)
-    answers = found or {"lossless": "only read"}
-    return _line([shown, f"`{name}`", *(answers.get(column, "") for column in _COLUMNS)])
+    suffixes = " ".join(f"`{s}`" for s in files)
+    outcomes = round_trips(suffix)
+    answers = outcomes or {"lossless": "only read"}
+    return _line([suffixes, f"`{name}`", *(answers.get(column, "") for column in _COLUMNS)])
 
 
 def _line(cells: Sequence[str]) -> str:
@@ -104,15 +104,15 @@ def round_trips(suffix: str) -> dict[str, str] | None:
     """
     # Write every shape, then test tags, labels and digits on the richest shape that came back.
     shapes = {shape: _became(partial(_shape, mesh, suffix)) for shape, mesh in _shapes().items()}
-    kept = [shape for shape, answer in shapes.items() if answer == "yes"]
-    if not kept:
+    intact_shapes = [shape for shape, answer in shapes.items() if answer == "yes"]
+    if not intact_shapes:
         return None
-    mesh = _shapes()[max(kept, key=_RICH.index)]
+    mesh = _shapes()[max(intact_shapes, key=_RICH.index)]
     answers = {name: _became(partial(trait, mesh, suffix)) for name, trait in _TRAITS.items()}
     answers["holes"] = shapes["holes"]
     for column, (whole, *parts) in _CLASSES.items():
-        some = ", ".join(part for part in parts if part in kept)
-        answers[column] = whole if whole in kept else some or shapes[parts[0]]
+        some = ", ".join(part for part in parts if part in intact_shapes)
+        answers[column] = whole if whole in intact_shapes else some or shapes[parts[0]]
     answers["coarse meshes"] = "yes" if answers["coarse meshes"] == "yes" else "no"
     answers["lossless"] = "no" if {"lost", "refused"} & set(answers.values()) else "yes"
     return answers
@@ -197,13 +197,13 @@ def _faces(outer: bool, mesh: Mesh, suffix: str) -> bool:
 def _levels(mesh: Mesh, suffix: str) -> tuple[Hierarchy, Hierarchy | None, bool]:
     """Return a hierarchy before and after writing, and True if its coarse mesh has its own file."""
     labels = bands(mesh, 2)
-    own = Hierarchy(mesh, mesh.graph, [labels], [{"h_star": 0.5}], nested=True)
+    hierarchy = Hierarchy(mesh, mesh.graph, [labels], [{"h_star": 0.5}], nested=True)
     with TemporaryDirectory() as folder:
         file = Path(folder) / f"m{suffix}"
-        write(file, mesh, own)
-        beside = Path(folder) / f"m_level0{suffix}"
-        coarse = beside.exists() and _same_cells(read(beside), own.mesh(0))
-        return own, read_hierarchy(file)[1], coarse
+        write(file, mesh, hierarchy)
+        coarse_file = Path(folder) / f"m_level0{suffix}"
+        coarse = coarse_file.exists() and _same_cells(read(coarse_file), hierarchy.mesh(0))
+        return hierarchy, read_hierarchy(file)[1], coarse
 
 
 def _same_cells(mesh: Mesh, other: Mesh) -> bool:

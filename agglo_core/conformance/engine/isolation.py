@@ -45,24 +45,26 @@ def judge_apart(subject: Subject, timeout: float) -> list[Result]:
     OptionError
         If the component is an object, which another process cannot import, or needs an option.
     """
-    task, results, left = task_of(subject), list[Result](), list[str]()
+    task, results, pending_laws = task_of(subject), list[Result](), list[str]()
     for _ in range(_STOPS):
         try:
             # Start a child process; after a timeout or crash the next child continues with the laws left.
-            with _other_process({**task, "laws": left}) as listen:
+            with _other_process({**task, "laws": pending_laws}) as listen:
                 listen(_START)
-                left = listen(timeout)["laws"]
-                while left:
-                    starting = _START if left[0] in _START_ANOTHER else 0.0
+                pending_laws = listen(timeout)["laws"]
+                while pending_laws:
+                    starting = _START if pending_laws[0] in _START_ANOTHER else 0.0
                     results.append(Result(**listen(timeout + starting)))
-                    left = left[1:]
+                    pending_laws = pending_laws[1:]
             return results
         except _Stopped as stopped:
-            results.append(_failed(left[0] if left else "builds", str(stopped)))
-            left = left[1:]
-            if not left:
+            results.append(_failed(pending_laws[0] if pending_laws else "builds", str(stopped)))
+            pending_laws = pending_laws[1:]
+            if not pending_laws:
                 return results
-    return results + [_failed(name, "not run: the component had to be stopped twice") for name in left]
+    return results + [
+        _failed(name, "not run: the component had to be stopped twice") for name in pending_laws
+    ]
 
 
 @contextlib.contextmanager
@@ -84,31 +86,31 @@ def _other_process(task: Mapping[str, Any]) -> Iterator[Listen]:
         )
 
         # Wait for a message; silence and a dead process raise _Stopped.
-        def next_message(seconds: float, allowed: float) -> dict[str, Any]:
+        def next_message(seconds: float, timeout: float) -> dict[str, Any]:
             try:
                 line = lines.get(timeout=max(seconds, 0.0))
             except queue.Empty:
                 remedy = "look for a loop that need not end, or allow more time with --timeout"
-                raise _Stopped(f"no answer after {allowed:g} seconds: {remedy}") from None
+                raise _Stopped(f"no answer after {timeout:g} seconds: {remedy}") from None
             if not line:
                 errors.seek(0)
                 last = (errors.read().strip().splitlines() or ["it left no message"])[-1]
                 raise _Stopped(f"the process died (exit code {child.wait()}): {last}")
-            said: dict[str, Any] = json.loads(line)
-            if "refused" in said:
-                raise OptionError(said["refused"])
-            return said
+            message: dict[str, Any] = json.loads(line)
+            if "refused" in message:
+                raise OptionError(message["refused"])
+            return message
 
         # Return messages, and do not count the time of compilation.
         def listen(seconds: float) -> dict[str, Any]:
-            left = seconds
+            seconds_left = seconds
             while True:
                 start = time.monotonic()
-                said = next_message(left, seconds)
-                if "compiling" not in said:
-                    return said
-                left -= time.monotonic() - start
-                if said["compiling"]:  # compilation is off the clock
+                message = next_message(seconds_left, seconds)
+                if "compiling" not in message:
+                    return message
+                seconds_left -= time.monotonic() - start
+                if message["compiling"]:  # compilation is off the clock
                     next_message(_START, _START)
 
         # Send the task, read messages in a thread, and kill the process at the end.
@@ -148,14 +150,14 @@ def main() -> None:
     from agglo_core.conformance.engine.compilation import tell_of_compilation
 
     # Keep stdout for messages and redirect everything else to stderr.
-    with os.fdopen(os.dup(1), "w") as out:
+    with os.fdopen(os.dup(1), "w") as stdout:
         os.dup2(2, 1)
         lock = threading.Lock()
 
-        def say(**said: Any) -> None:
+        def send_message(**message: Any) -> None:
             with lock:
-                out.write(json.dumps(said) + "\n")
-                out.flush()
+                stdout.write(json.dumps(message) + "\n")
+                stdout.flush()
 
         # Import the component and the suite before the clock starts.
         task = json.loads(sys.stdin.read())
@@ -164,14 +166,14 @@ def main() -> None:
         with contextlib.suppress(*PLUGIN_FAILURES):  # reported by the law builds
             _ = subject.target
         own_components().build("bisector", "inertial")
-        say(ready=True)
-        tell_of_compilation(lambda under_way: say(compiling=under_way))
+        send_message(ready=True)
+        tell_of_compilation(lambda under_way: send_message(compiling=under_way))
         # Select the laws, then judge and report them one by one.
         try:
             laws = {law.name: law for law in laws_for(subject)}
         except OptionError as error:
-            say(refused=str(error))
+            send_message(refused=str(error))
             return
-        say(laws=task["laws"] or list(laws))
+        send_message(laws=task["laws"] or list(laws))
         for name in task["laws"] or laws:
-            say(**asdict(judge(laws[name], subject)))
+            send_message(**asdict(judge(laws[name], subject)))

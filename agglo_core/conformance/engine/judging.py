@@ -69,10 +69,10 @@ def laws_for(subject: Subject) -> Sequence[Law]:
     finally:
         subject.disturbed.extend(before.changed())
         before.restore()
-    chosen = [law for law in laws_of(subject.kind) if law.applies(subject)]
-    if not chosen:
+    laws = [law for law in laws_of(subject.kind) if law.applies(subject)]
+    if not laws:
         raise OptionError(f"there are no laws for a {subject.kind}")
-    return chosen
+    return laws
 
 
 def judge(law: Law, subject: Subject) -> Result:

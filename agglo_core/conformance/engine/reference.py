@@ -49,15 +49,17 @@ class TwoPointFlux:
         # Judge the true residual, not the residual updated in the iteration.
         true = float(np.linalg.norm(b - A @ x))
         residuals[-1] = true
-        done = true <= 10 * self.tolerance * float(np.linalg.norm(b))
+        converged = true <= 10 * self.tolerance * float(np.linalg.norm(b))
         return Solution(
             x=frozen_float(x),
             A=A,
             b=b,
             operators=[(A, P), (coarse, None)],
             residuals=frozen_float(residuals),
-            converged=bool(done),
-            reason="tolerance met" if done else f"residual {true:.1e} after {len(residuals) - 1} iterations",
+            converged=bool(converged),
+            reason="tolerance met"
+            if converged
+            else f"residual {true:.1e} after {len(residuals) - 1} iterations",
             iterations=len(residuals) - 1,
             seconds={"solve": time.perf_counter() - start},
         )
@@ -106,24 +108,24 @@ def _fluxes(problem: Diffusion, mesh: Mesh) -> tuple[Any, Float]:
     # Resistance between face centre and cell centre, for both sides of each face.
     first = np.add.reduceat(mesh.local_points[mesh.face_vertices], mesh.face_offsets[:-1], axis=0)
     middle = first / np.diff(mesh.face_offsets)[:, None]
-    away = [
+    resistances = [
         np.abs(((middle - mesh.local_centroids[c]) * mesh.face_normals).sum(axis=1)) / kappa[c]
         for c in mesh.face_cells.T
     ]
     # Transmissibility of inner faces: resistances in series.
-    owner, other = mesh.face_cells.T
-    inner = other >= 0
-    links = mesh.face_measures[inner] / (away[0] + away[1])[inner]
+    owner, neighbour = mesh.face_cells.T
+    inner = neighbour >= 0
+    links = mesh.face_measures[inner] / (resistances[0] + resistances[1])[inner]
     edge, n = ~inner, mesh.n_cells
-    A = sparse.coo_array((links, (owner[inner], other[inner])), shape=(n, n)).tocsr()
+    A = sparse.coo_array((links, (owner[inner], neighbour[inner])), shape=(n, n)).tocsr()
     A = A + A.T
     # Dirichlet faces act as links to a known value, Neumann faces add their flux.
     walls, b = np.zeros(n), mesh.cell_measures * source
     values, natural = _boundary(problem, mesh, mesh.origin + middle)
-    held = edge & np.isfinite(values)
-    weight = mesh.face_measures[held] / away[0][held]
-    walls += np.bincount(owner[held], weight, n)
-    b = b + np.bincount(owner[held], weight * values[held], n)
+    dirichlet = edge & np.isfinite(values)
+    weight = mesh.face_measures[dirichlet] / resistances[0][dirichlet]
+    walls += np.bincount(owner[dirichlet], weight, n)
+    b = b + np.bincount(owner[dirichlet], weight * values[dirichlet], n)
     b = b + np.bincount(owner[edge], (mesh.face_measures * natural)[edge], n)
     return sparse.csr_array(sparse.diags_array(A.sum(axis=1) + walls) - A), frozen_float(b)
 

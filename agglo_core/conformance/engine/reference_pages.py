@@ -47,11 +47,13 @@ def laws_page() -> str:
 def compliance_page(results: Mapping[tuple[str, str], Sequence[Result]]) -> str:
     """Return the Markdown page for the results of :func:`own_results`, by kind and name."""
     rows = ["| kind | component | laws | promises kept | laws that fail |", "|---|---|---|---|---|"]
-    for (kind, name), judged in results.items():
-        kept = [result for result in judged if result.passed]
+    for (kind, name), law_results in results.items():
+        passes = [result for result in law_results if result.passed]
         promises = _promises(kind, name)
-        failed = ", ".join(f"`{result.law}`" for result in judged if not result.passed)
-        rows.append(f"| {kind} | `{name}` | {len(kept)} of {len(judged)} | {promises} | {failed or 'none'} |")
+        failures = ", ".join(f"`{result.law}`" for result in law_results if not result.passed)
+        rows.append(
+            f"| {kind} | `{name}` | {len(passes)} of {len(law_results)} | {promises} | {failures or 'none'} |"
+        )
     return f"{_COMPLIANCE_HEAD}\n" + "\n".join(rows) + "\n"
 
 

@@ -134,14 +134,14 @@ def level_case(kind: str) -> Case:
 
 def part_of_level(case: Case, blocks: ArrayLike) -> Case:
     """Restrict a case on a level to some blocks, in the given order."""
-    graph, chosen = case.given[0], np.asarray(blocks)
-    nodes = np.concatenate([np.arange(graph.offsets[b], graph.offsets[b + 1]) for b in chosen])
-    counts = {graph.n: nodes, graph.n_blocks: chosen}
-    rest = [
-        frozen(each[counts[len(each)]], each.dtype) if isinstance(each, np.ndarray) else each
-        for each in case.given[1:]
+    graph, block_indices = case.given[0], np.asarray(blocks)
+    nodes = np.concatenate([np.arange(graph.offsets[b], graph.offsets[b + 1]) for b in block_indices])
+    counts = {graph.n: nodes, graph.n_blocks: block_indices}
+    arguments = [
+        frozen(value[counts[len(value)]], value.dtype) if isinstance(value, np.ndarray) else value
+        for value in case.given[1:]
     ]
-    return Case(case.name, (graph.take(chosen), *rest))
+    return Case(case.name, (graph.take(block_indices), *arguments))
 
 
 def seeds_for(blocks: int, seed: int = 0) -> UInt64:

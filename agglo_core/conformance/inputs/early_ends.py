@@ -20,23 +20,23 @@ def early_ends(kind: str) -> list[Case]:
 
     Some are not meaningful.
     """
-    more = [*tiny(kind), *cases_in_3d(kind)]
+    early_cases = [*tiny(kind), *cases_in_3d(kind)]
     if kind == "solver":
-        return [*more, *_problems(), *unlike_diffusion()]
+        return [*early_cases, *_problems(), *unlike_diffusion()]
     if kind == "metric":
         mesh = small_meshes.grid(4, 3)
         wrong = {"labels with a gap": np.arange(12) % 3 * 2, "labels of fewer cells": np.arange(5) % 2}
-        more += [Case(name, (mesh, frozen_int(labels))) for name, labels in wrong.items()]
+        early_cases += [Case(name, (mesh, frozen_int(labels))) for name, labels in wrong.items()]
     if kind == "smoother":
         case = cases(kind)[0]
         level, b, x = case.given
         nothing = replace(level, A=0.0 * level.A, inherited=0.0 * level.A)
-        more += [
+        early_cases += [
             replace(case, name="zeros", given=(level, 0.0 * b, 0.0 * x)),
             replace(case, name="a right-hand side with NaN", given=(level, np.nan * b, x)),
             replace(case, name="a matrix of zeros", given=(nothing, b, x)),
         ]
-    return more
+    return early_cases
 
 
 def _problems() -> list[Case]:
@@ -45,8 +45,10 @@ def _problems() -> list[Case]:
     graph = hierarchy.graph
     fine = laplacian(graph, 1)
     n, none = graph.n, np.zeros(graph.n)
-    bare = Hierarchy(None, graph, list(hierarchy.levels[:1]), list(hierarchy.targets[:1]), nested=True)
-    asked = {
+    meshless_hierarchy = Hierarchy(
+        None, graph, list(hierarchy.levels[:1]), list(hierarchy.targets[:1]), nested=True
+    )
+    problems = {
         "no source": Diffusion(source=0.0),
         "a source of NaN": Diffusion(source=np.nan),
         "a negative coefficient": Diffusion(kappa=-1.0),
@@ -56,5 +58,5 @@ def _problems() -> list[Case]:
         "a matrix of zeros": replace(fine, A=0.0 * fine.A),
         "a system of fewer cells": Linear(fine.A[1:, 1:], fine.b[1:], np.arange(n)),
     }
-    more = [Case(name, (problem, hierarchy)) for name, problem in asked.items()]
-    return [*more, Case("diffusion without a mesh", (Diffusion(), bare))]
+    problem_cases = [Case(name, (problem, hierarchy)) for name, problem in problems.items()]
+    return [*problem_cases, Case("diffusion without a mesh", (Diffusion(), meshless_hierarchy))]

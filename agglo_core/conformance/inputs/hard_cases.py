@@ -38,10 +38,10 @@ def unusual_cases(kind: str) -> list[Case]:
     if kind not in ("refiner", "fixer"):
         return []
     # Clumps with stray cells, and two stripes, on each graph.
-    found = []
+    label_cases = []
     for name, graph in graphs.items():
-        found.append(asked(kind, graph, name, clumps(graph, 5, strays=0.1), "size"))
-        found.append(asked(kind, graph, f"{name}, in two parts", stripes(graph, 2), "count"))
+        label_cases.append(asked(kind, graph, name, clumps(graph, 5, strays=0.1), "size"))
+        label_cases.append(asked(kind, graph, f"{name}, in two parts", stripes(graph, 2), "count"))
     # Many parts on few cells: pairs, single cells, a single part, and parts in pieces.
     graph = graphs["600 cells"]
     hundreds = {
@@ -50,7 +50,9 @@ def unusual_cases(kind: str) -> list[Case]:
         "600 cells in one part": np.zeros(600),
         "600 cells in 150 parts in pieces": clumps(graph, 150, strays=0.2),
     }
-    return found + [asked(kind, graph, name, frozen_int(labels), "both") for name, labels in hundreds.items()]
+    return label_cases + [
+        asked(kind, graph, name, frozen_int(labels), "both") for name, labels in hundreds.items()
+    ]
 
 
 def large_case(kind: str, seed: int = 0) -> list[Case]:

@@ -87,16 +87,16 @@ def marked(mesh: Mesh) -> Mesh:
 
 
 def _about(kind: str, mesh: Mesh) -> Case:
-    given: Sequence[object] = (mesh,)
+    arguments: Sequence[object] = (mesh,)
     if kind == "format":
-        given = (mesh, "")
+        arguments = (mesh, "")
     elif kind == "constraint":
-        given = (marked(mesh), bands(mesh, 3))
+        arguments = (marked(mesh), bands(mesh, 3))
     elif kind == "discretisation":
-        given = (Diffusion(source=lambda x: 1.0 + x[:, 0]), mesh)
+        arguments = (Diffusion(source=lambda x: 1.0 + x[:, 0]), mesh)
     elif kind == "section":
         return _reported(mesh)
-    return Case(mesh.name, tuple(given))
+    return Case(mesh.name, tuple(arguments))
 
 
 def _reported(mesh: Mesh) -> Case:

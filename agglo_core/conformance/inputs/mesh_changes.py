@@ -86,7 +86,7 @@ def renumbered(mesh: Mesh, seed: int = 5) -> tuple[Mesh, Int]:
     new_cell = np.append(np.argsort(cells), -1)
     loops = np.split(np.argsort(points)[mesh.face_vertices], mesh.face_offsets[1:-1])
     sizes = np.diff(mesh.face_offsets)[faces]
-    there = Mesh(
+    renumbered_mesh = Mesh(
         mesh.points[points],
         np.concatenate(([0], np.cumsum(sizes))),
         np.concatenate([loops[face] for face in faces]),
@@ -95,7 +95,7 @@ def renumbered(mesh: Mesh, seed: int = 5) -> tuple[Mesh, Int]:
         face_tags={name: tag[faces] for name, tag in mesh.face_tags.items()},
         name=mesh.name,
     )
-    return there, frozen_int(cells)
+    return renumbered_mesh, frozen_int(cells)
 
 
 def turned_over(mesh: Mesh, seed: int = 7) -> Mesh:

@@ -89,16 +89,16 @@ form one part; two parts, each of two squares that touch in a point.
 
 def shapes() -> list[Case]:
     """Return extreme part shapes (round, thin, pointed) and parts that are whole components."""
-    apart = small_meshes.apart()
-    component = apart.graph.components()
+    two_grids = small_meshes.apart()
+    component = two_grids.graph.components()
     second = component == component[-1]
     cut = np.where(second, 1 + (np.cumsum(second) > np.count_nonzero(second) // 2), 0)
     return [
         Case("a cell of 60 sides", (_polygon(np.ones(60)), frozen_int([0]))),
         Case("a star", (_polygon(np.resize([1.0, 0.1], 14)), frozen_int([0]))),
         Case("needles", (small_meshes.grid(3, 2, height=1e-4), frozen_int(np.arange(6)))),
-        Case("a part that is a component, beside parts of the other", (apart, frozen_int(cut))),
-        Case("two components, each a part", (apart, frozen_int(component))),
+        Case("a part that is a component, beside parts of the other", (two_grids, frozen_int(cut))),
+        Case("two components, each a part", (two_grids, frozen_int(component))),
     ]
 
 
@@ -106,14 +106,14 @@ def bodies() -> list[Case]:
     """Return extreme 3-D shapes, whole components, and a shell around another part."""
     shell = np.ones(27)
     shell[13] = 0
-    apart = small_meshes.boxes(5, 1, 1, without=(2,))
+    box_row = small_meshes.boxes(5, 1, 1, without=(2,))
     return [
         Case("a globe", (_globe(8, 16), frozen_int([0]))),
         Case("a needle and a plate", (_flattened(), frozen_int([0, 0, 1, 1]))),
         Case("a shell around a box", (small_meshes.boxes(3, 3, 3), frozen_int(shell))),
-        Case("boxes in two components, one a part", (apart, frozen_int([0, 0, 1, 2]))),
-        Case("boxes in two components, each a part", (apart, frozen_int([0, 0, 1, 1]))),
-        Case("a part of two boxes that do not touch", (apart, frozen_int([0, 1, 0, 2]))),
+        Case("boxes in two components, one a part", (box_row, frozen_int([0, 0, 1, 2]))),
+        Case("boxes in two components, each a part", (box_row, frozen_int([0, 0, 1, 1]))),
+        Case("a part of two boxes that do not touch", (box_row, frozen_int([0, 1, 0, 2]))),
     ]
 
 
@@ -234,18 +234,18 @@ def holed() -> list[Case]:
 
 def various() -> list[Case]:
     """Return tagged cells of unequal sizes, many parts, single cells, many neighbours, irregular parts."""
-    many = small_meshes.grid(20, 20, jitter=0.2)
-    row, column = np.divmod(np.arange(many.n_cells), 20)
-    lone = np.where(row < 14, np.arange(many.n_cells), 280 + (row - 14) // 2 * 5 + column // 4)
-    long = small_meshes.grid(50, 2, height=0.7, jitter=0.15)
-    alone = np.where(np.arange(100) < 50, 0, np.arange(100) - 49)
+    grid = small_meshes.grid(20, 20, jitter=0.2)
+    row, column = np.divmod(np.arange(grid.n_cells), 20)
+    grid_labels = np.where(row < 14, np.arange(grid.n_cells), 280 + (row - 14) // 2 * 5 + column // 4)
+    strip = small_meshes.grid(50, 2, height=0.7, jitter=0.15)
+    strip_labels = np.where(np.arange(100) < 50, 0, np.arange(100) - 49)
     i, j = np.divmod(np.arange(63), 7)
-    crooked = np.array([0, 1, 1, 0, 2, 2, 0])[(i + j // 2) % 7] + 3 * (i > 6)
+    crooked_labels = np.array([0, 1, 1, 0, 2, 2, 0])[(i + j // 2) % 7] + 3 * (i > 6)
     return [
         Case("tagged cells of unequal sizes", (_graded(), _shuffled(np.arange(63) * 11 // 63))),
-        Case("295 parts, most of one cell", (many, _shuffled(lone))),
-        Case("a long part beside fifty cells", (long, frozen_int(alone))),
-        Case("crooked parts", (small_meshes.grid(7, 9, jitter=0.2), _shuffled(crooked))),
+        Case("295 parts, most of one cell", (grid, _shuffled(grid_labels))),
+        Case("a long part beside fifty cells", (strip, frozen_int(strip_labels))),
+        Case("crooked parts", (small_meshes.grid(7, 9, jitter=0.2), _shuffled(crooked_labels))),
         *(case for case in holed() if "point" not in case.name),
     ]
 
@@ -293,14 +293,16 @@ def far_from_each_other() -> tuple[Case, list[Case]]:
     mesh = small_meshes.grid(30, 3, jitter=0.2)
     column, row = np.arange(90) % 30, np.arange(90) // 30
     bands = column // 3
-    far = bands > 6
-    others = {
-        "joined": np.where(far, 7, bands),
-        "cut finer": np.where(far, 7 + column - 21 + 9 * row, bands),
-        "mixed up": np.where(far, 7 + (column + row) % 3, bands),
+    at_end = bands > 6
+    variants = {
+        "joined": np.where(at_end, 7, bands),
+        "cut finer": np.where(at_end, 7 + column - 21 + 9 * row, bands),
+        "mixed up": np.where(at_end, 7 + (column + row) % 3, bands),
     }
     strip = Case("a strip", (mesh, frozen_int(bands)))
-    return strip, [Case(f"a strip, its end {how}", (mesh, frozen_int(it))) for how, it in others.items()]
+    return strip, [
+        Case(f"a strip, its end {name}", (mesh, frozen_int(labels))) for name, labels in variants.items()
+    ]
 
 
 def layouts(framed: bool) -> tuple[Case, list[Case]]:

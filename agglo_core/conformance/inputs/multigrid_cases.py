@@ -25,13 +25,13 @@ def levels() -> list[Case]:
     row, column = np.divmod(np.arange(64), 8)
     fours = frozen_int(row // 2 * 4 + column // 2)
     sevens = frozen_int(np.arange(63) // 9)
-    asked = {
+    named_levels = {
         "squares": multigrid_level(squares.graph, fours, corrected=False),
         "squares with a coarse correction": multigrid_level(squares.graph, fours, corrected=True),
         "quadrilaterals": multigrid_level(jittered.graph, sevens, corrected=False),
         "three unknowns per cell": multigrid_level(squares.graph, fours, per_cell=3, corrected=False),
     }
-    return [question(name, level) for name, level in asked.items()]
+    return [question(name, level) for name, level in named_levels.items()]
 
 
 def single_unknown() -> list[Case]:
@@ -88,22 +88,22 @@ def coarsenings(kind: str) -> list[Case]:
     squares, jittered = small_meshes.grid(8, 8), small_meshes.grid(9, 7, jitter=0.2)
     row, column = np.divmod(np.arange(64), 8)
     fours = frozen_int(row // 2 * 4 + column // 2)
-    asked = {
+    steps = {
         "squares": _step(squares.graph, fours, 1),
         "quadrilaterals": _step(jittered.graph, frozen_int(np.arange(63) // 9), 1),
         "three unknowns per cell": _step(squares.graph, fours, 3),
     }
-    return [_question(kind, name, step) for name, step in asked.items()]
+    return [_question(kind, name, step) for name, step in steps.items()]
 
 
 def one_part(kind: str) -> list[Case]:
     """Return a level with a single cell, and a level with a single part."""
     cell, squares = small_meshes.grid(1, 1).graph, small_meshes.grid(4, 3).graph
-    asked = {
+    steps = {
         "one unknown": _step(cell, frozen_int([0]), 1),
         "all in one part": _step(squares, frozen_int(np.zeros(12)), 1),
     }
-    return [_question(kind, name, step) for name, step in asked.items()]
+    return [_question(kind, name, step) for name, step in steps.items()]
 
 
 def _question(kind: str, name: str, step: Coarsening) -> Case:
@@ -114,11 +114,13 @@ def _question(kind: str, name: str, step: Coarsening) -> Case:
 
 def _step(graph: Graph, labels: Int, width: int) -> Coarsening:
     level = multigrid_level(graph, labels, per_cell=width, corrected=False)
-    A, P = (sparse.bsr_array(each, blocksize=(width, width)) for each in (level.A, level.P))
+    A, P = (sparse.bsr_array(matrix, blocksize=(width, width)) for matrix in (level.A, level.P))
     near_null = np.kron(np.ones((graph.n, 1)), np.eye(width))
-    own = frozen_int(np.arange(graph.n))
+    cell_labels = frozen_int(np.arange(graph.n))
 
     def rediscretised() -> Any:
         return sparse.csr_array(0.9 * (P.T @ (A @ P)))
 
-    return Coarsening(A, level.block_offsets, own, labels, labels, frozen_float(near_null), P, rediscretised)
+    return Coarsening(
+        A, level.block_offsets, cell_labels, labels, labels, frozen_float(near_null), P, rediscretised
+    )

@@ -133,7 +133,7 @@ def with_suffix(subject: Subject, asked: list[Case]) -> list[Case]:
         return []
     suffixes = tuple(subject.suffixes)
     simple = cases("format")[0]
-    written = (each for each in suffixes if not refuses(subject, _as(simple, each)))
+    written = (s for s in suffixes if not refuses(subject, _as(simple, s)))
     suffix = suffixes[0] if len(suffixes) == 1 else next(written, suffixes[0])
     return [_as(case, suffix) for case in asked]
 
@@ -179,13 +179,13 @@ def _raises_ours(subject: Subject, case: Case) -> bool:
 
 def plain(subject: Subject, tool: Any, case: Case) -> NDArray[Any]:
     """Return the answer as an array: sides as integers, labels, values or a solution, otherwise a digest."""
-    given = answer(subject, tool, case)
+    result = answer(subject, tool, case)
     if subject.kind not in _IN_ARRAYS:
-        return digest(given)
-    values = np.asarray(given.x if isinstance(given, Solution) else given)
+        return digest(result)
+    values = np.asarray(result.x if isinstance(result, Solution) else result)
     if values.dtype.kind not in "iubf" or values.ndim != 1 or case.size not in (None, len(values)):
         raise Broken(
-            f"on {case.name}: {in_words(given)} is not an answer; fix the law above that says so first"
+            f"on {case.name}: {in_words(result)} is not an answer; fix the law above that says so first"
         )
     sides = subject.kind == "bisector" and len(case.given) == 2
     return values >= 0.5 if sides and values.dtype.kind == "f" else values

@@ -86,10 +86,10 @@ def comb() -> Mesh:
 
 def apart() -> Mesh:
     """Return two grids that do not touch."""
-    one = grid(3, 2)
-    loops = one.boundary_loops.vertices.reshape(-1, 4)
-    points = np.concatenate((one.points, one.points + np.array([5.0, 1.0])))
-    return Mesh.from_polygons(points, np.concatenate((loops, loops + one.n_points)), name="two components")
+    mesh = grid(3, 2)
+    loops = mesh.boundary_loops.vertices.reshape(-1, 4)
+    points = np.concatenate((mesh.points, mesh.points + np.array([5.0, 1.0])))
+    return Mesh.from_polygons(points, np.concatenate((loops, loops + mesh.n_points)), name="two components")
 
 
 def boxes(nx: int = 5, ny: int = 3, nz: int = 2, *, cuts: int = 1, without: Sequence[int] = ()) -> Mesh:
@@ -114,8 +114,8 @@ def boxes(nx: int = 5, ny: int = 3, nz: int = 2, *, cuts: int = 1, without: Sequ
             (1, di + 1, di + dj + 1, dj + 1),
         ]
     )
-    kept = [(a + low).tolist() for place, a in enumerate(corner) if place not in without]
-    return Mesh.from_polyhedra(points, kept, name="boxes")
+    polyhedra = [(a + low).tolist() for place, a in enumerate(corner) if place not in without]
+    return Mesh.from_polyhedra(points, polyhedra, name="boxes")
 
 
 def solids() -> list[Mesh]:

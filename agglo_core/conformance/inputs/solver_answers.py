@@ -75,11 +75,11 @@ def values(tool: Any, hierarchy: Hierarchy, x: Float, one: Float | None) -> tupl
     taken as cell value, in units of ``one``, the unknowns of the constant 1 (or 1 if ``one`` is None).
     Return None if the meaning of x is unknown.
     """
-    mesh, how = hierarchy.fine, getattr(tool, "discretisation", None)
+    mesh, discretisation = hierarchy.fine, getattr(tool, "discretisation", None)
     assert mesh is not None
     points = mesh.cell_centroids
-    if how is not None:
-        return points, np.asarray(how.evaluate(mesh, x, points))
+    if discretisation is not None:
+        return points, np.asarray(discretisation.evaluate(mesh, x, points))
     unit = np.ones(mesh.n_cells) if one is None else one
     if len(x) == mesh.n_cells and np.abs(unit).min() > 0.0:
         return points, x / unit

@@ -65,10 +65,10 @@ def elsewhere(hierarchy: Hierarchy, change: Change | None) -> tuple[Hierarchy, I
     """
     assert hierarchy.fine is not None
     if change is not None:
-        there, order = moved(hierarchy.fine, change), frozen_int(np.arange(hierarchy.graph.n))
+        mesh, order = moved(hierarchy.fine, change), frozen_int(np.arange(hierarchy.graph.n))
     else:
-        there, order = renumbered(hierarchy.fine)
-    return on_levels(there, *(frozen_int(labels[order]) for labels in hierarchy.levels)), order
+        mesh, order = renumbered(hierarchy.fine)
+    return on_levels(mesh, *(frozen_int(labels[order]) for labels in hierarchy.levels)), order
 
 
 def uneven(graph: Graph, per_cell: int, seed: int = 0) -> Linear:
@@ -98,13 +98,16 @@ def awkward() -> list[Case]:
         "three levels": on_levels(mesh, fours, quarters, whole),
         "parts in pieces": on_levels(mesh, loose),
     }
-    bare = Hierarchy(None, graph, [fours], [{"n_parts": 16}], nested=True)
+    meshless_hierarchy = Hierarchy(None, graph, [fours], [{"n_parts": 16}], nested=True)
     rough = Diffusion(kappa=kappa, source=lambda x: np.where(x[:, 0] < 4.0, 1.0, -3.0))
     return [
         Case("a coefficient that jumps from cell to cell", (rough, on_levels(mesh, fours))),
-        *(Case(f"diffusion, {name}", (Diffusion(), each)) for name, each in shapes.items()),
-        *(Case(f"a linear system, {name}", (uneven(graph, 1), each)) for name, each in shapes.items()),
-        Case("a linear system without a mesh", (uneven(graph, 1, seed=1), bare)),
+        *(Case(f"diffusion, {name}", (Diffusion(), hierarchy)) for name, hierarchy in shapes.items()),
+        *(
+            Case(f"a linear system, {name}", (uneven(graph, 1), hierarchy))
+            for name, hierarchy in shapes.items()
+        ),
+        Case("a linear system without a mesh", (uneven(graph, 1, seed=1), meshless_hierarchy)),
         Case("an uneven linear system of three per cell", (uneven(graph, 3), on_levels(mesh, fours))),
     ]
 
@@ -112,25 +115,25 @@ def awkward() -> list[Case]:
 def unlike_diffusion() -> list[Case]:
     """Return systems that are nonsymmetric or indefinite, or differ in couplings, unknowns or storage."""
     hierarchy = _squares()
-    plain = uneven(hierarchy.graph, 1, seed=2)
-    below = sparse.tril(plain.A, -1)
-    far = sparse.csr_array((np.full(6, 8.0), (np.arange(0, 36, 7), np.zeros(6, int))), shape=(36, 1))
-    shift = float(np.median(plain.A.diagonal())) / 2
+    base = uneven(hierarchy.graph, 1, seed=2)
+    below = sparse.tril(base.A, -1)
+    coupling = sparse.csr_array((np.full(6, 8.0), (np.arange(0, 36, 7), np.zeros(6, int))), shape=(36, 1))
+    shift = float(np.median(base.A.diagonal())) / 2
     systems = {
-        "a matrix that is not symmetric": replace(plain, A=sparse.csr_array(plain.A - 0.7 * below)),
-        "a matrix with zeros above the diagonal": replace(plain, A=sparse.csr_array(sparse.tril(plain.A))),
+        "a matrix that is not symmetric": replace(base, A=sparse.csr_array(base.A - 0.7 * below)),
+        "a matrix with zeros above the diagonal": replace(base, A=sparse.csr_array(sparse.tril(base.A))),
         "a symmetric matrix that is not definite": replace(
-            plain, A=sparse.csr_array(plain.A - shift * sparse.eye_array(36))
+            base, A=sparse.csr_array(base.A - shift * sparse.eye_array(36))
         ),
         "positive couplings of cells that are not neighbours": replace(
-            plain, A=sparse.csr_array(plain.A + far @ far.T)
+            base, A=sparse.csr_array(base.A + coupling @ coupling.T)
         ),
-        "cells with one, two and three unknowns": _of_unequal_cells(plain),
+        "cells with one, two and three unknowns": _of_unequal_cells(base),
         "a matrix that is 1 or -1 times every unknown": _without_curvature(hierarchy.levels[0]),
         "a matrix of whole numbers, by columns": replace(
-            plain, A=sparse.csc_array(np.rint(plain.A.toarray()).astype(np.int64))
+            base, A=sparse.csc_array(np.rint(base.A.toarray()).astype(np.int64))
         ),
-        "a matrix with entries stored twice, in any order": replace(plain, A=_stored_twice(plain.A)),
+        "a matrix with entries stored twice, in any order": replace(base, A=_stored_twice(base.A)),
     }
     return [*definite(), *(Case(name, (system, hierarchy)) for name, system in systems.items())]
 
@@ -138,7 +141,7 @@ def unlike_diffusion() -> list[Case]:
 def definite() -> list[Case]:
     """Return symmetric positive definite systems that are hard to precondition."""
     hierarchy = _squares()
-    plain = uneven(hierarchy.graph, 1, seed=2)
+    base = uneven(hierarchy.graph, 1, seed=2)
     # Strong positive couplings: a low-rank term over groups of cells.
     groups = sparse.csr_array((np.ones(36), (np.arange(36), np.arange(36) % 4)), shape=(36, 4))
     # Couplings from 1e-8 to 1e8: exponents are sums of random cell exponents.
@@ -147,8 +150,8 @@ def definite() -> list[Case]:
     spread = sparse.csr_array(10.0 ** (wide[:, None] + wide)) * links
     contrast = sparse.diags_array(spread.sum(axis=1) + 10.0 ** (wide - 2)) - spread
     systems = {
-        "strong positive couplings": replace(plain, A=sparse.csr_array(plain.A + 1e3 * (groups @ groups.T))),
-        "couplings from 1e-8 to 1e8": replace(plain, A=sparse.csr_array(contrast)),
+        "strong positive couplings": replace(base, A=sparse.csr_array(base.A + 1e3 * (groups @ groups.T))),
+        "couplings from 1e-8 to 1e8": replace(base, A=sparse.csr_array(contrast)),
         "unknowns in different units": rising(hierarchy),
         "an ill-conditioned matrix": ill_conditioned(hierarchy),
     }
@@ -165,11 +168,11 @@ def ill_conditioned(hierarchy: Hierarchy) -> Linear:
 
 def rising(hierarchy: Hierarchy) -> Linear:
     """Return a system for which the 2-norm of the residual increases before it decreases."""
-    plain = uneven(hierarchy.graph, 1, seed=2)
-    n = len(plain.b)
+    base = uneven(hierarchy.graph, 1, seed=2)
+    n = len(base.b)
     units = sparse.diags_array(10.0 ** np.random.default_rng(7).uniform(-1.5, 1.5, n))
     return replace(
-        plain, A=sparse.csr_array(units @ plain.A @ units), b=frozen_float(plain.b * units.diagonal())
+        base, A=sparse.csr_array(units @ base.A @ units), b=frozen_float(base.b * units.diagonal())
     )
 
 

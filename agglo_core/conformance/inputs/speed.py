@@ -56,10 +56,10 @@ def _measured(subject: Subject) -> Slow | None:
     for place in range(len(_SIZES) + 1):
         case = _case(subject.kind, *_SIZES[place]) if place < len(_SIZES) else level_case(subject.kind)
         cells = case.given[0].n
-        taken = _seconds(subject, case)
-        if taken > TIME_LIMIT * max(cells, _FEWEST) / 5000:
-            return Slow(cells, taken, most)
-        most = cells if taken <= _BOTHER else most
+        seconds = _seconds(subject, case)
+        if seconds > TIME_LIMIT * max(cells, _FEWEST) / 5000:
+            return Slow(cells, seconds, most)
+        most = cells if seconds <= _BOTHER else most
     return None
 
 

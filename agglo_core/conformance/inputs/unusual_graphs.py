@@ -24,7 +24,7 @@ _LARGE = 2000
 
 def unusual() -> dict[str, Graph]:
     """Return connected graphs with one block by description, with new arrays in each call."""
-    made: dict[str, Callable[[], Graph]] = {
+    builders: dict[str, Callable[[], Graph]] = {
         "cells whose weights are not their measures": _uneven,
         "cells whose measures differ a million times": _graded,
         "cells without weight": _weightless,
@@ -41,7 +41,7 @@ def unusual() -> dict[str, Graph]:
         "cells of a size of 1e8": lambda: _sized(1e8),
         "cells far from the origin": _far,
     }
-    return {name: fresh(graph()) for name, graph in made.items()}
+    return {name: fresh(build()) for name, build in builders.items()}
 
 
 def fresh(graph: Graph) -> Graph:
@@ -121,13 +121,13 @@ def clumps(graph: Graph, parts: int, strays: float = 0.0) -> Int:
 @cache
 def _uneven() -> Graph:
     mesh = small_meshes.grid(12, 10, jitter=0.2)
-    far = mapped(mesh, lambda points: points + np.array([-4e5, -7e5]))
+    shifted_mesh = mapped(mesh, lambda points: points + np.array([-4e5, -7e5]))
     rng = np.random.default_rng(2)
-    east = far.local_centroids[:, 0] / np.ptp(far.local_centroids[:, 0])
+    east = shifted_mesh.local_centroids[:, 0] / np.ptp(shifted_mesh.local_centroids[:, 0])
     weights = np.exp(4.0 * east) * 10.0 ** rng.uniform(-3, 0, mesh.n_cells)
     weights[rng.choice(mesh.n_cells, 12, replace=False)] = 0.0
     data = {"material": rng.integers(5, size=mesh.n_cells), "velocity": rng.random((mesh.n_cells, 3))}
-    graph: Graph = replace(far.graph, weights=weights, data=data)
+    graph: Graph = replace(shifted_mesh.graph, weights=weights, data=data)
     return graph.subgraph(rng.permutation(graph.n), [0, graph.n])
 
 
@@ -231,11 +231,11 @@ _NOISE = 0.2  # fraction of border cells in every other block that get a neighbo
 def ragged() -> dict[str, tuple[Graph, Int]]:
     """Return 2-D levels by mesh name, with labels of 2 to 5 ragged parts in each block."""
     meshes = {"Voronoi cells": _voronoi, "triangles": _triangles, "hexagons": _hexagons}
-    found = {f"a level of pieces of {name}": _afresh(make) for name, make in meshes.items()}
+    levels = {f"a level of pieces of {name}": _afresh(make) for name, make in meshes.items()}
     uneven = {
-        f"{name} with uneven weights and faces": _with_uneven_faces(*each) for name, each in found.items()
+        f"{name} with uneven weights and faces": _with_uneven_faces(*level) for name, level in levels.items()
     }
-    return found | uneven
+    return levels | uneven
 
 
 def ragged_in_space() -> tuple[Graph, Int]:
@@ -296,12 +296,12 @@ def _noisy(level: Graph, labels: Int, seeds: Int, rng: np.random.Generator) -> I
 
     ``seeds`` keep theirs.
     """
-    taken = labels.copy()
+    new_labels = labels.copy()
     rows = np.repeat(np.arange(level.n), np.diff(level.indptr))
-    chosen = (rng.random(len(rows)) < _NOISE) & (level.block_ids[rows] % 2 == 1)
-    taken[rows[chosen]] = labels[level.indices[chosen]]
-    taken[seeds] = labels[seeds]
-    return frozen_int(taken)
+    noise = (rng.random(len(rows)) < _NOISE) & (level.block_ids[rows] % 2 == 1)
+    new_labels[rows[noise]] = labels[level.indices[noise]]
+    new_labels[seeds] = labels[seeds]
+    return frozen_int(new_labels)
 
 
 def _voronoi() -> Mesh:

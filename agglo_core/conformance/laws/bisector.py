@@ -53,11 +53,11 @@ def _bisects(subject: Subject) -> bool:
 def side_array(subject: Subject) -> None:
     """Sides form an array of integers, booleans or floats of shape (n,), with one side per cell."""
     for case in every_graph(subject):
-        given = answer(subject, subject.build(), case)
-        sides = as_array(given)
+        result = answer(subject, subject.build(), case)
+        sides = as_array(result)
         require(
             sides.shape == (case.size,) and sides.dtype.kind in "iubf",
-            f"on {case.name}: it returned {in_words(given)}, expected an array of shape ({case.size},) of "
+            f"on {case.name}: it returned {in_words(result)}, expected an array of shape ({case.size},) of "
             "integers, booleans or floats: one side for each cell",
         )
 
@@ -84,31 +84,33 @@ def side_values(subject: Subject) -> None:
 def told_the_target(subject: Subject) -> None:
     """The result of for_target splits pieces in two, and requests for other targets change nothing."""
     # Expected answers: from a freshly imported component for each target.
-    asked = [_long_piece(), unusual_cases("bisector")[0], crowded("bisector", 40)]
+    test_cases = [_long_piece(), unusual_cases("bisector")[0], crowded("bisector", 40)]
     expected = {}
     for target in _targets_taken(subject):
         with imported_again(subject) as unused:
             tool = for_target(unused.build(), target)
-            expected[target] = [_both_sides(subject, tool, case, target) for case in asked]
+            expected[target] = [_both_sides(subject, tool, case, target) for case in test_cases]
     # Compare with the answers of a single object, for both orders of the targets.
     for order in (list(expected), list(reversed(expected))):
-        _told_in_turn(subject, asked, {target: expected[target] for target in order})
+        _told_in_turn(subject, test_cases, {target: expected[target] for target in order})
 
 
-def _told_in_turn(subject: Subject, asked: list[Case], expected: dict[Target, list[NDArray[Any]]]) -> None:
+def _told_in_turn(
+    subject: Subject, test_cases: list[Case], expected: dict[Target, list[NDArray[Any]]]
+) -> None:
     """Require that one object serves all targets, without side effects between them or on the object."""
     tool = subject.build()
-    before = [plain(subject, tool, case) for case in asked]
+    before = [plain(subject, tool, case) for case in test_cases]
     tools = [tool]
     for target, answers in expected.items():
         tools.append(for_target(tool, target))
         require(
-            _as_before(subject, tools[-1], asked, answers),
+            _as_before(subject, tools[-1], test_cases, answers),
             f"for {target} it answers otherwise once for_target was called for another target: what it keeps "
             "must be keyed by the whole target",
         )
     require(
-        all(map(_as_before, repeat(subject), tools, repeat(asked), [before, *expected.values()])),
+        all(map(_as_before, repeat(subject), tools, repeat(test_cases), [before, *expected.values()])),
         "it answers otherwise after for_target was called for another target: return a new object, and "
         "leave self as it is",
     )
@@ -120,13 +122,13 @@ def _as_before(subject: Subject, tool: Any, asked: list[Case], answers: list[NDA
 
 def _targets_taken(subject: Subject) -> list[Target]:
     """Return the targets that the component does not refuse with an AggloError."""
-    taken = []
+    targets = []
     for target in _TARGETS:
         with suppress(AggloError):
             for_target(subject.build(), target)
-            taken.append(target)
-    require(taken, "for_target refuses every target, numbers of parts and sizes: return self instead")
-    return taken
+            targets.append(target)
+    require(targets, "for_target refuses every target, numbers of parts and sizes: return self instead")
+    return targets
 
 
 def _long_piece() -> Case:
@@ -175,11 +177,11 @@ def kway_labels(subject: Subject) -> None:
     for case in [*cases("bisector"), *unusual_cases("bisector")]:
         graph = case.given[0]
         for parts in {1, *(k for k in _PARTS if k <= graph.n), min(graph.n, 300)}:
-            given = _partition(subject, case, parts)
-            labels = as_array(given)
+            result = _partition(subject, case, parts)
+            labels = as_array(result)
             require(
                 labels.shape == (graph.n,) and labels.dtype.kind in "iub",
-                f"on {case.name}: partition returned {in_words(given)}, expected ({graph.n},) integers",
+                f"on {case.name}: partition returned {in_words(result)}, expected ({graph.n},) integers",
             )
             require(
                 labels.min() >= 0 and labels.max() < parts,
@@ -194,10 +196,11 @@ def kway_parts(subject: Subject) -> None:
     for case in [*cases("bisector"), *unusual_cases("bisector")]:
         weights = case.given[0].weights
         for parts in (k for k in _PARTS if 2 * k <= len(weights) and k * weights.max() <= weights.sum()):
-            used = len(np.unique(_partition(subject, case, parts)))
+            n_nonempty = len(np.unique(_partition(subject, case, parts)))
             require(
-                2 * used >= parts and used > 1,
-                f"on {case.name}: {used} parts came out of {parts}: target.parts is how many are wanted",
+                2 * n_nonempty >= parts and n_nonempty > 1,
+                f"on {case.name}: {n_nonempty} parts came out of {parts}: target.parts is how many are "
+                "wanted",
             )
 
 

@@ -79,13 +79,13 @@ def nothing_carried_over(subject: Subject) -> None:
     for _ in range(_ROUNDS):
         for place, case in enumerate(_each(subject)):
             with global_random(1):
-                given = plain(subject, tool, case)
+                result = plain(subject, tool, case)
             require(
-                same(given, expected[place]),
+                same(result, expected[place]),
                 f"on {case.name}: it answers otherwise after questions about meshes of the same size: a "
                 "cache must be keyed by all that decides, not by the number of cells or id()",
             )
-            del case, given
+            del case, result
 
 
 def _each(subject: Subject) -> Iterator[Case]:
@@ -102,12 +102,12 @@ def _each(subject: Subject) -> Iterator[Case]:
 @law(*SIBLINGS)
 def answers_stay(subject: Subject) -> None:
     """Later calls leave the answers of earlier calls unchanged."""
-    tool, given = subject.build(), []
+    tool, records = subject.build(), []
     for case in _few(subject):
         returned = answer(subject, tool, case)
         values = returned.x if isinstance(returned, Solution) else returned
-        given.append((case.name, values, np.array(values, copy=True)))
-    for name, values, before in given:
+        records.append((case.name, values, np.array(values, copy=True)))
+    for name, values, before in records:
         require(
             np.array_equal(values, before, equal_nan=before.dtype.kind == "f"),
             f"on {name}: the array it returned was changed by a later call: return a new one, not an array "
@@ -118,31 +118,31 @@ def answers_stay(subject: Subject) -> None:
 @law(*SIBLINGS)
 def in_two_threads(subject: Subject) -> None:
     """A call that starts while another call is running disturbs neither of them."""
-    few = _few(subject)
+    few_cases = _few(subject)
     # Count the lines of the first call, and choose some at which the second call starts.
     home = getattr(sys.modules.get(type(subject.build()).__module__), "__file__", None)
     lines = _Stepper(home, 0, lambda: None)
-    first = lines.run(lambda: _seeded(subject, subject.build(), few[0]))
+    first = lines.run(lambda: _seeded(subject, subject.build(), few_cases[0]))
     stops = sorted({int(line) for line in np.linspace(1, lines.count, _STOPS)} - {0})
-    for meanwhile in few[1:2] + few[-1:]:
+    for meanwhile in few_cases[1:2] + few_cases[-1:]:
         expected = [first, _seeded(subject, subject.build(), meanwhile)]
         for stop in stops:
-            answers = _interrupted(subject, (few[0], meanwhile), home, stop)
+            answers = _interrupted(subject, (few_cases[0], meanwhile), home, stop)
             require(
                 all(map(same, answers, expected)),
-                f"on {few[0].name}: it answers otherwise if another call begins meanwhile: pass what a call "
-                "needs from method to method instead of keeping it in self",
+                f"on {few_cases[0].name}: it answers otherwise if another call begins meanwhile: pass what a "
+                "call needs from method to method instead of keeping it in self",
             )
 
 
-def _interrupted(subject: Subject, asked: Sequence[Case], file: str | None, stop: int) -> list[Any]:
+def _interrupted(subject: Subject, case_pair: Sequence[Case], file: str | None, stop: int) -> list[Any]:
     """Return the answers of one object to two cases.
 
     The second call starts while the first call is at line number ``stop`` of a file.
     """
     tool, inner = subject.build(), list[Any]()
-    stepper = _Stepper(file, stop, lambda: inner.append(_seeded(subject, tool, asked[1])))
-    return [stepper.run(lambda: _seeded(subject, tool, asked[0])), *inner]
+    stepper = _Stepper(file, stop, lambda: inner.append(_seeded(subject, tool, case_pair[1])))
+    return [stepper.run(lambda: _seeded(subject, tool, case_pair[0])), *inner]
 
 
 def _seeded(subject: Subject, tool: Any, case: Case) -> Any:
@@ -161,8 +161,8 @@ class _Stepper:
 
         Exceptions of both calls are raised here.
         """
-        found: list[Any] = []
-        failed: list[BaseException] = []
+        results: list[Any] = []
+        errors: list[BaseException] = []
 
         # Run work in this thread, with or without tracing, and keep its result or its error.
         def guarded(work: Callable[[], Any], keep: Callable[[Any], None], *, traced: bool) -> None:
@@ -170,7 +170,7 @@ class _Stepper:
                 sys.settrace(self._trace if traced else None)
                 keep(work())
             except Exception as error:  # raised again below
-                failed.append(error)
+                errors.append(error)
             finally:
                 sys.settrace(None)
 
@@ -179,15 +179,15 @@ class _Stepper:
 
         self.second = second
         # Run the first call under the trace function, then wait for both calls.
-        first = threading.Thread(target=guarded, args=(call, found.append), kwargs={"traced": True})
+        first = threading.Thread(target=guarded, args=(call, results.append), kwargs={"traced": True})
         first.start()
         first.join()
         for thread in self.threads:
             thread.join()
-        if failed:
-            error = failed[0]
+        if errors:
+            error = errors[0]
             raise Broken(f"while another call was under way: {error}") from error
-        return found[0]
+        return results[0]
 
     def _trace(self, frame: FrameType, event: str, argument: Any) -> Any:
         if frame.f_code.co_filename != self.file:
@@ -210,18 +210,20 @@ def lets_go(subject: Subject) -> None:
     gc.freeze()  # so that later collections only visit objects of the calls
     try:
         # Objects: weak references to the input of several calls must expire.
-        given = [_given_once(subject, tool) for _ in range(_CALLS + 2)]
+        references = [_given_once(subject, tool) for _ in range(_CALLS + 2)]
         gc.collect()
-        kept = [any(each() is not None for each in once) for once in given]
-        held = _held(subject, tool)
+        alive = [
+            any(reference() is not None for reference in call_references) for call_references in references
+        ]
+        usage = _held(subject, tool)
     finally:
         gc.unfreeze()
-    require(not all(kept), f"what it was given in {len(kept)} calls is still in memory: {remedy}")
+    require(not all(alive), f"what it was given in {len(alive)} calls is still in memory: {remedy}")
     # Resources: the smallest growth over the rounds must be negligible.
-    grown = _grown(held).min(axis=0)
-    require(grown[0] <= _KEPT_BYTES, f"each call leaves {grown[0]:.0f} bytes behind: {remedy}")
-    require(grown[1] < 1, f"each call leaves {grown[1]:.0f} files open: use with open(…)")
-    require(grown[2] < 1, f"each call leaves {grown[2]:.0f} threads running: {remedy}")
+    growth = _grown(usage).min(axis=0)
+    require(growth[0] <= _KEPT_BYTES, f"each call leaves {growth[0]:.0f} bytes behind: {remedy}")
+    require(growth[1] < 1, f"each call leaves {growth[1]:.0f} files open: use with open(…)")
+    require(growth[2] < 1, f"each call leaves {growth[2]:.0f} threads running: {remedy}")
 
 
 def _held(subject: Subject, tool: Any) -> Float:
@@ -231,17 +233,17 @@ def _held(subject: Subject, tool: Any) -> Float:
     which takes longer if a component makes many internal calls. Leaked memory grows in every round.
     """
     sizable = bearable(subject, [case for case in unusual_cases(subject.kind) if case.size == _SIZABLE])
-    case, held = next(iter(sizable or _each(subject))), list[tuple[int, int, int]]()
+    case, usage = next(iter(sizable or _each(subject))), list[tuple[int, int, int]]()
     tracemalloc.start()
     try:
-        while len(held) < 3 or (len(held) < _MOST_ROUNDS and not _settled(held)):
+        while len(usage) < 3 or (len(usage) < _MOST_ROUNDS and not _settled(usage)):
             for _ in range(_CALLS):
                 answer(subject, tool, case)
             gc.collect()
-            held.append((tracemalloc.get_traced_memory()[0], _open_files(), threading.active_count()))
+            usage.append((tracemalloc.get_traced_memory()[0], _open_files(), threading.active_count()))
     finally:
         tracemalloc.stop()
-    return np.array(held, float)
+    return np.array(usage, float)
 
 
 def _grown(held: ArrayLike) -> Float:
@@ -288,11 +290,11 @@ def _without_others(case: Case) -> Case:
 
     The graph still holds the points of the whole level.
     """
-    graph, *rest = case.given
-    own = np.unique(graph.vertices)
-    points = np.repeat(graph.points[own[:1]], len(graph.points), axis=0)
-    points[own] = graph.points[own]
-    return Case(case.name, (replace(graph, points=frozen_float(points)), *rest))
+    graph, *arguments = case.given
+    point_indices = np.unique(graph.vertices)
+    points = np.repeat(graph.points[point_indices[:1]], len(graph.points), axis=0)
+    points[point_indices] = graph.points[point_indices]
+    return Case(case.name, (replace(graph, points=frozen_float(points)), *arguments))
 
 
 def _few_blocks(level: Case) -> tuple[Case, Sequence[int]]:
@@ -300,7 +302,7 @@ def _few_blocks(level: Case) -> tuple[Case, Sequence[int]]:
     return part_of_level(level, np.arange(1, 13)), (0, 3, 11)
 
 
-def _same_in_any_company(subject: Subject, case: Case, chosen: Sequence[int]) -> None:
+def _same_in_any_company(subject: Subject, case: Case, blocks: Sequence[int]) -> None:
     """Require equal results for the chosen blocks alone, and for up to 21 blocks in another order."""
     graph = case.given[0]
     remedy = (
@@ -310,15 +312,15 @@ def _same_in_any_company(subject: Subject, case: Case, chosen: Sequence[int]) ->
     # The whole level, then each chosen block alone.
     tool = subject.build()
     together = chunks(graph, plain(subject, tool, case))
-    for block in chosen:
+    for block in blocks:
         alone = plain(subject, subject.build(), _without_others(part_of_level(case, [block])))
         require(
             same(alone, together[block]),
             f"a block of {len(alone)} cells has another result alone than in a level: {remedy}",
         )
     # A random selection of blocks in random order.
-    others = np.random.default_rng(3).permutation(np.delete(np.arange(graph.n_blocks), chosen[0]))
-    order = np.insert(others[:20], min(7, len(others)), chosen[0])
+    other_blocks = np.random.default_rng(3).permutation(np.delete(np.arange(graph.n_blocks), blocks[0]))
+    order = np.insert(other_blocks[:20], min(7, len(other_blocks)), blocks[0])
     shuffled = part_of_level(case, order)
     for block, part in zip(order, chunks(shuffled.given[0], plain(subject, tool, shuffled)), strict=True):
         require(
@@ -362,11 +364,11 @@ def read_anew(subject: Subject) -> None:
         tool = subject.build()
         for _ in range(3):
             with global_random(1):
-                given = plain(subject, tool, case)
+                result = plain(subject, tool, case)
             with global_random(1):
-                wanted = plain(subject, subject.build(), in_own_arrays(case))
+                expected = plain(subject, subject.build(), in_own_arrays(case))
             require(
-                same(given, wanted),
+                same(result, expected),
                 f"on {case.name}, other numbers in the same arrays: it answers unlike a fresh object: "
                 "an array is not known by being the same object; keep nothing by id()",
             )
@@ -380,11 +382,11 @@ def _change(case: Case) -> None:
         problem.b[:] = problem.b[::-1].copy()
         problem.A.data *= 2.0
         return
-    for each in arrays_in(case):
-        each[:] = each[::-1].copy()
-        if each.dtype.kind == "i":
-            movable = np.flatnonzero((np.bincount(each)[each] > 1) & (each != each[0]))
-            each[movable[:1]] = each[0]
+    for array in arrays_in(case):
+        array[:] = array[::-1].copy()
+        if array.dtype.kind == "i":
+            movable = np.flatnonzero((np.bincount(array)[array] > 1) & (array != array[0]))
+            array[movable[:1]] = array[0]
 
 
 _KINDS = ("bisector", "refiner", "fixer", "metric", "solver", "smoother", "constraint", *PARTS)
@@ -395,19 +397,22 @@ def ends_early_without_trace(subject: Subject) -> None:
     """Calls that are refused, fail or have nothing to do change no setting, and print and write nothing."""
     remedy = "a with block (np.errstate) or finally puts things back on every way out"
     for case in early_ends(subject.kind):
-        given, before, printed = dict(fingerprints(case.given)), Snapshot(), io.StringIO()
-        with elsewhere() as folder, stdout_of_process() as written, contextlib.redirect_stdout(printed):
+        digests, before, printed = dict(fingerprints(case.given)), Snapshot(), io.StringIO()
+        with elsewhere() as folder, stdout_of_process() as read_output, contextlib.redirect_stdout(printed):
             with global_random(1) as unmoved:
                 with contextlib.suppress(Broken):
                     answer(subject, subject.build(), case)
-                still = unmoved()
-            text = printed.getvalue() or written().decode(errors="replace")
-            left = sorted(path.name for path in folder.iterdir())
+                random_kept = unmoved()
+            text = printed.getvalue() or read_output().decode(errors="replace")
+            new_files = sorted(path.name for path in folder.iterdir())
         changed = before.changed()
         before.restore()
         require(not changed, f"on {case.name}: it changed {', '.join(changed)}: {remedy}")
         require(not text, f"on {case.name}: it printed {text!r:.60}: say it in the error or in the reason")
-        require(still, f"on {case.name}: it drew from, or seeded, the global random state")
-        require(not left, f"on {case.name}: it left {', '.join(left)} in the current folder: write no files")
+        require(random_kept, f"on {case.name}: it drew from, or seeded, the global random state")
+        require(
+            not new_files,
+            f"on {case.name}: it left {', '.join(new_files)} in the current folder: write no files",
+        )
         after = dict(fingerprints(case.given))
-        require(given == after, f"on {case.name}: it changed what it was given: work on a copy")
+        require(digests == after, f"on {case.name}: it changed what it was given: work on a copy")

@@ -23,12 +23,12 @@ def masks(subject: Subject) -> None:
     for case in questions(subject):
         mesh, labels = case.given
         parts = int(labels.max()) + 1
-        wanted = {"forbidden": len(mesh.graph.indices), "admissible": parts, "incomplete": parts}
-        for method, given in answer(subject, subject.build(), case).items():
+        lengths = {"forbidden": len(mesh.graph.indices), "admissible": parts, "incomplete": parts}
+        for method, mask in answer(subject, subject.build(), case).items():
             require(
-                isinstance(given, np.ndarray) and given.shape == (wanted[method],) and given.dtype == bool,
-                f"on {case.name}: {method} returned {in_words(given)}, expected booleans of shape "
-                f"({wanted[method]},)",
+                isinstance(mask, np.ndarray) and mask.shape == (lengths[method],) and mask.dtype == bool,
+                f"on {case.name}: {method} returned {in_words(mask)}, expected booleans of shape "
+                f"({lengths[method]},)",
             )
 
 
@@ -36,10 +36,10 @@ def masks(subject: Subject) -> None:
 def both_directions(subject: Subject) -> None:
     """An edge is forbidden in both directions or in neither."""
     for case in questions(subject):
-        given = answer(subject, subject.build(), case)
-        if "forbidden" not in given:
+        method_masks = answer(subject, subject.build(), case)
+        if "forbidden" not in method_masks:
             continue
-        pairs = _pairs(case.given[0].graph, given["forbidden"])
+        pairs = _pairs(case.given[0].graph, method_masks["forbidden"])
         one_way = np.flatnonzero(pairs != pairs.T)
         require(
             not len(one_way),
@@ -52,20 +52,26 @@ def both_directions(subject: Subject) -> None:
 def numbering_ignored(subject: Subject) -> None:
     """Renumbering the cells changes nothing."""
     for mesh in (small_meshes.grid(9, 7, jitter=0.25), small_meshes.mixed()):
-        here = marked(mesh)
-        moved, order = small_meshes.changed(here, "renumbered")
+        marked_mesh = marked(mesh)
+        renumbered_mesh, order = small_meshes.changed(marked_mesh, "renumbered")
         labels = bands(mesh, 4)
-        asked = Case(mesh.name, (here, labels))
-        again = Case(f"{mesh.name}, renumbered", (moved, frozen_int(labels[order])))
-        one, two = (_taken(subject, case) for case in (asked, again))
-        for method in one.keys() & two.keys():
-            same = np.array_equal(one[method], two[method])
+        original_case = Case(mesh.name, (marked_mesh, labels))
+        renumbered_case = Case(f"{mesh.name}, renumbered", (renumbered_mesh, frozen_int(labels[order])))
+        original_masks, renumbered_masks = (
+            _taken(subject, case) for case in (original_case, renumbered_case)
+        )
+        for method in original_masks.keys() & renumbered_masks.keys():
+            equal = np.array_equal(original_masks[method], renumbered_masks[method])
             if method == "forbidden":
-                before, after = _pairs(here.graph, one[method]), _pairs(moved.graph, two[method])
-                same = np.array_equal(before[np.ix_(order, order)], after)
+                before, after = (
+                    _pairs(marked_mesh.graph, original_masks[method]),
+                    _pairs(renumbered_mesh.graph, renumbered_masks[method]),
+                )
+                equal = np.array_equal(before[np.ix_(order, order)], after)
             require(
-                same,
-                f"on {again.name}: {method} answers differently: use tags and geometry, not cell numbers",
+                equal,
+                f"on {renumbered_case.name}: {method} answers differently: use tags and geometry, not cell "
+                "numbers",
             )
 
 
@@ -77,14 +83,14 @@ def constraint_kept(subject: Subject) -> None:
     mesh = marked(small_meshes.grid(9, 7, jitter=0.2))
     tool = subject.build()
     try:
-        chosen = {"bisector": "inertial", "constraints": [tool], "registry": own_components()}
-        labels = agglomerate(mesh, n_parts=12, **chosen).levels[0]  # type: ignore[arg-type]
+        options = {"bisector": "inertial", "constraints": [tool], "registry": own_components()}
+        labels = agglomerate(mesh, n_parts=12, **options).levels[0]  # type: ignore[arg-type]
     except AggloError as error:
         raise Broken(f"a run under it failed: {error}") from error
-    seen = answer(subject, tool, Case("the parts of a run", (mesh, labels)))
-    if "forbidden" not in seen:
+    method_masks = answer(subject, tool, Case("the parts of a run", (mesh, labels)))
+    if "forbidden" not in method_masks:
         return
-    pieces = int(mesh.graph.without_edges(seen["forbidden"]).components(labels).max()) + 1
+    pieces = int(mesh.graph.without_edges(method_masks["forbidden"]).components(labels).max()) + 1
     parts = int(labels.max()) + 1
     require(
         pieces == parts,
@@ -97,8 +103,8 @@ def pieces_admissible(subject: Subject) -> None:
     """A single cell is admissible, and so is each half of an admissible part, so that splitting ends."""
     for case in questions(subject):
         mesh, labels = case.given
-        given = answer(subject, subject.build(), case)
-        if "admissible" not in given:
+        method_masks = answer(subject, subject.build(), case)
+        if "admissible" not in method_masks:
             continue
         # Single cells.
         cells = Case(f"{case.name}, cell by cell", (mesh, frozen_int(np.arange(mesh.n_cells))))
@@ -106,15 +112,15 @@ def pieces_admissible(subject: Subject) -> None:
             bool(answer(subject, subject.build(), cells)["admissible"].all()),
             f"on {cells.name}: a cell is not admissible, and cannot be split",
         )
-        # Parts cut by the halves of the mesh; ``above`` maps each piece to its part.
+        # Parts cut by the halves of the mesh; ``part_of_piece`` maps each piece to its part.
         halves = bands(mesh, 2)
         number = np.unique(2 * labels + halves, return_inverse=True)[1]
         finer = Case(f"{case.name}, parts halved", (mesh, frozen_int(number)))
-        above = np.empty(int(number.max()) + 1, np.int64)
-        above[number] = labels
-        good = answer(subject, subject.build(), finer)["admissible"]
+        part_of_piece = np.empty(int(number.max()) + 1, np.int64)
+        part_of_piece[number] = labels
+        piece_mask = answer(subject, subject.build(), finer)["admissible"]
         require(
-            bool((good | ~given["admissible"][above]).all()),
+            bool((piece_mask | ~method_masks["admissible"][part_of_piece]).all()),
             f"on {finer.name}: a piece of an admissible part is not",
         )
 

@@ -63,8 +63,8 @@ def constants_kept(subject: Subject) -> None:
         _require_constant(case.name, "sample", samples.values, (len(samples.cells),), "all its points")
 
 
-def _require_constant(name: str, method: str, values: Any, shape: tuple[int, ...], where: str) -> None:
+def _require_constant(name: str, method: str, values: Any, shape: tuple[int, ...], place: str) -> None:
     require(
         values.shape == shape and bool(np.allclose(values, 3.0, rtol=1e-8)),
-        f"on {name}: {method} of the projection of 3 is {in_words(values)}, expected 3 at {where}",
+        f"on {name}: {method} of the projection of 3 is {in_words(values)}, expected 3 at {place}",
     )

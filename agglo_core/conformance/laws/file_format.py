@@ -67,11 +67,16 @@ def lossless_kept(subject: Subject) -> None:
     for case in questions(subject):
         mesh = _with_face_tags(case.given[0])
         back = answer(subject, subject.build(), Case(case.name, (mesh, case.given[1])))
-        lost = [name for name in _EXACT if not np.array_equal(getattr(mesh, name), getattr(back, name))]
+        changed_arrays = [
+            name for name in _EXACT if not np.array_equal(getattr(mesh, name), getattr(back, name))
+        ]
         for sort in ("cell_tags", "face_tags"):
             if not same(digest(getattr(mesh, sort)), digest(getattr(back, sort))):
-                lost.append(sort)
-        require(not lost, f"on {case.name}: {', '.join(lost)} came back changed: set lossless = False")
+                changed_arrays.append(sort)
+        require(
+            not changed_arrays,
+            f"on {case.name}: {', '.join(changed_arrays)} came back changed: set lossless = False",
+        )
 
 
 @law("format", when=lambda subject: _writes(subject) and subject.has("read_hierarchy"))
@@ -84,13 +89,13 @@ def hierarchy_kept(subject: Subject) -> None:
         with _folder(case) as folder:
             tool, path = subject.build(), folder / f"mesh{suffix}"
             tool.write(path, mesh, hierarchy)
-            found = tool.read_hierarchy(path)
+            result = tool.read_hierarchy(path)
         require(
-            isinstance(found, tuple) and len(found) == 2 and isinstance(found[1], Hierarchy),
-            f"on {case.name}: read_hierarchy returned {in_words(found)}, expected (mesh, hierarchy)",
+            isinstance(result, tuple) and len(result) == 2 and isinstance(result[1], Hierarchy),
+            f"on {case.name}: read_hierarchy returned {in_words(result)}, expected (mesh, hierarchy)",
         )
-        kept = len(found[1].levels) == 2 and all(map(np.array_equal, found[1].levels, levels))
-        require(kept, f"on {case.name}: the labels that came back are others: finest level first, as given")
+        equal = len(result[1].levels) == 2 and all(map(np.array_equal, result[1].levels, levels))
+        require(equal, f"on {case.name}: the labels that came back are others: finest level first, as given")
 
 
 @law("format")

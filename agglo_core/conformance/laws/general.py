@@ -60,12 +60,12 @@ def builds(subject: Subject) -> None:
 @law(*KINDS)
 def promises_can_be_kept(subject: Subject) -> None:
     """Each promise is checked by some law of the kind."""
-    known = set(KINDS[subject.kind].promises)
-    empty = sorted(set(subject.declared) - known)
+    promises = set(KINDS[subject.kind].promises)
+    empty = sorted(set(subject.declared) - promises)
     require(
         not empty,
         f"promise {', '.join(empty)} means nothing for a {subject.kind}: leave it out "
-        f"(there are {', '.join(sorted(known)) or 'none'})",
+        f"(there are {', '.join(sorted(promises)) or 'none'})",
     )
 
 
@@ -80,12 +80,12 @@ def surroundings_kept(subject: Subject) -> None:
             for case in questions(subject):
                 with suppress(Broken):  # judged by the next law
                     answer(subject, *tools or (subject.build(),), case)
-            left = sorted(path.name for path in folder.iterdir())
+            new_files = sorted(path.name for path in folder.iterdir())
             require(Path.cwd() == folder, f"it changed the current folder: {remedy}")
         changed = before.changed()
         before.restore()
         require(not changed, f"it changed {', '.join(changed)}: {remedy}")
-        require(not left, f"it left {', '.join(left)} in the current folder: write no files")
+        require(not new_files, f"it left {', '.join(new_files)} in the current folder: write no files")
         before = Snapshot()
 
 

@@ -65,11 +65,11 @@ def declares_itself(subject: Subject) -> None:
 def value_array(subject: Subject) -> None:
     """Values form an array of shape (k,), with one number per agglomerate."""
     for case in [*cases("metric"), *various(), many_alone()]:
-        given = answer(subject, subject.build(), case)
-        values = as_array(given)
+        result = answer(subject, subject.build(), case)
+        values = as_array(result)
         require(
             values.shape == (case.size,) and values.dtype.kind in "biuf",
-            f"on {case.name}: it returned {in_words(given)}, expected an array of shape ({case.size},) of "
+            f"on {case.name}: it returned {in_words(result)}, expected an array of shape ({case.size},) of "
             "numbers, one for each of the labels 0..k-1: not one per cell, not a mean",
         )
 
@@ -134,10 +134,10 @@ def shape_only_is_true(subject: Subject) -> None:
     pairs += [(case, cut_finer(case)) for case in cases("metric")[2:]]
     if subject.promised("3d"):
         pairs += [cut_finer_in_space(), *((case, _joined(case)) for case in solids()[:2])]
-    for case, other in pairs:
+    for case, variant in pairs:
         require_close(
-            plain(subject, subject.build(), other), plain(subject, subject.build(), case),
-            f"on {other.name}", "look at the outline alone, whatever edges it is cut in, or drop "
+            plain(subject, subject.build(), variant), plain(subject, subject.build(), case),
+            f"on {variant.name}", "look at the outline alone, whatever edges it is cut in, or drop "
             "shape_only = True", 2e-4, rounding(subject, case, 1e-5),
         )  # fmt: skip
 
@@ -209,10 +209,11 @@ def require_close(
         If a value differs by more.
     """
     scale = max(float(np.nanmax(np.abs(expected), initial=0.0)), 1e-300)
-    off = ~np.isclose(values, expected, rtol=0.0, atol=tolerance * scale + floor, equal_nan=True)
+    mismatch = ~np.isclose(values, expected, rtol=0.0, atol=tolerance * scale + floor, equal_nan=True)
     require(
-        not off.any(),
-        f"{where}: values are {values[off][:4]}, expected {np.asarray(expected)[off][:4]}: {remedy}",
+        not mismatch.any(),
+        f"{where}: values are {values[mismatch][:4]}, expected {np.asarray(expected)[mismatch][:4]}: "
+        f"{remedy}",
     )
 
 
@@ -228,7 +229,7 @@ def changes_add_up(subject: Subject) -> None:
         cells, parts = _moves(mesh, labels, _MOVES if mesh.n_cells < 1000 else 3)
         tool = subject.build()
         weights = frozen_float(1.0 + np.arange(mesh.n_cells) % 3)  # user weights, unlike the measures
-        told = _told(case.name, tool, replace(mesh.graph, weights=weights), labels, cells, parts)
+        changes = _told(case.name, tool, replace(mesh.graph, weights=weights), labels, cells, parts)
         before, sums = plain(subject, tool, case).sum(), []
         # Move the cells one at a time and measure again.
         for cell, part in zip(cells, parts, strict=True):
@@ -236,11 +237,12 @@ def changes_add_up(subject: Subject) -> None:
             moved[cell] = part
             sums.append(plain(subject, tool, Case(case.name, (mesh, frozen_int(moved)))).sum() - before)
         size = 1 + abs(before)
-        off = np.flatnonzero(np.abs(told - sums) > 1e-8 * size)
+        mismatches = np.flatnonzero(np.abs(changes - sums) > 1e-8 * size)
         require(
-            not len(off),
-            f"on {case.name}: changes says {told[off[:1]]}, measure changes by {np.array(sums)[off[:1]]}: it "
-            "is the sum of all values after the move, less the sum before",
+            not len(mismatches),
+            f"on {case.name}: changes says {changes[mismatches[:1]]}, measure changes by "
+            f"{np.array(sums)[mismatches[:1]]}: it is the sum of all values after the "
+            "move, less the sum before",
         )
 
 
@@ -249,29 +251,29 @@ def changes_of_these_labels(subject: Subject) -> None:
     """The values of ``changes`` refer to the current labels, even if the label array has been overwritten."""
     for case in [*cases("metric")[3:], *by_hand()[:1], _many()]:
         mesh, labels = case.given
-        tool, own = subject.build(), np.array(labels)
+        tool, current_labels = subject.build(), np.array(labels)
         for _ in range(3):
-            cells, parts = _moves(mesh, own)
+            cells, parts = _moves(mesh, current_labels)
             if not len(cells):
                 break
-            given = _told(case.name, tool, mesh.graph, own, cells, parts)
-            wanted = _told(case.name, subject.build(), mesh.graph, frozen_int(own), cells, parts)
+            changes = _told(case.name, tool, mesh.graph, current_labels, cells, parts)
+            expected = _told(case.name, subject.build(), mesh.graph, frozen_int(current_labels), cells, parts)
             require(
-                bool(np.allclose(given, wanted, rtol=1e-9, atol=1e-9 * (1 + np.abs(wanted).max()))),
-                f"on {case.name}, after a cell was moved in the same array: changes says {given[:3]}, a "
-                f"fresh object {wanted[:3]}: an array that is the same object may hold other labels by now",
+                bool(np.allclose(changes, expected, rtol=1e-9, atol=1e-9 * (1 + np.abs(expected).max()))),
+                f"on {case.name}, after a cell was moved in the same array: changes says {changes[:3]}, a "
+                f"fresh object {expected[:3]}: an array that is the same object may hold other labels by now",
             )
             # Apply the last move to the same array.
-            own[cells[-1]] = parts[-1]
+            current_labels[cells[-1]] = parts[-1]
 
 
 def _told(name: str, tool: Any, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-    told = np.asarray(tool.changes(graph, labels, cells, parts))
+    changes = np.asarray(tool.changes(graph, labels, cells, parts))
     require(
-        told.shape == cells.shape,
-        f"on {name}: changes returned {in_words(told)} for {len(cells)} moves, expected one each",
+        changes.shape == cells.shape,
+        f"on {name}: changes returned {in_words(changes)} for {len(cells)} moves, expected one each",
     )
-    return told
+    return changes
 
 
 def _many() -> Case:
@@ -285,11 +287,11 @@ def _moves(mesh: Mesh, labels: Int, most: int = _MOVES) -> tuple[Int, Int]:
     """Return moves to a neighbouring part that leave no part empty, and a move to the own part."""
     graph, sizes = mesh.graph, np.bincount(labels)
     rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
-    chosen = (labels[rows] != labels[graph.indices]) & (sizes[labels[rows]] > 1)
-    few = np.flatnonzero(chosen)[:: max(1, chosen.sum() // most)]
-    stays = rows[few[:1]]
-    cells = np.concatenate((stays, rows[few]))
-    return frozen_int(cells), frozen_int(np.concatenate((labels[stays], labels[graph.indices[few]])))
+    crossing = (labels[rows] != labels[graph.indices]) & (sizes[labels[rows]] > 1)
+    entries = np.flatnonzero(crossing)[:: max(1, crossing.sum() // most)]
+    stays = rows[entries[:1]]
+    cells = np.concatenate((stays, rows[entries]))
+    return frozen_int(cells), frozen_int(np.concatenate((labels[stays], labels[graph.indices[entries]])))
 
 
 _ROUNDED = 1e-3  # relative to the largest value; circles found by bisection differ by less
@@ -368,13 +370,13 @@ def unmoved_in_space(subject: Subject) -> None:
 @law("metric")
 def each_call_alone(subject: Subject) -> None:
     """Earlier measurements change no value, even on meshes with equal name, size or points."""
-    case, others = far_from_each_other()
+    case, variants = far_from_each_other()
     mesh, labels = case.given
     stretched = replace(mesh, points=mesh.points * np.array([1.0, 1.5]))
     # Cases with equal mesh, labels, name, points or counts.
-    later = [
+    later_cases = [
         replace(case, given=(mesh, frozen_int(labels[::-1]))),
-        *(replace(each, given=(mesh, each.given[1])) for each in others),
+        *(replace(variant, given=(mesh, variant.given[1])) for variant in variants),
         replace(case, given=(stretched, labels)),
         case,
         cells_renumbered(case),
@@ -383,11 +385,12 @@ def each_call_alone(subject: Subject) -> None:
     ]
     tool = subject.build()
     plain(subject, tool, case)
-    for each in later:
+    for variant in later_cases:
         require_close(
-            plain(subject, tool, each), _values(subject, each), f"on {each.name}, after other questions",
+            plain(subject, tool, variant), _values(subject, variant),
+            f"on {variant.name}, after other questions",
             "keep nothing between calls: neither counts and points of a mesh nor its name say which it is",
-            floor=rounding(subject, each, 1e-7),
+            floor=rounding(subject, variant, 1e-7),
         )  # fmt: skip
 
 
@@ -410,13 +413,13 @@ def better_is_better(subject: Subject) -> None:
     tool = subject.build()
     sign = 1.0 if tool.better == "high" else -1.0
     framings = (False,) if getattr(tool, "relative", False) else (False, True)
-    found = [means for framed in framings if (means := _means(subject, framed))]
-    worse = [_worst_of_all([sign * mean for mean in means]) for means in found]
+    layout_means = [means for framed in framings if (means := _means(subject, framed))]
+    worse = [_worst_of_all([sign * mean for mean in means]) for means in layout_means]
     require(
         not worse or not all(worse),
         f"better is {tool.better!r}, yet the means of squares, bars, zigzags and loose cells are "
-        f"{[[round(mean, 4) for mean in means] for means in found][:1]}: declare the other direction; if "
-        "long parts are wanted along some direction, say directional = True",
+        f"{[[round(mean, 4) for mean in means] for means in layout_means][:1]}: declare the other direction; "
+        "if long parts are wanted along some direction, say directional = True",
     )
 
 
@@ -426,10 +429,10 @@ def _means(subject: Subject, framed: bool) -> list[float]:
     The list is empty if equal squares have different values: the metric then depends on position.
     """
     squares, others = layouts(framed)
-    found = [np.asarray(_values(subject, each)[:16], float) for each in (squares, *others)]
-    if np.ptp(found[0]) > _ROUNDED * np.abs(found[0]).max():
+    values = [np.asarray(_values(subject, case)[:16], float) for case in (squares, *others)]
+    if np.ptp(values[0]) > _ROUNDED * np.abs(values[0]).max():
         return []
-    return [float(it.mean()) for it in found if np.isfinite(it).all()]
+    return [float(array.mean()) for array in values if np.isfinite(array).all()]
 
 
 def _worst_of_all(means: list[float]) -> bool:

@@ -23,15 +23,15 @@ _LEFT = 0.1  # largest share of the error left by a coarse solver
 def prolongation_fits(subject: Subject) -> None:
     """The prolongation is a sparse matrix with a row per unknown and columns grouped by coarse part."""
     for case in questions(subject):
-        given = answer(subject, subject.build(), case)
-        P, step = getattr(given, "P", given), case.given[0]
+        result = answer(subject, subject.build(), case)
+        P, step = getattr(result, "P", result), case.given[0]
         n, parts = step.A.shape[0], int(step.coarse_labels.max()) + 1
         require(
             sparse.issparse(P) and P.dtype.kind == "f" and P.shape[0] == n and np.isfinite(P.data).all(),
             f"on {case.name}: it returned {in_words(P)}, expected a sparse matrix of {n} rows of finite "
             "floats",
         )
-        offsets = getattr(given, "block_offsets", None)
+        offsets = getattr(result, "block_offsets", None)
         dealt = P.shape[1] > 0 and P.shape[1] % parts == 0
         if offsets is not None:
             dealt = len(offsets) == parts + 1 and offsets[0] == 0 and offsets[-1] == P.shape[1]
@@ -73,10 +73,10 @@ def near_null_kept(subject: Subject) -> None:
 def coarse_matrix_fits(subject: Subject) -> None:
     """``coarse_matrix(step, P)`` is a sparse real square matrix with a row for each column of P."""
     for case in questions(subject):
-        given, m = answer(subject, subject.build(), case), case.given[1].shape[1]
+        matrix, m = answer(subject, subject.build(), case), case.given[1].shape[1]
         require(
-            sparse.issparse(given) and given.dtype.kind == "f" and given.shape == (m, m),
-            f"on {case.name}: it returned {in_words(given)}, expected a sparse matrix ({m}, {m}) of floats",
+            sparse.issparse(matrix) and matrix.dtype.kind == "f" and matrix.shape == (m, m),
+            f"on {case.name}: it returned {in_words(matrix)}, expected a sparse matrix ({m}, {m}) of floats",
         )
 
 
@@ -97,18 +97,18 @@ def coarse_error_reduced(subject: Subject) -> None:
     """``solver_for(A)`` returns a function b ↦ x ``(n,)`` with relative energy error at most 10 %."""
     for case in questions(subject):
         A, b = case.given
-        given = answer(subject, subject.build(), case)
+        x = answer(subject, subject.build(), case)
         require(
-            isinstance(given, np.ndarray) and given.shape == b.shape and given.dtype.kind == "f",
-            f"on {case.name}: solve(b) returned {in_words(given)}, expected floats of shape {b.shape}",
+            isinstance(x, np.ndarray) and x.shape == b.shape and x.dtype.kind == "f",
+            f"on {case.name}: solve(b) returned {in_words(x)}, expected floats of shape {b.shape}",
         )
         exact = np.atleast_1d(spsolve(sparse.csc_array(A), b))
-        error = given - exact
-        left = float(np.sqrt((error @ (A @ error)) / (exact @ (A @ exact))))
+        error = x - exact
+        relative_error = float(np.sqrt((error @ (A @ error)) / (exact @ (A @ exact))))
         require(
-            left <= _LEFT,
-            f"on {case.name}: {left:.2f} of the error is left in the energy norm: nothing below the coarsest "
-            "level makes up for it; solve, or iterate more",
+            relative_error <= _LEFT,
+            f"on {case.name}: {relative_error:.2f} of the error is left in the energy norm: nothing below "
+            "the coarsest level makes up for it; solve, or iterate more",
         )
 
 
@@ -118,12 +118,12 @@ def coarse_solver_symmetric(subject: Subject) -> None:
     for case in questions(subject):
         A = case.given[0]
         u, v = np.random.default_rng(3).standard_normal((2, A.shape[0]))
-        Su, Sv, both = (_solution(subject, case, each) for each in (u, v, 2 * u - 3 * v))
-        size = np.abs(both).max() + np.abs(Su).max()
-        bent = float(np.abs(both - 2 * Su + 3 * Sv).max() / size)
+        Su, Sv, combined = (_solution(subject, case, b) for b in (u, v, 2 * u - 3 * v))
+        size = np.abs(combined).max() + np.abs(Su).max()
+        nonlinearity = float(np.abs(combined - 2 * Su + 3 * Sv).max() / size)
         require(
-            bent <= 1e-8,
-            f"on {case.name}: of 2 u − 3 v it does not make 2 S u − 3 S v, by {bent:.1e}: conjugate "
+            nonlinearity <= 1e-8,
+            f"on {case.name}: of 2 u − 3 v it does not make 2 S u − 3 S v, by {nonlinearity:.1e}: conjugate "
             "gradients that stop by a tolerance are not linear; drop the promise symmetric",
         )
         gap = float(abs(u @ Sv - v @ Su) / (np.linalg.norm(u) * np.linalg.norm(Sv)))

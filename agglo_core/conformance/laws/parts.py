@@ -54,11 +54,11 @@ def bounded_time(subject: Subject) -> None:
 def label_array(subject: Subject) -> None:
     """Labels form an array of integers of shape (n,), with one label per cell."""
     for case in every_graph(subject):
-        given = answer(subject, subject.build(), case)
-        labels = as_array(given)
+        result = answer(subject, subject.build(), case)
+        labels = as_array(result)
         require(
             labels.shape == (case.size,) and labels.dtype.kind in "iub",
-            f"on {case.name}: it returned {in_words(given)}, expected an array of integers of shape "
+            f"on {case.name}: it returned {in_words(result)}, expected an array of integers of shape "
             f"({case.size},): one label for each cell",
         )
 
@@ -71,15 +71,15 @@ def parts_kept(subject: Subject) -> None:
         result = plain(subject, subject.build(), case)
         for b, (before, after) in enumerate(zip(chunks(graph, labels), chunks(graph, result), strict=True)):
             had, has = set(before.tolist()), set(after.tolist())
-            where = f"on {case.name}, block {b}: "
+            prefix = f"on {case.name}, block {b}: "
             require(
                 had <= has,
-                f"{where}part {min(had - has, default=0)} lost its last cell: refuse a move that empties a "
+                f"{prefix}part {min(had - has, default=0)} lost its last cell: refuse a move that empties a "
                 "part, and do not renumber labels",
             )
             require(
                 has <= had,
-                f"{where}label {min(has - had, default=0)} is new: a cell may only take a label that "
+                f"{prefix}label {min(has - had, default=0)} is new: a cell may only take a label that "
                 "its own block has",
             )
 
@@ -207,10 +207,10 @@ def connected_left_alone(subject: Subject) -> None:
 def fixed_once(subject: Subject) -> None:
     """Fixing the result a second time changes nothing."""
     for case in [*every_graph(subject), *in_space(subject)]:
-        once = frozen_int(plain(subject, subject.build(), case))
-        twice = plain(subject, subject.build(), replace(case, given=(case.given[0], once)))
+        fixed_labels = frozen_int(plain(subject, subject.build(), case))
+        refixed_labels = plain(subject, subject.build(), replace(case, given=(case.given[0], fixed_labels)))
         require(
-            np.array_equal(once, twice),
+            np.array_equal(fixed_labels, refixed_labels),
             f"on {case.name}: fixing its own result changed it again: leave connected parts alone",
         )
 

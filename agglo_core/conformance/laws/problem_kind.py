@@ -36,12 +36,12 @@ def kind_named(subject: Subject) -> None:
 def example_given(subject: Subject) -> None:
     """``example(mesh)`` returns a problem of its own class on every test mesh."""
     tool = subject.build()
-    wanted = tool if isinstance(tool, type) else type(tool)
+    problem_class = tool if isinstance(tool, type) else type(tool)
     for case in questions(subject):
         example = answer(subject, tool, case)
         require(
-            isinstance(example, wanted),
-            f"on {case.name}: example returned {in_words(example)}, expected a {wanted.__name__}",
+            isinstance(example, problem_class),
+            f"on {case.name}: example returned {in_words(example)}, expected a {problem_class.__name__}",
         )
 
 
@@ -73,12 +73,12 @@ def table_checked(subject: Subject) -> None:
 @law("problem")
 def empty_table_served(subject: Subject) -> None:
     """``from_table`` accepts an empty table or raises an AggloError about the missing key."""
-    made = _from_table(subject, {})
+    result = _from_table(subject, {})
     tool = subject.build()
-    wanted = tool if isinstance(tool, type) else type(tool)
+    problem_class = tool if isinstance(tool, type) else type(tool)
     require(
-        isinstance(made, AggloError | wanted),
-        f"an empty table gave {in_words(made)}: give each key a default, or name the missing one in an "
+        isinstance(result, AggloError | problem_class),
+        f"an empty table gave {in_words(result)}: give each key a default, or name the missing one in an "
         "OptionError",
     )
 

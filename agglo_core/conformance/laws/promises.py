@@ -63,10 +63,10 @@ def kway_declared(subject: Subject) -> None:
 def deterministic(subject: Subject) -> None:
     """The answer depends only on the input, not on the seed or on other calls."""
     tool = subject.build()
-    asked = questions(subject)
-    first = [plain(subject, tool, case) for case in asked]
+    test_cases = questions(subject)
+    first = [plain(subject, tool, case) for case in test_cases]
     later = [plain(subject, tool, case) for case in reversed(questions(subject, seed=1))]
-    for case, one, two in zip(asked, first, reversed(later), strict=True):
+    for case, one, two in zip(test_cases, first, reversed(later), strict=True):
         require(
             same(one, two),
             f"on {case.name}: with another seed, or after other calls, it answered differently: a component "
@@ -88,19 +88,20 @@ def connected(subject: Subject) -> None:
 def balanced(subject: Subject) -> None:
     """The weight share of a side differs from 1/2 by at most the promised tolerance plus one cell."""
     tolerance = subject.promised("balanced")
-    allowed = 0.0 if tolerance is True or tolerance is None else float(tolerance)
+    max_deviation = 0.0 if tolerance is True or tolerance is None else float(tolerance)
     for case in [*every_graph(subject), *in_space(subject)]:
         graph = case.given[0]
         sides = plain(subject, subject.build(), case)
-        for weights, ones in zip(chunks(graph, graph.weights), chunks(graph, sides), strict=True):
+        for weights, block_sides in zip(chunks(graph, graph.weights), chunks(graph, sides), strict=True):
             if not weights.sum() > 0.0:
                 continue
             heaviest = float(weights.max() / weights.sum())
-            off = abs(float(weights[ones == 1].sum() / weights.sum()) - 0.5)
+            deviation = abs(float(weights[block_sides == 1].sum() / weights.sum()) - 0.5)
             require(
-                off <= allowed + heaviest + 1e-9,
-                f"on {case.name}: the sides' shares are {0.5 - off:.3f} and {0.5 + off:.3f}, promised are "
-                f"halves within {allowed:g} and a cell ({heaviest:.3f}): promise a wider tolerance",
+                deviation <= max_deviation + heaviest + 1e-9,
+                f"on {case.name}: the sides' shares are {0.5 - deviation:.3f} and {0.5 + deviation:.3f}, "
+                f"promised are halves within {max_deviation:g} and a cell ({heaviest:.3f}): promise a wider "
+                "tolerance",
             )
 
 
@@ -109,24 +110,28 @@ def invariant(subject: Subject) -> None:
     """Without symmetry, renumbering, rotation, scaling and a shift by a million diameters change nothing."""
     # Irregular grids; the large grid is only renumbered.
     every = small_meshes.CHANGES
-    asked = [(small_meshes.grid(9, 7, jitter=0.25), every), (small_meshes.grid(14, 6, jitter=0.3), every)]
+    mesh_changes = [
+        (small_meshes.grid(9, 7, jitter=0.25), every),
+        (small_meshes.grid(14, 6, jitter=0.3), every),
+    ]
     if too_slow(subject) is None:
-        asked.append((small_meshes.grid(50, 40, jitter=0.3), every[:1]))
+        mesh_changes.append((small_meshes.grid(50, 40, jitter=0.3), every[:1]))
     if subject.kind == "fixer":
-        asked += [(small_meshes.grid(8, 8), every)]  # with random labels, which break the symmetry
+        mesh_changes += [(small_meshes.grid(8, 8), every)]  # with random labels, which break the symmetry
     if subject.promised("3d"):
         _require_unmoved_in_space(subject)
     # Compare the answers after each change, up to the exchange of sides.
-    for mesh, changes in asked:
+    for mesh, changes in mesh_changes:
         before = [plain(subject, subject.build(), case) for case in _on(subject.kind, mesh, mesh, None)]
         for change in changes:
-            other, order = small_meshes.changed(mesh, change)
-            for case, one in zip(_on(subject.kind, mesh, other, order), before, strict=True):
-                two = plain(subject, subject.build(), case)
+            changed_mesh, order = small_meshes.changed(mesh, change)
+            for case, expected in zip(_on(subject.kind, mesh, changed_mesh, order), before, strict=True):
+                result = plain(subject, subject.build(), case)
                 require(
-                    same_labelling(one[order], two, swap=subject.kind == "bisector"),
-                    f"on {mesh.name} {change}: {np.count_nonzero(one[order] != two)} of {len(two)} cells "
-                    "changed side: use distances and principal axes; break ties by geometry, not numbering",
+                    same_labelling(expected[order], result, swap=subject.kind == "bisector"),
+                    f"on {mesh.name} {change}: {np.count_nonzero(expected[order] != result)} of "
+                    f"{len(result)} cells changed side: use distances and principal axes; break ties by "
+                    "geometry, not numbering",
                 )
 
 
@@ -147,15 +152,15 @@ def _require_unmoved_in_space(subject: Subject) -> None:
 @law(*_promising("3d"), promise="3d")
 def space(subject: Subject) -> None:
     """In 3-D the answer is as good as in 2-D: full length, finite, both sides, all parts."""
-    asked = cases_in_3d(subject.kind)
+    test_cases = cases_in_3d(subject.kind)
     if subject.kind in ("solver", "format"):
-        asked = taken(subject, asked)
-        require(asked or not subject.has("write"), "it refuses every 3-D mesh: drop the promise 3d")
+        test_cases = taken(subject, test_cases)
+        require(test_cases or not subject.has("write"), "it refuses every 3-D mesh: drop the promise 3d")
     # One object answers a 2-D case first, to detect a stored dimension.
     tool = subject.build()
-    for case in [*questions(subject)[:1], *asked]:  # starts with a 2-D case
+    for case in [*questions(subject)[:1], *test_cases]:  # starts with a 2-D case
         plain(subject, tool, case)
-    for case in asked:
+    for case in test_cases:
         values = plain(subject, subject.build(), case)
         later = plain(subject, tool, case)
         require(
@@ -165,11 +170,11 @@ def space(subject: Subject) -> None:
         if subject.kind != "metric":  # undefined values are allowed, and metrics have 3-D laws of their own
             require(np.isfinite(values).all(), f"on {case.name}: values are {values[:4]}")
         if subject.kind == "bisector":
-            apart = len(one_sided(case.given[0], values)) == 0
-            require(subject.fallback or apart, f"on {case.name}: all on one side")
+            two_sided = len(one_sided(case.given[0], values)) == 0
+            require(subject.fallback or two_sided, f"on {case.name}: all on one side")
         if subject.kind in ("refiner", "fixer"):
-            kept = same_parts(case.given[0], case.given[1], values)
-            require(kept, f"on {case.name}: the parts are no longer those they were")
+            parts_equal = same_parts(case.given[0], case.given[1], values)
+            require(parts_equal, f"on {case.name}: the parts are no longer those they were")
             worse = in_more_pieces(subject.kind, case.given[0], case.given[1], values)
             require(not worse, f"on {case.name}: {len(worse)} parts are in more pieces than they may be")
 
@@ -201,21 +206,23 @@ def _pickled(thing: Any) -> Any:
         ) from error
 
 
-def _on(kind: str, mesh: Mesh, other: Mesh, order: Int | None) -> list[Case]:
-    """Return cases on ``other`` with the labels, if any, carried over from ``mesh``."""
+def _on(kind: str, mesh: Mesh, changed_mesh: Mesh, order: Int | None) -> list[Case]:
+    """Return cases on ``changed_mesh`` with the labels, if any, carried over from ``mesh``."""
     if kind == "bisector":
-        return [Case(other.name, (other.graph, seeds_for(1)))]
+        return [Case(changed_mesh.name, (changed_mesh.graph, seeds_for(1)))]
     x, y = mesh.local_centroids.T[:2]
     rng = np.random.default_rng(1)
     scattered = [rng.integers(parts, size=len(x)) for parts in ((2, *[3] * 11) if kind == "fixer" else (2,))]
     labels = [x > 0.3 * y, (x > 0).astype(int) + 2 * (y > 0.1), *scattered]
-    carried = [frozen_int(each if order is None else np.asarray(each)[order]) for each in labels]
+    carried = [
+        frozen_int(labelling if order is None else np.asarray(labelling)[order]) for labelling in labels
+    ]
     if kind == "fixer":
-        return [Case(other.name, (other.graph, each)) for each in carried]
-    target = [Target(parts=int(each.max()) + 1) for each in carried]
+        return [Case(changed_mesh.name, (changed_mesh.graph, labelling)) for labelling in carried]
+    target = [Target(parts=int(labelling.max()) + 1) for labelling in carried]
     return [
-        Case(other.name, (other.graph, each, seeds_for(1), t))
-        for each, t in zip(carried, target, strict=True)
+        Case(changed_mesh.name, (changed_mesh.graph, labelling, seeds_for(1), t))
+        for labelling, t in zip(carried, target, strict=True)
     ]
 
 
@@ -241,7 +248,7 @@ _JUDGED = (
 @law("bisector", when=told)
 def told_keeps_promises(subject: Subject) -> None:
     """The result of for_target obeys the laws for bisectors, and keeps the promises of the original."""
-    judged = [each for each in laws_of("bisector") if each.name in _JUDGED and each.applies(subject)]
+    rules = [rule for rule in laws_of("bisector") if rule.name in _JUDGED and rule.applies(subject)]
     for target in _TARGETS:
         tool = subject.build()
         try:
@@ -249,8 +256,8 @@ def told_keeps_promises(subject: Subject) -> None:
                 continue
         except AggloError:  # the target is refused
             continue
-        for each in judged:
+        for rule in rules:
             try:
-                each.judge(replace(subject, told=target))
+                rule.judge(replace(subject, told=target))
             except Broken as error:
-                raise Broken(f"for {target}, {each.name}: {error}") from error
+                raise Broken(f"for {target}, {rule.name}: {error}") from error

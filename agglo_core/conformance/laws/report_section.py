@@ -33,14 +33,14 @@ def html_text(subject: Subject) -> None:
 def no_scripts(subject: Subject) -> None:
     """The html contains no scripts, external resources or event handlers."""
     for case in questions(subject):
-        found = re.search(
+        match = re.search(
             r"<\s*(script|iframe|object|embed|link)|<[^>]*\s(on\w+\s*=|src\s*=\s*[\"']?https?:)",
             answer(subject, subject.build(), case),
             re.I,
         )
         require(
-            found is None,
-            f"{case.name}: html holds {found and found[0][:40]!r}: a report is one file that does nothing by "
+            match is None,
+            f"{case.name}: html holds {match and match[0][:40]!r}: a report is one file that does nothing by "
             "itself; draw with SVG and style attributes",
         )
 

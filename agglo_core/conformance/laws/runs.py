@@ -40,12 +40,12 @@ def works_in_a_run(subject: Subject) -> None:
             mesh = small_meshes.grid(9, 7, jitter=0.2)
             quality(mesh, stripes(mesh.graph, 3), metrics=[subject.build()], registry=own_components())
             return
-        for asked, hierarchy in runs_with(subject):
+        for description, hierarchy in runs_with(subject):
             for target, parts in zip(hierarchy.targets, hierarchy.parts, strict=True):
-                require(target.get("n_parts", parts) == parts, f"a run {asked} gave {parts} parts")
+                require(target.get("n_parts", parts) == parts, f"a run {description} gave {parts} parts")
             for labels in hierarchy.levels:
                 loose = broken_blocks(hierarchy.graph, labels)
-                require(not len(loose), f"a run {asked} gave parts in pieces")
+                require(not len(loose), f"a run {description} gave parts in pieces")
     except AggloError as error:
         raise Broken(f"a run with it failed: {error}") from error
 
@@ -58,16 +58,17 @@ def _grows(subject: Subject) -> bool:
 def grows_alike(subject: Subject) -> None:
     """Parts made by ``grow`` are as good as parts made by the bisector's own splits depth by depth."""
     try:
-        for asked, one, other in runs_both_ways(subject):
-            for labels, usual in zip(one.levels, other.levels, strict=True):
-                cut, wanted = (
-                    functionals.cut(one.graph, each, edge_weights=one.graph.interface)
-                    for each in (labels, usual)
+        for description, grow_hierarchy, split_hierarchy in runs_both_ways(subject):
+            for labels, usual_labels in zip(grow_hierarchy.levels, split_hierarchy.levels, strict=True):
+                cut, usual_cut = (
+                    functionals.cut(grow_hierarchy.graph, parts, edge_weights=grow_hierarchy.graph.interface)
+                    for parts in (labels, usual_labels)
                 )
                 require(
-                    cut <= _LONGER * wanted,
-                    f"{asked}: the interface of the parts that grow made is {cut:.4g} long, of those "
-                    f"made depth by depth {wanted:.4g}: cut alike, and decline components that are not known",
+                    cut <= _LONGER * usual_cut,
+                    f"{description}: the interface of the parts that grow made is {cut:.4g} long, of those "
+                    f"made depth by depth {usual_cut:.4g}: cut alike, and decline components that are not "
+                    "known",
                 )
     except AggloError as error:
         raise Broken(f"a run with it failed: {error}") from error
@@ -76,18 +77,18 @@ def grows_alike(subject: Subject) -> None:
 @law(*SIBLINGS, when=can_be_sent)
 def same_in_another_process(subject: Subject) -> None:
     """Another process with other hash values and another current folder gives equal answers."""
-    asked, tool = asked_elsewhere(subject), subject.build()
+    test_cases, tool = asked_elsewhere(subject), subject.build()
     with global_random(1):
-        here = [plain(subject, tool, case) for case in asked]
+        expected = [plain(subject, tool, case) for case in test_cases]
     remedy = {
         "built": "hash() of a text, id(), the order of a set, and files in the current folder differ there",
         "pickled": "what it needs must be in its attributes, not in the module",
     }
-    for how, there in answers_elsewhere(subject).items():
-        for case, one, two in zip(asked, here, there, strict=True):
+    for source, answers in answers_elsewhere(subject).items():
+        for case, one, two in zip(test_cases, expected, answers, strict=True):
             require(
                 same(one, two),
-                f"on {case.name}: {how} for another process, it answers otherwise there: {remedy[how]}",
+                f"on {case.name}: {source} for another process, it answers otherwise there: {remedy[source]}",
             )
 
 
@@ -140,11 +141,11 @@ def _case(kind: str, size: tuple[int, int]) -> Case:
 
 def _seconds(subject: Subject, case: Case) -> float:
     """Return the CPU time of an answer: the minimum of three, because other load only increases it."""
-    taken = []
+    seconds = []
     for _ in range(3):
         tool, start = subject.build(), time.process_time()
         answer(subject, tool, case)
-        taken.append(time.process_time() - start)
-        if taken[-1] > 5.0:  # noise is much smaller
+        seconds.append(time.process_time() - start)
+        if seconds[-1] > 5.0:  # noise is much smaller
             break
-    return min(taken)
+    return min(seconds)

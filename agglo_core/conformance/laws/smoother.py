@@ -28,10 +28,10 @@ _SHARE = 0.9  # largest ratio of the remaining rough error to the remaining smoo
 def smoothed_array(subject: Subject) -> None:
     """``setup(level)`` returns a function of (b, x) whose result is real with shape (n,)."""
     for case in questions(subject):
-        given = answer(subject, subject.build(), case)
+        result = answer(subject, subject.build(), case)
         require(
-            isinstance(given, np.ndarray) and given.shape == (case.size,) and given.dtype.kind == "f",
-            f"on {case.name}: smooth(b, x) returned {in_words(given)}, expected floats of shape "
+            isinstance(result, np.ndarray) and result.shape == (case.size,) and result.dtype.kind == "f",
+            f"on {case.name}: smooth(b, x) returned {in_words(result)}, expected floats of shape "
             f"({case.size},): the whole new x, not its change as a matrix or a list",
         )
 
@@ -65,11 +65,11 @@ def error_reduced(subject: Subject) -> None:
     """The energy norm of the error decreases from any x, also for uneven matrices."""
     for case in [*questions(subject), _uneven()]:
         A, x = case.given[0].A, case.given[2]
-        left = _energy(A, _error_left(subject, case, x)) / _energy(A, x)
+        factor = _energy(A, _error_left(subject, case, x)) / _energy(A, x)
         require(
-            left < 1 - 1e-6,
-            f"on {case.name}: the energy norm of the error grew or stayed, by a factor {left:.4g}: damp it, "
-            "for instance by 4 / (3 λ), λ being the largest eigenvalue of the preconditioned matrix",
+            factor < 1 - 1e-6,
+            f"on {case.name}: the energy norm of the error grew or stayed, by a factor {factor:.4g}: damp "
+            "it, for instance by 4 / (3 λ), λ being the largest eigenvalue of the preconditioned matrix",
         )
 
 
@@ -101,10 +101,10 @@ def smoother_symmetric(subject: Subject) -> None:
         A = case.given[0].A
         n = A.shape[0]
         u, v = np.random.default_rng(3).standard_normal((2, n))
-        Su, Sv, both = (_error_left(subject, case, each) for each in (u, v, 2 * u - 3 * v))
-        size = np.abs(both).max() + np.abs(Su).max()
+        Su, Sv, combined = (_error_left(subject, case, error) for error in (u, v, 2 * u - 3 * v))
+        size = np.abs(combined).max() + np.abs(Su).max()
         require(
-            np.abs(both - 2 * Su + 3 * Sv).max() <= 1e-8 * size,
+            np.abs(combined - 2 * Su + 3 * Sv).max() <= 1e-8 * size,
             f"on {case.name}: twice the error does not leave twice as much: conjugate gradients, or a step "
             "length that depends on x, are nonlinear",
         )
@@ -162,10 +162,10 @@ def both_sides(subject: Subject) -> None:
     for case in questions(subject):
         n = case.size
         x, r = _before(subject, case, case.given[1])
-        for name, given in (("x", x), ("residual", r), ("x", _after(subject, case, *case.given[1:]))):
+        for name, array in (("x", x), ("residual", r), ("x", _after(subject, case, *case.given[1:]))):
             require(
-                isinstance(given, np.ndarray) and given.shape == (n,) and given.dtype.kind == "f",
-                f"on {case.name}: {name} is {in_words(given)}, expected floats of shape ({n},): before(b) "
+                isinstance(array, np.ndarray) and array.shape == (n,) and array.dtype.kind == "f",
+                f"on {case.name}: {name} is {in_words(array)}, expected floats of shape ({n},): before(b) "
                 "returns the pair (x, b − A x), after(b, x) the new x",
             )
 
@@ -175,14 +175,14 @@ def residual_of_before(subject: Subject) -> None:
     """``before`` returns the residual b − A x, and an x that is linear in b."""
     for case in questions(subject):
         A, (u, v) = case.given[0].A, _pair(case)
-        (x, r), (y, _), (both, _) = (_before(subject, case, b) for b in (u, v, 2 * u - 3 * v))
+        (x, r), (y, _), (combined, _) = (_before(subject, case, b) for b in (u, v, 2 * u - 3 * v))
         gap = np.abs(r - (u - A @ x)).max() / np.abs(u).max()
         require(gap <= _CLOSE, f"on {case.name}: the residual is off by {gap:.1e}: it is b − A x of that x")
-        bent = np.abs(both - 2 * x + 3 * y).max() / (np.abs(x).max() + np.abs(y).max() + 1e-300)
+        nonlinearity = np.abs(combined - 2 * x + 3 * y).max() / (np.abs(x).max() + np.abs(y).max() + 1e-300)
         require(
-            bent <= _CLOSE,
-            f"on {case.name}: before(2 u − 3 v) is not 2 before(u) − 3 before(v), by {bent:.1e}: nothing "
-            "but b may enter, and no step length may depend on it",
+            nonlinearity <= _CLOSE,
+            f"on {case.name}: before(2 u − 3 v) is not 2 before(u) − 3 before(v), by {nonlinearity:.1e}: "
+            "nothing but b may enter, and no step length may depend on it",
         )
 
 
@@ -202,10 +202,10 @@ def after_mirrors_before(subject: Subject) -> None:
         )
         # B and Bᵀ are adjoint.
         one, other = float(v @ _before(subject, case, u)[0]), float(u @ _after(subject, case, v, 0 * v))
-        apart = abs(one - other) / (np.linalg.norm(u) * np.linalg.norm(alone))
+        asymmetry = abs(one - other) / (np.linalg.norm(u) * np.linalg.norm(alone))
         require(
-            apart <= _CLOSE,
-            f"on {case.name}: v·B u and u·Bᵀ v differ by {apart:.1e}: what is done first before the "
+            asymmetry <= _CLOSE,
+            f"on {case.name}: v·B u and u·Bᵀ v differ by {asymmetry:.1e}: what is done first before the "
             "correction is done last after it",
         )
 
@@ -215,7 +215,7 @@ def sides_leave_b(subject: Subject) -> None:
     """``before`` and ``after`` leave the right-hand side unchanged, and ``before`` returns new arrays."""
     for case in questions(subject):
         b = np.array(case.given[1])
-        kept = b.copy()
+        b_copy = b.copy()
         x, r = _before(subject, case, b)
         require(
             not (np.shares_memory(x, b) or np.shares_memory(r, b)),
@@ -223,7 +223,8 @@ def sides_leave_b(subject: Subject) -> None:
         )
         _after(subject, case, b, np.zeros(len(b)))
         require(
-            np.array_equal(b, kept), f"on {case.name}: b was changed, which the cycle still needs: use a copy"
+            np.array_equal(b, b_copy),
+            f"on {case.name}: b was changed, which the cycle still needs: use a copy",
         )
 
 
@@ -233,23 +234,23 @@ def _pair(case: Case) -> tuple[Float, Float]:
 
 
 def _before(subject: Subject, case: Case, b: Float) -> tuple[Any, Any]:
-    made = _asked(subject, case, "before", b)
-    if not isinstance(made, tuple) or len(made) != 2:
-        raise Broken(f"on {case.name}: before(b) returned {in_words(made)}, expected the pair (x, b − A x)")
-    return made
+    pair = _asked(subject, case, "before", b)
+    if not isinstance(pair, tuple) or len(pair) != 2:
+        raise Broken(f"on {case.name}: before(b) returned {in_words(pair)}, expected the pair (x, b − A x)")
+    return pair
 
 
 def _after(subject: Subject, case: Case, b: Float, x: Float) -> Any:
     return _asked(subject, case, "after", b, np.array(x))  # x may be changed
 
 
-def _asked(subject: Subject, case: Case, method: str, *given: Float) -> Any:
+def _asked(subject: Subject, case: Case, method: str, *arguments: Float) -> Any:
     """Call a method of a newly set up smoother."""
     try:
         side = getattr(subject.build().setup(case.given[0]), method, None)
         if not callable(side):
             raise Broken(f"on {case.name}: there is no {method}: the two go together, or smooth(b, x) is all")
-        return side(*given)
+        return side(*arguments)
     except Broken:
         raise
     except PLUGIN_FAILURES as error:
@@ -269,10 +270,12 @@ def unit_of_the_matrix(subject: Subject) -> None:
             for factor in _FACTORS:
                 A = factor * level.A
                 scaled = replace(case, given=(replace(level, A=A, inherited=A), b, x))
-                off = np.abs(smoothed(subject, scaled, factor * b, x) - before).max() / np.abs(before).max()
+                change = (
+                    np.abs(smoothed(subject, scaled, factor * b, x) - before).max() / np.abs(before).max()
+                )
                 require(
-                    off <= 1e-6,
-                    f"on {case.name}, A and b times {factor:g}: x changed by {off:.1e}: a step length has "
+                    change <= 1e-6,
+                    f"on {case.name}, A and b times {factor:g}: x changed by {change:.1e}: a step length has "
                     "the unit of 1 / A; divide by the diagonal, or by a bound of λ_max",
                 )
 

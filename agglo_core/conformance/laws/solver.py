@@ -103,11 +103,11 @@ def own_system_kept(subject: Subject) -> None:
             it = solve(subject, case)
             x = it.x
             require(np.shape(x) == np.shape(problem.b), f"on {case.name}: x has shape {np.shape(x)}")
-            off = gap(problem.A @ x, problem.b)
+            residual = gap(problem.A @ x, problem.b)
             require(
-                off <= _CLOSE,
-                f"on {case.name}: x leaves a residual of {off:.1e} in the system given: undo any scaling or "
-                "reordering before returning",
+                residual <= _CLOSE,
+                f"on {case.name}: x leaves a residual of {residual:.1e} in the system given: undo any "
+                "scaling or reordering before returning",
             )
             require(
                 gap(it.b, problem.b) <= 1e-9 and gap(it.A @ x, problem.A @ x) <= 1e-9,
@@ -165,11 +165,11 @@ def operators_chain(subject: Subject) -> None:
             rows = np.shape(A)[0]
             require(np.shape(A) == (rows, rows), f"on {case.name}: A of level {level} is {np.shape(A)}")
             if level + 1 < len(it.operators):
-                wanted = (rows, np.shape(it.operators[level + 1][0])[0])
+                shape = (rows, np.shape(it.operators[level + 1][0])[0])
                 require(
-                    P is not None and np.shape(P) == wanted,
+                    P is not None and np.shape(P) == shape,
                     f"on {case.name}: P of level {level} has shape {P is not None and np.shape(P)}, "
-                    f"expected {wanted}",
+                    f"expected {shape}",
                 )
 
 
@@ -178,14 +178,14 @@ def field_forms_agree(subject: Subject) -> None:
     """Coefficients and sources mean the same as a number, as one value per cell or as a callable."""
     for case in first_case(subject, Diffusion):
         n = case.given[1].graph.n
-        wanted = solve(subject, with_problem(case, kappa=2.0, source=3.0)).x
+        expected = solve(subject, with_problem(case, kappa=2.0, source=3.0)).x
         for form, kappa, source in (
             ("arrays", np.full(n, 2.0), np.full(n, 3.0)),
             ("callables", lambda x: np.full(len(x), 2.0), lambda x: np.full(len(x), 3.0)),
         ):
             x = solve(subject, with_problem(case, kappa=kappa, source=source)).x
             _require_close(
-                x, wanted, f"kappa and source given as {form} give another solution than as numbers"
+                x, expected, f"kappa and source given as {form} give another solution than as numbers"
             )
 
 
@@ -193,13 +193,13 @@ def field_forms_agree(subject: Subject) -> None:
 def linear_in_the_data(subject: Subject) -> None:
     """The solution is proportional to source or right-hand side, and inversely to coefficient or matrix."""
     for case in first_case(subject, Diffusion):
-        once = solve(subject, case).x
-        _require_close(solve(subject, with_problem(case, source=2.0)).x, 2 * once, "twice the source")
-        _require_close(solve(subject, with_problem(case, kappa=2.0)).x, once / 2, "twice the coefficient")
+        x = solve(subject, case).x
+        _require_close(solve(subject, with_problem(case, source=2.0)).x, 2 * x, "twice the source")
+        _require_close(solve(subject, with_problem(case, kappa=2.0)).x, x / 2, "twice the coefficient")
     for case in first_case(subject, Linear):
-        once, (A, b) = solve(subject, case).x, (case.given[0].A, case.given[0].b)
-        _require_close(solve(subject, with_problem(case, b=2 * b)).x, 2 * once, "twice the right-hand side")
-        _require_close(solve(subject, with_problem(case, A=2 * A)).x, once / 2, "twice the matrix")
+        x, (A, b) = solve(subject, case).x, (case.given[0].A, case.given[0].b)
+        _require_close(solve(subject, with_problem(case, b=2 * b)).x, 2 * x, "twice the right-hand side")
+        _require_close(solve(subject, with_problem(case, A=2 * A)).x, x / 2, "twice the matrix")
 
 
 @law("solver")
@@ -216,9 +216,9 @@ def disconnected_solved(subject: Subject) -> None:
         require(it.converged, f"on two components: not converged ({it.reason})")
 
 
-def _require_close(x: NDArray[np.float64], wanted: Float, where: str) -> None:
-    error = gap(x, wanted)
-    require(error <= _CLOSE, f"{where}: x is off by {error:.1e}: check where kappa and source enter")
+def _require_close(x: NDArray[np.float64], expected: Float, description: str) -> None:
+    error = gap(x, expected)
+    require(error <= _CLOSE, f"{description}: x is off by {error:.1e}: check where kappa and source enter")
 
 
 _SAME = 1e-9
@@ -242,10 +242,10 @@ def given_matrix_used(subject: Subject) -> None:
         )
         _require_own_residual(case.name, it)
         if it.converged:
-            left = gap(problem.A @ it.x, problem.b)
+            residual = gap(problem.A @ it.x, problem.b)
             require(
-                left <= _CLOSE,
-                f"on {case.name}: it says converged, and x leaves a residual of {left:.1e} in the system "
+                residual <= _CLOSE,
+                f"on {case.name}: it says converged, and x leaves a residual of {residual:.1e} in the system "
                 "given: compare b − A x of that very matrix with the tolerance, or refuse the system",
             )
 
@@ -270,12 +270,12 @@ _NOISE = 1e-9  # relative to the first residual; rounding dominates below
 
 def _asked(subject: Subject) -> list[Case]:
     """Return a diffusion problem and an uneven linear system, if the solver accepts them."""
-    asked = first_case(subject, Diffusion)
+    test_cases = first_case(subject, Diffusion)
     for case in first_case(subject, Linear):
         hierarchy = case.given[1]
         width = len(case.given[0].b) // hierarchy.graph.n
-        asked.append(Case("an uneven linear system", (uneven(hierarchy.graph, width), hierarchy)))
-    return asked
+        test_cases.append(Case("an uneven linear system", (uneven(hierarchy.graph, width), hierarchy)))
+    return test_cases
 
 
 def _hard(subject: Subject) -> list[Case]:
@@ -301,28 +301,30 @@ def _multiplied(case: Case, matrix: float, data: float) -> Case:
 def scales_with_the_system(subject: Subject) -> None:
     """Scaling the data by a power of two scales the solution and every residual of the history."""
     for case in _asked(subject):
-        once = solve(subject, case)
+        unscaled = solve(subject, case)
         for matrix, data in ((1.0, 2.0**20), (1.0, 2.0**-20), (2.0**8, 2.0**8)):
             it = solve(subject, _multiplied(case, matrix, data))
-            how = f"on {case.name} with the matrix times {matrix:g}, the right-hand side times {data:g}"
-            off = gap(it.x * matrix / data, once.x)
-            require(
-                it.converged == once.converged and off <= _CLOSE,
-                f"{how}: converged is {it.converged}, x is off by {off:.1e}: compare the residual with the "
-                "tolerance times that of the right-hand side, not with a fixed number",
+            description = (
+                f"on {case.name} with the matrix times {matrix:g}, the right-hand side times {data:g}"
             )
-            _require_same_history(it.residuals / data, once.residuals, how)
+            error = gap(it.x * matrix / data, unscaled.x)
+            require(
+                it.converged == unscaled.converged and error <= _CLOSE,
+                f"{description}: converged is {it.converged}, x is off by {error:.1e}: compare the residual "
+                "with the tolerance times that of the right-hand side, not with a fixed number",
+            )
+            _require_same_history(it.residuals / data, unscaled.residuals, description)
 
 
-def _require_same_history(one: Any, other: Any, how: str) -> None:
-    both = min(len(one), len(other))
-    one, other = np.asarray(one)[:both], np.asarray(other)[:both]
-    clear = other > _NOISE * other[0]
+def _require_same_history(residuals: Any, expected: Any, description: str) -> None:
+    n_common = min(len(residuals), len(expected))
+    residuals, expected = np.asarray(residuals)[:n_common], np.asarray(expected)[:n_common]
+    clear = expected > _NOISE * expected[0]
     clear[0] = True
     require(
-        np.allclose(one[clear], other[clear], rtol=1e-2),
-        f"{how}: the residuals {one[:3]} (divided by that) were {other[:3]}: each is the 2-norm of b − A x, "
-        "neither relative nor preconditioned nor made up",
+        np.allclose(residuals[clear], expected[clear], rtol=1e-2),
+        f"{description}: the residuals {residuals[:3]} (divided by that) were {expected[:3]}: each is the "
+        "2-norm of b − A x, neither relative nor preconditioned nor made up",
     )
 
 
@@ -348,17 +350,17 @@ def tolerance_met(subject: Subject) -> None:
         runs = {tolerance: _with_option(subject, case, name, tolerance) for tolerance in (1e-4, 1e-10)}
         for tolerance, it in runs.items():
             if it is not None and it.converged:
-                left = gap(it.A @ it.x, it.b)
+                residual = gap(it.A @ it.x, it.b)
                 require(
-                    left <= 100.0 * tolerance,
+                    residual <= 100.0 * tolerance,
                     f"on {case.name} with {name}={tolerance:g}: it says converged, and ‖b − A x‖ / ‖b‖ is "
-                    f"{left:.1e}: does the option reach the iteration? Compare b − A x itself",
+                    f"{residual:.1e}: does the option reach the iteration? Compare b − A x itself",
                 )
         loose, tight = runs.values()
         if loose is not None and tight is not None:
-            same = min(len(loose.residuals) - 1, len(tight.residuals) - 1, 2)  # without the last
+            n_common = min(len(loose.residuals) - 1, len(tight.residuals) - 1, 2)  # without the last
             require(
-                np.allclose(loose.residuals[:same], tight.residuals[:same], rtol=0.5),
+                np.allclose(loose.residuals[:n_common], tight.residuals[:n_common], rtol=0.5),
                 f"on {case.name}: the history begins with {loose.residuals[:2]} for {name}=1e-4 and with "
                 f"{tight.residuals[:2]} for 1e-10: residuals are measured, not made up afterwards",
             )
@@ -403,20 +405,20 @@ def claims_hold(subject: Subject) -> None:
 @law("solver")
 def each_solve_alone(subject: Subject) -> None:
     """Earlier solves do not change the result, even on the same hierarchy."""
-    asked = [*_asked(subject)]
+    test_cases = [*_asked(subject)]
     for case in first_case(subject, Diffusion):
         hierarchy = plate()
         for kappa in (halves(hierarchy, 1.0, 9.0), halves(hierarchy, 9.0, 1.0)):
-            asked.append(replace(case, name="a plate", given=(Diffusion(kappa), hierarchy)))
-    asked += [_multiplied(case, 3.0, 2.0) for case in asked[:2]] + asked[:1]
+            test_cases.append(replace(case, name="a plate", given=(Diffusion(kappa), hierarchy)))
+    test_cases += [_multiplied(case, 3.0, 2.0) for case in test_cases[:2]] + test_cases[:1]
     tool = subject.build()
-    for case in asked:
-        fresh = solve_unless_refused(subject, case.name, *case.given)
-        off = 0.0 if fresh is None else gap(solve(subject, case, tool).x, fresh.x)
+    for case in test_cases:
+        fresh_solution = solve_unless_refused(subject, case.name, *case.given)
+        difference = 0.0 if fresh_solution is None else gap(solve(subject, case, tool).x, fresh_solution.x)
         require(
-            off <= 1e-6,
-            f"on {case.name}, after other problems: x differs by {off:.1e} from that of a fresh solver: keep "
-            "no matrix, factorisation or first guess from the solve before",
+            difference <= 1e-6,
+            f"on {case.name}, after other problems: x differs by {difference:.1e} from that of a fresh "
+            "solver: keep no matrix, factorisation or first guess from the solve before",
         )
 
 
@@ -432,11 +434,11 @@ def _with_option(subject: Subject, case: Case, name: str, value: float) -> Solut
 
 def _require_true_claim(name: str, it: Solution) -> None:
     if it.converged:
-        off = gap(it.x, direct(it))
+        error = gap(it.x, direct(it))
         require(
-            off <= _WRONG,
-            f"on {name}: it says converged, and x differs from the direct solution of A x = b by {off:.1e}: "
-            "compare b − A x with the tolerance after the last iteration",
+            error <= _WRONG,
+            f"on {name}: it says converged, and x differs from the direct solution of A x = b by "
+            f"{error:.1e}: compare b − A x with the tolerance after the last iteration",
         )
     else:
         require(isinstance(it.reason, str) and it.reason, f"on {name}: not converged, and no reason is given")
@@ -491,12 +493,15 @@ def preconditioner_linear(subject: Subject) -> None:
         M = tool.aspreconditioner(*case.given)
         u, v = rng.standard_normal((2, M.shape[0]))
         v *= 1e3
-        Mu, Mv, both = M @ u, M @ v, M @ (2.0 * u - 3.0 * v)
-        bent = float(np.linalg.norm(both - 2.0 * Mu + 3.0 * Mv) / (np.linalg.norm(both) + np.linalg.norm(Mv)))
+        Mu, Mv, combined = M @ u, M @ v, M @ (2.0 * u - 3.0 * v)
+        nonlinearity = float(
+            np.linalg.norm(combined - 2.0 * Mu + 3.0 * Mv) / (np.linalg.norm(combined) + np.linalg.norm(Mv))
+        )
         require(
-            bent <= 1e-8,
-            f"on {case.name}: M (2 u − 3 v) is not 2 M u − 3 M v, by {bent:.1e}: no step length may depend "
-            "on the residual, nor an inner iteration stop by a tolerance; or drop the promise symmetric",
+            nonlinearity <= 1e-8,
+            f"on {case.name}: M (2 u − 3 v) is not 2 M u − 3 M v, by {nonlinearity:.1e}: no step length may "
+            "depend on the residual, nor an inner iteration stop by a tolerance; or drop the promise "
+            "symmetric",
         )
 
 
@@ -509,10 +514,10 @@ def coarse_operators_inherited(subject: Subject) -> None:
     for case in [*everywhere(subject), *awkward(), *unlike_diffusion()]:
         it = solve_unless_refused(subject, case.name, *case.given)
         for level, ((A, P), (coarse, _)) in enumerate(pairwise([] if it is None else it.operators)):
-            off = _off(matrix_of(A), matrix_of(P), matrix_of(coarse))
+            error = _off(matrix_of(A), matrix_of(P), matrix_of(coarse))
             require(
-                off <= _LEVEL_ROUNDING,
-                f"on {case.name}: the matrix of level {level + 1} is not Pᵀ A P, off by {off:.1e}: "
+                error <= _LEVEL_ROUNDING,
+                f"on {case.name}: the matrix of level {level + 1} is not Pᵀ A P, off by {error:.1e}: "
                 "is P the one that was used, and is no small entry left out? Where levels are discretised "
                 "anew, say galerkin = False",
             )

@@ -55,8 +55,8 @@ def _one(subject: Subject, hierarchy: Hierarchy, boundary: str = "boundary") -> 
 def constant_found(subject: Subject) -> None:
     """Without source and with boundary value 1 wherever given, the solution is 1 for any κ."""
     hierarchy = plate()
-    one = _one(subject, hierarchy)
-    if one is None:
+    constant = _one(subject, hierarchy)
+    if constant is None:
         return
     # Other boundary data with the solution 1.
     jump = halves(hierarchy, 1.0, 50.0)
@@ -69,15 +69,15 @@ def constant_found(subject: Subject) -> None:
     }
     for name, problem in alike.items():
         x = _unknowns(subject, problem, hierarchy)
-        off = 0.0 if x is None else gap(x, one)
+        error = 0.0 if x is None else gap(x, constant)
         require(
-            off <= _CLOSE,
-            f"boundary value 1, {name}: x is off by {off:.1e} from that of 1 all around: faces whose tag is "
-            "in neither dirichlet nor neumann are insulated, and no κ may scale a boundary value",
+            error <= _CLOSE,
+            f"boundary value 1, {name}: x is off by {error:.1e} from that of 1 all around: faces whose tag "
+            "is in neither dirichlet nor neumann are insulated, and no κ may scale a boundary value",
         )
-    if found := values(subject.build(), hierarchy, one, one):
-        off = np.abs(found[1] - 1.0).max()
-        require(off <= _CLOSE, f"boundary value 1: the solution is off by {off:.1e} from 1")
+    if samples := values(subject.build(), hierarchy, constant, constant):
+        error = np.abs(samples[1] - 1.0).max()
+        require(error <= _CLOSE, f"boundary value 1: the solution is off by {error:.1e} from 1")
 
 
 @law("solver", when=_takes_diffusion)
@@ -128,21 +128,24 @@ def flux_found(subject: Subject) -> None:
 def jump_found(subject: Subject) -> None:
     """At a jump of κ along a line of faces, the flux is continuous and the solution piecewise linear."""
     hierarchy = plate()
-    for left, right in ((1.0, 50.0), (50.0, 1.0)):
-        flux = 5.0 / (1.0 / left + 1.0 / right)
+    for kappa_left, kappa_right in ((1.0, 50.0), (50.0, 1.0)):
+        flux = 5.0 / (1.0 / kappa_left + 1.0 / kappa_right)
 
-        def kappa(points: Float, left: float = left, right: float = right) -> Float:
-            return np.where(points[:, 0] < 1.0, left, right)
+        def kappa(points: Float, kappa_left: float = kappa_left, kappa_right: float = kappa_right) -> Float:
+            return np.where(points[:, 0] < 1.0, kappa_left, kappa_right)
 
-        def bent(points: Float, left: float = left, right: float = right, q: float = flux) -> Float:
+        def exact(
+            points: Float, kappa_left: float = kappa_left, kappa_right: float = kappa_right, q: float = flux
+        ) -> Float:
             x = points[:, 0]
-            return 1.0 + np.where(x < 1.0, q * x / left, q / left + q * (x - 1.0) / right)
+            return 1.0 + np.where(x < 1.0, q * x / kappa_left, q / kappa_left + q * (x - 1.0) / kappa_right)
 
-        for form in (kappa, halves(hierarchy, left, right)):
+        for form in (kappa, halves(hierarchy, kappa_left, kappa_right)):
             problem = Diffusion(form, 0.0, {_LEFT: 1.0, _RIGHT: 6.0})
             _require_found(
-                subject, hierarchy, problem, bent,
-                f"κ = {left:g} left and {right:g} right ({'a callable' if callable(form) else 'by cell'})",
+                subject, hierarchy, problem, exact,
+                f"κ = {kappa_left:g} left and {kappa_right:g} right "
+                f"({'a callable' if callable(form) else 'by cell'})",
                 "between two cells resistances (distance over κ) add up: take the harmonic mean of κ",
             )  # fmt: skip
 
@@ -160,10 +163,10 @@ def finer_is_closer(subject: Subject) -> None:
     errors = []
     for n in (6, 12):
         hierarchy = plate(n, n)
-        found = _found(subject, hierarchy, problem)
-        if found is None:
+        samples = _found(subject, hierarchy, problem)
+        if samples is None:
             return
-        points, u = found
+        points, u = samples
         errors.append(float(np.abs(u - exact(points)).max()))
     require(
         errors[1] <= max(0.6 * errors[0], 1e-4) and errors[0] < 0.5,
@@ -186,13 +189,13 @@ def data_superposed(subject: Subject) -> None:
         data["source"], dirichlet=data["boundary value"].dirichlet, neumann=data["flux"].neumann
     )
     x, *parts = (_unknowns(subject, problem, hierarchy) for problem in (together, *data.values()))
-    known = [part for part in parts if part is not None]
-    if x is not None and len(known) == len(parts):
-        off = gap(x, np.sum(known, axis=0))
+    valid_parts = [part for part in parts if part is not None]
+    if x is not None and len(valid_parts) == len(parts):
+        error = gap(x, np.sum(valid_parts, axis=0))
         require(
-            off <= _CLOSE,
-            f"source, boundary value and flux together give another x than their sum, by {off:.1e}: does one "
-            "switch another off?",
+            error <= _CLOSE,
+            f"source, boundary value and flux together give another x than their sum, by {error:.1e}: does "
+            "one switch another off?",
         )
 
 
@@ -205,27 +208,27 @@ def place_and_size(subject: Subject) -> None:
     if before is None:
         return
     for name, change in _CHANGES.items():
-        there, order = elsewhere(hierarchy, change)
+        changed_hierarchy, order = elsewhere(hierarchy, change)
         scale = change.scale if change else 1.0
-        after = _found(subject, there, Diffusion(kappa[order], 2.0))
+        after = _found(subject, changed_hierarchy, Diffusion(kappa[order], 2.0))
         if after is not None:
-            off = gap(after[1] / scale**2, before[1][order])
+            error = gap(after[1] / scale**2, before[1][order])
             require(
-                off <= _CLOSE,
-                f"on a plate {name}: the solution is off by {off:.1e}: take areas and distances from the "
+                error <= _CLOSE,
+                f"on a plate {name}: the solution is off by {error:.1e}: take areas and distances from the "
                 "mesh; mesh.local_points and mesh.local_centroids keep digits far from 0",
             )
 
 
 def _found(subject: Subject, hierarchy: Hierarchy, problem: Diffusion) -> tuple[Float, Float] | None:
     """Return points and solution values, or None if refused or if the meaning of x is unknown."""
-    one = _one(subject, hierarchy, problem.boundary)
+    constant = _one(subject, hierarchy, problem.boundary)
     x = _unknowns(subject, problem, hierarchy)
     require(
-        one is None or np.any(one != 0.0),
+        constant is None or np.any(constant != 0.0),
         f"boundary value 1 everywhere (face tag {problem.boundary!r}) gives x = 0: are boundary data read?",
     )
-    return None if x is None else values(subject.build(), hierarchy, x, one)
+    return None if x is None else values(subject.build(), hierarchy, x, constant)
 
 
 def _require_found(
@@ -233,17 +236,17 @@ def _require_found(
     hierarchy: Hierarchy,
     problem: Diffusion,
     exact: Callable[[Float], Float],
-    where: str,
+    description: str,
     remedy: str,
 ) -> None:
-    found = _found(subject, hierarchy, problem)
-    if found is not None:
-        points, u = found
-        wanted = exact(points)
-        off = float(np.abs(u - wanted).max() / np.abs(wanted).max())
-        worst = int(np.abs(u - wanted).argmax())
+    samples = _found(subject, hierarchy, problem)
+    if samples is not None:
+        points, u = samples
+        expected = exact(points)
+        error = float(np.abs(u - expected).max() / np.abs(expected).max())
+        worst = int(np.abs(u - expected).argmax())
         require(
-            off <= _CLOSE,
-            f"{where}: at {points[worst]} the solution is {u[worst]:.4g}, expected {wanted[worst]:.4g}: "
-            f"{remedy}",
+            error <= _CLOSE,
+            f"{description}: at {points[worst]} the solution is {u[worst]:.4g}, expected "
+            f"{expected[worst]:.4g}: {remedy}",
         )

@@ -62,21 +62,21 @@ def global_random_state(subject: Subject) -> None:
     remedy = "draw from the generator (or from np.random.default_rng(seed)) it is given"
     for case in questions(subject):
         with global_random(1) as unmoved:
-            one = plain(subject, subject.build(), case)
+            first = plain(subject, subject.build(), case)
             require(unmoved(), f"on {case.name}: it drew from, or seeded, the global random state: {remedy}")
         with global_random(2):
-            two = plain(subject, subject.build(), case)
-        require(same(one, two), f"on {case.name}: the global random state decides the result: {remedy}")
+            second = plain(subject, subject.build(), case)
+        require(same(first, second), f"on {case.name}: the global random state decides the result: {remedy}")
 
 
 @law(*KINDS)
 def says_nothing(subject: Subject) -> None:
     """Nothing is printed, because stdout belongs to the program."""
     printed = io.StringIO()
-    with stdout_of_process() as written, contextlib.redirect_stdout(printed):
+    with stdout_of_process() as read_output, contextlib.redirect_stdout(printed):
         for case in questions(subject):
             answer(subject, subject.build(), case)
-        text = printed.getvalue() or written().decode(errors="replace")
+        text = printed.getvalue() or read_output().decode(errors="replace")
     require(
         not text,
         f"it printed {text!r:.60}: use logging.getLogger(__name__) instead of print",

@@ -20,27 +20,27 @@ def imported_again(subject: Subject) -> Iterator[Subject]:
     """
     target = subject.target
     module, name = str(getattr(target, "__module__", "")), str(getattr(target, "__qualname__", "<"))
-    before = sys.modules.get(module)
-    spec = getattr(before, "__spec__", None)
+    original = sys.modules.get(module)
+    spec = getattr(original, "__spec__", None)
     # Objects, local classes and modules without a loader cannot be imported again.
-    if before is None or spec is None or spec.loader is None or "<" in name:
+    if original is None or spec is None or spec.loader is None or "<" in name:
         yield subject
         return
     # Execute a second copy of the module and look up the component in it.
     try:
-        again = module_from_spec(spec)
-        sys.modules[module] = again
+        module_copy = module_from_spec(spec)
+        sys.modules[module] = module_copy
         try:
-            spec.loader.exec_module(again)
-            found: object = again
+            spec.loader.exec_module(module_copy)
+            component: object = module_copy
             for part in name.split("."):
-                found = getattr(found, part)
+                component = getattr(component, part)
         except PLUGIN_FAILURES:
             yield subject
             return
-        yield _with_target(subject, f"{module}:{name}", found)
+        yield _with_target(subject, f"{module}:{name}", component)
     finally:
-        sys.modules[module] = before
+        sys.modules[module] = original
 
 
 def _with_target(subject: Subject, dotted: str, target: object) -> Subject:

@@ -68,25 +68,27 @@ def answers_elsewhere(subject: Subject) -> dict[str, list[NDArray[Any]]]:
         task["pickled"] = base64.b64encode(pickle.dumps(subject.build())).decode()
     command = [sys.executable, "-c", "from agglo_core.conformance.process.new_process import main; main()"]
     # A different hash seed changes the order of sets and the hash of strings.
-    other = "2" if os.environ.get("PYTHONHASHSEED") == "1" else "1"
+    hash_seed = "2" if os.environ.get("PYTHONHASHSEED") == "1" else "1"
     with TemporaryDirectory() as folder:
         try:
-            done = subprocess.run(
+            process = subprocess.run(
                 command,
                 input=json.dumps(task),
                 capture_output=True,
                 text=True,
                 timeout=_LONGEST,
                 cwd=None if subject.options else folder,
-                env=environment() | {"PYTHONHASHSEED": other},
+                env=environment() | {"PYTHONHASHSEED": hash_seed},
             )
         except subprocess.TimeoutExpired:
             raise Broken(f"in another process it did not answer in {_LONGEST:g} seconds") from None
-    if done.returncode:
-        last = (done.stderr.strip().splitlines() or ["it left no message"])[-1]
+    if process.returncode:
+        last = (process.stderr.strip().splitlines() or ["it left no message"])[-1]
         raise Broken(f"in another process, and in another folder, it failed: {last}")
-    said: dict[str, Any] = json.loads(done.stdout)
-    return {how: [np.array(values, dtype) for dtype, values in given] for how, given in said.items()}
+    answers: dict[str, Any] = json.loads(process.stdout)
+    return {
+        source: [np.array(values, dtype) for dtype, values in arrays] for source, arrays in answers.items()
+    }
 
 
 def main() -> None:
@@ -94,16 +96,19 @@ def main() -> None:
 
     Other output goes to stderr.
     """
-    with os.fdopen(os.dup(1), "w") as out:
+    with os.fdopen(os.dup(1), "w") as stdout:
         os.dup2(2, 1)
         task = json.loads(sys.stdin.read())
         subject = subject_from(task)
-        given = {"built": subject}
+        subjects = {"built": subject}
         if "pickled" in task:  # unpickle before another object is built
             unpickled = pickle.loads(base64.b64decode(task["pickled"]))
-            given = {"pickled": replace(subject, record=None, given=unpickled)} | given
-        said = {how: _answers(each) for how, each in given.items()}
-        json.dump({how: [(each.dtype.str, each.tolist()) for each in said[how]] for how in said}, out)
+            subjects = {"pickled": replace(subject, record=None, given=unpickled)} | subjects
+        answers = {source: _answers(item) for source, item in subjects.items()}
+        json.dump(
+            {source: [(item.dtype.str, item.tolist()) for item in answers[source]] for source in answers},
+            stdout,
+        )
 
 
 def _answers(subject: Subject) -> list[NDArray[Any]]:
