@@ -43,11 +43,11 @@ class Commands(click.Group):
 
         A plugin command with a name that is taken is listed as ``plugin/name``.
         """
-        theirs = (
+        plugin_commands = (
             f"{record.plugin}/{record.name}" if record.state == "conflict" else record.name
             for record in default().commands()
         )
-        return [*CORE_COMMANDS, *sorted(set(theirs))]
+        return [*CORE_COMMANDS, *sorted(set(plugin_commands))]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
         """Return the command with this name, for plugins a stand-in until the command runs."""
@@ -88,12 +88,12 @@ def _stand_in(name: str, record: Record) -> click.Command:
     )
 
 
-def _unknown(name: str, known: list[str]) -> str:
-    close = difflib.get_close_matches(name, known, n=1)
+def _unknown(name: str, names: list[str]) -> str:
+    close = difflib.get_close_matches(name, names, n=1)
     hint = f"; did you mean {close[0]!r}?" if close else ""
-    failed = [record for record in default().list() if record.kind == "plugin"]
-    reasons = "".join(f"; {describe(record)} is {record.state}: {record.reason}" for record in failed)
-    return f"no command {name!r}{hint}; accepted: {', '.join(known)}{reasons}"
+    failures = [record for record in default().list() if record.kind == "plugin"]
+    reasons = "".join(f"; {describe(record)} is {record.state}: {record.reason}" for record in failures)
+    return f"no command {name!r}{hint}; accepted: {', '.join(names)}{reasons}"
 
 
 @click.group(cls=Commands, invoke_without_command=True)

@@ -48,21 +48,21 @@ def execute(
     listen = labelled(progress, name)
     with phase(listen, "loading"):
         warm_up(given)
-    found: list[Hierarchy] = []
+    hierarchies: list[Hierarchy] = []
 
-    def agglomerated() -> Hierarchy:
-        found.append(agglomerate(mesh, **given, progress=listen))
-        return found[0]
+    def build_hierarchy() -> Hierarchy:
+        hierarchies.append(agglomerate(mesh, **given, progress=listen))
+        return hierarchies[0]
 
     try:
-        made = timed_run(mesh, name, agglomerated, metrics, progress=listen)
+        result = timed_run(mesh, name, build_hierarchy, metrics, progress=listen)
     except PLUGIN_FAILURES as error:
-        if save is not None and found and stopped_by(error) is None:
-            save(found[0], ())
+        if save is not None and hierarchies and stopped_by(error) is None:
+            save(hierarchies[0], ())
         raise
     if save is not None:
-        save(found[0], made.levels)
-    return made
+        save(hierarchies[0], result.levels)
+    return result
 
 
 def attempt(
@@ -89,9 +89,9 @@ def warm_up(given: Mapping[str, Any]) -> None:
     from agglo_core.agglomeration.one_call import agglomerate
 
     counts = any(name in given for name in COUNTS)
-    rest = {name: value for name, value in given.items() if name not in (*TARGETS, *RULES)}
+    options = {name: value for name, value in given.items() if name not in (*TARGETS, *RULES)}
     try:
-        agglomerate(samples.squares(4), **rest, **({"n_parts": 4} if counts else {"h_factor": 2.0}))
+        agglomerate(samples.squares(4), **options, **({"n_parts": 4} if counts else {"h_factor": 2.0}))
     except AggloError as error:
         if stopped_by(error) is not None:
             raise

@@ -36,10 +36,10 @@ def _terminate(number: int, frame: FrameType | None) -> None:
 
 def stopped_by(error: BaseException | None) -> KeyboardInterrupt | None:
     """Return the interrupt that caused an error, or None. In kernels an interrupt becomes a SystemError."""
-    seen = list[BaseException]()  # plugin errors may form a cycle
+    chain = list[BaseException]()  # plugin errors may form a cycle
     while error is not None and not isinstance(error, KeyboardInterrupt):
-        if error in seen:
+        if error in chain:
             return None
-        seen.append(error)
+        chain.append(error)
         error = error.__cause__ or error.__context__
     return error

@@ -113,8 +113,8 @@ def compare(
             mesh = load_mesh(source)
         refuse_metrics(mesh, metrics)
         trusted = bool(agglomeration.get("allow_code"))
-        asked = problem or "constant"
-        posed = None if solver is None else posed_by(asked, mesh, tool, solver, allow_code=trusted)
+        problem_name = problem or "constant"
+        posed = None if solver is None else posed_by(problem_name, mesh, tool, solver, allow_code=trusted)
         if not quiet:
             explain_compilation()
         runs = [_carry_out(mesh, plan, agglomeration, metrics, progress) for plan in plans]
@@ -125,22 +125,24 @@ def compare(
         )
     # Print results, then write pictures and report.
     if as_json:
-        done = [run_data(run, plan.spec, plan.method) for plan, run in zip(plans, runs, strict=True)]
-        asked_for = {"solver": solver, "problem": asked} if solver else {}
-        print_json(data(mesh, source, _with_solutions(done, solved)) | asked_for)
+        records = [run_data(run, plan.spec, plan.method) for plan, run in zip(plans, runs, strict=True)]
+        solve_data = {"solver": solver, "problem": problem_name} if solver else {}
+        print_json(data(mesh, source, _with_solutions(records, solved)) | solve_data)
     elif not quiet:
         title = f"{mesh.name or source}: {mesh.n_cells:,} cells, h0 = {number(mesh.h)}"
         show(title, runs)
         if solver is not None:
-            show_solved(solver, asked, runs, solved)
+            show_solved(solver, problem_name, runs, solved)
     outputs = Outputs()
     if pareto is not None:
         weigh_runs(outputs, mesh, runs, pareto)
     with watched(quiet) as progress:
         draw_runs(outputs, mesh, runs, None, report, metrics, progress, reported(runs, solved))
-    failed = any(run.error and not plan.lacks for plan, run in zip(plans, runs, strict=True))
-    unsolved = any(not each.converged and not plan.lacks for plan, each in zip(plans, solved, strict=False))
-    return outputs.finish(listed=not (as_json or quiet)) or (3 if failed or unsolved else 0)
+    any_failed = any(run.error and not plan.lacks for plan, run in zip(plans, runs, strict=True))
+    any_unsolved = any(
+        not solution.converged and not plan.lacks for plan, solution in zip(plans, solved, strict=False)
+    )
+    return outputs.finish(listed=not (as_json or quiet)) or (3 if any_failed or any_unsolved else 0)
 
 
 def _with_solutions(runs: list[dict[str, Any]], solved: Sequence[Solved]) -> list[dict[str, Any]]:
@@ -148,13 +150,13 @@ def _with_solutions(runs: list[dict[str, Any]], solved: Sequence[Solved]) -> lis
     return [run | {"solve": each.data()} for run, each in zip(runs, solved, strict=True)] if solved else runs
 
 
-def _configured_method(given: Mapping[str, Any]) -> str:
+def _configured_method(options: Mapping[str, Any]) -> str:
     """Return the method of the configuration, or the default method."""
-    if "config" not in given:
+    if "config" not in options:
         return METHODS[0]
     from agglo_core.agglomeration import Pipeline
 
-    return Pipeline.from_toml(given["config"]).method
+    return Pipeline.from_toml(options["config"]).method
 
 
 def _plans(specs: Sequence[str], methods: Sequence[str]) -> list[_Plan]:
@@ -188,7 +190,7 @@ def _lacking(spec: str) -> dict[str, str]:
 def _carry_out(
     mesh: Mesh,
     plan: _Plan,
-    given: Mapping[str, Any],
+    arguments: Mapping[str, Any],
     metrics: list[Any] | None,
     progress: Listener | None,
 ) -> RunResult:
@@ -196,5 +198,5 @@ def _carry_out(
 
     if plan.lacks:
         return RunResult(plan.name, None, error=plan.lacks)
-    chosen = {"bisector": choice("bisector", plan.spec), "method": plan.method}
-    return attempt(mesh, plan.name, {**given, **chosen}, metrics, progress)
+    selection = {"bisector": choice("bisector", plan.spec), "method": plan.method}
+    return attempt(mesh, plan.name, {**arguments, **selection}, metrics, progress)

@@ -62,7 +62,7 @@ def demo(
     """
     if quiet:
         quieten()
-    chosen = {spec: choice("bisector", spec) for spec in bisectors or _bisectors(quiet, solid)}
+    bisector_choices = {spec: choice("bisector", spec) for spec in bisectors or _bisectors(quiet, solid)}
     _check_folder(output)
     from agglo_core import samples
 
@@ -73,16 +73,16 @@ def demo(
         explain_compilation()
     # Three sizes, smaller than the mesh.
     factors = [factor * times for times in (1, 2, 4) if times == 1 or factor * times < 1.0]
-    sizes = tuple(diameter * each for each in factors)
+    sizes = tuple(diameter * fraction for fraction in factors)
     with watched(quiet) as progress:
         runs = [
             attempt(mesh, spec, {"bisector": bisector, "h_star": sizes, **rules}, progress=progress)
-            for spec, bisector in chosen.items()
+            for spec, bisector in bisector_choices.items()
         ]
         refuse_all_failed(runs)
         # Titles, then meshes, report and pictures.
         size = f"diameter D = {number(diameter)}"
-        note = f"{size}; levels at h* = {', '.join(f'{each:g}' for each in factors)} D"
+        note = f"{size}; levels at h* = {', '.join(f'{fraction:g}' for fraction in factors)} D"
         note += f"; {_TISSUE}s kept apart" if solid else ""
         title = f"{mesh.name}: {mesh.n_cells:,} cells, {size}, h* = {factor:g} D"
         output.mkdir(exist_ok=True)
@@ -93,10 +93,10 @@ def demo(
             outputs.picture(page, lambda: _page(page, mesh, runs, note))
         _pictures(outputs, output, mesh, runs, title, quiet, progress)
     if as_json:
-        done = [run_data(run, run.name, "recursive") for run in runs]
+        records = [run_data(run, run.name, "recursive") for run in runs]
         files = sorted(outputs.written, key=lambda file: file != page)
         print_json(
-            data(mesh, "brain3d" if solid else "brain", done) | {"files": [str(file) for file in files]}
+            data(mesh, "brain3d" if solid else "brain", records) | {"files": [str(file) for file in files]}
         )
     elif not quiet:
         show(title, runs, only_finest=True)

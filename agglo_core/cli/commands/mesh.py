@@ -35,7 +35,7 @@ def mesh(sample: str, output: Path, quiet: bool) -> None:
         )
     with watched(quiet) as progress:
         with phase(progress, "making the mesh", sample):
-            made = samples.from_spec(sample)
-        io.write(output, made, progress=progress)
+            sample_mesh = samples.from_spec(sample)
+        io.write(output, sample_mesh, progress=progress)
     if not quiet:
-        print_lines(f"wrote {output}: {made.n_cells:,} cells, {made.n_points:,} points")
+        print_lines(f"wrote {output}: {sample_mesh.n_cells:,} cells, {sample_mesh.n_points:,} points")

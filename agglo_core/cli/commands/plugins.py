@@ -58,15 +58,15 @@ def _named(registry: Registry, text: str) -> list[Record]:
     kind, colon, name = text.partition(":")
     if colon:
         return [registry.record(kind, name)]
-    found = [r for r in registry.records() if text in (r.name, f"{r.plugin}/{r.name}", r.plugin)]
-    exact = [record for record in found if record.name == text]
-    if found:
-        return exact or found
-    known = ", ".join(sorted({str(record.name) for record in registry.records()}))
-    failed = "; ".join(f"{describe(r)}: {r.reason}" for r in registry.records() if r.kind == "plugin")
+    matches = [r for r in registry.records() if text in (r.name, f"{r.plugin}/{r.name}", r.plugin)]
+    exact = [record for record in matches if record.name == text]
+    if matches:
+        return exact or matches
+    names = ", ".join(sorted({str(record.name) for record in registry.records()}))
+    failures = "; ".join(f"{describe(r)}: {r.reason}" for r in registry.records() if r.kind == "plugin")
     raise PluginError(
-        f"no component, command or plugin is named {text!r}; there are {known}"
-        + (f"; plugins that cannot be used: {failed}" if failed else "")
+        f"no component, command or plugin is named {text!r}; there are {names}"
+        + (f"; plugins that cannot be used: {failures}" if failures else "")
     )
 
 

@@ -54,11 +54,11 @@ def quality(file: Path, metrics: list[Any] | None, as_json: bool, quiet: bool) -
         title = f"{mesh.name or file.name}: {mesh.n_cells:,} cells, h0 = {number(mesh.h)}"
         columns = _columns(levels)
         flat = [row | row.get("objectives", {}) for row in rows]
-        shown = [
+        table_rows = [
             [number(row[key]) + undefined(level, key) for key in columns]
             for level, row in zip(levels, flat, strict=True)
         ]
-        print_table(title, columns, shown, spare=["connected", "max_diameter", "isoperimetric"])
+        print_table(title, columns, table_rows, spare=["connected", "max_diameter", "isoperimetric"])
 
 
 def _columns(levels: Sequence[Level]) -> list[str]:

@@ -116,7 +116,7 @@ def run(
 def _carry_out(
     mesh: Mesh,
     spec: str,
-    given: Mapping[str, Any],
+    arguments: Mapping[str, Any],
     metrics: list[Any] | None,
     outputs: Outputs,
     file: Path | None,
@@ -134,8 +134,12 @@ def _carry_out(
         if outputs.result(file, make) and not levels:
             _log.warning("%s is written, but could not be measured", file)
 
-    made = execute(mesh, spec, given, metrics, progress, save)
-    return made if spec or not made.hierarchy else replace(made, name=made.hierarchy.statistics["bisector"])
+    result = execute(mesh, spec, arguments, metrics, progress, save)
+    return (
+        result
+        if spec or not result.hierarchy
+        else replace(result, name=result.hierarchy.statistics["bisector"])
+    )
 
 
 def _plain(run: RunResult) -> dict[str, Any]:

@@ -180,10 +180,10 @@ class _Task:
         """Return the report data of a solution, with ``cg`` also plain conjugate gradient iterations."""
         from agglo_core.solvers import solution_report
 
-        counted = getattr(self.tool, "tolerance", 1e-6) if cg and not _is_plain_cg(self.tool) else None
+        cg_tolerance = getattr(self.tool, "tolerance", 1e-6) if cg and not _is_plain_cg(self.tool) else None
         with attributed(self.title, spare=(AggloError,)):  # the report calls the discretisation
             return solution_report.report(
-                self.mesh, self.posed.problem, solution, self.posed.how, counted, progress
+                self.mesh, self.posed.problem, solution, self.posed.how, cg_tolerance, progress
             )
 
 
@@ -266,13 +266,13 @@ def _sampler(task: _Task, solution: Solution) -> Callable[[], Samples]:
     """Return a function that samples the solution once, for file and picture."""
 
     @cache
-    def sampled() -> Samples:
-        how = task.posed.how
-        assert how is not None  # checked before, if a file or picture is requested
+    def sample_solution() -> Samples:
+        discretisation = task.posed.how
+        assert discretisation is not None  # checked before, if a file or picture is requested
         with attributed(task.title, spare=(AggloError,)):
-            return how.sample(task.mesh, solution.x)
+            return discretisation.sample(task.mesh, solution.x)
 
-    return sampled
+    return sample_solution
 
 
 def _write(

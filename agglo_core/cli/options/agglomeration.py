@@ -243,21 +243,21 @@ def _gathering(command: Command, options: Sequence[Decorator], names: Sequence[s
     return decorated
 
 
-def _arguments(chosen: dict[str, Any]) -> dict[str, Any]:
-    given = {name: value for name, value in chosen.items() if value is not None and value != ()}
-    targets = [_flag(name) for name in TARGETS if name in given]
+def _arguments(options: dict[str, Any]) -> dict[str, Any]:
+    arguments = {name: value for name, value in options.items() if value is not None and value != ()}
+    targets = [_flag(name) for name in TARGETS if name in arguments]
     if len(targets) > 1:
         raise click.UsageError(f"{' and '.join(targets)} cannot be given together: choose one")
     for name, kind in COMPONENTS.items():
-        if name not in given:
+        if name not in arguments:
             continue
         if name not in COMPONENT_LISTS:
-            given[name] = choice(kind, given[name])
+            arguments[name] = choice(kind, arguments[name])
             continue
-        specs, alone = given[name], "none" if kind == "refiner" else None
+        specs, alone = arguments[name], "none" if kind == "refiner" else None
         if alone in specs and len(specs) > 1:
             raise click.UsageError(
                 f"{_flag(name)} none cannot be given with another {_flag(name)}: choose one"
             )
-        given[name] = tuple(choice(kind, spec) for spec in specs if spec != alone)
-    return given
+        arguments[name] = tuple(choice(kind, spec) for spec in specs if spec != alone)
+    return arguments

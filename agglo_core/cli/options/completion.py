@@ -87,16 +87,16 @@ def _continued(
 
 def _options(kinds: tuple[str, ...], name: str, typed: str) -> Iterator[tuple[str, str]]:
     """Yield the options that may follow those ``typed``, or the values of the last option."""
-    *given, last = typed.split(",")
+    *typed_options, last = typed.split(",")
     option, equals, value = last.partition("=")
-    taken = {each.partition("=")[0] for each in given}
-    known = [each for record in _usable(kinds) if record.name == name for each in _options_of(record)]
-    for each in known:
-        if equals and each.name == option:
-            words = [word for word in words_of(each.type) if word.startswith(value)]
+    used_names = {item.partition("=")[0] for item in typed_options}
+    candidates = [item for record in _usable(kinds) if record.name == name for item in _options_of(record)]
+    for item in candidates:
+        if equals and item.name == option:
+            words = [word for word in words_of(item.type) if word.startswith(value)]
             yield from ((f"{option}={word}", "") for word in words)
-        elif not equals and each.name not in taken and each.name.startswith(option):
-            yield f"{each.name}=", each.about
+        elif not equals and item.name not in used_names and item.name.startswith(option):
+            yield f"{item.name}=", item.about
 
 
 def _options_of(record: Record) -> tuple[Option, ...]:

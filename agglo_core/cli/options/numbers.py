@@ -70,7 +70,7 @@ def numbers(
 ) -> Callable[[click.Context, click.Parameter, Any], tuple[float, ...] | None]:
     """Return a click callback that parses ``"2,4,8"`` to positive numbers, each at least ``least``."""
     noun = "whole numbers" if number is int else "numbers"
-    wanted = "positive and finite" if least is None else f"at least {least:g} and finite"
+    condition = "positive and finite" if least is None else f"at least {least:g} and finite"
 
     def read(_: click.Context, parameter: click.Parameter, text: str | None) -> tuple[float, ...] | None:
         if text is None:
@@ -82,7 +82,7 @@ def numbers(
             raise click.BadParameter(message, param=parameter) from None
         for value in values:
             if not (0 < value < inf and value >= (least or 0)):
-                message = f"each number must be {wanted}, given {in_words(value)}"
+                message = f"each number must be {condition}, given {in_words(value)}"
                 raise click.BadParameter(message, param=parameter)
         return values
 

@@ -90,11 +90,11 @@ def as_typed(text: str) -> tuple[str, dict[str, Text]]:
     OptionError
         If the name is missing, or an option is not of the form ``option=value`` or given twice.
     """
-    name, _, rest = text.partition(":")
+    name, _, option_text = text.partition(":")
     if not name.strip():
         raise OptionError(f"{text!r} has no name; expected NAME or NAME:option=value,…")
     options: dict[str, Text] = {}
-    for item in rest.split(",") if rest else ():
+    for item in option_text.split(",") if option_text else ():
         option, equals, value = (part.strip() for part in item.partition("="))
         if not equals or not option.isidentifier() or not value:
             raise OptionError(f"{item!r} in {text!r} is not of the form option=value")

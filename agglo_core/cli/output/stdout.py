@@ -73,16 +73,16 @@ def _moved(stream: TextIO, stray: TextIO) -> Iterator[TextIO]:
     """Provide the original target of descriptor 1, and redirect the descriptor to ``stray`` meanwhile."""
     stream.flush()
     buffering = 1 if stream.isatty() else -1
-    kept = os.fdopen(os.dup(1), "w", buffering, encoding=stream.encoding, errors=stream.errors)
+    output = os.fdopen(os.dup(1), "w", buffering, encoding=stream.encoding, errors=stream.errors)
     os.dup2(stray.fileno(), 1)
     try:
-        yield kept
+        yield output
     finally:
         with suppress(OSError, AttributeError, TypeError):  # flush C buffers into stray
             ctypes.CDLL(None).fflush(None)
-        os.dup2(kept.fileno(), 1)
+        os.dup2(output.fileno(), 1)
         with suppress(OSError):  # already reported by the previous flush
-            kept.close()
+            output.close()
 
 
 def _descriptor(stream: TextIO) -> int | None:

@@ -154,13 +154,16 @@ def laid_out(table: Table, width: int | None, *, boxed: bool) -> list[str]:
     if boxed and (widths := table.widths(width - frame, whole_heads=True)) is not None:
         return _drawn(table, widths, boxed=True)
     # Then without frame, dropping spare columns one by one.
-    for gone in range(len(table.spare) + 1):
-        left = [name for name in table.columns if name in table.spare[:gone]]
-        kept = table.without(left)
-        widths = kept.widths(width - gaps + _GAP * len(left), whole_heads=False)
+    for n_omitted in range(len(table.spare) + 1):
+        omitted_columns = [name for name in table.columns if name in table.spare[:n_omitted]]
+        narrow_table = table.without(omitted_columns)
+        widths = narrow_table.widths(width - gaps + _GAP * len(omitted_columns), whole_heads=False)
         if widths is not None:
-            needed = sum(table.least(whole_heads=False)) + gaps
-            return [*_drawn(kept, widths, boxed=False), *(_left_out(left, width, needed) if left else ())]
+            full_width = sum(table.least(whole_heads=False)) + gaps
+            return [
+                *_drawn(narrow_table, widths, boxed=False),
+                *(_left_out(omitted_columns, width, full_width) if omitted_columns else ()),
+            ]
     # Last resort: a block of lines per row.
     return list(_stacked(table, width))
 
@@ -191,10 +194,10 @@ def _drawn(table: Table, widths: Sequence[int], *, boxed: bool) -> list[str]:
     for row in (*heads, *table.rows):
         cells = (folded(cell, width) for cell, width in zip(row, widths, strict=True))
         grid.add_row(*(Text("\n".join(lines)) for lines in cells))
-    room = sum(widths) + 4 * len(widths) + 1
+    page_width = sum(widths) + 4 * len(widths) + 1
     # Draw on an own stream.
     page = StringIO()  # rich draws with ASCII on a stream that is not in UTF-8
-    Console(file=page, width=room, color_system=None, legacy_windows=False, _environ={}).print(grid)
+    Console(file=page, width=page_width, color_system=None, legacy_windows=False, _environ={}).print(grid)
     return [line.rstrip() for line in page.getvalue().removesuffix("\n").split("\n")]
 
 

@@ -54,10 +54,10 @@ def launched(environment: Mapping[str, str] | None = None) -> Launched | None:
 
 def refuse_on_ranks(what: str, instead: str) -> None:
     """Raise OptionError if this process is one of several, all of which would do equal work."""
-    here = launched()
-    if here is not None:
+    launch = launched()
+    if launch is not None:
         raise OptionError(
-            f"{what} works in one process, but {here.size} were started, each of which would do all of it: "
+            f"{what} works in one process, but {launch.size} were started, each of which would do all of it: "
             f"{instead}"
         )
 
@@ -67,10 +67,10 @@ def refuse_files(
     instead: str = "write it with -o NAME.pvtu and look at it in one process",
 ) -> None:
     """Raise OptionError if options request files that runs on several ranks cannot make."""
-    asked = [option for option, file in files.items() if file is not None]
-    if asked:
+    options = [option for option, file in files.items() if file is not None]
+    if options:
         raise OptionError(
-            f"{' and '.join(asked)} cannot be had of a mesh that lies on several processes; {instead}"
+            f"{' and '.join(options)} cannot be had of a mesh that lies on several processes; {instead}"
         )
 
 
@@ -86,21 +86,21 @@ def on_all_ranks(command: Callable[[], int], here: Launched) -> int:
             click.echo(f"error: {here.size} processes need mpi4py to work together ({error})", err=True)
         return 2
     comm = MPI.COMM_WORLD.Dup()
-    held = io.StringIO()
+    stderr_buffer = io.StringIO()
     with ExitStack() as stack:
         if here.rank > 0:
             stack.enter_context(redirect_stdout(stack.enter_context(open(os.devnull, "w"))))
-            stack.enter_context(redirect_stderr(held))
+            stack.enter_context(redirect_stderr(stderr_buffer))
         code = _carried_out(command)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt must not break the exchange
     codes = _codes_of_all(comm, code)
-    failed = [rank for rank, each in enumerate(codes or ()) if each]
+    failed_ranks = [rank for rank, exit_code in enumerate(codes or ()) if exit_code]
     if codes is None:
-        _say(held, f"rank {here.rank}: ")
+        _say(stderr_buffer, f"rank {here.rank}: ")
         comm.Abort(code)
-    elif failed and here.rank == (failed[0] if _BUG not in codes else codes.index(_BUG)):
-        _say(held, f"rank {here.rank}: ")
-    return codes[failed[0]] if codes is not None and failed else code
+    elif failed_ranks and here.rank == (failed_ranks[0] if _BUG not in codes else codes.index(_BUG)):
+        _say(stderr_buffer, f"rank {here.rank}: ")
+    return codes[failed_ranks[0]] if codes is not None and failed_ranks else code
 
 
 def _carried_out(command: Callable[[], int]) -> int:

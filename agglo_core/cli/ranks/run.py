@@ -75,7 +75,9 @@ def run_on_ranks(
 
     ranks = Ranks()
     # Refuse bad output paths before any work.
-    given = {**agglomeration, "bisector": choice("bisector", bisectors[0])} if bisectors else agglomeration
+    arguments = (
+        {**agglomeration, "bisector": choice("bisector", bisectors[0])} if bisectors else agglomeration
+    )
     with ranks.together():
         if output is not None:
             check_parallel_target(output)
@@ -85,8 +87,8 @@ def run_on_ranks(
         with phase(progress, "reading", source):
             mesh = shared_mesh(source, ranks)
         with phase(progress, "loading"):
-            warm_up_in_turn(given, ranks)
-        hierarchy, seconds = agglomerated(mesh, given, independent, progress)
+            warm_up_in_turn(arguments, ranks)
+        hierarchy, seconds = agglomerated(mesh, arguments, independent, progress)
         with phase(progress, "measuring"):
             _ = mesh.h  # computed by all ranks, reported by rank 0
             levels = _levels(hierarchy, RATIOS if metrics is None else metrics)
@@ -133,10 +135,10 @@ def agglomerated(
     from agglo_core.distributed import agglomerate
 
     with mesh.ranks.together():
-        own = dict(given)
-        config, trusted = own.pop("config", None), bool(own.pop("allow_code", False))
+        arguments = dict(given)
+        config, trusted = arguments.pop("config", None), bool(arguments.pop("allow_code", False))
         base = Pipeline() if config is None else Pipeline.from_toml(config, allow_code=trusted)
-        pipeline = changed(base, own)
+        pipeline = changed(base, arguments)
     start = time.perf_counter()
     hierarchy = agglomerate(mesh, pipeline, independent_of_ranks=independent or None, progress=progress)
     return hierarchy, mesh.ranks.largest(time.perf_counter() - start)

@@ -67,25 +67,26 @@ def solve_on_ranks(
     with watched(not first) as progress:
         with phase(progress, "reading", source):
             mesh = shared_mesh(source, ranks)
-        seen, _ = with_second_layer(mesh)  # rows are assembled on this mesh, so cell values refer to it
+        # Rows are assembled on the mesh with a second layer, so cell values refer to it.
+        assembly_mesh, _ = with_second_layer(mesh)
         trusted = bool(agglomeration.get("allow_code"))
         with ranks.together():
-            asked = posed_by(problem, seen, tool, solver, allow_code=trusted)
+            posed = posed_by(problem, assembly_mesh, tool, solver, allow_code=trusted)
             if output is not None:
-                asked.refuse_without_meaning("-o is")
+                posed.refuse_without_meaning("-o is")
         warm_up_in_turn(agglomeration, ranks)
         hierarchy, seconds = agglomerated(mesh, agglomeration, False, progress)
         with attributed(title, spare=(AggloError,)):
-            found = tool.solve_across(asked.problem, hierarchy, progress if first else None)
+            solution = tool.solve_across(posed.problem, hierarchy, progress if first else None)
         if output is not None:
             with phase(progress, "writing", output.name), attributed(title, spare=(AggloError,)):
-                how = asked.how
-                assert how is not None  # checked before
-                outputs.result(output, lambda: write_solution(output, mesh, how, found.x))
+                discretisation = posed.how
+                assert discretisation is not None  # checked before
+                outputs.result(output, lambda: write_solution(output, mesh, discretisation, solution.x))
         with phase(progress, "measuring", "errors"), attributed(title, spare=(AggloError,)):
-            norms = error_norms(mesh, asked.problem, asked.how, found.x) if asked.how is not None else {}
+            norms = error_norms(mesh, posed.problem, posed.how, solution.x) if posed.how is not None else {}
     if first:
-        data = _report(found, norms, hierarchy, seconds)
+        data = _report(solution, norms, hierarchy, seconds)
         if as_json:
             print_json(data | {"ranks": ranks.size})
         else:
@@ -94,41 +95,41 @@ def solve_on_ranks(
             columns = min(_COLUMNS, terminal_columns() or _COLUMNS)
             name = mesh.local.name or source
             print_lines(solution_report.text(f"{name} on {ranks.size} ranks, {solver}", data, columns))
-    return outputs.finish(listed=not as_json) or (0 if found.converged else NOT_CONVERGED)
+    return outputs.finish(listed=not as_json) or (0 if solution.converged else NOT_CONVERGED)
 
 
 def _report(
-    found: Any, norms: Mapping[str, float], hierarchy: DistributedHierarchy, seconds: float
+    solution: Any, norms: Mapping[str, float], hierarchy: DistributedHierarchy, seconds: float
 ) -> dict[str, Any]:
     """Return the data of a solution under the keys of :func:`agglo_core.solvers.solution_report.report`."""
     from agglo_core.solvers.solution_report import error_entries
 
     cells = [hierarchy.mesh.n_cells, *hierarchy.parts]
-    residuals, (n, entries) = found.residuals, found.sizes[0]
-    fell = residuals[-1] / residuals[0] if found.iterations and residuals[0] > 0.0 else None
+    residuals, (n, entries) = solution.residuals, solution.sizes[0]
+    fell = residuals[-1] / residuals[0] if solution.iterations and residuals[0] > 0.0 else None
     return {
         "dofs": n,
         "levels": [
-            {"cells": count, "dofs": dofs, "nonzeros": each}
-            for count, (dofs, each) in zip(cells, found.sizes, strict=False)
+            {"cells": count, "dofs": dofs, "nonzeros": k}
+            for count, (dofs, k) in zip(cells, solution.sizes, strict=False)
         ],
-        "iterations": found.iterations,
-        "converged": found.converged,
-        "reason": found.reason,
-        "relative_residual": found.relative_residual,
-        "energy_error": found.energy_error,
-        "tests_met": list(found.tests),
+        "iterations": solution.iterations,
+        "converged": solution.converged,
+        "reason": solution.reason,
+        "relative_residual": solution.relative_residual,
+        "energy_error": solution.energy_error,
+        "tests_met": list(solution.tests),
         "residuals": residuals.tolist(),
         **error_entries(norms),
-        "energy": found.energy,
-        "operator_complexity": sum(each for _, each in found.sizes) / entries,
-        "grid_complexity": sum(each for each, _ in found.sizes) / n,
+        "energy": solution.energy,
+        "operator_complexity": sum(k for _, k in solution.sizes) / entries,
+        "grid_complexity": sum(k for k, _ in solution.sizes) / n,
         "cg_iterations": None,
-        "seconds": {"hierarchy": seconds, **found.seconds},
+        "seconds": {"hierarchy": seconds, **solution.seconds},
         "cpu_seconds": {},
-        "contraction": None if fell is None else float(fell ** (1.0 / found.iterations)),
-        "memory": found.memory,
-        "choice": found.choice,
+        "contraction": None if fell is None else float(fell ** (1.0 / solution.iterations)),
+        "memory": solution.memory,
+        "choice": solution.choice,
         "advice": "",
-        "outcome": "converged" if found.converged else "not converged",
+        "outcome": "converged" if solution.converged else "not converged",
     }

@@ -104,8 +104,8 @@ def posed_by(text: str, mesh: Mesh, tool: object, solver: str, *, allow_code: bo
     name, options = (text, {}) if is_file else as_typed(text)
     problem = named_problem(name, mesh, options, allow_code=allow_code)
     require_accepted(tool, problem, solver)
-    how = discretisation_of(tool, problem)
-    if how is not None:
+    discretisation = discretisation_of(tool, problem)
+    if discretisation is not None:
         with attributed(f"the discretisation of {solver}", spare=(AggloError,)):
-            how.check(problem, mesh)
-    return Posed(problem, mesh, how, solver)
+            discretisation.check(problem, mesh)
+    return Posed(problem, mesh, discretisation, solver)

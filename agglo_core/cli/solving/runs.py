@@ -187,9 +187,9 @@ def show_solved(spec: str, problem: str, runs: Sequence[RunResult], solved: Sequ
     measured = next(level for run in runs for level in run.levels)
     metrics = list(measured.metrics)
     rows = []
-    for run, each in zip(runs, solved, strict=True):
+    for run, solution in zip(runs, solved, strict=True):
         shapes = [short(run.levels[0].line[name]) if run.levels else "–" for name in metrics]
-        rows.append([run.name, *shapes, *each.cells()])
+        rows.append([run.name, *shapes, *solution.cells()])
     print_table(
         f"{problem} solved by {spec}; CPU seconds, set-up with assembly; metrics of the finest level",
         ["bisector", *metrics, *_COLUMNS],
@@ -197,5 +197,9 @@ def show_solved(spec: str, problem: str, runs: Sequence[RunResult], solved: Sequ
         spare=[*reversed(metrics), "contraction", "hierarchy s"],
         fold={"bisector": 8},
     )
-    failed = [(run, each) for run, each in zip(runs, solved, strict=True) if each.remark and not run.error]
-    print_lines("\n".join(f"{run.name}: {each.remark}" for run, each in failed))
+    failures = [
+        (run, solution)
+        for run, solution in zip(runs, solved, strict=True)
+        if solution.remark and not run.error
+    ]
+    print_lines("\n".join(f"{run.name}: {solution.remark}" for run, solution in failures))
