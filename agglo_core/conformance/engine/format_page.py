@@ -52,9 +52,9 @@ def format_names() -> list[tuple[str, str]]:
 
     Meshlane has a row per suffix in :data:`FOREIGN`.
     """
-    own = [record.name for record in own_components().list() if record.kind == "format"]
-    first = {name: FOREIGN if name == "meshlane" else _suffixes(name)[:1] for name in own}
-    return [(name, suffix) for name in own for suffix in first[name]]
+    names = [record.name for record in own_components().list() if record.kind == "format"]
+    first = {name: FOREIGN if name == "meshlane" else _suffixes(name)[:1] for name in names}
+    return [(name, suffix) for name in names for suffix in first[name]]
 
 
 def _suffixes(name: str) -> tuple[str, ...]:
@@ -162,8 +162,10 @@ def _shape(mesh: Mesh, suffix: str) -> bool:
 
 
 def _digits(mesh: Mesh, suffix: str) -> bool:
-    ours, theirs = (each.points[np.unique(each.face_vertices)] for each in (mesh, _back(mesh, suffix)))
-    return np.array_equal(ours[np.lexsort(ours.T)], theirs[np.lexsort(theirs.T)])
+    points_before, points_after = (m.points[np.unique(m.face_vertices)] for m in (mesh, _back(mesh, suffix)))
+    return np.array_equal(
+        points_before[np.lexsort(points_before.T)], points_after[np.lexsort(points_after.T)]
+    )
 
 
 def _numbering(mesh: Mesh, suffix: str) -> bool:
@@ -173,8 +175,8 @@ def _numbering(mesh: Mesh, suffix: str) -> bool:
 
 def _tags(name: str, mesh: Mesh, suffix: str) -> bool:
     values = np.arange(mesh.n_cells) % 3 - 1
-    found = _back(replace(mesh, cell_tags={name: values}), suffix).cell_tags
-    return name in found and np.array_equal(found[name], values)
+    cell_tags = _back(replace(mesh, cell_tags={name: values}), suffix).cell_tags
+    return name in cell_tags and np.array_equal(cell_tags[name], values)
 
 
 def _faces(outer: bool, mesh: Mesh, suffix: str) -> bool:
@@ -182,16 +184,18 @@ def _faces(outer: bool, mesh: Mesh, suffix: str) -> bool:
 
     Faces are identified by their centroids.
     """
-    own = np.flatnonzero((mesh.face_cells[:, 1] < 0) == outer)[::2]
-    marked = np.zeros(mesh.n_faces, np.int64)
-    marked[own] = 1
-    mesh = replace(mesh, face_tags={"inlet": marked})
+    tagged_faces = np.flatnonzero((mesh.face_cells[:, 1] < 0) == outer)[::2]
+    tag = np.zeros(mesh.n_faces, np.int64)
+    tag[tagged_faces] = 1
+    mesh = replace(mesh, face_tags={"inlet": tag})
     back = _back(mesh, suffix)
     if "inlet" not in back.face_tags:
         return False
-    ours, theirs = (each.face_centroids[each.face_tags["inlet"] == 1] for each in (mesh, back))
-    along = np.sqrt([2.0, 3.0, 5.0])[: mesh.dim]  # a direction along which no two faces coincide
-    return len(ours) == len(theirs) and np.allclose(np.sort(ours @ along), np.sort(theirs @ along))
+    centroids_before, centroids_after = (m.face_centroids[m.face_tags["inlet"] == 1] for m in (mesh, back))
+    direction = np.sqrt([2.0, 3.0, 5.0])[: mesh.dim]  # a direction along which no two faces coincide
+    return len(centroids_before) == len(centroids_after) and np.allclose(
+        np.sort(centroids_before @ direction), np.sort(centroids_after @ direction)
+    )
 
 
 def _levels(mesh: Mesh, suffix: str) -> tuple[Hierarchy, Hierarchy | None, bool]:
@@ -211,13 +215,13 @@ def _same_cells(mesh: Mesh, other: Mesh) -> bool:
 
 
 def _labels(mesh: Mesh, suffix: str) -> bool:
-    own, found, _ = _levels(mesh, suffix)
-    return found is not None and np.array_equal(found.levels[0], own.levels[0])
+    hierarchy, copy, _ = _levels(mesh, suffix)
+    return copy is not None and np.array_equal(copy.levels[0], hierarchy.levels[0])
 
 
 def _targets(mesh: Mesh, suffix: str) -> bool:
-    own, found, _ = _levels(mesh, suffix)
-    return found is not None and list(found.targets) == list(own.targets)
+    hierarchy, copy, _ = _levels(mesh, suffix)
+    return copy is not None and list(copy.targets) == list(hierarchy.targets)
 
 
 def _coarse(mesh: Mesh, suffix: str) -> bool:

@@ -39,8 +39,8 @@ def laws_page() -> str:
     """Return the Markdown page of laws by kind, with name, promise and sentence."""
     text = [_LAWS_HEAD, f"{len(all_laws())} laws in all; those of several kinds are listed under each.\n"]
     for kind in KINDS:
-        own = laws_of(kind)
-        text.append(f"## {kind.capitalize()}: {len(own)} laws\n\n{_table(own)}")
+        laws = laws_of(kind)
+        text.append(f"## {kind.capitalize()}: {len(laws)} laws\n\n{_table(laws)}")
     return "\n".join(text)
 
 
@@ -59,8 +59,8 @@ def compliance_page(results: Mapping[tuple[str, str], Sequence[Result]]) -> str:
 
 def own_components() -> list[Component]:
     """List all components of the agglo distribution by kind, even if they cannot be used here."""
-    own = [record.component for record in default().list() if record.in_tree and record.component]
-    return sorted(own, key=lambda component: list(KINDS).index(component.kind))
+    components = [record.component for record in default().list() if record.in_tree and record.component]
+    return sorted(components, key=lambda component: list(KINDS).index(component.kind))
 
 
 def own_results() -> dict[tuple[str, str], list[Result]]:
@@ -71,7 +71,10 @@ def own_results() -> dict[tuple[str, str], list[Result]]:
     PluginError
         If a component cannot be used here because a package is missing.
     """
-    return {(own.kind, own.name): own_result(own.kind, own.name) for own in own_components()}
+    return {
+        (component.kind, component.name): own_result(component.kind, component.name)
+        for component in own_components()
+    }
 
 
 def own_result(kind: str, name: str) -> list[Result]:
@@ -93,6 +96,6 @@ def _table(laws: Sequence[Law]) -> str:
 
 
 def _promises(kind: str, name: str) -> str:
-    component = next(own for own in own_components() if (own.kind, own.name) == (kind, name))
-    made = component.promises.items()
-    return ", ".join(f"`{key}`" if value is True else f"`{key}` {value}" for key, value in made if value)
+    component = next(c for c in own_components() if (c.kind, c.name) == (kind, name))
+    promises = component.promises.items()
+    return ", ".join(f"`{key}`" if value is True else f"`{key}` {value}" for key, value in promises if value)

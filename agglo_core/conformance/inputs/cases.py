@@ -42,9 +42,9 @@ def cases(kind: str, seed: int = 0) -> list[Case]:
     if kind == "metric":
         return [Case(mesh.name, (mesh, stripes(mesh.graph, 3))) for mesh in [*meshes, small_meshes.apart()]]
     return [
-        asked(kind, mesh.graph, mesh.name, labels(mesh.graph), told, seed)
+        asked(kind, mesh.graph, mesh.name, labels(mesh.graph), target, seed)
         for mesh in meshes
-        for labels, told in ((_halves, "count"), (_quarters, "size"), (_scattered, "both"))
+        for labels, target in ((_halves, "count"), (_quarters, "size"), (_scattered, "both"))
     ]
 
 
@@ -71,12 +71,14 @@ def cases_in_3d(kind: str) -> list[Case]:
         return [Case("3-D boxes", (mesh, stripes(mesh.graph, 3)))]
     if kind == "solver":
         hierarchy = _hierarchy(mesh, stripes(mesh.graph, 4))
-        return [Case("3-D boxes", (each, hierarchy)) for each in (Diffusion(), laplacian(mesh.graph, 1))]
+        return [
+            Case("3-D boxes", (problem, hierarchy)) for problem in (Diffusion(), laplacian(mesh.graph, 1))
+        ]
     ragged, labels = ragged_in_space()
     return [
-        asked(kind, graph, name, labelled(graph), told)
+        asked(kind, graph, name, labelled(graph), target)
         for name, graph in graphs.items()
-        for labelled, told in ((_halves, "size"), (_scattered, "count"))
+        for labelled, target in ((_halves, "size"), (_scattered, "count"))
     ] + [asked(kind, ragged, "a level of pieces of tetrahedra", labels, "both")]
 
 
@@ -90,7 +92,9 @@ def tiny(kind: str) -> list[Case]:
         return single_unknown() if kind == "smoother" else []
     if kind == "solver":
         hierarchy = _hierarchy(small_meshes.grid(1, 1), frozen_int([0]))
-        return [Case("one cell", (each, hierarchy)) for each in (Diffusion(), laplacian(hierarchy.graph, 1))]
+        return [
+            Case("one cell", (problem, hierarchy)) for problem in (Diffusion(), laplacian(hierarchy.graph, 1))
+        ]
     if kind == "metric":
         return [
             Case("one cell", (small_meshes.grid(1, 1), frozen_int([0]))),
@@ -149,9 +153,9 @@ def seeds_for(blocks: int, seed: int = 0) -> UInt64:
 
     The first seed is at least 2^63, like half of the seeds in a run.
     """
-    drawn = np.random.default_rng(seed).integers(2**64, size=blocks, dtype=np.uint64)
-    drawn[:1] |= np.uint64(2**63)
-    seeds: UInt64 = frozen(drawn, np.uint64)
+    values = np.random.default_rng(seed).integers(2**64, size=blocks, dtype=np.uint64)
+    values[:1] |= np.uint64(2**63)
+    seeds: UInt64 = frozen(values, np.uint64)
     return seeds
 
 

@@ -85,9 +85,9 @@ def crowded(kind: str, blocks: int = 300) -> Case:
     # In odd blocks labels alternate from cell to cell, in even blocks parts are strips.
     sizes = level.sizes[level.block_ids]
     parts = np.minimum(sizes, 1 + level.block_ids % 4)
-    along = np.empty(level.n, np.int64)
-    along[np.lexsort((level.centroids[:, 1], level.centroids[:, 0], level.block_ids))] = place
-    labels = np.where(level.block_ids % 2, place % parts, along * parts // sizes)
+    position = np.empty(level.n, np.int64)
+    position[np.lexsort((level.centroids[:, 1], level.centroids[:, 0], level.block_ids))] = place
+    labels = np.where(level.block_ids % 2, place % parts, position * parts // sizes)
     # Scale interfaces, measures and weights by block.
     rows = np.repeat(level.block_ids, np.diff(level.indptr))
     small, faces = 10.0 ** (-3.0 * (level.block_ids % 4)), 10.0 ** (-3.0 * (rows % 4))

@@ -81,8 +81,8 @@ def marked(mesh: Mesh) -> Mesh:
     Faces have tag 1 between the halves, and 2 or 3 on the boundary.
     """
     mesh = tagged(mesh)
-    halves, (one, other) = mesh.cell_tags[TAG], mesh.face_cells.T
-    faces = np.where(other < 0, 1 + halves[one], halves[one] != halves[other])
+    halves, (owner, neighbour) = mesh.cell_tags[TAG], mesh.face_cells.T
+    faces = np.where(neighbour < 0, 1 + halves[owner], halves[owner] != halves[neighbour])
     return replace(mesh, face_tags={TAG: faces})
 
 

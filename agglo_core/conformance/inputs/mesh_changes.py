@@ -65,8 +65,8 @@ def moved(mesh: Mesh, change: Change) -> Mesh:
 
     Cells and points keep their numbers and tags.
     """
-    there = trusted_copy(mesh, points=change.points(mesh))  # inside out until the faces are reversed
-    return mirrored(there) if change.mirror else there
+    moved_mesh = trusted_copy(mesh, points=change.points(mesh))  # inside out until the faces are reversed
+    return mirrored(moved_mesh) if change.mirror else moved_mesh
 
 
 def mirrored(mesh: Mesh) -> Mesh:

@@ -144,7 +144,7 @@ def cut_finer(case: Case) -> Case:
     # New points: the midpoint of each edge, and the centroid of each cell.
     owner = np.repeat(np.arange(mesh.n_cells), [len(cell) for cell in cells])
     first = mesh.n_points + edge.ravel()  # midpoint of the edge after each corner
-    last = np.concatenate([np.roll(each, 1) for each in np.split(first, loops.loop_offsets[1:-1])])
+    last = np.concatenate([np.roll(loop, 1) for loop in np.split(first, loops.loop_offsets[1:-1])])
     centre = mesh.n_points + len(edges) + owner
     points = np.concatenate((mesh.points, mesh.points[edges].mean(axis=1), mesh.cell_centroids))
     # A quadrilateral per corner: corner, next midpoint, centroid, previous midpoint.
@@ -272,17 +272,17 @@ def changed(case: Case, change: Change | None) -> tuple[Case, Int]:
     mesh, labels = case.given
     if change is not None:
         return replace(case, given=(moved(mesh, change), labels)), frozen_int(np.arange(mesh.n_cells))
-    there, order = renumbered(mesh)
-    there = turned_over(there)
-    return replace(case, given=(there, frozen_int(labels[order]))), order
+    new_mesh, order = renumbered(mesh)
+    new_mesh = turned_over(new_mesh)
+    return replace(case, given=(new_mesh, frozen_int(labels[order]))), order
 
 
 def cells_renumbered(case: Case) -> Case:
     """Return the case with permuted cell numbers in the mesh, but unchanged labels, points and faces."""
     mesh, labels = case.given
     number = np.append(np.random.default_rng(3).permutation(mesh.n_cells), -1)
-    there = replace(mesh, face_cells=number[mesh.face_cells])
-    return Case(f"{case.name}, its cells renumbered and its labels not", (there, labels))
+    renumbered_mesh = replace(mesh, face_cells=number[mesh.face_cells])
+    return Case(f"{case.name}, its cells renumbered and its labels not", (renumbered_mesh, labels))
 
 
 def far_from_each_other() -> tuple[Case, list[Case]]:
@@ -331,9 +331,9 @@ def layouts(framed: bool) -> tuple[Case, list[Case]]:
 def _graded() -> Mesh:
     """Return quadrilaterals that grow along the diagonal, with cell and face tags."""
     mesh = small_meshes.grid(9, 7, jitter=0.2)
-    grown = replace(mesh, points=mesh.points * (1.0 + 0.3 * mesh.points), name="graded quadrilaterals")
+    graded_mesh = replace(mesh, points=mesh.points * (1.0 + 0.3 * mesh.points), name="graded quadrilaterals")
     sides = np.where(mesh.face_cells[:, 1] < 0, 1 + np.arange(mesh.n_faces) % 2, 0)
-    return replace(grown, cell_tags={"region": np.arange(63) // 20}, face_tags={"boundary": sides})
+    return replace(graded_mesh, cell_tags={"region": np.arange(63) // 20}, face_tags={"boundary": sides})
 
 
 def _shuffled(labels: np.ndarray) -> Int:

@@ -75,10 +75,10 @@ def questions(subject: Subject, seed: int = 0) -> list[Case]:
     gets cases for these. A 3-D format that refuses all 2-D meshes gets the 3-D cases. A format that only
     reads gets none.
     """
-    more = partitions(seed) if subject.partitions else _further_problems(subject)
+    extra_cases = partitions(seed) if subject.partitions else _further_problems(subject)
     large = bearable(subject, large_case(subject.kind, seed))
-    asked = taken(subject, [*cases(subject.kind, seed), *large, *more])
-    return asked if asked or subject.kind != "format" else taken(subject, in_space(subject))
+    accepted_cases = taken(subject, [*cases(subject.kind, seed), *large, *extra_cases])
+    return accepted_cases if accepted_cases or subject.kind != "format" else taken(subject, in_space(subject))
 
 
 def every_graph(subject: Subject) -> list[Case]:
@@ -133,8 +133,8 @@ def with_suffix(subject: Subject, asked: list[Case]) -> list[Case]:
         return []
     suffixes = tuple(subject.suffixes)
     simple = cases("format")[0]
-    written = (s for s in suffixes if not refuses(subject, _as(simple, s)))
-    suffix = suffixes[0] if len(suffixes) == 1 else next(written, suffixes[0])
+    candidates = (s for s in suffixes if not refuses(subject, _as(simple, s)))
+    suffix = suffixes[0] if len(suffixes) == 1 else next(candidates, suffixes[0])
     return [_as(case, suffix) for case in asked]
 
 
@@ -193,8 +193,8 @@ def plain(subject: Subject, tool: Any, case: Case) -> NDArray[Any]:
 
 def digest(value: Any) -> NDArray[np.uint8]:
     """Return a hash of meshes, records, masks or texts as an array of bytes."""
-    seen = hashlib.sha256(repr(list(fingerprints(value))).encode())
-    return np.frombuffer(seen.digest(), np.uint8)
+    hasher = hashlib.sha256(repr(list(fingerprints(value))).encode())
+    return np.frombuffer(hasher.digest(), np.uint8)
 
 
 def same(one: NDArray[Any], other: NDArray[Any]) -> bool:
@@ -232,8 +232,8 @@ def fingerprints(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
     elif sparse.issparse(value):
         yield path, value.tocoo().toarray().tobytes()
     elif is_dataclass(value):
-        for each in fields(value):
-            yield from fingerprints(getattr(value, each.name), f"{path}.{each.name}".lstrip("."))
+        for field in fields(value):
+            yield from fingerprints(getattr(value, field.name), f"{path}.{field.name}".lstrip("."))
     elif isinstance(value, Mapping):
         yield path, tuple(map(str, value))
         for key, item in value.items():
@@ -255,8 +255,8 @@ def global_random(seed: int) -> Iterator[Callable[[], bool]]:
 
     def state() -> list[Any]:
         _, keys, *place = np.random.get_state()  # noqa: NPY002 - that state is what is being watched
-        drawn = [random.getstate(), np.asarray(keys).tobytes(), place]
-        return [*drawn, torch.get_rng_state().numpy().tobytes()] if torch else drawn
+        states = [random.getstate(), np.asarray(keys).tobytes(), place]
+        return [*states, torch.get_rng_state().numpy().tobytes()] if torch else states
 
     before = random.getstate(), np.random.get_state(), torch.get_rng_state() if torch else None  # noqa: NPY002
     try:
@@ -277,9 +277,11 @@ def _blame(subject: Subject, tool: Any, error: BaseException) -> str:
     """Describe an error with the source line in the component, and the remedy."""
     home = sys.modules.get(type(tool).__module__)
     frames = traceback.extract_tb(error.__traceback__)
-    own = [frame for frame in frames if frame.filename == getattr(home, "__file__", None)] or frames
-    where = f"{own[-1].filename}:{own[-1].lineno}"
-    text = f"it raised {type(error).__name__}: {error} ({where})"
+    component_frames = [
+        frame for frame in frames if frame.filename == getattr(home, "__file__", None)
+    ] or frames
+    location = f"{component_frames[-1].filename}:{component_frames[-1].lineno}"
+    text = f"it raised {type(error).__name__}: {error} ({location})"
     if "read-only" in str(error):
         return f"{text}. Input arrays are read-only because others use them too: change a copy (a = a.copy())"
     return f"{text}. It must answer here: treat this case, or say in an AggloError what it cannot do"

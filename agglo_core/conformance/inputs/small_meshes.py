@@ -55,8 +55,8 @@ def ring(n: int) -> Mesh:
     """Return an annulus of ``n`` cells, which form a closed chain."""
     angle = 2 * np.pi * np.arange(n) / n
     circle = np.stack((np.cos(angle), np.sin(angle)), axis=1)
-    here, there = np.arange(n), np.roll(np.arange(n), -1)
-    cells = np.stack((here, here + n, there + n, there), axis=1)
+    i, j = np.arange(n), np.roll(np.arange(n), -1)
+    cells = np.stack((i, i + n, j + n, j), axis=1)
     return Mesh.from_polygons(np.concatenate((circle, 2 * circle)), cells, name="ring")
 
 
@@ -79,9 +79,11 @@ def mixed() -> Mesh:
 def comb() -> Mesh:
     """Return a comb with three tall teeth, which straight cuts split into pieces."""
     i, j = np.meshgrid(np.arange(5), np.arange(9))
-    kept = ((i % 2 == 0) | (j == 0)).ravel()
-    whole = grid(5, 9)
-    return Mesh.from_polygons(whole.points, whole.boundary_loops.vertices.reshape(-1, 4)[kept], name="comb")
+    inside = ((i % 2 == 0) | (j == 0)).ravel()
+    full_grid = grid(5, 9)
+    return Mesh.from_polygons(
+        full_grid.points, full_grid.boundary_loops.vertices.reshape(-1, 4)[inside], name="comb"
+    )
 
 
 def apart() -> Mesh:
@@ -121,8 +123,8 @@ def boxes(nx: int = 5, ny: int = 3, nz: int = 2, *, cuts: int = 1, without: Sequ
 def solids() -> list[Mesh]:
     """Return 3-D meshes without symmetries: boxes, and tetrahedra with slightly displaced points."""
     kuhn = samples.tetrahedra(3)
-    away = np.random.default_rng(6).uniform(-0.05, 0.05, kuhn.points.shape)
-    return [boxes(7, 4, 3), replace(kuhn, points=kuhn.points + away, name="162 tetrahedra")]
+    shifts = np.random.default_rng(6).uniform(-0.05, 0.05, kuhn.points.shape)
+    return [boxes(7, 4, 3), replace(kuhn, points=kuhn.points + shifts, name="162 tetrahedra")]
 
 
 def tetrahedra() -> Mesh:

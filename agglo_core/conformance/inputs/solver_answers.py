@@ -21,9 +21,11 @@ from agglo_core.problems import Diffusion, Linear, Problem, Solution
 
 def solve(subject: Subject, case: Case, tool: Any = None) -> Solution:
     """Return the solution of a new object, or of ``tool``."""
-    given = answer(subject, subject.build() if tool is None else tool, case)
-    require(isinstance(given, Solution), f"on {case.name}: it returned {given!r:.60}, expected a Solution")
-    return given  # type: ignore[no-any-return]
+    solution = answer(subject, subject.build() if tool is None else tool, case)
+    require(
+        isinstance(solution, Solution), f"on {case.name}: it returned {solution!r:.60}, expected a Solution"
+    )
+    return solution  # type: ignore[no-any-return]
 
 
 def solve_unless_refused(
@@ -90,5 +92,5 @@ def option_named(subject: Subject, *names: str) -> str | None:
     """Return the first of these names that is an option of the component, or None."""
     if not subject.takes_options:
         return None
-    known = inspect.signature(subject.target).parameters
-    return next((name for name in names if name in known), None)
+    parameters = inspect.signature(subject.target).parameters
+    return next((name for name in names if name in parameters), None)

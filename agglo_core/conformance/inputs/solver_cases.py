@@ -29,9 +29,9 @@ def plate(nx: int = 8, ny: int = 6, tag: str = "boundary") -> Hierarchy:
     ends = mesh.points[mesh.face_vertices[mesh.face_offsets[1:] - 1]]
     x, y = (x + ends[:, 0]) / 2, (y + ends[:, 1]) / 2
     sides = np.select([x < 1e-9, x > 2 - 1e-9, y < 1e-9, y > 1 - 1e-9], SIDES, 0)
-    tagged = replace(mesh, face_tags={tag: sides}, name=f"a plate of {nx} by {ny}")
+    tagged_mesh = replace(mesh, face_tags={tag: sides}, name=f"a plate of {nx} by {ny}")
     row, column = np.divmod(np.arange(nx * ny), nx)
-    return on_levels(tagged, frozen_int(row // 2 * ((nx + 1) // 2) + column // 2))
+    return on_levels(tagged_mesh, frozen_int(row // 2 * ((nx + 1) // 2) + column // 2))
 
 
 def block() -> Hierarchy:
@@ -42,8 +42,8 @@ def block() -> Hierarchy:
     beyond = np.stack((low - corners, corners - high), axis=-1) > -1e-9
     on_side = beyond.all(axis=1).reshape(mesh.n_faces, 6)
     sides = np.where(on_side.any(axis=1), 1 + on_side.argmax(axis=1), 0)
-    tagged = replace(mesh, face_tags={"boundary": sides}, name="a block of boxes")
-    return on_levels(tagged, frozen_int(np.arange(mesh.n_cells) // 4))
+    tagged_mesh = replace(mesh, face_tags={"boundary": sides}, name="a block of boxes")
+    return on_levels(tagged_mesh, frozen_int(np.arange(mesh.n_cells) // 4))
 
 
 def halves(hierarchy: Hierarchy, left: float, right: float) -> Float:
@@ -147,8 +147,8 @@ def definite() -> list[Case]:
     # Couplings from 1e-8 to 1e8: exponents are sums of random cell exponents.
     wide = np.random.default_rng(6).uniform(-4, 4, 36)
     links = sparse.csr_array(hierarchy.graph.to_scipy())
-    spread = sparse.csr_array(10.0 ** (wide[:, None] + wide)) * links
-    contrast = sparse.diags_array(spread.sum(axis=1) + 10.0 ** (wide - 2)) - spread
+    weights = sparse.csr_array(10.0 ** (wide[:, None] + wide)) * links
+    contrast = sparse.diags_array(weights.sum(axis=1) + 10.0 ** (wide - 2)) - weights
     systems = {
         "strong positive couplings": replace(base, A=sparse.csr_array(base.A + 1e3 * (groups @ groups.T))),
         "couplings from 1e-8 to 1e8": replace(base, A=sparse.csr_array(contrast)),
@@ -200,8 +200,8 @@ def _of_unequal_cells(scalar: Linear) -> Linear:
     cells = np.repeat(np.arange(len(widths)), widths)
     n = len(cells)
     weights = np.random.default_rng(4).uniform(0.3, 1.0, n)
-    spread = sparse.csr_array((weights, (np.arange(n), cells)), shape=(n, len(widths)))
-    A = sparse.csr_array(spread @ scalar.A @ spread.T + 20.0 * sparse.eye_array(n))
+    prolongation = sparse.csr_array((weights, (np.arange(n), cells)), shape=(n, len(widths)))
+    A = sparse.csr_array(prolongation @ scalar.A @ prolongation.T + 20.0 * sparse.eye_array(n))
     b = frozen_float(np.random.default_rng(5).standard_normal(n))
     return Linear(A, b, frozen_int(np.concatenate([[0], np.cumsum(widths)])))
 
@@ -209,7 +209,7 @@ def _of_unequal_cells(scalar: Linear) -> Linear:
 def _stored_twice(A: sparse.csr_array) -> sparse.csr_array:
     """Return an equal matrix with each entry stored as the sum of two separate entries."""
     n = A.shape[0]
-    parts = [np.split(each, A.indptr[1:-1]) for each in (A.indices, A.data)]
-    indices = np.concatenate([np.concatenate([one, one[::-1]]) for one in parts[0]])
-    data = np.concatenate([np.concatenate([0.25 * one, 0.75 * one[::-1]]) for one in parts[1]])
+    parts = [np.split(array, A.indptr[1:-1]) for array in (A.indices, A.data)]
+    indices = np.concatenate([np.concatenate([row, row[::-1]]) for row in parts[0]])
+    data = np.concatenate([np.concatenate([0.25 * row, 0.75 * row[::-1]]) for row in parts[1]])
     return sparse.csr_array((data, indices, 2 * A.indptr), shape=(n, n))

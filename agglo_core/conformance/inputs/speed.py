@@ -40,8 +40,8 @@ def too_slow(subject: Subject) -> Slow | None:
         return None
     if not subject.pace:
         subject.pace.append(_measured(subject))
-    found: Slow | None = subject.pace[0]
-    return found
+    result: Slow | None = subject.pace[0]
+    return result
 
 
 def bearable(subject: Subject, asked: list[Case]) -> list[Case]:

@@ -46,7 +46,7 @@ def unusual() -> dict[str, Graph]:
 
 def fresh(graph: Graph) -> Graph:
     """Return the graph with copied arrays, so that changes to them do not persist."""
-    values = {each.name: getattr(graph, each.name) for each in fields(graph)}
+    values = {f.name: getattr(graph, f.name) for f in fields(graph)}
     arrays = {name: value.copy() for name, value in values.items() if isinstance(value, np.ndarray)}
     return replace(graph, **arrays, data={name: value.copy() for name, value in graph.data.items()})
 
@@ -62,8 +62,8 @@ def crowd(blocks: int, smallest: int) -> Graph:
     mesh = small_meshes.grid(48, rows, jitter=0.2)
     row, column = np.divmod(np.arange(mesh.n_cells), 48)
     strip, across = np.divmod(column, 3)
-    down = np.where(strip % 2, rows - 1 - row, row)  # boustrophedon
-    way = np.lexsort((np.where(down % 2, -across, across), down, strip))[: sizes.sum()]
+    level_row = np.where(strip % 2, rows - 1 - row, row)  # boustrophedon
+    way = np.lexsort((np.where(level_row % 2, -across, across), level_row, strip))[: sizes.sum()]
     # Cut the path into blocks, and shuffle the cells of each block.
     offsets = np.concatenate(([0], np.cumsum(sizes)))
     shuffled = np.lexsort((np.random.default_rng(4).random(len(way)), np.repeat(np.arange(blocks), sizes)))
@@ -166,8 +166,8 @@ def _sized(size: float) -> Graph:
 def _far() -> Graph:
     """Return a graph far from the origin, without mesh: centroids of a mesh are relative to its middle."""
     graph: Graph = small_meshes.grid(9, 7, jitter=0.2).graph
-    away = np.array([4e6, -7e6])
-    return replace(graph, centroids=graph.centroids + away, points=graph.points + away)
+    shift = np.array([4e6, -7e6])
+    return replace(graph, centroids=graph.centroids + shift, points=graph.points + shift)
 
 
 @cache

@@ -66,9 +66,9 @@ def side_array(subject: Subject) -> None:
 def side_values(subject: Subject) -> None:
     """Sides are 0 and 1, or floats from 0 to 1 for the probability of side 1."""
     for case in every_graph(subject):
-        given = np.asarray(answer(subject, subject.build(), case))
-        low, high = given.min(), given.max()
-        if given.dtype.kind == "f":
+        sides = np.asarray(answer(subject, subject.build(), case))
+        low, high = sides.min(), sides.max()
+        if sides.dtype.kind == "f":
             require(
                 low >= 0 and high <= 1,
                 f"on {case.name}: floats lie in {low:g}..{high:g}, expected probabilities of side 1 in 0..1: "
@@ -116,8 +116,10 @@ def _told_in_turn(
     )
 
 
-def _as_before(subject: Subject, tool: Any, asked: list[Case], answers: list[NDArray[Any]]) -> bool:
-    return all(same(plain(subject, tool, case), one) for case, one in zip(asked, answers, strict=True))
+def _as_before(subject: Subject, tool: Any, test_cases: list[Case], answers: list[NDArray[Any]]) -> bool:
+    return all(
+        same(plain(subject, tool, case), expected) for case, expected in zip(test_cases, answers, strict=True)
+    )
 
 
 def _targets_taken(subject: Subject) -> list[Target]:
@@ -138,8 +140,10 @@ def _long_piece() -> Case:
 
 def _both_sides(subject: Subject, tool: Any, case: Case, target: Target) -> NDArray[Any]:
     sides = plain(subject, tool, case)
-    known = set(np.unique(sides).tolist()) <= {0, 1}
-    require(known, f"on {case.name}, for {target}: its sides are {np.unique(sides)[:4]}, expected 0 and 1")
+    is_binary = set(np.unique(sides).tolist()) <= {0, 1}
+    require(
+        is_binary, f"on {case.name}, for {target}: its sides are {np.unique(sides)[:4]}, expected 0 and 1"
+    )
     require(
         subject.fallback or not len(one_sided(case.given[0], sides)),
         f"on {case.name}, for {target}: a piece came out on one side",
@@ -156,9 +160,9 @@ def two_sides(subject: Subject) -> None:
         alike = one_sided(graph, plain(subject, subject.build(), case))
         pieces += graph.n_blocks
         bad += [f"{case.name}, a piece of {graph.sizes[block]} cells" for block in alike]
-    allowed = pieces // 2 if subject.fallback else 0
+    max_bad = pieces // 2 if subject.fallback else 0
     require(
-        len(bad) <= allowed,
+        len(bad) <= max_bad,
         f"on {'; '.join(bad[:3])}: all cells came out on one side: split at the median where your rule finds "
         "no cut, or declare fallback='inertial' (Component) for a model that may fail",
     )

@@ -246,23 +246,25 @@ def _held(subject: Subject, tool: Any) -> Float:
     return np.array(usage, float)
 
 
-def _grown(held: ArrayLike) -> Float:
+def _grown(usage: ArrayLike) -> Float:
     """Return the growth per call in each round except the first."""
-    return np.diff(held, axis=0)[1:] / _CALLS
+    return np.diff(usage, axis=0)[1:] / _CALLS
 
 
-def _settled(held: ArrayLike) -> bool:
+def _settled(usage: ArrayLike) -> bool:
     """Return True if the growth in the last round is negligible."""
-    return bool((_grown(held)[-1] <= (_KEPT_BYTES, 0, 0)).all())
+    return bool((_grown(usage)[-1] <= (_KEPT_BYTES, 0, 0)).all())
 
 
 def _given_once(subject: Subject, tool: Any) -> list[Any]:
     """Call the component, and return weak references to the input and its arrays."""
     case = next(_each(subject))
     answer(subject, tool, case)
-    things = [each for each in case.given if isinstance(each, np.ndarray) or is_dataclass(each)]
-    arrays = [value for each in things for value in getattr(each, "__dict__", {}).values()]
-    return [weakref.ref(each) for each in [*things, *arrays] if isinstance(each, np.ndarray | Graph | Mesh)]
+    things = [value for value in case.given if isinstance(value, np.ndarray) or is_dataclass(value)]
+    arrays = [attribute for value in things for attribute in getattr(value, "__dict__", {}).values()]
+    return [
+        weakref.ref(value) for value in [*things, *arrays] if isinstance(value, np.ndarray | Graph | Mesh)
+    ]
 
 
 def _open_files() -> int:
@@ -281,8 +283,8 @@ def a_level_is_its_blocks(subject: Subject) -> None:
     if subject.kind == "bisector" and subject.has("bisect_level"):
         levels.append((many_parts(subject.kind), (3, 0, 255, 4095, 4097, 4999)))
     levels += [(case, (0, 1, 2)) for case in in_space(subject) if case.given[0].n_blocks == 3]
-    for case, chosen in levels if too_slow(subject) is None else [_few_blocks(levels[0][0])]:
-        _same_in_any_company(subject, case, chosen)
+    for case, blocks in levels if too_slow(subject) is None else [_few_blocks(levels[0][0])]:
+        _same_in_any_company(subject, case, blocks)
 
 
 def _without_others(case: Case) -> Case:
@@ -337,8 +339,8 @@ _FEW = 200  # maximum number of values in a case; larger cases test nothing new
 
 def _asked(subject: Subject) -> list[Case]:
     ordinary = {case.name for case in cases(subject.kind)}
-    asked = [case for case in questions(subject) if case.name in ordinary and (case.size or 0) <= _FEW]
-    return [own for case in asked[::-1] if arrays_in(own := in_own_arrays(case))][:4]
+    test_cases = [case for case in questions(subject) if case.name in ordinary and (case.size or 0) <= _FEW]
+    return [copy for case in test_cases[::-1] if arrays_in(copy := in_own_arrays(case))][:4]
 
 
 @law(*_OWNED)

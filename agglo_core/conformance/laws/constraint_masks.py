@@ -138,9 +138,9 @@ def parts_admissible(subject: Subject) -> None:
         ).levels[0]
     except AggloError as error:
         raise Broken(f"a run under it failed: {error}") from error
-    given = answer(subject, tool, Case("the parts of a run", (mesh, labels)))
-    if "admissible" in given:
-        honest = bool(given["admissible"].all())
+    method_masks = answer(subject, tool, Case("the parts of a run", (mesh, labels)))
+    if "admissible" in method_masks:
+        honest = bool(method_masks["admissible"].all())
         require(honest, "a part of a run is not admissible: it must always answer alike")
 
 

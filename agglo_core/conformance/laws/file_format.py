@@ -41,7 +41,7 @@ def _writes(subject: Subject) -> bool:
 def suffixes_declared(subject: Subject) -> None:
     """There is at least one suffix, each in lower case with a leading dot."""
     suffixes = subject.suffixes
-    wrong = [each for each in suffixes if not (isinstance(each, str) and re.fullmatch(r"\.[^A-Z\s/]+", each))]
+    wrong = [s for s in suffixes if not (isinstance(s, str) and re.fullmatch(r"\.[^A-Z\s/]+", s))]
     require(
         suffixes and not wrong,
         f"suffixes are {suffixes!r}, expected a tuple such as ('.toy',): lower case, with the dot",
@@ -122,9 +122,9 @@ def files_left_alone(subject: Subject) -> None:
             (folder / "other.txt").write_text("not yours")
             path = folder / f"mesh{case.given[1]}"
             subject.build().write(path, case.given[0])
-            own = getattr(subject.build(), "folders", ())
-            found = [each for each in folder.iterdir() if not (each.is_dir() and each.name in own)]
-            names = sorted(each.name for each in found if not each.name.startswith("mesh"))
+            folder_names = getattr(subject.build(), "folders", ())
+            files = [file for file in folder.iterdir() if not (file.is_dir() and file.name in folder_names)]
+            names = sorted(file.name for file in files if not file.name.startswith("mesh"))
             untouched = (folder / "other.txt").read_text() == "not yours"
             require(
                 path.is_file() and names == ["other.txt"] and untouched,
@@ -139,8 +139,8 @@ def files_left_alone(subject: Subject) -> None:
 
 def _contents(folder: Path) -> dict[Path, tuple[bytes, int]]:
     """Return the content and modification time of every file in a folder."""
-    files = [each for each in folder.rglob("*") if each.is_file()]
-    return {each: (each.read_bytes(), os.stat(each).st_mtime_ns) for each in files}
+    files = [file for file in folder.rglob("*") if file.is_file()]
+    return {file: (file.read_bytes(), os.stat(file).st_mtime_ns) for file in files}
 
 
 def _attribute(subject: Subject, name: str) -> bool:
@@ -198,16 +198,16 @@ def _difference(mesh: Mesh, back: Mesh) -> str:
     if (mesh.dim, mesh.n_cells) != (back.dim, back.n_cells):
         return f"{mesh.n_cells} cells in {mesh.dim}-D became {back.n_cells} in {back.dim}-D"
     size = float(np.abs(mesh.points).max())
-    links, others = mesh.graph.to_scipy(), back.graph.to_scipy()
-    if (links.nnz != others.nnz) or abs(links - others).max() > 1e-11 * size ** (mesh.dim - 1):
+    links, links_back = mesh.graph.to_scipy(), back.graph.to_scipy()
+    if (links.nnz != links_back.nnz) or abs(links - links_back).max() > 1e-11 * size ** (mesh.dim - 1):
         return "the interfaces between cells differ"
     # Geometry of the cells.
     for name, power in (("cell_centroids", 1), ("cell_measures", mesh.dim), ("cell_diameters", 1)):
         if np.abs(getattr(mesh, name) - getattr(back, name)).max() > 1e-11 * size**power:
             return f"{name} differ"
     # Points in use, in any order.
-    used, found = (each.points[np.unique(each.face_vertices)] for each in (mesh, back))
-    if len(used) != len(found) or cKDTree(found).query(used)[0].max() > 1e-12 * size:
+    points, points_back = (m.points[np.unique(m.face_vertices)] for m in (mesh, back))
+    if len(points) != len(points_back) or cKDTree(points_back).query(points)[0].max() > 1e-12 * size:
         return "points differ"
     # Cell tags.
     found_tags = {name: tag.tolist() for name, tag in back.cell_tags.items()}

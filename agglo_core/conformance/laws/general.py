@@ -92,9 +92,11 @@ def surroundings_kept(subject: Subject) -> None:
 @law(*ASKED)
 def answers(subject: Subject) -> None:
     """Every test mesh gets an answer (solvers, discretisations, formats and constraints may refuse some)."""
-    asked = questions(subject)
-    require(asked or subject.kind not in _REFUSING or _only_reads(subject), _REFUSING.get(subject.kind, ""))
-    for case in asked:
+    test_cases = questions(subject)
+    require(
+        test_cases or subject.kind not in _REFUSING or _only_reads(subject), _REFUSING.get(subject.kind, "")
+    )
+    for case in test_cases:
         try:
             answer(subject, subject.build(), case)
         except Broken as error:

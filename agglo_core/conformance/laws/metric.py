@@ -57,8 +57,8 @@ def declares_itself(subject: Subject) -> None:
         f"attribute homogeneity is {power!r}, expected a whole number: 0 for ratios, 1 for lengths",
     )
     for name in _TOLD:
-        told = getattr(tool, name, False)
-        require(isinstance(told, bool), f"attribute {name} is {told!r}, expected True, False or none")
+        value = getattr(tool, name, False)
+        require(isinstance(value, bool), f"attribute {name} is {value!r}, expected True, False or none")
 
 
 @law("metric")
@@ -115,8 +115,8 @@ def holes(subject: Subject) -> None:
 
 def _known_name(subject: Subject) -> str:
     """Return the declared name, or for a bare class its name in snake case."""
-    made = re.sub("(?<=[a-z])(?=[A-Z])", "_", getattr(subject.given, "__name__", "")).lower()
-    return subject.name or (made if made in PLAIN else "")
+    snake_name = re.sub("(?<=[a-z])(?=[A-Z])", "_", getattr(subject.given, "__name__", "")).lower()
+    return subject.name or (snake_name if snake_name in PLAIN else "")
 
 
 @law("metric", when=lambda subject: _known_name(subject) in HAND)
@@ -154,9 +154,9 @@ def _every_shape(subject: Subject) -> list[Case]:
     return [*plane, *solids(), *bodies()] if subject.promised("3d") else plane
 
 
-def _says(subject: Subject, what: str) -> bool:
+def _says(subject: Subject, attribute: str) -> bool:
     try:
-        return getattr(subject.build(), what, False) is True
+        return getattr(subject.build(), attribute, False) is True
     except Broken:
         return False
 
@@ -348,14 +348,14 @@ def unmoved_in_space(subject: Subject) -> None:
     """In 3-D too, values respect bounds and scaling, and ignore position and numbering."""
     # In 3-D a length may become an area, so the power lies between the declared power and twice that.
     declared = subject.build().homogeneity
-    powers = {declared + more for more in np.sign(declared) * np.arange(abs(declared) + 1)}
+    powers = {declared + k for k in np.sign(declared) * np.arange(abs(declared) + 1)}
     for case in solids():
         before = _values(subject, case)
         require_bounds(subject, case)
         for scale in _SCALES:
-            there, _ = changed(case, Change(scale=scale))
-            require_bounds(subject, replace(there, name=f"{case.name} scaled by {scale:g}"))
-            scaled = _values(subject, there)
+            scaled_case, _ = changed(case, Change(scale=scale))
+            require_bounds(subject, replace(scaled_case, name=f"{case.name} scaled by {scale:g}"))
+            scaled = _values(subject, scaled_case)
             powers = {power for power in powers if _scaled_by(scaled, before, scale ** int(power))}
             require(
                 bool(powers),
@@ -397,11 +397,11 @@ def each_call_alone(subject: Subject) -> None:
 @law("metric", when=lambda subject: not getattr(subject.build(), "relative", False))
 def far_parts_do_not_matter(subject: Subject) -> None:
     """The value of an agglomerate does not depend on distant agglomerates, unless ``relative`` is set."""
-    case, others = far_from_each_other()
+    case, variants = far_from_each_other()
     before = _values(subject, case)[:6]
-    for other in others:
+    for variant in variants:
         require_close(
-            _values(subject, other)[:6], before, f"on {other.name}, at the other end",
+            _values(subject, variant)[:6], before, f"on {variant.name}, at the other end",
             "a value that is compared with those of all parts, as diam(P) / h is, says relative = True", 1e-8,
             rounding(subject, case, 1e-8),
         )  # fmt: skip

@@ -60,8 +60,8 @@ def near_null_kept(subject: Subject) -> None:
     """Near-null vectors of the matrix lie nearly in the range of the prolongation."""
     for case in questions(subject):
         P, B = _prolongation(subject, case), case.given[0].near_null
-        left = B - P @ np.linalg.lstsq(P, B, rcond=None)[0]
-        share = float((np.linalg.norm(left, axis=0) / np.linalg.norm(B, axis=0)).max())
+        remainder = B - P @ np.linalg.lstsq(P, B, rcond=None)[0]
+        share = float((np.linalg.norm(remainder, axis=0) / np.linalg.norm(B, axis=0)).max())
         require(
             share <= _NEAR,
             f"on {case.name}: {share:.2f} of a near-null vector lies outside the range of P: smoothers "
@@ -131,8 +131,8 @@ def coarse_solver_symmetric(subject: Subject) -> None:
 
 
 def _prolongation(subject: Subject, case: Case) -> Float:
-    given = answer(subject, subject.build(), case)
-    return np.asarray(getattr(given, "P", given).toarray())
+    result = answer(subject, subject.build(), case)
+    return np.asarray(getattr(result, "P", result).toarray())
 
 
 def _solution(subject: Subject, case: Case, b: Any) -> Float:

@@ -128,8 +128,8 @@ def _in_blocks(objective: Objective) -> Callable[[Graph, Int], Any]:
         block[parts] = graph.block_ids
         values = objective.of_parts(graph, parts)
         combined = np.add if objective.combined == "sum" else np.maximum
-        found: Float = combined.reduceat(values, np.unique(block, return_index=True)[1])
-        return found
+        result: Float = combined.reduceat(values, np.unique(block, return_index=True)[1])
+        return result
 
     return value
 
@@ -155,8 +155,8 @@ def in_more_pieces(kind: str, graph: Graph, before: Int, after: Int) -> list[tup
     For a fixer, list each part with more than a single piece.
     """
     had, has = loose_parts(graph, before), loose_parts(graph, after)
-    allowed = {part: 1 if kind == "fixer" else had.get(part, 0) for part in has}
-    return sorted((*part, pieces) for part, pieces in has.items() if pieces > allowed[part])
+    limits = {part: 1 if kind == "fixer" else had.get(part, 0) for part in has}
+    return sorted((*part, pieces) for part, pieces in has.items() if pieces > limits[part])
 
 
 def loose_parts(graph: Graph, labels: Int) -> dict[tuple[int, int], int]:

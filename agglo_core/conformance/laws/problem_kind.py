@@ -50,7 +50,7 @@ def problem_frozen(subject: Subject) -> None:
     """Problems are immutable."""
     case = on_meshes("problem")[0]
     example = answer(subject, subject.build(), case)
-    names = [each.name for each in fields(example)] if is_dataclass(example) else list(vars(example))
+    names = [f.name for f in fields(example)] if is_dataclass(example) else list(vars(example))
     for name in names or ["no_such_attribute"]:
         try:
             setattr(example, name, getattr(example, name, None))

@@ -65,10 +65,10 @@ def deterministic(subject: Subject) -> None:
     tool = subject.build()
     test_cases = questions(subject)
     first = [plain(subject, tool, case) for case in test_cases]
-    later = [plain(subject, tool, case) for case in reversed(questions(subject, seed=1))]
-    for case, one, two in zip(test_cases, first, reversed(later), strict=True):
+    second = [plain(subject, tool, case) for case in reversed(questions(subject, seed=1))]
+    for case, a, b in zip(test_cases, first, reversed(second), strict=True):
         require(
-            same(one, two),
+            same(a, b),
             f"on {case.name}: with another seed, or after other calls, it answered differently: a component "
             "that draws random numbers does not promise deterministic",
         )
@@ -139,9 +139,12 @@ def _require_unmoved_in_space(subject: Subject) -> None:
     for solid in small_meshes.solids():
         before = [plain(subject, subject.build(), case) for case in _on(subject.kind, solid, solid, None)]
         changes = {name: (moved(solid, motion), None) for name, motion in _IN_SPACE.items()}
-        for name, (other, order) in {**changes, "renumbered": renumbered(solid)}.items():
-            for case, one in zip(_on(subject.kind, solid, other, order), before, strict=True):
-                expected, after = one if order is None else one[order], plain(subject, subject.build(), case)
+        for name, (mesh, order) in {**changes, "renumbered": renumbered(solid)}.items():
+            for case, values in zip(_on(subject.kind, solid, mesh, order), before, strict=True):
+                expected, after = (
+                    values if order is None else values[order],
+                    plain(subject, subject.build(), case),
+                )
                 require(
                     same_labelling(expected, after, swap=subject.kind == "bisector"),
                     f"on {solid.name} {name}: {np.count_nonzero(expected != after)} of {len(after)} cells "
@@ -162,9 +165,9 @@ def space(subject: Subject) -> None:
         plain(subject, tool, case)
     for case in test_cases:
         values = plain(subject, subject.build(), case)
-        later = plain(subject, tool, case)
+        second_values = plain(subject, tool, case)
         require(
-            same(values, later),
+            same(values, second_values),
             f"on {case.name}: it answers otherwise after a question in the plane: keep no dimension in self",
         )
         if subject.kind != "metric":  # undefined values are allowed, and metrics have 3-D laws of their own

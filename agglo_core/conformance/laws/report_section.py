@@ -25,8 +25,8 @@ def titled(subject: Subject) -> None:
 def html_text(subject: Subject) -> None:
     """The html is a string."""
     for case in questions(subject):
-        given = answer(subject, subject.build(), case)
-        require(isinstance(given, str), f"{case.name}: html returned {in_words(given)}, expected a string")
+        html = answer(subject, subject.build(), case)
+        require(isinstance(html, str), f"{case.name}: html returned {in_words(html)}, expected a string")
 
 
 @law("section")

@@ -85,9 +85,9 @@ def same_in_another_process(subject: Subject) -> None:
         "pickled": "what it needs must be in its attributes, not in the module",
     }
     for source, answers in answers_elsewhere(subject).items():
-        for case, one, two in zip(test_cases, expected, answers, strict=True):
+        for case, a, b in zip(test_cases, expected, answers, strict=True):
             require(
-                same(one, two),
+                same(a, b),
                 f"on {case.name}: {source} for another process, it answers otherwise there: {remedy[source]}",
             )
 
@@ -109,8 +109,8 @@ def large_meshes(subject: Subject) -> None:
     graph = case.given[0]
     values = plain(subject, subject.build(), case)
     if subject.kind == "bisector":
-        apart = not len(one_sided(graph, values))
-        require(apart or subject.fallback, f"on {case.name}: all cells came out on one side")
+        two_sided = not len(one_sided(graph, values))
+        require(two_sided or subject.fallback, f"on {case.name}: all cells came out on one side")
         return
     labels = case.given[1]
     require(same_parts(graph, labels, values), f"on {case.name}: the parts are no longer those they were")

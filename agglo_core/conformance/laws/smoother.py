@@ -41,9 +41,10 @@ def nothing_from_nothing(subject: Subject) -> None:
     """The result for b = 0 and x = 0 is 0."""
     for case in questions(subject):
         zero = np.zeros(case.size or 0)
-        made = smoothed(subject, case, zero, zero)
+        result = smoothed(subject, case, zero, zero)
         require(
-            not np.any(made != 0), f"on {case.name}: it made {made[:3]} from zeros: only b − A x may enter"
+            not np.any(result != 0),
+            f"on {case.name}: it made {result[:3]} from zeros: only b − A x may enter",
         )
 
 
@@ -131,8 +132,8 @@ def _mixed(modes: Float) -> Float:
 
 def smoothed(subject: Subject, case: Case, b: Float, x: Float) -> Float:
     """Apply a smoother to a right-hand side and an x ``(n,)``."""
-    asked = Case(case.name, (case.given[0], frozen_float(b), frozen_float(x)))
-    return plain(subject, subject.build(), asked)
+    new_case = Case(case.name, (case.given[0], frozen_float(b), frozen_float(x)))
+    return plain(subject, subject.build(), new_case)
 
 
 def _error_left(subject: Subject, case: Case, error: Float) -> Float:
@@ -201,8 +202,8 @@ def after_mirrors_before(subject: Subject) -> None:
             "residual may enter",
         )
         # B and Bᵀ are adjoint.
-        one, other = float(v @ _before(subject, case, u)[0]), float(u @ _after(subject, case, v, 0 * v))
-        asymmetry = abs(one - other) / (np.linalg.norm(u) * np.linalg.norm(alone))
+        vBu, uBtv = float(v @ _before(subject, case, u)[0]), float(u @ _after(subject, case, v, 0 * v))
+        asymmetry = abs(vBu - uBtv) / (np.linalg.norm(u) * np.linalg.norm(alone))
         require(
             asymmetry <= _CLOSE,
             f"on {case.name}: v·B u and u·Bᵀ v differ by {asymmetry:.1e}: what is done first before the "
@@ -283,9 +284,9 @@ def unit_of_the_matrix(subject: Subject) -> None:
 @law("smoother")
 def levels_apart(subject: Subject) -> None:
     """The result of ``setup`` for a level is not affected by the setup and use of other levels."""
-    tool, asked = subject.build(), questions(subject)
-    ready = [(case, _set_up(tool, case)) for case in asked]
-    for case, smooth in [*ready, *ready[::-1]]:
+    tool, test_cases = subject.build(), questions(subject)
+    smoothers = [(case, _set_up(tool, case)) for case in test_cases]
+    for case, smooth in [*smoothers, *smoothers[::-1]]:
         shared = _applied(smooth, case)
         alone = plain(subject, subject.build(), case)
         require(

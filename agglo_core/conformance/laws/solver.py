@@ -75,7 +75,7 @@ def solution_record(subject: Subject) -> None:
             f"on {case.name}: residuals are {np.asarray(it.residuals)[:4]}: norms are finite, not negative",
         )
         require(
-            all(isinstance(each, numbers.Real) and each >= 0.0 for each in it.seconds.values()),
+            all(isinstance(s, numbers.Real) and s >= 0.0 for s in it.seconds.values()),
             f"on {case.name}: seconds are {it.seconds!r:.60}, expected numbers by name",
         )
 
@@ -210,8 +210,10 @@ def disconnected_solved(subject: Subject) -> None:
     mesh = small_meshes.apart()
     labels = mesh.graph.components()
     hierarchy = Hierarchy(mesh, mesh.graph, [labels], [{"n_parts": 2}], nested=True)
-    asked = [Case("two components", (each, hierarchy)) for each in (Diffusion(), laplacian(mesh.graph, 1))]
-    for case in taken(subject, asked):
+    test_cases = [
+        Case("two components", (problem, hierarchy)) for problem in (Diffusion(), laplacian(mesh.graph, 1))
+    ]
+    for case in taken(subject, test_cases):
         it = solve(subject, case)
         require(it.converged, f"on two components: not converged ({it.reason})")
 
@@ -253,7 +255,7 @@ def given_matrix_used(subject: Subject) -> None:
 def _require_own_residual(name: str, it: Solution) -> None:
     """Require that the last residual belongs to x, unless the method broke down."""
     if np.isfinite(it.x).all() and len(it.residuals):
-        size, true = (float(np.linalg.norm(each)) for each in (it.b, it.b - it.A @ it.x))
+        size, true = (float(np.linalg.norm(v)) for v in (it.b, it.b - it.A @ it.x))
         require(
             abs(it.residuals[-1] - true) <= 1e-8 * size + 0.01 * true,
             f"on {name}: the last residual is {it.residuals[-1]:.3e}, b − A x has {true:.3e}: take it from x "
@@ -383,7 +385,7 @@ def _require_honest(name: str, it: Solution, most: int) -> None:
         most > 1 or it.converged or it.iterations == 1 or not np.any(it.x),
         f"on {name}: it reports {it.iterations} iterations: the first residual is that before any",
     )
-    size, true = (float(np.linalg.norm(each)) for each in (it.b, it.b - it.A @ it.x))
+    size, true = (float(np.linalg.norm(v)) for v in (it.b, it.b - it.A @ it.x))
     require(
         abs(it.residuals[-1] - true) <= 1e-8 * size + 0.01 * true,
         f"on {name}: the last residual is {it.residuals[-1]:.3e}, that of x is {true:.3e}: they belong to "
@@ -469,8 +471,8 @@ def told_error_holds(subject: Subject) -> None:
 
 
 def _require_limit(name: str, it: Solution) -> None:
-    rest, load = (it.x, it.b) if it.lifting is None else (it.lifting.rest, it.lifting.load)
-    true = backward_error(matrix_of(it.A), rest, load)
+    x, load = (it.x, it.b) if it.lifting is None else (it.lifting.rest, it.lifting.load)
+    true = backward_error(matrix_of(it.A), x, load)
     require(
         not it.converged and true is not None and true <= LIMIT,
         f"on {name}: it says that rounding allows no better, converged is {it.converged} and the backward "
@@ -525,10 +527,10 @@ def coarse_operators_inherited(subject: Subject) -> None:
 
 def _off(A: Any, P: Any, coarse: Any) -> float:
     """Return the largest entry of Pᵀ A P minus the coarse matrix, relative to its diagonals."""
-    wanted, sizes = P.T @ A @ P, abs(P).T @ abs(A) @ abs(P)
+    galerkin, sizes = P.T @ A @ P, abs(P).T @ abs(A) @ abs(P)
     unit = np.sqrt(np.maximum(sizes.diagonal(), 1e-300))
-    apart = np.abs((wanted - coarse).toarray())
-    return float((apart / unit / unit[:, None]).max(initial=0.0))
+    error = np.abs((galerkin - coarse).toarray())
+    return float((error / unit / unit[:, None]).max(initial=0.0))
 
 
 @law("solver", promise="symmetric")

@@ -47,8 +47,8 @@ def _unknowns(subject: Subject, problem: Diffusion, hierarchy: Hierarchy) -> Flo
 
 def _one(subject: Subject, hierarchy: Hierarchy, boundary: str = "boundary") -> Float | None:
     """Return the unknowns of the constant 1."""
-    ones = Diffusion(source=0.0, dirichlet=dict.fromkeys(SIDES, 1.0), boundary=boundary)
-    return _unknowns(subject, ones, hierarchy)
+    problem = Diffusion(source=0.0, dirichlet=dict.fromkeys(SIDES, 1.0), boundary=boundary)
+    return _unknowns(subject, problem, hierarchy)
 
 
 @law("solver", when=_takes_diffusion)

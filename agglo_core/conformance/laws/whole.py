@@ -36,9 +36,9 @@ _SEES_SPACE = tuple(kind for kind in ASKED if kind not in ("smoother", *PARTS))
 def same_seed_same_result(subject: Subject) -> None:
     """Two objects with equal options give equal answers to equal calls with the same seed."""
     for case in questions(subject):
-        one, two = (_repeatably(subject, case) for _ in range(2))
+        first, second = (_repeatably(subject, case) for _ in range(2))
         require(
-            same(one, two),
+            same(first, second),
             f"on {case.name}: the same seed gave two results: take all random numbers from the rng or the "
             "seeds given; np.random.default_rng() without a seed differs each time",
         )
@@ -49,9 +49,9 @@ def no_memory(subject: Subject) -> None:
     """A repeated call on one object gives an equal answer."""
     for case in questions(subject):
         tool = subject.build()
-        one, two = (_repeatably(subject, case, tool) for _ in range(2))
+        first, second = (_repeatably(subject, case, tool) for _ in range(2))
         require(
-            same(one, two),
+            same(first, second),
             f"on {case.name}: asked twice, it answered differently: keep nothing between calls in self",
         )
 
@@ -100,8 +100,8 @@ def survives(subject: Subject) -> None:
 @law(*_SEES_SPACE, when=lambda subject: subject.promised("3d") is None)
 def space_served_or_refused(subject: Subject) -> None:
     """Without the promise 3d, 3-D meshes are handled or refused with an AggloError."""
-    asked = [*cases_in_3d(subject.kind), *(partitions_in_3d() if subject.partitions else [])]
-    for case in with_suffix(subject, asked) if subject.kind == "format" else asked:
+    test_cases = [*cases_in_3d(subject.kind), *(partitions_in_3d() if subject.partitions else [])]
+    for case in with_suffix(subject, test_cases) if subject.kind == "format" else test_cases:
         try:
             plain(subject, subject.build(), case)
         except Broken as error:
