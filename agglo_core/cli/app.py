@@ -51,9 +51,9 @@ class Commands(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
         """Return the command with this name, for plugins a stand-in until the command runs."""
-        own = super().get_command(ctx, cmd_name)
-        if own is not None:
-            return own
+        core_command = super().get_command(ctx, cmd_name)
+        if core_command is not None:
+            return core_command
         try:
             return _stand_in(cmd_name, default().record("command", cmd_name))
         except PluginError:
@@ -119,8 +119,8 @@ def main(args: Sequence[str] | None = None) -> NoReturn:
 
     Errors raised on purpose are printed as one line, bugs with a traceback.
     """
-    here = launched()
-    sys.exit(_main(args) if here is None else on_all_ranks(lambda: _main(args), here))
+    launch = launched()
+    sys.exit(_main(args) if launch is None else on_all_ranks(lambda: _main(args), launch))
 
 
 def _main(args: Sequence[str] | None) -> int:
@@ -174,7 +174,7 @@ def _fail(message: str) -> int:
 
 
 def _stopped(code: int, stop: BaseException | None) -> int:
-    where = ", ".join(getattr(stop, "__notes__", ()))
+    location = ", ".join(getattr(stop, "__notes__", ()))
     with suppress(OSError):
-        click.echo(f"{'interrupted' if code == 130 else 'terminated'} {where}".rstrip(), err=True)
+        click.echo(f"{'interrupted' if code == 130 else 'terminated'} {location}".rstrip(), err=True)
     return code

@@ -112,8 +112,8 @@ def data(mesh: Mesh, source: str, runs: Sequence[Mapping[str, Any]]) -> dict[str
 
 def level_data(level: Level) -> dict[str, Any]:
     """Return a level's data, with its target as a number: maximum diameter or number of parts."""
-    asked = level.line["target"]
-    return level.line | {"target": asked.get("h_star", asked.get("n_parts"))}
+    target = level.line["target"]
+    return level.line | {"target": target.get("h_star", target.get("n_parts"))}
 
 
 def run_data(run: RunResult, bisector: str, method: str) -> dict[str, Any]:
@@ -183,9 +183,9 @@ def _limited(run: RunResult) -> str:
 
 def _columns(level: Level, sized: bool) -> dict[str, str]:
     """Return column keys and headings, with mean diameter over h* if a level has a size."""
-    shown = {"diameter_ratio": _RATIO} if sized and "diameter_ratio" not in level.metrics else {}
+    ratio_column = {"diameter_ratio": _RATIO} if sized and "diameter_ratio" not in level.metrics else {}
     alike = (*level.metrics, "connected", *level.objectives)
-    return {"parts": "K"} | shown | {name: name for name in alike}
+    return {"parts": "K"} | ratio_column | {name: name for name in alike}
 
 
 def _cells(level: Level, columns: Iterable[str]) -> list[str]:

@@ -19,8 +19,8 @@ class Terminated(KeyboardInterrupt):
 @contextmanager
 def terminations() -> Iterator[None]:
     """Raise Terminated on SIGTERM within the context, unless SIGTERM already has a handler."""
-    own = threading.current_thread() is threading.main_thread()
-    if not own or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    if not in_main_thread or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
         yield
         return
     signal.signal(signal.SIGTERM, _terminate)

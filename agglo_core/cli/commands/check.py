@@ -62,5 +62,5 @@ def _show(component: str, results: list[Result]) -> None:
     ]
     columns = ["law", "state", "seconds", _ABOUT]
     print_table("", columns, rows, spare=["seconds"], fold={"law": 16, _ABOUT: 30})
-    failed = sum(not result.passed for result in results)
-    print_lines(f"{component}: {len(results) - failed} of {len(results)} laws hold")
+    n_failures = sum(not result.passed for result in results)
+    print_lines(f"{component}: {len(results) - n_failures} of {len(results)} laws hold")

@@ -180,14 +180,14 @@ def _pictures(
     values = {run.name: run.levels[0].values for run in runs if run.levels}
     boxes = folder / "boxplots.png"
     with phase(progress, "drawing", boxes.name):
-        measured = [name for name in RATIOS if all(name in each for each in values.values())]
-        outputs.picture(boxes, lambda: draw_boxes(values, boxes, measured[:_BOXES], title=title))
+        metric_names = [name for name in RATIOS if all(name in row for row in values.values())]
+        outputs.picture(boxes, lambda: draw_boxes(values, boxes, metric_names[:_BOXES], title=title))
     whole = folder / "mesh.png"
     with phase(progress, "drawing", whole.name):
         outputs.picture(whole, lambda: draw_mesh(mesh, whole))
     for run in runs:
         if run.hierarchy is not None:
             picture = folder / f"{as_file_name(run.name)}.png"
-            done, levels = {run.name: run.hierarchy}, {run.name: run.levels}
-            make = partial(draw, mesh, done, picture, progress=progress, fine=False, levels=levels)
+            hierarchies, levels = {run.name: run.hierarchy}, {run.name: run.levels}
+            make = partial(draw, mesh, hierarchies, picture, progress=progress, fine=False, levels=levels)
             outputs.picture(picture, make)

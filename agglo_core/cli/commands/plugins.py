@@ -116,8 +116,8 @@ def _card(record: Record) -> Iterator[str]:
 
 
 def _lines(option: Option) -> list[str]:
-    given = "must be given" if option.required else f"default {option.default!r}"
-    head = f"{option.name}: {option.type_name}; {given}"
+    default_text = "must be given" if option.required else f"default {option.default!r}"
+    head = f"{option.name}: {option.type_name}; {default_text}"
     return [head, f"    {option.about}"] if option.about else [head]
 
 

@@ -98,14 +98,14 @@ def run(
         try:
             # Each run is written as soon as it is complete.
             runs = [
-                _carry_out(mesh, spec, {**agglomeration, **given}, metrics, outputs, file, progress)
-                for (spec, given), file in zip_longest(plans.items(), files)
+                _carry_out(mesh, spec, {**agglomeration, **components}, metrics, outputs, file, progress)
+                for (spec, components), file in zip_longest(plans.items(), files)
             ]
         except BaseException:
             outputs.finish(listed=False)  # also report files that could not be written
             raise
     if as_json:
-        print_json(data(mesh, source, [_plain(each) for each in runs]))
+        print_json(data(mesh, source, [_plain(r) for r in runs]))
     elif not quiet:
         show(f"{mesh.name or source}: {mesh.n_cells:,} cells, h0 = {number(mesh.h)}", runs)
     with watched(quiet) as progress:

@@ -209,8 +209,8 @@ def _task(
     # Solvers may not need levels, but requested levels are always built.
     needs_levels = getattr(tool, "needs_levels", True) and not _is_plain_cg(tool)
     levels = needs_levels or bool(agglomeration)
-    made = levels_run(mesh, agglomeration, progress) if levels else levelless_run(mesh)
-    return _Task(mesh.name or source, mesh, posed, made, tool, solver)
+    result = levels_run(mesh, agglomeration, progress) if levels else levelless_run(mesh)
+    return _Task(mesh.name or source, mesh, posed, result, tool, solver)
 
 
 def _is_plain_cg(tool: object) -> bool:

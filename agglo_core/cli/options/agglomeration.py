@@ -76,7 +76,7 @@ def _names(_: click.Context, parameter: click.Parameter, text: str | None) -> tu
     """Parse a comma list of tags (click callback)."""
     if text is None:
         return None
-    names = tuple(each.strip() for each in text.split(","))
+    names = tuple(name.strip() for name in text.split(","))
     if not all(names):
         raise click.BadParameter(f"{text!r} is not a comma list of tags", param=parameter)
     return names
@@ -87,7 +87,7 @@ def _tensor(_: click.Context, parameter: click.Parameter, text: str | None) -> l
     if text is None:
         return None
     try:
-        values = [float(each) for each in text.split(",")]
+        values = [float(item) for item in text.split(",")]
     except ValueError:
         values = []
     d = {4: 2, 9: 3}.get(len(values))
@@ -221,9 +221,9 @@ def agglomeration_options(
         return _gathering(command, [_REFINER, _FIXER, *_TARGET_OPTIONS], _BARE)
     usual = "all" if method == "several" else "kmeans"
     several = bisectors_option(f"How a piece is split (default {usual}); several are compared.")
-    chosen = several if bisector == "several" else _ONE_BISECTOR
+    bisector_option = several if bisector == "several" else _ONE_BISECTOR
     methods = _METHOD_LIST if method == "several" else _METHOD
-    options = [chosen, methods, _NESTED, _REFINER, _FIXER, *_LAST_STEPS, *_TARGET_OPTIONS]
+    options = [bisector_option, methods, _NESTED, _REFINER, _FIXER, *_LAST_STEPS, *_TARGET_OPTIONS]
     options += [*_RULE_OPTIONS, *_CONFIG]
     options.append(threads_option)
     return lambda inner: _gathering(inner, options, _ALL)
@@ -233,9 +233,9 @@ def _gathering(command: Command, options: Sequence[Decorator], names: Sequence[s
     """Add options to a command, and collect the named options in one argument ``agglomeration``."""
 
     @wraps(command)
-    def gathered(**given: Any) -> Any:
-        chosen = {name: given.pop(name) for name in names if name in given}
-        return command(agglomeration=_arguments(chosen), **given)
+    def gathered(**arguments: Any) -> Any:
+        agglomeration = {name: arguments.pop(name) for name in names if name in arguments}
+        return command(agglomeration=_arguments(agglomeration), **arguments)
 
     decorated: Command = gathered
     for option in reversed(options):

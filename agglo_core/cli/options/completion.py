@@ -49,9 +49,9 @@ def any_names(_: click.Context, __: click.Parameter, typed: str) -> list[Complet
     """Complete all components, as ``NAME`` or ``KIND:NAME``."""
     kind, colon = typed.partition(":")[:2]
     alone = bool(colon) and kind in KINDS
-    known = _usable((kind,) if alone else tuple(KINDS))
-    found = [CompletionItem(f"{kind}:{r.name}" if alone else r.name, help=_about(r)) for r in known]
-    return [item for item in found if item.value.startswith(typed)]
+    records = _usable((kind,) if alone else tuple(KINDS))
+    items = [CompletionItem(f"{kind}:{r.name}" if alone else r.name, help=_about(r)) for r in records]
+    return [item for item in items if item.value.startswith(typed)]
 
 
 samples: Offer = names("sample")
@@ -111,7 +111,7 @@ def _about(record: Record) -> str:
 
 
 def _usable(kinds: tuple[str, ...]) -> list[Record]:
-    return [each for each in default().list() if each.kind in kinds and each.state == "ok"]
+    return [record for record in default().list() if record.kind in kinds and record.state == "ok"]
 
 
 _BASH = """\
@@ -143,8 +143,8 @@ class _Bash(BashComplete):
         """Return the rest of a word, followed by a space unless a value is next."""
         if item.type != "plain":
             return f"{item.type},"
-        rest = str(item.value)[self._known :]
-        return f"plain,{rest}{'' if rest.endswith('=') else ' '}"
+        text = str(item.value)[self._known :]
+        return f"plain,{text}{'' if text.endswith('=') else ' '}"
 
 
 add_completion_class(_Bash)

@@ -55,8 +55,10 @@ class Number(click.ParamType[float]):
     def _refusal(self, value: Any, lacks: str) -> str:
         noun = "a whole number" if self.kind is int else "a finite number"
         bounds = {"of at least": self.least, "above": self.above, "at most": self.most}
-        said = " and ".join(f"{words} {bound:.15g}" for words, bound in bounds.items() if abs(bound) < inf)
-        return f"{in_words(value)} is not {lacks}; expected {f'{noun} {said}'.rstrip()}"
+        bound_text = " and ".join(
+            f"{words} {bound:.15g}" for words, bound in bounds.items() if abs(bound) < inf
+        )
+        return f"{in_words(value)} is not {lacks}; expected {f'{noun} {bound_text}'.rstrip()}"
 
 
 def in_words(value: Any) -> str:

@@ -59,9 +59,9 @@ def _read_metrics(_: click.Context, __: click.Parameter, text: str | None) -> li
     from agglo_core.measure.selection import select
 
     parsed = [as_typed(spec) for spec in split_specs(text)]
-    chosen = [(name, options) if options else name for name, options in parsed]
-    select(chosen)  # refuse invalid metrics before a mesh is read
-    return chosen
+    metrics = [(name, options) if options else name for name, options in parsed]
+    select(metrics)  # refuse invalid metrics before a mesh is read
+    return metrics
 
 
 def metrics_option(command: Command) -> Command:

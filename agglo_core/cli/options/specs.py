@@ -161,6 +161,6 @@ def choice(kind: str, spec: str) -> tuple[str, dict[str, Any]]:
 
 def refuse_duplicates(flag: str, specs: Sequence[str]) -> None:
     """Raise UsageError if a value is given twice."""
-    twice = sorted({spec for spec in specs if specs.count(spec) > 1})
-    if twice:
-        raise click.UsageError(f"{flag} {', '.join(twice)} is given twice")
+    duplicates = sorted({spec for spec in specs if specs.count(spec) > 1})
+    if duplicates:
+        raise click.UsageError(f"{flag} {', '.join(duplicates)} is given twice")

@@ -71,9 +71,9 @@ def say(line: str) -> None:
 def plain(value: Any) -> Any:
     """Convert a value to JSON types: arrays to lists, NaN and infinities to null."""
     if isinstance(value, Mapping):
-        return {str(key): plain(each) for key, each in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(each) for each in value]
+        return [plain(item) for item in value]
     if hasattr(value, "tolist"):  # numpy arrays and scalars, without importing numpy
         return plain(value.tolist())
     return None if isinstance(value, float) and not math.isfinite(value) else value

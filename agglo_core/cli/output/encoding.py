@@ -34,17 +34,17 @@ _GREEK = {
 
 def _instead(character: str) -> str:
     """Return ASCII with similar appearance or sound, or else the character's number."""
-    known = _INSTEAD.get(character) or _GREEK.get(character)
-    if known:
-        return known
+    replacement = _INSTEAD.get(character) or _GREEK.get(character)
+    if replacement:
+        return replacement
     if "\udc80" <= character <= "\udcff":  # a byte of a file name that is not text
         return f"\\x{ord(character) - 0xDC00:02x}"
     if "─" <= character <= "╿":
         return {"─": "-", "━": "-", "│": "|", "┃": "|"}.get(character, "+")
     if "▀" <= character <= "▟" or "⠀" <= character <= "⣿":  # bars and spinners
         return "#" if character < "⠀" else "*"
-    plain = unicodedata.normalize("NFKD", character).encode("ascii", "ignore").decode()
-    return plain or character.encode("ascii", "backslashreplace").decode()
+    ascii_text = unicodedata.normalize("NFKD", character).encode("ascii", "ignore").decode()
+    return ascii_text or character.encode("ascii", "backslashreplace").decode()
 
 
 def _replace(error: UnicodeError) -> tuple[str, int]:

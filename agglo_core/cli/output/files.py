@@ -79,8 +79,8 @@ class Outputs:
         for path, error in self.failures:
             if not isinstance(error, AggloError | OSError | ImportError | MemoryError):
                 click.echo("".join(traceback.format_exception(error)), err=True, nl=False)
-            why = str(error) if isinstance(error, AggloError) else raised(error)
-            text = why if str(path) in why else f"{path}: {why}"
+            reason = str(error) if isinstance(error, AggloError) else raised(error)
+            text = reason if str(path) in reason else f"{path}: {reason}"
             say(f"error: {printable(' '.join(text.split()))}")
         return self.code
 
@@ -138,8 +138,8 @@ def draw_runs(
     if plot is not None:
         from agglo_core.draw.plot import draw
 
-        done = {run.name: run.hierarchy for run in runs if run.hierarchy is not None}
-        make = partial(draw, mesh, done, plot, metrics, progress=progress, explode=explode)
+        hierarchies = {run.name: run.hierarchy for run in runs if run.hierarchy is not None}
+        make = partial(draw, mesh, hierarchies, plot, metrics, progress=progress, explode=explode)
         outputs.picture(plot, partial(make, levels={run.name: run.levels for run in runs}))
     if report is not None:
         from agglo_core.draw.webpage import write_page

@@ -37,8 +37,8 @@ def stdout() -> TextIO:
     Outside an own command the result is None if the caller has closed stdout.
     """
     context = click.get_current_context(silent=True)
-    kept: TextIO | None = context.meta.get(_KEY) if context else None
-    return sys.stdout if kept is None else kept
+    output: TextIO | None = context.meta.get(_KEY) if context else None
+    return sys.stdout if output is None else output
 
 
 def terminal_columns(stream: TextIO | None = None) -> int | None:

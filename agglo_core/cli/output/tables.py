@@ -49,9 +49,9 @@ class Table:
 
     def without(self, left: Sequence[str]) -> Table:
         """Return the table without some columns."""
-        kept = [place for place, name in enumerate(self.columns) if name not in left]
-        rows = [[row[place] for place in kept] for row in self.rows]
-        return replace(self, columns=[self.columns[place] for place in kept], rows=rows)
+        indices = [place for place, name in enumerate(self.columns) if name not in left]
+        rows = [[row[place] for place in indices] for row in self.rows]
+        return replace(self, columns=[self.columns[place] for place in indices], rows=rows)
 
     def cells(self, place: int) -> list[str]:
         """Return the cells of a column."""
@@ -75,10 +75,10 @@ class Table:
         if room < 0:
             return None
         for place, name in enumerate(self.columns):
-            wanted = max(_width(name), _widest(self.cells(place)))
-            more = max(0, min(room, wanted - widths[place]))
-            widths[place] += more
-            room -= more
+            natural_width = max(_width(name), _widest(self.cells(place)))
+            extra = max(0, min(room, natural_width - widths[place]))
+            widths[place] += extra
+            room -= extra
         return widths
 
 
@@ -168,8 +168,8 @@ def laid_out(table: Table, width: int | None, *, boxed: bool) -> list[str]:
     return list(_stacked(table, width))
 
 
-def _left_out(names: Sequence[str], width: int, needed: int) -> list[str]:
-    text = f"left out: {', '.join(names)}; a terminal of {needed} columns, or --json, shows all"
+def _left_out(names: Sequence[str], width: int, full_width: int) -> list[str]:
+    text = f"left out: {', '.join(names)}; a terminal of {full_width} columns, or --json, shows all"
     return list(folded(text, width, "  "))
 
 

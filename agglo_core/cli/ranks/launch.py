@@ -44,9 +44,9 @@ class Launched(NamedTuple):
 
 def launched(environment: Mapping[str, str] | None = None) -> Launched | None:
     """Return rank and number of the processes launched together, or None for a single process."""
-    here = os.environ if environment is None else environment
+    variables = os.environ if environment is None else environment
     for names in _LAUNCHERS:
-        rank, size = (here.get(name, "") for name in names)
+        rank, size = (variables.get(name, "") for name in names)
         if rank.isdecimal() and size.isdecimal():
             return Launched(int(rank), int(size)) if int(size) > 1 else None
     return None
@@ -117,20 +117,20 @@ def _codes_of_all(comm: Any, code: int) -> list[int] | None:
     """Return all exit codes, or None if this rank has failed and others do not end in time."""
     import numpy as np
 
-    sent, codes = np.array([code]), np.zeros(comm.Get_size(), np.int64)
-    request = comm.Iallgather(sent, codes)
+    own_code, codes = np.array([code]), np.zeros(comm.Get_size(), np.int64)
+    request = comm.Iallgather(own_code, codes)
     rank = comm.Get_rank()
     end = time.monotonic() + _PATIENCE + min(_APART * rank, _LONGEST) if code else np.inf
     while not request.Test():
         if time.monotonic() > end:
             return None
         time.sleep(0.01)
-    return [int(each) for each in codes]
+    return [int(c) for c in codes]
 
 
-def _say(held: io.StringIO, rank: str) -> None:
+def _say(output: io.StringIO, rank: str) -> None:
     """Print the held output of a failed rank. Rank 0 holds nothing back."""
-    lines = [line for line in held.getvalue().splitlines() if not line.startswith(("note: ", "warning: "))]
+    lines = [line for line in output.getvalue().splitlines() if not line.startswith(("note: ", "warning: "))]
     for line in lines:
         message = line.removeprefix("error: ")
         click.echo(f"error: {rank}{message}" if message != line else line, file=sys.stderr)

@@ -147,8 +147,8 @@ def agglomerated(
 def _levels(hierarchy: DistributedHierarchy, metrics: Sequence[Any]) -> list[_Level]:
     levels = []
     for place, target in enumerate(hierarchy.targets):
-        found = hierarchy.quality(place, metrics)
-        means = {name: None if math.isnan(value) else value for name, value in found.items()}
+        values = hierarchy.quality(place, metrics)
+        means = {name: None if math.isnan(value) else value for name, value in values.items()}
         names = [name for name in means if name not in ("connected", "max_diameter")]
         line = {"target": dict(target), "parts": hierarchy.parts[place], "diameter_ratio": None, **means}
         levels.append(_Level(target, line, names))
@@ -160,9 +160,11 @@ def _tell(source: str, mesh: DistributedMesh, run: Any, *, as_json: bool, quiet:
     name, size = mesh.local.name or source, mesh.ranks.size
     if as_json:
         levels = [level_data(level) for level in run.levels]
-        told = {"bisector": run.name, "levels": levels, "seconds": run.seconds}
+        run_record = {"bisector": run.name, "levels": levels, "seconds": run.seconds}
         whole = {"name": name, "cells": mesh.n_cells, "h0": mesh.h}
-        print_json({"mesh": whole, "ranks": size, "runs": [told | {"statistics": run.hierarchy.statistics}]})
+        print_json(
+            {"mesh": whole, "ranks": size, "runs": [run_record | {"statistics": run.hierarchy.statistics}]}
+        )
     elif not quiet:
         on = "1 rank" if size == 1 else f"{size} ranks"
         show(f"{name}: {mesh.n_cells:,} cells on {on}, h0 = {number(mesh.h)}", [run])

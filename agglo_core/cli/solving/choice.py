@@ -76,9 +76,9 @@ def built_solver(spec: str, given: Mapping[str, Any], flag: str = "--solver") ->
         For an unknown or unusable solver.
     """
     name, options = as_typed(spec)
-    twice = sorted(set(options) & set(given))
-    if twice:
-        raise OptionError(f"{twice[0]} is given twice: in {flag} {spec} and by an option of its own")
+    duplicates = sorted(set(options) & set(given))
+    if duplicates:
+        raise OptionError(f"{duplicates[0]} is given twice: in {flag} {spec} and by an option of its own")
     try:
         return default().build("solver", name, **options, **given)
     except PluginError as error:

@@ -40,9 +40,9 @@ def levels_run(mesh: Mesh, agglomeration: Mapping[str, Any], progress: Listener 
     from agglo_core.agglomeration import agglomerate
     from agglo_core.measure.comparison import RunResult
 
-    start, used = time.perf_counter(), time.process_time()
+    start, cpu_start = time.perf_counter(), time.process_time()
     hierarchy = agglomerate(mesh, **agglomeration, progress=progress)
-    seconds, cpu_seconds = time.perf_counter() - start, time.process_time() - used
+    seconds, cpu_seconds = time.perf_counter() - start, time.process_time() - cpu_start
     return RunResult(hierarchy.statistics["bisector"], hierarchy, (), seconds, "", cpu_seconds)
 
 

@@ -60,7 +60,7 @@ class Solved:
         if self.error:
             return ["–"] * len(_COLUMNS)
         state = [number(self.iterations), "yes" if self.converged else "no"]
-        seconds = ["–" if each is None else f"{each:.2f}" for each in self.seconds.values()]
+        seconds = ["–" if s is None else f"{s:.2f}" for s in self.seconds.values()]
         return [*state, "–" if self.contraction is None else f"{self.contraction:.3g}", *seconds]
 
     @property
@@ -107,7 +107,7 @@ def solve_runs(
 def reported(runs: Sequence[RunResult], solved: Sequence[Solved]) -> dict[str, Mapping[str, Any]]:
     """Return the report data of each solved run by run name."""
     pairs = zip(runs, solved, strict=False)
-    return {run.name: each.details or {"error": each.error} for run, each in pairs if not run.error}
+    return {run.name: result.details or {"error": result.error} for run, result in pairs if not run.error}
 
 
 def _attempt(
@@ -184,8 +184,8 @@ def _halved(mesh: Any) -> Hierarchy:
 
 def show_solved(spec: str, problem: str, runs: Sequence[RunResult], solved: Sequence[Solved]) -> None:
     """Print a line per run with the metrics of its finest level, and the reasons of failures."""
-    measured = next(level for run in runs for level in run.levels)
-    metrics = list(measured.metrics)
+    first_level = next(level for run in runs for level in run.levels)
+    metrics = list(first_level.metrics)
     rows = []
     for run, solution in zip(runs, solved, strict=True):
         shapes = [short(run.levels[0].line[name]) if run.levels else "–" for name in metrics]
