@@ -45,10 +45,10 @@ def last_place(points: Float) -> float:
 def name_cells(cells: ArrayLike) -> str:
     """Return ``cell 3`` or ``cells 3, 8, 12, … (40 in all)`` for messages."""
     array = np.atleast_1d(cells)
-    shown = ", ".join(str(int(cell)) for cell in array[:5])
+    numbers = ", ".join(str(int(cell)) for cell in array[:5])
     if len(array) == 1:
-        return f"cell {shown}"
-    return f"cells {shown}" + (f", … ({len(array)} in all)" if len(array) > 5 else "")
+        return f"cell {numbers}"
+    return f"cells {numbers}" + (f", … ({len(array)} in all)" if len(array) > 5 else "")
 
 
 def check_points(points: ArrayLike) -> Float:
@@ -68,10 +68,10 @@ def check_finite(points: Float, vertices: Int | None = None) -> None:
     finite = np.isfinite(points)
     if finite.all():
         return
-    used = np.full(len(points), vertices is None)
+    is_vertex = np.full(len(points), vertices is None)
     if vertices is not None:
-        used[vertices] = True
-    bad = np.flatnonzero(used & ~finite.all(axis=1))
+        is_vertex[vertices] = True
+    bad = np.flatnonzero(is_vertex & ~finite.all(axis=1))
     if len(bad):
         raise MeshError(f"point {bad[0]} is not finite: {points[bad[0]].tolist()} ({len(bad)} such points)")
 
@@ -141,13 +141,13 @@ def compact_points(points: Float, vertices: Int, merge: bool) -> tuple[Int, Int,
     merged = 0
     if merge:
         vertices, merged = merge_equal(points, vertices)
-    used = np.zeros(len(points), bool)
-    used[vertices] = True
-    kept = int(used.sum())
-    repairs = {"equal points merged": merged, "orphan points dropped": len(points) - kept - merged}
-    number = np.cumsum(used) - 1
-    renumbered = vertices if kept == len(points) else frozen_int(number[vertices])
-    return frozen_int(np.flatnonzero(used)), renumbered, repairs
+    is_used = np.zeros(len(points), bool)
+    is_used[vertices] = True
+    n_used = int(is_used.sum())
+    repairs = {"equal points merged": merged, "orphan points dropped": len(points) - n_used - merged}
+    number = np.cumsum(is_used) - 1
+    renumbered = vertices if n_used == len(points) else frozen_int(number[vertices])
+    return frozen_int(np.flatnonzero(is_used)), renumbered, repairs
 
 
 def merge_equal(points: Float, vertices: Int) -> tuple[Int, int]:
@@ -181,10 +181,10 @@ def _perhaps_equal(points: Float) -> Int:
 
 def note_repairs(repairs: Mapping[str, int]) -> dict[str, int]:
     """Return the repairs with a positive count, and log them."""
-    found = {text: count for text, count in repairs.items() if count}
-    for text, count in found.items():
+    counts = {text: count for text, count in repairs.items() if count}
+    for text, count in counts.items():
         _log.info("%s: %d", text, count)
-    return found
+    return counts
 
 
 def warn_of_overlaps(pairs: Int) -> None:

@@ -32,17 +32,17 @@ def coarse_faces(labels: Int, face_offsets: Int, face_vertices: Int, face_cells:
     """
     labels_and_outside = np.append(labels, -1)
 
-    def between(start: int, stop: int) -> tuple[Int, Int]:
+    def find_outer_faces(start: int, stop: int) -> tuple[Int, Int]:
         sides = labels_and_outside.take(face_cells[start:stop])
-        apart = np.flatnonzero(sides[:, 0] != sides[:, 1])
-        return apart + start, sides[apart]
+        outer = np.flatnonzero(sides[:, 0] != sides[:, 1])
+        return outer + start, sides[outer]
 
-    kept, coarse = map(np.concatenate, zip(*over_ranges(between, len(face_cells)), strict=True))
-    sizes = np.diff(face_offsets)[kept]
+    faces, coarse = map(np.concatenate, zip(*over_ranges(find_outer_faces, len(face_cells)), strict=True))
+    sizes = np.diff(face_offsets)[faces]
     offsets = np.concatenate(([0], np.cumsum(sizes)))
-    vertices = np.arange(offsets[-1]) + np.repeat(face_offsets[kept] - offsets[:-1], sizes)
+    vertices = np.arange(offsets[-1]) + np.repeat(face_offsets[faces] - offsets[:-1], sizes)
     return CoarseFaces(
-        frozen_int(offsets), frozen_int(face_vertices[vertices]), frozen_int(coarse), frozen_int(kept)
+        frozen_int(offsets), frozen_int(face_vertices[vertices]), frozen_int(coarse), frozen_int(faces)
     )
 
 

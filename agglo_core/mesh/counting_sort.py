@@ -27,20 +27,20 @@ def counting_sort(put: Callable[[int, int, Int, bool], None], n: int, rows: int,
     """
     spans = ranges(n, few=max(_FEW, rows // 2), shares=shares)  # each range has counters for all rows
 
-    def counted(start: int, stop: int) -> Int:
+    def count_range(start: int, stop: int) -> Int:
         count = np.zeros(rows, np.int64)
         put(start, stop, count, True)
         return count
 
-    def filled(span: tuple[int, int], own: Int) -> None:
-        put(span[0], span[1], own, False)
+    def fill_range(span: tuple[int, int], next_places: Int) -> None:
+        put(span[0], span[1], next_places, False)
 
     # Count per range, then compute the first position of each range in each row.
-    counts = list(mapped(counted, *zip(*spans, strict=True)))
+    counts = list(mapped(count_range, *zip(*spans, strict=True)))
     offsets = np.zeros(rows + 1, np.int64)
     np.cumsum(counts[0] if len(counts) == 1 else np.sum(counts, axis=0), out=offsets[1:])
     places = [offsets[:-1].copy()]
     for count in counts[:-1]:  # items of a range follow those of the previous range
         places.append(places[-1] + count)
-    list(mapped(filled, spans, places))
+    list(mapped(fill_range, spans, places))
     return frozen_int(offsets)

@@ -90,11 +90,11 @@ def _block(kind: str, cells: ArrayLike) -> Polyhedra:
 
 def concatenate(parts: Iterable[Polyhedra]) -> Polyhedra:
     """Concatenate the cells in all parts."""
-    given = list(parts)
+    solids = list(parts)
     return Polyhedra(
-        _join_offsets([part.cell_offsets for part in given]),
-        _join_offsets([part.loop_offsets for part in given]),
-        frozen_int(np.concatenate([np.empty(0, np.int64), *(part.vertices for part in given)])),
+        _join_offsets([part.cell_offsets for part in solids]),
+        _join_offsets([part.loop_offsets for part in solids]),
+        frozen_int(np.concatenate([np.empty(0, np.int64), *(part.vertices for part in solids)])),
     )
 
 

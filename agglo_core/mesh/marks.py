@@ -68,8 +68,8 @@ def marked(word: str, given: Any, tags: Mapping[str, NDArray[Any]], n: int, what
 def values_of(word: str, name: str, tags: Mapping[str, NDArray[Any]], n: int, what: str) -> NDArray[Any]:
     """Return the values ``(n,)`` of a tag, or raise OptionError with the known tags."""
     if name not in tags:
-        known = f"there are {', '.join(tags)}" if tags else "the mesh has none"
-        raise OptionError(f"{word}: no {what} tag is named {name!r}; {known}")
+        hint = f"there are {', '.join(tags)}" if tags else "the mesh has none"
+        raise OptionError(f"{word}: no {what} tag is named {name!r}; {hint}")
     values = plain_array(tags[name], f"{word}: {what} tag {name!r}", OptionError)
     if values.shape != (n,):
         raise OptionError(f"{word}: {what} tag {name!r} has shape {values.shape}, expected ({n},)")
@@ -97,15 +97,15 @@ def weights_of(given: Any, data: Mapping[str, NDArray[Any]], n: int) -> Float:
     return frozen_float(weights)
 
 
-def _by_name(word: str, text: str, tags: Mapping[str, NDArray[Any]], n: int, what: str) -> Mask:
+def _by_name(word: str, text: str, tags: Mapping[str, NDArray[Any]], n: int, kind: str) -> Mask:
     name, equals, value = text.rpartition("=")
     if not equals or text in tags:
-        return in_group(values_of(word, text, tags, n, what))
+        return in_group(values_of(word, text, tags, n, kind))
     try:
         number = int(value)
     except ValueError:
         raise OptionError(f"{word}: {text!r} should be a tag, or a tag = a whole number") from None
-    mask: Mask = values_of(word, name, tags, n, what) == number
+    mask: Mask = values_of(word, name, tags, n, kind) == number
     return mask
 
 

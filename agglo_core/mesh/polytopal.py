@@ -184,10 +184,12 @@ class Mesh(FieldState, Derived, Tagged):
         return mesh if allow_gaps else mesh.conforming(merge_points=merge_points is not False)
 
     @classmethod
-    def _of(cls, faces: Faces, own: Int, n: int, given: Mapping[str, ArrayLike] | None, name: str) -> Mesh:
-        tags = check_tags("cell", given or {}, n)
-        if len(own) < n:
-            tags = {key: frozen(values[own], values.dtype) for key, values in tags.items()}
+    def _of(
+        cls, faces: Faces, cells: Int, n: int, cell_tags: Mapping[str, ArrayLike] | None, name: str
+    ) -> Mesh:
+        tags = check_tags("cell", cell_tags or {}, n)
+        if len(cells) < n:
+            tags = {key: frozen(values[cells], values.dtype) for key, values in tags.items()}
         return trusted(cls, **faces._asdict(), cell_tags=tags, name=name)
 
     @cached_property
@@ -218,10 +220,10 @@ class Mesh(FieldState, Derived, Tagged):
             If the labels have another shape, or leave gaps.
         """
         labels = self.check_labels(labels)
-        left = coarse_faces(labels, self.face_offsets, self.face_vertices, self.face_cells)
-        faces = left.offsets, left.vertices, left.cells
+        coarse = coarse_faces(labels, self.face_offsets, self.face_vertices, self.face_cells)
+        faces = coarse.offsets, coarse.vertices, coarse.cells
         cell_tags = surviving_tags(self.cell_tags, labels)
-        face_tags = {name: values[left.kept] for name, values in self.face_tags.items()}
+        face_tags = {name: values[coarse.kept] for name, values in self.face_tags.items()}
         return trusted(Mesh, self.points, *faces, cell_tags, face_tags, name=self.name)
 
     def conforming(self, *, tolerance: float = TOLERANCE, merge_points: bool = True) -> Mesh:
@@ -262,16 +264,16 @@ class Mesh(FieldState, Derived, Tagged):
         """
         if not 0 <= tolerance <= 0.01:
             raise OptionError(f"conforming: tolerance must lie between 0 and 0.01, given {tolerance!r}")
-        found = join_outer_faces(self, tolerance, merge_points)
-        if found is None:
+        joined_mesh = join_outer_faces(self, tolerance, merge_points)
+        if joined_mesh is None:
             return self
-        points, offsets, vertices, cells, (first, second), repairs = found
+        points, offsets, vertices, cells, (first, second), repairs = joined_mesh
         tags = {
             name: np.where(values[first] == -1, values[second], values[first])
             for name, values in self.face_tags.items()
         }
-        known = {**self.repairs, **note_repairs(repairs)}
-        return trusted(Mesh, points, offsets, vertices, cells, self.cell_tags, tags, known, self.name)
+        all_repairs = {**self.repairs, **note_repairs(repairs)}
+        return trusted(Mesh, points, offsets, vertices, cells, self.cell_tags, tags, all_repairs, self.name)
 
     def simplified(self, tolerance: float = 0.0) -> Mesh:
         """Return this mesh with straight edge runs between the same two cells merged into single edges.
@@ -308,16 +310,18 @@ class Mesh(FieldState, Derived, Tagged):
                 raise OptionError(
                     f"simplified: in 3-D only flat patches become one face, tolerance=0; given {tolerance!r}"
                 )
-            fewer = fewer_faces(self, self.face_tags)
+            reduction = fewer_faces(self, self.face_tags)
         else:
-            fewer = fewer_edges(self, self.face_tags, tolerance)
-        faces = fewer.face_offsets, fewer.face_vertices, self.face_cells[fewer.leads]
-        tags = {name: values[fewer.leads] for name, values in self.face_tags.items()}
-        moved = f"faces fewer, interfaces moved within {tolerance:g} of the cells"
-        saved = {moved if tolerance else "straight faces joined": self.n_faces - len(fewer.leads)}
-        known = {**self.repairs, **note_repairs(saved)}
-        made = trusted(Mesh, self.points[fewer.points], *faces, self.cell_tags, tags, known, self.name)
-        return trusted_copy(made, simplification=recorded(self, made, fewer, tolerance))
+            reduction = fewer_edges(self, self.face_tags, tolerance)
+        faces = reduction.face_offsets, reduction.face_vertices, self.face_cells[reduction.leads]
+        tags = {name: values[reduction.leads] for name, values in self.face_tags.items()}
+        description = f"faces fewer, interfaces moved within {tolerance:g} of the cells"
+        saved = {description if tolerance else "straight faces joined": self.n_faces - len(reduction.leads)}
+        all_repairs = {**self.repairs, **note_repairs(saved)}
+        mesh = trusted(
+            Mesh, self.points[reduction.points], *faces, self.cell_tags, tags, all_repairs, self.name
+        )
+        return trusted_copy(mesh, simplification=recorded(self, mesh, reduction, tolerance))
 
     def renumbered(self, cells: ArrayLike) -> Mesh:
         """Return this mesh with another cell order.

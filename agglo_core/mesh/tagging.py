@@ -106,8 +106,8 @@ class Tagged:
         >>> mesh.cell_tags["left"].tolist(), mesh.cell_tags["rock"].tolist()
         ([1, 0, 1, 0], [7, 7, 8, 8])
         """
-        given = _evaluated("cell", tags, self.cell_centroids)
-        return trusted_copy(self, cell_tags={**self.cell_tags, **given})
+        new_tags = _evaluated("cell", tags, self.cell_centroids)
+        return trusted_copy(self, cell_tags={**self.cell_tags, **new_tags})
 
     def with_face_tags(self, /, **tags: TagValues) -> Self:
         """Return this mesh with additional face tags.
@@ -132,19 +132,19 @@ class Tagged:
         >>> int(mesh.face_tags["wall"].sum())
         2
         """
-        given = _evaluated("face", tags, self.face_centroids)
-        return trusted_copy(self, face_tags={**self.face_tags, **given})
+        new_tags = _evaluated("face", tags, self.face_centroids)
+        return trusted_copy(self, face_tags={**self.face_tags, **new_tags})
 
 
-def _evaluated(kind: str, tags: Mapping[str, TagValues], where: Float) -> dict[str, Int]:
+def _evaluated(kind: str, tags: Mapping[str, TagValues], points: Float) -> dict[str, Int]:
     """Return the values per tag as ``(n,)`` integers, or raise MeshError with the tag name."""
     arrays = {}
     for name, values in tags.items():
-        given = values(where) if callable(values) else values
-        arrays[name] = plain_array(given, f"{kind} tag {name!r}")
-        if callable(values) and arrays[name].shape != (len(where),):
+        result = values(points) if callable(values) else values
+        arrays[name] = plain_array(result, f"{kind} tag {name!r}")
+        if callable(values) and arrays[name].shape != (len(points),):
             raise MeshError(
-                f"{kind} tag {name!r}: the function was given x of shape {where.shape} and returned shape "
-                f"{arrays[name].shape}, expected ({len(where)},), a value for each row of x"
+                f"{kind} tag {name!r}: the function was given x of shape {points.shape} and returned shape "
+                f"{arrays[name].shape}, expected ({len(points)},), a value for each row of x"
             )
-    return check_tags(kind, arrays, len(where))
+    return check_tags(kind, arrays, len(points))

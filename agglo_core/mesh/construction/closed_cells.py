@@ -20,14 +20,14 @@ def check_cells(mesh: Derived) -> None:
 
     Shapes and ranges of the arrays must be valid.
     """
-    open_, flat = _plane(mesh) if mesh.dim == 2 else _solid(mesh)
+    open_cells, flat = _plane(mesh) if mesh.dim == 2 else _solid(mesh)
     if len(flat):
         count = np.bincount(mesh.face_cells.ravel() + 1, minlength=mesh.n_cells + 1)[1:]
-        bare = flat[count[flat] == 0]
-        if len(bare):
-            raise MeshError(f"face_cells: {name_cells(bare)} of {mesh.n_cells} have no faces")
-    if len(open_):
-        raise MeshError(f"{name_cells(open_)}: the faces do not close")
+        empty = flat[count[flat] == 0]
+        if len(empty):
+            raise MeshError(f"face_cells: {name_cells(empty)} of {mesh.n_cells} have no faces")
+    if len(open_cells):
+        raise MeshError(f"{name_cells(open_cells)}: the faces do not close")
     flat = flat[~(mesh.cell_measures[flat] > 0)] if len(flat) else flat
     if len(flat):
         raise MeshError(f"{name_cells(flat)}: no positive measure, or faces that are turned inside out")

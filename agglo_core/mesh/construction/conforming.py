@@ -75,21 +75,21 @@ def join_outer_faces(mesh: Derived, tolerance: float, merge: bool) -> Joined | N
     pieces = _cut(outer, contacts, place, owner, merge) if mesh.dim == 2 else _tiled(outer, contacts, merge)
     # Report contacts without a joined piece.
     inner = np.flatnonzero(pieces.partner >= 0)
-    done = np.stack((pieces.face[inner], pieces.face[pieces.partner[inner]]), axis=1)
-    apart = ~_among(contacts.pairs, done, len(outer.faces))
+    joined_pairs = np.stack((pieces.face[inner], pieces.face[pieces.partner[inner]]), axis=1)
+    is_unjoined = ~_among(contacts.pairs, joined_pairs, len(outer.faces))
     if mesh.dim == 2:  # edges shorter than the tolerance have become points
         ends = place[outer.vertices].reshape(-1, 2)
-        apart &= (ends[:, 0] != ends[:, 1])[contacts.pairs].all(axis=1)
-    if apart.any():
-        found = _in_words(owner[contacts.pairs[apart]])
-        if mesh.dim == 3 and not contacts.alike[apart].all():
+        is_unjoined &= (ends[:, 0] != ends[:, 1])[contacts.pairs].all(axis=1)
+    if is_unjoined.any():
+        detail = _in_words(owner[contacts.pairs[is_unjoined]])
+        if mesh.dim == 3 and not contacts.alike[is_unjoined].all():
             raise MeshError(
-                f"{found} in part, so that the cells would be no neighbours. Give both sides the same faces "
+                f"{detail} in part, so that the cells would be no neighbours. Give both sides the same faces "
                 "and points, or one side faces that tile those of the other; or say allow_gaps=True if the "
                 "gap is meant (a fracture, bodies that touch)"
             )
-        _log.warning("%s and were left apart: the domain has a gap there. %s", found, _WAYS_OUT)
-    return _joined(mesh, outer, pieces, place, int(apart.sum()))
+        _log.warning("%s and were left apart: the domain has a gap there. %s", detail, _WAYS_OUT)
+    return _joined(mesh, outer, pieces, place, int(is_unjoined.sum()))
 
 
 def warn_of_gaps(mesh: Derived) -> None:
@@ -133,12 +133,12 @@ def reach(mesh: Derived, outer: Outer, pairs: Int, tolerance: float) -> Float:
     return frozen_float(np.minimum(np.maximum(tolerance * small, rounding), 0.01 * small))
 
 
-def _places(n: int, same: Int) -> Int:
+def _places(n: int, pairs: Int) -> Int:
     """Return for each of n points the smallest number among all points at its location."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    links = coo_array((np.ones(len(same)), same.T), shape=(n, n))
+    links = coo_array((np.ones(len(pairs)), pairs.T), shape=(n, n))
     group = connected_components(links, directed=False)[1]
     return frozen_int(np.unique(group, return_index=True)[1][group])
 
@@ -200,10 +200,10 @@ def _tiled(outer: Outer, contacts: Contacts, merge: bool) -> _Pieces:
     piece[order] = np.arange(len(face))
     # Pair identical faces, and each tile with its copy.
     twins = contacts.pairs[fits & contacts.alike & (times[contacts.pairs] == 1).all(axis=1)]
-    own = np.full(n, -1)
-    own[whole] = piece[: len(whole)]
+    piece_of = np.full(n, -1)
+    piece_of[whole] = piece[: len(whole)]
     partner = np.full(len(face), -1)
-    for a, b in ((own[twins[:, 0]], own[twins[:, 1]]), (piece[len(whole) :], own[small])):
+    for a, b in ((piece_of[twins[:, 0]], piece_of[twins[:, 1]]), (piece[len(whole) :], piece_of[small])):
         partner[a], partner[b] = b, a
     offsets, places = gather(outer.offsets, frozen_int(loop[order]))
     mirrored = np.repeat(offsets[:-1] + offsets[1:] - 1, np.diff(offsets)) - np.arange(len(places))
@@ -217,19 +217,19 @@ def _tiles(outer: Outer, contacts: Contacts, fits: Mask, times: Int) -> tuple[In
 
     Tiles are in contact with this face only.
     """
-    both = np.concatenate((contacts.pairs, contacts.pairs[:, ::-1]))
+    ordered_pairs = np.concatenate((contacts.pairs, contacts.pairs[:, ::-1]))
     share, slack = np.concatenate((contacts.share, contacts.share[:, ::-1])), np.tile(contacts.slack, 2)
-    tile = (share[:, 1] > 1 - slack) & np.tile(fits & ~contacts.alike, 2) & (times[both[:, 1]] == 1)
-    large, small = both[tile].T
+    tile = (share[:, 1] > 1 - slack) & np.tile(fits & ~contacts.alike, 2) & (times[ordered_pairs[:, 1]] == 1)
+    large, small = ordered_pairs[tile].T
     n = len(times)
     # A face is tiled if the shares of its contacts sum to 1 within their tolerance.
     cover = np.bincount(large, weights=share[tile, 0], minlength=n)
-    rest = np.bincount(large, weights=(slack * share[:, 0])[tile], minlength=n)
-    full = (np.abs(cover - 1) <= 2 * rest) & (np.bincount(large, minlength=n) == times)
+    tolerance = np.bincount(large, weights=(slack * share[:, 0])[tile], minlength=n)
+    full = (np.abs(cover - 1) <= 2 * tolerance) & (np.bincount(large, minlength=n) == times)
     return frozen_int(large[full[large]]), frozen_int(small[full[large]])
 
 
-def _joined(mesh: Derived, outer: Outer, pieces: _Pieces, place: Int, apart: int) -> Joined:
+def _joined(mesh: Derived, outer: Outer, pieces: _Pieces, place: Int, n_unjoined: int) -> Joined:
     """Build the mesh in which the outer faces with a joined piece are replaced by their pieces."""
     inner = pieces.partner >= 0
     split = np.zeros(len(outer.faces), bool)
@@ -240,29 +240,32 @@ def _joined(mesh: Derived, outer: Outer, pieces: _Pieces, place: Int, apart: int
     old = np.flatnonzero(untouched)
     number = np.arange(len(pieces.face))
     new = np.flatnonzero(split[pieces.face] & ~(inner & (pieces.partner < number)))
-    other = pieces.face[np.where(inner, pieces.partner, number)]
-    sources = outer.faces[np.stack((pieces.face, other), axis=1)[new]]
+    partner_face = pieces.face[np.where(inner, pieces.partner, number)]
+    sources = outer.faces[np.stack((pieces.face, partner_face), axis=1)[new]]
     cells = mesh.face_cells[sources, 0]
     cells[~inner[new], 1] = -1
     # Sort by original face number and renumber the points.
     order = np.argsort(np.concatenate((old, sources[:, 0])), kind="stable")
-    many = np.bincount(pieces.face)[split]
-    point, kept = _renumbered(mesh.n_points, outer, pieces, place)
-    (a, own), (b, cut) = gather(mesh.face_offsets, frozen_int(old)), gather(pieces.offsets, frozen_int(new))
-    vertices = point[np.concatenate((mesh.face_vertices[own], outer.used[pieces.vertices[cut]]))]
+    piece_counts = np.bincount(pieces.face)[split]
+    point, remaining_points = _renumbered(mesh.n_points, outer, pieces, place)
+    (a, at_old), (b, at_new) = (
+        gather(mesh.face_offsets, frozen_int(old)),
+        gather(pieces.offsets, frozen_int(new)),
+    )
+    vertices = point[np.concatenate((mesh.face_vertices[at_old], outer.used[pieces.vertices[at_new]]))]
     if mesh.dim == 2:  # an edge shorter than the tolerance may have become a point
         order = order[(vertices[::2] != vertices[1::2])[order]]
     offsets, places = gather(frozen_int(np.append(a, b[1:] + a[-1])), frozen_int(order))
     return Joined(
-        frozen_float(mesh.points[kept]),
+        frozen_float(mesh.points[remaining_points]),
         offsets,
         frozen_int(vertices[places]),
         frozen_int(np.concatenate((mesh.face_cells[old], cells))[order]),
         frozen_int(np.concatenate((np.stack((old, old), axis=1), sources))[order].T),
         {
-            _CUT[mesh.dim]: int((many - 1).sum() if mesh.dim == 2 else (many > 1).sum()),
-            "points of outer faces merged": mesh.n_points - len(kept),
-            "outer faces on one another left apart": apart,
+            _CUT[mesh.dim]: int((piece_counts - 1).sum() if mesh.dim == 2 else (piece_counts > 1).sum()),
+            "points of outer faces merged": mesh.n_points - len(remaining_points),
+            "outer faces on one another left apart": n_unjoined,
         },
     )
 
@@ -277,10 +280,10 @@ def _renumbered(n: int, outer: Outer, pieces: _Pieces, place: Int) -> tuple[Int,
     ends[place[pieces.vertices[joined]]] = True
     target = np.arange(n)
     target[outer.used] = outer.used[np.where(ends[place], place, np.arange(len(place)))]
-    kept = np.flatnonzero(target == np.arange(n))
+    remaining_points = np.flatnonzero(target == np.arange(n))
     number = np.empty(n, np.int64)
-    number[kept] = np.arange(len(kept))
-    return frozen_int(number[target]), frozen_int(kept)
+    number[remaining_points] = np.arange(len(remaining_points))
+    return frozen_int(number[target]), frozen_int(remaining_points)
 
 
 def _among(pairs: Int, others: Int, n: int) -> Mask:

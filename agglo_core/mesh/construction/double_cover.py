@@ -59,19 +59,19 @@ def _covers_twice(points: Float, faces: Int) -> bool:
     measure = 0.5 * np.add.reduceat(x * v - u * y, starts)
     slack = TOLERANCE * np.add.reduceat((u - x) ** 2 + (v - y) ** 2, starts)
     sizes = np.diff(starts, append=len(order))
-    kept = sizes > 2  # two faces enclose nothing
-    ring = np.repeat(np.where(kept, np.cumsum(kept) - 1, -1), sizes)
+    is_region = sizes > 2  # two faces enclose nothing
+    ring = np.repeat(np.where(is_region, np.cumsum(is_region) - 1, -1), sizes)
     corners = np.stack((x, y), axis=1)[ring >= 0]
     regions = shapely.polygons(shapely.linearrings(corners, indices=ring[ring >= 0]))
-    measure, slack = measure[kept], slack[kept]
+    measure, slack = measure[is_region], slack[is_region]
     crossed = ~shapely.is_valid(regions)
     if len(starts) == 1 and not crossed.any():
         return False
 
     # Cracks are no boundary of the covered region.
-    merged, fewer = _without_cracks(points, faces)
-    if len(fewer) < len(faces):
-        return _covers_twice(merged, fewer)
+    merged, boundary = _without_cracks(points, faces)
+    if len(boundary) < len(faces):
+        return _covers_twice(merged, boundary)
 
     # A self-touching loop winds more than once if its even-odd region has a different measure.
     if crossed.any():
@@ -79,8 +79,8 @@ def _covers_twice(points: Float, faces: Int) -> bool:
         excess = np.abs(np.abs(measure) - shapely.area(regions))
         if (excess > slack)[crossed].any():
             return True
-        kept = ~(crossed & (shapely.area(regions) <= slack))  # the two sides of a crack
-        regions, measure, slack = regions[kept], measure[kept], slack[kept]
+        is_region = ~(crossed & (shapely.area(regions) <= slack))  # the two sides of a crack
+        regions, measure, slack = regions[is_region], measure[is_region], slack[is_region]
     slack = np.minimum(slack, TOLERANCE * np.abs(measure))
     return len(regions) > 1 and _nest_twice(regions, frozen_float(measure), frozen_float(slack))
 
@@ -100,10 +100,12 @@ def _nest_twice(regions: Any, measure: Float, slack: Float) -> bool:
     a, b = outside[unsure], inside[unsure]
     shared = shapely.area(shapely.intersection(regions[a], regions[b]))
     near = np.minimum(slack[a], slack[b])
-    rest = np.abs(measure[np.stack((a, b))]) - shared <= near  # a within b, b within a
-    if ((shared > near) & ~rest.any(axis=0)).any():
+    is_inside = np.abs(measure[np.stack((a, b))]) - shared <= near  # a within b, b within a
+    if ((shared > near) & ~is_inside.any(axis=0)).any():
         return True
-    pairs = np.concatenate((nested, np.stack((b, a), axis=1)[rest[0]], np.stack((a, b), axis=1)[rest[1]]))
+    pairs = np.concatenate(
+        (nested, np.stack((b, a), axis=1)[is_inside[0]], np.stack((a, b), axis=1)[is_inside[1]])
+    )
 
     # Winding number on the left of a loop around cells: its own turn and those of the enclosing loops.
     turns = np.bincount(pairs[:, 1], np.sign(measure)[pairs[:, 0]], n)

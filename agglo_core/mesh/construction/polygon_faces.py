@@ -47,9 +47,9 @@ def polygon_faces(
     from agglo_core.mesh.kernels.faces import match_half_edges
 
     # Ordinary edges are paired in parallel, unusual edges with complete checks.
-    plain = plain_faces(offsets, vertices, len(used))
-    if plain is not None:
-        return *plain, 0
+    faces = plain_faces(offsets, vertices, len(used))
+    if faces is not None:
+        return *faces, 0
     face_vertices, face_cells, double, (a, b, *cells) = match_half_edges(offsets, vertices, len(used))
     if a >= 0:
         _refuse_duplicates(offsets, vertices, own, combinations(cells, 2))
@@ -69,15 +69,15 @@ def polygon_faces(
     return frozen_int(face_vertices), frozen_int(face_cells), len(double)
 
 
-def _refuse_duplicates(offsets: Int, vertices: Int, own: Int, pairs: Iterable[Sequence[int]]) -> None:
+def _refuse_duplicates(offsets: Int, vertices: Int, numbers: Int, pairs: Iterable[Sequence[int]]) -> None:
     """Raise MeshError if a pair is a duplicate cell, or a cell traverses an edge twice."""
     for first, second in pairs:
         if first == second:
-            raise MeshError(f"cell {own[first]}: a repeated vertex (it traverses an edge twice)")
+            raise MeshError(f"cell {numbers[first]}: a repeated vertex (it traverses an edge twice)")
         a, b = (np.sort(vertices[offsets[c] : offsets[c + 1]]) for c in (first, second))
         if np.array_equal(a, b):
             raise MeshError(
-                f"cells {own[first]} and {own[second]} are duplicates: they have the same vertices"
+                f"cells {numbers[first]} and {numbers[second]} are duplicates: they have the same vertices"
             )
 
 

@@ -53,12 +53,12 @@ def loops_as_csr(cells: Any) -> tuple[Int, Int]:
         return whole_numbers(cells[0], "cell offsets"), whole_numbers(cells[1], "cells")
     # Padded rows: a mask.
     if is_masked_array(cells) and cells.ndim == 2:
-        kept = ~np.ma.getmaskarray(cells)
-        gaps = np.flatnonzero((~kept[:, :-1] & kept[:, 1:]).any(axis=1))
+        is_vertex = ~np.ma.getmaskarray(cells)
+        gaps = np.flatnonzero((~is_vertex[:, :-1] & is_vertex[:, 1:]).any(axis=1))
         if len(gaps):
             raise MeshError(f"{name_cells(gaps)}: masked vertices must be at the end of the row")
-        offsets = np.concatenate(([0], np.cumsum(kept.sum(axis=1))))
-        return frozen_int(offsets), whole_numbers(cells.data[kept], "cells")
+        offsets = np.concatenate(([0], np.cumsum(is_vertex.sum(axis=1))))
+        return frozen_int(offsets), whole_numbers(cells.data[is_vertex], "cells")
     if isinstance(cells, np.ndarray) and cells.ndim == 2:
         n, k = cells.shape
         return frozen_int(np.arange(n + 1) * k), whole_numbers(cells.ravel(), "cells")
@@ -83,10 +83,10 @@ def without_padding(loop: Any) -> Any:
     """
     if not is_masked_array(loop) or loop.ndim != 1:
         return loop
-    kept = loop.compressed()
-    if loop[: len(kept)].mask.any():
+    vertices = loop.compressed()
+    if loop[: len(vertices)].mask.any():
         raise MeshError(f"masked vertices must be at the end of a loop, given {loop.tolist()}")
-    return kept
+    return vertices
 
 
 def _plane(points: Float) -> Float:
@@ -127,24 +127,26 @@ def build_polygons(
     check_indices(offsets, vertices, len(points))
     check_finite(points, vertices)
     # Drop unused points, check the coordinates, orient the loops.
-    used, vertices, repairs = compact_points(points, vertices, merge_points)
-    points = _plane(points if len(used) == len(points) else frozen_float(points[used]))
+    used_points, vertices, repairs = compact_points(points, vertices, merge_points)
+    points = _plane(points if len(used_points) == len(points) else frozen_float(points[used_points]))
     check_extent(points)
-    own, offsets, vertices, simplified, reversed_ = _oriented(points, offsets, vertices, weak, drop_flat)
+    cell_numbers, offsets, vertices, simplified, reversed_ = _oriented(
+        points, offsets, vertices, weak, drop_flat
+    )
     repairs["cells with repeated vertices simplified"] = simplified
-    repairs["cells without area dropped"] = n - len(own)
+    repairs["cells without area dropped"] = n - len(cell_numbers)
     repairs["clockwise cells reversed"] = reversed_
-    if len(own) < n:  # some points belong to dropped cells only
-        again, vertices, more = compact_points(points, vertices, False)
-        used, points = used[again], frozen_float(points[again])
-        repairs["orphan points dropped"] += more["orphan points dropped"]
+    if len(cell_numbers) < n:  # some points belong to dropped cells only
+        remaining, vertices, later_repairs = compact_points(points, vertices, False)
+        used_points, points = used_points[remaining], frozen_float(points[remaining])
+        repairs["orphan points dropped"] += later_repairs["orphan points dropped"]
     # Pair the half-edges.
     face_vertices, face_cells, overlaps = polygon_faces(
-        offsets, vertices, used, own, weak=weak, strict=strict
+        offsets, vertices, used_points, cell_numbers, weak=weak, strict=strict
     )
     repairs["overlapping edges left apart"] = overlaps
     if strict:
-        _check_coverage(points, offsets, vertices, own)
+        _check_coverage(points, offsets, vertices, cell_numbers)
     faces = Faces(
         points,
         frozen_int(np.arange(0, 2 * len(face_cells) + 1, 2)),
@@ -152,7 +154,7 @@ def build_polygons(
         face_cells,
         note_repairs(repairs),
     )
-    return faces, own, n
+    return faces, cell_numbers, n
 
 
 def kept_cells(flat: Mask, measure: str, drop_flat: bool, own: Int | None = None) -> Int:
@@ -192,24 +194,24 @@ def _oriented(
     from agglo_core.mesh.kernels.polygon_faults import check_polygons
 
     local, simplified = frozen_float(points - box_centre(points)), 0
-    own = frozen_int(np.arange(len(offsets) - 1))
+    cell_numbers = frozen_int(np.arange(len(offsets) - 1))
     area, fault = check_polygons(local, offsets, vertices, weak)
     # Remove repeated vertices, then cells without area.
     if (fault == _REPEATED).any():
         sizes, (offsets, vertices) = np.diff(offsets), simple_loops(offsets, vertices)
         simplified = int((np.diff(offsets) < sizes).sum())
-        own = kept_cells(np.diff(offsets) < 3, "area", drop_flat)
-        offsets, places = gather(offsets, own)
+        cell_numbers = kept_cells(np.diff(offsets) < 3, "area", drop_flat)
+        offsets, places = gather(offsets, cell_numbers)
         vertices = frozen_int(vertices[places])
         area, fault = check_polygons(local, offsets, vertices, weak)
     if (fault == _ZERO).any():
-        full = kept_cells(fault == _ZERO, "area", drop_flat, own)
-        own, area, fault = own[full], area[full], fault[full]
+        full = kept_cells(fault == _ZERO, "area", drop_flat, cell_numbers)
+        cell_numbers, area, fault = cell_numbers[full], area[full], fault[full]
         offsets, places = gather(offsets, full)
         vertices = frozen_int(vertices[places])
     if fault.any():
         code = int(fault[np.argmax(fault > 0)])
-        raise MeshError(f"{name_cells(own[fault == code])}: {_FAULTS[code]}")
+        raise MeshError(f"{name_cells(cell_numbers[fault == code])}: {_FAULTS[code]}")
     # Reverse clockwise loops.
     clockwise = area < 0
     count = int(clockwise.sum())
@@ -218,10 +220,10 @@ def _oriented(
         position = np.arange(len(vertices))
         mirrored = np.repeat(offsets[:-1] + offsets[1:] - 1, sizes) - position
         vertices = frozen_int(vertices[np.where(np.repeat(clockwise, sizes), mirrored, position)])
-    return own, offsets, vertices, simplified, count
+    return cell_numbers, offsets, vertices, simplified, count
 
 
-def _check_coverage(points: Float, offsets: Int, vertices: Int, own: Int) -> None:
+def _check_coverage(points: Float, offsets: Int, vertices: Int, cell_numbers: Int) -> None:
     """Raise MeshError for overlapping cells and for unlisted vertices on the edge of a neighbour."""
     import shapely
 
@@ -235,8 +237,8 @@ def _check_coverage(points: Float, offsets: Int, vertices: Int, own: Int) -> Non
     if len(cells):
         a, b = (shapely.get_coordinates(wrong[cells[0]])[:2] + centre).tolist()
         raise MeshError(
-            f"{name_cells(own[cells])} overlap a neighbour or touch it at an unlisted vertex, "
-            f"first along the edge from {a} to {b} of cell {own[cells[0]]}"
+            f"{name_cells(cell_numbers[cells])} overlap a neighbour or touch it at an unlisted vertex, "
+            f"first along the edge from {a} to {b} of cell {cell_numbers[cells[0]]}"
         )
 
 

@@ -51,42 +51,42 @@ def build_polyhedra(
     check_indices(solids.loop_offsets[solids.cell_offsets], solids.vertices, len(points))
     check_finite(points, solids.vertices)
     # Drop unused points and repeated vertices, then turn the faces outward.
-    used, vertices, repairs = compact_points(points, solids.vertices, merge_points)
+    used_points, vertices, repairs = compact_points(points, solids.vertices, merge_points)
     solids, repairs["cells with repeated vertices simplified"] = _simple(
-        solids._replace(vertices=vertices), len(used)
+        solids._replace(vertices=vertices), len(used_points)
     )
-    points = frozen_float(points[used])
+    points = frozen_float(points[used_points])
     check_extent(points)
-    own, solids, vector, sign = _oriented(points, solids, drop_flat)
-    repairs["cells without volume dropped"] = n - len(own)
+    cell_numbers, solids, vector, sign = _oriented(points, solids, drop_flat)
+    repairs["cells without volume dropped"] = n - len(cell_numbers)
     repairs["faces turned outward"] = int((sign < 0).sum())
     # Pair the half-faces.
     loop_offsets, vertices = solids.loop_offsets, solids.vertices
-    cell_of = frozen_int(np.repeat(own, np.diff(solids.cell_offsets)))
-    owner, neighbour = _match(cell_of, loop_offsets, vertices, used)
+    cell_of = frozen_int(np.repeat(cell_numbers, np.diff(solids.cell_offsets)))
+    owner, neighbour = _match(cell_of, loop_offsets, vertices, used_points)
     _refuse_overlaps(cell_of, owner, neighbour, vector * sign[:, None])
     keep_offsets, keep_vertices = _take_loops(loop_offsets, vertices, owner, sign[owner] > 0)
     sides = np.stack((cell_of[owner], np.where(neighbour >= 0, cell_of[neighbour], -1)), axis=1)
-    if len(own) < n:  # renumber the cells and drop the points of removed cells
-        sides = np.where(sides >= 0, np.searchsorted(own, sides), -1)
-        again, keep_vertices, more = compact_points(points, keep_vertices, False)
-        points = frozen_float(points[again])
-        repairs["orphan points dropped"] += more["orphan points dropped"]
+    if len(cell_numbers) < n:  # renumber the cells and drop the points of removed cells
+        sides = np.where(sides >= 0, np.searchsorted(cell_numbers, sides), -1)
+        remaining, keep_vertices, later_repairs = compact_points(points, keep_vertices, False)
+        points = frozen_float(points[remaining])
+        repairs["orphan points dropped"] += later_repairs["orphan points dropped"]
     face_cells = frozen_int(sides)
-    return Faces(points, keep_offsets, keep_vertices, face_cells, note_repairs(repairs)), own, n
+    return Faces(points, keep_offsets, keep_vertices, face_cells, note_repairs(repairs)), cell_numbers, n
 
 
 def _oriented(points: Float, solids: Polyhedra, drop_flat: bool) -> tuple[Int, Polyhedra, Float, Float]:
     """Return cells with volume, their half-faces, area vectors, and the signs that turn these outward."""
-    own = kept_cells(np.diff(solids.cell_offsets) == 0, "volume", drop_flat)
-    if len(own) < len(solids.cell_offsets) - 1:
-        solids = take_cells(solids, own)
-    _check_counts(solids, own)
+    cell_numbers = kept_cells(np.diff(solids.cell_offsets) == 0, "volume", drop_flat)
+    if len(cell_numbers) < len(solids.cell_offsets) - 1:
+        solids = take_cells(solids, cell_numbers)
+    _check_counts(solids, cell_numbers)
     # Orientation by moments relative to the centre, to limit rounding.
     local = frozen_float(points - box_centre(points))
     vector, centre = face_moments(local, solids.loop_offsets, solids.vertices)
-    cell_of = frozen_int(np.repeat(np.arange(len(own)), np.diff(solids.cell_offsets)))
-    sign, open_, flat = outward_signs(
+    cell_of = frozen_int(np.repeat(np.arange(len(cell_numbers)), np.diff(solids.cell_offsets)))
+    sign, open_cells, flat = outward_signs(
         cell_of,
         solids.loop_offsets,
         solids.vertices,
@@ -95,15 +95,17 @@ def _oriented(points: Float, solids: Polyhedra, drop_flat: bool) -> tuple[Int, P
         centre,
         _ROUNDING * last_place(points),
     )
-    if len(open_):
-        raise MeshError(f"{name_cells(own[open_])}: the faces do not close, or cannot be oriented")
+    if len(open_cells):
+        raise MeshError(
+            f"{name_cells(cell_numbers[open_cells])}: the faces do not close, or cannot be oriented"
+        )
     if not flat.any():
-        return own, solids, vector, sign
+        return cell_numbers, solids, vector, sign
     # Drop cells without volume and their half-faces.
-    full = kept_cells(flat, "volume", drop_flat, own)
+    full = kept_cells(flat, "volume", drop_flat, cell_numbers)
     half = ~flat[cell_of]
     return (
-        own[full],
+        cell_numbers[full],
         take_cells(solids, full),
         frozen_float(vector[half]),
         frozen_float(sign[half]),
@@ -147,44 +149,46 @@ def solids_as_csr(cells: Any) -> tuple[Int, Int, Int]:
     )
 
 
-def _check_counts(solids: Polyhedra, own: Int | None = None) -> None:
+def _check_counts(solids: Polyhedra, numbers: Int | None = None) -> None:
     """Raise MeshError for too few cells, faces or vertices.
 
-    ``own`` are cell numbers in messages.
+    ``numbers`` are cell numbers in messages.
     """
     cell_offsets, loop_offsets, vertices = solids
     check_offsets(cell_offsets, len(loop_offsets) - 1, "cell")
     check_offsets(loop_offsets, len(vertices), "face")
     if len(cell_offsets) < 2:
         raise MeshError("the mesh is empty: it has no cells")
-    few = np.flatnonzero(np.diff(cell_offsets) < 4)
-    if len(few):
-        raise MeshError(f"{name_cells(few if own is None else own[few])}: fewer than 4 faces")
-    few = np.flatnonzero(np.diff(loop_offsets) < 3)
-    if len(few):
-        owner = np.searchsorted(cell_offsets, few, side="right") - 1
+    too_small = np.flatnonzero(np.diff(cell_offsets) < 4)
+    if len(too_small):
+        raise MeshError(
+            f"{name_cells(too_small if numbers is None else numbers[too_small])}: fewer than 4 faces"
+        )
+    too_small = np.flatnonzero(np.diff(loop_offsets) < 3)
+    if len(too_small):
+        owner = np.searchsorted(cell_offsets, too_small, side="right") - 1
         raise MeshError(f"{name_cells(np.unique(owner))}: a face with fewer than 3 vertices")
 
 
-def _match(cell_of: Int, loop_offsets: Int, vertices: Int, used: Int) -> tuple[Int, Int]:
+def _match(cell_of: Int, loop_offsets: Int, vertices: Int, used_points: Int) -> tuple[Int, Int]:
     """Pair half-faces by vertex set.
 
     Return the owner half-face of each face, and its partner or −1.
     """
     from agglo_core.mesh.kernels.solid_cells import pair_half_faces
 
-    found = pair_half_faces(loop_offsets, vertices, len(used))
-    owner = np.flatnonzero(found >= -1)
-    partner = found[owner]
-    if not len(found):
-        owner, partner = _sorted_pairs(cell_of, loop_offsets, vertices, used)
-    same = np.flatnonzero((partner >= 0) & (cell_of[owner] == cell_of[partner]))
-    if len(same):
-        raise MeshError(f"{name_cells(np.unique(cell_of[owner[same]]))}: the same face twice")
+    partners = pair_half_faces(loop_offsets, vertices, len(used_points))
+    owner = np.flatnonzero(partners >= -1)
+    partner = partners[owner]
+    if not len(partners):
+        owner, partner = _sorted_pairs(cell_of, loop_offsets, vertices, used_points)
+    doubled = np.flatnonzero((partner >= 0) & (cell_of[owner] == cell_of[partner]))
+    if len(doubled):
+        raise MeshError(f"{name_cells(np.unique(cell_of[owner[doubled]]))}: the same face twice")
     return frozen_int(owner), frozen_int(partner)
 
 
-def _sorted_pairs(cell_of: Int, loop_offsets: Int, vertices: Int, used: Int) -> tuple[Int, Int]:
+def _sorted_pairs(cell_of: Int, loop_offsets: Int, vertices: Int, used_points: Int) -> tuple[Int, Int]:
     """Pair half-faces by sorting, as a replacement for the kernel in case of errors.
 
     Raises MeshError with the reason if three half-faces have equal vertices.
@@ -198,10 +202,10 @@ def _sorted_pairs(cell_of: Int, loop_offsets: Int, vertices: Int, used: Int) -> 
         new = np.concatenate(([True], (np.diff(keys[order], axis=0) != 0).any(axis=1)))
         start = np.flatnonzero(new)
         count = np.diff(np.append(start, len(order)))
-        many = np.flatnonzero(count > 2)
-        if len(many):
-            half_faces = loops[order[start[many[0]] : start[many[0]] + count[many[0]]]]
-            face = used[keys[order[start[many[0]]]]].tolist()
+        crowded = np.flatnonzero(count > 2)
+        if len(crowded):
+            half_faces = loops[order[start[crowded[0]] : start[crowded[0]] + count[crowded[0]]]]
+            face = used_points[keys[order[start[crowded[0]]]]].tolist()
             _refuse_shared_face(cell_of, loop_offsets, vertices, cell_of[half_faces].tolist(), face)
         owners.append(loops[order[start]])
         partners.append(np.where(count == 2, loops[order[np.minimum(start + 1, len(order) - 1)]], -1))

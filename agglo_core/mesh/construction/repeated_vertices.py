@@ -38,16 +38,16 @@ def simple_solids(solids: Polyhedra) -> Polyhedra:
     sizes = np.diff(loop_offsets)
     changed = np.zeros(len(solids.cell_offsets) - 1, bool)
     changed[cell[sizes < np.diff(solids.loop_offsets)]] = True
-    kept = sizes >= 3
+    keep = sizes >= 3
     # In changed cells, find the pairs of faces with equal vertices.
-    for size in np.unique(sizes[kept & changed[cell]]):
+    for size in np.unique(sizes[keep & changed[cell]]):
         loops = np.flatnonzero((sizes == size) & changed[cell])
         rows = np.sort(vertices[loop_offsets[loops][:, None] + np.arange(size)], axis=1)
         _, group, count = np.unique(
             np.column_stack((cell[loops], rows)), axis=0, return_inverse=True, return_counts=True
         )
-        kept[loops[count[group.ravel()] == 2]] = False
-    chosen = frozen_int(np.flatnonzero(kept))
-    new, places = gather(loop_offsets, chosen)
-    counts = np.bincount(cell[chosen], minlength=len(changed))
+        keep[loops[count[group.ravel()] == 2]] = False
+    remaining = frozen_int(np.flatnonzero(keep))
+    new, places = gather(loop_offsets, remaining)
+    counts = np.bincount(cell[remaining], minlength=len(changed))
     return Polyhedra(frozen_int(np.concatenate(([0], np.cumsum(counts)))), new, frozen_int(vertices[places]))

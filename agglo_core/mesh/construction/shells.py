@@ -74,15 +74,15 @@ def outward_signs(
     offsets = frozen_int(np.concatenate(([0], np.cumsum(np.bincount(cell_of)))))
     area, gap, least, most, total, *middle = surfaces(offsets, vector, centre).T
     slit = np.minimum(off * np.sqrt(area), _SLIT * area)
-    closed = np.maximum(_CLOSED * area, slit)
-    plain = ((least >= 0) | (most <= 0)) & (gap <= closed)
-    perhaps = frozen_int(np.flatnonzero(plain & (np.diff(offsets) >= TWO_SHELLS)))
+    max_gap = np.maximum(_CLOSED * area, slit)
+    is_star = ((least >= 0) | (most <= 0)) & (gap <= max_gap)
+    perhaps = frozen_int(np.flatnonzero(is_star & (np.diff(offsets) >= TWO_SHELLS)))
     if len(perhaps):
         eyes = np.stack(middle, axis=1)[perhaps] @ _PLANE
         count, halves = gather(offsets, perhaps)
-        plain[perhaps] = _star_shaped(count, halves, loop_offsets, vertices, points, vector, eyes)
+        is_star[perhaps] = _star_shaped(count, halves, loop_offsets, vertices, points, vector, eyes)
     # Other cells: orient shell by shell.
-    doubtful = frozen_int(np.flatnonzero(~plain[cell_of]))
+    doubtful = frozen_int(np.flatnonzero(~is_star[cell_of]))
     sign = np.ones(len(cell_of))
     if len(doubtful):
         loops, places = gather(loop_offsets, doubtful)
@@ -97,7 +97,7 @@ def outward_signs(
         _, gap, _, _, total, *_ = surfaces(offsets, frozen_float(vector * sign[:, None]), centre).T
     return (
         frozen_float(sign * np.sign(total)[cell_of]),
-        frozen_int(np.flatnonzero(~(gap <= closed))),
+        frozen_int(np.flatnonzero(~(gap <= max_gap))),
         np.asarray(np.abs(total) <= _FLAT * area**1.5),
     )
 
@@ -118,13 +118,13 @@ def _star_shaped(
     return np.asarray((both == 2) & (np.bincount(cell, met * front, len(eyes)) == 1))
 
 
-def _turns(offsets: Int, vertices: Int, seen: Float, loops: Int, eyes: Float) -> Int:
+def _turns(offsets: Int, vertices: Int, projections: Float, loops: Int, eyes: Float) -> Int:
     """Return the winding number of each loop about its own point in ``eyes``, seen along the line."""
     starts, places = gather(offsets, loops)
     loop = np.repeat(np.arange(len(loops)), np.diff(starts))
     # Edges that cross the height of the point, closing edges included.
     vertex = vertices[places]
-    above = seen[:, 1][vertex] > eyes[:, 1][loop]
+    above = projections[:, 1][vertex] > eyes[:, 1][loop]
     changes = above[1:] != above[:-1]
     changes[starts[1:-1] - 1] = False
     last = starts[1:] - 1
@@ -133,7 +133,7 @@ def _turns(offsets: Int, vertices: Int, seen: Float, loops: Int, eyes: Float) ->
     head = np.concatenate((np.flatnonzero(changes) + 1, starts[:-1][closing]))
     # Count those to the right of the point, +1 upwards and −1 downwards.
     around = loop[tail]
-    (x, y), (u, v) = ((seen[vertex[ends]] - eyes[around]).T for ends in (tail, head))
+    (x, y), (u, v) = ((projections[vertex[ends]] - eyes[around]).T for ends in (tail, head))
     way = np.where(v > y, 1, -1)
     right = (x * v - u * y) * way > 0
     return frozen_int(np.bincount(around[right], way[right], len(loops)))
@@ -179,21 +179,21 @@ def _links(
     size = np.diff(np.append(start, len(order)))
     group = np.repeat(np.arange(len(start)), size)
     way = np.where(vertices == low, 1, -1)
-    many = np.flatnonzero((size > 2)[group])
-    if len(many):  # several shells, or a shell that touches itself: sort by angle around the edge
-        edges = order[many]
-        along = _units(points[high[edges]] - points[low[edges]])
-        inward = np.cross(_units(vector[loop[edges]]), along) * way[edges, None]
-        fresh = np.diff(group[many], prepend=-1) != 0
-        axis = inward[np.flatnonzero(fresh)][np.cumsum(fresh) - 1]
-        other = np.cross(along, axis)
-        angle = np.arctan2((inward * other).sum(axis=1), (inward * axis).sum(axis=1))
-        order[many] = edges[np.lexsort((angle, group[many]))]
+    crowded = np.flatnonzero((size > 2)[group])
+    if len(crowded):  # several shells, or a shell that touches itself: sort by angle around the edge
+        edges = order[crowded]
+        tangent = _units(points[high[edges]] - points[low[edges]])
+        inward = np.cross(_units(vector[loop[edges]]), tangent) * way[edges, None]
+        is_first = np.diff(group[crowded], prepend=-1) != 0
+        axis = inward[np.flatnonzero(is_first)][np.cumsum(is_first) - 1]
+        second_axis = np.cross(tangent, axis)
+        angle = np.arctan2((inward * second_axis).sum(axis=1), (inward * axis).sum(axis=1))
+        order[crowded] = edges[np.lexsort((angle, group[crowded]))]
     # Pair consecutive half-faces at edges with an even number of faces.
-    even = size % 2 == 0
-    pairs = np.flatnonzero((np.diff(group) == 0) & even[group[:-1]])
+    is_even = size % 2 == 0
+    pairs = np.flatnonzero((np.diff(group) == 0) & is_even[group[:-1]])
     f, g = order[pairs], order[pairs + 1]
-    loose = order[~even[group]]
+    loose = order[~is_even[group]]
     return (
         (frozen_int(loop[f]), frozen_int(loop[g]), way[f] == way[g]),
         (frozen_int(loop[loose]), frozen_int(vertices[loose])),
@@ -252,10 +252,10 @@ def _depths(surface: _Surface, shell: Int, cells: Int) -> Float:
     turns = _turns(offsets, vertices, points @ _PLANE, face, (test @ _PLANE)[inner])
     met = np.flatnonzero(turns)
     inner, face = inner[met], face[met]
-    away = ((centre[face] - test[inner]) * vector[face]).sum(axis=1) / (vector[face] @ _LINE)
+    distance = ((centre[face] - test[inner]) * vector[face]).sum(axis=1) / (vector[face] @ _LINE)
     winding = turns[met] * side[face]
-    depth = np.bincount(inner, winding * (away > 0), len(cells)).astype(float)
-    depth[inner[np.abs(away) < _TOUCH * np.abs(points).max()]] = np.nan
+    depth = np.bincount(inner, winding * (distance > 0), len(cells)).astype(float)
+    depth[inner[np.abs(distance) < _TOUCH * np.abs(points).max()]] = np.nan
     return frozen_float(depth)
 
 
@@ -297,8 +297,8 @@ def _test_points(surface: _Surface, shell: Int, n: int) -> Float:
     rows = np.repeat(np.arange(n), np.diff(offsets))
     order = np.lexsort((length, rows))
     longest = order[offsets[1:] - 1]
-    along = (head - tail)[longest]
+    edge = (head - tail)[longest]
     # move into the face, across the edge, by a small part of its height
     height = area[face] / np.where(length > 0, length, 1.0)[longest]
-    inward = np.cross(_units(surface.vector[face]), _units(along)) * height[:, None]
+    inward = np.cross(_units(surface.vector[face]), _units(edge)) * height[:, None]
     return frozen_float(0.5 * (head + tail)[longest] + _INSET * inward)

@@ -58,9 +58,9 @@ def outer_faces(mesh: Derived) -> Outer:
     sizes = mesh.face_offsets[faces + 1] - start
     offsets = frozen_int(np.concatenate(([0], np.cumsum(sizes))))
     places = np.arange(offsets[-1]) + np.repeat(start - offsets[:-1], sizes)
-    used, vertices = np.unique(mesh.face_vertices[places], return_inverse=True)
-    points = mesh.points[used]
-    points = frozen_float(points - box_centre(points) if len(used) else points)
+    used_points, vertices = np.unique(mesh.face_vertices[places], return_inverse=True)
+    points = mesh.points[used_points]
+    points = frozen_float(points - box_centre(points) if len(used_points) else points)
     # Area vector and centre of each face.
     if mesh.dim == 2:
         tail, head = points[vertices[::2]], points[vertices[1::2]]
@@ -72,7 +72,7 @@ def outer_faces(mesh: Derived) -> Outer:
     reach = _lengths(points[vertices] - np.repeat(centre, sizes, axis=0))
     return Outer(
         faces,
-        frozen_int(used),
+        frozen_int(used_points),
         points,
         offsets,
         frozen_int(vertices),
@@ -94,8 +94,8 @@ def facing_pairs(outer: Outer) -> Int:
     The tree coordinates include the normal, negated in one tree, so convex domains have no candidates. Faces
     are grouped by size (powers of two), and each group is compared with all smaller faces.
     """
-    found = [np.empty((0, 2), np.int64), *_candidates(outer)]
-    return frozen_int(np.unique(np.sort(np.concatenate(found), axis=1), axis=0))
+    pairs = [np.empty((0, 2), np.int64), *_candidates(outer)]
+    return frozen_int(np.unique(np.sort(np.concatenate(pairs), axis=1), axis=0))
 
 
 def _candidates(outer: Outer) -> Iterator[Int]:
@@ -105,15 +105,15 @@ def _candidates(outer: Outer) -> Iterator[Int]:
     real = np.flatnonzero(outer.measure > 0)
     power = np.frexp(outer.radius[real])[1]
     for level in np.unique(power):
-        own, others = real[power == level], real[power <= level]
+        group, not_larger = real[power == level], real[power <= level]
         size = np.ldexp(1.0, int(level))  # upper bound of these radii
         turn = 2 * size * outer.normal
-        here = np.concatenate((outer.centre, turn), axis=1)[own]
-        there = cKDTree(np.concatenate((outer.centre, -turn), axis=1)[others])
-        for start in range(0, len(own), _CHUNK):
-            tree = cKDTree(here[start : start + _CHUNK])
-            near = tree.sparse_distance_matrix(there, 2.05 * size, output_type="ndarray")
-            i, j = own[near["i"] + start], others[near["j"]]
+        coordinates = np.concatenate((outer.centre, turn), axis=1)[group]
+        partner_tree = cKDTree(np.concatenate((outer.centre, -turn), axis=1)[not_larger])
+        for start in range(0, len(group), _CHUNK):
+            tree = cKDTree(coordinates[start : start + _CHUNK])
+            near = tree.sparse_distance_matrix(partner_tree, 2.05 * size, output_type="ndarray")
+            i, j = group[near["i"] + start], not_larger[near["j"]]
             small = np.minimum(outer.radius[i], outer.radius[j])
             lift = np.einsum("ij,ij->i", outer.centre[j] - outer.centre[i], outer.normal[i])
             close = (np.abs(lift) <= _LIFT * small) & (i != j)
@@ -130,35 +130,35 @@ def _edges(outer: Outer, pairs: Int, reach: Float) -> Contacts:
     # Common stretch in the coordinates of the first edge, and the gap at its ends.
     ends = outer.vertices.reshape(-1, 2)
     i, j = pairs.T
-    far, off = _beside(outer, i, ends[j][:, ::-1])
-    low, high = np.maximum(far[:, 0], 0), np.minimum(far[:, 1], outer.measure[i])
-    length = far[:, 1] - far[:, 0]
-    slope = (off[:, 1] - off[:, 0]) / np.where(length > 0, length, 1)
-    gap = [np.abs(off[:, 0] + slope * (at - far[:, 0])) for at in (low, high)]
+    position, offset = _beside(outer, i, ends[j][:, ::-1])
+    low, high = np.maximum(position[:, 0], 0), np.minimum(position[:, 1], outer.measure[i])
+    length = position[:, 1] - position[:, 0]
+    slope = (offset[:, 1] - offset[:, 0]) / np.where(length > 0, length, 1)
+    gap = [np.abs(offset[:, 0] + slope * (at - position[:, 0])) for at in (low, high)]
     on = (high - low > 2 * reach) & (np.maximum(*gap) <= reach)
     pairs, reach = pairs[on], reach[on]
     # End points of each edge: at an end of the other edge, or in its interior.
-    same, inside, along = [], [], []
-    for edge, other in (pairs.T, pairs.T[::-1]):
-        far, off = _beside(outer, edge, ends[other])
+    coincident, inside, inside_positions = [], [], []
+    for edge, partner in (pairs.T, pairs.T[::-1]):
+        position, offset = _beside(outer, edge, ends[partner])
         size = outer.measure[edge]
         for k in range(2):
-            at, beside = far[:, k], np.abs(off[:, k]) <= reach
+            at, is_near = position[:, k], np.abs(offset[:, k]) <= reach
             for end, distance in enumerate((at, at - size)):
-                one = beside & (np.abs(distance) <= reach)
-                same.append(np.stack((ends[edge[one], end], ends[other[one], k]), axis=1))
-            within = beside & (at > reach) & (at < size - reach)
-            inside.append(np.stack((edge[within], ends[other[within], k]), axis=1))
-            along.append(at[within])
+                at_end = is_near & (np.abs(distance) <= reach)
+                coincident.append(np.stack((ends[edge[at_end], end], ends[partner[at_end], k]), axis=1))
+            in_interior = is_near & (at > reach) & (at < size - reach)
+            inside.append(np.stack((edge[in_interior], ends[partner[in_interior], k]), axis=1))
+            inside_positions.append(at[in_interior])
     return Contacts(
         pairs,
         frozen_float(np.zeros((len(pairs), 2))),
         frozen_float(np.zeros(len(pairs))),
         np.zeros(len(pairs), bool),
         np.zeros(len(pairs), bool),
-        frozen_int(np.concatenate(same)),
+        frozen_int(np.concatenate(coincident)),
         frozen_int(np.concatenate(inside)),
-        frozen_float(np.concatenate(along)),
+        frozen_float(np.concatenate(inside_positions)),
     )
 
 
@@ -166,8 +166,8 @@ def _beside(outer: Outer, edge: Int, vertices: Int) -> tuple[Float, Float]:
     """Return coordinates of the points ``vertices (k, n)`` along each edge, and distances from its line."""
     normal = outer.normal[edge][:, None]
     step = outer.points[vertices] - outer.points[outer.vertices[2 * edge]][:, None]
-    far = step[..., 1] * normal[..., 0] - step[..., 0] * normal[..., 1]
-    return frozen_float(far), frozen_float((step * normal).sum(axis=2))
+    position = step[..., 1] * normal[..., 0] - step[..., 0] * normal[..., 1]
+    return frozen_float(position), frozen_float((step * normal).sum(axis=2))
 
 
 def _plates(outer: Outer, pairs: Int, reach: Float) -> Contacts:
@@ -184,23 +184,23 @@ def _plates(outer: Outer, pairs: Int, reach: Float) -> Contacts:
     # Coplanar faces, and tiles of a warped face, are compared by area.
     high, warp = _lifts(outer, ordered, row, first, second)
     flat = high <= reach
-    bent = np.flatnonzero(~alike & ~flat & (high <= 1.01 * warp))
-    flat[bent] = _on_edges(outer, frozen_int(ordered[bent]), reach[bent]) >= _LAID
+    warped = np.flatnonzero(~alike & ~flat & (high <= 1.01 * warp))
+    flat[warped] = _on_edges(outer, frozen_int(ordered[warped]), reach[warped]) >= _LAID
     flat &= ~alike
     share = np.repeat(alike[:, None].astype(float), 2, axis=1)
     share[flat] = _shares(outer, frozen_int(pairs[flat]), outer.normal[ordered[flat, 0]])
     # Accept pairs whose common area exceeds the tolerance.
     slack = np.minimum(_BESIDE[0] * reach / np.sqrt(size.min(axis=1)), _BESIDE[1])
     slack = np.maximum(slack, _OVERLAP)
-    over = share.max(axis=1, initial=0) > slack
+    is_contact = share.max(axis=1, initial=0) > slack
     distinct = np.bincount(row[near & (first != second)], minlength=len(pairs)) > 0
     return Contacts(
-        frozen_int(pairs[over]),
-        frozen_float(share[over]),
-        frozen_float(slack[over]),
-        alike[over],
-        distinct[over],
-        frozen_int(np.stack((first, second), axis=1)[near & over[row]]),
+        frozen_int(pairs[is_contact]),
+        frozen_float(share[is_contact]),
+        frozen_float(slack[is_contact]),
+        alike[is_contact],
+        distinct[is_contact],
+        frozen_int(np.stack((first, second), axis=1)[near & is_contact[row]]),
         frozen_int(np.empty((0, 2))),
         frozen_float([]),
     )
@@ -234,23 +234,25 @@ def _on_edges(outer: Outer, ordered: Int, reach: Float) -> Int:
     row, edge = np.repeat(row, times), np.repeat(edge, times)
     # Distance from the edge as a segment.
     tail, head = (outer.points[outer.vertices[places]] for places in (edge, following[edge]))
-    along, step = head - tail, outer.points[outer.vertices[vertex]] - tail
-    at = (step * along).sum(axis=1) / np.maximum((along * along).sum(axis=1), np.finfo(float).tiny)
-    off = np.linalg.norm(step - np.clip(at, 0, 1)[:, None] * along, axis=1)
-    found = np.unique(np.stack((row, vertex))[:, off <= reach[row]], axis=1)[0]
-    return frozen_int(np.bincount(found, minlength=len(ordered)))
+    edge_vector, step = head - tail, outer.points[outer.vertices[vertex]] - tail
+    at = (step * edge_vector).sum(axis=1) / np.maximum(
+        (edge_vector * edge_vector).sum(axis=1), np.finfo(float).tiny
+    )
+    distance = np.linalg.norm(step - np.clip(at, 0, 1)[:, None] * edge_vector, axis=1)
+    rows = np.unique(np.stack((row, vertex))[:, distance <= reach[row]], axis=1)[0]
+    return frozen_int(np.bincount(rows, minlength=len(ordered)))
 
 
 def _all_vertex_pairs(outer: Outer, pairs: Int) -> tuple[Int, Int, Int]:
     """Combine all vertices of both faces in each pair: pair number, first vertex, second vertex."""
     offsets, places = gather(outer.offsets, frozen_int(pairs[:, 0]))
     row = np.repeat(np.arange(len(pairs)), np.diff(offsets))
-    ends, others = gather(outer.offsets, frozen_int(pairs[row, 1]))
+    ends, partner_places = gather(outer.offsets, frozen_int(pairs[row, 1]))
     times = np.diff(ends)
     return (
         frozen_int(np.repeat(row, times)),
         frozen_int(np.repeat(outer.vertices[places], times)),
-        frozen_int(outer.vertices[others]),
+        frozen_int(outer.vertices[partner_places]),
     )
 
 

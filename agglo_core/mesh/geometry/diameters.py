@@ -35,11 +35,11 @@ def diameters_of(offsets: Int, cells: Int, vertex_offsets: Int, vertices: Index,
     """
     from agglo_core.compiled.geometry import block_diameters
 
-    def found(start: int, stop: int) -> Float:
-        own: Float = block_diameters(offsets[start : stop + 1], cells, vertex_offsets, vertices, points)
-        return own
+    def measure_range(start: int, stop: int) -> Float:
+        diameters: Float = block_diameters(offsets[start : stop + 1], cells, vertex_offsets, vertices, points)
+        return diameters
 
-    return frozen_float(np.concatenate(over_ranges(found, len(offsets) - 1, few=_FEW, shares=1)))
+    return frozen_float(np.concatenate(over_ranges(measure_range, len(offsets) - 1, few=_FEW, shares=1)))
 
 
 def compared_diameters(
@@ -62,12 +62,12 @@ def compared_diameters(
     """
     from agglo_core.compiled.geometry import compare_diameters
 
-    def found(start: int, stop: int) -> Float:
-        own = offsets[start : stop + 1]
-        bounds: Float = compare_diameters(own, cells, vertex_offsets, vertices, points, limits)
+    def bound_range(start: int, stop: int) -> Float:
+        ranges = offsets[start : stop + 1]
+        bounds: Float = compare_diameters(ranges, cells, vertex_offsets, vertices, points, limits)
         return bounds
 
-    return frozen_float(np.concatenate(over_ranges(found, len(offsets) - 1, few=_FEW, shares=1)))
+    return frozen_float(np.concatenate(over_ranges(bound_range, len(offsets) - 1, few=_FEW, shares=1)))
 
 
 def wide_parts(
@@ -91,18 +91,18 @@ def wide_parts(
     from agglo_core.compiled.graphs import listed_blocks
     from agglo_core.compiled.part_faults import extend_parts
 
-    def bounds(start: int, stop: int) -> Float:
-        own = np.empty((len(asked), 8))
-        own[:, :4], own[:, 4:] = np.inf, -np.inf
-        extend_parts(start, stop, labels, asked, vertex_offsets, vertices, points, own)
-        return own
+    def bound_range(start: int, stop: int) -> Float:
+        thread_bounds = np.empty((len(asked), 8))
+        thread_bounds[:, :4], thread_bounds[:, 4:] = np.inf, -np.inf
+        extend_parts(start, stop, labels, asked, vertex_offsets, vertices, points, thread_bounds)
+        return thread_bounds
 
     # Extents of each part along fixed directions, from all threads.
-    first, *others = over_ranges(bounds, len(labels), shares=1)
+    first, *more_bounds = over_ranges(bound_range, len(labels), shares=1)
     least, most = first[:, :4], first[:, 4:]
-    for each in others:
-        np.minimum(least, each[:, :4], out=least)
-        np.maximum(most, each[:, 4:], out=most)
+    for bounds in more_bounds:
+        np.minimum(least, bounds[:, :4], out=least)
+        np.maximum(most, bounds[:, 4:], out=most)
     # Bounds of the diameter from the extents.
     extents = most - least
     if points.shape[1] == 2:  # a farthest pair lies within 22.5 degrees of one of the four directions
@@ -137,9 +137,9 @@ def _wider(
     """Return the mask of blocks with ``centres (blocks, 2)`` wider than ``limit``."""
     from agglo_core.compiled.widths import wide_blocks
 
-    def found(start: int, stop: int) -> Mask:
-        own = offsets[start : stop + 1], cells, vertex_offsets, vertices, points, centres[start:stop]
-        wide: Mask = wide_blocks(*own, limit)
+    def test_range(start: int, stop: int) -> Mask:
+        arguments = offsets[start : stop + 1], cells, vertex_offsets, vertices, points, centres[start:stop]
+        wide: Mask = wide_blocks(*arguments, limit)
         return wide
 
-    return np.concatenate(over_ranges(found, len(offsets) - 1, few=_FEW, shares=1))
+    return np.concatenate(over_ranges(test_range, len(offsets) - 1, few=_FEW, shares=1))

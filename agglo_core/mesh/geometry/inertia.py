@@ -52,13 +52,13 @@ def polyhedron_inertias(
     + M) / 5. ``vectors`` and ``centres`` are the area vectors and centroids ``(n_faces, 3)`` of the faces.
     """
     areas = np.linalg.norm(vectors, axis=1)
-    spread = _face_inertias(points, face_offsets, face_vertices, vectors, centres)
-    spread /= np.where(areas > 0.0, areas, 1.0)
+    moments = _face_inertias(points, face_offsets, face_vertices, vectors, centres)
+    moments /= np.where(areas > 0.0, areas, 1.0)
     cells = np.repeat(np.arange(len(centroids)), np.diff(offsets))
     arm = centres[faces] - centroids[cells]
     height = _dots(arm, vectors[faces])  # multiplied by the area
     height[face_cells[faces, 0] != cells] *= -1.0
-    pyramids = height * (_dots(arm, arm) + spread[faces])
+    pyramids = height * (_dots(arm, arm) + moments[faces])
     return frozen_float(np.add.reduceat(pyramids, offsets[:-1]) / 5.0)
 
 

@@ -51,20 +51,20 @@ def loops_of_cells(points: Float, offsets: Int, faces: Int, face_pairs: Int, fac
 
     vertices = np.empty(len(faces), np.int64)
 
-    def chained(start: int, stop: int) -> tuple[Int, Int, Int]:
-        own, room = offsets[start : stop + 1], vertices[offsets[start] : offsets[stop]]
-        cells, loops = chain_loops(points, own, faces, face_pairs, face_cells, start, room)
-        return cells, loops, room[: loops[-1]]
+    def chain_range(start: int, stop: int) -> tuple[Int, Int, Int]:
+        ranges, workspace = offsets[start : stop + 1], vertices[offsets[start] : offsets[stop]]
+        cells, loops = chain_loops(points, ranges, faces, face_pairs, face_cells, start, workspace)
+        return cells, loops, workspace[: loops[-1]]
 
-    found = over_ranges(chained, len(offsets) - 1, shares=1, work=len(faces))
-    cells, loops, used = zip(*found, strict=True)
-    if sum(map(len, used)) < len(vertices):  # some face has one cell on both sides
-        vertices = np.concatenate(used)
+    results = over_ranges(chain_range, len(offsets) - 1, shares=1, work=len(faces))
+    cells, loops, loop_vertices = zip(*results, strict=True)
+    if sum(map(len, loop_vertices)) < len(vertices):  # some face has one cell on both sides
+        vertices = np.concatenate(loop_vertices)
     return Loops(_joined(cells), _joined(loops), frozen_int(vertices))
 
 
 def _joined(offsets: Sequence[Int]) -> Int:
     """Join the offsets of consecutive lists."""
-    before = np.cumsum([0, *(each[-1] for each in offsets)])
-    later = [each[1:] + start for each, start in zip(offsets[1:], before[1:], strict=False)]
+    before = np.cumsum([0, *(part[-1] for part in offsets)])
+    later = [part[1:] + start for part, start in zip(offsets[1:], before[1:], strict=False)]
     return frozen_int(np.concatenate((offsets[0], *later)) if later else offsets[0])

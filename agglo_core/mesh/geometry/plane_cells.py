@@ -46,23 +46,25 @@ def plane_cells(points: Float, face_pairs: Int, face_cells: Int, n_cells: int) -
     vertices, indices, interface = np.empty(count, np.int32), np.empty(count, np.int32), np.empty(count)
     indptr = np.zeros(n_cells + 1, np.int64)
 
-    def measured(start: int, stop: int) -> tuple[int, int]:
-        own, corners = slice(start, stop), slice(offsets[start], offsets[stop])
-        of_cells = (each[own] for each in (area, centroid, boundary, indptr[1:]))
-        of_edges = (each[corners] for each in (vertices, indices, interface))
-        found = kernels.plane_cells(points, offsets[start : stop + 1], edges, n_cells, *of_cells, *of_edges)
-        return int(offsets[start]), int(found)
+    def measure_range(start: int, stop: int) -> tuple[int, int]:
+        cells, corners = slice(start, stop), slice(offsets[start], offsets[stop])
+        of_cells = (array[cells] for array in (area, centroid, boundary, indptr[1:]))
+        of_edges = (array[corners] for array in (vertices, indices, interface))
+        n_neighbours = kernels.plane_cells(
+            points, offsets[start : stop + 1], edges, n_cells, *of_cells, *of_edges
+        )
+        return int(offsets[start]), int(n_neighbours)
 
     # Compact the neighbours of the ranges.
-    used = 0
-    for start, found in over_ranges(measured, n_cells, work=count):
-        if used < start:  # outer faces of earlier ranges left a gap
-            indices[used : used + found] = indices[start : start + found]
-            interface[used : used + found] = interface[start : start + found]
-        used += found
+    total = 0
+    for start, n_neighbours in over_ranges(measure_range, n_cells, work=count):
+        if total < start:  # outer faces of earlier ranges left a gap
+            indices[total : total + n_neighbours] = indices[start : start + n_neighbours]
+            interface[total : total + n_neighbours] = interface[start : start + n_neighbours]
+        total += n_neighbours
     np.cumsum(indptr, out=indptr)
-    if used < 0.75 * count:  # many faces between the same cells: release the rest
-        indices, interface = indices[:used].copy(), interface[:used].copy()
+    if total < 0.75 * count:  # many faces between the same cells: release the rest
+        indices, interface = indices[:total].copy(), interface[:total].copy()
     return PlaneCells(
         frozen_float(area),
         frozen_float(centroid),
@@ -70,8 +72,8 @@ def plane_cells(points: Float, face_pairs: Int, face_cells: Int, n_cells: int) -
         frozen_index(vertices),
         Neighbours(
             frozen_int(indptr),
-            frozen_index(indices[:used]),
-            frozen_float(interface[:used]),
+            frozen_index(indices[:total]),
+            frozen_float(interface[:total]),
             frozen_float(boundary),
         ),
     )

@@ -12,10 +12,10 @@ def face_moments(points: Float, offsets: Int, vertices: Int) -> tuple[Float, Flo
     """Return area vectors and centroids ``(F, 3)`` of polygonal faces, by triangle fans."""
     from agglo_core.mesh.kernels.face_loops import loop_moments
 
-    found = over_ranges(
+    moments = over_ranges(
         lambda start, stop: loop_moments(points, offsets[start : stop + 1], vertices), len(offsets) - 1
     )
-    total, centre = zip(*found, strict=True)
+    total, centre = zip(*moments, strict=True)
     return frozen_float(np.concatenate(total)), frozen_float(np.concatenate(centre))
 
 

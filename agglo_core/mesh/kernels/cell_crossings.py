@@ -102,19 +102,19 @@ def _in_rows(points, tails, heads, begin, end):
 
 
 @helper
-def _winding(points, tails, heads, members, begin, end, own):
-    """Return the boundary's winding number around points just left of the midpoint of segment ``own``.
+def _winding(points, tails, heads, members, begin, end, segment):
+    """Return the boundary's winding number around points just left of the midpoint of ``segment``.
 
     It counts crossings of a ray to the right, +1 upwards and −1 downwards, among the segments
     ``members[begin:end]``.
     """
-    a, b = tails[own], heads[own]
+    a, b = tails[segment], heads[segment]
     x, y = 0.5 * (points[a, 0] + points[b, 0]), 0.5 * (points[a, 1] + points[b, 1])
     rise, below = points[b, 1] - points[a, 1], points[b, 0] < points[a, 0]
     total = 1 if rise > 0.0 else 0  # the ray to the right crosses the segment itself
     for m in range(begin, end):
         k = members[m]
-        if k == own:
+        if k == segment:
             continue
         px, py = points[tails[k], 0], points[tails[k], 1]
         qx, qy = points[heads[k], 0], points[heads[k], 1]

@@ -41,19 +41,19 @@ def _sharpest(points, ends, at, e, v):
 
 
 @helper
-def _walk(ends, at, joint, e, v, used, edges, vertices, n_edges, n_chains):
+def _walk(ends, at, joint, e, v, visited, edges, vertices, n_edges, n_chains):
     """Write the chain from v along edge e, and return the total number of edges written.
 
     A chain has one vertex more than edges, so vertices are ``n_chains`` positions ahead. The chain ends at a
     vertex that is no joint, or at its first edge.
     """
     while True:
-        used[e] = True
+        visited[e] = True
         edges[n_edges], vertices[n_edges + n_chains] = e, v
         n_edges += 1
         v = _other_end(ends, e, v)
         following = at[v, 1] if at[v, 0] == e else at[v, 0]
-        if not joint[v] or used[following]:
+        if not joint[v] or visited[following]:
             vertices[n_edges + n_chains] = v
             return n_edges
         e = following
@@ -68,23 +68,23 @@ def walk_chains(points, ends, joint, at):
     turn. Returns offsets, edges and vertices; the vertices of chain c begin at ``offsets[c] + c``.
     """
     n = len(ends)
-    used = np.zeros(n, np.bool_)
+    visited = np.zeros(n, np.bool_)
     edges, vertices = np.empty(n, np.int64), np.empty(2 * n, np.int64)
     offsets = np.zeros(n + 1, np.int64)
     n_edges, n_chains = 0, 0
     # First open chains, from edges with an end that is no joint; the remaining edges form closed chains.
-    for closed in range(2):
+    for is_closed in range(2):
         for e in range(n):
             first, second = ends[e, 0], ends[e, 1]
-            if used[e] or (closed == 0 and joint[first] and joint[second]):
+            if visited[e] or (is_closed == 0 and joint[first] and joint[second]):
                 continue
             # An open chain begins at an end that is no joint, a closed chain at its sharpest turn, because
             # thinning keeps this vertex.
             v = second if joint[first] and not joint[second] else first
-            if closed == 1:
+            if is_closed == 1:
                 v = _sharpest(points, ends, at, e, first)
                 e = at[v, 0]
-            n_edges = _walk(ends, at, joint, e, v, used, edges, vertices, n_edges, n_chains)
+            n_edges = _walk(ends, at, joint, e, v, visited, edges, vertices, n_edges, n_chains)
             n_chains += 1
             offsets[n_chains] = n_edges
     return offsets[: n_chains + 1].copy(), edges, vertices[: n + n_chains].copy()
@@ -93,12 +93,12 @@ def walk_chains(points, ends, joint, at):
 @helper
 def _distance(points, p, a, b):
     """Return the squared distance of p from the segment ab, in any dimension."""
-    length, along = 0.0, 0.0
+    length, dot = 0.0, 0.0
     for k in range(points.shape[1]):
         u = points[b, k] - points[a, k]
         length += u * u
-        along += u * (points[p, k] - points[a, k])
-    t = min(max(along / length, 0.0), 1.0) if length > 0.0 else 0.0
+        dot += u * (points[p, k] - points[a, k])
+    t = min(max(dot / length, 0.0), 1.0) if length > 0.0 else 0.0
     total = 0.0
     for k in range(points.shape[1]):
         d = points[p, k] - points[a, k] - t * (points[b, k] - points[a, k])
@@ -139,23 +139,24 @@ def _split(points, vertices, i, j, limit, keep, stack):
 @helper
 def _sweep(points, vertices, i, j, limit, keep):
     """Remove marked vertices between i and j that are superfluous, as on straight runs entered midway."""
-    # ``own`` is the last marked vertex, between its marked predecessor ``before`` and the next marked vertex
-    # k. It is removed if the segment from ``before`` to k stays within the limit of all vertices between.
-    before, own = i, -1
+    # ``candidate`` is the last marked vertex, between its marked predecessor ``before`` and the next marked
+    # vertex k. It is removed if the segment from ``before`` to k stays within the limit of all vertices
+    # between.
+    before, candidate = i, -1
     for k in range(i + 1, j + 1):
         if keep[k]:
-            if own >= 0:
+            if candidate >= 0:
                 if _farthest(points, vertices, before, k)[1] <= limit:
-                    keep[own] = False
+                    keep[candidate] = False
                 else:
-                    before = own
-            own = k
+                    before = candidate
+            candidate = k
 
 
 @helper
-def _without(points, vertices, i, j, own, limit, keep):
-    """Remove the vertex at ``own`` of a closed chain if it is superfluous and three vertices remain."""
-    before, after, count = own - 1, own + 1, 0
+def _without(points, vertices, i, j, position, limit, keep):
+    """Remove the vertex at ``position`` of a closed chain if it is superfluous and three vertices remain."""
+    before, after, count = position - 1, position + 1, 0
     while not keep[before]:
         before -= 1
     while not keep[after]:
@@ -163,7 +164,7 @@ def _without(points, vertices, i, j, own, limit, keep):
     for k in range(i, j):
         count += keep[k]
     if count > 3 and _farthest(points, vertices, before, after)[1] <= limit:
-        keep[own] = False
+        keep[position] = False
 
 
 @kernel

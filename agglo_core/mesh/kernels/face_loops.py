@@ -8,11 +8,11 @@ from agglo_core.compiled.compiling import helper, kernel
 
 
 @helper
-def _half_cross(points, a, b, c, out):
+def _half_cross(points, a, b, c, vector):
     """Write the area vector of a triangle."""
     ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
     vx, vy, vz = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1], points[c, 2] - points[a, 2]
-    out[0], out[1], out[2] = (
+    vector[0], vector[1], vector[2] = (
         0.5 * (uy * vz - uz * vy),
         0.5 * (uz * vx - ux * vz),
         0.5 * (ux * vy - uy * vx),

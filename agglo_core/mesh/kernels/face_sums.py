@@ -58,8 +58,8 @@ def add_faces(points, face_vertices, face_cells, gap, area):
         area[owner, 0] += cross
         area[owner, 1] += magnitude
         if neighbour >= 0:
-            other = np.uint64(neighbour)
-            gap[other] -= step
-            area[other, 0] -= cross
-            area[other, 1] += magnitude
+            adjacent = np.uint64(neighbour)
+            gap[adjacent] -= step
+            area[adjacent, 0] -= cross
+            area[adjacent, 1] += magnitude
     return low_x, low_y, high_x, high_y

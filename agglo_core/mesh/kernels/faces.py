@@ -35,8 +35,8 @@ def match_half_edges(offsets, vertices, n_points):
             f, partner, rival = head[low], -1, -1
             while f >= 0:
                 if max(face_vertices[f, 0], face_vertices[f, 1]) == high:
-                    other = max(partner, rival)
-                    second = face_cells[other, 0] if other >= 0 else face_cells[f, 1]
+                    previous = max(partner, rival)
+                    second = face_cells[previous, 0] if previous >= 0 else face_cells[f, 1]
                     if second >= 0:
                         return face_vertices, face_cells, double, (a, b, face_cells[f, 0], second, c)
                     if face_vertices[f, 0] == b:
@@ -58,16 +58,16 @@ def match_half_edges(offsets, vertices, n_points):
             head[low] = n_faces
             n_faces += 1
     # 3. Drop bridges, which have the same cell on both sides.
-    kept = 0
+    n_kept = 0
     for f in range(n_faces):
         if face_cells[f, 0] != face_cells[f, 1]:
             for s in range(2):  # numba takes a second longer to compile row copies
-                face_vertices[kept, s] = face_vertices[f, s]
-                face_cells[kept, s] = face_cells[f, s]
-            kept += 1
+                face_vertices[n_kept, s] = face_vertices[f, s]
+                face_cells[n_kept, s] = face_cells[f, s]
+            n_kept += 1
     return (
-        face_vertices[:kept].copy(),
-        face_cells[:kept].copy(),
+        face_vertices[:n_kept].copy(),
+        face_cells[:n_kept].copy(),
         double[:n_double].copy(),
         (-1, -1, -1, -1, -1),
     )
@@ -90,7 +90,7 @@ def cell_faces(face_cells, first, places, faces):
 
 
 @helper
-def _next_edge(points, start, end, first, other, used, h, seed):
+def _next_edge(points, start, end, first, link, visited, h, seed):
     """Return the leftmost edge that continues edge h.
 
     The loop thus stays at the same corner of the cell.
@@ -99,18 +99,18 @@ def _next_edge(points, start, end, first, other, used, h, seed):
     """
     # One edge starts at most vertices; the caller checks whether it is used.
     g = first[end[h]]
-    if g < 0 or other[g] < 0:
+    if g < 0 or link[g] < 0:
         return g
     ux, uy = points[end[h], 0] - points[start[h], 0], points[end[h], 1] - points[start[h], 1]
     best, best_angle = -1, -10.0
     # Angle of the turn from h to g, between −π and π, positive to the left.
     while g >= 0:
-        if not used[g] or g == seed:
+        if not visited[g] or g == seed:
             vx, vy = points[end[g], 0] - points[start[g], 0], points[end[g], 1] - points[start[g], 1]
             angle = np.arctan2(ux * vy - uy * vx, ux * vx + uy * vy)
             if angle > best_angle:
                 best, best_angle = g, angle
-        g = other[g]
+        g = link[g]
     return best
 
 
@@ -141,8 +141,8 @@ def chain_loops(points, offsets, faces, face_vertices, face_cells, first_cell, l
     for c in range(n):
         most = max(most, offsets[c + 1] - offsets[c])
     start, end = np.empty(most, np.int64), np.empty(most, np.int64)
-    other = np.empty(most, np.int64)  # previous edge with the same start
-    used = np.empty(most, np.bool_)
+    link = np.empty(most, np.int64)  # previous edge with the same start
+    visited = np.empty(most, np.bool_)
     walk = np.empty(most, np.int64)
     first = np.empty(0, np.int64)  # last edge of this cell that starts at a vertex
     place = np.empty(0, np.int64)  # position of a vertex in the walk
@@ -156,7 +156,7 @@ def chain_loops(points, offsets, faces, face_vertices, face_cells, first_cell, l
             f = faces[offsets[c] + h]
             flip = 0 if face_cells[f, 0] == first_cell + c else 1
             start[h], end[h] = face_vertices[f, flip], face_vertices[f, 1 - flip]
-            used[h] = False
+            visited[h] = False
         # 2. Most cells have few edges that form one simple loop.
         if size <= FEW and _around(start, end, size, walk):
             for k in range(size):
@@ -173,13 +173,13 @@ def chain_loops(points, offsets, faces, face_vertices, face_cells, first_cell, l
             first[start[h]] = -1
             first[end[h]] = -1
         for h in range(size):
-            other[h] = first[start[h]]
+            link[h] = first[start[h]]
             first[start[h]] = h
         # 4. Walk from each unused edge until the walk returns to it. At each repeated vertex the part since
         #    its first visit is split off as a loop, so no loop repeats a vertex.
         for seed in range(size):
             h, length = seed, 0
-            while h >= 0 and (not used[h] or (h == seed and length > 0)):
+            while h >= 0 and (not visited[h] or (h == seed and length > 0)):
                 v = start[h]
                 if place[v] >= 0:
                     back = place[v]
@@ -190,12 +190,12 @@ def chain_loops(points, offsets, faces, face_vertices, face_cells, first_cell, l
                     n_loops += 1
                     loop_ends[n_loops] = filled
                     length = back
-                if used[h]:
+                if visited[h]:
                     break
-                used[h] = True
+                visited[h] = True
                 place[v] = length
                 walk[length] = v
                 length += 1
-                h = _next_edge(points, start, end, first, other, used, h, seed)
+                h = _next_edge(points, start, end, first, link, visited, h, seed)
         cell_loops[c + 1] = n_loops
     return cell_loops, loop_ends[: n_loops + 1].copy()

@@ -21,11 +21,11 @@ def outlines(offsets, tails, heads, n_points):
     for p in range(n):
         # 1. At most one edge may leave each point. Numbers below ``begin`` belong to earlier patches.
         begin, end = offsets[p], offsets[p + 1]
-        once = end > begin
+        is_simple = end > begin
         for h in range(begin, end):
-            once &= leaving[tails[h]] < begin
+            is_simple &= leaving[tails[h]] < begin
             leaving[tails[h]] = h
-        if not once:
+        if not is_simple:
             continue
         # 2. Follow the edges: they form one loop if the walk returns to the first edge after all edges, not
         #    earlier.

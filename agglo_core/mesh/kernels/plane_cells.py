@@ -34,14 +34,14 @@ def half_edges(face_vertices, face_cells, places, edges):
 
 
 @kernel
-def _moments(ends, own, start, stop):
+def _moments(ends, owns_first, start, stop):
     """Return area and centroid of a cell by the divergence theorem.
 
     ``ends[start:stop]`` are (tail x, y, head x, y) of its edges, counter-clockwise. Coordinates are relative
     to a vertex of the cell, so that small cells far from 0 lose no digits: the tail of the first edge if the
-    cell owns it (``own``), else the head, which is then the first vertex of that face.
+    cell owns it (``owns_first``), else the head, which is then the first vertex of that face.
     """
-    side = 0 if own else 2
+    side = 0 if owns_first else 2
     x0, y0 = ends[start, side], ends[start, side + 1]
     a, mx, my = 0.0, 0.0, 0.0
     for i in range(start, stop):

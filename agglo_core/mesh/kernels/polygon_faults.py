@@ -121,11 +121,11 @@ def plain_faults(points, offsets, vertices, weak):
             dx, dy = ex, ey
         # 2. Triangles are convex. An area below 1e-15 of the squared extent is a rounding error.
         if fault[c] == OK:
-            bent = stop - start > 3 and not weak and not _is_convex(points, vertices, start, stop)
+            non_convex = stop - start > 3 and not weak and not _is_convex(points, vertices, start, stop)
             if abs(area[c]) > 1e-15 * extent:
-                fault[c] = _BENT if bent else OK
+                fault[c] = _BENT if non_convex else OK
             else:
-                fault[c] = _BENT_ZERO if bent else ZERO
+                fault[c] = _BENT_ZERO if non_convex else ZERO
     return area, fault
 
 
@@ -140,13 +140,13 @@ def loop_faults(points, offsets, vertices, cells):
 
 def check_polygons(points: Float, offsets: Int, vertices: Int, weak: bool) -> tuple[Float, Int]:
     """Return signed area and fault code per polygon with 3 or more vertices (weak: it may touch itself)."""
-    found = over_ranges(
+    results = over_ranges(
         lambda start, stop: plain_faults(points, offsets[start : stop + 1], vertices, weak), len(offsets) - 1
     )
-    area, fault = found[0] if len(found) == 1 else map(np.concatenate, zip(*found, strict=True))
-    bent = np.flatnonzero(fault >= _BENT)
-    if len(bent):  # compiled only if necessary
-        faults = loop_faults(points, offsets, vertices, frozen_int(bent))
+    area, fault = results[0] if len(results) == 1 else map(np.concatenate, zip(*results, strict=True))
+    non_convex = np.flatnonzero(fault >= _BENT)
+    if len(non_convex):  # compiled only if necessary
+        faults = loop_faults(points, offsets, vertices, frozen_int(non_convex))
         harmless = (faults == OK) | (faults == FOLDED)
-        fault[bent] = np.where(harmless & (fault[bent] == _BENT_ZERO), ZERO, faults)
+        fault[non_convex] = np.where(harmless & (fault[non_convex] == _BENT_ZERO), ZERO, faults)
     return area, fault

@@ -27,10 +27,10 @@ def vertices_of_solids(face_offsets, face_vertices, offsets, faces, n_points):
 
     Cell c has ``faces[offsets[c]:offsets[c + 1]]``.
     """
-    n, room = len(offsets) - 1, 0
+    n, capacity = len(offsets) - 1, 0
     for h in range(len(faces)):
-        room += face_offsets[faces[h] + 1] - face_offsets[faces[h]]
-    ends, vertices, m = np.zeros(n + 1, np.int64), np.empty(room, np.int32), 0
+        capacity += face_offsets[faces[h] + 1] - face_offsets[faces[h]]
+    ends, vertices, m = np.zeros(n + 1, np.int64), np.empty(capacity, np.int32), 0
     latest = np.full(n_points, -1, np.int32)  # last cell with this point
     for c in range(n):
         for h in range(offsets[c], offsets[c + 1]):
@@ -54,12 +54,12 @@ def surfaces(offsets, vector, centre):
 
     Returns
     -------
-    found : (n, 8) float
+    sums : (n, 8) float
         Area; |Σ a|, 0 for closed surfaces; the smallest flux, the largest flux, and their sum, which is
         three times the volume; M.
     """
-    found = np.empty((len(offsets) - 1, 8))
-    for c in range(len(found)):
+    sums = np.empty((len(offsets) - 1, 8))
+    for c in range(len(sums)):
         # 1. M, the mean of the centres.
         x, y, z, count = 0.0, 0.0, 0.0, offsets[c + 1] - offsets[c]
         for h in range(offsets[c], offsets[c + 1]):
@@ -79,10 +79,10 @@ def surfaces(offsets, vector, centre):
             flux = (centre[h, 0] - x) * a + (centre[h, 1] - y) * b + (centre[h, 2] - z) * d
             least, most = min(least, flux), max(most, flux)
             total += flux
-        found[c, 0], found[c, 1] = area, np.sqrt(u * u + v * v + w * w)
-        found[c, 2], found[c, 3], found[c, 4] = least, most, total
-        found[c, 5], found[c, 6], found[c, 7] = x, y, z
-    return found
+        sums[c, 0], sums[c, 1] = area, np.sqrt(u * u + v * v + w * w)
+        sums[c, 2], sums[c, 3], sums[c, 4] = least, most, total
+        sums[c, 5], sums[c, 6], sums[c, 7] = x, y, z
+    return sums
 
 
 @kernel
@@ -109,12 +109,12 @@ def pair_half_faces(offsets, vertices, n_points):
         slot = np.int64(key & np.uint64(slots - 1))
         g = head[slot]
         while g >= 0:
-            same = offsets[g + 1] - offsets[g] == offsets[f + 1] - offsets[f]
+            is_match = offsets[g + 1] - offsets[g] == offsets[f + 1] - offsets[f]
             h = offsets[g]
-            while same and h < offsets[g + 1]:
-                same = stamp[vertices[h]] == f
+            while is_match and h < offsets[g + 1]:
+                is_match = stamp[vertices[h]] == f
                 h += 1
-            if same:
+            if is_match:
                 break
             g = link[g]
         # 3. Only the first loop of a pair is in the list; a third loop finds it already paired.
@@ -128,32 +128,32 @@ def pair_half_faces(offsets, vertices, n_points):
 
 
 @kernel
-def first_turns(first, second, own, places, ranks):
+def first_turns(first, second, owns_face, places, ranks):
     """Return the first rotation of each cell that lists its own faces in element order, or −1.
 
     Parameters
     ----------
     first, second : (n, F) int
         Local corners that begin each face of a cell.
-    own : (n, F) bool
+    owns_face : (n, F) bool
         True if the cell owns the face; other faces may come in any order.
     places : (T, 8) int
         Position of each corner after each rotation.
     ranks : (8, 8) int
         Face of the element that begins with two corners, or −1.
     """
-    chosen = np.full(len(first), -1, np.int64)
+    rotation = np.full(len(first), -1, np.int64)
     for c in range(len(first)):
         for t in range(len(places)):
             # The ranks of the owned faces must increase in their listed order. Faces that the element does
             # not have get rank −1, which never exceeds the highest rank so far.
             highest, rises = -1, True
             for f in range(first.shape[1]):
-                if own[c, f]:
+                if owns_face[c, f]:
                     rank = ranks[places[t, first[c, f]], places[t, second[c, f]]]
                     rises &= rank > highest
                     highest = max(highest, rank)
             if rises:
-                chosen[c] = t
+                rotation[c] = t
                 break
-    return chosen
+    return rotation

@@ -112,20 +112,23 @@ def _in_bad_cells(mesh: Derived, chains: Chains, keep: Mask, tails: Int, doubtfu
     sides = np.sort(mesh.face_cells[edge], axis=1)[:, ::-1]  # the larger number is on the left
     forward = tails[edge] == begin
     tail, head = np.where(forward, begin, end), np.where(forward, end, begin)
-    offsets, own = faces_of_cells(frozen_int(sides), mesh.n_cells)
+    offsets, cell_edges = faces_of_cells(frozen_int(sides), mesh.n_cells)
     cell = np.repeat(np.arange(mesh.n_cells), np.diff(offsets))
     points = mesh.local_points
-    own = own[np.lexsort((np.minimum(points[tail, 0], points[head, 0])[own], cell))]
-    left = sides[own, 0] == cell
-    tail, head = np.where(left, tail[own], head[own]), np.where(left, head[own], tail[own])
+    cell_edges = cell_edges[np.lexsort((np.minimum(points[tail, 0], points[head, 0])[cell_edges], cell))]
+    is_left = sides[cell_edges, 0] == cell
+    tail, head = (
+        np.where(is_left, tail[cell_edges], head[cell_edges]),
+        np.where(is_left, head[cell_edges], tail[cell_edges]),
+    )
     # Crossings and inversions.
     bad = np.zeros(chains.n, bool)
-    of_cells = frozen_int(tail), frozen_int(head), frozen_int(chain[own])
+    of_cells = frozen_int(tail), frozen_int(head), frozen_int(chain[cell_edges])
     mark_crossings(points, offsets, *of_cells, doubtful, bad)
     # Cells that lost too much area.
     middle = mesh.local_centroids[cell]
     a, b = points[tail] - middle, points[head] - middle
     area = 0.5 * np.bincount(cell, a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], mesh.n_cells)
-    lost = area < _LEAST * mesh.cell_measures
-    bad[chain[own[lost[cell]]]] = True
+    too_small = area < _LEAST * mesh.cell_measures
+    bad[chain[cell_edges[too_small[cell]]]] = True
     return bad

@@ -67,8 +67,8 @@ def _merged(mesh: Derived, tags: Mapping[str, Int]) -> _Loops:
     counts = np.bincount(patch[face[outer]], minlength=len(lead))
     around = frozen_int(np.concatenate(([0], np.cumsum(counts))))
     of_edges = frozen_int(tails[outer]), frozen_int(heads[outer])
-    found, whole = outlines(around, *of_edges, mesh.n_points)
-    return _put_together(mesh, frozen_int(patch), around, found, whole)
+    outline, whole = outlines(around, *of_edges, mesh.n_points)
+    return _put_together(mesh, frozen_int(patch), around, outline, whole)
 
 
 def _twins(tails: Int, heads: Int, n_points: int) -> tuple[Int, Int]:
@@ -80,20 +80,20 @@ def _twins(tails: Int, heads: Int, n_points: int) -> tuple[Int, Int]:
     return frozen_int(order[pairs]), frozen_int(order[pairs + 1])
 
 
-def _put_together(mesh: Derived, patch: Int, around: Int, found: Int, whole: Mask) -> _Loops:
+def _put_together(mesh: Derived, patch: Int, around: Int, outline: Int, whole: Mask) -> _Loops:
     """Join the outlines of merged patches and all other faces."""
     alone = np.flatnonzero(~whole[patch])
     sizes = np.diff(mesh.face_offsets)
-    own = np.zeros(mesh.n_faces, bool)
-    own[alone] = True
-    made = np.flatnonzero(whole)
-    kept = np.repeat(whole, np.diff(around))
-    lengths = np.concatenate((np.diff(around)[made], sizes[alone]))
-    vertices = np.concatenate((found[kept], mesh.face_vertices[np.repeat(own, sizes)]))
+    is_alone = np.zeros(mesh.n_faces, bool)
+    is_alone[alone] = True
+    merged = np.flatnonzero(whole)
+    in_outline = np.repeat(whole, np.diff(around))
+    lengths = np.concatenate((np.diff(around)[merged], sizes[alone]))
+    vertices = np.concatenate((outline[in_outline], mesh.face_vertices[np.repeat(is_alone, sizes)]))
     number = np.empty(len(whole), np.int64)
-    number[made] = np.arange(len(made))
+    number[merged] = np.arange(len(merged))
     faces = number[patch]
-    faces[alone] = len(made) + np.arange(len(alone))
+    faces[alone] = len(merged) + np.arange(len(alone))
     offsets = np.concatenate(([0], np.cumsum(lengths)))
     return _Loops(frozen_int(offsets), frozen_int(vertices), frozen_int(faces))
 
@@ -108,18 +108,18 @@ def _patches(mesh: Derived, tags: Mapping[str, Int], f: Int, g: Int, ways: Mask)
 
     # Candidates: equal cells, consistent orientation, equal tags.
     cells = np.sort(mesh.face_cells, axis=1)
-    joined = (f != g) & (cells[f] == cells[g]).all(axis=1)
-    joined &= ways == (mesh.face_cells[f, 0] != mesh.face_cells[g, 0])
+    is_candidate = (f != g) & (cells[f] == cells[g]).all(axis=1)
+    is_candidate &= ways == (mesh.face_cells[f, 0] != mesh.face_cells[g, 0])
     for values in tags.values():
-        joined &= values[f] == values[g]
-    f, g = f[joined], g[joined]
+        is_candidate &= values[f] == values[g]
+    f, g = f[is_candidate], g[is_candidate]
     # Both faces must lie in the plane of the larger face.
     large = mesh.face_measures[f] >= mesh.face_measures[g]
     f, g = np.where(large, f, g), np.where(large, g, f)
     slack = _SLACK * rounding_of(mesh)
     vector, centre = mesh.face_normals, _centres(mesh)
-    same = mesh.face_cells[f, 0] == mesh.face_cells[g, 0]
-    facing = (vector[f] * vector[g]).sum(axis=1) * np.where(same, 1.0, -1.0) > 0.5
+    same_owner = mesh.face_cells[f, 0] == mesh.face_cells[g, 0]
+    facing = (vector[f] * vector[g]).sum(axis=1) * np.where(same_owner, 1.0, -1.0) > 0.5
     flat = facing & (_off(mesh, g, vector[f], centre[f]) <= slack)
     flat &= _off(mesh, f, vector[f], centre[f]) <= slack
     f, g = f[flat], g[flat]

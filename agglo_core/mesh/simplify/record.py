@@ -94,11 +94,11 @@ def packed(sizes: Int, vertices: Int, faces: Int, held_back: int = 0) -> Fewer:
 
 def recorded(mesh: Derived, after: Derived, fewer: Fewer, tolerance: float) -> Simplification:
     """Create the record for the simplified mesh ``after``."""
-    used = len(np.unique(mesh.face_vertices))
+    n_used = len(np.unique(mesh.face_vertices))
     return Simplification(
         tolerance,
         tolerance == 0,
-        used - len(fewer.points),
+        n_used - len(fewer.points),
         mesh.n_faces - after.n_faces,
         fewer.points,
         fewer.faces,
