@@ -104,7 +104,7 @@ class BlockGraph(FieldState, Loaded):
         nodes = slice(i, j)
         edges = slice(int(self.indptr[i]), int(self.indptr[j]))
         corners = slice(int(self.vertex_offsets[i]), int(self.vertex_offsets[j]))
-        made = trusted_copy(
+        graph = trusted_copy(
             self,
             indptr=self.indptr[i : j + 1] - self.indptr[i],
             indices=self.indices[edges] - np.int32(i),
@@ -118,7 +118,7 @@ class BlockGraph(FieldState, Loaded):
             offsets=frozen_int([0, j - i]),
             data={key: values[nodes] for key, values in self.data.items()},
         )
-        return made.with_loads(self.loads and self.loads.take(nodes))
+        return graph.with_loads(self.loads and self.loads.take(nodes))
 
     def subgraph(self, nodes: ArrayLike, offsets: ArrayLike) -> Self:
         """Return the graph of ``nodes`` in this order, with blocks ``offsets`` and no edges between them."""
@@ -139,8 +139,8 @@ class BlockGraph(FieldState, Loaded):
                 order if places is None else frozen_int(places[order]),
             ),
         )
-        made = object.__new__(type(self))
-        made.__dict__.update(
+        graph = object.__new__(type(self))
+        graph.__dict__.update(
             indptr=rows[0],
             indices=rows[1],
             interface=rows[2],
@@ -153,8 +153,8 @@ class BlockGraph(FieldState, Loaded):
             origin=self.origin,
             _whole=(whole, nodes_of_whole),
         )
-        made.__dict__["_loads"] = self.loads and self.loads.take(order)
-        return made
+        graph.__dict__["_loads"] = self.loads and self.loads.take(order)
+        return graph
 
     def split(self, labels: ArrayLike) -> tuple[Self, Int]:
         """Return the graph with parts (labels 0..k−1) as blocks, and its nodes as numbers in ``self``."""
@@ -167,10 +167,10 @@ class BlockGraph(FieldState, Loaded):
 
     def take(self, blocks: ArrayLike) -> Self:
         """Return the chosen blocks in this order."""
-        chosen = frozen_int(blocks)
-        sizes = self.sizes[chosen]
+        block_numbers = frozen_int(blocks)
+        sizes = self.sizes[block_numbers]
         offsets = np.concatenate(([0], np.cumsum(sizes)))
-        nodes = np.arange(offsets[-1]) + np.repeat(self.offsets[chosen] - offsets[:-1], sizes)
+        nodes = np.arange(offsets[-1]) + np.repeat(self.offsets[block_numbers] - offsets[:-1], sizes)
         return self.subgraph(nodes, offsets)
 
     def without_edges(self, removed: ArrayLike) -> Self:
@@ -180,24 +180,24 @@ class BlockGraph(FieldState, Loaded):
 
         Their interfaces become boundary of the cells on both sides, so that perimeters do not change.
         """
-        gone = plain_array(removed, "removed")
-        if gone.shape != self.indices.shape or gone.dtype != bool:
+        mask = plain_array(removed, "removed")
+        if mask.shape != self.indices.shape or mask.dtype != bool:
             raise MeshError(
-                f"removed must be a mask of shape {self.indices.shape}, not {gone.shape} of {gone.dtype}"
+                f"removed must be a mask of shape {self.indices.shape}, not {mask.shape} of {mask.dtype}"
             )
-        if not gone.any():
+        if not mask.any():
             return self
-        out = np.flatnonzero(gone)
-        rows = np.searchsorted(self.indptr, out, side="right") - 1
-        kept, stay = self.indptr - np.searchsorted(out, self.indptr), ~gone
-        made = trusted_copy(
+        entries = np.flatnonzero(mask)
+        rows = np.searchsorted(self.indptr, entries, side="right") - 1
+        indptr, keep = self.indptr - np.searchsorted(entries, self.indptr), ~mask
+        graph = trusted_copy(
             self,
-            indptr=kept,
-            indices=self.indices[stay],
-            interface=self.interface[stay],
-            boundary=self.boundary + np.bincount(rows, self.interface[out], self.n),
+            indptr=indptr,
+            indices=self.indices[keep],
+            interface=self.interface[keep],
+            boundary=self.boundary + np.bincount(rows, self.interface[entries], self.n),
         )
-        return made.with_loads(self.loads)
+        return graph.with_loads(self.loads)
 
     def diameters(self) -> Float:
         """Return the exact largest vertex distance per block ``(B,)``."""
@@ -223,8 +223,8 @@ class BlockGraph(FieldState, Loaded):
         k = int(array.max(initial=-1)) + 1 if asked is None else len(asked)
         if array.shape != (self.n,) or array.min(initial=0) < 0 or array.max(initial=-1) >= k:
             raise MeshError(f"labels must be ({self.n},) integers in 0..{k - 1}, given shape {array.shape}")
-        which = np.ones(k, bool) if asked is None else asked
-        return wide_parts(array, which, limit, self.vertex_offsets, self.vertices, self.points)
+        parts = np.ones(k, bool) if asked is None else asked
+        return wide_parts(array, parts, limit, self.vertex_offsets, self.vertices, self.points)
 
     def components(self, labels: ArrayLike | None = None) -> Int:
         """Return the connected component per node ``(n,)``, within ``labels`` if given.
@@ -255,12 +255,12 @@ def _permuted(
     from agglo_core.compiled.graphs import permute_graph
 
     whole = len(order) == len(indptr) - 1
-    room = len(indices) if whole else int((indptr[order + 1] - indptr[order]).sum())
-    made = np.empty(len(order) + 1, np.int64), np.empty(room, np.int32), np.empty(room)
-    kept = permute_graph(indptr, indices, interface, order, offsets, *made)
-    if kept < 0:
+    capacity = len(indices) if whole else int((indptr[order + 1] - indptr[order]).sum())
+    arrays = np.empty(len(order) + 1, np.int64), np.empty(capacity, np.int32), np.empty(capacity)
+    n_entries = permute_graph(indptr, indices, interface, order, offsets, *arrays)
+    if n_entries < 0:
         raise MeshError(f"a node is given twice among all {len(order)}")
-    return frozen_int(made[0]), frozen_index(made[1][:kept]), frozen_float(made[2][:kept])
+    return frozen_int(arrays[0]), frozen_index(arrays[1][:n_entries]), frozen_float(arrays[2][:n_entries])
 
 
 def _rows_of(whole: BlockGraph, nodes: Int) -> dict[str, Any]:

@@ -134,13 +134,13 @@ def _order(level: Graph, projection: Float, tie: Float) -> Int:
     """Sort each block's nodes by ``projection``, with ties resolved by the columns of ``tie``."""
     order = np.lexsort((projection, level.block_ids))
     blocks = level.block_ids
-    apart = np.ones(level.n + 1, bool)  # True where a value differs from its predecessor
+    differs = np.ones(level.n + 1, bool)  # True where a value differs from its predecessor
     extents = block_extents(level, projection[:, None])[:, 0]
-    apart[1:-1] = (np.diff(projection[order]) > TIE * extents[blocks[1:]]) | (blocks[1:] != blocks[:-1])
-    tied = np.flatnonzero(~(apart[:-1] & apart[1:]))
+    differs[1:-1] = (np.diff(projection[order]) > TIE * extents[blocks[1:]]) | (blocks[1:] != blocks[:-1])
+    tied = np.flatnonzero(~(differs[:-1] & differs[1:]))
     if not len(tied) or not tie.shape[1]:
         return frozen_int(order)
-    nodes, groups = order[tied], np.cumsum(apart[tied])
+    nodes, groups = order[tied], np.cumsum(differs[tied])
     widest = block_extents(level, tie).max(axis=1)[blocks[nodes]]
     ranks = [_ranks(values[nodes], groups, widest) for values in tie.T]
     order[tied] = nodes[np.lexsort((*ranks[::-1], groups))]
@@ -254,7 +254,7 @@ def _turned(level: Graph, weights: Float, local: Float, moments: Float, frames: 
 
 def _along(axes: Float, blocks: Int, columns: Float) -> Float:
     """Return each node's coordinate ``(n,)`` along its block axis ``(B, d)``, from ``columns (d, n)``."""
-    along: Float = axes[:, 0].take(blocks) * columns[0]
+    coordinates: Float = axes[:, 0].take(blocks) * columns[0]
     for k in range(1, len(columns)):
-        along += axes[:, k].take(blocks) * columns[k]
-    return along
+        coordinates += axes[:, k].take(blocks) * columns[k]
+    return coordinates

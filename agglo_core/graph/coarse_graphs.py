@@ -22,10 +22,10 @@ def _edges_by_part(labels, n_parts, indptr, indices, interface):
     first = np.ones(n_parts + 1, np.int64)
     # 1. Number of outer edges per part, plus one.
     for c in range(len(labels)):
-        own, outer = labels[c], 0
+        part, outer = labels[c], 0
         for h in range(indptr[c], indptr[c + 1]):
-            outer += labels[indices[h]] != own
-        first[own] += outer
+            outer += labels[indices[h]] != part
+        first[part] += outer
     # 2. Convert counts to positions; ``last`` advances as edges are written.
     filled = 0
     for p in range(n_parts + 1):
@@ -36,13 +36,13 @@ def _edges_by_part(labels, n_parts, indptr, indices, interface):
     # 3. Write the edges cell by cell; the next edge overwrites an inner one.
     beyond, share = np.empty(filled, np.int32), np.empty(filled)
     for c in range(len(labels)):
-        own = labels[c]
-        at = last[own]
+        part = labels[c]
+        at = last[part]
         for h in range(indptr[c], indptr[c + 1]):
             beyond[at] = indices[h]
             share[at] = interface[h]
-            at += labels[indices[h]] != own  # a branch would often be mispredicted
-        last[own] = at
+            at += labels[indices[h]] != part  # a branch would often be mispredicted
+        last[part] = at
     return first, last, beyond, share
 
 
@@ -72,12 +72,12 @@ def quotient_edges(labels, n_parts, indptr, indices, interface):
                 end += 1
         # 2. Sum the results, last cell first, by adjacent part: one entry of the row each.
         for s in range(end - 1, first[p] - 1, -1):
-            other = labels[beyond[s]]
-            if slot[other] >= rows[p]:
-                values[slot[other]] += share[s]
+            neighbour = labels[beyond[s]]
+            if slot[neighbour] >= rows[p]:
+                values[slot[neighbour]] += share[s]
             else:
-                slot[other] = m
-                columns[m], values[m] = other, share[s]
+                slot[neighbour] = m
+                columns[m], values[m] = neighbour, share[s]
                 m += 1
         rows[p + 1] = m
     return rows, columns[:m].copy(), values[:m].copy()
@@ -96,11 +96,11 @@ def union_of_rows(labels, n_parts, offsets, values, n_values):
         starts[labels[c] + 2] += offsets[c + 1] - offsets[c]
     for p in range(n_parts):
         starts[p + 2] += starts[p + 1]
-    found = np.empty(len(values), np.int32)
+    entries = np.empty(len(values), np.int32)
     for c in range(len(labels)):
         at = starts[labels[c] + 1]
         for h in range(offsets[c], offsets[c + 1]):
-            found[at] = values[h]
+            entries[at] = values[h]
             at += 1
         starts[labels[c] + 1] = at
     # 2. Drop repeated values of each part, in place.
@@ -109,9 +109,9 @@ def union_of_rows(labels, n_parts, offsets, values, n_values):
     m = 0
     for p in range(n_parts):
         for s in range(starts[p], starts[p + 1]):
-            value = found[s]
-            found[m] = value
+            value = entries[s]
+            entries[m] = value
             m += latest[value] != p
             latest[value] = p
         rows[p + 1] = m
-    return rows, found[:m].copy()
+    return rows, entries[:m].copy()

@@ -54,16 +54,18 @@ def broken_parts(indptr: Int, indices: Index, labels: Int | Index, asked: Mask) 
     """
     from agglo_core.compiled import part_faults
 
-    given = frozen_index(labels)
+    part_labels = frozen_index(labels)
 
     # Cells that may begin a separate component, per thread.
-    def lone(start: int, stop: int) -> Index:
-        listed = np.empty(stop - start, np.int32)
-        room = np.zeros(len(given), np.int32), np.empty(len(given) + 1, np.int32)
-        count = part_faults.lone_cells(start, stop, indptr, indices, given, len(asked), listed, *room)
-        return listed[:count]
+    def find_lone_cells(start: int, stop: int) -> Index:
+        cells = np.empty(stop - start, np.int32)
+        workspace = np.zeros(len(part_labels), np.int32), np.empty(len(part_labels) + 1, np.int32)
+        count = part_faults.lone_cells(
+            start, stop, indptr, indices, part_labels, len(asked), cells, *workspace
+        )
+        return cells[:count]
 
-    found = over_ranges(lone, len(given), shares=1)
-    nodes = frozen_index(found[0] if len(found) == 1 else np.concatenate(found))
-    broken: Mask = part_faults.broken_parts(nodes, indptr, indices, given, frozen(asked, bool))
+    candidates = over_ranges(find_lone_cells, len(part_labels), shares=1)
+    nodes = frozen_index(candidates[0] if len(candidates) == 1 else np.concatenate(candidates))
+    broken: Mask = part_faults.broken_parts(nodes, indptr, indices, part_labels, frozen(asked, bool))
     return broken

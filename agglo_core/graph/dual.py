@@ -83,15 +83,15 @@ class Graph(BlockGraph):
 
         Cell tags become ``data``.
         """
-        beside, (vertex_offsets, vertices) = mesh.cell_neighbours, mesh.cell_vertices
+        neighbours, (vertex_offsets, vertices) = mesh.cell_neighbours, mesh.cell_vertices
         return trusted(
             cls,
-            indptr=beside.indptr,
-            indices=frozen_index(beside.indices),
-            interface=beside.interface,
+            indptr=neighbours.indptr,
+            indices=frozen_index(neighbours.indices),
+            interface=neighbours.interface,
             centroids=mesh.local_centroids,
             measures=mesh.cell_measures,
-            boundary=beside.boundary,
+            boundary=neighbours.boundary,
             weights=mesh.cell_measures,
             vertex_offsets=vertex_offsets,
             vertices=frozen_index(vertices),
@@ -150,12 +150,12 @@ class Graph(BlockGraph):
         )
 
     def __post_init__(self) -> None:
-        known: dict[int, NDArray[Any]] = {}  # weights may be the same array as measures, and remain so
+        copies: dict[int, NDArray[Any]] = {}  # weights may be the same array as measures, and remain so
         for name, dtype in _DTYPES.items():
-            given = getattr(self, name)
-            if id(given) not in known:
-                known[id(given)] = copied(name, given, dtype)
-            self.__dict__[name] = known[id(given)]
+            array = getattr(self, name)
+            if id(array) not in copies:
+                copies[id(array)] = copied(name, array, dtype)
+            self.__dict__[name] = copies[id(array)]
         data = {key: plain_array(values, f"data {key!r}") for key, values in self.data.items()}
         self.__dict__["data"] = {key: owned(frozen(values, values.dtype)) for key, values in data.items()}
         self.check()

@@ -74,10 +74,13 @@ class Loaded:
 
     def with_mass(self, mass: ArrayLike) -> Self:
         """Return the graph with another :attr:`mass`, which subgraphs and quotients inherit."""
-        given = owned(exact_cast(plain_array(mass, "mass"), np.float64, "mass"))
-        if given.shape != (self.n,) or not 0.0 <= given.min(initial=0.0) <= given.max(initial=0.0) < np.inf:
-            raise MeshError(f"mass must be {self.n} numbers, finite and not negative; given {given.shape}")
-        return self.with_loads(Loads(mass=frozen_float(given)))
+        values = owned(exact_cast(plain_array(mass, "mass"), np.float64, "mass"))
+        if (
+            values.shape != (self.n,)
+            or not 0.0 <= values.min(initial=0.0) <= values.max(initial=0.0) < np.inf
+        ):
+            raise MeshError(f"mass must be {self.n} numbers, finite and not negative; given {values.shape}")
+        return self.with_loads(Loads(mass=frozen_float(values)))
 
     def with_loads(self, loads: Loads | None) -> Self:
         """Return the graph with other :attr:`loads`, which subgraphs and quotients inherit."""

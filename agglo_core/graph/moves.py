@@ -50,22 +50,22 @@ def links(graph: Graph, labels: Int, cells: Int, parts: Int, edge_weights: Float
     """
     move, entry = _entries(graph, cells)
     weights = np.ones(len(entry)) if edge_weights is None else edge_weights[entry]
-    beside = labels[graph.indices[entry]]
+    neighbour_parts = labels[graph.indices[entry]]
     q = len(cells)
     return Links(
         part_sums(move, weights, q),
-        part_sums(move, weights * (beside == labels[cells][move]), q),
-        part_sums(move, weights * (beside == parts[move]), q),
+        part_sums(move, weights * (neighbour_parts == labels[cells][move]), q),
+        part_sums(move, weights * (neighbour_parts == parts[move]), q),
     )
 
 
 def boundary_moves(graph: Graph, labels: Int) -> tuple[Int, Int]:
     """Return every move of a boundary cell to an adjacent part, once: cells and parts ``(q,)``."""
     rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
-    beside = labels[graph.indices]
-    crossing = np.flatnonzero(labels[rows] != beside)
+    neighbour_parts = labels[graph.indices]
+    crossing = np.flatnonzero(labels[rows] != neighbour_parts)
     stride = int(labels.max(initial=0)) + 1
-    cells, parts = np.divmod(np.unique(rows[crossing] * stride + beside[crossing]), stride)
+    cells, parts = np.divmod(np.unique(rows[crossing] * stride + neighbour_parts[crossing]), stride)
     return cells, parts
 
 
@@ -88,11 +88,11 @@ def normalised_cut_changes(graph: Graph, labels: Int, cells: Int, parts: Int) ->
     k = int(labels.max(initial=0)) + 1
     cuts = part_sums(rows, rows != labels[graph.indices], k)
     volumes = part_sums(labels, np.diff(graph.indptr), k)
-    own = labels[cells]
-    left = ratio(cuts[own] - shared.total + 2.0 * shared.own, volumes[own] - shared.total)
-    joined = ratio(cuts[parts] + shared.total - 2.0 * shared.there, volumes[parts] + shared.total)
-    changes: Float = left - ratio(cuts, volumes)[own] + joined - ratio(cuts, volumes)[parts]
-    return np.where(own == parts, 0.0, changes)
+    sources = labels[cells]
+    source_ratio = ratio(cuts[sources] - shared.total + 2.0 * shared.own, volumes[sources] - shared.total)
+    target_ratio = ratio(cuts[parts] + shared.total - 2.0 * shared.there, volumes[parts] + shared.total)
+    changes: Float = source_ratio - ratio(cuts, volumes)[sources] + target_ratio - ratio(cuts, volumes)[parts]
+    return np.where(sources == parts, 0.0, changes)
 
 
 def inertia_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
@@ -154,11 +154,11 @@ def edge_difference(
     """
     cells = np.flatnonzero(before != after)
     move, entry = _entries(graph, cells)
-    here, there = cells[move], graph.indices[entry]
+    nodes, neighbours = cells[move], graph.indices[entry]
     weights = np.ones(len(entry)) if edge_weights is None else edge_weights[entry]
-    counted_twice = before[there] != after[there]  # from both ends
+    counted_twice = before[neighbours] != after[neighbours]  # from both ends
     shares = np.where(counted_twice, 0.5, 1.0) * weights
-    joined = (before[here] == before[there]).astype(float) - (after[here] == after[there])
+    joined = (before[nodes] == before[neighbours]).astype(float) - (after[nodes] == after[neighbours])
     return float(shares @ joined), float(shares.sum())
 
 

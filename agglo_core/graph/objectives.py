@@ -59,13 +59,13 @@ class Objective:
         Labels may number the parts of each block from 0.
         """
         if self.difference is not None:
-            grown, size = self.difference(graph, before, after)
+            growth, size = self.difference(graph, before, after)
         elif np.array_equal(before, after):
             return 0.0
         else:
             size = self.value(graph, before)
-            grown = self.value(graph, after) - size
-        return grown if grown > _ROUNDING * abs(size) else 0.0
+            growth = self.value(graph, after) - size
+        return growth if growth > _ROUNDING * abs(size) else 0.0
 
     def value(self, graph: Graph, labels: ArrayLike) -> float:
         """Return the value of a partition ``labels (n,)``.

@@ -35,7 +35,7 @@ def quotient(labels: Int, fine: BlockGraph) -> Quotient:
 
     k, part = int(labels.max()) + 1, frozen_index(labels)
 
-    def added(values: Float) -> Float:
+    def sum_parts(values: Float) -> Float:
         return frozen_float(np.bincount(labels, weights=values, minlength=k))
 
     rows, columns, values = quotient_edges(part, k, fine.indptr, fine.indices, fine.interface)
@@ -43,17 +43,17 @@ def quotient(labels: Int, fine: BlockGraph) -> Quotient:
     offsets, vertices = union_of_rows(part, k, fine.vertex_offsets, fine.vertices, len(fine.points))
     corners = _sorted_rows(offsets, vertices, np.zeros(len(vertices), bool), len(fine.points))
     # Without measure in some part, the centroid is the mean over its nodes.
-    total = added(fine.measures)
+    total = sum_parts(fine.measures)
     mass = fine.measures if (total > 0).all() else frozen_float(np.ones(len(labels)))
-    middle = np.stack([added(mass * x) for x in fine.centroids.T], axis=1) / added(mass)[:, None]
+    middle = np.stack([sum_parts(mass * x) for x in fine.centroids.T], axis=1) / sum_parts(mass)[:, None]
     return Quotient(
         frozen_int(edges.indptr),
         frozen_index(edges.indices),
         frozen_float(edges.data),
         frozen_float(middle),
         total,
-        added(fine.boundary),
-        total if fine.weights is fine.measures else added(fine.weights),
+        sum_parts(fine.boundary),
+        total if fine.weights is fine.measures else sum_parts(fine.weights),
         frozen_int(corners.indptr),
         frozen_index(corners.indices),
     )
