@@ -73,8 +73,8 @@ def draw_boxes(
 
 
 def _boxes(axis: Any, values: Mapping[str, Float]) -> None:
-    drawn = axis.boxplot(
-        [each[each == each] for each in values.values()],  # NaN: undefined
+    artists = axis.boxplot(
+        [v[v == v] for v in values.values()],  # NaN: undefined
         widths=0.6,
         patch_artist=True,
         showmeans=True,
@@ -82,7 +82,7 @@ def _boxes(axis: Any, values: Mapping[str, Float]) -> None:
         meanprops={"marker": "D", "markersize": 4, "markerfacecolor": "white", "markeredgecolor": INK},
         flierprops={"marker": ".", "markersize": 3, "markeredgecolor": FINE},
     )
-    for place, box in enumerate(drawn["boxes"]):
+    for place, box in enumerate(artists["boxes"]):
         box.set_facecolor(PALETTE[place % len(PALETTE)])
     steep = sum(map(len, values)) > 40
     axis.set_xticks(

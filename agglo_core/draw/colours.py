@@ -55,19 +55,19 @@ def colouring(mesh: Mesh, n_colours: int) -> Int:
     rank = np.empty(graph.n, np.int64)
     rank[np.lexsort((shuffled, np.diff(graph.indptr)))] = np.arange(graph.n)
     colours = np.full(graph.n, -1, np.int64)
-    taken = np.zeros((graph.n, n_colours), bool)
+    is_occupied = np.zeros((graph.n, n_colours), bool)
     while (colours < 0).any():
         # Cells that precede all uncoloured neighbours.
-        ready = colours < 0
-        ready[rows[(colours[graph.indices] < 0) & (rank[graph.indices] > rank[rows])]] = False
-        chosen = np.flatnonzero(ready)
+        is_next = colours < 0
+        is_next[rows[(colours[graph.indices] < 0) & (rank[graph.indices] > rank[rows])]] = False
+        cells = np.flatnonzero(is_next)
         # Take a free colour, starting from a random colour.
-        wish = (shuffled[chosen, None] + np.arange(n_colours)) % n_colours  # equal shares of all colours
-        pick = (~taken[chosen[:, None], wish]).argmax(axis=1)
-        colours[chosen] = wish[np.arange(len(chosen)), pick]
+        wish = (shuffled[cells, None] + np.arange(n_colours)) % n_colours  # equal shares of all colours
+        pick = (~is_occupied[cells[:, None], wish]).argmax(axis=1)
+        colours[cells] = wish[np.arange(len(cells)), pick]
         # Mark the colour as taken for the neighbours.
-        told = ready[graph.indices]
-        taken[rows[told], colours[graph.indices[told]]] = True
+        is_neighbour = is_next[graph.indices]
+        is_occupied[rows[is_neighbour], colours[graph.indices[is_neighbour]]] = True
     return colours
 
 

@@ -59,12 +59,14 @@ class Curves:
         tolerance: float | None,
     ) -> Curves:
         """Return the curves from report data, with ``last`` as the final energy error."""
-        sizes, known = (np.asarray(each, dtype=np.float64).ravel() for each in (residuals, errors))
+        sizes, energy_errors = (
+            np.asarray(values, dtype=np.float64).ravel() for values in (residuals, errors)
+        )
         first = sizes[0] if len(sizes) and 0.0 < sizes[0] < np.inf else np.nan
-        if len(known) != len(sizes):
-            known = np.full(len(sizes), np.nan)
-            known[-1:] = np.nan if last is None else last
-        return cls(_positive(sizes / first), _positive(known), contraction, tolerance)
+        if len(energy_errors) != len(sizes):
+            energy_errors = np.full(len(sizes), np.nan)
+            energy_errors[-1:] = np.nan if last is None else last
+        return cls(_positive(sizes / first), _positive(energy_errors), contraction, tolerance)
 
 
 def _positive(values: Float) -> Float:

@@ -66,14 +66,14 @@ def ties(dots: Float, sizes: Float, places: Float, gap: float) -> dict[int, Floa
 
     A line is needed if a label is far from its dot, or almost as near to another dot.
     """
-    found = {}
-    for own, (place, size) in enumerate(zip(places, sizes, strict=True)):
+    line_ends = {}
+    for label, (place, size) in enumerate(zip(places, sizes, strict=True)):
         ends = np.clip(dots, place, place + size)
-        away = np.linalg.norm(ends - dots, axis=1)
-        others = np.delete(away, own)
-        if away[own] > 2.2 * gap or others.min(initial=np.inf) < away[own] + 1.5 * gap:
-            found[own] = ends[own]
-    return found
+        distances = np.linalg.norm(ends - dots, axis=1)
+        other_distances = np.delete(distances, label)
+        if distances[label] > 2.2 * gap or other_distances.min(initial=np.inf) < distances[label] + 1.5 * gap:
+            line_ends[label] = ends[label]
+    return line_ends
 
 
 def _orders(dots: Float) -> Iterator[Int]:
@@ -92,17 +92,17 @@ def _one_by_one(
 ) -> tuple[Float, float]:
     """Place labels in the given order. Return the places and the total overlap."""
     circles = np.concatenate([dots - gap, dots + gap], axis=1)
-    taken = circles if lines is None else np.concatenate([circles, lines])
-    labels, found, total = np.empty((0, 4)), np.zeros((len(dots), 2)), 0.0
-    for own in order:
-        apart = np.linalg.norm(dots - dots[own], axis=1) > 2.2 * gap  # ignore coinciding dots
-        barred = np.concatenate([circles[apart], labels])
-        found[own], shared = _corner(dots[own], sizes[own], frame, (taken, barred), gap)
+    obstacles = circles if lines is None else np.concatenate([circles, lines])
+    labels, corners, total = np.empty((0, 4)), np.zeros((len(dots), 2)), 0.0
+    for i in order:
+        is_distinct = np.linalg.norm(dots - dots[i], axis=1) > 2.2 * gap  # ignore coinciding dots
+        line_obstacles = np.concatenate([circles[is_distinct], labels])
+        corners[i], shared = _corner(dots[i], sizes[i], frame, (obstacles, line_obstacles), gap)
         total += shared
-        box = np.concatenate([found[own], found[own] + sizes[own]])
-        taken = np.concatenate([taken, box[None], _thread(dots[own], box, gap)])
+        box = np.concatenate([corners[i], corners[i] + sizes[i]])
+        obstacles = np.concatenate([obstacles, box[None], _thread(dots[i], box, gap)])
         labels = np.concatenate([labels, box[None]])
-    return found, total
+    return corners, total
 
 
 def _thread(dot: Float, box: Float, gap: float) -> Float:
@@ -114,29 +114,29 @@ def _thread(dot: Float, box: Float, gap: float) -> Float:
 
 
 def _corner(
-    dot: Float, size: Float, frame: Float, others: tuple[Float, Float], gap: float
+    dot: Float, size: Float, frame: Float, obstacles: tuple[Float, Float], gap: float
 ) -> tuple[Float, float]:
     """Return the corner of the nearest free place, and its overlap.
 
-    ``others`` are the boxes to avoid by the label, and by the line to the label.
+    ``obstacles`` are the boxes to avoid by the label, and by the line to the label.
     """
     boxes = _candidates(dot, size, gap, _FAR * float(frame.max()))
     boxes = boxes[(boxes[:, :2] >= 0.0).all(axis=1) & (boxes[:, 2:] <= frame).all(axis=1)]
-    shared = 1e3 * overlaps(boxes, others[0])  # overlapping labels are worse than lines across labels
+    shared = 1e3 * overlaps(boxes, obstacles[0])  # overlapping labels are worse than lines across labels
     best, least = dot, np.inf
     for place in np.argsort(shared, kind="stable"):
         if shared[place] >= least:
             break
-        found = float(shared[place] + overlaps(_thread(dot, boxes[place], gap), others[1]).sum())
-        if found < least:
-            best, least = boxes[place, :2], found
+        overlap = float(shared[place] + overlaps(_thread(dot, boxes[place], gap), obstacles[1]).sum())
+        if overlap < least:
+            best, least = boxes[place, :2], overlap
     return best, least
 
 
-def _candidates(dot: Float, size: Float, gap: float, far: float) -> Float:
+def _candidates(dot: Float, size: Float, gap: float, max_radius: float) -> Float:
     """Return boxes ``(n, 4)`` for a label in growing rings around its dot, by preference."""
     angles = np.pi * np.array(_TURNS) / 12.0
     ways = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    rings = np.arange(1.5 * gap, far, gap)[:, None, None]
+    rings = np.arange(1.5 * gap, max_radius, gap)[:, None, None]
     middles = (dot + rings * ways + 0.5 * size * np.clip(1.5 * ways, -1.0, 1.0)).reshape(-1, 2)
     return np.concatenate([middles - 0.5 * size, middles + 0.5 * size], axis=1)

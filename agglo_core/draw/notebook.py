@@ -70,10 +70,10 @@ def _png(figure: Any) -> bytes:
 
     canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()
-    drawn = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+    image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
     for share in _SHARES:
         pixels = (
-            drawn if share == 1.0 else drawn.resize((int(share * drawn.width), int(share * drawn.height)))
+            image if share == 1.0 else image.resize((int(share * image.width), int(share * image.height)))
         )
         file = BytesIO()
         pixels.quantize(_COLOURS).save(file, "png", optimize=True)
@@ -109,48 +109,48 @@ def mesh_html(mesh: Mesh) -> str:
 
 def hierarchy_html(hierarchy: Hierarchy) -> str:
     """Return the levels as HTML."""
-    n, shown = hierarchy.graph.n, hierarchy.parts[:_LISTED]
+    n, part_counts = hierarchy.graph.n, hierarchy.parts[:_LISTED]
     rows = [
         (str(level), f"{parts:,}", f"{n / parts:,.1f}", _target(hierarchy.targets[level]))
-        for level, parts in enumerate(shown)
+        for level, parts in enumerate(part_counts)
     ]
     nested = "nested" if hierarchy.nested else "not nested"
     title = f"Hierarchy of {n:,} cells, {nested}"
     table = _table(("level", "parts", "cells per part", "target"), rows)
-    left = len(hierarchy.parts) - len(shown)
-    more = f"{left} more levels" if left else ""
+    n_omitted = len(hierarchy.parts) - len(part_counts)
+    remark = f"{n_omitted} more levels" if n_omitted else ""
     if hierarchy.fine is None:
-        return _page(title, "", table, "; ".join(filter(None, (more, "of a graph: nothing to draw"))))
+        return _page(title, "", table, "; ".join(filter(None, (remark, "of a graph: nothing to draw"))))
     at = _spread(len(hierarchy.levels))
     picture, note = _drawn(
         hierarchy.fine, "hierarchy.plot(level)", [_panel(hierarchy, level) for level in at]
     )
-    return _page(title, picture, table, "; ".join(filter(None, (more, note))))
+    return _page(title, picture, table, "; ".join(filter(None, (remark, note))))
 
 
 def quality_html(values: Mapping[str, Float]) -> str:
     """Return metric values on agglomerates as HTML, with histograms."""
     count = len(next(iter(values.values()), ()))
-    rows, shown = [], {}
-    for name, each in _first(values):
-        found = each[np.isfinite(each)]
-        numbers = [f"{float(end(found)):.4g}" if len(found) else "–" for end in (np.mean, np.min, np.max)]
-        rows.append((name, *numbers, f"{len(each) - len(found):,}" if len(found) < len(each) else ""))
-        if len(found):
-            shown[name] = found
+    rows, finite_values = [], {}
+    for name, column in _first(values):
+        finite = column[np.isfinite(column)]
+        numbers = [f"{float(end(finite)):.4g}" if len(finite) else "–" for end in (np.mean, np.min, np.max)]
+        rows.append((name, *numbers, f"{len(column) - len(finite):,}" if len(finite) < len(column) else ""))
+        if len(finite):
+            finite_values[name] = finite
     head = ("metric", "mean", "least", "largest", "undefined")
-    used = None if any(row[-1] for row in rows) else -1
-    table = _table(head[:used], [row[:used] for row in rows])
-    left = f"{len(values) - len(rows)} more metrics" if len(values) > len(rows) else ""
-    bars = [_histogram(name, found) for name, found in list(shown.items())[: 2 * _PANELS]]
+    stop = None if any(row[-1] for row in rows) else -1
+    table = _table(head[:stop], [row[:stop] for row in rows])
+    remark = f"{len(values) - len(rows)} more metrics" if len(values) > len(rows) else ""
+    bars = [_histogram(name, finite) for name, finite in list(finite_values.items())[: 2 * _PANELS]]
     picture, missing = inline_picture(bars, "histograms of the values", width=1.5, ratio=0.8)
-    return _page(f"Quality of {count:,} agglomerates", picture, table, left or missing)
+    return _page(f"Quality of {count:,} agglomerates", picture, table, remark or missing)
 
 
 def solution_html(solution: Solution) -> str:
     """Return a solution's outcome and residuals as HTML."""
     first, last = solution.residuals[[0, -1]] if len(solution.residuals) else (np.nan, np.nan)
-    told: Mapping[str, Any] = {
+    entries: Mapping[str, Any] = {
         "unknowns": f"{solution.x.shape[0]:,}",
         "iterations": f"{solution.iterations:,}",
         "residual over the first": f"{last / first:.2e}" if first > 0.0 else "",
@@ -159,7 +159,7 @@ def solution_html(solution: Solution) -> str:
         "operator complexity": _number(solution.operator_complexity),
         **{f"seconds: {phase}": f"{spent:.3g}" for phase, spent in _first(solution.seconds)},
     }
-    table = _table(("", ""), [(name, text) for name, text in told.items() if text])
+    table = _table(("", ""), [(name, text) for name, text in entries.items() if text])
 
     def convergence(axis: Any) -> None:
         curves = Curves.of(solution)
@@ -168,8 +168,8 @@ def solution_html(solution: Solution) -> str:
         axis.tick_params(labelsize=7)
         axis.legend(fontsize=6, frameon=False)
 
-    known = len(solution.residuals) > 1
-    picture, missing = inline_picture([convergence] if known else [], "residuals", width=3.4, ratio=0.7)
+    has_history = len(solution.residuals) > 1
+    picture, missing = inline_picture([convergence] if has_history else [], "residuals", width=3.4, ratio=0.7)
     notes = filter(None, (solution.choice, solution.advice, missing))
     return _page(f"Solution, {solution.outcome}: {solution.reason}", picture, table, "; ".join(notes))
 
@@ -183,16 +183,18 @@ def _drawn(mesh: Mesh, instead: str, draw: Sequence[Callable[[Any, Any], None]])
     panels = panels_of(mesh)
     ratio = float(np.clip(panels.ratio, 0.15, 2.0))
 
-    def bare(one: Callable[[Any, Any], None]) -> Callable[[Any], None]:
-        def on(axis: Any) -> None:
-            one(axis, panels)
+    def without_frame(draw_panel: Callable[[Any, Any], None]) -> Callable[[Any], None]:
+        def draw_on(axis: Any) -> None:
+            draw_panel(axis, panels)
             axis.set_axis_off()
 
-        return on
+        return draw_on
 
     width = 2.6 if len(draw) == 1 else 2.0
     try:
-        return inline_picture([bare(one) for one in draw], repr(mesh), width=width, ratio=ratio)
+        return inline_picture(
+            [without_frame(draw_panel) for draw_panel in draw], repr(mesh), width=width, ratio=ratio
+        )
     except AggloError as error:  # automatic display must not raise
         return "", f"no picture: {error}"
 

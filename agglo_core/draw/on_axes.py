@@ -84,14 +84,14 @@ def plot_samples(samples: Samples, ax: Any = None, *, across: str = "z", cmap: s
     from matplotlib.tri import Triangulation
 
     by_number([], cmap=cmap)  # refuses unknown names
-    shown = Slice(samples.points, samples.simplices, samples.values)
+    section = Slice(samples.points, samples.simplices, samples.values)
     names = "xy"
     if samples.points.shape[1] == 3:
-        shown, names = middle_slice(samples, _AXES.index(across)), _AXES.replace(across, "")
+        section, names = middle_slice(samples, _AXES.index(across)), _AXES.replace(across, "")
     ax = new_axes() if ax is None else ax
-    corners = Triangulation(shown.points[:, 0], shown.points[:, 1], shown.triangles)
+    corners = Triangulation(section.points[:, 0], section.points[:, 1], section.triangles)
     ends = {"vmin": samples.values.min(), "vmax": samples.values.max()}
-    colours = ax.tripcolor(corners, shown.values, shading="gouraud", rasterized=True, cmap=cmap, **ends)
+    colours = ax.tripcolor(corners, section.values, shading="gouraud", rasterized=True, cmap=cmap, **ends)
     ax.set(aspect="equal", xlabel=names[0], ylabel=names[1])
     ax.get_figure().colorbar(colours, ax=ax, label="u")
     return ax
@@ -139,15 +139,15 @@ def new_axes() -> Any:
     return pyplot.figure(layout="constrained").add_subplot()
 
 
-def _one_for_each(values: ArrayLike, count: int, what: str) -> Any:
+def _one_for_each(values: ArrayLike, count: int, entity: str) -> Any:
     """Return values as numbers ``(count,)`` with NaN for masked values, or raise OptionError."""
     if is_masked_array(values):
         values = np.ma.filled(np.ma.asarray(values, dtype=np.float64), np.nan)  # drawn in grey, like NaN
-    name = f"values (a name or numbers, one for each {what})"
-    found = exact_cast(plain_array(values, name, OptionError), np.float64, name, OptionError)
-    if found.shape != (count,):
-        raise OptionError(f"values must have shape ({count},), one for each {what}, not {found.shape}")
-    return found
+    name = f"values (a name or numbers, one for each {entity})"
+    numbers = exact_cast(plain_array(values, name, OptionError), np.float64, name, OptionError)
+    if numbers.shape != (count,):
+        raise OptionError(f"values must have shape ({count},), one for each {entity}, not {numbers.shape}")
+    return numbers
 
 
 def _finished(ax: Any, mesh: Mesh, paint: Paint | None) -> Any:

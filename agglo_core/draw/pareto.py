@@ -45,25 +45,25 @@ def draw_pareto(runs: Sequence[RunResult], path: str | os.PathLike[str], title: 
     FileError
         If the file cannot be written, or its suffix is unknown.
     """
-    found = trade_offs(runs)
+    tradeoffs = trade_offs(runs)
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError as error:
         raise OptionError(f'drawing needs matplotlib: pip install "agglo[plot]" ({error})') from error
 
-    crowd = max(0, len(found.names) - 8)
+    crowd = max(0, len(tradeoffs.names) - 8)
     figure = Figure(figsize=(8.2 + 0.12 * crowd, 5.6 + 0.12 * crowd), dpi=160, layout="constrained")
     FigureCanvasAgg(figure)
     axis: Any = figure.add_subplot()
-    axis.plot(*stairs(found).T, color="#888888", linewidth=1.2, zorder=1)
-    _dots(figure, axis, found)
-    _axes(axis, found)
-    below = f"; not shown: {', '.join(map(short_name, found.missing))}" if found.missing else ""
+    axis.plot(*stairs(tradeoffs).T, color="#888888", linewidth=1.2, zorder=1)
+    _dots(figure, axis, tradeoffs)
+    _axes(axis, tradeoffs)
+    below = f"; not shown: {', '.join(map(short_name, tradeoffs.missing))}" if tradeoffs.missing else ""
     figure.supxlabel(f"grey line, the front: {FRONT}; {BEST}{below}", fontsize=7, color="#555555", wrap=True)
     if title:
         axis.set_title(title, fontsize=10, color=INK)
-    _labels(figure, axis, found)
+    _labels(figure, axis, tradeoffs)
     save_figure(figure, Path(path))
 
 
@@ -89,23 +89,23 @@ def stairs(found: TradeOffs) -> Float:
     return frozen_float(np.stack([across, down], axis=1))
 
 
-def _dots(figure: Any, axis: Any, found: TradeOffs) -> None:
+def _dots(figure: Any, axis: Any, tradeoffs: TradeOffs) -> None:
     from matplotlib.colors import LogNorm
 
-    low, high = float(found.seconds.min()), float(found.seconds.max())
+    low, high = float(tradeoffs.seconds.min()), float(tradeoffs.seconds.max())
     low, high = (low, high) if high > 1.5 * low else (low / 1.5, high * 1.5)
-    drawn = axis.scatter(
-        found.evenness.values,
-        found.roundness.values,
-        c=found.seconds,
+    dots = axis.scatter(
+        tradeoffs.evenness.values,
+        tradeoffs.roundness.values,
+        c=tradeoffs.seconds,
         cmap="viridis_r",
         norm=LogNorm(low, high),
         s=52,
         edgecolor=INK,
-        linewidth=np.where(found.best, 2.0, 0.5),
+        linewidth=np.where(tradeoffs.best, 2.0, 0.5),
         zorder=3,
     )
-    bar = figure.colorbar(drawn, ax=axis, fraction=0.05, pad=0.02)
+    bar = figure.colorbar(dots, ax=axis, fraction=0.05, pad=0.02)
     bar.set_label("seconds", fontsize=9)
     bar.ax.tick_params(labelsize=8)
     ticks = np.geomspace(low, high, 5)
@@ -113,22 +113,22 @@ def _dots(figure: Any, axis: Any, found: TradeOffs) -> None:
     bar.minorticks_off()
 
 
-def _axes(axis: Any, found: TradeOffs) -> None:
-    axis.set_xlim(*reach(found.evenness))
-    axis.set_ylim(*reach(found.roundness))
-    axis.set_xlabel(f"more even →\n{sense(found.evenness)}", fontsize=9)
-    axis.set_ylabel(f"{sense(found.roundness)}\nbetter →", fontsize=9)
+def _axes(axis: Any, tradeoffs: TradeOffs) -> None:
+    axis.set_xlim(*reach(tradeoffs.evenness))
+    axis.set_ylim(*reach(tradeoffs.roundness))
+    axis.set_xlabel(f"more even →\n{sense(tradeoffs.evenness)}", fontsize=9)
+    axis.set_ylabel(f"{sense(tradeoffs.roundness)}\nbetter →", fontsize=9)
     axis.tick_params(labelsize=8)
     axis.grid(color="#e4e4e4", linewidth=0.6)
     axis.set_axisbelow(True)
     axis.spines[["top", "right"]].set_visible(False)
 
 
-def _labels(figure: Any, axis: Any, found: TradeOffs) -> None:
+def _labels(figure: Any, axis: Any, tradeoffs: TradeOffs) -> None:
     """Place the labels, with thin lines to distant dots."""
     style = {"fontsize": 8, "color": INK, "zorder": 4}
     texts = [
-        axis.text(0.5, 0.5, short_name(each), transform=axis.transAxes, **style) for each in found.labels
+        axis.text(0.5, 0.5, short_name(name), transform=axis.transAxes, **style) for name in tradeoffs.labels
     ]
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # freeze the layout for measuring
@@ -139,11 +139,11 @@ def _labels(figure: Any, axis: Any, found: TradeOffs) -> None:
     def pixels_of(data: Float) -> Float:
         return frozen_float(axis.transData.transform(data) - corner)
 
-    dots = pixels_of(np.stack([found.evenness.values, found.roundness.values], axis=1))
+    dots = pixels_of(np.stack([tradeoffs.evenness.values, tradeoffs.roundness.values], axis=1))
     frame, gap = np.array([axis.bbox.width, axis.bbox.height]), _GAP * pixels
-    places = label_places(dots, sizes, frame, gap, stair_boxes(pixels_of(stairs(found)), 2.0))
+    places = label_places(dots, sizes, frame, gap, stair_boxes(pixels_of(stairs(tradeoffs)), 2.0))
     for text, place in zip(texts, places, strict=True):
         text.set(position=place / frame, verticalalignment="bottom", in_layout=False)
-    for own, end in ties(dots, sizes, places, gap).items():
-        (x, y), thin = np.stack([dots[own], end], axis=1) / frame[:, None], {"linewidth": 0.7, "zorder": 2}
+    for label, end in ties(dots, sizes, places, gap).items():
+        (x, y), thin = np.stack([dots[label], end], axis=1) / frame[:, None], {"linewidth": 0.7, "zorder": 2}
         axis.plot(x, y, transform=axis.transAxes, color=FINE, **thin)

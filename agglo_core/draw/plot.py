@@ -84,7 +84,7 @@ def draw(
     """
     if not hierarchies:
         raise OptionError("nothing to draw: no hierarchy is given")
-    wanted = _IN_TITLES if metrics is None else list(metrics)
+    title_metrics = _IN_TITLES if metrics is None else list(metrics)
     panels = panels_of(mesh, explode, section)
     # Set up the panels.
     columns = fine + max(len(hierarchy.levels) for hierarchy in hierarchies.values())
@@ -93,14 +93,14 @@ def draw(
     with phase(progress, "drawing") as tell:
         # Draw the mesh and the levels of each run in a row.
         for place, (row, (name, hierarchy)) in enumerate(zip(axes, hierarchies.items(), strict=True)):
-            own = part(tell, place, 1 + len(hierarchies), name)
+            run_progress = part(tell, place, 1 + len(hierarchies), name)
             above = "" if fine else f"{short_name(name)}\n"
             if fine:
                 panels.fine(row[0])
                 _entitle(row[0], f"{short_name(name)}\n{_about(mesh)}")
-            measured = (levels or {}).get(name) or measure_levels(mesh, hierarchy, registry, wanted)
+            measured = (levels or {}).get(name) or measure_levels(mesh, hierarchy, registry, title_metrics)
             for number, (axis, level) in enumerate(zip(row[int(fine) :], measured, strict=False)):
-                part(own, fine + number, columns, f"level {number}")
+                part(run_progress, fine + number, columns, f"level {number}")
                 panels.level(axis, level.labels)
                 _entitle(axis, ("" if number else above) + _title(level, usual=metrics is None))
             for axis in row[fine + len(hierarchy.levels) :]:
@@ -210,11 +210,11 @@ def _title(level: Level, usual: bool) -> str:
     names = [name for name in level.metrics if name in _IN_TITLES or not usual]
     means = {name: line[name] for name in names} | ({} if usual else dict(level.objectives))
     missing = level.undefined
-    shown = [
+    entries = [
         f"{name} {_number(value)}" + (f" ({missing[name]} undefined)" if name in missing else "")
         for name, value in means.items()
     ]
-    rows = ["   ".join(shown[start : start + 3]) for start in range(0, len(shown), 3)]
+    rows = ["   ".join(entries[start : start + 3]) for start in range(0, len(entries), 3)]
     return "\n".join([parts, *rows])
 
 

@@ -35,9 +35,9 @@ def middle_slice(samples: Samples, axis: int) -> Slice:
     axis : int
         Axis 0, 1 or 2. The other two axes are the coordinates of the slice, in order.
     """
-    along = samples.points[:, axis]
+    coordinates = samples.points[:, axis]
     # Select the tetrahedra cut by the plane, with corners sorted by height.
-    height = along - (along.min() + along.max()) / 2
+    height = coordinates - (coordinates.min() + coordinates.max()) / 2
     lower = (height < 0.0)[samples.simplices].sum(axis=1)
     cut = (lower > 0) & (lower < 4)
     corners, lower = samples.simplices[cut], lower[cut]
@@ -45,11 +45,11 @@ def middle_slice(samples: Samples, axis: int) -> Slice:
     edges = [corners[lower == 1][:, _TRIANGLE], corners[lower == 3][:, ::-1][:, _TRIANGLE]]
     # Cut edges: one triangle if one corner is apart, two triangles otherwise.
     edges += [corners[lower == 2][:, half] for half in _QUADRILATERAL]
-    one, other = np.concatenate(edges).reshape(-1, 2).T
+    tail, head = np.concatenate(edges).reshape(-1, 2).T
     # Interpolate points and values on the cut edges.
-    share = height[one] / (height[one] - height[other])
-    points = samples.points[one] + share[:, None] * (samples.points[other] - samples.points[one])
-    values = samples.values[one] + share * (samples.values[other] - samples.values[one])
+    share = height[tail] / (height[tail] - height[head])
+    points = samples.points[tail] + share[:, None] * (samples.points[head] - samples.points[tail])
+    values = samples.values[tail] + share * (samples.values[head] - samples.values[tail])
     return Slice(np.delete(points, axis, axis=1), np.arange(len(values)).reshape(-1, 3), values)
 
 
@@ -77,10 +77,10 @@ def draw_solution(path: Path, samples: Samples) -> None:
     FigureCanvasAgg(figure)
     axes: Any = figure.subplots(1, len(slices), squeeze=False, subplot_kw={"aspect": "equal"})[0]
     low, high = (float(end(samples.values)) for end in (np.min, np.max))
-    for axis, (title, shown) in zip(axes, slices.items(), strict=True):
-        corners = Triangulation(shown.points[:, 0], shown.points[:, 1], shown.triangles)
+    for axis, (title, section) in zip(axes, slices.items(), strict=True):
+        corners = Triangulation(section.points[:, 0], section.points[:, 1], section.triangles)
         colours = axis.tripcolor(
-            corners, shown.values, shading="gouraud", rasterized=True, vmin=low, vmax=high
+            corners, section.values, shading="gouraud", rasterized=True, vmin=low, vmax=high
         )
         axis.set_title(title, fontsize=9)
         axis.set_axis_off()

@@ -10,7 +10,7 @@ from agglo_core.compiled.compiling import helper, kernel
 
 
 @helper
-def _crossings(corners, low, high, y, found):
+def _crossings(corners, low, high, y, crossings):
     """Compute the sorted crossings of the row at y with a loop, and return their number.
 
     The loop has the corners ``low:high``. An edge crosses the row if exactly one end lies at y or above. The
@@ -23,13 +23,13 @@ def _crossings(corners, low, high, y, found):
         if (corners[k, 1] <= y) == (corners[after, 1] <= y):
             continue
         # Insert the crossing into the sorted list (insertion sort, as there are few).
-        one, other = (k, after) if corners[k, 1] < corners[after, 1] else (after, k)
-        share = (y - corners[one, 1]) / (corners[other, 1] - corners[one, 1])
-        x, place = corners[one, 0] + share * (corners[other, 0] - corners[one, 0]), count
-        while place > 0 and found[place - 1] > x:
-            found[place] = found[place - 1]
+        upper, lower = (k, after) if corners[k, 1] < corners[after, 1] else (after, k)
+        share = (y - corners[upper, 1]) / (corners[lower, 1] - corners[upper, 1])
+        x, place = corners[upper, 0] + share * (corners[lower, 0] - corners[upper, 0]), count
+        while place > 0 and crossings[place - 1] > x:
+            crossings[place] = crossings[place - 1]
             place -= 1
-        found[place] = x
+        crossings[place] = x
         count += 1
     return count
 
@@ -51,30 +51,30 @@ def nearest_faces(corners, offsets, faces, planes, width, height):
 
     Returns
     -------
-    seen : (height, width) int64
+    nearest : (height, width) int64
     depth : (height, width) float64
         −∞ where no face is seen.
     """
-    seen = np.full((height, width), -1, np.int64)
+    nearest = np.full((height, width), -1, np.int64)
     depth = np.full((height, width), -np.inf)
-    found = np.empty(max(1, np.diff(offsets).max()))
+    crossings = np.empty(max(1, np.diff(offsets).max()))
     for face in faces:
         # 1. Rows with pixel centres between the lowest and the highest corner.
         low, high = offsets[face], offsets[face + 1]
-        own, plane = corners[low:high], planes[face]
-        near, far = own[:, 2].max(), own[:, 2].min()
-        top, bottom = np.ceil(own[:, 1].min() - 0.5), np.ceil(own[:, 1].max() - 0.5)
+        polygon, plane = corners[low:high], planes[face]
+        z_max, z_min = polygon[:, 2].max(), polygon[:, 2].min()
+        top, bottom = np.ceil(polygon[:, 1].min() - 0.5), np.ceil(polygon[:, 1].max() - 0.5)
         for row in range(max(0, int(top)), min(height, int(bottom))):
             # 2. Pixels with centres inside the face, by the even-odd rule: from every second crossing to
             #    the next. Intervals are half-open, so that adjacent faces share no pixel.
-            count = _crossings(corners, low, high, row + 0.5, found)
+            count = _crossings(corners, low, high, row + 0.5, crossings)
             for k in range(0, count - 1, 2):
-                left, right = int(np.ceil(found[k] - 0.5)), int(np.ceil(found[k + 1] - 0.5))
+                left, right = int(np.ceil(crossings[k] - 0.5)), int(np.ceil(crossings[k + 1] - 0.5))
                 for column in range(max(0, left), min(width, right)):
                     # 3. Depth of the plane at the pixel, clipped to the corners. The first of equally near
                     #    faces stays.
                     z = plane[0] + plane[1] * (column + 0.5) + plane[2] * (row + 0.5)
-                    z = min(max(z, far), near)
+                    z = min(max(z, z_min), z_max)
                     if z > depth[row, column]:
-                        seen[row, column], depth[row, column] = face, z
-    return seen, depth
+                        nearest[row, column], depth[row, column] = face, z
+    return nearest, depth

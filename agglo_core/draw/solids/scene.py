@@ -152,12 +152,12 @@ def _cut(plotter: Any, mesh: Mesh, labels: Int, normal: Float, *, moves: bool) -
 
 def _sliders(plotter: Any, hierarchy: Hierarchy, level: int, explode: float) -> None:
     """Add sliders for level and explosion at the lower edge of the window."""
-    mesh, chosen = _solid(hierarchy), {"level": float(level), "explode": explode}
+    mesh, state = _solid(hierarchy), {"level": float(level), "explode": explode}
 
     def follow(key: str) -> Callable[[float], None]:
         def change(value: float) -> None:
-            chosen[key] = value
-            _parts(plotter, mesh, hierarchy.levels[round(chosen["level"])], chosen["explode"])
+            state[key] = value
+            _parts(plotter, mesh, hierarchy.levels[round(state["level"])], state["explode"])
 
         return change
 
@@ -167,7 +167,7 @@ def _sliders(plotter: Any, hierarchy: Hierarchy, level: int, explode: float) -> 
     ranges = {"explode": (0.0, max(_FURTHEST, explode))} | ({"level": (0.0, float(last))} if last else {})
     for key, bounds in ranges.items():
         ends = dict(zip(("pointa", "pointb"), places[key], strict=True))
-        plotter.add_slider_widget(follow(key), bounds, value=chosen[key], title=key, **ends, **style)
+        plotter.add_slider_widget(follow(key), bounds, value=state[key], title=key, **ends, **style)
 
 
 def _write(plotter: Any, path: Path) -> None:

@@ -30,41 +30,41 @@ def shaded(surface: Surface, sight: Sight, colours: Float, fine: int = 1) -> NDA
     Parts have dark outlines, edges and steps of a part lighter lines, and cells faint lines if large enough.
     Lines are ``fine`` pixels wide.
     """
-    faces, there = sight.faces, sight.faces >= 0
+    faces, is_covered = sight.faces, sight.faces >= 0
     picture: Float = (colours * brightness(surface, sight)[:, None])[faces]
     outlines = _wider(_changes(np.append(surface.parts, -1)[faces]), fine)
-    if np.sqrt(there.sum() / max(1, len(np.unique(faces)))) > _ROOM * fine:
-        picture[_changes(faces) & there] *= 0.8
-    picture[_steps(surface, sight) & there] *= 0.6
+    if np.sqrt(is_covered.sum() / max(1, len(np.unique(faces)))) > _ROOM * fine:
+        picture[_changes(faces) & is_covered] *= 0.8
+    picture[_steps(surface, sight) & is_covered] *= 0.6
     picture[outlines] = rgb(INK)
-    pixels: Float = np.concatenate((picture, (there | outlines)[..., None]), axis=2)
-    made: NDArray[np.uint8] = np.rint(255.0 * np.clip(pixels, 0.0, 1.0)).astype(np.uint8)
-    return made
+    pixels: Float = np.concatenate((picture, (is_covered | outlines)[..., None]), axis=2)
+    rgba: NDArray[np.uint8] = np.rint(255.0 * np.clip(pixels, 0.0, 1.0)).astype(np.uint8)
+    return rgba
 
 
 def _changes(numbers: Int) -> Mask:
     """Mark pixels with a number different from the next pixel to the right or below."""
-    found = np.zeros(numbers.shape, bool)
-    found[:, :-1] |= numbers[:, :-1] != numbers[:, 1:]
-    found[:-1] |= numbers[:-1] != numbers[1:]
-    return found
+    changes = np.zeros(numbers.shape, bool)
+    changes[:, :-1] |= numbers[:, :-1] != numbers[:, 1:]
+    changes[:-1] |= numbers[:-1] != numbers[1:]
+    return changes
 
 
 def _steps(surface: Surface, sight: Sight) -> Mask:
     """Mark pixels at a change of face with a large angle or a large jump in depth."""
     normals = np.concatenate((surface.normals, np.zeros((1, 3))))
     slope = np.append(1.0 / np.clip(surface.normals @ sight.eye, 0.1, None), 0.0)
-    found = np.zeros(sight.faces.shape, bool)
-    for one, other in (
+    steps = np.zeros(sight.faces.shape, bool)
+    for first, second in (
         ((slice(None), slice(None, -1)), (slice(None), slice(1, None))),
         ((slice(None, -1), slice(None)), (slice(1, None), slice(None))),
     ):
-        a, b = sight.faces[one], sight.faces[other]
+        a, b = sight.faces[first], sight.faces[second]
         with np.errstate(invalid="ignore"):  # both outside
-            behind = np.abs(sight.depth[one] - sight.depth[other]) > 2.0 * (slope[a] + slope[b])
+            behind = np.abs(sight.depth[first] - sight.depth[second]) > 2.0 * (slope[a] + slope[b])
         turned = np.einsum("ijk,ijk->ij", normals[a], normals[b]) < _CREASE
-        found[one] |= (a != b) & (behind | turned)
-    return found
+        steps[first] |= (a != b) & (behind | turned)
+    return steps
 
 
 def _wider(lines: Mask, width: int) -> Mask:

@@ -94,9 +94,9 @@ def outer_faces(mesh: Mesh, labels: Int, explode: float = 0.0, kept: Mask | None
     # Collect their corners, moved apart.
     sizes = np.diff(mesh.face_offsets)[faces]
     offsets = np.concatenate(([0], np.cumsum(sizes)))
-    picked = np.arange(offsets[-1]) + np.repeat(mesh.face_offsets[faces] - offsets[:-1], sizes)
+    places = np.arange(offsets[-1]) + np.repeat(mesh.face_offsets[faces] - offsets[:-1], sizes)
     parts = sides[faces, inside]
-    corners = mesh.local_points[mesh.face_vertices[picked]]
+    corners = mesh.local_points[mesh.face_vertices[places]]
     if explode:
         corners = corners + explode * np.repeat(_part_centres(mesh, labels)[parts], sizes, axis=0)
     outward = mesh.face_normals[faces] * (1.0 - 2.0 * inside)[:, None]
@@ -119,10 +119,10 @@ def beyond(mesh: Mesh, normal: Sequence[float]) -> Mask:
     direction = np.array(normal, dtype=float)
     if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
         raise OptionError(f"section must be a direction, three numbers not all 0, not {normal!r:.60}")
-    far: Mask = mesh.local_centroids @ direction > 0.0
-    if far.all():
+    is_beyond: Mask = mesh.local_centroids @ direction > 0.0
+    if is_beyond.all():
         raise OptionError(f"section {normal!r:.60}: no cell lies on this side of the middle")
-    return far
+    return is_beyond
 
 
 def axes_of(azimuth: float, elevation: float) -> Float:

@@ -47,13 +47,13 @@ def plane_faces(mesh: Mesh, order: Int) -> dict[str, Any]:
     sorted_faces = np.lexsort((right, left))
     left, right, ends = left[sorted_faces], right[sorted_faces], ends[sorted_faces]
     # Number the points in order of first use.
-    used, first, point = np.unique(ends, return_index=True, return_inverse=True)
-    met = np.argsort(first)
-    number = np.empty(len(used), np.int64)
-    number[met] = np.arange(len(used))
+    used_points, first, point = np.unique(ends, return_index=True, return_inverse=True)
+    by_use = np.argsort(first)
+    number = np.empty(len(used_points), np.int64)
+    number[by_use] = np.arange(len(used_points))
     ends = number[point.ravel()]
     newest = np.maximum.accumulate(np.append(-1, ends[:-1])) + 1
-    grid, step = _on_grid(mesh.local_points[used[met]], ends)
+    grid, step = _on_grid(mesh.local_points[used_points[by_use]], ends)
     return {
         "low": differences(left),
         "gap": bytes_apart(np.where(right < 0, 0, right - left)),
@@ -76,11 +76,13 @@ def _on_grid(points: Float, ends: Int) -> tuple[Int, float]:
 
 def tags(mesh: Mesh, order: Int) -> list[dict[str, Any]]:
     """Return the cell tags: few values as indices into their list, many values as numbers."""
-    made: list[dict[str, Any]] = []
+    entries: list[dict[str, Any]] = []
     for name, values in mesh.cell_tags.items():
-        known, places = np.unique(values[order], return_inverse=True)
-        if len(known) <= len(PALETTE):
-            made.append({"name": name, "known": [str(value) for value in known], "cells": integers(places)})
+        distinct, places = np.unique(values[order], return_inverse=True)
+        if len(distinct) <= len(PALETTE):
+            entries.append(
+                {"name": name, "known": [str(value) for value in distinct], "cells": integers(places)}
+            )
         else:
-            made.append({"name": name, "cells": reals(values[order])})
-    return made
+            entries.append({"name": name, "cells": reals(values[order])})
+    return entries

@@ -33,12 +33,13 @@ class ParetoSection:
         """Return a figure with all successful runs, or an empty text for a single run."""
         if len(runs) < 2 or not any(run.levels for run in runs):
             return ""
-        found = trade_offs(runs)
-        missing = f" Not shown: {', '.join(found.missing)}." if found.missing else ""
+        tradeoffs = trade_offs(runs)
+        missing = f" Not shown: {', '.join(tradeoffs.missing)}." if tradeoffs.missing else ""
         lines = f"Grey line, the front: {FRONT}. {_upper(BEST)}."
         words = f"The finest levels. Up and to the right is better. {lines}{missing}"
         return (
-            f"<figure>{_picture(found)}<figcaption>{_legend(found)}<br>{escape(words)}</figcaption></figure>"
+            f"<figure>{_picture(tradeoffs)}<figcaption>{_legend(tradeoffs)}<br>{escape(words)}"
+            "</figcaption></figure>"
         )
 
 
@@ -46,41 +47,46 @@ def _upper(text: str) -> str:
     return text[0].upper() + text[1:]
 
 
-def _picture(found: TradeOffs) -> str:
+def _picture(tradeoffs: TradeOffs) -> str:
     size = f'viewBox="0 0 {_LEFT + _WIDTH + 12:g} {_TOP + _HEIGHT + 50:g}"'
     label = "; ".join(
-        f"{name}: {found.roundness.label} {round_:.3f}, {found.evenness.label} {even:.3f}, {seconds:.2g} s"
+        f"{name}: {tradeoffs.roundness.label} {round_:.3f}, {tradeoffs.evenness.label} {even:.3f}, "
+        f"{seconds:.2g} s"
         for name, round_, even, seconds in zip(
-            found.labels, found.roundness.values, found.evenness.values, found.seconds, strict=True
+            tradeoffs.labels,
+            tradeoffs.roundness.values,
+            tradeoffs.evenness.values,
+            tradeoffs.seconds,
+            strict=True,
         )
     )
-    inside = "".join([*_axes(found), *_dots(found)])
+    inside = "".join([*_axes(tradeoffs), *_dots(tradeoffs)])
     return f'<svg role="img" {size} aria-label="{escape(label)}">{inside}</svg>'
 
 
-def _places(found: TradeOffs, data: Float) -> Float:
+def _places(tradeoffs: TradeOffs, data: Float) -> Float:
     """Return picture coordinates ``(n, 2)`` for evenness and roundness, from the lower left corner."""
     shares = []
-    for axis, values in zip((found.evenness, found.roundness), data.T, strict=True):
+    for axis, values in zip((tradeoffs.evenness, tradeoffs.roundness), data.T, strict=True):
         worse, better = reach(axis)
         shares.append((values - worse) / (better - worse))
     return frozen_float(np.stack(shares, axis=1) * [_WIDTH, _HEIGHT])
 
 
-def _axes(found: TradeOffs) -> Iterator[str]:
+def _axes(tradeoffs: TradeOffs) -> Iterator[str]:
     bottom = _TOP + _HEIGHT
-    for value, share in _ticks(found.evenness):
+    for value, share in _ticks(tradeoffs.evenness):
         x = _LEFT + share * _WIDTH
         yield _line(x, _TOP, x, bottom, "grid") + _text(x, bottom + 16, value, "middle")
-    for value, share in _ticks(found.roundness):
+    for value, share in _ticks(tradeoffs.roundness):
         y = bottom - share * _HEIGHT
         yield _line(_LEFT, y, _LEFT + _WIDTH, y, "grid") + _text(_LEFT - 6, y + 4, value, "end")
     yield _line(_LEFT, bottom, _LEFT + _WIDTH, bottom, "axis") + _line(_LEFT, _TOP, _LEFT, bottom, "axis")
-    yield _text(_LEFT + _WIDTH / 2, bottom + 36, f"{sense(found.evenness)} →", "middle")
+    yield _text(_LEFT + _WIDTH / 2, bottom + 36, f"{sense(tradeoffs.evenness)} →", "middle")
     middle = f"{_TOP + _HEIGHT / 2:.1f}"
     turned = f'transform="rotate(-90 14 {middle})" text-anchor="middle"'
-    yield f'<text x="14" y="{middle}" {turned}>{escape(sense(found.roundness))} →</text>'
-    corners = _places(found, stairs(found)) * [1, -1] + [_LEFT, bottom]
+    yield f'<text x="14" y="{middle}" {turned}>{escape(sense(tradeoffs.roundness))} →</text>'
+    corners = _places(tradeoffs, stairs(tradeoffs)) * [1, -1] + [_LEFT, bottom]
     points = " ".join(f"{x:.1f},{y:.1f}" for x, y in corners)
     yield f'<polyline points="{points}" class="front" stroke-width="1.5"/>'
 
@@ -96,15 +102,15 @@ def _ticks(axis: Axis) -> Iterator[tuple[str, float]]:
         yield f"{number * step:.{digits}f}", (number * step - worse) / (better - worse)
 
 
-def _dots(found: TradeOffs) -> Iterator[str]:
-    bottom, names = _TOP + _HEIGHT, [short_name(each) for each in found.labels]
-    dots = _places(found, np.stack([found.evenness.values, found.roundness.values], axis=1))
+def _dots(tradeoffs: TradeOffs) -> Iterator[str]:
+    bottom, names = _TOP + _HEIGHT, [short_name(run) for run in tradeoffs.labels]
+    dots = _places(tradeoffs, np.stack([tradeoffs.evenness.values, tradeoffs.roundness.values], axis=1))
     sizes = np.array([(_LETTER * len(name), _LINE) for name in names])
-    avoided = stair_boxes(_places(found, stairs(found)), 2.0)
+    avoided = stair_boxes(_places(tradeoffs, stairs(tradeoffs)), 2.0)
     places = label_places(dots, sizes, np.array([_WIDTH, _HEIGHT]), _GAP, avoided)
-    for own, (x, y) in ties(dots, sizes, places, _GAP).items():
-        yield _line(_LEFT + dots[own, 0], bottom - dots[own, 1], _LEFT + x, bottom - y, "axis")
-    for (x, y), fill, best in zip(dots, _fills(found.seconds), found.best, strict=True):
+    for label, (x, y) in ties(dots, sizes, places, _GAP).items():
+        yield _line(_LEFT + dots[label, 0], bottom - dots[label, 1], _LEFT + x, bottom - y, "axis")
+    for (x, y), fill, best in zip(dots, _fills(tradeoffs.seconds), tradeoffs.best, strict=True):
         ring = f'class="ink" stroke-width="{2.5 if best else 0.7}"'
         yield f'<circle cx="{_LEFT + x:.1f}" cy="{bottom - y:.1f}" r="5" fill="{fill}" {ring}/>'
     for (x, y), (width, _), dot, name in zip(places, sizes, dots, names, strict=True):
@@ -122,8 +128,8 @@ def _fills(seconds: Float) -> list[str]:
     return [f"#{round(r):02x}{round(g):02x}{round(b):02x}" for r, g, b in zip(*mixed, strict=True)]
 
 
-def _legend(found: TradeOffs) -> str:
-    low, high = float(found.seconds.min()), float(found.seconds.max())
+def _legend(tradeoffs: TradeOffs) -> str:
+    low, high = float(tradeoffs.seconds.min()), float(tradeoffs.seconds.max())
     times = np.geomspace(low, high, _SWATCHES if high > 1.5 * low else 1)
     pairs = zip(_fills(times), times, strict=True)
     return "".join(f'<span><i style="color:{fill}">●</i> {time:.2g} s</span>' for fill, time in pairs)

@@ -35,13 +35,14 @@ def history_picture(solves: Mapping[str, Mapping[str, Any]]) -> str:
     curves = {name: _curves(data) for name, data in solves.items()}
     frame = _Frame(list(curves.values()))
     inside = list(frame.axes())
-    for place, each in enumerate(curves.values()):
+    for place, curve in enumerate(curves.values()):
         colour = LINES[place % len(LINES)]
-        inside += [*frame.curve(each.errors, colour, dashed=True), *frame.curve(each.residuals, colour)]
+        inside += [*frame.curve(curve.errors, colour, dashed=True), *frame.curve(curve.residuals, colour)]
     label = "; ".join(f"{name}: {_said(data)}" for name, data in solves.items())
     legend = "".join(
-        f'<span><i style="color:{LINES[place % len(LINES)]}">●</i> {escape(name + _contraction(each))}</span>'
-        for place, (name, each) in enumerate(curves.items())
+        f'<span><i style="color:{LINES[place % len(LINES)]}">●</i> '
+        f"{escape(name + _contraction(curve))}</span>"
+        for place, (name, curve) in enumerate(curves.items())
     )
     picture = f'<svg role="img" height="{_HEIGHT}" aria-label="{escape(label)}">{"".join(inside)}</svg>'
     return f"<figure>{picture}<figcaption>{legend}<br>{_CAPTION}</figcaption></figure>"
@@ -64,12 +65,12 @@ class _Frame:
     """Axes: iterations from left to right, powers of ten from top to bottom."""
 
     def __init__(self, curves: list[Curves]) -> None:
-        sizes = np.concatenate([[1.0], *(np.append(each.residuals, each.errors) for each in curves)])
-        self.tolerances = sorted({each.tolerance for each in curves if each.tolerance})
+        sizes = np.concatenate([[1.0], *(np.append(curve.residuals, curve.errors) for curve in curves)])
+        self.tolerances = sorted({curve.tolerance for curve in curves if curve.tolerance})
         powers = np.log10(np.append(sizes[np.isfinite(sizes)], self.tolerances))
         self.low, self.high = int(np.floor(powers.min() - 0.1)), max(int(np.ceil(powers.max())), 0)
         self.low = min(self.low, self.high - 1)
-        self.last = max(1, *(len(each.residuals) - 1 for each in curves))
+        self.last = max(1, *(len(curve.residuals) - 1 for curve in curves))
 
     def x(self, step: float) -> float:
         """Return the position of an iteration in percent of the width."""
@@ -104,14 +105,14 @@ class _Frame:
 
     def curve(self, sizes: Float, colour: str, dashed: bool = False) -> Iterator[str]:
         """Yield lines between known points, with marks if there are few."""
-        known = np.flatnonzero(np.isfinite(sizes))
-        if len(known) > _MOST:
-            known = known[np.unique(np.linspace(0, len(known) - 1, _MOST).astype(int))]
-        places = [(self.x(float(step)), self.y(float(sizes[step]))) for step in known]
-        more = f'class="curve" stroke="{colour}" stroke-width="{1.5 if dashed else 2}"'
-        more += ' stroke-dasharray="5 4"' if dashed else ""
+        steps = np.flatnonzero(np.isfinite(sizes))
+        if len(steps) > _MOST:
+            steps = steps[np.unique(np.linspace(0, len(steps) - 1, _MOST).astype(int))]
+        places = [(self.x(float(step)), self.y(float(sizes[step]))) for step in steps]
+        style = f'class="curve" stroke="{colour}" stroke-width="{1.5 if dashed else 2}"'
+        style += ' stroke-dasharray="5 4"' if dashed else ""
         for start, end in pairwise(places):
-            yield _line(*start, *end, more)
+            yield _line(*start, *end, style)
         fill = "#fff" if dashed else colour
         for x, y in places if self.last <= MARKED else ():
             yield f'<circle cx="{x:.2f}%" cy="{y:.1f}" r="3" class="curve" fill="{fill}" stroke="{colour}"/>'

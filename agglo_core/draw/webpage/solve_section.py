@@ -26,12 +26,12 @@ def solve_section(solves: Mapping[str, Mapping[str, Any]]) -> str:
     """
     if not solves:
         return ""
-    known = {name: data for name, data in solves.items() if "error" not in data}
-    failed = [_failure(name, data["error"]) for name, data in solves.items() if "error" in data]
-    many = len(solves) > 1
-    parts = [_summary(known)] if many and known else []
-    parts += [*failed, history_picture(known) if known else ""]
-    parts += [_details(name, data) if many else _story(data) for name, data in known.items()]
+    reports = {name: data for name, data in solves.items() if "error" not in data}
+    failures = [_failure(name, data["error"]) for name, data in solves.items() if "error" in data]
+    several = len(solves) > 1
+    parts = [_summary(reports)] if several and reports else []
+    parts += [*failures, history_picture(reports) if reports else ""]
+    parts += [_details(name, data) if several else _story(data) for name, data in reports.items()]
     body = "\n".join(filter(None, parts))
     title = '<h2 id="solve-title">Solve</h2>'
     return f'<section class="solve" aria-labelledby="solve-title">\n{title}\n{body}\n</section>\n'
@@ -120,11 +120,11 @@ def _levels(levels: Sequence[Mapping[str, Any]]) -> str:
     rows = [
         [
             "mesh" if not place else str(place),
-            _whole(each["dofs"]),
-            _whole(each["nonzeros"]),
-            _whole(each["cells"]),
+            _whole(level["dofs"]),
+            _whole(level["nonzeros"]),
+            _whole(level["cells"]),
         ]
-        for place, each in enumerate(levels)
+        for place, level in enumerate(levels)
     ]
     return _table(["level", "unknowns", "nonzeros", "parts"], rows)
 

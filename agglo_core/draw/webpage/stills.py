@@ -35,12 +35,14 @@ def stills(mesh: Mesh, order: Int) -> list[dict[str, Any]]:
     Cells are identified by positions in ``order``.
     """
     places = _places(order)
-    one = np.zeros(mesh.n_cells, np.int64)
-    whole = outer_faces(mesh, one)
-    made = [_still(name, whole, side, _PIXELS, places) for name, side in _SIDES.items()]
+    labels = np.zeros(mesh.n_cells, np.int64)
+    whole = outer_faces(mesh, labels)
+    pictures = [_still(name, whole, side, _PIXELS, places) for name, side in _SIDES.items()]
     for name, (normal, side) in _CUTS.items():
-        made.append(_still(name, outer_faces(mesh, one, kept=~beyond(mesh, normal)), side, _PIXELS, places))
-    return made
+        pictures.append(
+            _still(name, outer_faces(mesh, labels, kept=~beyond(mesh, normal)), side, _PIXELS, places)
+        )
+    return pictures
 
 
 def apart(mesh: Mesh, labels: Int, order: Int) -> dict[str, Any]:
