@@ -123,12 +123,12 @@ def require_accepted(solver: object, problem: Problem, name: str = "") -> None:
         ...
     agglo_core.errors.OptionError: mine takes problems of kind linear; given one of kind diffusion
     """
-    accepts, called = getattr(solver, "accepts", None), name or type(solver).__name__
+    accepts, title = getattr(solver, "accepts", None), name or type(solver).__name__
     if isinstance(accepts, str):
-        raise PluginError(f"{called}: accepts is {accepts!r}, expected a tuple such as ('{accepts}',)")
+        raise PluginError(f"{title}: accepts is {accepts!r}, expected a tuple such as ('{accepts}',)")
     if accepts is not None and problem.kind not in accepts:
         raise OptionError(
-            f"{called} takes problems of kind {', '.join(accepts)}; given one of kind {problem.kind}"
+            f"{title} takes problems of kind {', '.join(accepts)}; given one of kind {problem.kind}"
         )
 
 
@@ -148,13 +148,13 @@ def discretisation_of(solver: object, problem: Problem) -> Discretisation | None
     >>> discretisation_of(solver, Diffusion()) is not None
     True
     """
-    found = getattr(solver, "discretisation", None)
-    if found is None:
+    discretisation = getattr(solver, "discretisation", None)
+    if discretisation is None:
         return None
-    lacking = [name for name in _OFFERED if not hasattr(found, name)]
+    lacking = [name for name in _OFFERED if not hasattr(discretisation, name)]
     if lacking:
         raise OptionError(f"the discretisation of {type(solver).__name__} lacks {', '.join(lacking)}")
-    return found if problem.kind in found.accepts else None
+    return discretisation if problem.kind in discretisation.accepts else None
 
 
 def _is_declared(name: str, registry: Registry) -> bool:

@@ -90,11 +90,11 @@ class Diffusion:
                 raise OptionError(
                     f"{name} must be a mapping from boundary tags to data; given {getattr(self, name)!r:.60}"
                 )
-        data = {f"dirichlet[{tag}]": each for tag, each in self.dirichlet.items()}
-        data |= {f"neumann[{tag}]": each for tag, each in self.neumann.items()}
-        for name, each in ({"kappa": self.kappa, "source": self.source} | data).items():
-            if not callable(each):
-                exact_cast(plain_array(each, name, OptionError), np.float64, name, OptionError)
+        data = {f"dirichlet[{tag}]": value for tag, value in self.dirichlet.items()}
+        data |= {f"neumann[{tag}]": value for tag, value in self.neumann.items()}
+        for name, value in ({"kappa": self.kappa, "source": self.source} | data).items():
+            if not callable(value):
+                exact_cast(plain_array(value, name, OptionError), np.float64, name, OptionError)
         if self.exact is not None and not callable(self.exact):
             raise OptionError(f"exact must be a callable of points; given {self.exact!r:.60}")
 

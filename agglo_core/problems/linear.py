@@ -180,11 +180,11 @@ def _near_null(table: Mapping[str, Any], matrix: Path, n: int, folder: Path) -> 
     elif not _has(matrix, "near_null"):
         return None
     with _reading("near_null", path, VECTOR_SUFFIXES):
-        found = read_vectors(path, "near_null", n)
-        _require_finite(found)
-    if found.ndim not in (1, 2) or len(found) != n or not found.size:
-        raise OptionError(f"near_null: {path} has the shape {found.shape}; the matrix has {n} rows")
-    return frozen_float(found.reshape(n, -1))
+        vectors = read_vectors(path, "near_null", n)
+        _require_finite(vectors)
+    if vectors.ndim not in (1, 2) or len(vectors) != n or not vectors.size:
+        raise OptionError(f"near_null: {path} has the shape {vectors.shape}; the matrix has {n} rows")
+    return frozen_float(vectors.reshape(n, -1))
 
 
 def _has(path: Path, name: str) -> bool:
@@ -256,10 +256,10 @@ def symmetric_system(problem: Linear) -> tuple[sparse.csr_array, Float]:
     return A, b
 
 
-def _vector(given: Any) -> Float:
-    if sparse.issparse(given):
-        raise OptionError(f"b must be an array (n,), given a sparse one {given.shape}: b.toarray().ravel()")
-    b = real_array("b", given)
+def _vector(array: Any) -> Float:
+    if sparse.issparse(array):
+        raise OptionError(f"b must be an array (n,), given a sparse one {array.shape}: b.toarray().ravel()")
+    b = real_array("b", array)
     if b.ndim == 2:
         raise OptionError(
             f"b must be one right-hand side (n,), given the shape {b.shape}: solve for one column at a time"

@@ -57,13 +57,13 @@ def kept_matrix(A: Any) -> Any:
         A = _coordinates(A).tocsr()
         for name in _PARTS:  # own arrays need no copy
             _read_only(getattr(A, name))
-    given = [getattr(A, name) for name in _PARTS]
+    input_arrays = [getattr(A, name) for name in _PARTS]
     rows = _COMPRESSED[A.format](_sound_parts(A), shape=A.shape)
     if A.format == "csc":
         rows = rows.tocsr()
     if not rows.has_canonical_format:
         rows = _canonical(rows)
-    for name, old in zip(_PARTS, given, strict=True):
+    for name, old in zip(_PARTS, input_arrays, strict=True):
         values = getattr(rows, name)
         setattr(rows, name, kept(values) if np.may_share_memory(values, old) else _read_only(values))
     return rows
@@ -212,7 +212,7 @@ def require_symmetric(A: Any) -> None:
         raise OptionError(f"A must be symmetric: the entry ({i}, {j}) is {one}, ({j}, {i}) is {other}")
 
 
-def _distinct_texts(one: float, other: float) -> tuple[str, str]:
+def _distinct_texts(a: float, b: float) -> tuple[str, str]:
     """Return texts of two different numbers, with enough digits to differ."""
-    short = f"{one:g}", f"{other:g}"
-    return short if short[0] != short[1] else (repr(one), repr(other))
+    short = f"{a:g}", f"{b:g}"
+    return short if short[0] != short[1] else (repr(a), repr(b))

@@ -71,10 +71,10 @@ class _Field:
     def __get__(self, instance: Any, owner: type) -> Any:
         if instance is None:
             raise AttributeError(self._name)  # like other fields, not a class attribute
-        kept = vars(instance)
-        if isinstance(kept[self._name], Deferred):
-            kept[self._name] = kept[self._name].value
-        return kept[self._name]
+        fields = vars(instance)
+        if isinstance(fields[self._name], Deferred):
+            fields[self._name] = fields[self._name].value
+        return fields[self._name]
 
     def __set__(self, instance: Any, value: Any) -> None:
         vars(instance)[self._name] = value
@@ -255,14 +255,14 @@ class Solution:
     def __repr__(self) -> str:
         """Return a line with size, outcome and cost."""
         steps = f"{self.iterations} iteration{'' if self.iterations == 1 else 's'}"
-        told = [f"{self.x.shape[0]} unknowns", f"{self.outcome} after {steps}"]
+        parts = [f"{self.x.shape[0]} unknowns", f"{self.outcome} after {steps}"]
         if len(self.residuals) > 1 and self.residuals[0] > 0.0:
-            told.append(f"residual {self.residuals[-1] / self.residuals[0]:.1e}")
+            parts.append(f"residual {self.residuals[-1] / self.residuals[0]:.1e}")
         if self.energy_error is not None:
-            told.append(f"energy error {self.energy_error:.1e}")
+            parts.append(f"energy error {self.energy_error:.1e}")
         if self.seconds:
-            told.append(f"{sum(self.seconds.values()):.2g} s")
-        return f"Solution({', '.join(told)})"
+            parts.append(f"{sum(self.seconds.values()):.2g} s")
+        return f"Solution({', '.join(parts)})"
 
     def _repr_html_(self) -> str:
         html: str = made_by("agglo_core.draw.notebook:solution_html")(self)

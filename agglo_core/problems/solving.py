@@ -88,10 +88,10 @@ def solve(
 def _member(solver: Any, options: Mapping[str, Any], registry: Registry | None) -> Member:
     """Build a solver by name, or check an object for the method ``solve``."""
     if isinstance(solver, str | tuple):
-        name, given = (solver, {}) if isinstance(solver, str) else name_and_options("solver", solver)
-        known = default() if registry is None else registry
-        record = known.record("solver", name)
-        return Member(known.assemble(record, {**given, **options}), describe(record))
+        name, spec_options = (solver, {}) if isinstance(solver, str) else name_and_options("solver", solver)
+        source = default() if registry is None else registry
+        record = source.record("solver", name)
+        return Member(source.assemble(record, {**spec_options, **options}), describe(record))
     if isinstance(solver, type) or not callable(getattr(solver, "solve", None)):
         raise OptionError(f"{solver!r} is not a solver: expected a name or an object with solve")
     if options:

@@ -106,29 +106,29 @@ class System:
         return sparse.csr_array((A.data, indices, indptr), shape=A.shape), np.array(self.b)
 
 
-def _columns(name: str, given: Any, n: int, dimensions: tuple[int, ...]) -> Float:
-    if sparse.issparse(given):
-        raise OptionError(f"{name} must be an array, given a sparse one {given.shape}: {name}.toarray()")
-    values = real_array(name, given)
+def _columns(name: str, array: Any, n: int, dimensions: tuple[int, ...]) -> Float:
+    if sparse.issparse(array):
+        raise OptionError(f"{name} must be an array, given a sparse one {array.shape}: {name}.toarray()")
+    values = real_array(name, array)
     if values.ndim not in dimensions or len(values) != n or 0 in values.shape:
-        wanted = " or ".join(f"({n},)" if each == 1 else f"({n}, k)" for each in dimensions)
-        raise OptionError(f"{name} must have the shape {wanted} for that A, given {values.shape}")
+        shapes = " or ".join(f"({n},)" if d == 1 else f"({n}, k)" for d in dimensions)
+        raise OptionError(f"{name} must have the shape {shapes} for that A, given {values.shape}")
     return frozen_float(values)
 
 
-def _offsets(given: Any, n: int, mesh: Mesh | None) -> Int:
-    if given is None and (mesh is None or mesh.n_cells == n):
+def _offsets(block_offsets: Any, n: int, mesh: Mesh | None) -> Int:
+    if block_offsets is None and (mesh is None or mesh.n_cells == n):
         return frozen_int(np.arange(n + 1))
     cells = None if mesh is None else mesh.n_cells
-    if given is None:
+    if block_offsets is None:
         raise OptionError(f"block_offsets must say which of the {n} unknowns belong to each of {cells} cells")
-    values = plain_array(given, "block_offsets", OptionError)
+    values = plain_array(block_offsets, "block_offsets", OptionError)
     if values.ndim != 1 or values.dtype.kind not in "iu" or not len(values):
-        raise OptionError(f"block_offsets must be whole numbers (blocks + 1,), given {given!r:.60}")
+        raise OptionError(f"block_offsets must be whole numbers (blocks + 1,), given {block_offsets!r:.60}")
     fit = values[0] == 0 and values[-1] == n and (np.diff(values.astype(np.int64)) > 0).all()
     if not fit:
         raise OptionError(
-            f"block_offsets must increase from 0 to the number of unknowns {n}, given {given!r:.60}"
+            f"block_offsets must increase from 0 to the number of unknowns {n}, given {block_offsets!r:.60}"
         )
     if cells not in (None, len(values) - 1):
         raise OptionError(f"block_offsets are of {len(values) - 1} blocks, the mesh has {cells} cells")

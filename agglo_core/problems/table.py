@@ -50,21 +50,21 @@ def cell_values(key: str, given: Any, mesh: Mesh) -> float | Float:
         raise OptionError(f"{key} must name one cell tag, given {', '.join(given) or 'none'}")
     ((tag, values),) = given.items()
     if tag not in mesh.cell_tags or not isinstance(values, Mapping):
-        known = ", ".join(mesh.cell_tags) or "none"
-        raise OptionError(f"{key}.{tag} must be a table by a cell tag of the mesh; it has: {known}")
+        choices = ", ".join(mesh.cell_tags) or "none"
+        raise OptionError(f"{key}.{tag} must be a table by a cell tag of the mesh; it has: {choices}")
     kinds = mesh.cell_kinds
     if tag not in kinds:
         raise OptionError(f"{key}.{tag}: the tag has too many values for a table on several ranks")
     by_value = _by_whole(f"{key}.{tag}", values, _named(kinds[tag], kinds))
     present = np.unique(kinds[tag])
-    lacking = [int(each) for each in present if int(each) not in by_value]
+    lacking = [int(tag_value) for tag_value in present if int(tag_value) not in by_value]
     if lacking:
         raise OptionError(f"{key}.{tag} has no number for {', '.join(map(str, lacking))}")
     foreign = sorted(set(by_value) - set(present.tolist()))
     if foreign:
-        known = ", ".join(map(str, present[:20]))
-        raise OptionError(f"{key}.{tag} names {foreign[0]}; the tag's values in the mesh are: {known}")
-    numbers = np.array([by_value[int(each)] for each in present])
+        choices = ", ".join(map(str, present[:20]))
+        raise OptionError(f"{key}.{tag} names {foreign[0]}; the tag's values in the mesh are: {choices}")
+    numbers = np.array([by_value[int(tag_value)] for tag_value in present])
     return frozen_float(numbers[np.searchsorted(present, mesh.cell_tags[tag])])
 
 
@@ -89,8 +89,8 @@ def boundary_values(key: str, given: Any, mesh: Mesh, face_tag: str) -> dict[int
     values = _by_whole(key, given, _named(tags, kinds.tags))
     for tag in values:
         if tag not in present:
-            known = f"{', '.join(map(str, present))} ({_tags_of(mesh)})"
-            raise OptionError(f"{key} names boundary tag {tag}; the mesh has: {known}")
+            choices = f"{', '.join(map(str, present))} ({_tags_of(mesh)})"
+            raise OptionError(f"{key} names boundary tag {tag}; the mesh has: {choices}")
     return values
 
 
@@ -109,10 +109,10 @@ def _named(values: Int, marks: Mapping[str, Int]) -> dict[str, int]:
     return names
 
 
-def _by_whole(key: str, given: Mapping[str, Any], names: Mapping[str, int]) -> dict[int, float]:
+def _by_whole(key: str, table: Mapping[str, Any], names: Mapping[str, int]) -> dict[int, float]:
     """Return numbers by tag value, given by value or name, each at most once."""
     values: dict[int, float] = {}
-    for name, value in given.items():
+    for name, value in table.items():
         tag = names[name] if name in names else _whole(key, name, names)
         if tag in values:
             raise OptionError(f"{key} gives tag {tag} twice")

@@ -59,14 +59,16 @@ def magnitudes(A: Any, x: Float) -> Float:
     if getattr(A, "format", "") != "bsr" or not A.has_canonical_format:
         product: Float = abs(A) @ np.abs(x)
         return product
-    height, found = A.blocksize[0], np.zeros(A.shape[0])
+    height, sums = A.blocksize[0], np.zeros(A.shape[0])
     for first in range(0, len(A.indptr) - 1, _ROWS):
         starts = A.indptr[first : first + _ROWS + 1]
-        own = slice(starts[0], starts[-1])
+        entries = slice(starts[0], starts[-1])
         shape = ((len(starts) - 1) * height, A.shape[1])
-        part = sparse.bsr_array((np.abs(A.data[own]), A.indices[own], starts - starts[0]), shape=shape)
-        found[first * height : first * height + shape[0]] = part @ np.abs(x)
-    return found
+        part = sparse.bsr_array(
+            (np.abs(A.data[entries]), A.indices[entries], starts - starts[0]), shape=shape
+        )
+        sums[first * height : first * height + shape[0]] = part @ np.abs(x)
+    return sums
 
 
 def joints_told(A: Any) -> str:

@@ -62,13 +62,13 @@ def row_measure(A: Any, b: Float) -> Measure:
     >>> measure(np.array([0.0, 0.5]))
     0.5
     """
-    plain = relative_to(b)
+    relative_norm = relative_to(b)
     sizes = row_sizes(A) if is_known(A) else frozen_float([])
     if not len(sizes) or not sizes.max() > _ALIKE * sizes.min():
-        return plain
+        return relative_norm
     root = np.sqrt(np.median(sizes)) / np.sqrt(sizes)
     scaled = [(weight, relative_to(weight * b)) for weight in (root, root * root)]
-    return lambda r: max(plain(r), *(measure(weight * r) for weight, measure in scaled))
+    return lambda r: max(relative_norm(r), *(measure(weight * r) for weight, measure in scaled))
 
 
 def penalised_rows(A: Any) -> Int:
@@ -141,17 +141,17 @@ def lifted(A: Any, b: Float, rows: Int | None = None) -> tuple[Float, Float]:
 def _without_spring_loads(A: Any, offset: Float, b: Float) -> tuple[Float, Float]:
     """Add the differences imposed across springs to an offset. Return offset and remaining load."""
     sizes = row_sizes(A)
-    imposed = [imposed_differences(A, each, sizes) for each in np.atleast_2d(b.T)]
-    if all(each is None for each in imposed):
+    imposed = [imposed_differences(A, column, sizes) for column in np.atleast_2d(b.T)]
+    if all(column is None for column in imposed):
         return offset, b
     offsets, loads = np.atleast_2d(offset.T).copy(), np.atleast_2d(b.T).copy()
-    for own, load, each in zip(offsets, loads, imposed, strict=True):
-        if each is not None:
-            own[each.members] += each.values
-            added = np.zeros(len(load))
-            added[each.members] = each.values
-            load -= A @ added
-            load[each.members] = 0.0 - _rows_without(A, each.members, each.label) @ added
+    for shift, load, column in zip(offsets, loads, imposed, strict=True):
+        if column is not None:
+            shift[column.members] += column.values
+            differences = np.zeros(len(load))
+            differences[column.members] = column.values
+            load -= A @ differences
+            load[column.members] = 0.0 - _rows_without(A, column.members, column.label) @ differences
     return frozen_float(offsets.T.reshape(b.shape)), frozen_float(loads.T.reshape(b.shape))
 
 

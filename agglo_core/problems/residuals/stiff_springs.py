@@ -80,15 +80,15 @@ def imposed_differences(A: Any, b: Float, sizes: Float) -> Imposed | None:
     # Quick exit: rows without stiff entries carry too much load.
     least = _STIFF * _usual_size(A)
     square = b * (b / sizes)
-    most, left = _LEFT * float(square.sum()), sizes > least
-    if not most > 0.0 or float(square.sum() - square[left].sum()) > most:
+    most, has_spring = _LEFT * float(square.sum()), sizes > least
+    if not most > 0.0 or float(square.sum() - square[has_spring].sum()) > most:
         return None  # rows without springs keep their load
     # Quick exit: the net load on freely movable clusters must be small, and is cheap to compute.
-    free = left & (np.abs(A @ np.ones(len(b))) <= _WEAK * sizes)
-    if 2.0 * square[free].sum() > square[left].sum() and b[free].sum() ** 2 > most * sizes[free].sum():
+    free = has_spring & (np.abs(A @ np.ones(len(b))) <= _WEAK * sizes)
+    if 2.0 * square[free].sum() > square[has_spring].sum() and b[free].sum() ** 2 > most * sizes[free].sum():
         return None
     # Find the clusters, with the largest diagonal entry as root of each.
-    label, constant = _clusters(sparse.csr_array(A), left, least, sizes)
+    label, constant = _clusters(sparse.csr_array(A), has_spring, least, sizes)
     order = np.lexsort((-sizes, label))
     first = np.append(True, np.diff(label[order]) != 0)
     roots, members = order[first], order[~first]
@@ -99,12 +99,12 @@ def imposed_differences(A: Any, b: Float, sizes: Float) -> Imposed | None:
     root[order] = roots[np.cumsum(first) - 1]
     values, forces, stiffness = _solved(sparse.csr_array(A), b, members, root, label)
     # Discard clusters that are held otherwise.
-    held = stiffness > _WEAK * sizes
-    kept = ~held[root[members]]
-    if _share(np.where(held, b, forces)[roots], sizes[roots]) + square[members[~kept]].sum() > most:
+    is_held = stiffness > _WEAK * sizes
+    in_cluster = ~is_held[root[members]]
+    if _share(np.where(is_held, b, forces)[roots], sizes[roots]) + square[members[~in_cluster]].sum() > most:
         return None
-    label = np.where(held[root], label.max() + 1 + np.arange(len(b)), label)
-    return Imposed(frozen_int(members[kept]), frozen_float(values[kept]), frozen_int(label))
+    label = np.where(is_held[root], label.max() + 1 + np.arange(len(b)), label)
+    return Imposed(frozen_int(members[in_cluster]), frozen_float(values[in_cluster]), frozen_int(label))
 
 
 def _share(forces: Float, sizes: Float, counted: Any = True) -> float:
@@ -134,20 +134,20 @@ def _clusters(A: Any, rows: Any, least: float, sizes: Float) -> tuple[Int, Any]:
     while stiff.any():
         # Connected components of stiff entries.
         joints = sparse.coo_array((data[stiff], (i[stiff], j[stiff])), shape=(n, n))
-        count, found = connected_components(joints, directed=False)
+        count, component = connected_components(joints, directed=False)
         # A cluster has only small entries to the outside. Row sums are the effect of constants.
-        inside = found[i] == found[j]
+        inside = component[i] == component[j]
         outside = np.bincount(i, np.where(inside, 0.0, np.abs(data)), n)
         sums = np.abs(np.bincount(i, np.where(inside, data, 0.0), n))
-        apart = np.bincount(found, outside > small, count) == 0
-        free = np.bincount(found, sums + outside > small, count) == 0
-        members = np.bincount(found, minlength=count)
-        good = (apart & (members > 1) & (members <= np.where(free, _MOST, _FEW)))[found]
-        label[good], constant[good] = label.max() + 1 + found[good], free[found[good]]
+        is_isolated = np.bincount(component, outside > small, count) == 0
+        free = np.bincount(component, sums + outside > small, count) == 0
+        members = np.bincount(component, minlength=count)
+        good = (is_isolated & (members > 1) & (members <= np.where(free, _MOST, _FEW)))[component]
+        label[good], constant[good] = label.max() + 1 + component[good], free[component[good]]
         # Raise the stiffness bound for the remaining components.
         least = max(_STEP * least, float(np.abs(data[stiff]).min()))
-        left = ~good[i] & (sizes[i] > least)
-        i, j, data = i[left], j[left], data[left]
+        undecided = ~good[i] & (sizes[i] > least)
+        i, j, data = i[undecided], j[undecided], data[undecided]
         stiff = (np.abs(data) > least) & (i != j)
     return np.unique(label, return_inverse=True)[1], constant
 
@@ -172,20 +172,20 @@ def _solved(rows: Any, b: Float, members: Int, root: Int, label: Int) -> tuple[F
         Load and diagonal entry in each root row after elimination of the members.
     """
     # Split the member rows into springs between members and couplings to the roots.
-    own = sparse.coo_array(rows[members])
-    i, j = own.coords
+    member_rows = sparse.coo_array(rows[members])
+    i, j = member_rows.coords
     inside, place = label[members[i]] == label[j], np.full(len(b), -1)
     place[members] = np.arange(len(members))
     to_root, springs = inside & (place[j] < 0), inside & (place[j] >= 0)
-    coupling = np.bincount(i[to_root], own.data[to_root], len(members))
+    coupling = np.bincount(i[to_root], member_rows.data[to_root], len(members))
     # Solve the scaled springs for loads and couplings.
     scale = 1.0 / np.sqrt(rows.diagonal()[members])
-    i, j, data = i[springs], place[j[springs]], own.data[springs]
+    i, j, data = i[springs], place[j[springs]], member_rows.data[springs]
     S = sparse.csc_array((scale[i] * data * scale[j], (i, j)), shape=(len(members), len(members)))
-    solved = scale[:, None] * splu(S).solve(scale[:, None] * np.stack([b[members], coupling], axis=1))
+    solutions = scale[:, None] * splu(S).solve(scale[:, None] * np.stack([b[members], coupling], axis=1))
     # Eliminate the members from the root rows.
-    left = [np.bincount(root[members], coupling * each, len(b)) for each in solved.T]
-    return solved[:, 0], b - left[0], rows.diagonal() - left[1]
+    root_sums = [np.bincount(root[members], coupling * column, len(b)) for column in solutions.T]
+    return solutions[:, 0], b - root_sums[0], rows.diagonal() - root_sums[1]
 
 
 def stiffest_joint(A: Any) -> tuple[int, int] | None:
