@@ -67,10 +67,10 @@ def advice_of_multigrid(A: Any, kind: Kind, count: int = 1, penalty: float | str
     """
     table = _SEVERAL if count >= MANY else _ONE
     for backend in available_backends():
-        known = table.get((backend, kind))
-        if known is None or not known.least <= A.nnz <= known.most:
+        limits = table.get((backend, kind))
+        if limits is None or not limits.least <= A.nnz <= limits.most:
             continue
-        size = f"up to about {_unknowns(A, known.most)} unknowns of this kind"
+        size = f"up to about {_unknowns(A, limits.most)} unknowns of this kind"
         size += f" with {count} right-hand sides" if count >= MANY else ""
         way = "take the solver" if count == 1 else "the inverse, for all columns, is the aspreconditioner of"
         return (
@@ -82,11 +82,11 @@ def advice_of_multigrid(A: Any, kind: Kind, count: int = 1, penalty: float | str
 
 def advice_of_direct(A: Any, kind: Kind, backend: str) -> str:
     """Return the advice to use polydg_mg instead of ``direct``, or an empty text if polydg_mg is slower."""
-    known = _ONE.get((backend, kind))
-    if known is None or A.nnz < known.other:
+    limits = _ONE.get((backend, kind))
+    if limits is None or A.nnz < limits.other:
         return ""
     return (
-        f"multigrid usually takes less time than {_TITLES[backend]} from about {_unknowns(A, known.other)} "
+        f"multigrid usually takes less time than {_TITLES[backend]} from about {_unknowns(A, limits.other)} "
         f"unknowns of this kind: take the solver polydg_mg{_missing(backend)}"
     )
 

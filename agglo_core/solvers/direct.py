@@ -147,20 +147,20 @@ def _refined(fine: FineSystem, solves: Solves, tolerance: float, most: int) -> H
         correction = solves(r)
         error, energy = _error(fine, x, r, correction)
     # Outcome: both tests passed, or the residual stagnates.
-    passed = (size <= tolerance, error <= tolerance)
-    met = tuple(name for name, ok in zip(TESTS, passed, strict=True) if ok and (energy or name != TESTS[1]))
+    outcomes = (size <= tolerance, error <= tolerance)
+    met = tuple(name for name, ok in zip(TESTS, outcomes, strict=True) if ok and (energy or name != TESTS[1]))
     estimate = error if energy and np.isfinite(error) else None
-    known = (frozen_float(x), frozen_float(residuals))
-    if all(passed):
-        return History(*known, True, MET, estimate, met, "met")
+    iterates = (frozen_float(x), frozen_float(residuals))
+    if all(outcomes):
+        return History(*iterates, True, MET, estimate, met, "met")
     sizes = f"relative residual {size:.1e}, error about {error:.1e} after {len(residuals) - 1} iterations"
     sizes = f"{sizes}, wanted {tolerance:.1e}"
     # Attribute stagnation to rounding if the backward error allows, else to a singular matrix.
-    told = limit_told(History(*known, False, sizes, estimate, met, "stagnation"), fine.A, b)
-    if told.final:
-        return told
-    joints = told.reason.removeprefix(sizes)
-    return replace(told, reason=f"{sizes}: the matrix is singular, or nearly so{joints}")
+    history = limit_told(History(*iterates, False, sizes, estimate, met, "stagnation"), fine.A, b)
+    if history.final:
+        return history
+    joints = history.reason.removeprefix(sizes)
+    return replace(history, reason=f"{sizes}: the matrix is singular, or nearly so{joints}")
 
 
 def _error(fine: FineSystem, x: Float, r: Float, correction: Any) -> tuple[float, bool]:

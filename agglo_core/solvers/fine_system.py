@@ -51,12 +51,12 @@ class FineSystem(NamedTuple):
         self, history: History, operators: list[tuple[Any, Any]], watch: Stopwatch, tolerance: float
     ) -> Solution:
         """Return the solution of A x = full from a history for A x = b."""
-        x = rest = self._solution_of_problem(history.x)
+        x = x_rest = self._solution_of_problem(history.x)
         lifting = None
         if self.offset is not None:
             offset = self._solution_of_problem(self.offset)
-            x, lifting = frozen_float(offset + rest), Lifting(offset, rest, unscaled(self.b, self.factor))
-        how, mesh = self.meaning or (None, None)
+            x, lifting = frozen_float(offset + x_rest), Lifting(offset, x_rest, unscaled(self.b, self.factor))
+        discretisation, mesh = self.meaning or (None, None)
         return Solution(
             x=x,
             A=unscaled_matrix(self.A, self.matrix_factor),
@@ -75,7 +75,7 @@ class FineSystem(NamedTuple):
             lifting=lifting,
             backward_error=history.backward_error,
             rounding_limited=history.ended == "rounding",
-            discretisation=how,
+            discretisation=discretisation,
             mesh=mesh,
         )
 
@@ -173,11 +173,11 @@ def own_mesh(hierarchy: Hierarchy) -> Mesh:
             f"the hierarchy belongs to another mesh: its levels have {len(measures)} cells, {mesh!r} has "
             f"{mesh.n_cells}"
         )
-    other = np.flatnonzero(~np.isclose(measures, mesh.cell_measures, rtol=1e-6, atol=0.0))
-    if len(other):
+    cells = np.flatnonzero(~np.isclose(measures, mesh.cell_measures, rtol=1e-6, atol=0.0))
+    if len(cells):
         raise OptionError(
-            f"the hierarchy belongs to another mesh: in its graph cell {other[0]} has the area "
-            f"{measures[other[0]]:g}, in {mesh!r} {mesh.cell_measures[other[0]]:g}"
+            f"the hierarchy belongs to another mesh: in its graph cell {cells[0]} has the area "
+            f"{measures[cells[0]]:g}, in {mesh!r} {mesh.cell_measures[cells[0]]:g}"
         )
     return mesh
 
@@ -199,16 +199,16 @@ def chosen_levels(hierarchy: Hierarchy, levels: int | None = None) -> list[Int]:
     most = len(hierarchy.levels) + 1
     if levels is not None and not 2 <= levels <= most:
         raise OptionError(f"levels must lie in 2..{most}, mesh and coarse levels together; given {levels}")
-    chosen, finer = [], hierarchy.graph.n
+    coarse_labels, finer = [], hierarchy.graph.n
     for level, labels in enumerate(hierarchy.levels[: levels - 1 if levels else None]):
         parts = int(labels.max()) + 1
         if parts < finer:
-            chosen.append(labels)
+            coarse_labels.append(labels)
             finer = parts
         else:
             _log.info("level %d is skipped: its %d parts are no fewer than the %d above", level, parts, finer)
-    if not chosen and hierarchy.graph.n > 1:  # a single cell needs no coarse level
+    if not coarse_labels and hierarchy.graph.n > 1:  # a single cell needs no coarse level
         raise OptionError(
             f"no level of the hierarchy is coarser than its {hierarchy.graph.n} cells: ask for fewer parts"
         )
-    return chosen
+    return coarse_labels

@@ -56,27 +56,33 @@ class LinearTask:
                 f"the system has unknowns in {len(offsets) - 1} cells, the hierarchy {cells} cells"
             )
         # Cells without unknowns have no block.
-        used = np.flatnonzero(np.diff(offsets) != 0)
-        self._equal = len(used) == cells and len(set(np.diff(offsets).tolist())) == 1
-        given = System(
-            problem.A, problem.b, np.append(offsets[used], offsets[-1]), None, _columns(problem.near_null)
+        block_cells = np.flatnonzero(np.diff(offsets) != 0)
+        self._equal = len(block_cells) == cells and len(set(np.diff(offsets).tolist())) == 1
+        system = System(
+            problem.A,
+            problem.b,
+            np.append(offsets[block_cells], offsets[-1]),
+            None,
+            _columns(problem.near_null),
         )
         # Scale the matrix by a power of two, so that squares neither over- nor underflow.
-        self.system, self._given, self._matrix_factor = given, given.A, matrix_factor(given.A)
+        self.system, self._given, self._matrix_factor = system, system.A, matrix_factor(system.A)
         if self._matrix_factor != 1.0:
-            parts = given.b, given.block_offsets, None, given.near_null
-            self.system = System.trusted(self._matrix_factor * given.A, *parts)
+            parts = system.b, system.block_offsets, None, system.near_null
+            self.system = System.trusted(self._matrix_factor * system.A, *parts)
         if recipe == "agglomerates" and not hierarchy.levels:
             raise OptionError("recipe 'agglomerates' needs a hierarchy with levels; this one has none")
         # Labels of coarse levels, renumbered without the cells that have no unknowns.
         self._classical = is_classical(self.system)
         labelled = recipe == "agglomerates" or not self._classical
-        self._labels = [_numbered(each[used]) for each in _levels(hierarchy, count)] if labelled else []
+        self._labels = (
+            [_numbered(array[block_cells]) for array in _levels(hierarchy, count)] if labelled else []
+        )
         self.cycle: Any = "V" if cycle == "auto" else cycle
         self.dtype: Any = np.float32 if precision == "single" else np.float64
         # Scale each right-hand side by an own power of two.
         whole = self.system.b.reshape(self.system.n, -1)
-        self._factors = [factor_for(float(np.abs(each).max())) for each in whole.T]
+        self._factors = [factor_for(float(np.abs(array).max())) for array in whole.T]
         self._b = frozen_float(whole * np.array(self._factors))
         self._doubled = ""
 
@@ -94,10 +100,10 @@ class LinearTask:
     def choice(self) -> str:
         """Description of coarsening, cycle and precision."""
         aggregates = "agglomerates" if self._labels else "the graph of the matrix"
-        how = f"smoothed aggregation by {aggregates}"
+        method = f"smoothed aggregation by {aggregates}"
         if self._classical:
-            how = "a classical step, then " + how if self._labels else "classical coarsening"
-        return f"{how}, {self.cycle}-cycle, {np.dtype(self.dtype).name}" + self._doubled
+            method = "a classical step, then " + method if self._labels else "classical coarsening"
+        return f"{method}, {self.cycle}-cycle, {np.dtype(self.dtype).name}" + self._doubled
 
     @property
     def advice(self) -> str:
@@ -147,9 +153,9 @@ class LinearTask:
         pace: float | None = None,
     ) -> list[History]:
         """Run conjugate gradients, each column from its last iterate, and return all histories."""
-        found = list(before or ())
-        todo = [j for j in range(self._b.shape[1]) if not (found and found[j].final)]
-        start = np.stack([found[j].x for j in todo], axis=1) if found else None
+        histories = list(before or ())
+        todo = [j for j in range(self._b.shape[1]) if not (histories and histories[j].final)]
+        start = np.stack([histories[j].x for j in todo], axis=1) if histories else None
         new = pcg_columns(
             self.system.A,
             self._b[:, todo],
@@ -162,11 +168,11 @@ class LinearTask:
             pace=pace,
             tell=tell,
         )
-        if not found:
+        if not histories:
             return list(new)
         for j, history in zip(todo, new, strict=True):
-            found[j] = history
-        return found
+            histories[j] = history
+        return histories
 
     def given_back(self, solution: Solution) -> Solution:
         """Return the solution unchanged, as the unknowns keep their numbers."""
@@ -186,13 +192,11 @@ class LinearTask:
         """Build the solution from histories, with columns as in :class:`~agglo_core.problems.Solution`."""
         # Scale x back, column by column.
         back = 1.0 / self._matrix_factor
-        columns = [
-            unscaled(unscaled(each.x, f), back) for each, f in zip(histories, self._factors, strict=True)
-        ]
+        columns = [unscaled(unscaled(h.x, f), back) for h, f in zip(histories, self._factors, strict=True)]
         # Report residuals and reason of the worst column.
         last = max(range(len(histories)), key=lambda j: _badness(histories[j]))
-        converged = all(each.converged for each in histories)
-        worst, errors = histories[last], [each.energy_error for each in histories]
+        converged = all(h.converged for h in histories)
+        worst, errors = histories[last], [h.energy_error for h in histories]
         residuals = np.array(worst.residuals)
         if not worst.converged:  # the last entry was updated, not computed from x
             residuals[-1] = two_norm(self._b[:, last] - self.system.A @ worst.x)
@@ -207,12 +211,12 @@ class LinearTask:
             iterations=worst.iterations,
             seconds=watch.wall,
             cpu_seconds=watch.cpu,
-            energy_error=None if None in errors else max(each for each in errors if each is not None),
-            tests=tuple(name for name in TESTS if all(name in each.tests for each in histories)),
+            energy_error=None if None in errors else max(h for h in errors if h is not None),
+            tests=tuple(name for name in TESTS if all(name in h.tests for h in histories)),
             energy_errors=worst.energy_errors,
             tolerance=tolerance,
-            backward_error=max((each.backward_error or 0.0 for each in histories), default=0.0) or None,
-            rounding_limited=not converged and all(each.final for each in histories),
+            backward_error=max((h.backward_error or 0.0 for h in histories), default=0.0) or None,
+            rounding_limited=not converged and all(h.final for h in histories),
         )
 
 

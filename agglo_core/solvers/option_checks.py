@@ -65,10 +65,10 @@ def show_options(solver: Any) -> str:
     Direct(degree=3)
     """
     homes = [solver, *(getattr(solver, name, None) for name in ("discretisation", "overrides"))]
-    shown = []
+    settings = []
     for name, option in inspect.signature(type(solver)).parameters.items():
         home = next((home for home in homes if hasattr(home, name)), None)
         value = getattr(home, name, option.default)
         if isinstance(value, str | float | int) and value != option.default:
-            shown.append(f"{name}={value!r}")
-    return f"{type(solver).__name__}({', '.join(shown)})"
+            settings.append(f"{name}={value!r}")
+    return f"{type(solver).__name__}({', '.join(settings)})"

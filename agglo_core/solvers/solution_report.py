@@ -64,7 +64,7 @@ def report(
     dofs = [A.shape[0] for A in matrices]
     sizes = zip(_parts(mesh, solution, dofs), dofs, map(_entries, matrices), strict=True)
     # Residual measure, errors and energy, from the discretisation if available.
-    rest, b = _solved(solution)
+    x_rest, b = _solved(solution)
     measure = how.residual_measure(problem, mesh, b) if how else row_measure(solution.A, b)
     with phase(progress, "measuring", "errors"):
         norms = how.errors(problem, mesh, solution.x) if how else {}
@@ -77,7 +77,7 @@ def report(
         "iterations": solution.iterations,
         "converged": bool(solution.converged),
         "reason": solution.reason,
-        "relative_residual": measure(b - solution.A @ rest),
+        "relative_residual": measure(b - solution.A @ x_rest),
         "energy_error": solution.energy_error,
         "tests_met": list(solution.tests),
         "residuals": np.asarray(solution.residuals).tolist(),

@@ -32,9 +32,9 @@ class Stopwatch:
     @contextmanager
     def __call__(self, phase: str) -> Iterator[None]:
         """Time the body of the context, including a body that raises."""
-        start, used = time.perf_counter(), time.process_time()
+        start, cpu_start = time.perf_counter(), time.process_time()
         try:
             yield
         finally:
             self.wall[phase] = self.wall.get(phase, 0.0) + time.perf_counter() - start
-            self.cpu[phase] = self.cpu.get(phase, 0.0) + time.process_time() - used
+            self.cpu[phase] = self.cpu.get(phase, 0.0) + time.process_time() - cpu_start
