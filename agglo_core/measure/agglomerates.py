@@ -139,13 +139,13 @@ def quality(
     """
     if not isinstance(mesh, Mesh):
         raise OptionError(f"quality needs a Mesh and its labels, given {type(mesh).__name__}")
-    labels, chosen = mesh.check_labels(labels), built_metrics(metrics, registry)
+    labels, members = mesh.check_labels(labels), built_metrics(metrics, registry)
     with (
         using_threads(threads),
         followed(progress, verbose) as listen,
         phase(listen, "measuring") as tell,
     ):
-        return Quality(_measured(mesh, mesh.coarsen(labels), labels, chosen, tell))
+        return Quality(_measured(mesh, mesh.coarsen(labels), labels, members, tell))
 
 
 def measure_levels(
@@ -188,24 +188,26 @@ def measure_levels(
     4
     """
     # 1. Metrics and objectives.
-    chosen = select(RATIOS if metrics is None else metrics, registry)
-    shown = tuple(chosen.metrics)
-    measured = {**chosen.metrics, **built_metrics(["components"], registry)}
-    better = {name: getattr(metric.tool, "better", "high") for name, metric in chosen.metrics.items()}
+    selection = select(RATIOS if metrics is None else metrics, registry)
+    names = tuple(selection.metrics)
+    members = {**selection.metrics, **built_metrics(["components"], registry)}
+    better = {name: getattr(metric.tool, "better", "high") for name, metric in selection.metrics.items()}
     levels = []
     with followed(progress, verbose) as listen, phase(listen, "measuring") as tell:
         for place, (labels, target) in enumerate(zip(hierarchy.levels, hierarchy.targets, strict=True)):
             # 2. Coarsen each level once, and measure it.
-            own = part(tell, place, len(hierarchy.levels), f"level {place}")
+            level_progress = part(tell, place, len(hierarchy.levels), f"level {place}")
             coarse = mesh.coarsen(labels)
             values = {
                 "cells": np.bincount(labels).astype(float),
                 "diameter": coarse.cell_diameters,
                 "measure": coarse.cell_measures,
-                **_measured(mesh, coarse, labels, measured, own),
+                **_measured(mesh, coarse, labels, members, level_progress),
             }
-            objectives = {each.name: each.value(hierarchy.graph, labels) for each in chosen.objectives}
-            levels.append(Level(target, labels, coarse, values, shown, objectives, better))
+            objectives = {
+                objective.name: objective.value(hierarchy.graph, labels) for objective in selection.objectives
+            }
+            levels.append(Level(target, labels, coarse, values, names, objectives, better))
     return levels
 
 
@@ -239,15 +241,15 @@ def _measured(
 
     Metrics that depend only on the shape share the coarse mesh and its caches.
     """
-    own = np.arange(coarse.n_cells)
+    part_labels = np.arange(coarse.n_cells)
     values = {}
     for place, (name, metric) in enumerate(metrics.items()):
         part(tell, place, len(metrics), name)
         # 1. Measure on the coarse mesh where possible.
-        given = (coarse, own) if getattr(metric.tool, "shape_only", False) else (mesh, labels)
+        arguments = (coarse, part_labels) if getattr(metric.tool, "shape_only", False) else (mesh, labels)
         with attributed(metric.title, spare=(MeshError,)):  # a metric may reject a mesh, for example in 3-D
-            measured = plain_array(metric.tool.measure(*given), "the result of measure", PluginError)
-            result = np.asarray(measured, dtype=float)
+            array = plain_array(metric.tool.measure(*arguments), "the result of measure", PluginError)
+            result = np.asarray(array, dtype=float)
         # 2. Check the result.
         if result.shape != (coarse.n_cells,):
             raise PluginError(

@@ -44,15 +44,17 @@ def select(chosen: Iterable[Metric], registry: Registry | None = None) -> Select
     """
     # 1. Separate objectives from metrics; a metric takes precedence.
     source = default() if registry is None else registry
-    wanted = _listed(chosen)
-    known = {record.name for record in source.list() if record.kind == "metric"}
-    names = [each for each in wanted if isinstance(each, str) and each in OBJECTIVES and each not in known]
-    rest = [each for each in wanted if each not in names]
-    for each in rest:
-        if isinstance(each, str) and "/" not in each and each not in known:
-            raise PluginError(_unknown(each, sorted(known)))
+    items = _listed(chosen)
+    metric_names = {record.name for record in source.list() if record.kind == "metric"}
+    names = [
+        item for item in items if isinstance(item, str) and item in OBJECTIVES and item not in metric_names
+    ]
+    metric_items = [item for item in items if item not in names]
+    for item in metric_items:
+        if isinstance(item, str) and "/" not in item and item not in metric_names:
+            raise PluginError(_unknown(item, sorted(metric_names)))
     # 2. Build the metrics, and check the names.
-    metrics = built_metrics(rest, source)
+    metrics = built_metrics(metric_items, source)
     for name in metrics:
         if name in _RESERVED:
             raise OptionError(f"metric {name!r} cannot be listed: every level has a value of that name")
@@ -96,9 +98,9 @@ def _unknown(name: str, metrics: Sequence[str]) -> str:
     )
 
 
-def _listed(chosen: Iterable[Metric]) -> list[Metric]:
-    if isinstance(chosen, str):
-        raise OptionError(f"metrics must be a list or tuple of names, not the text {chosen!r}")
-    if not isinstance(chosen, Iterable):
-        raise OptionError(f"metrics must be a list or tuple of names, not {shown(chosen)}")
-    return list(chosen)
+def _listed(metrics: Iterable[Metric]) -> list[Metric]:
+    if isinstance(metrics, str):
+        raise OptionError(f"metrics must be a list or tuple of names, not the text {metrics!r}")
+    if not isinstance(metrics, Iterable):
+        raise OptionError(f"metrics must be a list or tuple of names, not {shown(metrics)}")
+    return list(metrics)

@@ -114,11 +114,11 @@ def trade_offs(runs: Sequence[RunResult]) -> TradeOffs:
     OptionError
         If no run completed, or no metric is available in all runs.
     """
-    done = [(place, run.levels[0]) for place, run in enumerate(runs) if run.levels]
-    if not done:
+    finest_levels = [(place, run.levels[0]) for place, run in enumerate(runs) if run.levels]
+    if not finest_levels:
         raise OptionError("nothing to weigh: there is no run, or none came to an end")
-    levels = [level for _, level in done]
-    places = [place for place, _ in done]
+    levels = [level for _, level in finest_levels]
+    places = [place for place, _ in finest_levels]
     return TradeOffs(
         names=[runs[place].name for place in places],
         places=places,
