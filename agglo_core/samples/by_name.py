@@ -58,30 +58,30 @@ def from_spec(spec: str, registry: Registry | None = None) -> Mesh:
     300
     """
     # 1. Look up the sample.
-    name, _, rest = spec.partition(":")
-    known = default() if registry is None else registry
+    name, _, option_text = spec.partition(":")
+    source = default() if registry is None else registry
     try:
-        record = known.record("sample", name.strip())
+        record = source.record("sample", name.strip())
     except PluginError as error:
         raise OptionError(str(error)) from error
     # 2. Parse and check the options.
     target = resolve(record)
     accepted = options_of(target) or ()
     try:
-        options = checked_options(record, target, _given(spec, rest, accepted))
+        options = checked_options(record, target, _given(spec, option_text, accepted))
     except OptionError as error:
         raise OptionError(f"{error}; {_usage(record, accepted)}") from error
     # 3. Create the mesh.
-    made = known.assemble(record, options)
-    if not isinstance(made, Mesh):
-        raise PluginError(f"{describe(record)} made {shown(made)}, expected a Mesh")
-    return made
+    mesh = source.assemble(record, options)
+    if not isinstance(mesh, Mesh):
+        raise PluginError(f"{describe(record)} made {shown(mesh)}, expected a Mesh")
+    return mesh
 
 
-def _given(spec: str, rest: str, accepted: Sequence[Option]) -> dict[str, Text]:
+def _given(spec: str, option_text: str, accepted: Sequence[Option]) -> dict[str, Text]:
     """Return the options of a text as typed."""
     options: dict[str, Text] = {}
-    items = [item.strip() for item in rest.split(",") if item.strip()]
+    items = [item.strip() for item in option_text.split(",") if item.strip()]
     for position, item in enumerate(items):
         option, equals, value = (part.strip() for part in item.partition("="))
         if not equals and position == 0 and accepted:

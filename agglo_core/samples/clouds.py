@@ -112,11 +112,11 @@ def _cell_corners(seeds: Float, near: float) -> tuple[Float, Float]:
     diagram = Voronoi(np.concatenate(images))
     ends = np.asarray(diagram.ridge_vertices)
     sites = diagram.ridge_points
-    ours = np.stack((sites, sites), axis=2).reshape(-1)
+    cell = np.stack((sites, sites), axis=2).reshape(-1)
     corner = np.stack((ends, ends), axis=1).reshape(-1)
-    kept = ours < len(seeds)
+    is_inner = cell < len(seeds)
     plane = np.vstack((diagram.vertices, np.full(2, np.inf)))  # −1 is a corner at infinity
-    return plane[corner[kept]], ours[kept]
+    return plane[corner[is_inner]], cell[is_inner]
 
 
 def merge_close(corners: Float) -> tuple[Float, Float]:

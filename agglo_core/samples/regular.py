@@ -151,9 +151,9 @@ def ring(n: int) -> Mesh:
     n = check_size(n, 3, "n", "ring")
     layers = max(1, round(n / (3 * np.pi)))
     lattice, cells = _lattice(n, layers)  # x runs around the annulus, y inward
-    kept = lattice[:, 0] < n
-    radius, angle = 1.0 - 0.5 * lattice[kept, 1] / layers, 2 * np.pi * lattice[kept, 0] / n
+    is_distinct = lattice[:, 0] < n
+    radius, angle = 1.0 - 0.5 * lattice[is_distinct, 1] / layers, 2 * np.pi * lattice[is_distinct, 0] / n
     points = radius[:, None] * np.stack((np.cos(angle), np.sin(angle)), axis=1)
     last = cells % (n + 1) == n  # identify the last lattice column with the first
-    number = np.cumsum(kept) - 1
+    number = np.cumsum(is_distinct) - 1
     return Mesh.from_polygons(points, number[np.where(last, cells - n, cells)], name=f"ring {n}x{layers}")

@@ -89,19 +89,19 @@ def voronoi3d(n: int, seed: int = 0) -> Mesh:
     points, number = merge_close(diagram.vertices)
     # 2. Each ridge is a face of the cells on both sides.
     cells: list[list[list[int]]] = [[] for _ in range(n)]
-    for (one, other), vertices in zip(diagram.ridge_points, diagram.ridge_vertices, strict=True):
-        if min(one, other) >= n or min(vertices) < 0:
+    for (first, second), vertices in zip(diagram.ridge_points, diagram.ridge_vertices, strict=True):
+        if min(first, second) >= n or min(vertices) < 0:
             continue
         loop = [int(v) for v in dict.fromkeys(number[vertices])]
         if len(loop) < 3:  # an edge of the surface, where four cells meet, two of them images
             continue
-        ahead = _turn(points[loop]) @ (diagram.points[other] - diagram.points[one]) > 0.0
-        for cell, outward in ((one, ahead), (other, not ahead)):
+        ahead = _turn(points[loop]) @ (diagram.points[second] - diagram.points[first]) > 0.0
+        for cell, outward in ((first, ahead), (second, not ahead)):
             if cell < n:
                 cells[cell].append(loop if outward else loop[::-1])
     # 3. Drop unused points, and snap corners to the sides.
-    used, loops = _used(cells)
-    corners = points[used]
+    used_points, loops = _used(cells)
+    corners = points[used_points]
     for side in (0.0, 1.0):
         corners[np.abs(corners - side) < _SNAP] = side
     return Mesh.from_polyhedra(corners, loops, name=f"voronoi solids n={n} seed={seed}")
@@ -121,12 +121,12 @@ def _used(cells: list[list[list[int]]]) -> tuple[Int, list[list[list[int]]]]:
     return used, [[[place[v] for v in loop] for loop in cell] for cell in cells]
 
 
-def _spread(points: Float, apart: float) -> Float:
+def _spread(points: Float, distance: float) -> Float:
     """Drop points that are too close to an earlier kept point."""
     from scipy.spatial import cKDTree
 
-    pairs = cKDTree(points).query_pairs(apart, output_type="ndarray")
-    kept = np.ones(len(points), bool)
+    pairs = cKDTree(points).query_pairs(distance, output_type="ndarray")
+    keep = np.ones(len(points), bool)
     for earlier, later in pairs[np.lexsort((pairs[:, 0], pairs[:, 1]))]:
-        kept[later] &= not kept[earlier]
-    return points[kept]
+        keep[later] &= not keep[earlier]
+    return points[keep]
