@@ -155,10 +155,10 @@ def _to_unit_diagonal(A: Any) -> Float:
 def _inverse(A: Float) -> Float:
     """Return the inverse or pseudo-inverse of a matrix with unit diagonal."""
     least = len(A) * _ROUNDING
-    factor, failed = dpotrf(A, lower=1)
-    if not failed:
-        half, failed = dpotri(factor, lower=1)
-        if not failed and half.trace() * least < 1.0:  # pivots alone do not reveal small eigenvalues
+    factor, info = dpotrf(A, lower=1)
+    if not info:
+        half, info = dpotri(factor, lower=1)
+        if not info and half.trace() * least < 1.0:  # pivots alone do not reveal small eigenvalues
             return np.asarray(np.tril(half) + np.tril(half, -1).T)
     values, vectors = np.linalg.eigh(A)
     if values[0] < -least * max(values[-1], 1.0):
@@ -166,8 +166,8 @@ def _inverse(A: Float) -> Float:
             f"the matrix to be factorised is not positive semidefinite: scaled to a unit diagonal it has the "
             f"eigenvalue {values[0]:.1e}"
         )
-    kept = values > least * values[-1]
-    return np.asarray((vectors[:, kept] / values[kept]) @ vectors[:, kept].T)
+    nonzero = values > least * values[-1]
+    return np.asarray((vectors[:, nonzero] / values[nonzero]) @ vectors[:, nonzero].T)
 
 
 def lu_solve(A: Any, dtype: Any = np.float64) -> Solve:

@@ -144,33 +144,33 @@ class Composition:
         LinAlgError
             If a matrix is not positive definite. The message names the level.
         """
-        given = _checked(labels, system.n_blocks, injected, rediscretised)
+        level_labels = _checked(labels, system.n_blocks, injected, rediscretised)
         offsets, near_null = system.block_offsets, system.near_null
         A = inherited = in_blocks(system.A, offsets)
-        own = frozen_int(np.arange(system.n_blocks))
+        parts = frozen_int(np.arange(system.n_blocks))
         levels: list[Level] = []
-        for k, coarse in enumerate(given):
-            tell(k / (len(given) + 1), f"level {k}")
+        for k, coarse in enumerate(level_labels):
+            tell(k / (len(level_labels) + 1), f"level {k}")
             # Coarse space, coarse matrix, and the inherited matrix Pᵀ A P.
-            up = parents(own, coarse)
-            inject = _injection(up, offsets) if injected is None else injected[k]
-            anew = None if rediscretised is None else rediscretised[k]
-            step = Coarsening(A, offsets, own, coarse, up, near_null, inject, anew)
+            parent_of = parents(parts, coarse)
+            inject = _injection(parent_of, offsets) if injected is None else injected[k]
+            rediscretise = None if rediscretised is None else rediscretised[k]
+            step = Coarsening(A, offsets, parts, coarse, parent_of, near_null, inject, rediscretise)
             try:
                 space = self._space(step)
-                below, blocks = self._matrix(step, space), _required(space.block_offsets)
-                same = self.galerkin and inherited is A
-                down = below if same else in_blocks(galerkin(inherited, space.P), blocks)
+                A_next, blocks = self._matrix(step, space), _required(space.block_offsets)
+                is_galerkin = self.galerkin and inherited is A
+                inherited_next = A_next if is_galerkin else in_blocks(galerkin(inherited, space.P), blocks)
                 # Smoother, with the coarse correction and patches if needed.
-                wanted = corrections and getattr(self.smoother.tool, "uses_coarse", True)
-                correction = _correction(space.P, self._solver(down)) if wanted else None
-                patches = None if system.mesh is None else vertex_patches(system.mesh, own if k else None)
-                level = MultigridLevel(A, inherited, offsets, own, space.P, correction, steps, patches)
-                levels.append(Level(A, offsets, space.P, self._smoother(level), own, patches))
+                has_correction = corrections and getattr(self.smoother.tool, "uses_coarse", True)
+                correction = _correction(space.P, self._solver(inherited_next)) if has_correction else None
+                patches = None if system.mesh is None else vertex_patches(system.mesh, parts if k else None)
+                level = MultigridLevel(A, inherited, offsets, parts, space.P, correction, steps, patches)
+                levels.append(Level(A, offsets, space.P, self._smoother(level), parts, patches))
             except np.linalg.LinAlgError as error:
                 raise np.linalg.LinAlgError(f"level {k}: {error}") from error
-            A, inherited, offsets, own, near_null = below, down, blocks, coarse, space.near_null
-        levels.append(Level(A, offsets, labels=own))
+            A, inherited, offsets, parts, near_null = A_next, inherited_next, blocks, coarse, space.near_null
+        levels.append(Level(A, offsets, labels=parts))
         return LevelStack(levels, self._solver(A))
 
     def _space(self, step: Coarsening) -> CoarseSpace:
@@ -228,12 +228,12 @@ def _solution(member: Member, solve: Solve, b: Real) -> Real:
     return x
 
 
-def _title(kind: str, given: Any) -> str:
-    if isinstance(given, Member):
-        return given.title
-    name = given[0] if isinstance(given, tuple) else given
-    own = getattr(given, "__name__", type(given).__name__)
-    return f"{kind} {name if isinstance(name, str) else own}"
+def _title(kind: str, choice: Any) -> str:
+    if isinstance(choice, Member):
+        return choice.title
+    name = choice[0] if isinstance(choice, tuple) else choice
+    object_name = getattr(choice, "__name__", type(choice).__name__)
+    return f"{kind} {name if isinstance(name, str) else object_name}"
 
 
 def _guarded(member: Member) -> Any:
@@ -241,21 +241,21 @@ def _guarded(member: Member) -> Any:
     return attributed(member.title, spare=(AggloError, np.linalg.LinAlgError))
 
 
-def _checked(labels: Sequence[Int], n: int, *others: Sequence[Any] | None) -> list[Int]:
-    given = [frozen_int(each) for each in labels]
-    for k, each in enumerate(given):
-        if each.shape != (n,) or each.min() < 0:
+def _checked(labels: Sequence[Int], n: int, *sequences: Sequence[Any] | None) -> list[Int]:
+    arrays = [frozen_int(array) for array in labels]
+    for k, array in enumerate(arrays):
+        if array.shape != (n,) or array.min() < 0:
             raise OptionError(f"labels[{k}] must be {n} numbers from 0 on, one for each block of the system")
-    for name, other in zip(("injected", "rediscretised"), others, strict=True):
-        if other is not None and len(other) != len(given):
-            raise OptionError(f"{name} must be given for each of {len(given)} levels; given {len(other)}")
-    return given
+    for name, sequence in zip(("injected", "rediscretised"), sequences, strict=True):
+        if sequence is not None and len(sequence) != len(arrays):
+            raise OptionError(f"{name} must be given for each of {len(arrays)} levels; given {len(sequence)}")
+    return arrays
 
 
-def _injection(up: Int | None, offsets: Int) -> Any:
+def _injection(parent_of: Int | None, offsets: Int) -> Any:
     """Return the default injection of a system, or None for variable blocks or missing parents."""
     sizes = np.diff(offsets)
-    return None if up is None or sizes.min() != sizes.max() else injection(up, int(sizes[0]))
+    return None if parent_of is None or sizes.min() != sizes.max() else injection(parent_of, int(sizes[0]))
 
 
 def _correction(P: Any, solve: Solve) -> Callable[[Float], Float]:
@@ -267,18 +267,18 @@ def _corrected(P: Any, solve: Solve, PT: Any, r: Float) -> Float:
     return np.asarray(P @ solve(PT @ r))
 
 
-def _stored(what: str, given: Any, shape: tuple[int, int | None]) -> Any:
+def _stored(title: str, result: Any, shape: tuple[int, int | None]) -> Any:
     """Return a real sparse matrix by rows or in blocks, with any number of columns for None."""
     rows, columns = shape
-    fits = sparse.issparse(given) and given.dtype.kind in "fiu" and given.shape[0] == rows
-    if not fits or columns not in (None, given.shape[1]):
-        seen = f"{given.shape} of {given.dtype}" if sparse.issparse(given) else f"{given!r:.60}"
-        wanted = f"({rows}, {'m' if columns is None else columns})"
-        raise PluginError(f"{what} returned {seen}, expected a sparse matrix {wanted} of floats")
-    stored = given if given.format in ("bsr", "csr") else sparse.csr_array(given)
-    if not np.isfinite(stored.data).all():
-        raise PluginError(f"{what} returned values that are not finite")
-    return stored
+    fits = sparse.issparse(result) and result.dtype.kind in "fiu" and result.shape[0] == rows
+    if not fits or columns not in (None, result.shape[1]):
+        summary = f"{result.shape} of {result.dtype}" if sparse.issparse(result) else f"{result!r:.60}"
+        expected_shape = f"({rows}, {'m' if columns is None else columns})"
+        raise PluginError(f"{title} returned {summary}, expected a sparse matrix {expected_shape} of floats")
+    matrix = result if result.format in ("bsr", "csr") else sparse.csr_array(result)
+    if not np.isfinite(matrix.data).all():
+        raise PluginError(f"{title} returned values that are not finite")
+    return matrix
 
 
 def _required(offsets: Int | None) -> Int:

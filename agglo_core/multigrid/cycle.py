@@ -110,17 +110,17 @@ def _two_steps(stack: LevelStack, at: int, b: Real, kind: str) -> Real:
     p = _solved(stack, at, b, kind)
     # First step along p.
     Ap = A @ p
-    curvature, along = p @ Ap, p @ b
+    curvature, projection = p @ Ap, p @ b
     if not curvature > 0.0:
         return p
-    x: Real = (along / curvature) * p
-    r = b - (along / curvature) * Ap
+    x: Real = (projection / curvature) * p
+    r = b - (projection / curvature) * Ap
     if r @ r <= 0.0625 * (b @ b):  # residual below a quarter: one step suffices
         return x
     z = _solved(stack, at, r, kind)
     # Second step along z, made conjugate to p.
     z = z - ((z @ Ap) / curvature) * p
     Az = A @ z
-    bent = z @ Az
-    better: Real = x + ((z @ r) / bent) * z if bent > 0.0 else x
-    return better
+    curvature_z = z @ Az
+    result: Real = x + ((z @ r) / curvature_z) * z if curvature_z > 0.0 else x
+    return result

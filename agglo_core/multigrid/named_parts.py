@@ -118,15 +118,15 @@ def part(kind: str, given: Any, own: Mapping[str, Callable[[], Any]], registry: 
 
 
 def _named(
-    kind: str, given: str | tuple[Any, ...], own: Mapping[str, Callable[[], Any]], registry: Registry
+    kind: str, choice: str | tuple[Any, ...], builtin: Mapping[str, Callable[[], Any]], registry: Registry
 ) -> Member:
-    name, options = (given, {}) if isinstance(given, str) else name_and_options(kind, given)
+    name, options = (choice, {}) if isinstance(choice, str) else name_and_options(kind, choice)
     try:
         record = registry.record(kind, name)
     except PluginError as error:
-        usable = {each.name for each in registry.list() if each.kind == kind and each.state == "ok"}
-        failed = "; ".join(f"{describe(r)}: {r.reason}" for r in registry.list() if r.kind == "plugin")
-        tail = f"; plugins that cannot be used: {failed}" if failed else ""
-        known = ", ".join([*own, *sorted(usable - set(own))])
-        raise OptionError(f"{kind} must be one of {known}; given {given!r}{tail}") from error
+        names = {entry.name for entry in registry.list() if entry.kind == kind and entry.state == "ok"}
+        failures = "; ".join(f"{describe(r)}: {r.reason}" for r in registry.list() if r.kind == "plugin")
+        tail = f"; plugins that cannot be used: {failures}" if failures else ""
+        choices = ", ".join([*builtin, *sorted(names - set(builtin))])
+        raise OptionError(f"{kind} must be one of {choices}; given {choice!r}{tail}") from error
     return Member(registry.assemble(record, options), describe(record))

@@ -204,20 +204,20 @@ class LevelStack:
     @property
     def memory(self) -> int:
         """Bytes of matrices and smoother data, with each array counted once."""
-        seen: dict[int, int] = {}
+        sizes: dict[int, int] = {}
         for level in self.levels:
-            _weigh((level.A, level.P, level.smoother), seen)
-        return sum(seen.values())
+            _weigh((level.A, level.P, level.smoother), sizes)
+        return sum(sizes.values())
 
 
-def _weigh(thing: Any, seen: dict[int, int], depth: int = 4) -> None:
+def _weigh(thing: Any, sizes: dict[int, int], depth: int = 4) -> None:
     """Record the bytes of each array in an object, a few attributes deep."""
     if isinstance(thing, np.ndarray):
-        whole = thing if thing.base is None else thing.base
-        seen[id(whole)] = getattr(whole, "nbytes", thing.nbytes)
+        base = thing if thing.base is None else thing.base
+        sizes[id(base)] = getattr(base, "nbytes", thing.nbytes)
     elif depth and isinstance(thing, list | tuple):
-        for each in thing:
-            _weigh(each, seen, depth - 1)
-    elif depth and isinstance(kept := getattr(thing, "__dict__", None), dict):
-        for each in kept.values():
-            _weigh(each, seen, depth - 1)
+        for child in thing:
+            _weigh(child, sizes, depth - 1)
+    elif depth and isinstance(attributes := getattr(thing, "__dict__", None), dict):
+        for child in attributes.values():
+            _weigh(child, sizes, depth - 1)

@@ -140,7 +140,7 @@ def aggregation_stack(
     [1000, 333, 111]
     """
     matrix, offsets, B = checked_system(A, block_offsets, near_null)
-    given = checked_labels(labels, len(offsets) - 1)
+    level_labels = checked_labels(labels, len(offsets) - 1)
     if not theta >= 0.0:
         raise OptionError(f"theta must be 0 or more; given {theta!r}")
     levels: list[Level] = []
@@ -150,12 +150,16 @@ def aggregation_stack(
         # 1. Coupling strength, and the aggregates of the level.
         part_of = frozen_int(np.repeat(np.arange(len(offsets) - 1), np.diff(offsets)))
         strength, scalar = Couplings.of(matrix, offsets, part_of), matrix.shape[0] == len(offsets) - 1
-        wanted = _current(given[len(levels)], holder, len(offsets) - 1) if len(levels) < len(given) else None
-        found, count = aggregates(strength, theta, wanted, _HALVED if scalar else _NEEDLESS)
-        if count > 0.9 * len(found):
+        current_labels = (
+            _current(level_labels[len(levels)], holder, len(offsets) - 1)
+            if len(levels) < len(level_labels)
+            else None
+        )
+        aggregate_of, count = aggregates(strength, theta, current_labels, _HALVED if scalar else _NEEDLESS)
+        if count > 0.9 * len(aggregate_of):
             break
         # 2. Tentative prolongation, smoothed unless the coarse matrix would fill.
-        start = tentative(found[part_of], count, B)
+        start = tentative(aggregate_of[part_of], count, B)
         P = smoothed(matrix, offsets, part_of, strength, start, B, weak)
         if product_entries(matrix, P) > _FULL * min(finest, matrix.nnz):
             P = start.T
@@ -163,7 +167,7 @@ def aggregation_stack(
         levels.append(
             _level(matrix, offsets, dtype, holder, P.astype(dtype), smoother(matrix, offsets, dtype))
         )
-        holder = np.where(holder >= 0, found[holder], -1)
+        holder = np.where(holder >= 0, aggregate_of[holder], -1)
         matrix, offsets, B = csr_galerkin(matrix, P), start.offsets, start.near_null
     levels.append(_level(matrix, offsets, dtype, holder))
     return LevelStack(levels, direct_solver(matrix, dtype), dtype)
@@ -181,17 +185,17 @@ def aggregates(
     """
     n = len(strength.size)
     least = theta / max(strength.neighbours, _LEAST_NEIGHBOURS)
-    found, count = np.empty(0, np.int64), n
+    aggregate_of, count = np.empty(0, np.int64), n
     if labels is not None:
-        found, count = split_labels(*strength, _LENIENT * least, frozen_int(labels))
+        aggregate_of, count = split_labels(*strength, _LENIENT * least, frozen_int(labels))
         if count > _PIECES * len(np.unique(labels)):
             count = n
     for threshold in (least, 0.0):
         if count > _SLOW * n:
-            found, count = greedy_aggregates(*strength, threshold, needless)
+            aggregate_of, count = greedy_aggregates(*strength, threshold, needless)
         if count == 0:  # no part needs a coarse unknown: use a single aggregate
             return np.zeros(n, np.int64), 1
-    return frozen_int(found), int(count)
+    return frozen_int(aggregate_of), int(count)
 
 
 def _level(
@@ -212,8 +216,8 @@ def _current(labels: Int, holder: Int, parts: int) -> Int:
 
 def checked_labels(labels: Sequence[ArrayLike] | None, parts: int) -> list[Int]:
     """Return the labels of each level, or raise OptionError unless there is a label per part."""
-    given = [frozen_int(each) for each in labels or ()]
-    for at, each in enumerate(given):
-        if each.shape != (parts,):
-            raise OptionError(f"labels[{at}] has shape {each.shape}; expected ({parts},), one per part of A")
-    return given
+    arrays = [frozen_int(array) for array in labels or ()]
+    for k, array in enumerate(arrays):
+        if array.shape != (parts,):
+            raise OptionError(f"labels[{k}] has shape {array.shape}; expected ({parts},), one per part of A")
+    return arrays

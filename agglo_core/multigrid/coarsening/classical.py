@@ -114,32 +114,32 @@ def classical_stack(
             raise OptionError(f"guide has shape {guide.shape}; expected that of A, {matrix.shape}")
         guide = guide if D is None else canonical(D @ guide @ D)
     # 2. Classical steps, until small enough or no longer efficient.
-    given = checked_labels(labels, matrix.shape[0])
+    level_labels = checked_labels(labels, matrix.shape[0])
     if not 0.0 < theta <= 1.0:
         raise OptionError(f"theta must be between 0 and 1; given {theta!r}")
     levels: list[Level] = []
     finest = matrix.nnz
-    first = _agglomerates(given[:1]) if guide is not None else matrix.shape[0]
-    while matrix.shape[0] > coarsest and not (levels and given and matrix.shape[0] <= first):
+    first = _agglomerates(level_labels[:1]) if guide is not None else matrix.shape[0]
+    while matrix.shape[0] > coarsest and not (levels and level_labels and matrix.shape[0] <= first):
         P, stays = _interpolation(matrix if guide is None else guide, theta)
         if stays.sum() > _SLOW * len(stays):
             break
         if product_entries(matrix, P) > _FULL * min(finest, matrix.nnz):
             break
-        below = csr_galerkin(matrix, P)
-        own = frozen_int(np.arange(len(stays) + 1))
+        coarse_matrix = csr_galerkin(matrix, P)
+        unit_offsets = frozen_int(np.arange(len(stays) + 1))
         smoother = CoarseFirst(matrix, stays, dtype) if groups == 1 else group_smoother(matrix, groups, dtype)
-        levels.append(Level(matrix.astype(dtype), own, P.astype(dtype), smoother))
-        if not (below.diagonal() > 0.0).all():
+        levels.append(Level(matrix.astype(dtype), unit_offsets, P.astype(dtype), smoother))
+        if not (coarse_matrix.diagonal() > 0.0).all():
             raise np.linalg.LinAlgError("a coarse matrix is not positive definite: nor is A, or not by much")
-        matrix, given = below, [each[stays] for each in given]
+        matrix, level_labels = coarse_matrix, [each[stays] for each in level_labels]
         guide = None if guide is None else csr_galerkin(guide, P)
     # 3. Smoothed aggregation for the rest.
     if guide is not None:
-        given = [each for each in given if _agglomerates([each]) < matrix.shape[0]]
-    rest = aggregation_stack(matrix, labels=given or None, dtype=dtype, coarsest=coarsest)
-    unlabelled = [Level(each.A, each.block_offsets, each.P, each.smoother) for each in rest.levels]
-    return LevelStack([*levels, *unlabelled], rest.coarse, dtype, None if D is None else sparse.csr_array(D))
+        level_labels = [each for each in level_labels if _agglomerates([each]) < matrix.shape[0]]
+    tail = aggregation_stack(matrix, labels=level_labels or None, dtype=dtype, coarsest=coarsest)
+    unlabelled = [Level(each.A, each.block_offsets, each.P, each.smoother) for each in tail.levels]
+    return LevelStack([*levels, *unlabelled], tail.coarse, dtype, None if D is None else sparse.csr_array(D))
 
 
 class CoarseFirst:

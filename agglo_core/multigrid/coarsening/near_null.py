@@ -57,10 +57,10 @@ def smoothed_near_null(
         sizes = np.diff(block_offsets)
         width = int(sizes[0]) if (sizes == sizes[0]).all() else 1
         near_null = np.arange(A.shape[0])[:, None] % width == np.arange(width)
-    matrix, zero, found = block_matrix(A, block_offsets), np.zeros(A.shape[0]), []
+    matrix, zero, columns = block_matrix(A, block_offsets), np.zeros(A.shape[0]), []
     for column in np.asarray(near_null, np.float64).T:
         x = column.copy()
         for _ in range(sweeps):
             x = matrix.backward(zero, matrix.forward(zero, x))
-        found.append(x)
-    return frozen_float(np.stack(found, axis=1))
+        columns.append(x)
+    return frozen_float(np.stack(columns, axis=1))

@@ -126,23 +126,23 @@ def smoothed(
     neighbours, and would move this part too far towards its few strong neighbours. More than one step
     requires weak = 0 (F = A).
     """
-    indptr, indices, data, left = split_weak(
+    indptr, indices, data, weak_action = split_weak(
         A.indptr, A.indices, A.data, offsets, part_of, *strength, weak, frozen_float(near_null)
     )
-    kept = sparse.csr_array((data, indices, indptr), shape=A.shape)
+    F = sparse.csr_array((data, indices, indptr), shape=A.shape)
     if (np.diff(offsets) == 1).all():
         inverse = 1.0 / A.diagonal()
-        kept.data *= np.repeat(inverse, np.diff(indptr))
-        left *= inverse[:, None]
+        F.data *= np.repeat(inverse, np.diff(indptr))
+        weak_action *= inverse[:, None]
     else:
         D = _inverse_blocks(A, offsets, part_of)
-        kept, left = sparse.csr_array(D @ kept), D @ left
-    omega = 4.0 / 3.0 / _largest_eigenvalue(kept)
+        F, weak_action = sparse.csr_array(D @ F), D @ weak_action
+    omega = 4.0 / 3.0 / _largest_eigenvalue(F)
     P = start.T
     for _ in range(steps):
-        change = kept @ P
-        if left.any():
-            change = change + start.of(left)
+        change = F @ P
+        if weak_action.any():
+            change = change + start.of(weak_action)
         P = P - omega * change
     return sparse.csr_array(P)
 
@@ -174,23 +174,23 @@ def _inverse_blocks(A: Any, offsets: Int, part_of: Int) -> Any:
     inside = part_of[row] == part_of[A.indices]
     row, column, value = row[inside], A.indices[inside].astype(np.int64), A.data[inside]
     part, sizes = part_of[row], np.diff(offsets)
-    found = []
+    triplets = []
     # Invert all blocks of equal size together.
     for size in np.unique(sizes):
         group = np.flatnonzero(sizes == size)
         place = np.full(len(sizes), -1)
         place[group] = np.arange(len(group))
-        mine = sizes[part] == size
-        p = part[mine]
+        in_group = sizes[part] == size
+        p = part[in_group]
         blocks = np.zeros((len(group), size, size))
-        blocks[place[p], row[mine] - offsets[p], column[mine] - offsets[p]] = value[mine]
+        blocks[place[p], row[in_group] - offsets[p], column[in_group] - offsets[p]] = value[in_group]
         try:
             inverse = np.linalg.inv(blocks)
         except np.linalg.LinAlgError:
             raise OptionError(f"a diagonal block of {size} unknowns is singular; expected none") from None
         lines = offsets[group][:, None] + np.arange(size)
-        found.append(
+        triplets.append(
             (inverse.ravel(), np.repeat(lines, size, axis=1).ravel(), np.tile(lines, (1, size)).ravel())
         )
-    values, rows, columns = (np.concatenate(each) for each in zip(*found, strict=True))
+    values, rows, columns = (np.concatenate(chunks) for chunks in zip(*triplets, strict=True))
     return sparse.csr_array(sparse.coo_array((values, (rows, columns)), shape=(n, n)))

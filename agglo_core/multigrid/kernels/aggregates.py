@@ -121,7 +121,7 @@ def greedy_aggregates(graph, to, weight, size, theta, needless):
 
 
 @kernel
-def split_labels(graph, to, weight, size, theta, given):
+def split_labels(graph, to, weight, size, theta, labels):
     """Split the given labels into pieces connected by strong couplings.
 
     Couplings and strength are as in :func:`greedy_aggregates`. A part without strong coupling inside its
@@ -146,7 +146,7 @@ def split_labels(graph, to, weight, size, theta, given):
             p = stack[top]
             for k in range(graph[p], graph[p + 1]):
                 q = to[k]
-                if given[q] == given[p] and weight[k] > theta * max(size[p], size[q]):
+                if labels[q] == labels[p] and weight[k] > theta * max(size[p], size[q]):
                     alone[p] = False
                     if piece[q] < 0:
                         piece[q] = count
@@ -154,23 +154,23 @@ def split_labels(graph, to, weight, size, theta, given):
                         top += 1
         count += 1
     # 2. Lone parts join a larger piece in their label, if they lean on any.
-    joined = piece.copy()
+    final_piece = piece.copy()
     for i in range(n):
         most = theta * size[i]
         for k in range(graph[i], graph[i + 1]):
             j = to[k]
-            if alone[i] and not alone[j] and given[j] == given[i] and weight[k] > most:
+            if alone[i] and not alone[j] and labels[j] == labels[i] and weight[k] > most:
                 most = weight[k]
-                joined[i] = piece[j]
+                final_piece[i] = piece[j]
     # 3. Number the remaining pieces.
     number = np.full(count, -1, np.int64)
     count = 0
     for i in range(n):
-        if number[joined[i]] < 0:
-            number[joined[i]] = count
+        if number[final_piece[i]] < 0:
+            number[final_piece[i]] = count
             count += 1
-        joined[i] = number[joined[i]]
-    return joined, count
+        final_piece[i] = number[final_piece[i]]
+    return final_piece, count
 
 
 @kernel
@@ -182,10 +182,10 @@ def split_weak(indptr, indices, data, offsets, part_of, graph, to, weight, size,
     :func:`couplings` of A.
     """
     n = len(part_of)
-    kept = np.zeros(n + 1, indptr.dtype)
+    row_starts = np.zeros(n + 1, indptr.dtype)
     columns = np.empty_like(indices)
     values = np.empty_like(data)
-    left = np.zeros(vectors.shape)
+    weak_action = np.zeros(vectors.shape)
     weak_for = np.full(len(offsets) - 1, -1, np.int64)
     m = 0
     for p in range(len(offsets) - 1):
@@ -199,13 +199,13 @@ def split_weak(indptr, indices, data, offsets, part_of, graph, to, weight, size,
                 j = indices[k]
                 if weak_for[part_of[j]] == p:
                     for c in range(vectors.shape[1]):
-                        left[i, c] += data[k] * vectors[j, c]
+                        weak_action[i, c] += data[k] * vectors[j, c]
                 else:
                     columns[m] = j
                     values[m] = data[k]
                     m += 1
-            kept[i + 1] = m
-    return kept, columns[:m].copy(), values[:m].copy(), left
+            row_starts[i + 1] = m
+    return row_starts, columns[:m].copy(), values[:m].copy(), weak_action
 
 
 @kernel
@@ -221,33 +221,33 @@ def local_bases(starts, rows, vectors):
     R = np.zeros((len(starts) - 1, k, k))
     ranks = np.zeros(len(starts) - 1, np.int64)
     for a in range(len(starts) - 1):
-        mine = rows[starts[a] : starts[a + 1]]
+        members = rows[starts[a] : starts[a + 1]]
         for c in range(k):
             # 1. Copy vector c to the next free column of Q. ``length`` is its squared norm.
             q = ranks[a]
             length = 0.0
-            for i in mine:
+            for i in members:
                 Q[i, q] = vectors[i, c]
                 length += vectors[i, c] ** 2
             # 2. Subtract the projections on previous columns. The second round removes rounding errors.
             for _ in range(2):
                 for o in range(q):
-                    along = 0.0
-                    for i in mine:
-                        along += Q[i, o] * Q[i, q]
-                    R[a, o, c] += along
-                    for i in mine:
-                        Q[i, q] -= along * Q[i, o]
+                    projection = 0.0
+                    for i in members:
+                        projection += Q[i, o] * Q[i, q]
+                    R[a, o, c] += projection
+                    for i in members:
+                        Q[i, q] -= projection * Q[i, o]
             # 3. A remainder below 1e-8 of the vector (1e-16 squared) is rounding and adds no column.
-            rest = 0.0
-            for i in mine:
-                rest += Q[i, q] ** 2
-            if rest > 1e-16 * length:
-                R[a, q, c] = np.sqrt(rest)
-                for i in mine:
+            remainder = 0.0
+            for i in members:
+                remainder += Q[i, q] ** 2
+            if remainder > 1e-16 * length:
+                R[a, q, c] = np.sqrt(remainder)
+                for i in members:
                     Q[i, q] /= R[a, q, c]
                 ranks[a] += 1
             else:
-                for i in mine:
+                for i in members:
                     Q[i, q] = 0.0
     return Q, R, ranks

@@ -28,7 +28,7 @@ def block_products(width: int) -> Any:
         step, stride = (1, width) if transposed else (width, 1)
         # 1. Count the blocks per row, to allocate arrays of final length. ``last[j]`` is the last row with a
         #    block in column j.
-        out, last = np.zeros(n + 1, np.int32), np.full(columns, -1, np.int64)
+        offsets, last = np.zeros(n + 1, np.int32), np.full(columns, -1, np.int64)
         for i in range(n):
             count = 0
             for k in range(indptr[i], indptr[i + 1]):
@@ -36,10 +36,10 @@ def block_products(width: int) -> Any:
                     if last[to[q]] < i:
                         last[to[q]] = i
                         count += 1
-            out[i + 1] = out[i] + count
+            offsets[i + 1] = offsets[i] + count
         # 2. Sum the products of blocks. Now ``last[j]`` is the position of the last block in column j. Row a
         #    of a product combines the rows of the right block with the coefficients in row a of the left.
-        found, values = np.empty(out[n], np.int32), np.zeros(out[n] * square)
+        block_columns, values = np.empty(offsets[n], np.int32), np.zeros(offsets[n] * square)
         for c in range(columns):
             last[c] = -1
         m = 0
@@ -48,14 +48,14 @@ def block_products(width: int) -> Any:
                 at = places[k] * square
                 for q in range(graph[indices[k]], graph[indices[k] + 1]):
                     j = to[q]
-                    if last[j] < out[i]:
-                        last[j], found[m] = m, j
+                    if last[j] < offsets[i]:
+                        last[j], block_columns[m] = m, j
                         m += 1
                     into = last[j] * square
                     for a in range(width):
                         factors = at + a * step
                         add_product(width, left, factors, stride, right, q * square, values, into + a * width)
-        return out, found, values
+        return offsets, block_columns, values
 
     return product
 

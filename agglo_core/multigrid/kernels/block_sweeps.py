@@ -41,34 +41,34 @@ def block_sweeps(width: int) -> tuple[Sweep, Sweep]:
         step = np.empty(width, x.dtype)
         for i in range(len(indptr) - 1):
             # x_i += D_i⁻¹ r_i, then r_j −= A_ijᵀ (change of x_i) for all j, including i.
-            own = i * width
+            start = i * width
             for q in range(width):
                 step[q] = 0
-            add_product(width, r, own, 1, inverses, own * width, step, 0)
+            add_product(width, r, start, 1, inverses, start * width, step, 0)
             for q in range(width):
-                x[own + q] += step[q]
+                x[start + q] += step[q]
                 step[q] = -step[q]
             for k in range(indptr[i], indptr[i + 1]):  # unsigned: no test for negative indices
                 add_product(width, step, 0, 1, data, k * width * width, r, np.uint32(indices[k]) * width)
             for q in range(width):
-                r[own + q] = 0  # zero except for rounding
+                r[start + q] = 0  # zero except for rounding
 
     @kernel(reorder_sums=True)
     def sweep(indptr, indices, data, inverses, b, x, order):
-        rows, left = len(indptr) - 1, np.empty(width, x.dtype)
+        rows, residual = len(indptr) - 1, np.empty(width, x.dtype)
         for turn in range(rows):
             # x_i += D_i⁻¹ (b_i − Σ_j A_ij x_j), with j over the whole row.
             i = turn if order > 0 else rows - 1 - turn
-            own = i * width
+            start = i * width
             for q in range(width):
-                left[q] = 0
+                residual[q] = 0
             first = indptr[i] if order > 0 else indptr[i + 1] - 1  # read memory in one direction
             for h in range(indptr[i + 1] - indptr[i]):
                 k = first + order * h
-                add_dots(width, data, k * width * width, x, np.uint32(indices[k]) * width, left, 0)
+                add_dots(width, data, k * width * width, x, np.uint32(indices[k]) * width, residual, 0)
             for q in range(width):
-                left[q] = b[own + q] - left[q]
-            add_product(width, left, 0, 1, inverses, own * width, x, own)
+                residual[q] = b[start + q] - residual[q]
+            add_product(width, residual, 0, 1, inverses, start * width, x, start)
 
     return residual_sweep, sweep
 
@@ -79,15 +79,15 @@ def _residual_sweep(indptr, indices, data, inverses, r, x):
     n = len(x) // (len(indptr) - 1)
     step = np.empty(n, x.dtype)
     for i in range(len(indptr) - 1):
-        own = i * n
+        start = i * n
         for q in range(n):
             step[q] = 0
         for c in range(n):
-            t, row = r[own + c], (own + c) * n
+            t, row = r[start + c], (start + c) * n
             for q in range(n):
                 step[q] += inverses[row + q] * t
         for q in range(n):
-            x[own + q] += step[q]
+            x[start + q] += step[q]
         for k in range(indptr[i], indptr[i + 1]):
             at = np.uint32(indices[k]) * n
             for c in range(n):
@@ -95,31 +95,31 @@ def _residual_sweep(indptr, indices, data, inverses, r, x):
                 for q in range(n):
                     r[at + q] -= data[row + q] * t
         for q in range(n):
-            r[own + q] = 0
+            r[start + q] = 0
 
 
 @kernel(reorder_sums=True)
 def _sweep(indptr, indices, data, inverses, b, x, order):
     rows = len(indptr) - 1
     n = len(x) // rows
-    left = np.empty(n, x.dtype)
+    residual = np.empty(n, x.dtype)
     # As above for any block size: x_i += D_i⁻¹ (b_i − Σ_j A_ij x_j).
     for turn in range(rows):
         i = turn if order > 0 else rows - 1 - turn
-        own = i * n
+        start = i * n
         for q in range(n):
-            left[q] = b[own + q]
+            residual[q] = b[start + q]
         for k in range(indptr[i], indptr[i + 1]):
             at = np.uint32(indices[k]) * n
             for q in range(n):
-                t, row = left[q], (k * n + q) * n
+                t, row = residual[q], (k * n + q) * n
                 for c in range(n):
                     t -= data[row + c] * x[at + c]
-                left[q] = t
+                residual[q] = t
         for c in range(n):
-            t, row = left[c], (own + c) * n
+            t, row = residual[c], (start + c) * n
             for q in range(n):
-                x[own + q] += inverses[row + q] * t
+                x[start + q] += inverses[row + q] * t
 
 
 @cache
@@ -146,7 +146,7 @@ def sweep_parts(indptr, indices, data, offsets, places, inverses, b, x, order):
     stored by rows from ``inverses[places[p]]``.
     """
     parts = len(offsets) - 1
-    left = np.empty(len(b), x.dtype)
+    residual = np.empty(len(b), x.dtype)
     for turn in range(parts):
         p = turn if order > 0 else parts - 1 - turn
         # First the residual in all rows of the part, as x_p must not change before.
@@ -155,12 +155,12 @@ def sweep_parts(indptr, indices, data, offsets, places, inverses, b, x, order):
             t = b[first + q]
             for k in range(indptr[first + q], indptr[first + q + 1]):
                 t -= data[k] * x[indices[k]]
-            left[q] = t
+            residual[q] = t
         # Then x_p += D_p⁻¹ residual.
         for q in range(n):
             t = x[first + q]
             for c in range(n):
-                t += inverses[places[p] + q * n + c] * left[c]
+                t += inverses[places[p] + q * n + c] * residual[c]
             x[first + q] = t
 
 
@@ -219,15 +219,15 @@ def both_products(indptr, indices, data, v):
     straight, transposed = np.zeros(len(v)), np.zeros(len(v))
     for i in range(len(indptr) - 1):
         # Use each block for both products.
-        own = i * n
+        start = i * n
         for k in range(indptr[i], indptr[i + 1]):
             at = indices[k] * n
             for q in range(n):
-                t, u = 0.0, v[own + q]
+                t, u = 0.0, v[start + q]
                 for c in range(n):
                     t += data[k, q, c] * v[at + c]
                     transposed[at + c] += data[k, q, c] * u
-                straight[own + q] += t
+                straight[start + q] += t
     return straight, transposed
 
 

@@ -139,12 +139,12 @@ class _Lanes:
             part = half
         return vectors[0]
 
-    def _halved(self, one: Any, other: Any, low: list[int], high: list[int]) -> Any:
+    def _halved(self, first: Any, second: Any, low: list[int], high: list[int]) -> Any:
         # Vectors beyond ``width`` are None, always at the end.
-        if one is None:
+        if first is None:
             return None
-        other = ir.Constant(self.full, None) if other is None else other
-        parts = (self._shuffled(one, other, each) for each in (low, high))
+        second = ir.Constant(self.full, None) if second is None else second
+        parts = (self._shuffled(first, second, lanes) for lanes in (low, high))
         return self.builder.fadd(*parts, flags=_FLAGS)
 
     def _shuffled(self, one: Any, other: Any, places: Any) -> Any:

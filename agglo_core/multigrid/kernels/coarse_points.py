@@ -23,18 +23,18 @@ def strong_entries(indptr, indices, data, theta, least):
     strong = np.zeros(len(indices), np.bool_)
     needy = np.zeros(n, np.bool_)
     for i in range(n):
-        own = 0.0
+        diagonal = 0.0
         total = 0.0
         most = 0.0
         # Diagonal entry, sum of couplings, and largest negative entry of the row.
         for k in range(indptr[i], indptr[i + 1]):
             if indices[k] == i:
-                own = data[k]
+                diagonal = data[k]
             else:
                 total += abs(data[k])
                 most = max(most, -data[k])
         # Only negative entries can be strong. A row without negative entries has most = 0, no dependence.
-        needy[i] = total > least * own
+        needy[i] = total > least * diagonal
         if needy[i] and most > 0.0:
             for k in range(indptr[i], indptr[i + 1]):
                 strong[k] = indices[k] != i and -data[k] >= theta * most
@@ -227,7 +227,7 @@ def classical_weights(indptr, indices, data, strong, stays, number):
                 weight[end] = data[k]
                 end += 1
         # 2. All other entries, including the diagonal, are distributed over C_i or added to d_i.
-        own = 0.0
+        diagonal = 0.0
         for k in range(indptr[i], indptr[i + 1]):
             j = indices[k]
             if strong[k] and stays[j]:
@@ -242,14 +242,14 @@ def classical_weights(indptr, indices, data, strong, stays, number):
                     if slot[indices[p]] >= first:
                         weight[slot[indices[p]]] += data[k] * min(data[p], 0.0) / common
             else:
-                own += data[k]
+                diagonal += data[k]
         # 3. Divide by −d_i.
         total = 0.0
         for q in range(first, end):
             total -= weight[q]
-        own = max(own, total)  # weights sum to at most 1
+        diagonal = max(diagonal, total)  # weights sum to at most 1
         for q in range(first, end):
-            weight[q] /= -own
+            weight[q] /= -diagonal
     return graph, to, weight
 
 

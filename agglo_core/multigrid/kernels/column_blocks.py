@@ -31,32 +31,32 @@ def column_products(width: int) -> tuple[Product, Product]:
     @kernel(reorder_sums=True)
     def restricted(indptr, indices, blocks, r, columns):
         n = width if width > 0 else blocks.shape[1]
-        found = np.zeros(columns, r.dtype)
+        result = np.zeros(columns, r.dtype)
         # Add the product of each block with its part of r to its column.
         for i in range(len(indptr) - 1):
-            own = i * n
+            start = i * n
             for k in range(indptr[i], indptr[i + 1]):
-                t = found[np.uint32(indices[k])]
+                t = result[np.uint32(indices[k])]
                 for q in range(n):
-                    t += blocks[k, q] * r[own + q]
-                found[np.uint32(indices[k])] = t
-        return found
+                    t += blocks[k, q] * r[start + q]
+                result[np.uint32(indices[k])] = t
+        return result
 
     @kernel(reorder_sums=True)
     def prolonged(indptr, indices, blocks, x, y):
         n = width if width > 0 else blocks.shape[1]
-        found, row = np.empty_like(x), np.empty(n, x.dtype)
+        result, row = np.empty_like(x), np.empty(n, x.dtype)
         for i in range(len(indptr) - 1):
             # Sum the rows of a part in ``row`` before writing.
-            own = i * n
+            start = i * n
             for q in range(n):
-                row[q] = x[own + q]
+                row[q] = x[start + q]
             for k in range(indptr[i], indptr[i + 1]):
                 t = y[np.uint32(indices[k])]
                 for q in range(n):
                     row[q] += blocks[k, q] * t
             for q in range(n):
-                found[own + q] = row[q]
-        return found
+                result[start + q] = row[q]
+        return result
 
     return restricted, prolonged

@@ -54,9 +54,9 @@ def _product(indptr, indices, data, graph, to, weight, columns):
     column j. Slots before ``first`` belong to earlier rows.
     """
     n = len(indptr) - 1
-    out = np.zeros(n + 1, np.int32)
+    product_offsets = np.zeros(n + 1, np.int32)
     size = 2 * len(indices) + columns
-    found = np.empty(size, np.int32)
+    product_columns = np.empty(size, np.int32)
     values = np.empty(size)
     slot = np.full(columns, -1, np.int32)
     m = 0
@@ -70,12 +70,12 @@ def _product(indptr, indices, data, graph, to, weight, columns):
                 most += graph[indices[k] + 1] - graph[indices[k]]
             if m + most > size:
                 size = 2 * size + most
-                longer = np.empty(size, np.int32)
-                longer[:m] = found[:m]
-                found = longer
-                more = np.empty(size)
-                more[:m] = values[:m]
-                values = more
+                longer_columns = np.empty(size, np.int32)
+                longer_columns[:m] = product_columns[:m]
+                product_columns = longer_columns
+                longer_values = np.empty(size)
+                longer_values[:m] = values[:m]
+                values = longer_values
         # 2. Combine the rows of the second matrix with the entries in the row of the first.
         for k in range(indptr[i], indptr[i + 1]):
             a = data[k]
@@ -85,8 +85,8 @@ def _product(indptr, indices, data, graph, to, weight, columns):
                     values[slot[j]] += a * weight[q]
                 else:
                     slot[j] = m
-                    found[m] = j
+                    product_columns[m] = j
                     values[m] = a * weight[q]
                     m += 1
-        out[i + 1] = m
-    return out, found, values
+        product_offsets[i + 1] = m
+    return product_offsets, product_columns, values

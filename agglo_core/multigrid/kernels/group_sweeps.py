@@ -38,30 +38,30 @@ def group_sweeps(width: int) -> tuple[Sweep, Sweep]:
     @kernel(reorder_sums=True)
     def residual_sweep(offsets, parts, starts, inverses, indptr, indices, data, r, x):
         n = width if width > 0 else data.shape[1]
-        step, (rest, solved) = np.empty(n, x.dtype), _room(offsets, n, x)
+        step, (residual, solution) = np.empty(n, x.dtype), _room(offsets, n, x)
         for g in range(len(offsets) - 1):
             # 1. The residual of the group, taken before any part changes it, times the inverse on the group.
             #    A single part leaves this product to step 2.
             first, size = offsets[g], offsets[g + 1] - offsets[g]
             for a in range(size):
-                own, into = np.uint32(parts[first + a]) * n, rest[a * n : (a + 1) * n]
+                start, into = np.uint32(parts[first + a]) * n, residual[a * n : (a + 1) * n]
                 for q in range(n):
-                    into[q] = r[own + q]
+                    into[q] = r[start + q]
             if size > 1:
-                _solve(inverses[starts[g] :], rest, size * n, solved)
+                _solve(inverses[starts[g] :], residual, size * n, solution)
             # 2. Part by part: x_i takes its step, then r_j −= A_ijᵀ step for all j.
             for a in range(size):
                 i = np.uint32(parts[first + a])
                 if size > 1:
-                    found = solved[a * n : (a + 1) * n]
+                    part_solution = solution[a * n : (a + 1) * n]
                     for q in range(n):
-                        step[q] = found[q]
+                        step[q] = part_solution[q]
                 else:  # most groups have one part
                     inverse = inverses[starts[g] : starts[g] + n * n]
                     for q in range(n):
                         step[q] = 0
                     for c in range(n):
-                        t = rest[c]
+                        t = residual[c]
                         for q in range(n):
                             step[q] += inverse[c * n + q] * t
                 for q in range(n):
@@ -73,42 +73,42 @@ def group_sweeps(width: int) -> tuple[Sweep, Sweep]:
                         for q in range(n):
                             r[at + q] -= data[k, c, q] * t
             for a in range(size):
-                own = np.uint32(parts[first + a]) * n
+                start = np.uint32(parts[first + a]) * n
                 for q in range(n):
-                    r[own + q] = 0  # zero except for rounding
+                    r[start + q] = 0  # zero except for rounding
 
     @kernel(reorder_sums=True)
     def sweep(offsets, parts, starts, inverses, indptr, indices, data, b, x):
         n = width if width > 0 else data.shape[1]
-        left, (rest, solved) = np.empty(n, x.dtype), _room(offsets, n, x)
+        part_residual, (residual, solution) = np.empty(n, x.dtype), _room(offsets, n, x)
         for g in range(len(offsets) - 1):
             first, size = offsets[g], offsets[g + 1] - offsets[g]
             # 1. The residual b_i − Σ_j A_ij x_j of each part in the group.
             for a in range(size):
-                i, into = np.uint32(parts[first + a]), rest[a * n : (a + 1) * n]
+                i, into = np.uint32(parts[first + a]), residual[a * n : (a + 1) * n]
                 for q in range(n):
-                    left[q] = b[i * n + q]
+                    part_residual[q] = b[i * n + q]
                 for k in range(indptr[first + a], indptr[first + a + 1]):
                     at = np.uint32(indices[k]) * n
                     for c in range(n):
                         t = x[at + c]
                         for q in range(n):
-                            left[q] -= data[k, q, c] * t
+                            part_residual[q] -= data[k, q, c] * t
                 for q in range(n):
-                    into[q] = left[q]
-            # 2. x += A_g⁻¹ residual. For a single part, ``left`` still holds the residual.
+                    into[q] = part_residual[q]
+            # 2. x += A_g⁻¹ residual. For a single part, ``part_residual`` still holds it.
             if size > 1:
-                _solve(inverses[starts[g] :], rest, size * n, solved)
+                _solve(inverses[starts[g] :], residual, size * n, solution)
                 for a in range(size):
-                    own, found = np.uint32(parts[first + a]) * n, solved[a * n : (a + 1) * n]
+                    start, part_solution = np.uint32(parts[first + a]) * n, solution[a * n : (a + 1) * n]
                     for q in range(n):
-                        x[own + q] += found[q]
+                        x[start + q] += part_solution[q]
             else:
-                own, inverse = np.uint32(parts[first]) * n, inverses[starts[g] : starts[g] + n * n]
+                start, inverse = np.uint32(parts[first]) * n, inverses[starts[g] : starts[g] + n * n]
                 for c in range(n):
-                    t = left[c]
+                    t = part_residual[c]
                     for q in range(n):
-                        x[own + q] += inverse[c * n + q] * t
+                        x[start + q] += inverse[c * n + q] * t
 
     return residual_sweep, sweep
 
@@ -123,11 +123,11 @@ def _room(offsets, n, like):
 
 
 @helper(reorder_sums=True)
-def _solve(inverse, rest, m, solved):
-    """Multiply ``rest[:m]`` by a symmetric matrix ``(m, m)``, stored by rows."""
+def _solve(inverse, residual, m, solution):
+    """Multiply ``residual[:m]`` by a symmetric matrix ``(m, m)``, stored by rows."""
     for q in range(m):
-        solved[q] = 0
+        solution[q] = 0
     for e in range(m):
-        t, row = rest[e], inverse[e * m : (e + 1) * m]
+        t, row = residual[e], inverse[e * m : (e + 1) * m]
         for q in range(m):
-            solved[q] += row[q] * t
+            solution[q] += row[q] * t

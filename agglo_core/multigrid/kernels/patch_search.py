@@ -54,18 +54,18 @@ def parts_at_vertices(cell_offsets, cell_vertices, vertex_groups, labels, n_grou
         # 4. Compare with previous sets that begin with the same part. A repeated set is overwritten by the
         #    next, as ``filled`` stays.
         first = parts[filled]
-        other = latest[first]
-        while other >= 0:
-            start = offsets[other]
-            same = offsets[other + 1] - start == size
+        candidate = latest[first]
+        while candidate >= 0:
+            start = offsets[candidate]
+            matches = offsets[candidate + 1] - start == size
             k = 1
-            while same and k < size:
-                same = parts[start + k] == parts[filled + k]
+            while matches and k < size:
+                matches = parts[start + k] == parts[filled + k]
                 k += 1
-            if same:
+            if matches:
                 break
-            other = previous[other]
-        if other < 0:
+            candidate = previous[candidate]
+        if candidate < 0:
             previous[count] = latest[first]
             latest[first] = count
             count += 1
@@ -75,11 +75,11 @@ def parts_at_vertices(cell_offsets, cell_vertices, vertex_groups, labels, n_grou
 
 
 @helper
-def _before(parts, offsets, one, other):
+def _before(parts, offsets, s, t):
     """Return True if a set comes before another in lexicographic order."""
-    sizes = offsets[one + 1] - offsets[one], offsets[other + 1] - offsets[other]
+    sizes = offsets[s + 1] - offsets[s], offsets[t + 1] - offsets[t]
     for k in range(min(sizes[0], sizes[1])):
-        a, b = parts[offsets[one] + k], parts[offsets[other] + k]
+        a, b = parts[offsets[s] + k], parts[offsets[t] + k]
         if a != b:
             return a < b
     return sizes[0] < sizes[1]
@@ -107,7 +107,7 @@ def without_contained(offsets, parts, n_parts):
 
     first_of = np.full(n_parts, -1, np.int64)  # remaining sets, linked by smallest part
     following = np.empty(count, np.int64)
-    kept, room = 0, 0
+    n_sets, n_members = 0, 0
     for s in range(count):
         # 2. A larger set that contains s also contains its rarest part: compare only sets with this part.
         rare = parts[offsets[s]]
@@ -141,29 +141,29 @@ def without_contained(offsets, parts, n_parts):
             first_of[first] = s
         else:
             following[before] = s
-        kept += 1
-        room += size
+        n_sets += 1
+        n_members += size
 
     # 4. For each part write its list of sets, or the part itself if it is in no set.
     alone = 0
     for p in range(n_parts):
         alone += starts[p] == starts[p + 1]
-    new_offsets = np.zeros(kept + alone + 1, np.int64)
-    new_parts = np.empty(room + alone, np.int32)
-    kept, room = 0, 0
+    new_offsets = np.zeros(n_sets + alone + 1, np.int64)
+    new_parts = np.empty(n_members + alone, np.int32)
+    n_sets, n_members = 0, 0
     for p in range(n_parts):
         if starts[p] == starts[p + 1]:
-            new_parts[room] = p
-            room += 1
-            kept += 1
-            new_offsets[kept] = room
+            new_parts[n_members] = p
+            n_members += 1
+            n_sets += 1
+            new_offsets[n_sets] = n_members
         s = first_of[p]
         while s >= 0:
             for h in range(offsets[s], offsets[s + 1]):
-                new_parts[room] = parts[h]
-                room += 1
-            kept += 1
-            new_offsets[kept] = room
+                new_parts[n_members] = parts[h]
+                n_members += 1
+            n_sets += 1
+            new_offsets[n_sets] = n_members
             s = following[s]
     return new_offsets, new_parts
 

@@ -14,8 +14,8 @@ _TINY = 1e-22  # relative to the largest entry: smaller entries are set to 0, ag
 
 
 @kernel(reorder_sums=True)
-def patch_inverses(offsets, parts, indptr, indices, data, starts, half, out):
-    """Fill ``out`` with the patch inverses, for patch i by rows from ``starts[i]`` on.
+def patch_inverses(offsets, parts, indptr, indices, data, starts, half, inverses):
+    """Fill ``inverses`` with the patch inverses, for patch i by rows from ``starts[i]`` on.
 
     If ``half``, only the rows of the lower halves are stored. The blocks ``data`` must be symmetric, and only
     those in the lower half of a patch are read. The sweep operator (M. Goodnight, Amer. Statist. 33, 1979)
@@ -25,13 +25,13 @@ def patch_inverses(offsets, parts, indptr, indices, data, starts, half, out):
     most = 0
     for i in range(len(offsets) - 1):
         most = max(most, (offsets[i + 1] - offsets[i]) * n)
-    room, pivots = np.empty(most * most), np.empty(most)
+    workspace, pivots = np.empty(most * most), np.empty(most)
     place = np.full(len(indptr) - 1, -1, np.int64)
     for i in range(len(offsets) - 1):
         # 1. W: lower half of the matrix on the patch.
         first, size = offsets[i], offsets[i + 1] - offsets[i]
         m = size * n
-        W = room[: m * m].reshape(m, m)
+        W = workspace[: m * m].reshape(m, m)
         W[:] = 0.0
         for a in range(size):
             place[parts[first + a]] = a
@@ -79,10 +79,10 @@ def patch_inverses(offsets, parts, indptr, indices, data, starts, half, out):
         for r in range(m):
             row, at = W[r], starts[i] + (r * (r + 1) // 2 if half else r * m)
             for c in range(r + 1):
-                out[at + c] = -row[c] if abs(row[c]) > least else 0.0
+                inverses[at + c] = -row[c] if abs(row[c]) > least else 0.0
         for r in range(0 if half else m):
             for c in range(r):
-                out[starts[i] + c * m + r] = out[starts[i] + r * m + c]
+                inverses[starts[i] + c * m + r] = inverses[starts[i] + r * m + c]
     return -1
 
 
@@ -103,7 +103,7 @@ def patch_sweep(width: int) -> Any:
         count, most = len(offsets) - 1, 0
         for i in range(count):
             most = max(most, offsets[i + 1] - offsets[i])
-        rest, better = np.empty(most * n, x.dtype), np.empty(most * n, x.dtype)
+        rhs, solution = np.empty(most * n, x.dtype), np.empty(most * n, x.dtype)
         holder = np.full(len(indptr) - 1, -1, np.int32)  # last patch that contains a part
         for turn in range(count):
             i = count - 1 - turn if order < 0 else turn
@@ -115,58 +115,58 @@ def patch_sweep(width: int) -> Any:
             for a in range(size):
                 part = np.uint32(parts[first + a])
                 for q in range(n):
-                    rest[a * n + q] = -b[part * n + q]
-                    better[a * n + q] = 0
+                    rhs[a * n + q] = -b[part * n + q]
+                    solution[a * n + q] = 0
                 if order != 0:
                     for h in range(indptr[part], indptr[part + 1]):
                         column = np.uint32(indices[h])
                         if holder[column] != i:
-                            add_dots(width, data, h * block, x, column * n, rest, a * n)
+                            add_dots(width, data, h * block, x, column * n, rhs, a * n)
 
-            # 2. L y = rest, forward by columns of L: with b = ``below[h]``, block h of ``factors`` is
-            # −(Lᵀ)_ab,    used as its transpose. D⁻¹ y in the same loop, then Lᵀ better = D⁻¹ y, backward.
+            # 2. L y = rhs, forward by columns of L: with b = ``below[h]``, block h of ``factors`` is
+            # −(Lᵀ)_ab,    used as its transpose. D⁻¹ y in the same loop, then Lᵀ solution = D⁻¹ y, backward.
             for a in range(size):
                 for h in range(starts[first + a], starts[first + a + 1]):
-                    add_product(width, rest, a * n, 1, factors, h * block, rest, below[h] * n)
-                add_product(width, rest, a * n, 1, pivots, (first + a) * block, better, a * n)
+                    add_product(width, rhs, a * n, 1, factors, h * block, rhs, below[h] * n)
+                add_product(width, rhs, a * n, 1, pivots, (first + a) * block, solution, a * n)
             for back in range(size):
                 a = size - 1 - back
                 for h in range(starts[first + a], starts[first + a + 1]):
-                    add_dots(width, factors, h * block, better, below[h] * n, better, a * n)
+                    add_dots(width, factors, h * block, solution, below[h] * n, solution, a * n)
 
-            # 3. ``better`` is the change of x, or x itself, times −1.
+            # 3. ``solution`` is the change of x, or x itself, times −1.
             for a in range(size):
                 part = np.uint32(parts[first + a])
                 if order != 0:
                     for q in range(n):
-                        x[part * n + q] = -better[a * n + q]
+                        x[part * n + q] = -solution[a * n + q]
                     continue
                 for q in range(n):
-                    x[part * n + q] -= better[a * n + q]
+                    x[part * n + q] -= solution[a * n + q]
                     b[part * n + q] = 0  # zero except for rounding
                 # The residual outside the patch: r_j −= A_ijᵀ (change of x_i).
                 for h in range(indptr[part], indptr[part + 1]):
                     column = np.uint32(indices[h])
                     if holder[column] != i:
-                        add_product(width, better, a * n, 1, data, h * block, b, column * n)
+                        add_product(width, solution, a * n, 1, data, h * block, b, column * n)
 
     return sweep
 
 
 @helper(reorder_sums=True)
-def _multiply(inverses, start, rest, m, better):
-    """Write the product of a symmetric matrix with ``rest[:m]`` to ``better[:m]``.
+def _multiply(inverses, start, vector, m, product):
+    """Write the product of a symmetric matrix with ``vector[:m]`` to ``product[:m]``.
 
     The lower half of the matrix is stored by rows from ``inverses[start]`` on.
     """
     at = start
     for r in range(m):
-        inverse, value = inverses[at : at + r + 1], rest[r]
+        inverse, value = inverses[at : at + r + 1], vector[r]
         total = inverse[r] * value
         for c in range(r):
-            total += inverse[c] * rest[c]
-            better[c] += inverse[c] * value
-        better[r] = total
+            total += inverse[c] * vector[c]
+            product[c] += inverse[c] * value
+        product[r] = total
         at += r + 1
 
 
@@ -180,16 +180,16 @@ def patch_sum(offsets, parts, inverse_starts, inverses, weights, n, r):
     most = 0
     for i in range(len(offsets) - 1):
         most = max(most, (offsets[i + 1] - offsets[i]) * n)
-    there, better = np.empty(most, r.dtype), np.empty(most, r.dtype)
+    local_r, local_x = np.empty(most, r.dtype), np.empty(most, r.dtype)
     x = np.zeros_like(r)
     for i in range(len(offsets) - 1):
         # R_i W r, then A_i⁻¹ R_i W r, then the weighted sum.
         first, last = offsets[i], offsets[i + 1]
         for a in range(first, last):
             for c in range(n):
-                there[(a - first) * n + c] = weights[parts[a]] * r[parts[a] * n + c]
-        _multiply(inverses, inverse_starts[i], there, (last - first) * n, better)
+                local_r[(a - first) * n + c] = weights[parts[a]] * r[parts[a] * n + c]
+        _multiply(inverses, inverse_starts[i], local_r, (last - first) * n, local_x)
         for a in range(first, last):
             for c in range(n):
-                x[parts[a] * n + c] += weights[parts[a]] * better[(a - first) * n + c]
+                x[parts[a] * n + c] += weights[parts[a]] * local_x[(a - first) * n + c]
     return x

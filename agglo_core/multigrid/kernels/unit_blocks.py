@@ -28,12 +28,12 @@ def scale_blocks(width: int) -> Any:
     @kernel(reorder_sums=True)
     def scaled_by_rows(indptr, indices, data):
         square, count = width * width, len(indptr) - 1
-        failed, T, LT = _factors(indptr, indices, data)
+        bad_part, T, LT = _factors(indptr, indices, data)
         scaled = np.zeros(data.shape)
-        if failed >= 0:
-            return failed, T, LT, scaled
+        if bad_part >= 0:
+            return bad_part, T, LT, scaled
         # 1. ``right``: the transposes Tᵀ, because ``add_product`` combines rows.
-        left, out, blocks = T.reshape(-1), scaled.reshape(-1), data.reshape(-1)
+        T_flat, scaled_flat, blocks = T.reshape(-1), scaled.reshape(-1), data.reshape(-1)
         right, half = np.empty(count * square), np.empty(square)
         for i in range(count):
             for r in range(width):
@@ -42,13 +42,13 @@ def scale_blocks(width: int) -> Any:
         # 2. T_i A_ij T_jᵀ row by row: first row r of T_i A_ij, then its product with T_jᵀ.
         for i in range(count):
             for h in range(indptr[i], indptr[i + 1]):
-                other = np.uint32(indices[h]) * square
+                column_start = np.uint32(indices[h]) * square
                 for k in range(square):
                     half[k] = 0.0
                 for r in range(width):
                     row = r * width
-                    add_product(width, left, i * square + row, 1, blocks, h * square, half, row)
-                    add_product(width, half, row, 1, right, other, out, h * square + row)
+                    add_product(width, T_flat, i * square + row, 1, blocks, h * square, half, row)
+                    add_product(width, half, row, 1, right, column_start, scaled_flat, h * square + row)
         return -1, T, LT, scaled
 
     return scaled_by_rows
@@ -93,27 +93,27 @@ def _factors(indptr, indices, data):
 @kernel(reorder_sums=True)
 def _scale_blocks(indptr, indices, data):
     n, count = data.shape[1], len(indptr) - 1
-    failed, T, LT = _factors(indptr, indices, data)
+    bad_part, T, LT = _factors(indptr, indices, data)
     half, scaled = np.empty((n, n)), np.zeros(data.shape)
-    if failed >= 0:
-        return failed, T, LT, scaled
+    if bad_part >= 0:
+        return bad_part, T, LT, scaled
     for i in range(count):
-        left = T[i]
+        T_i = T[i]
         # ``half`` is T_i A_ij, then multiplied by T_jᵀ. Zeros of the lower triangles T are skipped.
         for h in range(indptr[i], indptr[i + 1]):
-            right, block, out = T[indices[h]], data[h], scaled[h]
+            T_j, block, product = T[indices[h]], data[h], scaled[h]
             for r in range(n):
                 row = half[r]
                 for q in range(n):
                     row[q] = 0.0
                 for c in range(r + 1):
                     for q in range(n):
-                        row[q] += left[r, c] * block[c, q]
+                        row[q] += T_i[r, c] * block[c, q]
             # Row q of T_j is column q of T_jᵀ.
             for r in range(n):
                 for q in range(n):
                     value = 0.0
                     for c in range(q + 1):
-                        value += half[r, c] * right[q, c]
-                    out[r, q] = value
+                        value += half[r, c] * T_j[q, c]
+                    product[r, q] = value
     return -1, T, LT, scaled

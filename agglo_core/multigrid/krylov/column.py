@@ -89,15 +89,15 @@ class Column:
         """Return the last iterate and the outcome."""
         error = self._error if np.isfinite(self._error) else None
         sizes = (self.size, self._error)
-        tests = tuple(name for name, each in zip(TESTS, sizes, strict=True) if each <= self.rules.tolerance)
+        tests = tuple(name for name, value in zip(TESTS, sizes, strict=True) if value <= self.rules.tolerance)
         met = self.ended == "met"
         reason = MET if met else self._reason(error)
-        x, residuals, gains = (frozen_float(each) for each in (self._cg.x, self.residuals, self.gains))
+        x, residuals, gains = (frozen_float(value) for value in (self._cg.x, self.residuals, self.gains))
         norm = self._energy_norm
-        found = History(x, residuals, met, reason, error, tests, self.ended, self.size, gains, norm)
+        outcome = History(x, residuals, met, reason, error, tests, self.ended, self.size, gains, norm)
         if not met or not self.done or self._cg.alpha == 0.0:
-            return found
-        return replace(found, correction=frozen_float(self._cg.alpha * self._cg.p))
+            return outcome
+        return replace(outcome, correction=frozen_float(self._cg.alpha * self._cg.p))
 
     def _reason(self, error: float | None) -> str:
         known = ", energy error unknown" if error is None else f", energy error about {error:.1e}"

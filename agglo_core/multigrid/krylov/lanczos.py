@@ -65,10 +65,10 @@ def ritz_value(steps: Sequence[float], ratios: Sequence[float], *, largest: bool
     from scipy.linalg import eigvalsh_tridiagonal
 
     inverse, falls = 1.0 / np.array(steps), np.array(ratios)
-    diagonal, beside = inverse.copy(), np.sqrt(falls) * inverse[:-1]
+    diagonal, off_diagonal = inverse.copy(), np.sqrt(falls) * inverse[:-1]
     diagonal[1:] += falls * inverse[:-1]
     at = len(diagonal) - 1 if largest else 0
-    return float(eigvalsh_tridiagonal(diagonal, beside, select="i", select_range=(at, at))[0])
+    return float(eigvalsh_tridiagonal(diagonal, off_diagonal, select="i", select_range=(at, at))[0])
 
 
 _FLAT = 1e-8

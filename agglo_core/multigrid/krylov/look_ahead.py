@@ -82,42 +82,44 @@ def conjugate_gradients(
     cg = Recursion(np.zeros(len(b)), b.copy())
     cg.precondition(_weighted(weights, cg.r))
     cg.restart()
-    ahead = _LookAhead(
+    look_ahead = _LookAhead(
         A, b, weights, tolerance, measure or row_measure(A, b), energy or energy_of_solution(b)
     )
-    residuals, sizes, best, smallest = [_length(cg, weights)], [ahead.measure(cg.r)], cg.x, 0
+    residuals, sizes, best, smallest = [_length(cg, weights)], [look_ahead.measure(cg.r)], cg.x, 0
     gains: list[float] = []
-    ahead.met, ahead.ended = not b.any(), "underflow" if b.any() and not cg.zr else ""
+    look_ahead.met, look_ahead.ended = not b.any(), "underflow" if b.any() and not cg.zr else ""
     # 2. Iterate until the look-ahead accepts or gives up.
-    while not (ahead.met or ahead.ended) and (len(gains) < most or ahead.x is not None):
+    while not (look_ahead.met or look_ahead.ended) and (len(gains) < most or look_ahead.x is not None):
         Ap = A @ cg.p
-        ahead.ended = _breakdown(A, cg, Ap)
-        if ahead.ended:
+        look_ahead.ended = _breakdown(A, cg, Ap)
+        if look_ahead.ended:
             break
         cg.move(Ap)
         cg.precondition(_weighted(weights, cg.r))
         cg.turn()
         residuals.append(_length(cg, weights))
         gains.append(cg.gain)
-        sizes.append(ahead.check(cg, len(gains)))
+        sizes.append(look_ahead.check(cg, len(gains)))
         if sizes[-1] < sizes[smallest]:
             best, smallest = cg.x, len(sizes) - 1
         tell(*iterated(len(gains), sizes[-1], tolerance))
     # 3. Converged: cut the history at the accepted iterate.
-    if ahead.met:
-        x = cg.x if ahead.x is None else ahead.x
-        kept = frozen_float(residuals[: ahead.at + 1])
-        won = frozen_float(gains[: ahead.at])
-        norm = ahead.energy_norm
+    if look_ahead.met:
+        x = cg.x if look_ahead.x is None else look_ahead.x
+        norms = frozen_float(residuals[: look_ahead.at + 1])
+        won = frozen_float(gains[: look_ahead.at])
+        norm = look_ahead.energy_norm
         return History(
-            frozen_float(x), kept, True, MET, ahead.error, TESTS, "met", gains=won, energy_norm=norm
+            frozen_float(x), norms, True, MET, look_ahead.error, TESTS, "met", gains=won, energy_norm=norm
         )
     exact = b - A @ best  # may differ from the recursive residual by rounding
-    size = max(sizes[smallest], ahead.measure(exact))
-    reason = ahead.reason(size, smallest, len(gains)) + joints_told(A)
-    kept = frozen_float([*residuals[:smallest], max(residuals[smallest], float(np.linalg.norm(exact)))])
+    size = max(sizes[smallest], look_ahead.measure(exact))
+    reason = look_ahead.reason(size, smallest, len(gains)) + joints_told(A)
+    norms = frozen_float([*residuals[:smallest], max(residuals[smallest], float(np.linalg.norm(exact)))])
     passed = TESTS[: size <= tolerance]
-    return History(frozen_float(best), kept, False, reason, None, passed, ahead.ended or "most iterations")
+    return History(
+        frozen_float(best), norms, False, reason, None, passed, look_ahead.ended or "most iterations"
+    )
 
 
 def _breakdown(A: Any, cg: Recursion, Ap: Float) -> Ended:

@@ -176,7 +176,7 @@ def _lifted_columns(A: Any, b: Float, M: Any, x0: Float, rules: Rules, tell: Tel
     if not offset.any():
         return tuple(histories)
     return tuple(
-        replace(each, x=frozen_float(own + each.x)) for each, own in zip(histories, offset.T, strict=True)
+        replace(each, x=frozen_float(shift + each.x)) for each, shift in zip(histories, offset.T, strict=True)
     )
 
 
@@ -184,20 +184,20 @@ def _iterate(A: Any, M: Any, columns: Sequence[Column], tell: Tell) -> None:
     """Run the iterations of all columns side by side, with joint products."""
 
     def sizes(vectors: list[Float]) -> list[Float]:
-        return [magnitudes(A, each) for each in vectors]
+        return [magnitudes(A, entry) for entry in vectors]
 
     products = {"A": _product("A", fast_product(A)), "M": _product("M", M), "|A|": sizes}
     running: list[tuple[Column, Steps, Any]] = [(column, column.run(), None) for column in columns]
     # In each round, collect the requests of all columns, and answer them by operator.
     while running:
-        asked = [(column, steps, *_next(steps, answer)) for column, steps, answer in running]
+        requests = [(column, steps, *_next(steps, answer)) for column, steps, answer in running]
         running = []
         for kind, product in products.items():
-            group = [each for each in asked if each[2] == kind]
-            answers = product([each[3] for each in group]) if group else []
-            running += [(each[0], each[1], answer) for each, answer in zip(group, answers, strict=True)]
+            group = [entry for entry in requests if entry[2] == kind]
+            answers = product([entry[3] for entry in group]) if group else []
+            running += [(entry[0], entry[1], answer) for entry, answer in zip(group, answers, strict=True)]
         if running:
-            slowest = max((each[0] for each in running), key=lambda column: column.size)
+            slowest = max((entry[0] for entry in running), key=lambda column: column.size)
             tell(*iterated(slowest.done, slowest.size, slowest.rules.tolerance))
 
 
@@ -226,10 +226,10 @@ def _product(name: str, operator: Any) -> Callable[[list[Float]], list[Float]]:
 
 
 def _returned(name: str, value: Any, vector: Float) -> Float:
-    found = np.asarray(value, dtype=np.float64)
-    if found.shape != vector.shape:
-        raise OptionError(f"{name} must map vectors {vector.shape} to such, given back {found.shape}")
-    return found
+    result = np.asarray(value, dtype=np.float64)
+    if result.shape != vector.shape:
+        raise OptionError(f"{name} must map vectors {vector.shape} to such, given back {result.shape}")
+    return result
 
 
 def _rules(tolerance: float, most: int, beta: Beta, stop: Stop, probe: bool, pace: float | None) -> Rules:

@@ -64,11 +64,11 @@ class Rules:
         size : float
             Relative size of the last residual.
         """
-        done = len(residuals) - 1
-        if self.pace is None or done != TRIAL or size <= self.tolerance:
-            return done >= self.most
-        fall = np.log(residuals[0] / residuals[-1]) / done
-        return done >= self.most or not fall * max(self.pace - done, 0.0) >= np.log(size / self.tolerance)
+        steps = len(residuals) - 1
+        if self.pace is None or steps != TRIAL or size <= self.tolerance:
+            return steps >= self.most
+        fall = np.log(residuals[0] / residuals[-1]) / steps
+        return steps >= self.most or not fall * max(self.pace - steps, 0.0) >= np.log(size / self.tolerance)
 
 
 Iterate = tuple[float, Float, Float]

@@ -44,18 +44,18 @@ def checked_system(
         row = int(np.argmin(diagonal))
         raise OptionError(f"the diagonal of the matrix must be positive; row {row} has {diagonal[row]:g}")
     # Block offsets: increasing from 0 to n.
-    given = plain_array(
+    array = plain_array(
         np.arange(n + 1) if block_offsets is None else block_offsets, "block_offsets", OptionError
     )
-    offsets = frozen_int(exact_cast(given, np.int64, "block_offsets", OptionError))
+    offsets = frozen_int(exact_cast(array, np.int64, "block_offsets", OptionError))
     if offsets.ndim != 1 or offsets[0] != 0 or offsets[-1] != n or (np.diff(offsets) < 1).any():
         raise OptionError(f"block_offsets must rise from 0 to {n}, the rows of the matrix")
     # Near-null vectors: by default a constant per component.
     if near_null is None:
         component = np.arange(n) - np.repeat(offsets[:-1], np.diff(offsets))
         near_null = component[:, None] == np.arange(np.diff(offsets).max(initial=1))
-    given = plain_array(near_null, "near_null", OptionError)
-    B = exact_cast(given, np.float64, "near_null", OptionError)
+    array = plain_array(near_null, "near_null", OptionError)
+    B = exact_cast(array, np.float64, "near_null", OptionError)
     B = B[:, None] if B.ndim == 1 else B
     if B.ndim != 2 or len(B) != n or not B.shape[1] or not np.isfinite(B).all():
         raise OptionError(f"near_null must be finite, of shape ({n}, k); given shape {np.shape(near_null)}")

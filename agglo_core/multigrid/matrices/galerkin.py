@@ -35,10 +35,10 @@ def csr_galerkin(A: Any, P: Any) -> Any:
     """
     m = P.shape[1]
     indptr, indices, data = galerkin_product(A.indptr, A.indices, A.data, P.indptr, P.indices, P.data, m)
-    found = sparse.csr_array((data, indices, indptr), shape=(m, m))
-    found.data, found.indices, found.indptr = (frozen(a, a.dtype) for a in (data, indices, indptr))
-    found.has_canonical_format = True
-    return found
+    product = sparse.csr_array((data, indices, indptr), shape=(m, m))
+    product.data, product.indices, product.indptr = (frozen(a, a.dtype) for a in (data, indices, indptr))
+    product.has_canonical_format = True
+    return product
 
 
 def product_entries(A: Any, P: Any) -> float:
@@ -56,10 +56,10 @@ def product_entries(A: Any, P: Any) -> float:
 
 def have_kernels(*matrices: Any) -> bool:
     """Return True if all matrices have square blocks of one size from 2 to 16 in double precision."""
-    if any(each.format != "bsr" or each.dtype != np.float64 for each in matrices):
+    if any(matrix.format != "bsr" or matrix.dtype != np.float64 for matrix in matrices):
         return False
-    sizes = {size for each in matrices for size in each.blocksize}
-    few = all(each.indptr[-1] < np.iinfo(np.int32).max for each in matrices)
+    sizes = {size for matrix in matrices for size in matrix.blocksize}
+    few = all(matrix.indptr[-1] < np.iinfo(np.int32).max for matrix in matrices)
     return few and len(sizes) == 1 and 1 < sizes.pop() <= UNROLLED
 
 
@@ -79,14 +79,14 @@ def block_galerkin(A: Any, P: Any) -> sparse.bsr_array:
     return found
 
 
-def _product(indptr: Any, rows: Any, places: Any, left: Any, transposed: int, P: Any) -> sparse.bsr_array:
+def _product(indptr: Any, rows: Any, places: Any, source: Any, transposed: int, P: Any) -> sparse.bsr_array:
     """Return the product of matrix blocks, at their ``places``, with another matrix."""
     width, columns = int(P.blocksize[0]), P.shape[1] // int(P.blocksize[0])
-    first, second = (frozen_float(each.data).reshape(-1) for each in (left, P))
+    first, second = (frozen_float(matrix.data).reshape(-1) for matrix in (source, P))
     pattern = frozen_index(P.indptr), frozen_index(P.indices)
-    found = block_products(width)(indptr, rows, places, first, transposed, *pattern, second, columns)
+    product = block_products(width)(indptr, rows, places, first, transposed, *pattern, second, columns)
     shape = ((len(indptr) - 1) * width, P.shape[1])
-    return sparse.bsr_array((found[2].reshape(-1, width, width), found[1], found[0]), shape=shape)
+    return sparse.bsr_array((product[2].reshape(-1, width, width), product[1], product[0]), shape=shape)
 
 
 def injection(parents: Int, width: int = 1) -> sparse.bsr_array:
@@ -199,9 +199,9 @@ def build_stack(
     """
     setup = smoother_setup(smoother)
     offsets = _offsets(block_offsets, prolongations)
-    for name, given, wanted in (("labels", labels, len(offsets)), ("patches", patches, len(offsets) - 1)):
-        if given is not None and len(given) < wanted:
-            raise OptionError(f"{name} must be given for each of {wanted} levels; given {len(given)}")
+    for name, entries, n_levels in (("labels", labels, len(offsets)), ("patches", patches, len(offsets) - 1)):
+        if entries is not None and len(entries) < n_levels:
+            raise OptionError(f"{name} must be given for each of {n_levels} levels; given {len(entries)}")
     levels = []
     for k, P in enumerate(prolongations):
         if P.shape[0] != A.shape[0]:
@@ -210,14 +210,14 @@ def build_stack(
             )
         # Set up the smoother on the level.
         A = in_blocks(A, offsets[k])
-        own = labels[k] if labels is not None else frozen_int(np.arange(len(offsets[k]) - 1))
+        level_labels = labels[k] if labels is not None else frozen_int(np.arange(len(offsets[k]) - 1))
         groups = patches[k] if patches is not None else None
-        level = MultigridLevel(A, A, offsets[k], own, P, None, steps, groups)
+        level = MultigridLevel(A, A, offsets[k], level_labels, P, None, steps, groups)
         smooth = _set_up(setup, level, dtype, k)
-        kept = None if labels is None else own
-        single = (in_precision(each, dtype) for each in (A, _stored(P)))
+        stored_labels = None if labels is None else level_labels
+        single = (in_precision(matrix, dtype) for matrix in (A, _stored(P)))
         # Store the level in the precision of the stack.
-        levels.append(Level(next(single), offsets[k], next(single), smooth, kept, groups))
+        levels.append(Level(next(single), offsets[k], next(single), smooth, stored_labels, groups))
         A = galerkin(A, P)
     # Coarsest level.
     A = in_blocks(A, offsets[-1])
@@ -237,16 +237,16 @@ def _stored(P: Any) -> Any:
     return P if P.format in ("bsr", "csr") else sparse.csr_array(P)
 
 
-def _offsets(given: Any, prolongations: Sequence[Any]) -> list[Int]:
+def _offsets(offsets: Any, prolongations: Sequence[Any]) -> list[Int]:
     """Return the block offsets of every level."""
-    if len(given) and np.ndim(given[0]):
-        if len(given) != len(prolongations) + 1:
+    if len(offsets) and np.ndim(offsets[0]):
+        if len(offsets) != len(prolongations) + 1:
             raise OptionError(
-                f"block_offsets are given for {len(given)} levels, {len(prolongations)} prolongations make "
+                f"block_offsets are given for {len(offsets)} levels, {len(prolongations)} prolongations make "
                 f"{len(prolongations) + 1}"
             )
-        return [frozen_int(each) for each in given]
+        return [frozen_int(array) for array in offsets]
     widths = [P.blocksize[1] if P.format == "bsr" else 1 for P in prolongations]
     sizes = [P.shape[1] for P in prolongations]
     coarse = [frozen_int(np.arange(0, n + 1, w)) for n, w in zip(sizes, widths, strict=True)]
-    return [frozen_int(given), *coarse]
+    return [frozen_int(offsets), *coarse]

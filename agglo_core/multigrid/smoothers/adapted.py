@@ -72,10 +72,10 @@ class Adapted:
         return x.astype(b.dtype), r.astype(b.dtype)
 
     def after(self, b: Real, x: Real) -> Real:
-        given = np.asarray(b, np.float64), np.asarray(x, np.float64)
+        vectors = np.asarray(b, np.float64), np.asarray(x, np.float64)
         if self._two_sided:
-            return self._checked("after(b, x)", b, self.smooth.after, *given).astype(b.dtype)
-        return self(*given).astype(b.dtype)
+            return self._checked("after(b, x)", b, self.smooth.after, *vectors).astype(b.dtype)
+        return self(*vectors).astype(b.dtype)
 
     @property
     def _two_sided(self) -> bool:

@@ -41,10 +41,10 @@ class _Inverses:
         self.starts = frozen_int(np.concatenate(([0], np.cumsum(sizes))))
         values = np.empty(self.starts[-1], dtype)
         blocks = frozen(A.data, A.dtype)
-        failed = patch_inverses(
+        bad_patch = patch_inverses(
             self.offsets, self.parts, *_pattern(A), blocks, frozen_int(self.starts[:-1]), half, values
         )
-        _require_definite(failed, self.offsets, self.parts)
+        _require_definite(bad_patch, self.offsets, self.parts)
         self.values = frozen(values, dtype)
 
     @property
@@ -78,11 +78,11 @@ def _ordered(whole: _Inverses, groups: Int, indptr: Int, indices: Any, blocks: R
     return offsets, frozen_index(parts), starts, inverses, *matrix
 
 
-def _slices(starts: Int, chosen: Int) -> tuple[Int, Int]:
+def _slices(starts: Int, slices: Int) -> tuple[Int, Int]:
     """Concatenate the slices ``starts[i]:starts[i + 1]``, and return their new starts and their indices."""
-    sizes = starts[chosen + 1] - starts[chosen]
-    there = np.concatenate(([0], np.cumsum(sizes)))
-    return frozen_int(there), frozen_int(np.repeat(starts[chosen] - there[:-1], sizes) + np.arange(there[-1]))
+    sizes = starts[slices + 1] - starts[slices]
+    begin = np.concatenate(([0], np.cumsum(sizes)))
+    return frozen_int(begin), frozen_int(np.repeat(starts[slices] - begin[:-1], sizes) + np.arange(begin[-1]))
 
 
 class _Factors:
@@ -93,12 +93,12 @@ class _Factors:
         width = int(A.blocksize[0])
         ordered, starts, below = patch_orders(self.offsets, parts, *_pattern(A))
         self.parts, self.starts, self.below = frozen_index(ordered), frozen_int(starts), frozen_index(below)
-        pivots, blocks = (np.empty((len(each), width, width), dtype) for each in (ordered, below))
+        pivots, blocks = (np.empty((len(array), width, width), dtype) for array in (ordered, below))
         pattern = self.offsets, self.parts, self.starts, self.below
         factorise = patch_factors(width if width == _CUBICS else 0)
-        failed = factorise(*pattern, *_pattern(A), frozen(A.data, A.dtype), pivots, blocks)
-        _require_definite(failed, self.offsets, self.parts)
-        self.pivots, self.blocks = (_without_tiny(each.reshape(-1)) for each in (pivots, blocks))
+        bad_patch = factorise(*pattern, *_pattern(A), frozen(A.data, A.dtype), pivots, blocks)
+        _require_definite(bad_patch, self.offsets, self.parts)
+        self.pivots, self.blocks = (_without_tiny(array.reshape(-1)) for array in (pivots, blocks))
 
     @property
     def arrays(self) -> tuple[Int, Any, Int, Any, Any, Any]:
@@ -174,15 +174,15 @@ class VertexPatches:
         width, blocks = int(A.blocksize[0]), frozen(self.A.data, dtype)
         if np.bincount(patches.parts, minlength=1).max() <= 1:  # disjoint patches
             groups = _Groups(A, patches, dtype, some)
-            first, again = group_sweeps(width if width <= UNROLLED else 0)
+            first, sweep = group_sweeps(width if width <= UNROLLED else 0)
             self._first = partial(first, *groups.forwards)
             self._forwards, self._backwards = (
-                partial(again, *each) for each in (groups.forwards, groups.backwards)
+                partial(sweep, *group_arrays) for group_arrays in (groups.forwards, groups.backwards)
             )
         else:
             arrays = (*_Factors(A, patches, dtype, some).arrays, *_pattern(A), blocks.reshape(-1))
-            again = partial(patch_sweep(width), *arrays)
-            self._first, self._forwards, self._backwards = (partial(again, order=k) for k in (0, 1, -1))
+            sweep = partial(patch_sweep(width), *arrays)
+            self._first, self._forwards, self._backwards = (partial(sweep, order=k) for k in (0, 1, -1))
 
     def before(self, b: Real) -> tuple[Real, Real]:
         """Return x ``(n,)`` after a sweep from zero, and the residual b − A x."""

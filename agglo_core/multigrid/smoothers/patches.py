@@ -65,16 +65,16 @@ def _joined_vertices(mesh: Mesh, most: int) -> tuple[Index, int]:
     """
     ends, faces = _edges(mesh)
     lengths = np.linalg.norm(mesh.local_points[ends[:, 1]] - mesh.local_points[ends[:, 0]], axis=1)
-    owner, other = mesh.face_cells[faces].T
+    owner, neighbour = mesh.face_cells[faces].T
     diameters = mesh.cell_diameters
-    ratio = lengths / np.maximum(diameters[owner], diameters[np.where(other < 0, owner, other)])
+    ratio = lengths / np.maximum(diameters[owner], diameters[np.where(neighbour < 0, owner, neighbour)])
     many = np.bincount(mesh.cell_vertices[1], minlength=mesh.n_points) > most // _JOINED
     short = np.flatnonzero((ratio < _SHORT) & ~many[ends].any(axis=1))
     short = short[np.argsort(ratio[short], kind="stable")]
-    joined = joined_patches(ends[short], mesh.n_points, most=_JOINED)
+    patches = joined_patches(ends[short], mesh.n_points, most=_JOINED)
     groups = np.empty(mesh.n_points, np.int32)
-    groups[joined.parts] = np.repeat(np.arange(len(joined)), np.diff(joined.offsets))
-    return frozen_index(groups), len(joined)
+    groups[patches.parts] = np.repeat(np.arange(len(patches)), np.diff(patches.offsets))
+    return frozen_index(groups), len(patches)
 
 
 def _edges(mesh: Mesh) -> tuple[Int, Int]:
