@@ -140,19 +140,19 @@ class Ranks:
         for to, data in packed.items():
             sizes[to] = len(data)
             self._count(data, 1)
-        coming = np.empty(self.size, np.int64)
+        receive_sizes = np.empty(self.size, np.int64)
         self._count(0, self.size - 1)
         self.meet()
-        self.comm.Alltoall(sizes, coming)
+        self.comm.Alltoall(sizes, receive_sizes)
         # Exchange the pickled parcels.
-        arriving = {int(rank): bytearray(int(coming[rank])) for rank in np.flatnonzero(coming)}
-        waiting = [self.comm.Irecv(room, source=rank, tag=_TAG) for rank, room in arriving.items()]
-        waiting += [self.comm.Isend(data, dest=to, tag=_TAG) for to, data in packed.items()]
-        _mpi().Request.Waitall(waiting)
-        found = {rank: pickle.loads(data) for rank, data in arriving.items()}
+        buffers = {int(rank): bytearray(int(receive_sizes[rank])) for rank in np.flatnonzero(receive_sizes)}
+        requests = [self.comm.Irecv(buffer, source=rank, tag=_TAG) for rank, buffer in buffers.items()]
+        requests += [self.comm.Isend(data, dest=to, tag=_TAG) for to, data in packed.items()]
+        _mpi().Request.Waitall(requests)
+        result = {rank: pickle.loads(data) for rank, data in buffers.items()}
         if self.rank in parcels:
-            found[self.rank] = parcels[self.rank]
-        return {rank: found[rank] for rank in sorted(found)}
+            result[self.rank] = parcels[self.rank]
+        return {rank: result[rank] for rank in sorted(result)}
 
     def since_last(self) -> Traffic:
         """Return the traffic since the previous call."""

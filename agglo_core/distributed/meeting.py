@@ -52,17 +52,17 @@ class Meeting:
     def answered(self, *columns: NDArray[Any]) -> list[NDArray[Any]]:
         """Reply to each received row (``(m, …)``), and return the replies to sent rows (``(n, …)``)."""
         bounds = np.searchsorted(self.senders, np.arange(self._ranks.size + 1))
-        back = {
-            rank: [each[bounds[rank] : bounds[rank + 1]] for each in columns]
+        parcels = {
+            rank: [array[bounds[rank] : bounds[rank + 1]] for array in columns]
             for rank in range(self._ranks.size)
             if bounds[rank] < bounds[rank + 1]
         }
-        came = self._ranks.exchanged(back)
-        found = [np.empty((self._n, *each.shape[1:]), each.dtype) for each in columns]
+        arrivals = self._ranks.exchanged(parcels)
+        results = [np.empty((self._n, *array.shape[1:]), array.dtype) for array in columns]
         for rank, rows in self._sent.items():
-            for column, values in zip(found, came[rank], strict=True):
+            for column, values in zip(results, arrivals[rank], strict=True):
                 column[rows] = values
-        return found
+        return results
 
 
 def rank_of_key(keys: UInt64, size: int) -> Int:

@@ -86,12 +86,12 @@ def _on_grid(points: Float, reduced: Reduced) -> Int:
 
     The middle is an integer, too, so that rounding does not tear a row of cells there.
     """
-    columns = [np.ascontiguousarray(along) for along in points.T]  # contiguous: ten times faster
-    ends = [(along.min(initial=np.inf), -along.max(initial=-np.inf)) for along in columns]
+    columns = [np.ascontiguousarray(column) for column in points.T]  # contiguous: ten times faster
+    ends = [(column.min(initial=np.inf), -column.max(initial=-np.inf)) for column in columns]
     least = reduced(np.array(ends), "min")  # (d, 2)
     extent = float(-least.sum(axis=1).min())
     scale = (1 << (_BITS - 1)) / extent if extent > 0.0 else 0.0
-    axes = [np.rint((along - low) * scale) for along, low in zip(columns, least[:, 0], strict=True)]
+    axes = [np.rint((column - low) * scale) for column, low in zip(columns, least[:, 0], strict=True)]
     return frozen_int(np.array(axes).astype(np.int64))
 
 
@@ -105,25 +105,25 @@ def _longest_sides(axes: Int, block: Int, count: int, reduced: Reduced) -> Int:
     return frozen_int(np.argmin(low + high, axis=0))
 
 
-def _medians(along: Int, block: Int, count: int, reduced: Reduced) -> Int:
+def _medians(coordinate: Int, block: Int, count: int, reduced: Reduced) -> Int:
     """Return a coordinate per block that splits its points most evenly (≤ and >).
 
     The middle point's coordinate is found digit by digit, by counting the points that share all digits so
     far.
     """
-    middle, below, every = np.zeros(count, np.int64), np.zeros(count, np.int64), np.arange(count)
+    middle, below, blocks = np.zeros(count, np.int64), np.zeros(count, np.int64), np.arange(count)
     total = reduced(np.bincount(block, minlength=count), "sum")
     for shift in range(_BITS - _DIGIT, -1, -_DIGIT):
         # Choose the digit where the cumulative count reaches half of the points.
-        keys = (block << _DIGIT) + (along >> shift) % (1 << _DIGIT)
-        found = reduced(np.bincount(keys, minlength=count << _DIGIT).reshape(count, -1), "sum")
-        upto = below[:, None] + np.cumsum(found, axis=1)
+        keys = (block << _DIGIT) + (coordinate >> shift) % (1 << _DIGIT)
+        counts = reduced(np.bincount(keys, minlength=count << _DIGIT).reshape(count, -1), "sum")
+        upto = below[:, None] + np.cumsum(counts, axis=1)
         digit = np.argmax(2 * upto >= total[:, None], axis=1)
         middle = (middle << _DIGIT) + digit
-        below = upto[every, digit] - found[every, digit]
+        below = upto[blocks, digit] - counts[blocks, digit]
         # Continue with the points that share all digits so far.
-        still = np.flatnonzero(along >> shift == middle[block])
-        along, block = along[still], block[still]
+        candidates = np.flatnonzero(coordinate >> shift == middle[block])
+        coordinate, block = coordinate[candidates], block[candidates]
     # Cut before the middle coordinate if that is more even.
-    before = (below > 0) & (total - 2 * below <= 2 * upto[every, digit] - total)
+    before = (below > 0) & (total - 2 * below <= 2 * upto[blocks, digit] - total)
     return frozen_int(middle - before)

@@ -48,27 +48,27 @@ class Cells:
 
     def total(self, values: Float) -> float:
         """Return the sum over all ranks' own cells, independent of the distribution to the last digit."""
-        own = values[self.own]
-        scale = self.ranks.largest(float(own.max(initial=0.0)))
+        own_values = values[self.own]
+        scale = self.ranks.largest(float(own_values.max(initial=0.0)))
         if not scale > 0:
             return 0.0
-        digits = np.rint(own / scale * _DIGITS).astype(np.int64).sum(keepdims=True)
+        digits = np.rint(own_values / scale * _DIGITS).astype(np.int64).sum(keepdims=True)
         return float(self.ranks.reduced(digits, "sum")[0]) * scale / _DIGITS
 
 
 def agreed(cells: Cells, forbidden: Mask) -> Mask:
     """Return the forbidden entries, where an edge between ranks is forbidden if either side forbids it."""
-    graph, rows, own = cells.graph, cells.rows, cells.own
-    entry = np.flatnonzero(forbidden & own[rows] & ~own[graph.indices])
-    here, there = rows[entry], graph.indices[entry].astype(np.int64)
+    graph, rows, is_own = cells.graph, cells.rows, cells.own
+    entry = np.flatnonzero(forbidden & is_own[rows] & ~is_own[graph.indices])
+    own_node, ghost_node = rows[entry], graph.indices[entry].astype(np.int64)
     parcels: dict[int, NDArray[Any]] = {}
-    for rank in np.unique(cells.owners[there]).tolist():
-        chosen = cells.owners[there] == rank
-        parcels[rank] = np.stack((cells.ids[here[chosen]], cells.ids[there[chosen]]), axis=1)
-    told = [each for each in cells.ranks.exchanged(parcels).values() if len(each)]
-    if not told:
+    for rank in np.unique(cells.owners[ghost_node]).tolist():
+        of_rank = cells.owners[ghost_node] == rank
+        parcels[rank] = np.stack((cells.ids[own_node[of_rank]], cells.ids[ghost_node[of_rank]]), axis=1)
+    messages = [message for message in cells.ranks.exchanged(parcels).values() if len(message)]
+    if not messages:
         return forbidden
-    pairs = np.searchsorted(cells.ids, np.concatenate(told))
+    pairs = np.searchsorted(cells.ids, np.concatenate(messages))
     return forbidden | among(rows, graph.indices.astype(np.int64), frozen_int(pairs), graph.n)
 
 

@@ -163,13 +163,13 @@ def joined(
     places = np.split(place, np.cumsum([piece.n for piece in pieces])[:-1])
     # Collect the links. Links into the new domain become inner edges.
     parts = [[getattr(piece.links, name) for piece in pieces] for name in _LINK]
-    parts[0] = [where[piece.links.node] for where, piece in zip(places, pieces, strict=True)]
+    parts[0] = [position[piece.links.node] for position, piece in zip(places, pieces, strict=True)]
     links = Links(*map(np.concatenate, parts))
     links = replace(links, domain=renumbered(links.domain))
     inner = links.domain == number
     inside, ids = links.chosen(inner), ids[order]
     ends = np.stack((inside.node, np.searchsorted(ids, inside.to)), axis=1)
-    barriers = [where[piece.barriers] for where, piece in zip(places, pieces, strict=True)]
+    barriers = [position[piece.barriers] for position, piece in zip(places, pieces, strict=True)]
     barriers.append(np.sort(ends[inside.barrier], axis=1))
     return Domain(
         _joined_graphs([piece.graph for piece in pieces], places, order, inside, ends),
@@ -186,12 +186,12 @@ def _joined_graphs(graphs: list[Graph], places: list[Int], order: Int, inside: L
     from agglo_core.compiled.graphs import take_rows
 
     # Edges of all graphs, and links that are not barred, by row and column.
-    n, open_ = len(order), ~inside.barred
-    rows = [np.repeat(where, np.diff(g.indptr)) for where, g in zip(places, graphs, strict=True)]
-    columns = [where[g.indices] for where, g in zip(places, graphs, strict=True)]
-    row = np.concatenate([*rows, ends[open_, 0]])
-    column = np.concatenate([*columns, ends[open_, 1]])
-    interface = np.concatenate([*(g.interface for g in graphs), inside.interface[open_]])
+    n, is_open = len(order), ~inside.barred
+    rows = [np.repeat(position, np.diff(g.indptr)) for position, g in zip(places, graphs, strict=True)]
+    columns = [position[g.indices] for position, g in zip(places, graphs, strict=True)]
+    row = np.concatenate([*rows, ends[is_open, 0]])
+    column = np.concatenate([*columns, ends[is_open, 1]])
+    interface = np.concatenate([*(g.interface for g in graphs), inside.interface[is_open]])
     by_row = np.lexsort((column, row))
     # Vertices of all nodes, in the new order.
     starts = np.cumsum([0, *(len(g.points) for g in graphs)])
@@ -200,21 +200,21 @@ def _joined_graphs(graphs: list[Graph], places: list[Int], order: Int, inside: L
     offsets = np.concatenate(([0], np.cumsum(sizes)))
     vertex_offsets, vertices = take_rows(frozen_int(offsets), frozen_index(corners), frozen_int(order))
 
-    def collected(name: str) -> Float:
+    def collect(name: str) -> Float:
         return np.concatenate([getattr(g, name) for g in graphs])[order]
 
     # Barred links count as boundary.
-    closed = np.bincount(ends[~open_, 0], inside.interface[~open_], n)
+    barred_interface = np.bincount(ends[~is_open, 0], inside.interface[~is_open], n)
     names = set.intersection(*(set(g.data) for g in graphs))
-    made = trusted(
+    graph = trusted(
         Graph,
         indptr=frozen_int(np.concatenate(([0], np.cumsum(np.bincount(row, minlength=n))))),
         indices=frozen_index(column[by_row]),
         interface=interface[by_row],
-        centroids=collected("centroids"),
-        measures=collected("measures"),
-        boundary=collected("boundary") + closed,
-        weights=collected("weights"),
+        centroids=collect("centroids"),
+        measures=collect("measures"),
+        boundary=collect("boundary") + barred_interface,
+        weights=collect("weights"),
         vertex_offsets=frozen_int(vertex_offsets),
         vertices=frozen_index(vertices),
         points=np.concatenate([g.points for g in graphs]),
@@ -224,11 +224,11 @@ def _joined_graphs(graphs: list[Graph], places: list[Int], order: Int, inside: L
     )
     loads = next((g.loads for g in graphs if g.loads is not None), None)
     if loads is None:
-        return made
-    whole = Loads(
+        return graph
+    all_loads = Loads(
         loads.kind,
-        frozen_float(collected("mass")),
+        frozen_float(collect("mass")),
         frozen_float(np.concatenate([g.node_sizes("cells") for g in graphs])[order]),
         frozen_float(np.concatenate([g.node_sizes("weights") for g in graphs])[order]),
     )
-    return made.with_loads(whole)
+    return graph.with_loads(all_loads)

@@ -119,15 +119,15 @@ def _fits(goals: Sequence[Goal], number: int, census: Census) -> bool:
 
 def _shares(parts: int, census: Census, least: Int) -> Int:
     """Return the number of parts per domain: isolated nodes, and a share of the others."""
-    alone, rest = census.alone, census.nodes - census.alone
-    some = np.flatnonzero(rest)
+    alone, n_linked = census.alone, census.nodes - census.alone
+    domains = np.flatnonzero(n_linked)
     shares = np.array(alone)
-    if not len(some):
+    if not len(domains):
         if parts < shares.sum():
             raise TooFewPartsError(parts, int(shares.sum()))
         return frozen_int(shares)
-    needed = np.minimum(np.maximum(least - alone, 1)[some], rest[some])
-    shares[some] += apportion(
-        parts - int(alone.sum()), census.mass[some], frozen_int(rest[some]), frozen_int(needed)
+    minimum = np.minimum(np.maximum(least - alone, 1)[domains], n_linked[domains])
+    shares[domains] += apportion(
+        parts - int(alone.sum()), census.mass[domains], frozen_int(n_linked[domains]), frozen_int(minimum)
     )
     return frozen_int(shares)

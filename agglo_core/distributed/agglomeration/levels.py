@@ -62,18 +62,18 @@ def made_levels(
     if shares[0]:
         return _agglomerated(stage, goals, shares, maker, turn, told)
     # Case 2: shrink the domains by an intermediate level first.
-    between = _between(census, goals[0])
-    if between is not None:
-        return _through(stage, between, goals, maker, turn, told)
+    middle_goal = _between(census, goals[0])
+    if middle_goal is not None:
+        return _through(stage, middle_goal, goals, maker, turn, told)
     # Case 3: join pairs of domains, and bring the levels back.
     fewer, way = stage.halved()
     levels = made_levels(fewer, goals, maker, turn + 1, told)
-    own = sorted(stage.domains)
-    back = []
+    numbers = sorted(stage.domains)
+    stage_levels = []
     for level in levels:
-        ids = dict(zip(own, way.brought(level.ids), strict=True))
-        back.append(level.with_ids(ids, stage.ranks.since_last()))
-    return back
+        ids = dict(zip(numbers, way.brought(level.ids), strict=True))
+        stage_levels.append(level.with_ids(ids, stage.ranks.since_last()))
+    return stage_levels
 
 
 def _agglomerated(
@@ -82,7 +82,7 @@ def _agglomerated(
     shares: Sequence[Sequence[Goal]],
     maker: DomainRun,
     turn: int,
-    told: Tell | None,
+    tell: Tell | None,
 ) -> list[Level]:
     """Build the levels feasible on the given domains, and the coarser levels on top."""
     with stage.ranks.together():
@@ -92,32 +92,32 @@ def _agglomerated(
         }
     levels = []
     for place in range(len(shares[0])):
-        own = {number: each[place] for number, each in labels.items()}
-        numbering = stage.numbered(own)
-        ids = {n: frozen_int(numbering.first[n] + each) for n, each in own.items()}
+        level_labels = {number: values[place] for number, values in labels.items()}
+        numbering = stage.numbered(level_labels)
+        ids = {n: frozen_int(numbering.first[n] + values) for n, values in level_labels.items()}
         levels.append(Level(ids, numbering, stage.ranks.since_last()))
-    rest = goals[len(levels) :]
-    if not rest:
+    coarser_goals = goals[len(levels) :]
+    if not coarser_goals:
         return levels
-    return levels + _above(stage, own, numbering, rest, maker, turn, told)
+    return levels + _above(stage, level_labels, numbering, coarser_goals, maker, turn, tell)
 
 
 def _through(
     stage: Stage,
-    between: Goal,
+    middle_goal: Goal,
     goals: Sequence[Goal],
     maker: DomainRun,
     turn: int,
-    told: Tell | None,
+    tell: Tell | None,
 ) -> list[Level]:
     """Build the levels from agglomerates on an intermediate level."""
     total = sum(int(nodes) for (nodes,) in stage.of_all(lambda domain: [domain.n]))
     with stage.ranks.together():
-        own = {
-            number: maker.intermediate(domain, _share(domain, between, total), number, turn)
+        labels = {
+            number: maker.intermediate(domain, _share(domain, middle_goal, total), number, turn)
             for number, domain in stage.domains.items()
         }
-    return _above(stage, own, stage.numbered(own), goals, maker, turn, told)
+    return _above(stage, labels, stage.numbered(labels), goals, maker, turn, tell)
 
 
 def _above(
@@ -127,11 +127,11 @@ def _above(
     goals: Sequence[Goal],
     maker: DomainRun,
     turn: int,
-    told: Tell | None,
+    tell: Tell | None,
 ) -> list[Level]:
     """Build levels on the agglomerates ``labels``, with ids brought back to their nodes."""
     coarse = stage.coarsened(labels, numbering)
-    levels = made_levels(coarse, goals, maker, turn + 1, told)
+    levels = made_levels(coarse, goals, maker, turn + 1, tell)
     return [
         level.with_ids({number: frozen_int(level.ids[number][labels[number]]) for number in labels})
         for level in levels
@@ -150,8 +150,8 @@ def _between(census: Census, goal: Goal) -> Goal | None:
     return CountGoal(total // nodes)
 
 
-def _share(domain: Domain, between: Goal, total: int) -> Goal:
+def _share(domain: Domain, goal: Goal, total: int) -> Goal:
     """Return the goal for one domain, with its share in a count."""
-    if domain.n == 0 or isinstance(between, SizeGoal):
-        return between
-    return CountGoal(max(1, round(between.parts * domain.n / total)), exact=False)
+    if domain.n == 0 or isinstance(goal, SizeGoal):
+        return goal
+    return CountGoal(max(1, round(goal.parts * domain.n / total)), exact=False)

@@ -25,28 +25,28 @@ def components_of_parts(mesh: DistributedMesh, labels: Int, bounds: Int) -> Int:
         Rank r owns the parts ``bounds[r]:bounds[r + 1]``.
     """
     ranks = mesh.ranks
-    told = _touching(mesh, mesh.local.graph, labels)[1]
-    owner = np.searchsorted(bounds, told[:, 0], side="right") - 1
-    parcels = {rank: told[owner == rank] for rank in np.unique(owner).tolist()}
-    found = np.concatenate([np.empty((0, 3), np.int64), *ranks.exchanged(parcels).values()])
+    contacts = _touching(mesh, mesh.local.graph, labels)[1]
+    owner = np.searchsorted(bounds, contacts[:, 0], side="right") - 1
+    parcels = {rank: contacts[owner == rank] for rank in np.unique(owner).tolist()}
+    part_contacts = np.concatenate([np.empty((0, 3), np.int64), *ranks.exchanged(parcels).values()])
     first, count = int(bounds[ranks.rank]), int(bounds[ranks.rank + 1] - bounds[ranks.rank])
-    component, ends = _joined(found[:, 1:])
-    of_parts = np.unique(np.stack((found[:, 0], component[ends[:, 0]]), axis=1), axis=0)
+    component, ends = _joined(part_contacts[:, 1:])
+    of_parts = np.unique(np.stack((part_contacts[:, 0], component[ends[:, 0]]), axis=1), axis=0)
     return frozen_int(np.bincount(of_parts[:, 0] - first, minlength=count))
 
 
 def first_cells(mesh: DistributedMesh) -> Int:
     """Return for each own cell ``(n_own,)`` the first cell in its domain component. Collective."""
-    ranks, own = mesh.ranks, mesh.global_ids[mesh.own]
-    names, told = _touching(mesh, mesh.local.graph, frozen_int(np.zeros(len(own))))
-    pieces, place, which = np.unique(names, return_index=True, return_inverse=True)
-    found = np.concatenate(ranks.gathered(told[:, 1:]))
-    first = np.concatenate(ranks.gathered(np.stack((pieces, own[place]), axis=1)))
-    component, _ = _joined(found)
-    every = np.unique(found)
+    ranks, own_ids = mesh.ranks, mesh.global_ids[mesh.own]
+    names, contacts = _touching(mesh, mesh.local.graph, frozen_int(np.zeros(len(own_ids))))
+    pieces, place, piece_of = np.unique(names, return_index=True, return_inverse=True)
+    pairs = np.concatenate(ranks.gathered(contacts[:, 1:]))
+    first = np.concatenate(ranks.gathered(np.stack((pieces, own_ids[place]), axis=1)))
+    component, _ = _joined(pairs)
+    all_pieces = np.unique(pairs)
     least = np.full(component.max(initial=-1) + 1, np.iinfo(np.int64).max)
-    np.minimum.at(least, component[np.searchsorted(every, first[:, 0])], first[:, 1])
-    return frozen_int(least[component[np.searchsorted(every, pieces)]][which])
+    np.minimum.at(least, component[np.searchsorted(all_pieces, first[:, 0])], first[:, 1])
+    return frozen_int(least[component[np.searchsorted(all_pieces, pieces)]][piece_of])
 
 
 def component_sizes(mesh: DistributedMesh, forbidden: Mask) -> Int:
@@ -62,19 +62,19 @@ def component_sizes(mesh: DistributedMesh, forbidden: Mask) -> Int:
     with ranks.together():
         graph = mesh.local.graph.without_edges(forbidden)
     # Components within ranks, and edges between components on different ranks.
-    names, told = _touching(mesh, graph, frozen_int(np.zeros(len(mesh.own))))
-    edges = told[told[:, 1] != told[:, 2], 1:]
+    names, contacts = _touching(mesh, graph, frozen_int(np.zeros(len(mesh.own))))
+    edges = contacts[contacts[:, 1] != contacts[:, 2], 1:]
     pieces, sizes = np.unique(names, return_counts=True)
     beyond = np.isin(pieces, edges)  # components that continue on other ranks
-    whole = np.stack(np.unique(sizes[~beyond], return_counts=True))
-    every = ranks.gathered((edges.T, np.stack((pieces[beyond], sizes[beyond])), whole))
+    inner_sizes = np.stack(np.unique(sizes[~beyond], return_counts=True))
+    every = ranks.gathered((edges.T, np.stack((pieces[beyond], sizes[beyond])), inner_sizes))
     # Join the continued components on every rank, and count the rest by size.
-    edges, joined, whole = (np.concatenate(each, axis=1) for each in zip(*every, strict=True))
-    of_whole = np.repeat(whole[0], whole[1])
+    edges, edge_pieces, inner_sizes = (np.concatenate(tables, axis=1) for tables in zip(*every, strict=True))
+    of_whole = np.repeat(inner_sizes[0], inner_sizes[1])
     if not edges.size:
         return frozen_int(of_whole)
-    component = _joined(edges.T)[0][np.searchsorted(np.unique(edges), joined[0])]
-    return frozen_int(np.concatenate((np.bincount(component, joined[1]), of_whole)))
+    component = _joined(edges.T)[0][np.searchsorted(np.unique(edges), edge_pieces[0])]
+    return frozen_int(np.concatenate((np.bincount(component, edge_pieces[1]), of_whole)))
 
 
 def _touching(mesh: DistributedMesh, graph: Graph, labels: Int) -> tuple[Int, Int]:

@@ -30,19 +30,19 @@ def means(
     """
     ranks, largest = coarse.ranks, coarse.h
     with ranks.together():
-        chosen = built_metrics(metrics, registry)
-        for member in chosen.values():
+        members = built_metrics(metrics, registry)
+        for member in members.values():
             _refuse_unknown(member)
-        own = {name: _values(coarse, member, largest) for name, member in chosen.items()}
-        own["connected"] = (components == 1).astype(np.float64)
-        defined = {name: values[~np.isnan(values)] for name, values in own.items()}
+        part_values = {name: _values(coarse, member, largest) for name, member in members.items()}
+        part_values["connected"] = (components == 1).astype(np.float64)
+        defined = {name: values[~np.isnan(values)] for name, values in part_values.items()}
         sums = {name: (float(values.sum()), len(values)) for name, values in defined.items()}
-    every = ranks.gathered(sums)
-    found = {"max_diameter": largest}
-    for name in own:
-        total, count = map(sum, zip(*(each[name] for each in every), strict=True))
-        found[name] = total / count if count else float("nan")
-    return found
+    rank_sums = ranks.gathered(sums)
+    result = {"max_diameter": largest}
+    for name in part_values:
+        total, count = map(sum, zip(*(record[name] for record in rank_sums), strict=True))
+        result[name] = total / count if count else float("nan")
+    return result
 
 
 def _refuse_unknown(member: Member) -> None:

@@ -109,16 +109,16 @@ def _single_rules(pipeline: Pipeline) -> Iterator[Rules]:
 def _asked(ranks: Ranks, rule: Rules, mesh: Mesh, graph: Graph, registry: Registry) -> list[Member]:
     """Return a rule's constraints on this rank, or raise an error if it fits on no rank."""
     refusal: OptionError | None = None
-    found: list[Member] = []
+    members: list[Member] = []
     with ranks.together():
         try:
-            found = rule.members(mesh, graph, registry)
+            members = rule.members(mesh, graph, registry)
         except OptionError as error:
             refusal = error
     if all(ranks.gathered(refusal is not None)):
         message = ranks.from_first(str(refusal))
         raise OptionError(message)
-    return found
+    return members
 
 
 def with_ghosts(pipeline: Pipeline, exchange: Callable[[NDArray[Any]], NDArray[Any]], n_own: int) -> Pipeline:

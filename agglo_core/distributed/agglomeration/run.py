@@ -71,34 +71,34 @@ def agglomerate(
     >>> distributed.agglomerate(mesh, Pipeline(n_parts=(16, 4))).parts
     [16, 4]
     """
-    given = Pipeline() if pipeline is None else pipeline
+    options = Pipeline() if pipeline is None else pipeline
     # Only the first rank reports progress.
-    known, ranks = default() if registry is None else registry, mesh.ranks
-    sent = replace(ranks.traffic)
-    first = ranks.rank == 0
-    with followed(progress if first else None, verbose and first) as listen, using_threads(threads):
-        start = started(mesh, given, known)
-        begun = start.begun(independent_of_ranks, block_cells)
+    active_registry, ranks = default() if registry is None else registry, mesh.ranks
+    before = replace(ranks.traffic)
+    is_first = ranks.rank == 0
+    with followed(progress if is_first else None, verbose and is_first) as listen, using_threads(threads):
+        start = started(mesh, options, active_registry)
+        beginning = start.begun(independent_of_ranks, block_cells)
         with ranks.together():
-            run = new_run(given, known)
+            run = new_run(options, active_registry)
         with phase(listen, "agglomerating") as tell:
             ranks.since_last()
-            levels = made_levels(begun.stage, start.goals, DomainRun(given, run, start.kept), told=tell)
-        labels = [begun.of_own_cells(level.ids) for level in levels]
+            levels = made_levels(beginning.stage, start.goals, DomainRun(options, run, start.kept), told=tell)
+        labels = [beginning.of_own_cells(level.ids) for level in levels]
     # Collect statistics of all ranks.
     statistics = _of_all_ranks(ranks, run)
-    if first:
+    if is_first:
         warn_of_large_cells(start.goals, replace(run, statistics=statistics))
     return DistributedHierarchy(
         mesh,
         labels,
         [level.numbering.bounds for level in levels],
         [goal.record(level.numbering.parts) for goal, level in zip(start.goals, levels, strict=True)],
-        given.nested or len(levels) == 1,
+        options.nested or len(levels) == 1,
         asdict(statistics)
-        | {"bisector": short_name(given.bisector), "method": given.method}
-        | {"independent_of_ranks": begun.in_blocks}
-        | {"messages": ranks.traffic.messages - sent.messages, "bytes": ranks.traffic.bytes - sent.bytes}
+        | {"bisector": short_name(options.bisector), "method": options.method}
+        | {"independent_of_ranks": beginning.in_blocks}
+        | {"messages": ranks.traffic.messages - before.messages, "bytes": ranks.traffic.bytes - before.bytes}
         | {"sent_by_level": [asdict(level.sent) for level in levels]},
     )
 
@@ -107,9 +107,9 @@ def _of_all_ranks(ranks: Ranks, run: Run) -> Statistics:
     """Return summed counts, the largest depth, and the largest seconds per phase over all ranks."""
     every = ranks.gathered(run.statistics)
     total = Statistics()
-    for name in (each.name for each in fields(Statistics) if each.name != "seconds"):
-        values = [getattr(each, name) for each in every]
+    for name in (entry.name for entry in fields(Statistics) if entry.name != "seconds"):
+        values = [getattr(entry, name) for entry in every]
         setattr(total, name, max(values) if name == "depth" else sum(values))
-    for name in dict.fromkeys(name for each in every for name in each.seconds):
-        total.seconds[name] = max(each.seconds.get(name, 0.0) for each in every)
+    for name in dict.fromkeys(name for entry in every for name in entry.seconds):
+        total.seconds[name] = max(entry.seconds.get(name, 0.0) for entry in every)
     return total

@@ -62,8 +62,8 @@ class Stage:
     def of_all(self, asked: Callable[[Domain], Sequence[float]]) -> list[tuple[float, ...]]:
         """Evaluate a function on each domain and return a row per domain, in order, on every rank."""
         with self.ranks.together():
-            own = {number: tuple(asked(domain)) for number, domain in self.domains.items()}
-        rows = {number: row for told in self.ranks.gathered(own) for number, row in told.items()}
+            local_rows = {number: tuple(asked(domain)) for number, domain in self.domains.items()}
+        rows = {number: row for table in self.ranks.gathered(local_rows) for number, row in table.items()}
         return [rows[number] for number in range(self.count)]
 
     def numbered(self, labels: Mapping[int, Int]) -> Numbering:
@@ -91,23 +91,23 @@ class Stage:
         # Send the new ids of border nodes to each neighbour domain.
         parcels: dict[int, list[tuple[int, int, Int, Int]]] = {}
         for number, domain in self.domains.items():
-            for there in np.unique(domain.links.domain).tolist():
-                nodes = np.unique(domain.links.node[domain.links.domain == there])
+            for neighbour in np.unique(domain.links.domain).tolist():
+                nodes = np.unique(domain.links.node[domain.links.domain == neighbour])
                 new = numbering.first[number] + labels[number][nodes]
-                told = (number, there, domain.ids[nodes], new)
-                parcels.setdefault(int(self.rank_of(frozen_int(there))), []).append(told)
+                message = (number, neighbour, domain.ids[nodes], new)
+                parcels.setdefault(int(self.rank_of(frozen_int(neighbour))), []).append(message)
         arrived = self.ranks.exchanged(parcels)
         # Look up the received ids for each link.
-        known = {(here, there): ids for each in arrived.values() for there, here, *ids in each}
-        found = {}
+        new_ids = {(home, neighbour): ids for batch in arrived.values() for neighbour, home, *ids in batch}
+        ids_beyond = {}
         for number, domain in self.domains.items():
             to = np.empty(len(domain.links.to), np.int64)
-            for there in np.unique(domain.links.domain).tolist():
-                which = np.flatnonzero(domain.links.domain == there)
-                old, new = known[number, there]
-                to[which] = new[np.searchsorted(old, domain.links.to[which])]
-            found[number] = frozen_int(to)
-        return found
+            for neighbour in np.unique(domain.links.domain).tolist():
+                rows = np.flatnonzero(domain.links.domain == neighbour)
+                old, new = new_ids[number, neighbour]
+                to[rows] = new[np.searchsorted(old, domain.links.to[rows])]
+            ids_beyond[number] = frozen_int(to)
+        return ids_beyond
 
     def halved(self) -> tuple[Stage, Return]:
         """Join pairs of neighbour domains: half as many domains, on half the ranks if each has one."""
@@ -139,11 +139,11 @@ class Return:
         }
         arrived = self.ranks.exchanged(parcels)
         pairs = [
-            (place, each)
-            for rank, found in arrived.items()
-            for place, each in zip(self.sent[rank], found, strict=True)
+            (place, array)
+            for rank, arrays in arrived.items()
+            for place, array in zip(self.sent[rank], arrays, strict=True)
         ]
-        return [each for _, each in sorted(pairs, key=lambda pair: pair[0])]
+        return [array for _, array in sorted(pairs, key=lambda pair: pair[0])]
 
 
 def moved(
@@ -162,25 +162,25 @@ def moved(
         Map from old to new domain numbers in links.
     """
     # Pack the pieces by destination rank.
-    sent: dict[int, list[int]] = {}
+    sent_places: dict[int, list[int]] = {}
     for place, (number, _) in enumerate(pieces):
-        sent.setdefault(int(rank_of_block(frozen_int(number), count, ranks.size)), []).append(place)
+        sent_places.setdefault(int(rank_of_block(frozen_int(number), count, ranks.size)), []).append(place)
     with ranks.together():
-        packed = {
+        parcels = {
             rank: [(pieces[place][0], pieces[place][1].to_send()) for place in places]
-            for rank, places in sent.items()
+            for rank, places in sent_places.items()
         }
-    arrived = ranks.exchanged(packed)
+    arrived = ranks.exchanged(parcels)
     # Join the received pieces per domain.
-    together: dict[int, list[Domain]] = {}
-    for number, piece in (each for found in arrived.values() for each in found):
-        together.setdefault(number, []).append(piece)
+    pieces_of: dict[int, list[Domain]] = {}
+    for number, piece in (item for parcel in arrived.values() for item in parcel):
+        pieces_of.setdefault(number, []).append(piece)
     with ranks.together():
-        made = {number: joined(each, number, renumbered) for number, each in sorted(together.items())}
+        results = {number: joined(item, number, renumbered) for number, item in sorted(pieces_of.items())}
     # Remember the origin of each piece for the way back.
-    waiting = {number: iter(places) for number, (_, places) in made.items()}
+    iterators = {number: iter(places) for number, (_, places) in results.items()}
     received = {
-        rank: [(number, next(waiting[number])) for number, _ in found] for rank, found in arrived.items()
+        rank: [(number, next(iterators[number])) for number, _ in parcel] for rank, parcel in arrived.items()
     }
-    stage = Stage(ranks, count, {number: domain for number, (domain, _) in made.items()})
-    return stage, Return(ranks, sent, received)
+    stage = Stage(ranks, count, {number: domain for number, (domain, _) in results.items()})
+    return stage, Return(ranks, sent_places, received)

@@ -45,11 +45,11 @@ class Start:
         ranks, mesh = self.cells.ranks, self.mesh
         depth = halvings(mesh.n_cells, mesh.local.dim, block_cells)
         block = coordinate_blocks(mesh.local.local_centroids[mesh.own], depth, ranks.reduced)
-        away = bool((rank_of_block(block, 1 << depth, ranks.size) != ranks.rank).any())
-        there = not any(ranks.gathered(away))
-        if independent_of_ranks is None and not there:
+        misplaced = bool((rank_of_block(block, 1 << depth, ranks.size) != ranks.rank).any())
+        in_place = not any(ranks.gathered(misplaced))
+        if independent_of_ranks is None and not in_place:
             return self.where_they_lie()
-        return self._in_blocks(frozen_int(mesh.exchange(block)), 1 << depth, there=there)
+        return self._in_blocks(frozen_int(mesh.exchange(block)), 1 << depth, there=in_place)
 
     def where_they_lie(self) -> Beginning:
         """Return one domain per rank with its own cells."""
@@ -104,22 +104,22 @@ def started(mesh: DistributedMesh, given: Pipeline, registry: Registry) -> Start
     ranks, local = mesh.ranks, mesh.local
     pipeline = with_ghosts(given, mesh.exchange, len(mesh.own))
     with ranks.together():
-        there = local.graph if pipeline.metric is None else in_metric(local, local.graph, pipeline.metric)
-    cells = Cells(ranks, there, mesh.global_ids, mesh.owners)
-    kept = kept_rules(cells, pipeline, local, registry)
-    goals = _goals(mesh, pipeline, cells, kept)
+        graph = local.graph if pipeline.metric is None else in_metric(local, local.graph, pipeline.metric)
+    cells = Cells(ranks, graph, mesh.global_ids, mesh.owners)
+    rules = kept_rules(cells, pipeline, local, registry)
+    goals = _goals(mesh, pipeline, cells, rules)
     counts = isinstance(goals[0], CountGoal)
     with ranks.together():
-        pipeline.mass(there)  # may raise on a single rank
-    masses = pipeline.balanced(there, counts=counts, total=cells.total)
-    return Start(mesh, replace(cells, graph=masses), kept, goals)
+        pipeline.mass(graph)  # may raise on a single rank
+    balanced_graph = pipeline.balanced(graph, counts=counts, total=cells.total)
+    return Start(mesh, replace(cells, graph=balanced_graph), rules, goals)
 
 
-def _goals(mesh: DistributedMesh, pipeline: Pipeline, cells: Cells, kept: Kept) -> tuple[Goal, ...]:
+def _goals(mesh: DistributedMesh, pipeline: Pipeline, cells: Cells, rules: Kept) -> tuple[Goal, ...]:
     def mesh_size() -> float:
         if pipeline.metric is None:
             return mesh.h
-        own = cells.graph.part_diameters(np.arange(cells.graph.n))[cells.own]
-        return cells.ranks.largest(float(own.max(initial=0.0)))
+        own_diameters = cells.graph.part_diameters(np.arange(cells.graph.n))[cells.own]
+        return cells.ranks.largest(float(own_diameters.max(initial=0.0)))
 
-    return pipeline.goals(mesh.n_cells, mesh_size, lambda: component_sizes(mesh, kept.forbidden))
+    return pipeline.goals(mesh.n_cells, mesh_size, lambda: component_sizes(mesh, rules.forbidden))

@@ -46,23 +46,23 @@ def mesh_of_pieces(stored: Stored, file: Path, ranks: Ranks, *, allow_gaps: bool
         With the file name (RankError on other ranks).
     """
     with ranks.together(), naming(file):
-        own = _own_cells(stored, file.stem, allow_gaps=allow_gaps)
+        own_piece = _own_cells(stored, file.stem, allow_gaps=allow_gaps)
     # Check that the pieces of all ranks fit each other.
-    told = ranks.gathered(None if own is None else _facts(own))
-    facts = [each for each in told if each is not None]
+    reports = ranks.gathered(None if own_piece is None else _facts(own_piece))
+    facts = [fact for fact in reports if fact is not None]
     if not facts:
         raise MeshError(f"{file}: the mesh is empty: none of its pieces has a cell")
-    if len({each.dim for each in facts}) > 1:
+    if len({fact.dim for fact in facts}) > 1:
         raise MeshError(f"{file}: some of its pieces are plane, others are solid")
     # Join by point ids if all pieces have point ids, else by coordinates.
-    tags = [name for name in facts[0].cell_tags if all(name in each.cell_tags for each in facts)]
+    tags = [name for name in facts[0].cell_tags if all(name in fact.cell_tags for fact in facts)]
     with ranks.together(), naming(file):
         usual = _common(facts)
-        given = _given(own, facts, tags, usual)
-    if all(each.point_ids for each in facts):
-        return _with_usual(DistributedMesh.from_local(ranks, **given, allow_gaps=allow_gaps), usual)
-    del given["point_ids"]
-    mesh = DistributedMesh.from_pieces(ranks, **given, allow_gaps=True)
+        arguments = _given(own_piece, facts, tags, usual)
+    if all(fact.point_ids for fact in facts):
+        return _with_usual(DistributedMesh.from_local(ranks, **arguments, allow_gaps=allow_gaps), usual)
+    del arguments["point_ids"]
+    mesh = DistributedMesh.from_pieces(ranks, **arguments, allow_gaps=True)
     # Insert hanging vertices, if any.
     if not allow_gaps and outer_faces_touch(_whole_own(mesh), ranks):
         mesh = _without_gaps(mesh)
@@ -78,12 +78,12 @@ def _without_gaps(mesh: DistributedMesh) -> DistributedMesh:
     """Return the mesh with outer faces joined across ranks where they lie on each other."""
     ranks, whole = mesh.ranks, _whole_own(mesh)
     alone = joined_across(whole, ranks, mesh.local.name)
-    own = None if alone is None else _Own(alone, None, whole.cells)
-    facts = [each for each in ranks.gathered(None if own is None else _facts(own)) if each is not None]
+    piece = None if alone is None else _Own(alone, None, whole.cells)
+    facts = [fact for fact in ranks.gathered(None if piece is None else _facts(piece)) if fact is not None]
     with ranks.together():
-        given = _given(own, facts, facts[0].cell_tags, dict.fromkeys(facts[0].usual, 0))
-    del given["point_ids"]
-    return DistributedMesh.from_pieces(ranks, **given)
+        arguments = _given(piece, facts, facts[0].cell_tags, dict.fromkeys(facts[0].usual, 0))
+    del arguments["point_ids"]
+    return DistributedMesh.from_pieces(ranks, **arguments)
 
 
 class _Facts(NamedTuple):
@@ -96,10 +96,14 @@ class _Facts(NamedTuple):
     usual: Mapping[str, int]
 
 
-def _facts(own: _Own) -> _Facts:
-    usual = usual_values(own.mesh)
+def _facts(piece: _Own) -> _Facts:
+    usual = usual_values(piece.mesh)
     return _Facts(
-        own.mesh.dim, own.point_ids is not None, own.cell_ids is not None, list(own.mesh.cell_tags), usual
+        piece.mesh.dim,
+        piece.point_ids is not None,
+        piece.cell_ids is not None,
+        list(piece.mesh.cell_tags),
+        usual,
     )
 
 
@@ -141,18 +145,18 @@ def _common(facts: list[_Facts]) -> dict[str, int]:
 
 
 def _given(
-    own: _Own | None, facts: list[_Facts], tags: list[str], usual: Mapping[str, int]
+    piece: _Own | None, facts: list[_Facts], tags: list[str], usual: Mapping[str, int]
 ) -> dict[str, Any]:
     """Return this rank's arguments for :meth:`DistributedMesh.from_local`."""
-    if own is None:
+    if piece is None:
         return {"points": np.empty((0, 0)), "cells": [], "point_ids": []}
-    mesh = own.mesh
+    mesh = piece.mesh
     offsets, vertices, loops = single_loops(mesh) if mesh.dim == 2 else (None, None, np.ones(1))
     return {
         "points": mesh.points,
         "cells": tuple(half_faces(mesh)) if mesh.dim == 3 else (offsets, vertices),
-        "point_ids": own.point_ids,
-        "cell_ids": own.cell_ids if all(each.cell_ids for each in facts) else None,
+        "point_ids": piece.point_ids,
+        "cell_ids": piece.cell_ids if all(fact.cell_ids for fact in facts) else None,
         "cell_tags": {name: mesh.cell_tags[name] for name in tags},
         "face_tags": {name: _listed(mesh, name, value) for name, value in usual.items()},
         "weak": bool((loops > 1).any()),

@@ -31,11 +31,11 @@ def shared_staging(path: Path, ranks: Ranks) -> Iterator[Path]:
         the other ranks).
     """
     with ExitStack() as stages:
-        made = None
+        own_folder = None
         with ranks.together(), naming(path):
             if ranks.rank == 0:
-                made = stages.enter_context(staging(path))
-        folder: Path = ranks.from_first(made)  # type: ignore[assignment]
+                own_folder = stages.enter_context(staging(path))
+        folder: Path = ranks.from_first(own_folder)  # type: ignore[assignment]
         with ranks.together(), naming(path):
             if not folder.is_dir():
                 raise FileError("the folder is not that of rank 0: all ranks write to one file system")

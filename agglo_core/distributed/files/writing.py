@@ -78,8 +78,8 @@ def write(
         if hierarchy is not None and hierarchy.mesh is not mesh:
             raise MeshError(f"the hierarchy belongs to another mesh: {hierarchy.mesh!r}, not {mesh!r}")
         levels = hierarchy.levels if hierarchy is not None else None
-        own = {name: frozen_int(values[mesh.own]) for name, values in mesh.local.cell_tags.items()}
-        tags = tags_and_levels(own, levels)
+        own_tags = {name: frozen_int(values[mesh.own]) for name, values in mesh.local.cell_tags.items()}
+        tags = tags_and_levels(own_tags, levels)
         check_names(tags)
         check_names(mesh.local.face_tags, "face")
     with shared_staging(target, ranks) as folder:
@@ -87,8 +87,8 @@ def write(
         for level in range(len(levels) if levels is not None else 0):
             assert hierarchy is not None
             stem = f"{target.stem}_level{level}"
-            coarse, kept, known = _coarse(hierarchy, level, {BRIDGES, *filter(_no_level, own)})
-            write_pieces(folder, stem, coarse, kept, known, compress=compress)
+            coarse, part_tags, part_data = _coarse(hierarchy, level, {BRIDGES, *filter(_no_level, own_tags)})
+            write_pieces(folder, stem, coarse, part_tags, part_data, compress=compress)
     with ranks.together():
         if ranks.rank == 0:
             _remove_stale(target, ranks.size, None if levels is None else len(levels))
@@ -111,7 +111,7 @@ def _no_level(name: str) -> bool:
 
 
 def _coarse(
-    hierarchy: DistributedHierarchy, level: int, taken: set[str]
+    hierarchy: DistributedHierarchy, level: int, used_names: set[str]
 ) -> tuple[DistributedMesh, Mapping[str, Int], Mapping[str, NDArray[Any]]]:
     """Return a level's mesh, its own cells' tags, and agglomerate data."""
     coarse = hierarchy.mesh_of(level)
@@ -120,16 +120,16 @@ def _coarse(
     if hierarchy.nested and level + 1 < len(hierarchy.levels):
         parents = np.asarray(hierarchy.parents(level))
     with coarse.ranks.together():
-        local, own = coarse.local, coarse.own
-        known: dict[str, NDArray[Any]] = {
-            "agglomerate": coarse.global_ids[own],
+        local, places = coarse.local, coarse.own
+        data: dict[str, NDArray[Any]] = {
+            "agglomerate": coarse.global_ids[places],
             "parent": parents,
             "cells": counts,
-            "measure": local.cell_measures[own],
-            "diameter": local.cell_diameters[own],
+            "measure": local.cell_measures[places],
+            "diameter": local.cell_diameters[places],
         }
-        tags = {name: frozen_int(each[own]) for name, each in local.cell_tags.items() if not is_level(name)}
-        return coarse, tags, under_free_names(known, taken)
+        tags = {name: frozen_int(tag[places]) for name, tag in local.cell_tags.items() if not is_level(name)}
+        return coarse, tags, under_free_names(data, used_names)
 
 
 def _cells_of_parts(hierarchy: DistributedHierarchy, level: int) -> Int:
@@ -148,16 +148,16 @@ def _remove_stale(target: Path, size: int, levels: int | None) -> None:
     """Remove pieces and levels left by an earlier run with more ranks or a deeper hierarchy."""
     stem = re.escape(target.stem)
     for file in sorted(target.parent.glob("*.pvtu")):
-        found = re.fullmatch(stem + r"(?:_level(0|[1-9]\d*))?\.pvtu", file.name, re.ASCII)
-        if found is None:
+        match = re.fullmatch(stem + r"(?:_level(0|[1-9]\d*))?\.pvtu", file.name, re.ASCII)
+        if match is None:
             continue
-        stale = found[1] is not None and levels is not None and levels <= int(found[1])
-        fresh = found[1] is None or (levels is not None and not stale)
+        is_stale = match[1] is not None and levels is not None and levels <= int(match[1])
+        is_current = match[1] is None or (levels is not None and not is_stale)
         try:
-            if stale and file.read_bytes()[: len(PIECES)] == PIECES:
+            if is_stale and file.read_bytes()[: len(PIECES)] == PIECES:
                 file.unlink()
                 _log.info("removed %s, a level of an earlier hierarchy", file)
-            if stale or fresh:
-                remove_pieces(target.parent / file.stem, 0 if stale else size)
+            if is_stale or is_current:
+                remove_pieces(target.parent / file.stem, 0 if is_stale else size)
         except OSError as error:  # the mesh and its levels are complete, so only warn
             _log.warning("cannot remove what an earlier writing left of %s: %s", file, error.strerror)

@@ -67,12 +67,12 @@ class CellValues:
         >>> whole.exchange([5, 6, 7, 8]).tolist()
         [5, 6, 7, 8]
         """
-        own = self.checked(values)
-        arrived = self.ranks.exchanged({rank: own[cells] for rank, cells in self.ghosts_elsewhere.items()})
-        everything = np.empty((len(self.owners), *own.shape[1:]), own.dtype)
-        everything[self.own] = own
-        for rank, found in arrived.items():
-            everything[self.owners == rank] = found
+        array = self.checked(values)
+        arrived = self.ranks.exchanged({rank: array[cells] for rank, cells in self.ghosts_elsewhere.items()})
+        everything = np.empty((len(self.owners), *array.shape[1:]), array.dtype)
+        everything[self.own] = array
+        for rank, ghost_values in arrived.items():
+            everything[self.owners == rank] = ghost_values
         return frozen(everything, everything.dtype)
 
     def gather(self, values: ArrayLike) -> NDArray[Any]:
@@ -109,18 +109,18 @@ class CellValues:
             If the number of values differs from the number of own cells (RankError on other ranks), or
             value shapes differ between ranks (on all ranks).
         """
-        here, n = self.ranks.rank, len(self.own)
+        rank_id, n = self.ranks.rank, len(self.own)
         with self.ranks.together():
-            array = plain_array(values, f"rank {here}: values")
+            array = plain_array(values, f"rank {rank_id}: values")
             if array.ndim == 0 or len(array) != n:
-                raise MeshError(f"rank {here} has {n} own cells, but the values have shape {array.shape}")
+                raise MeshError(f"rank {rank_id} has {n} own cells, but the values have shape {array.shape}")
         kinds = self.ranks.gathered((array.shape[1:], array.dtype) if n else None)
-        given = [(rank, *kind) for rank, kind in enumerate(kinds) if kind is not None]
-        first, shape, _ = given[0]
-        for rank, other, _ in given:
-            if other != shape:
+        kinds_by_rank = [(rank, *kind) for rank, kind in enumerate(kinds) if kind is not None]
+        first, shape, _ = kinds_by_rank[0]
+        for rank, other_shape, _ in kinds_by_rank:
+            if other_shape != shape:
                 raise MeshError(
-                    f"values of a cell have shape {shape} on rank {first}, {other} on rank {rank}"
+                    f"values of a cell have shape {shape} on rank {first}, {other_shape} on rank {rank}"
                 )
-        dtype = np.result_type(*(kind for _, _, kind in given))
+        dtype = np.result_type(*(kind for _, _, kind in kinds_by_rank))
         return array.astype(dtype, copy=False) if n else np.empty((0, *shape), dtype)

@@ -26,75 +26,75 @@ def check_laws(own: WholeCells, known: Int, owners: Int, held: LocalMesh, n_cell
     n_cells : int
         Number of cells in the whole mesh.
     """
-    here = f"rank {ranks.rank}"
+    rank_name = f"rank {ranks.rank}"
     # Every cell has one owner, and local cells are in global order.
     counts = ranks.gathered(len(own.cells))
     if sum(counts) != n_cells:
         refuse_all(ranks, f"the ranks own {counts} cells, but the mesh has {n_cells}")
     order = np.flatnonzero(np.diff(known) <= 0)
-    refuse_all(ranks, f"{here}: cell {known[order[0] + 1]} is out of order" if len(order) else None)
+    refuse_all(ranks, f"{rank_name}: cell {known[order[0] + 1]} is out of order" if len(order) else None)
     check_ids(own.cells, n_cells, ranks)
     # Border faces agree with each neighbour rank.
     parts = ghosts(own, ranks)
-    told = [_border(own, part, int(part.owners[0]), ranks.rank) for part in parts]
-    heard = [-1, ranks.rank, *(int(part.owners[0]) for part in parts)]
-    silent = [rank for rank in distinct(own.face_owners).tolist() if rank not in heard]
-    told += [f"rank {rank} does not know that its cells have neighbours there" for rank in silent]
-    refuse_all(ranks, next((f"{here}: {fault}" for fault in told if fault), None))
+    faults = [_border(own, part, int(part.owners[0]), ranks.rank) for part in parts]
+    partners = [-1, ranks.rank, *(int(part.owners[0]) for part in parts)]
+    silent = [rank for rank in distinct(own.face_owners).tolist() if rank not in partners]
+    faults += [f"rank {rank} does not know that its cells have neighbours there" for rank in silent]
+    refuse_all(ranks, next((f"{rank_name}: {fault}" for fault in faults if fault), None))
     # Ghosts are the true neighbours, with the geometry and tags of their owners.
     whole = joined([own, *parts])
     fault = _same_cells(known, owners, whole)
-    refuse_all(ranks, f"{here}: {fault}" if fault else None)
+    refuse_all(ranks, f"{rank_name}: {fault}" if fault else None)
     fault = _same_mesh(held, local_mesh(whole, held.mesh.origin, ""), known)
-    refuse_all(ranks, f"{here}: {fault}" if fault else None)
+    refuse_all(ranks, f"{rank_name}: {fault}" if fault else None)
 
 
-def _border(own: WholeCells, part: WholeCells, other: int, rank: int) -> str | None:
+def _border(cells: WholeCells, part: WholeCells, sender: int, rank: int) -> str | None:
     """Return the fault at the faces between this rank and another, the sender of ``part``, or None."""
     none = frozen_int([])
-    mine = taken(own, none, frozen_int(np.flatnonzero((own.face_owners == other).any(axis=1))))
-    theirs = taken(part, none, frozen_int(np.flatnonzero((part.face_owners == rank).any(axis=1))))
-    lost = np.setxor1d(mine.faces, theirs.faces)
-    if len(lost):
-        side, elsewhere = (mine, other) if lost[0] in mine.faces else (theirs, rank)
-        a, b = side.face_cells[np.searchsorted(side.faces, lost[0])].tolist()
+    own_side = taken(cells, none, frozen_int(np.flatnonzero((cells.face_owners == sender).any(axis=1))))
+    other_side = taken(part, none, frozen_int(np.flatnonzero((part.face_owners == rank).any(axis=1))))
+    unmatched = np.setxor1d(own_side.faces, other_side.faces)
+    if len(unmatched):
+        side, elsewhere = (own_side, sender) if unmatched[0] in own_side.faces else (other_side, rank)
+        a, b = side.face_cells[np.searchsorted(side.faces, unmatched[0])].tolist()
         return f"cells {a} and {b} share a face that rank {elsewhere} does not know"
     for name in ("face_offsets", "face_vertices", "face_cells", "face_owners", "points", "coordinates"):
-        if not np.array_equal(getattr(mine, name), getattr(theirs, name)):
-            return f"{name} between its cells and those of rank {other} differ there"
-    for name, values in mine.face_tags.items():
-        if not np.array_equal(values, theirs.face_tags[name]):
-            return f"face tag {name!r} between its cells and those of rank {other} differs there"
+        if not np.array_equal(getattr(own_side, name), getattr(other_side, name)):
+            return f"{name} between its cells and those of rank {sender} differ there"
+    for name, values in own_side.face_tags.items():
+        if not np.array_equal(values, other_side.face_tags[name]):
+            return f"face tag {name!r} between its cells and those of rank {sender} differs there"
     return None
 
 
-def _same_cells(known: Int, owners: Int, whole: WholeCells) -> str | None:
-    lost, strange = np.setdiff1d(whole.cells, known), np.setdiff1d(known, whole.cells)
-    if len(lost):
-        return f"cell {lost[0]} is missing among the ghosts"
-    if len(strange):
-        return f"cell {strange[0]} is no neighbour of an own cell"
+def _same_cells(ids: Int, owners: Int, whole: WholeCells) -> str | None:
+    missing, surplus = np.setdiff1d(whole.cells, ids), np.setdiff1d(ids, whole.cells)
+    if len(missing):
+        return f"cell {missing[0]} is missing among the ghosts"
+    if len(surplus):
+        return f"cell {surplus[0]} is no neighbour of an own cell"
     wrong = np.flatnonzero(owners != whole.owners)
     if len(wrong):
-        cell, said, owner = (int(each[wrong[0]]) for each in (known, owners, whole.owners))
-        return f"cell {cell} is said to be on rank {said}, but is on rank {owner}"
+        cell, listed_owner, owner = (int(array[wrong[0]]) for array in (ids, owners, whole.owners))
+        return f"cell {cell} is said to be on rank {listed_owner}, but is on rank {owner}"
     return None
 
 
-def _same_mesh(held: LocalMesh, right: LocalMesh, known: Int) -> str | None:
+def _same_mesh(local: LocalMesh, expected: LocalMesh, ids: Int) -> str | None:
     """Return the first cell with faces, points or tags that differ from its owner's, or None."""
-    mesh, truth = held.mesh, right.mesh
+    mesh, truth = local.mesh, expected.mesh
     for name, values in truth.cell_tags.items():
         wrong = np.flatnonzero(mesh.cell_tags[name] != values)
         if len(wrong):
-            return f"cell {known[wrong[0]]} has another tag {name!r} than on its owner's rank"
+            return f"cell {ids[wrong[0]]} has another tag {name!r} than on its owner's rank"
     if not np.array_equal(mesh.face_offsets, truth.face_offsets):
         return f"there are {mesh.n_faces} faces, but the cells have {truth.n_faces}, or not of these sizes"
-    differ = (mesh.face_cells != truth.face_cells).any(axis=1) | (held.hidden != right.hidden)
+    differ = (mesh.face_cells != truth.face_cells).any(axis=1) | (local.hidden != expected.hidden)
     for name, values in truth.face_tags.items():
         differ |= mesh.face_tags[name] != values
-    away = (mesh.points[mesh.face_vertices] != truth.points[truth.face_vertices]).any(axis=1)
-    differ[np.repeat(np.arange(mesh.n_faces), np.diff(mesh.face_offsets))[away]] = True
+    moved_points = (mesh.points[mesh.face_vertices] != truth.points[truth.face_vertices]).any(axis=1)
+    differ[np.repeat(np.arange(mesh.n_faces), np.diff(mesh.face_offsets))[moved_points]] = True
     if differ.any():
-        return f"a face of cell {known[truth.face_cells[np.argmax(differ), 0]]} is not as on its owner's rank"
+        return f"a face of cell {ids[truth.face_cells[np.argmax(differ), 0]]} is not as on its owner's rank"
     return None

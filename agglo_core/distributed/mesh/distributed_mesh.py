@@ -201,16 +201,16 @@ class DistributedMesh(CellValues):
         return cls._given(ranks, across_ranks(given, face_tags, ranks), allow_gaps, name)
 
     @classmethod
-    def _given(cls, ranks: Ranks, own: WholeCells, allow_gaps: bool, name: str) -> DistributedMesh:
+    def _given(cls, ranks: Ranks, own_cells: WholeCells, allow_gaps: bool, name: str) -> DistributedMesh:
         if not allow_gaps:
-            refuse_hanging_vertices(own, ranks)
-        return cls._with_ghosts(ranks, own, name)
+            refuse_hanging_vertices(own_cells, ranks)
+        return cls._with_ghosts(ranks, own_cells, name)
 
     @classmethod
-    def _with_ghosts(cls, ranks: Ranks, own: WholeCells, name: str) -> DistributedMesh:
-        whole = joined([own, *ghosts(own, ranks)])
-        origin = common_origin(own, ranks)
-        n_cells = sum(ranks.gathered(len(own.cells)))
+    def _with_ghosts(cls, ranks: Ranks, own_cells: WholeCells, name: str) -> DistributedMesh:
+        whole = joined([own_cells, *ghosts(own_cells, ranks)])
+        origin = common_origin(own_cells, ranks)
+        n_cells = sum(ranks.gathered(len(own_cells.cells)))
         with ranks.together():
             mesh, hidden = local_mesh(whole, origin, name)
             return cls(ranks, mesh, whole.cells, whole.owners, whole.points, whole.faces, hidden, n_cells)

@@ -111,49 +111,51 @@ def given_cells(
     order = frozen_int(np.argsort(ids, kind="stable"))
     tags = {key: values[order] for key, values in tags.items()}
     with ranks.together():
-        distinct, known, numbers = _distinct(lists)
+        distinct, used_ids, numbers = _distinct(lists)
         try:
             mesh = distinct.ordered(order).mesh(tags, name, weak=weak)
         except MeshError:
             # probably fails equally, but with an error in the caller's numbers
             lists.mesh({}, name, weak=weak)
             raise
-    return GivenCells(mesh, ids[order], known, numbers)
+    return GivenCells(mesh, ids[order], used_ids, numbers)
 
 
 def _listed(points: ArrayLike, cells: Any, point_ids: ArrayLike | None) -> _Lists:
     if not len(cells) or (isinstance(cells, tuple) and len(cells[0]) < 2):
         return _Lists(np.empty((0, 0)), frozen_int([]), (frozen_int([0]),), frozen_int([]))
-    where = check_points(points)
-    ids = whole_numbers(np.arange(len(where)) if point_ids is None else point_ids, "point_ids")
-    if len(ids) != len(where):
-        raise MeshError(f"there are {len(where)} points, but {len(ids)} point_ids")
-    *offsets, vertices = (solids_as_csr if where.shape[1] == 3 else loops_as_csr)(cells)
-    for each, entries in pairwise([*offsets, vertices]):
-        check_offsets(each, len(entries) - (entries is not vertices), "cell")
+    coordinates = check_points(points)
+    ids = whole_numbers(np.arange(len(coordinates)) if point_ids is None else point_ids, "point_ids")
+    if len(ids) != len(coordinates):
+        raise MeshError(f"there are {len(coordinates)} points, but {len(ids)} point_ids")
+    *offsets, vertices = (solids_as_csr if coordinates.shape[1] == 3 else loops_as_csr)(cells)
+    for array, entries in pairwise([*offsets, vertices]):
+        check_offsets(array, len(entries) - (entries is not vertices), "cell")
     first = offsets[0] if len(offsets) == 1 else offsets[1][offsets[0]]
-    check_indices(first, vertices, len(where))
-    check_finite(where, vertices)
-    return _Lists(where, ids, tuple(offsets), vertices)
+    check_indices(first, vertices, len(coordinates))
+    check_finite(coordinates, vertices)
+    return _Lists(coordinates, ids, tuple(offsets), vertices)
 
 
-def _agreed(given: list[Any], what: str, ranks: Ranks) -> Any:
+def _agreed(values: list[Any], template: str, ranks: Ranks) -> Any:
     """Return the value that all ranks with cells agree on, or raise MeshError on all ranks."""
-    told = [(rank, each) for rank, each in enumerate(given) if each is not None]
-    if not told:
+    answers = [(rank, value) for rank, value in enumerate(values) if value is not None]
+    if not answers:
         raise MeshError("the mesh is empty: no rank has a cell")
-    (first, said), *others = told
-    for rank, each in others:
-        if each != said:
-            raise MeshError(f"rank {first} has {what.format(said)}, rank {rank} {what.format(each)}")
-    return said
+    (first, first_value), *others = answers
+    for rank, value in others:
+        if value != first_value:
+            raise MeshError(
+                f"rank {first} has {template.format(first_value)}, rank {rank} {template.format(value)}"
+            )
+    return first_value
 
 
-def _ids(given: ArrayLike | None, counts: list[int], rank: int) -> Int:
+def _ids(cell_ids: ArrayLike | None, counts: list[int], rank: int) -> Int:
     """Return the global ids of the cells, by default numbered rank after rank."""
-    if given is None:
+    if cell_ids is None:
         return frozen_int(np.arange(counts[rank]) + sum(counts[:rank]))
-    ids = whole_numbers(given, "cell_ids")
+    ids = whole_numbers(cell_ids, "cell_ids")
     if len(ids) != counts[rank]:
         raise MeshError(f"there are {counts[rank]} cells, but {len(ids)} cell_ids")
     return ids
@@ -161,20 +163,20 @@ def _ids(given: ArrayLike | None, counts: list[int], rank: int) -> Int:
 
 def _distinct(lists: _Lists) -> tuple[_Lists, Int, Int]:
     """List each used point once. Return the cells, global point ids, and new numbers of given points."""
-    used = np.zeros(len(lists.points), bool)
-    used[lists.vertices] = True
-    rows = np.flatnonzero(used)
-    known, first, number = np.unique(lists.point_ids[rows], return_index=True, return_inverse=True)
+    is_used = np.zeros(len(lists.points), bool)
+    is_used[lists.vertices] = True
+    rows = np.flatnonzero(is_used)
+    used_ids, first, number = np.unique(lists.point_ids[rows], return_index=True, return_inverse=True)
     points = lists.points[rows[first]]
     wrong = np.flatnonzero((lists.points[rows] != points[number]).any(axis=1))
     if len(wrong):
-        one, other = rows[first[number[wrong[0]]]], rows[wrong[0]]
+        a, b = rows[first[number[wrong[0]]]], rows[wrong[0]]
         raise MeshError(
-            f"points {one} and {other} have the global id {lists.point_ids[one]}, but are at different "
-            f"places: {lists.points[one].tolist()} and {lists.points[other].tolist()}"
+            f"points {a} and {b} have the global id {lists.point_ids[a]}, but are at different "
+            f"places: {lists.points[a].tolist()} and {lists.points[b].tolist()}"
         )
     numbers = np.full(len(lists.points), -1)
     numbers[rows] = number
     vertices = frozen_int(numbers[lists.vertices])
-    distinct = lists._replace(points=frozen_float(points), point_ids=frozen_int(known), vertices=vertices)
-    return distinct, frozen_int(known), frozen_int(numbers)
+    distinct = lists._replace(points=frozen_float(points), point_ids=frozen_int(used_ids), vertices=vertices)
+    return distinct, frozen_int(used_ids), frozen_int(numbers)

@@ -27,22 +27,22 @@ def ghosts(own: WholeCells, ranks: Ranks) -> list[WholeCells]:
     """
     sides = own.face_owners
     border = np.flatnonzero(((sides != ranks.rank) & (sides >= 0)).any(axis=1))
-    one = (sides[border, 1] == ranks.rank).astype(np.int64)  # the side of border faces that is own
-    cells = places(own.face_cells[border, one], own.cells)
+    own_side = (sides[border, 1] == ranks.rank).astype(np.int64)  # the side of border faces that is own
+    cells = places(own.face_cells[border, own_side], own.cells)
     near = _near(own, distinct(cells))
-    to, where = sides[border, 1 - one], places(own.cells[cells], near.cells)
+    to, positions = sides[border, 1 - own_side], places(own.cells[cells], near.cells)
     rows, ends = faces_of(near)
-    offsets, entries = gather(ends, where)
+    offsets, entries = gather(ends, positions)
     faces = frozen_int(np.repeat(to, np.diff(offsets))), frozen_int(rows[entries])
-    return list(ranks.exchanged(parcels(near, (to, where), faces)).values())
+    return list(ranks.exchanged(parcels(near, (to, positions), faces)).values())
 
 
-def _near(own: WholeCells, cells: Int) -> WholeCells:
+def _near(whole: WholeCells, cells: Int) -> WholeCells:
     """Return the part with only the cells at the given positions."""
-    chosen = np.zeros(len(own.cells) + 1, bool)
+    chosen = np.zeros(len(whole.cells) + 1, bool)
     chosen[cells] = True
-    faces = chosen[places(own.face_cells, own.cells)].any(axis=1)
-    return taken(own, cells, frozen_int(np.flatnonzero(faces)))
+    faces = chosen[places(whole.face_cells, whole.cells)].any(axis=1)
+    return taken(whole, cells, frozen_int(np.flatnonzero(faces)))
 
 
 def faces_of(whole: WholeCells) -> tuple[Int, Int]:
@@ -91,7 +91,7 @@ def local_mesh(whole: WholeCells, origin: Float, name: str) -> LocalMesh:
     neighbours are in the mesh.
     """
     sides = places(whole.face_cells, whole.cells)
-    hidden: Mask = np.asarray(((sides < 0) & (whole.face_cells >= 0)).any(axis=1))
+    is_hidden: Mask = np.asarray(((sides < 0) & (whole.face_cells >= 0)).any(axis=1))
     turned = sides[:, 0] < 0
     mesh = trusted(
         Mesh,
@@ -100,10 +100,10 @@ def local_mesh(whole: WholeCells, origin: Float, name: str) -> LocalMesh:
         _turned(whole.face_offsets, whole.face_vertices, turned),
         frozen_int(np.where(turned[:, None], sides[:, ::-1], sides)),
         cell_tags=whole.cell_tags,
-        face_tags={key: np.where(hidden, 0, values) for key, values in whole.face_tags.items()},
+        face_tags={key: np.where(is_hidden, 0, values) for key, values in whole.face_tags.items()},
         name=name,
     )
-    return LocalMesh(part_of_whole(mesh, origin, hidden), hidden)
+    return LocalMesh(part_of_whole(mesh, origin, is_hidden), is_hidden)
 
 
 def part_of_whole(mesh: Mesh, origin: Float, hidden: Mask) -> Mesh:

@@ -46,9 +46,9 @@ def joined_across(own: WholeCells, ranks: Ranks, name: str) -> Mesh | None:
             return None
         # Close all faces that another rank has to treat, then join the rest.
         whole = joined([own, near])
-        mesh, hidden = local_mesh(whole, origin, name)
+        mesh, is_hidden = local_mesh(whole, origin, name)
         is_own = whole.owners == ranks.rank
-        shut = hidden | _not_ours(mesh, hidden, is_own)
+        shut = is_hidden | _not_ours(mesh, is_hidden, is_own)
         try:
             together = _shut(trusted_copy(mesh, cell_tags={}), shut).conforming(merge_points=True)
         except MeshError as error:
@@ -65,7 +65,7 @@ def _shut(mesh: Mesh, faces: Mask) -> Mesh:
     return trusted_copy(mesh, face_cells=frozen_int(sides))
 
 
-def _not_ours(mesh: Mesh, hidden: Mask, is_own: Mask) -> Mask:
+def _not_ours(mesh: Mesh, is_hidden: Mask, is_own: Mask) -> Mask:
     """Return foreign outer faces in 3-D that neither tile nor equal an own face.
 
     Only the owner can split a large face, because some faces on top may be missing here. In 2-D each edge is
@@ -74,25 +74,25 @@ def _not_ours(mesh: Mesh, hidden: Mask, is_own: Mask) -> Mask:
     shut = np.zeros(mesh.n_faces, bool)
     if mesh.dim == 2:
         return shut
-    outer = outer_faces(_shut(mesh, hidden))
+    outer = outer_faces(_shut(mesh, is_hidden))
     owner = mesh.face_cells[outer.faces, 0]
     pairs = facing_pairs(outer)
     pairs = frozen_int(pairs[is_own[owner[pairs]].sum(axis=1) == 1])
-    found = find_contacts(outer, pairs, reach(mesh, outer, pairs, TOLERANCE))
-    others = ~is_own[owner[found.pairs]]
+    contacts = find_contacts(outer, pairs, reach(mesh, outer, pairs, TOLERANCE))
+    is_foreign = ~is_own[owner[contacts.pairs]]
     shut[outer.faces[~is_own[owner]]] = True
-    shut[outer.faces[found.pairs[others & (found.share > 1 - found.slack[:, None])]]] = False
+    shut[outer.faces[contacts.pairs[is_foreign & (contacts.share > 1 - contacts.slack[:, None])]]] = False
     return shut
 
 
-def _cells_of(mesh: Mesh, own: WholeCells, whole: WholeCells, is_own: Mask) -> Mesh:
+def _cells_of(mesh: Mesh, own_cells: WholeCells, whole: WholeCells, is_own: Mask) -> Mesh:
     """Extract the own cells with their tags from a mesh with foreign cells."""
     number = np.append(np.where(is_own, np.cumsum(is_own) - 1, -1), (-1, -1))  # dummy cell, and -1
     sides = frozen_int(number[mesh.face_cells])
     alone = WholeCells(
-        frozen_int(np.arange(len(own.cells))),
-        own.owners,
-        own.cell_tags,
+        frozen_int(np.arange(len(own_cells.cells))),
+        own_cells.owners,
+        own_cells.cell_tags,
         _numbers(mesh.n_faces),
         mesh.face_offsets,
         mesh.face_vertices,

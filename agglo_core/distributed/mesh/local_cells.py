@@ -41,16 +41,16 @@ def across_ranks(given: GivenCells, face_tags: FaceTags | None, ranks: Ranks) ->
     near = frozen_int(np.flatnonzero(shared))
     loops, entries = gather(offsets, near)
     # Match these faces across ranks, and merge tags of both sides.
-    found = cells_beyond(vertices[entries], loops, frozen_int(cells[near]), tags[near], near, ranks)
-    tags[near] = np.where(tags[near] != 0, tags[near], found.tags)
-    across = found.cells >= 0
-    beyond = Beyond(*(each[across] for each in found))
+    partners = cells_beyond(vertices[entries], loops, frozen_int(cells[near]), tags[near], near, ranks)
+    tags[near] = np.where(tags[near] != 0, tags[near], partners.tags)
+    across = partners.cells >= 0
+    beyond = Beyond(*(column[across] for column in partners))
     border = frozen_int(near[across])
     # The smaller cell id owns a border face. Owners number and orient the faces.
-    mine = np.ones(mesh.n_faces, bool)
-    mine[border] = cells[border, 0] < beyond.cells
-    faces = _numbered(cells[:, 0], mine, ranks)
-    faces, vertices = _from_owners(faces, mine, offsets, vertices, border, beyond, ranks)
+    is_owned = np.ones(mesh.n_faces, bool)
+    is_owned[border] = cells[border, 0] < beyond.cells
+    faces = _numbered(cells[:, 0], is_owned, ranks)
+    faces, vertices = _from_owners(faces, is_owned, offsets, vertices, border, beyond, ranks)
     sides, owners = _sides(cells, border, beyond, ranks.rank)
     # Sort faces by their global number.
     order = np.argsort(faces)
@@ -71,39 +71,39 @@ def across_ranks(given: GivenCells, face_tags: FaceTags | None, ranks: Ranks) ->
 
 
 def _listed_tags(
-    face_tags: FaceTags, names: list[str], given: GivenCells, vertices: Int
+    face_tags: FaceTags, names: list[str], cells: GivenCells, vertices: Int
 ) -> NDArray[np.int64]:
     """Return face tags ``(n_faces, len(names))`` from faces listed by points, 0 elsewhere."""
-    tags = np.zeros((given.mesh.n_faces, len(names)), np.int64)
+    tags = np.zeros((cells.mesh.n_faces, len(names)), np.int64)
     if not face_tags:
         return tags
-    keys = face_keys(vertices, given.mesh.face_offsets)
+    keys = face_keys(vertices, cells.mesh.face_offsets)
     for name, (faces, values) in face_tags.items():
         column = tags[:, names.index(name)]
-        found = _listed(f"face tag {name!r}", faces, given, keys)
-        said = whole_numbers(values, f"face tag {name!r}")
-        if len(said) != len(found):
-            raise MeshError(f"face tag {name!r} lists {len(found)} faces, but {len(said)} values")
-        column[found] = said
-        if (column[found] != said).any():
+        positions = _listed(f"face tag {name!r}", faces, cells, keys)
+        tag_values = whole_numbers(values, f"face tag {name!r}")
+        if len(tag_values) != len(positions):
+            raise MeshError(f"face tag {name!r} lists {len(positions)} faces, but {len(tag_values)} values")
+        column[positions] = tag_values
+        if (column[positions] != tag_values).any():
             raise MeshError(f"face tag {name!r} lists a face twice, with different values")
     return tags
 
 
-def _listed(what: str, faces: Any, given: GivenCells, keys: FaceKeys) -> Int:
+def _listed(title: str, faces: Any, cells: GivenCells, keys: FaceKeys) -> Int:
     """Return the numbers for faces listed by points, or raise MeshError for an unknown face."""
     offsets, points = loops_as_csr(faces)
     check_offsets(offsets, len(points), "face")
-    known = (points >= 0) & (points < len(given.numbers))
-    known[known] = given.numbers[points[known]] >= 0
-    if not known.all():
-        raise MeshError(f"{what}: no cell of this rank has point {points[np.argmin(known)]}")
-    found = _found(face_keys(given.points[given.numbers[points]], offsets), keys)
-    if len(found) and found.min() < 0:
-        row = int(np.argmin(found))
+    is_known = (points >= 0) & (points < len(cells.numbers))
+    is_known[is_known] = cells.numbers[points[is_known]] >= 0
+    if not is_known.all():
+        raise MeshError(f"{title}: no cell of this rank has point {points[np.argmin(is_known)]}")
+    face_numbers = _found(face_keys(cells.points[cells.numbers[points]], offsets), keys)
+    if len(face_numbers) and face_numbers.min() < 0:
+        row = int(np.argmin(face_numbers))
         loop = points[offsets[row] : offsets[row + 1]].tolist()
-        raise MeshError(f"{what}: no cell of this rank has a face with the points {loop}")
-    return found
+        raise MeshError(f"{title}: no cell of this rank has a face with the points {loop}")
+    return face_numbers
 
 
 def _found(sought: FaceKeys, keys: FaceKeys) -> Int:
@@ -120,19 +120,19 @@ def _found(sought: FaceKeys, keys: FaceKeys) -> Int:
     return frozen_int(found[len(keys.low) :])
 
 
-def _numbered(owner: Int, mine: NDArray[np.bool_], ranks: Ranks) -> Int:
+def _numbered(owner: Int, is_owned: NDArray[np.bool_], ranks: Ranks) -> Int:
     """Number the faces that belong to own cells in cell order, with -1 for other faces."""
-    own = owner[mine]
-    rank = np.arange(len(own)) - np.searchsorted(own, own)
+    owner_cells = owner[is_owned]
+    rank = np.arange(len(owner_cells)) - np.searchsorted(owner_cells, owner_cells)
     most = int(ranks.largest(float(rank.max(initial=0)))) + 1
     faces = np.full(len(owner), -1)
-    faces[mine] = own * most + rank
+    faces[is_owned] = owner_cells * most + rank
     return frozen_int(faces)
 
 
 def _from_owners(
     faces: Int,
-    mine: NDArray[np.bool_],
+    is_owned: NDArray[np.bool_],
     offsets: Int,
     vertices: Int,
     border: Int,
@@ -142,9 +142,9 @@ def _from_owners(
     """Return numbers and points for all faces, received from other ranks for faces owned there."""
     parcels = {}
     for rank in distinct(beyond.ranks).tolist():
-        told = np.flatnonzero((beyond.ranks == rank) & mine[border])
-        at = border[told]
-        parcels[rank] = beyond.faces[told], faces[at], vertices[gather(offsets, at)[1]]
+        rows = np.flatnonzero((beyond.ranks == rank) & is_owned[border])
+        at = border[rows]
+        parcels[rank] = beyond.faces[rows], faces[at], vertices[gather(offsets, at)[1]]
     faces, vertices = faces.copy(), vertices.copy()
     for at, numbers, loops in ranks.exchanged(parcels).values():
         faces[at] = numbers

@@ -45,10 +45,10 @@ def check_destinations(to: NDArray[Any], cells: Int, ranks: Ranks) -> None:
             )
 
 
-def _check_integers(what: str, values: NDArray[Any]) -> None:
+def _check_integers(name: str, values: NDArray[Any]) -> None:
     if values.ndim != 1 or (values.size and values.dtype.kind not in "iu"):
         raise MeshError(
-            f"{what} must be integers, one per own cell; given shape {values.shape}, dtype {values.dtype}"
+            f"{name} must be integers, one per own cell; given shape {values.shape}, dtype {values.dtype}"
         )
 
 
@@ -67,23 +67,23 @@ def moved(own: WholeCells, known: Int, number: Int, to: Int, ranks: Ranks) -> Wh
     # Renumber cells and faces, and drop faces inside joined cells.
     sides = places(own.face_cells, known)
     numbers, new_ranks = np.append(number, -1)[sides], np.append(to, -1)[sides]
-    kept = np.flatnonzero(numbers[:, 0] != numbers[:, 1])
-    offsets, entries = gather(own.face_offsets, frozen_int(kept))
+    new_faces = np.flatnonzero(numbers[:, 0] != numbers[:, 1])
+    offsets, entries = gather(own.face_offsets, frozen_int(new_faces))
     at = places(own.cells, known)
     cells, first = np.unique(number[at], return_index=True)
     whole = own._replace(
         cells=frozen_int(cells),
         owners=frozen_int(to[at[first]]),
         cell_tags={name: values[first] for name, values in own.cell_tags.items()},
-        faces=own.faces[kept],
+        faces=own.faces[new_faces],
         face_offsets=offsets,
         face_vertices=own.face_vertices[entries],
-        face_cells=frozen_int(numbers[kept]),
-        face_owners=frozen_int(new_ranks[kept]),
-        face_tags={name: values[kept] for name, values in own.face_tags.items()},
+        face_cells=frozen_int(numbers[new_faces]),
+        face_owners=frozen_int(new_ranks[new_faces]),
+        face_tags={name: values[new_faces] for name, values in own.face_tags.items()},
     )
     # Send each cell and face to its new rank.
-    face, side = np.nonzero(own.face_owners[kept] == ranks.rank)  # the owner of a cell sends its faces
+    face, side = np.nonzero(own.face_owners[new_faces] == ranks.rank)  # the owner of a cell sends its faces
     faces = whole.face_owners[face, side], frozen_int(face)
     sent = parcels(whole, (whole.owners, frozen_int(np.arange(len(cells)))), faces, [ranks.rank])
     arrived = list(ranks.exchanged(sent).values())
@@ -93,9 +93,9 @@ def moved(own: WholeCells, known: Int, number: Int, to: Int, ranks: Ranks) -> Wh
         {name: np.concatenate([part.cell_tags[name] for part in arrived]) for name in own.cell_tags},
     )
     agreed = set.intersection(*ranks.gathered(agreed))
-    found = joined(arrived)
-    return found._replace(
-        cell_tags={name: values for name, values in found.cell_tags.items() if name in agreed}
+    result = joined(arrived)
+    return result._replace(
+        cell_tags={name: values for name, values in result.cell_tags.items() if name in agreed}
     )
 
 

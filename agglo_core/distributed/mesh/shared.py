@@ -18,8 +18,8 @@ def check_ids(ids: Int, n: int, ranks: Ranks) -> None:
     The number of ids must add up to n over the ranks.
     """
     wrong = np.flatnonzero((ids < 0) | (ids >= n))
-    found = f"rank {ranks.rank}: cell id {ids[wrong[0]]}, but there are {n} cells" if len(wrong) else None
-    refuse_all(ranks, found)
+    fault = f"rank {ranks.rank}: cell id {ids[wrong[0]]}, but there are {n} cells" if len(wrong) else None
+    refuse_all(ranks, fault)
     # Collect equal ids on one rank and look for duplicates.
     meeting = Meeting(ranks, frozen_int(ids * ranks.size // n), ids)
     order, bounds = groups(meeting.columns[0])
@@ -27,8 +27,8 @@ def check_ids(ids: Int, n: int, ranks: Ranks) -> None:
     if len(double):
         rows = order[bounds[double[0]] : bounds[double[0] + 1]]
         of = ", ".join(str(rank) for rank in meeting.senders[rows])
-        found = f"cell id {meeting.columns[0][rows[0]]} is given {len(rows)} times, on ranks {of}"
-    refuse_all(ranks, found)
+        fault = f"cell id {meeting.columns[0][rows[0]]} is given {len(rows)} times, on ranks {of}"
+    refuse_all(ranks, fault)
 
 
 def shared_points(ids: Int, points: Float, ranks: Ranks) -> Mask:
@@ -42,19 +42,19 @@ def shared_points(ids: Int, points: Float, ranks: Ranks) -> Mask:
     # Collect points with equal id on one rank and compare their coordinates.
     to = rank_of_key(splitmix(ids.view(np.uint64)), ranks.size)
     meeting = Meeting(ranks, to, ids, points)
-    known, where = meeting.columns
-    order, bounds = groups(known)
+    meeting_ids, coords = meeting.columns
+    order, bounds = groups(meeting_ids)
     sizes = np.diff(bounds)
-    first = np.empty(len(known), np.int64)
+    first = np.empty(len(meeting_ids), np.int64)
     first[order] = np.repeat(order[bounds[:-1]], sizes)
-    moved = np.flatnonzero((where != where[first]).any(axis=1))
-    found = None
-    if len(moved):
-        rows = (first[moved[0]], moved[0])
-        places = " and ".join(f"at {where[row].tolist()} on rank {meeting.senders[row]}" for row in rows)
-        found = f"point {known[rows[0]]} is {places}"
-    refuse_all(ranks, found)
-    shared = np.empty(len(known), bool)
+    differing = np.flatnonzero((coords != coords[first]).any(axis=1))
+    fault = None
+    if len(differing):
+        rows = (first[differing[0]], differing[0])
+        places = " and ".join(f"at {coords[row].tolist()} on rank {meeting.senders[row]}" for row in rows)
+        fault = f"point {meeting_ids[rows[0]]} is {places}"
+    refuse_all(ranks, fault)
+    shared = np.empty(len(meeting_ids), bool)
     shared[order] = np.repeat(sizes > 1, sizes)
     return meeting.answered(shared)[0]
 
@@ -69,10 +69,10 @@ def numbered_by_place(points: Float, ranks: Ranks) -> Int:
     for column in np.ascontiguousarray(points).view(np.uint64).T:
         key = splitmix(key ^ column)
     meeting = Meeting(ranks, rank_of_key(key, ranks.size), points, key)
-    where, keys = meeting.columns
-    order, bounds = groups(*where.T, keys)
+    coords, keys = meeting.columns
+    order, bounds = groups(*coords.T, keys)
     before = sum(ranks.gathered(len(bounds) - 1)[: ranks.rank])
-    number = np.empty(len(where), np.int64)
+    number = np.empty(len(coords), np.int64)
     number[order] = np.repeat(np.arange(len(bounds) - 1) + before, np.diff(bounds))
     return frozen_int(meeting.answered(number)[0])
 
@@ -127,30 +127,30 @@ def cells_beyond(
     low, mixed = face_keys(vertices, offsets)
     to = rank_of_key(splitmix(low.view(np.uint64)), ranks.size)
     meeting = Meeting(ranks, to, low, mixed, cells, _turns(vertices, offsets, low), numbers, tags)
-    low, mixed, sides, turn, number, said = meeting.columns
+    low, mixed, sides, turn, number, side_tags = meeting.columns
     order, bounds = groups(mixed, low)
     single = np.flatnonzero(np.diff(bounds) == 2)
     a, b = order[bounds[single]], order[bounds[single] + 1]
     refuse_all(ranks, _third_cell(sides[order], bounds, meeting.senders[order]))
     # Refuse faces with more than two cells, with both cells on one side, or with contradictory tags.
     overlap = turn[a] == turn[b]
-    differ = ((said[a] != said[b]) & (said[a] != 0) & (said[b] != 0)).any(axis=1)
-    for wrong, what in (
+    differ = ((side_tags[a] != side_tags[b]) & (side_tags[a] != 0) & (side_tags[b] != 0)).any(axis=1)
+    for wrong, complaint in (
         (overlap, "lie on the same side of a face"),
         (differ, "differ in a tag of their face"),
     ):
-        named = None
+        fault = None
         if wrong.any():
             pair = [(a if first else b)[np.argmax(wrong)] for first in (True, False)]
             cell = [f"cell {sides[row, 0]} (rank {meeting.senders[row]})" for row in pair]
-            named = f"{cell[0]} and {cell[1]} {what}"
-        refuse_all(ranks, named)
+            fault = f"{cell[0]} and {cell[1]} {complaint}"
+        refuse_all(ranks, fault)
     # Reply to each side with cell, rank, number and tags of its partner.
     partner = np.full(len(order), -1)
     partner[a], partner[b] = b, a
     none = partner < 0
-    found = [np.where(none, -1, each[partner]) for each in (sides[:, 0], meeting.senders, number)]
-    return Beyond(*meeting.answered(*found, np.where(none[:, None], 0, said[partner])))
+    columns = [np.where(none, -1, column[partner]) for column in (sides[:, 0], meeting.senders, number)]
+    return Beyond(*meeting.answered(*columns, np.where(none[:, None], 0, side_tags[partner])))
 
 
 def _turns(vertices: Int, offsets: Int, low: Int) -> Int:
@@ -164,9 +164,9 @@ def _turns(vertices: Int, offsets: Int, low: Int) -> Int:
 def _third_cell(sides: Int, bounds: Int, senders: Int) -> str | None:
     """Describe the first face with more than two cells, or return None."""
     count = np.diff(np.append(0, np.cumsum((sides >= 0).sum(axis=1)))[bounds])
-    many = np.flatnonzero(count > 2)
-    if not len(many):
+    crowded = np.flatnonzero(count > 2)
+    if not len(crowded):
         return None
-    rows = range(bounds[many[0]], bounds[many[0] + 1])
+    rows = range(bounds[crowded[0]], bounds[crowded[0] + 1])
     cells = [f"{cell} (rank {senders[row]})" for row in rows for cell in sides[row] if cell >= 0]
     return f"a face has more than two cells: cells {', '.join(cells)}"

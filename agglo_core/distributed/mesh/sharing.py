@@ -40,18 +40,18 @@ def _by_coordinates(centroids: Float, size: int, block_cells: int | None) -> Int
 def _in_boxes(centroids: Float, size: int) -> Int:
     """Assign cells to ranks by recursive halving across the longest side of the box."""
     rank = np.zeros(len(centroids), np.int64)
-    waiting = [(np.arange(len(rank)), 0, size)]
-    while waiting:
-        cells, first, count = waiting.pop()
+    stack = [(np.arange(len(rank)), 0, size)]
+    while stack:
+        cells, first, count = stack.pop()
         if count == 1 or not len(cells):
             rank[cells] = first
             continue
-        own = centroids[cells]
-        along = own[:, int(np.argmax(np.ptp(own, axis=0)))]
-        left = count // 2
-        order = cells[np.argsort(along, kind="stable")]
-        cut = len(order) * left // count
-        waiting += [(order[:cut], first, left), (order[cut:], first + left, count - left)]
+        points = centroids[cells]
+        coordinate = points[:, int(np.argmax(np.ptp(points, axis=0)))]
+        n_left = count // 2
+        order = cells[np.argsort(coordinate, kind="stable")]
+        cut = len(order) * n_left // count
+        stack += [(order[:cut], first, n_left), (order[cut:], first + n_left, count - n_left)]
     return frozen_int(rank)
 
 
@@ -63,7 +63,7 @@ def scattered(mesh: Mesh | None, ranks: Ranks, method: str, block_cells: int | N
     OptionError
         If rank 0 has no mesh, for an unknown method, or blocks without cells.
     """
-    sent: dict[int, WholeCells] = {}
+    parcels: dict[int, WholeCells] = {}
     with ranks.together():
         if method not in _METHODS:
             raise OptionError(f"unknown method {method!r}; known: {', '.join(_METHODS)}")
@@ -72,8 +72,8 @@ def scattered(mesh: Mesh | None, ranks: Ranks, method: str, block_cells: int | N
                 raise OptionError("rank 0 must have a mesh to share out; it has none")
             x, size = mesh.local_centroids, ranks.size
             rank = _along_curve(x, size) if method == "curve" else _by_coordinates(x, size, block_cells)
-            sent = _shares(mesh, rank, size)
-    return ranks.exchanged(sent)[0]
+            parcels = _shares(mesh, rank, size)
+    return ranks.exchanged(parcels)[0]
 
 
 def _shares(mesh: Mesh, rank: Int, size: int) -> dict[int, WholeCells]:

@@ -90,15 +90,15 @@ def cells_near(own: WholeCells, ranks: Ranks) -> WholeCells:
     return joined(list(ranks.exchanged(sent).values()) or [taken(own, frozen_int([]), frozen_int([]))])
 
 
-def _rim(own: WholeCells) -> _Rim:
+def _rim(whole: WholeCells) -> _Rim:
     """Return the outer faces with slightly enlarged bounding boxes."""
-    faces = frozen_int(np.flatnonzero((own.face_cells < 0).any(axis=1)))
-    cells = places(own.face_cells[faces].max(axis=1), own.cells)
+    faces = frozen_int(np.flatnonzero((whole.face_cells < 0).any(axis=1)))
+    cells = places(whole.face_cells[faces].max(axis=1), whole.cells)
     if not len(faces):
-        none = frozen_float(np.empty((0, own.coordinates.shape[1])))
+        none = frozen_float(np.empty((0, whole.coordinates.shape[1])))
         return _Rim(faces, cells, none, none)
-    offsets, entries = gather(own.face_offsets, faces)
-    points = own.coordinates[own.face_vertices[entries]]
+    offsets, entries = gather(whole.face_offsets, faces)
+    points = whole.coordinates[whole.face_vertices[entries]]
     low = np.minimum.reduceat(points, offsets[:-1], axis=0)
     high = np.maximum.reduceat(points, offsets[:-1], axis=0)
     wider = TOLERANCE * (high - low).max(axis=1, keepdims=True)
@@ -106,37 +106,39 @@ def _rim(own: WholeCells) -> _Rim:
 
 
 def _parcels(
-    own: WholeCells, rim: _Rim, boxes: Sequence[tuple[Float, Float] | None], rank: int
+    whole: WholeCells, rim: _Rim, boxes: Sequence[tuple[Float, Float] | None], rank: int
 ) -> dict[int, WholeCells]:
     """Return the rim cells to keep here, and to send to ranks whose outer box they meet."""
-    to, which = [], []
-    for other, box in enumerate(boxes):
+    to, rim_cells = [], []
+    for receiver, box in enumerate(boxes):
         if box is None or not len(rim.faces):
             continue
         within = (rim.low <= box[1]).all(axis=1) & (rim.high >= box[0]).all(axis=1)
-        chosen = np.flatnonzero(within | (other == rank))
-        to.append(np.full(len(chosen), other))
-        which.append(rim.cells[chosen])
+        chosen = np.flatnonzero(within | (receiver == rank))
+        to.append(np.full(len(chosen), receiver))
+        rim_cells.append(rim.cells[chosen])
     if not to:
         return {}
-    ends, cells = frozen_int(np.concatenate(to)), frozen_int(np.concatenate(which))
-    rows, bounds = faces_of(own)
+    ends, cells = frozen_int(np.concatenate(to)), frozen_int(np.concatenate(rim_cells))
+    rows, bounds = faces_of(whole)
     offsets, entries = gather(bounds, cells)
     faces = frozen_int(np.repeat(ends, np.diff(offsets))), frozen_int(rows[entries])
-    return parcels(own, (ends, cells), faces)
+    return parcels(whole, (ends, cells), faces)
 
 
 def _contacts(near: WholeCells) -> tuple[Int, Mask]:
     """Return cell pairs with outer faces that lie on each other, and mark pairs with shared points."""
     if not len(near.cells):
         return frozen_int(np.empty((0, 2))), np.empty(0, bool)
-    mesh, hidden = local_mesh(near, 0.5 * (near.coordinates.min(axis=0) + near.coordinates.max(axis=0)), "")
+    mesh, is_hidden = local_mesh(
+        near, 0.5 * (near.coordinates.min(axis=0) + near.coordinates.max(axis=0)), ""
+    )
     outer = outer_faces(mesh)
     owner = mesh.face_cells[outer.faces, 0]
     pairs = facing_pairs(outer)
-    pairs = pairs[(owner[pairs[:, 0]] != owner[pairs[:, 1]]) & ~hidden[outer.faces[pairs]].any(axis=1)]
-    found = find_contacts(outer, frozen_int(pairs), reach(mesh, outer, frozen_int(pairs), TOLERANCE)).pairs
-    return frozen_int(owner[found]), _sharing(outer.offsets, outer.vertices, found)
+    pairs = pairs[(owner[pairs[:, 0]] != owner[pairs[:, 1]]) & ~is_hidden[outer.faces[pairs]].any(axis=1)]
+    contacts = find_contacts(outer, frozen_int(pairs), reach(mesh, outer, frozen_int(pairs), TOLERANCE)).pairs
+    return frozen_int(owner[contacts]), _sharing(outer.offsets, outer.vertices, contacts)
 
 
 def _sharing(offsets: Int, vertices: Int, pairs: Int) -> Mask:

@@ -55,10 +55,10 @@ def taken(whole: WholeCells, cells: Int, faces: Int) -> WholeCells:
     """Select cells and faces at the given positions (increasing), with their points."""
     offsets, entries = gather(whole.face_offsets, faces)
     vertices = whole.face_vertices[entries]
-    used = np.zeros(len(whole.points), bool)
-    used[vertices] = True
-    points = np.flatnonzero(used)
-    number = np.empty(len(used), np.int64)
+    is_used = np.zeros(len(whole.points), bool)
+    is_used[vertices] = True
+    points = np.flatnonzero(is_used)
+    number = np.empty(len(is_used), np.int64)
     number[points] = np.arange(len(points))
     return WholeCells(
         whole.cells[cells],

@@ -59,11 +59,11 @@ def error_norms(
     with ranks.together():
         everything = np.zeros((len(ids), values.shape[1]))
         everything[np.searchsorted(ids, mesh.global_ids)] = values
-        mine = np.isin(ids, mesh.global_ids[mesh.own])
-        found = _measured(problem, wide, how, everything.ravel(), mine) if mine.any() else None
-    told = [each for each in ranks.gathered(found) if each is not None]
-    names = [name for name in told[0] if all(name in each for each in told)]
-    return {name: math.hypot(*(each[name] for each in told)) for name in names}
+        is_own = np.isin(ids, mesh.global_ids[mesh.own])
+        norms = _measured(problem, wide, how, everything.ravel(), is_own) if is_own.any() else None
+    rank_norms = [record for record in ranks.gathered(norms) if record is not None]
+    names = [name for name in rank_norms[0] if all(name in record for record in rank_norms)]
+    return {name: math.hypot(*(record[name] for record in rank_norms)) for name in names}
 
 
 def _measured(problem: Problem, wide: Any, how: Discretisation, x: Any, mine: Any) -> dict[str, float]:

@@ -24,15 +24,15 @@ def kinds_of_all(mesh: DistributedMesh) -> tuple[Mapping[str, Int], BoundaryKind
     component[mesh.own] = first_cells(mesh)
     # Ignore tags with too many values on any rank.
     with ranks.together():
-        few = [name for name, each in local.cell_tags.items() if len(np.unique(each[mesh.own])) <= _MOST]
-    names = [name for name in local.cell_tags if all(name in each for each in ranks.gathered(few))]
+        few = [name for name, values in local.cell_tags.items() if len(np.unique(values[mesh.own])) <= _MOST]
+    names = [name for name in local.cell_tags if all(name in values for values in ranks.gathered(few))]
     cells = _of_all(ranks, [local.cell_tags[name][mesh.own] for name in names])
     owner = local.face_cells[:, 0]
     outer = local.outer_faces & (mesh.owners == ranks.rank)[owner]
-    found, *tags = _of_all(
-        ranks, [frozen_int(component[owner[outer]]), *(each[outer] for each in local.face_tags.values())]
+    components, *tags = _of_all(
+        ranks, [frozen_int(component[owner[outer]]), *(values[outer] for values in local.face_tags.values())]
     )
-    boundary = BoundaryKinds(found, dict(zip(local.face_tags, tags, strict=True)))
+    boundary = BoundaryKinds(components, dict(zip(local.face_tags, tags, strict=True)))
     return dict(zip(names, cells, strict=True)), boundary
 
 

@@ -86,25 +86,27 @@ def by_cell(mesh: DistributedMesh, x: ArrayLike) -> Float:
     """Return the unknowns by own cell ``(n_own, width)``, or raise OptionError. Collective."""
     ranks, cells = mesh.ranks, len(mesh.own)
     with ranks.together():
-        own = np.asarray(x, float)
-    width = int(ranks.largest(own.size // max(1, cells)))
+        unknowns = np.asarray(x, float)
+    width = int(ranks.largest(unknowns.size // max(1, cells)))
     with ranks.together():
-        if own.shape != (cells * width,):
-            raise OptionError(f"x has shape {own.shape}; expected ({cells * width},): {width} in each cell")
-    return own.reshape(cells, width)
+        if unknowns.shape != (cells * width,):
+            raise OptionError(
+                f"x has shape {unknowns.shape}; expected ({cells * width},): {width} in each cell"
+            )
+    return unknowns.reshape(cells, width)
 
 
 def _of_own_cells(samples: Samples, mesh: DistributedMesh) -> Samples:
     """Return the samples on own cells."""
-    kept = (mesh.owners == mesh.ranks.rank)[samples.cells]
-    number = np.cumsum(kept) - 1
-    simplices = samples.simplices[kept[samples.simplices[:, 0]]]
+    is_own = (mesh.owners == mesh.ranks.rank)[samples.cells]
+    number = np.cumsum(is_own) - 1
+    simplices = samples.simplices[is_own[samples.simplices[:, 0]]]
     return replace(
         samples,
-        cells=frozen_int(samples.cells[kept]),
-        points=samples.points[kept],
+        cells=frozen_int(samples.cells[is_own]),
+        points=samples.points[is_own],
         simplices=frozen_int(number[simplices]),
-        values=samples.values[kept],
+        values=samples.values[is_own],
     )
 
 

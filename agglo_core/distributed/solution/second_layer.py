@@ -39,35 +39,35 @@ def with_second_layer(mesh: DistributedMesh) -> tuple[Mesh, Int]:
     ranks, local = mesh.ranks, mesh.local
     # Exchange the neighbourhoods of the ghosts.
     with ranks.together():
-        here = _Seen(
+        view = _Seen(
             all_cells(local, mesh.global_ids, mesh.owners, mesh.point_ids, mesh.face_ids), mesh.hidden
         )
-        parcels = {rank: _around(here, mesh.own[cells]) for rank, cells in mesh.ghosts_elsewhere.items()}
-    seen, kinds = [here, *ranks.exchanged(parcels).values()], kinds_of_all(mesh)
+        parcels = {rank: _around(view, mesh.own[cells]) for rank, cells in mesh.ghosts_elsewhere.items()}
+    views, kinds = [view, *ranks.exchanged(parcels).values()], kinds_of_all(mesh)
     with ranks.together():
         # prefer the copy of a face from a rank with both of its sides
         whole = [
-            taken(cells, frozen_int(np.arange(len(cells.cells))), _where(~hidden)) for cells, hidden in seen
+            taken(cells, frozen_int(np.arange(len(cells.cells))), _where(~hidden)) for cells, hidden in views
         ]
-        faces = [taken(cells, frozen_int([]), _where(hidden)) for cells, hidden in seen]
+        faces = [taken(cells, frozen_int([]), _where(hidden)) for cells, hidden in views]
         every = joined(whole + faces)
-        found, cut = local_mesh(every, local.origin, local.name)
+        union_mesh, cut = local_mesh(every, local.origin, local.name)
         # Faces known from one side only are hidden.
-        known = np.isin(every.faces, np.concatenate([each.faces for each in whole]))
-        part = part_of_whole(found, local.origin, cut | ~known)
+        is_whole = np.isin(every.faces, np.concatenate([piece.faces for piece in whole]))
+        part = part_of_whole(union_mesh, local.origin, cut | ~is_whole)
         part.__dict__.update(cell_kinds=kinds[0], boundary_kinds=kinds[1])  # cached properties
         return part, every.cells
 
 
-def _around(here: _Seen, cells: Int) -> _Seen:
+def _around(view: _Seen, cells: Int) -> _Seen:
     """Return the given cells with their neighbours."""
-    sides = places(here.cells.face_cells, here.cells.cells)
-    chosen, near = np.zeros((2, len(here.cells.cells) + 1), bool)
+    sides = places(view.cells.face_cells, view.cells.cells)
+    chosen, near = np.zeros((2, len(view.cells.cells) + 1), bool)
     chosen[cells] = True
     near[sides[chosen[sides].any(axis=1)]] = True
     near[-1] = False  # cells outside
     faces = _where(near[sides].any(axis=1))
-    return _Seen(taken(here.cells, _where(near[:-1]), faces), here.hidden[faces])
+    return _Seen(taken(view.cells, _where(near[:-1]), faces), view.hidden[faces])
 
 
 def _where(mask: NDArray[Any] | np.bool_) -> Int:
