@@ -213,7 +213,7 @@ def write(
     target = _checked_path("write", path)
     _check_written(mesh, hierarchy)
     with followed(progress, verbose) as followers, unwrapped(followers) as listen, naming(target):
-        known = _writer(target, registry, {"compress": True} if compress else {})
+        file_format = _writer(target, registry, {"compress": True} if compress else {})
         if hierarchy is not None:
             from agglo_core.io.levels import check_belongs
 
@@ -223,7 +223,7 @@ def write(
 
             check_level_values(hierarchy, level_values)
         with phase(labelled(listen, target.name), "writing") as tell:
-            write_by(known, target, mesh, hierarchy, tell, level_values)
+            write_by(file_format, target, mesh, hierarchy, tell, level_values)
 
 
 def check_writable(path: str | PathLike[str], *, registry: Registry | None = None) -> None:
@@ -253,13 +253,13 @@ def _writer(target: Path, registry: Registry | None, options: dict[str, bool]) -
     """Return the format for the file after checks that the file can be created or replaced."""
     if target.is_dir():
         raise FileError("is a folder, expected a file name")
-    known = _formats(registry, options).writer(target)
+    file_format = _formats(registry, options).writer(target)
     if not target.parent.is_dir():
         raise FileError(f"the folder {target.parent} does not exist")
     from agglo_core.io.atomic import check_replaceable
 
     check_replaceable(target)
-    return known
+    return file_format
 
 
 def _existing(path: object) -> Path:
@@ -305,5 +305,5 @@ def _check_written(mesh: object, hierarchy: object) -> None:
     if not isinstance(mesh, Mesh):
         raise OptionError(f"{call}: the mesh must be a Mesh, given {type(mesh).__name__}")
     if hierarchy is not None and not isinstance(hierarchy, Hierarchy):
-        given = type(hierarchy).__name__
-        raise OptionError(f"{call}: the hierarchy must be a Hierarchy, given {given}")
+        type_name = type(hierarchy).__name__
+        raise OptionError(f"{call}: the hierarchy must be a Hierarchy, given {type_name}")

@@ -69,14 +69,14 @@ def staging(path: Path) -> Iterator[Path]:
                 (file, check_replaceable(path.parent / file.relative_to(stage))) for file in inner + lists
             ]
             # Copy across file systems before the first target changes.
-            ready = [(_beside(target, file, elsewhere), target) for file, target in moves]
-            for file, target in ready:
+            replacements = [(_beside(target, file, elsewhere), target) for file, target in moves]
+            for file, target in replacements:
                 if target.exists():
                     shutil.copymode(target, file)
             # Remove old indices, then rename everything.
-            for _, target in ready[len(inner) :] if inner else ():
+            for _, target in replacements[len(inner) :] if inner else ():
                 target.unlink(missing_ok=True)
-            for file, target in ready:
+            for file, target in replacements:
                 os.replace(file, target)
 
 
@@ -86,17 +86,17 @@ def new_folders(folders: Iterable[Path]) -> Iterator[None]:
 
     If the block fails, remove the new folders that are still empty.
     """
-    made: list[Path] = []
+    new_paths: list[Path] = []
     try:
         for folder in dict.fromkeys(folders):
             if not folder.exists():
                 folder.mkdir()
-                made.append(folder)
+                new_paths.append(folder)
             elif not folder.is_dir():
                 raise FileError(f"{folder}: exists and is not a folder")
         yield
     except BaseException:
-        for folder in reversed(made):
+        for folder in reversed(new_paths):
             with suppress(OSError):  # not empty: files have moved there
                 folder.rmdir()
         raise
@@ -174,10 +174,10 @@ def _remove_abandoned(parent: Path, prefix: str) -> None:
     """
     pattern = re.compile(re.escape(prefix) + "[a-z0-9_]{8}", re.ASCII)
     try:
-        found = [entry for entry in os.scandir(parent) if pattern.fullmatch(entry.name)]
+        entries = [entry for entry in os.scandir(parent) if pattern.fullmatch(entry.name)]
     except PermissionError:  # a writable folder need not be readable
         return
-    for entry in found:
+    for entry in entries:
         try:
             if not entry.is_dir(follow_symlinks=False):
                 continue

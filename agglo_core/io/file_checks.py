@@ -38,8 +38,8 @@ def read_by(known: KnownFormat, path: Path) -> Mesh:
     """
     _check_content(known, path)
     with attributed(known.title, spare=_ON_PURPOSE):
-        given = known.tool.read(path)
-    return _checked_mesh(known, "read", given)
+        mesh = known.tool.read(path)
+    return _checked_mesh(known, "read", mesh)
 
 
 def read_hierarchy_by(known: KnownFormat, path: Path) -> tuple[Mesh, Hierarchy | None]:
@@ -75,15 +75,15 @@ def write_by(
         If it raises anything else or writes nothing.
     """
     values = (level_values,) if level_values is not None and known.has("keeps_level_values") else ()
-    told = {"tell": tell} if known.has("tells_progress") else {}
+    options = {"tell": tell} if known.has("tells_progress") else {}
     if known.has("atomic"):
         with attributed(known.title, spare=_ON_PURPOSE):
-            known.tool.write(path, mesh, hierarchy, *values, **told)
+            known.tool.write(path, mesh, hierarchy, *values, **options)
         return
     with staging(path) as folder:
         target = folder / path.name
         with attributed(known.title, spare=_ON_PURPOSE):
-            known.tool.write(target, mesh, hierarchy, *values, **told)
+            known.tool.write(target, mesh, hierarchy, *values, **options)
         if not target.is_file():
             raise PluginError(f"{known.title}: write() left no file of the name it was given")
 
@@ -96,7 +96,7 @@ def naming(path: Path) -> Iterator[None]:
     except OptionError:
         raise
     except AggloError as error:
-        family = next((each for each in (MeshError, PluginError) if isinstance(error, each)), FileError)
+        family = next((kind for kind in (MeshError, PluginError) if isinstance(error, kind)), FileError)
         text = str(error)
         raise family(text if text.startswith(f"{path}: ") else f"{path}: {text}") from error.__cause__
     except (OSError, MemoryError) as error:
@@ -104,46 +104,46 @@ def naming(path: Path) -> Iterator[None]:
         raise FileError(f"{path}: {reason}") from error
 
 
-def _check_content(known: KnownFormat, path: Path) -> None:
-    if path.stat().st_size == 0 and not known.has("reads_empty"):
+def _check_content(file_format: KnownFormat, path: Path) -> None:
+    if path.stat().st_size == 0 and not file_format.has("reads_empty"):
         raise FileError("is empty")
 
 
-def _stored(known: KnownFormat, path: Path) -> tuple[Mesh, Hierarchy | None]:
+def _stored(file_format: KnownFormat, path: Path) -> tuple[Mesh, Hierarchy | None]:
     """Read mesh and hierarchy with a format that stores hierarchies."""
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.io.levels import check_belongs
 
-    _check_content(known, path)
-    with attributed(known.title, spare=_ON_PURPOSE):
-        given = known.tool.read_hierarchy(path)
-    if not isinstance(given, tuple) or len(given) != 2:
-        raise PluginError(f"{known.title}: read_hierarchy() returned {shown(given)}, expected a pair")
+    _check_content(file_format, path)
+    with attributed(file_format.title, spare=_ON_PURPOSE):
+        pair = file_format.tool.read_hierarchy(path)
+    if not isinstance(pair, tuple) or len(pair) != 2:
+        raise PluginError(f"{file_format.title}: read_hierarchy() returned {shown(pair)}, expected a pair")
     # Check the types, then that the hierarchy belongs to the mesh.
-    mesh, hierarchy = _checked_mesh(known, "read_hierarchy", given[0]), given[1]
+    mesh, hierarchy = _checked_mesh(file_format, "read_hierarchy", pair[0]), pair[1]
     if hierarchy is None:
         return mesh, None
     if not isinstance(hierarchy, Hierarchy):
         raise PluginError(
-            f"{known.title}: read_hierarchy() returned the hierarchy {shown(hierarchy)}, "
+            f"{file_format.title}: read_hierarchy() returned the hierarchy {shown(hierarchy)}, "
             "expected a Hierarchy or None"
         )
     try:
         check_belongs(mesh, hierarchy)
     except AggloError as error:
         raise PluginError(
-            f"{known.title}: read_hierarchy() returned what does not fit, {raised(error)}"
+            f"{file_format.title}: read_hierarchy() returned what does not fit, {raised(error)}"
         ) from error
     return mesh, hierarchy
 
 
-def _checked_mesh(known: KnownFormat, method: str, given: Any) -> Mesh:
+def _checked_mesh(file_format: KnownFormat, method: str, mesh: Any) -> Mesh:
     from agglo_core.mesh import Mesh
 
-    if not isinstance(given, Mesh):
-        raise PluginError(f"{known.title}: {method}() returned {shown(given)}, expected a Mesh")
-    name = _readable(given.name)
-    return given if name == given.name else replace(given, name=name)
+    if not isinstance(mesh, Mesh):
+        raise PluginError(f"{file_format.title}: {method}() returned {shown(mesh)}, expected a Mesh")
+    name = _readable(mesh.name)
+    return mesh if name == mesh.name else replace(mesh, name=name)
 
 
 def _readable(name: str) -> str:

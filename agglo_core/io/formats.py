@@ -76,18 +76,18 @@ class Formats:
         """
         refusals: list[tuple[str, AggloError]] = []
         folder = path.is_dir()
-        for known in (
+        for file_format in (
             self._of_folder(path) if folder else chain(self._claiming(path), self._recognising(path))
         ):
             try:
-                answer = read(self._with_options(known), path)
+                answer = read(self._with_options(file_format), path)
             except PluginError:
                 raise
             except AggloError as error:
-                refusals.append((known.title, error))
+                refusals.append((file_format.title, error))
                 continue
             for title, reason in refusals:
-                _log.info("%s: %s refused it (%s); read by %s", path, title, reason, known.title)
+                _log.info("%s: %s refused it (%s); read by %s", path, title, reason, file_format.title)
             return answer
         if not refusals:
             raise FileError("is a folder, expected a file") if folder else self._unknown(path, writing=False)
@@ -105,20 +105,20 @@ class Formats:
             If there is none, with a list of the known suffixes.
         """
         readers = []
-        for known in self._claiming(path):
-            if known.has("write"):
-                return self._with_options(known)
-            readers.append(known.title)
+        for file_format in self._claiming(path):
+            if file_format.has("write"):
+                return self._with_options(file_format)
+            readers.append(file_format.title)
         if readers:
             raise FileError(
                 f"{' and '.join(readers)} can read such files, but not write them; {self._expected('write')}"
             )
         raise self._unknown(path, writing=True)
 
-    def _with_options(self, known: KnownFormat) -> KnownFormat:
+    def _with_options(self, file_format: KnownFormat) -> KnownFormat:
         if not self.options:
-            return known
-        return replace(known, tool=self.registry.assemble(known.record, self.options))
+            return file_format
+        return replace(file_format, tool=self.registry.assemble(file_format.record, self.options))
 
     def _claiming(self, path: Path) -> Iterator[KnownFormat]:
         """Yield the formats with the suffix of a file, last resorts at the end."""
@@ -127,13 +127,13 @@ class Formats:
             declared = _declared_suffixes(record)
             if declared and not _claims(declared, path):
                 continue
-            known = self._usable(record)
-            if known is None or not _claims(known.suffixes, path):
+            file_format = self._usable(record)
+            if file_format is None or not _claims(file_format.suffixes, path):
                 continue
-            if known.has("last_resort"):
-                late.append(known)
+            if file_format.has("last_resort"):
+                late.append(file_format)
             else:
-                yield known
+                yield file_format
         yield from late
 
     def _recognising(self, path: Path) -> Iterator[KnownFormat]:
@@ -144,22 +144,22 @@ class Formats:
             declared = bool(_declared_suffixes(record))
             if declared and not _has_magic(record, head):
                 continue
-            known = self._usable(record)
-            if known is None or _claims(known.suffixes, path):
+            file_format = self._usable(record)
+            if file_format is None or _claims(file_format.suffixes, path):
                 continue
-            if declared or _recognises(known, head):
-                _log.info("%s: by its content it is a file of %s", path, known.title)
-                yield known
+            if declared or _recognises(file_format, head):
+                _log.info("%s: by its content it is a file of %s", path, file_format.title)
+                yield file_format
 
     def _of_folder(self, folder: Path) -> Iterator[KnownFormat]:
         """Yield the formats that recognise a folder."""
-        for known in self._all():
-            if not known.has("recognises_folder"):
+        for file_format in self._all():
+            if not file_format.has("recognises_folder"):
                 continue
-            with attributed(known.title, spare=(OSError,)):
-                recognised = known.tool.recognises_folder(folder)
+            with attributed(file_format.title, spare=(OSError,)):
+                recognised = file_format.tool.recognises_folder(folder)
             if recognised:
-                yield known
+                yield file_format
 
     def _all(self) -> Iterator[KnownFormat]:
         """Yield the usable formats, each built when its turn comes."""
@@ -186,15 +186,15 @@ class Formats:
 
     def _unknown(self, path: Path, *, writing: bool) -> FileError:
         """Create the error for a file that no format claims, with all unusable formats and plugins."""
-        given = f"unknown suffix {path.suffix!r}" if path.suffix else "no suffix"
-        known = None if writing else why_unread(path)
-        given = known or given
-        lines = [f"{given}; {self._expected('write' if writing else 'read')}"]
+        problem = f"unknown suffix {path.suffix!r}" if path.suffix else "no suffix"
+        explanation = None if writing else why_unread(path)
+        problem = explanation or problem
+        lines = [f"{problem}; {self._expected('write' if writing else 'read')}"]
         formats = [reason for record in self._records() if (reason := self._fault(record))]
         plugins = [f"{describe(r)}: {r.reason}" for r in self.registry.list() if r.kind == "plugin"]
-        for what, reasons in (("formats", formats), ("plugins", plugins)):
+        for subject, reasons in (("formats", formats), ("plugins", plugins)):
             if reasons:
-                lines.append(f"{what} that cannot be used: {'; '.join(reasons)}")
+                lines.append(f"{subject} that cannot be used: {'; '.join(reasons)}")
         return FileError("; ".join(lines))
 
     def _fault(self, record: Record) -> str:
@@ -207,8 +207,8 @@ class Formats:
 
     def _expected(self, method: str) -> str:
         """List the suffixes of all formats with this method (read or write)."""
-        usable = [known for known in self._all() if known.has(method)]
-        suffixes = dict.fromkeys(suffix for known in usable for suffix in known.suffixes)
+        formats = [file_format for file_format in self._all() if file_format.has(method)]
+        suffixes = dict.fromkeys(suffix for file_format in formats for suffix in file_format.suffixes)
         if not suffixes:
             return f"there is no format that could {method} it: agglo's own come with its plugin 'defaults'"
         return f"expected one of {' '.join(suffixes)}"
@@ -230,12 +230,12 @@ def _has_magic(record: Record, head: bytes) -> bool:
     return bool(magic) and re.search(magic.encode("latin-1"), head) is not None
 
 
-def _recognises(known: KnownFormat, head: bytes) -> bool:
+def _recognises(file_format: KnownFormat, head: bytes) -> bool:
     """Call ``recognises`` for a format without declared suffixes."""
-    if not known.has("recognises"):
+    if not file_format.has("recognises"):
         return False
-    with attributed(known.title):
-        return bool(known.tool.recognises(head))
+    with attributed(file_format.title):
+        return bool(file_format.tool.recognises(head))
 
 
 def _suffixes_of(tool: Any, title: str) -> tuple[str, ...]:

@@ -40,9 +40,9 @@ def split_levels(mesh: Mesh) -> tuple[Mesh, Hierarchy | None]:
     levels: list[Int] = []
     while f"level_{len(levels)}" in tags:
         levels.append(mesh.check_labels(tags.pop(f"level_{len(levels)}")))
-    later = [name for name in tags if is_level(name)]
-    if later:
-        _log.warning("%s not taken for levels: there is no level_%d", ", ".join(later), len(levels))
+    unused_names = [name for name in tags if is_level(name)]
+    if unused_names:
+        _log.warning("%s not taken for levels: there is no level_%d", ", ".join(unused_names), len(levels))
     if not levels:
         return mesh, None
     mesh = trusted_copy(mesh, cell_tags=tags)
@@ -78,14 +78,14 @@ def about_agglomerates(
     the coarse mesh. Other names in ``values`` follow.
     """
     labels = levels[level]
-    known = {
+    data = {
         "agglomerate": np.arange(coarse.n_cells),
         "parent": _parents(labels, levels[level + 1 : level + 2]),
         "cells": np.bincount(labels),
         "measure": coarse.cell_measures,
         "diameter": coarse.cell_diameters,
     }
-    return known | {name: each for name, each in values.items() if name not in known}
+    return data | {name: array for name, array in values.items() if name not in data}
 
 
 def _parents(labels: Int, coarser: Sequence[Int]) -> Int:
@@ -108,16 +108,16 @@ def check_level_values(hierarchy: Hierarchy | None, values: LevelValues) -> list
     levels = hierarchy.levels if hierarchy is not None else []
     if len(values) != len(levels):
         raise OptionError(f"level_values: {len(values)} mappings given for {len(levels)} levels")
-    for place, (given, labels) in enumerate(zip(values, levels, strict=True)):
+    for place, (mapping, labels) in enumerate(zip(values, levels, strict=True)):
         count = int(labels.max()) + 1
-        for name, each in given.items():
+        for name, entry in mapping.items():
             if not isinstance(name, str) or not name or not name.isprintable():
                 raise OptionError(f"level_values[{place}]: {name!r} is no name: it must be text to be shown")
-            array = plain_array(each, f"level_values[{place}][{name!r}]", OptionError)
+            array = plain_array(entry, f"level_values[{place}][{name!r}]", OptionError)
             if array.dtype.kind not in "biuf" or array.shape != (count,):
-                found = f"{array.dtype} of shape {array.shape}"
-                raise OptionError(f"level_values[{place}][{name!r}]: {found}; expected {count} numbers")
-    return [{name: frozen_float(each) for name, each in given.items()} for given in values]
+                description = f"{array.dtype} of shape {array.shape}"
+                raise OptionError(f"level_values[{place}][{name!r}]: {description}; expected {count} numbers")
+    return [{name: frozen_float(entry) for name, entry in mapping.items()} for mapping in values]
 
 
 def under_free_names(data: Mapping[str, NDArray[Any]], taken: Collection[str]) -> dict[str, NDArray[Any]]:

@@ -86,10 +86,10 @@ def read_system(path: str | PathLike[str], mesh: Mesh | None = None) -> System:
     read = _chosen(source, {".npz": _read_npz, ".mtx": _read_market})
     with _naming(source):
         _require_file(source)
-        found = read(source)
-        A = real_matrix(found["A"])
+        arrays = read(source)
+        A = real_matrix(arrays["A"])
     try:
-        return System(A, found["b"], found.get("block_offsets"), mesh, found.get("near_null"))
+        return System(A, arrays["b"], arrays.get("block_offsets"), mesh, arrays.get("near_null"))
     except OptionError as error:
         raise OptionError(f"{source}: {error}") from error
 
@@ -101,8 +101,8 @@ def _chosen(path: Path, by_suffix: Mapping[str, Callable[..., Any]]) -> Callable
 
 
 def _arrays(system: System) -> dict[str, NDArray[Any]]:
-    found = {name: getattr(system, name) for name in _BESIDE}
-    return {name: values for name, values in found.items() if values is not None}
+    arrays = {name: getattr(system, name) for name in _BESIDE}
+    return {name: values for name, values in arrays.items() if values is not None}
 
 
 def _write_npz(path: Path, system: System) -> None:
@@ -114,13 +114,13 @@ def _write_npz(path: Path, system: System) -> None:
 
 def _read_npz(path: Path) -> dict[str, Any]:
     A = stored_matrix(matrix_archive(path))
-    arrays = matrix_archive(path, A.shape[0])
-    found = {"A": A, "b": arrays.take("b", REAL, None)}
-    if "block_offsets" in arrays.members:
-        found["block_offsets"] = arrays.integers("block_offsets", (None,))
-    if "near_null" in arrays.members:
-        found["near_null"] = arrays.take("near_null", REAL, (A.shape[0], None))
-    return found
+    archive = matrix_archive(path, A.shape[0])
+    arrays = {"A": A, "b": archive.take("b", REAL, None)}
+    if "block_offsets" in archive.members:
+        arrays["block_offsets"] = archive.integers("block_offsets", (None,))
+    if "near_null" in archive.members:
+        arrays["near_null"] = archive.take("near_null", REAL, (A.shape[0], None))
+    return arrays
 
 
 def _beside(path: Path, name: str) -> Path:
@@ -140,18 +140,18 @@ def _write_market(path: Path, system: System) -> None:
 
 def _read_market(path: Path) -> dict[str, Any]:
     A = read_matrix(path)
-    found = {"A": A}
+    arrays = {"A": A}
     for name in _BESIDE:
         file = _beside(path, name)
         if name == "b" or file.exists():
             with _naming(file.name):
                 _require_file(file)
-                found[name] = (
+                arrays[name] = (
                     _offsets(file) if name == "block_offsets" else read_vectors(file, name, A.shape[0])
                 )
-    if found["b"].shape[1] == 1:
-        found["b"] = found["b"][:, 0]
-    return found
+    if arrays["b"].shape[1] == 1:
+        arrays["b"] = arrays["b"][:, 0]
+    return arrays
 
 
 def _offsets(path: Path) -> NDArray[Any]:
@@ -205,7 +205,7 @@ def write_system_and_levels(path: str | PathLike[str], system: System, levels: S
     """
     target = Path(path)
     check_system_file(target)
-    labels = {f"level_{k}": np.asarray(each) for k, each in enumerate(levels)}
+    labels = {f"level_{k}": np.asarray(level) for k, level in enumerate(levels)}
     append = _append_npz if target.suffix.lower() == ".npz" else _append_market
     try:
         with staging(target) as folder:
@@ -216,11 +216,11 @@ def write_system_and_levels(path: str | PathLike[str], system: System, levels: S
 
 
 def _append_npz(path: Path, labels: Mapping[str, Any], shape: tuple[int, int]) -> None:
-    more = {"format": np.array(b"csr"), "shape": np.array(shape), **labels}
+    arrays = {"format": np.array(b"csr"), "shape": np.array(shape), **labels}
     with ZipFile(path, "a", ZIP_DEFLATED) as archive:
-        for name in sorted(more.keys() - {Path(each).stem for each in archive.namelist()}):
+        for name in sorted(arrays.keys() - {Path(file).stem for file in archive.namelist()}):
             with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:
-                np.lib.format.write_array(stream, more[name], allow_pickle=False)
+                np.lib.format.write_array(stream, arrays[name], allow_pickle=False)
 
 
 def _append_market(path: Path, labels: Mapping[str, Any], shape: tuple[int, int]) -> None:

@@ -45,8 +45,8 @@ def tags_and_levels(tags: Mapping[str, Int], levels: Sequence[Int] | None) -> di
     stale = [name for name in tags if is_level(name)]
     if stale:
         _log.info("cell data of an earlier hierarchy left out: %s", ", ".join(stale))
-    kept = {name: values for name, values in tags.items() if not is_level(name)}
-    return kept | {f"level_{i}": labels for i, labels in enumerate(levels)}
+    plain_tags = {name: values for name, values in tags.items() if not is_level(name)}
+    return plain_tags | {f"level_{i}": labels for i, labels in enumerate(levels)}
 
 
 def check_names(names: Iterable[str], what: str = "cell") -> None:
@@ -72,10 +72,10 @@ def tag_values(name: str, values: NDArray[Any]) -> Int:
 
 def note_left_out(mesh: Mesh, names: Iterable[str]) -> Mesh:
     """Record cell data that could not become tags as a repair, and log their names."""
-    left = list(dict.fromkeys(name or "(without a name)" for name in names))
-    if not left:
+    skipped_names = list(dict.fromkeys(name or "(without a name)" for name in names))
+    if not skipped_names:
         return mesh
     text = "cell data that are not integers left out"
-    _log.info("%s: %s", text, ", ".join(left))
-    repairs: Mapping[str, int] = {**mesh.repairs, text: len(left)}
+    _log.info("%s: %s", text, ", ".join(skipped_names))
+    repairs: Mapping[str, int] = {**mesh.repairs, text: len(skipped_names)}
     return trusted_copy(mesh, repairs=repairs)

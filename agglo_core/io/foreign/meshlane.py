@@ -86,10 +86,10 @@ class Meshlane(Reading):
         try:
             return _read(path, self.reading)
         except AggloError as error:
-            known = why_unread(path)
-            if known is None:
+            reason = why_unread(path)
+            if reason is None:
                 raise
-            raise FileError(known) from error
+            raise FileError(reason) from error
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
         """Write through meshlane, read the result back and raise an error if it differs from the mesh.
@@ -112,11 +112,11 @@ class Meshlane(Reading):
 def _read(path: Path, options: ReadOptions) -> Mesh:
     if legacy_kind(path):
         return mesh_from_pieces(stored_legacy(path), **options, name=path.stem)
-    soup, sets, left = soup_of_gmsh(text_bytes(path)) if _is_gmsh(path) else _soup(path)
+    soup, sets, skipped_names = soup_of_gmsh(text_bytes(path)) if _is_gmsh(path) else _soup(path)
     mesh = mesh_from_soup(soup, weak=False, name=path.stem, **options)
     mesh = _without_empty_sets(mesh, sets)
     _note_sets(mesh, sets)
-    return note_left_out(mesh, left)
+    return note_left_out(mesh, skipped_names)
 
 
 def _is_gmsh(path: Path) -> bool:
@@ -137,7 +137,7 @@ def _soup(path: Path) -> tuple[Soup, set[str], list[str]]:
         search = os.pathsep.join(part for part in sys.path if part)
         # The child process limits itself; the timeout only covers a blocked process.
         try:
-            done = subprocess.run(
+            process = subprocess.run(
                 [*command, str(_without_marks(path.absolute(), folder)), target, str(seconds), str(memory)],
                 env={**os.environ, "PYTHONPATH": search, "OPENBLAS_NUM_THREADS": "1"},
                 stdin=subprocess.DEVNULL,
@@ -148,13 +148,13 @@ def _soup(path: Path) -> tuple[Soup, set[str], list[str]]:
             )
         except subprocess.TimeoutExpired:
             raise FileError(f"meshlane did not read it within {20 * seconds} s") from None
-        if done.returncode < 0:
+        if process.returncode < 0:
             raise FileError(
                 f"meshlane did not read it within {seconds} s of processor time, or crashed "
-                f"(signal {-done.returncode}): the file is probably truncated"
+                f"(signal {-process.returncode}): the file is probably truncated"
             )
-        if done.returncode:
-            reason = done.stdout.decode(errors="replace").strip()
+        if process.returncode:
+            reason = process.stdout.decode(errors="replace").strip()
             raise FileError(f"meshlane cannot read it: {reason[:300] or 'no reason given'}")
         return _load(target)
 
@@ -192,10 +192,10 @@ def _load(target: str) -> tuple[Soup, set[str], list[str]]:
 
 def _note_sets(mesh: Mesh, sets: set[str]) -> None:
     """Log the named sets of cells and faces, which can be selected by name."""
-    for what, tags in (("cells", mesh.cell_tags), ("faces", mesh.face_tags)):
-        found = [f"{name} ({(values == 1).sum():,})" for name, values in tags.items() if name in sets]
-        if found:
-            _log.info("%s by name: %s", what, ", ".join(found))
+    for entity, tags in (("cells", mesh.cell_tags), ("faces", mesh.face_tags)):
+        descriptions = [f"{name} ({(values == 1).sum():,})" for name, values in tags.items() if name in sets]
+        if descriptions:
+            _log.info("%s by name: %s", entity, ", ".join(descriptions))
 
 
 def _without_empty_sets(mesh: Mesh, names: set[str]) -> Mesh:
@@ -209,9 +209,9 @@ def _without_empty_sets(mesh: Mesh, names: set[str]) -> Mesh:
         for tags in (mesh.cell_tags, mesh.face_tags)
     )
     face_tags = {name: values for name, values in face_tags.items() if (values != -1).any()}
-    lost = sorted(names - cell_tags.keys() - face_tags.keys())
-    if lost:
-        _log.warning("groups without a cell or face of the mesh left out: %s", ", ".join(lost))
+    empty_names = sorted(names - cell_tags.keys() - face_tags.keys())
+    if empty_names:
+        _log.warning("groups without a cell or face of the mesh left out: %s", ", ".join(empty_names))
     return trusted_copy(mesh, cell_tags=cell_tags, face_tags=face_tags)
 
 
@@ -227,9 +227,9 @@ def _silently(target: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
     points = np.zeros((mesh.n_points, 3))
     points[:, : mesh.dim] = mesh.points
     data = {name: np.split(values, cuts) for name, values in tags.items()}
-    said = io.StringIO()
+    output = io.StringIO()
     try:
-        with redirect_stdout(said), redirect_stderr(said), warnings.catch_warnings():
+        with redirect_stdout(output), redirect_stderr(output), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             meshlane.Mesh(points, blocks, cell_data=data).write(target)
     except (Exception, SystemExit) as error:
@@ -263,32 +263,32 @@ def _tetrahedra(mesh: Mesh) -> tuple[dict[int, str], Int, Int]:
     """Return each tetrahedron as one face seen from inside, followed by the opposite vertex."""
     offsets, vertices = mesh.cell_vertices
     cell_offsets, faces = mesh.cell_faces
-    other = np.flatnonzero((np.diff(offsets) != 4) | (np.diff(cell_offsets) != 4))
-    if len(other):
-        raise FileError(f"cell {other[0]} is not a tetrahedron; only .vtu and .npz can hold it")
+    non_tetrahedra = np.flatnonzero((np.diff(offsets) != 4) | (np.diff(cell_offsets) != 4))
+    if len(non_tetrahedra):
+        raise FileError(f"cell {non_tetrahedra[0]} is not a tetrahedron; only .vtu and .npz can hold it")
     first = faces[cell_offsets[:-1]]
     base = mesh.face_vertices[gather(mesh.face_offsets, first)[1]].reshape(-1, 3)
-    own = mesh.face_cells[first, 0] == np.arange(mesh.n_cells)
-    base = np.where(own[:, None], base[:, ::-1], base)
+    is_owner = mesh.face_cells[first, 0] == np.arange(mesh.n_cells)
+    base = np.where(is_owner[:, None], base[:, ::-1], base)
     # The opposite vertex is the sum of all four minus the sum of the face.
     apex = vertices.reshape(-1, 4).astype(np.int64).sum(axis=1) - base.sum(axis=1)
     nodes = np.concatenate((base, apex[:, None]), axis=1)
     return {4: "tetra"}, frozen_int(np.arange(0, nodes.size + 1, 4)), frozen_int(nodes.ravel())
 
 
-def _check_whole(written: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
+def _check_whole(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
     """Raise FileError unless the file holds the mesh with its tags."""
-    hint = f"{written.suffix} would lose {{}}; .vtu and .npz keep everything"
+    hint = f"{path.suffix} would lose {{}}; .vtu and .npz keep everything"
     try:
-        found = Meshlane(merge_points=False, allow_gaps=True).read(written)
+        file_mesh = Meshlane(merge_points=False, allow_gaps=True).read(path)
     except (AggloError, OSError) as error:
         raise FileError(hint.format(f"the mesh ({error})")) from None
-    if found.dim != mesh.dim or found.n_cells != mesh.n_cells or found.n_faces != mesh.n_faces:
-        raise FileError(hint.format(f"cells ({found!r} instead of {mesh!r})"))
-    if not np.allclose(found.cell_measures, mesh.cell_measures, rtol=1e-9, atol=0):
+    if file_mesh.dim != mesh.dim or file_mesh.n_cells != mesh.n_cells or file_mesh.n_faces != mesh.n_faces:
+        raise FileError(hint.format(f"cells ({file_mesh!r} instead of {mesh!r})"))
+    if not np.allclose(file_mesh.cell_measures, mesh.cell_measures, rtol=1e-9, atol=0):
         raise FileError(hint.format("digits of the points or the order of the cells"))
     for name, values in tags.items():
-        if name in RESERVED and written.suffix.lower() == ".msh":
+        if name in RESERVED and path.suffix.lower() == ".msh":
             continue
-        if name not in found.cell_tags or not np.array_equal(found.cell_tags[name], values):
+        if name not in file_mesh.cell_tags or not np.array_equal(file_mesh.cell_tags[name], values):
             raise FileError(hint.format(f"the cell data {name!r}"))

@@ -51,22 +51,22 @@ def main(source: str, target: str, seconds: int, memory: int) -> int:
 
     On failure print the reason and return 1.
     """
-    said, result = io.StringIO(), sys.stdout
+    output, result = io.StringIO(), sys.stdout
     try:
-        with redirect_stdout(said), redirect_stderr(said), warnings.catch_warnings():
+        with redirect_stdout(output), redirect_stderr(output), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             import meshlane
 
             _limit(seconds, memory)
             _refuse_links(source)
             with _only_regular_files(source):
-                found = meshlane.read(source)
-            sets = sorted({*found.cell_sets, *_families(found)})
-            _save(soup_from_meshlane(found), sets, list(found.cell_data), target)
+                mesh = meshlane.read(source)
+            sets = sorted({*mesh.cell_sets, *_families(mesh)})
+            _save(soup_from_meshlane(mesh), sets, list(mesh.cell_data), target)
     except FileError as error:
         print(error, file=result)
     except (Exception, SystemExit) as error:
-        printed = " ".join(said.getvalue().split())
+        printed = " ".join(output.getvalue().split())
         print(printed if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}", file=result)
     else:
         return 0
@@ -101,9 +101,9 @@ def _check_hdf5_files(check: Callable[[object], None]) -> None:
         return
 
     class CheckedFile(h5py.File):  # type: ignore[misc]
-        def __init__(self, name: object, *rest: Any, **options: Any) -> None:
+        def __init__(self, name: object, *args: Any, **options: Any) -> None:
             check(name)
-            super().__init__(name, *rest, **options)
+            super().__init__(name, *args, **options)
 
     h5py.File = CheckedFile
 
@@ -153,8 +153,8 @@ def _address_space(page: int) -> int:
 
 
 def _save(soup: Soup, sets: list[str], data: list[str], target: str) -> None:
-    left = [name for name in data if name not in soup.tags]
-    names = json.dumps({"tags": list(soup.tags), "sets": sets, "left": left}).encode()
+    skipped_names = [name for name in data if name not in soup.tags]
+    names = json.dumps({"tags": list(soup.tags), "sets": sets, "left": skipped_names}).encode()
     tags = {f"tag_{i}": values for i, values in enumerate(soup.tags.values())}
     with open(target, "wb") as file:
         np.savez(
@@ -233,16 +233,16 @@ def _polyhedra(cells: Any) -> Polyhedra:
     )
 
 
-def _data_tags(found: Any, counts: list[int]) -> dict[str, Int]:
+def _data_tags(mesh: Any, counts: list[int]) -> dict[str, Int]:
     """Return integer cell data with one component, available on every block.
 
     MDPA files store all data as real numbers; arrays of whole values become integers.
     """
     tags = {}
-    real = any(name.startswith("gmsh:") for name in found.cell_data)
-    for name, blocks in found.cell_data.items():
+    real = any(name.startswith("gmsh:") for name in mesh.cell_data)
+    for name, blocks in mesh.cell_data.items():
         arrays = [np.asarray(block) for block in blocks]
-        arrays = [each.ravel() if each.shape[1:] == (1,) else each for each in arrays]
+        arrays = [array.ravel() if array.shape[1:] == (1,) else array for array in arrays]
         if real:
             arrays = _as_whole(arrays)
         whole = all(a.shape == (n,) and a.dtype.kind in "iu" for a, n in zip(arrays, counts, strict=True))
@@ -253,16 +253,16 @@ def _data_tags(found: Any, counts: list[int]) -> dict[str, Int]:
 
 def _as_whole(arrays: list[Any]) -> list[Any]:
     """Convert real arrays to integers if all their values are whole."""
-    real = [each for each in arrays if each.dtype.kind == "f"]
-    whole = all((np.abs(each) < 2**53).all() and (each == np.floor(each)).all() for each in real)
-    return [each.astype(np.int64) for each in arrays] if real and whole else arrays
+    real = [array for array in arrays if array.dtype.kind == "f"]
+    whole = all((np.abs(array) < 2**53).all() and (array == np.floor(array)).all() for array in real)
+    return [array.astype(np.int64) for array in arrays] if real and whole else arrays
 
 
-def _set_tags(found: Any, counts: list[int]) -> dict[str, Int]:
+def _set_tags(mesh: Any, counts: list[int]) -> dict[str, Int]:
     """Return named cell sets as tags: 1 inside, 0 outside."""
     tags = {}
     starts = np.cumsum([0, *counts])
-    for name, blocks in found.cell_sets.items():
+    for name, blocks in mesh.cell_sets.items():
         if name.startswith("gmsh:") or len(blocks) != len(counts):
             continue
         inside = np.zeros(starts[-1], np.int64)
@@ -273,21 +273,21 @@ def _set_tags(found: Any, counts: list[int]) -> dict[str, Int]:
     return tags
 
 
-def _families(found: Any) -> dict[str, list[int]]:
+def _families(mesh: Any) -> dict[str, list[int]]:
     """Return the family numbers per group (OpenFOAM patches, MED groups)."""
     families: dict[str, list[int]] = {}
-    for number, names in (getattr(found, "cell_tags", None) or {}).items():
+    for number, names in (getattr(mesh, "cell_tags", None) or {}).items():
         for name in names:
             families.setdefault(str(name), []).append(int(number))
     return families
 
 
-def _family_tags(found: Any, counts: list[int]) -> dict[str, Int]:
+def _family_tags(mesh: Any, counts: list[int]) -> dict[str, Int]:
     """Return named cell groups as tags: 1 inside, 0 outside.
 
     The cell data ``cell_tags`` hold the family of each cell.
     """
-    blocks = found.cell_data.get("cell_tags", [])
+    blocks = mesh.cell_data.get("cell_tags", [])
     if len(blocks) != len(counts) or not blocks:
         return {}
     family = np.concatenate([np.asarray(block).ravel() for block in blocks])
@@ -295,7 +295,7 @@ def _family_tags(found: Any, counts: list[int]) -> dict[str, Int]:
         return {}
     return {
         name: frozen_int(np.isin(family, numbers).astype(np.int64))
-        for name, numbers in _families(found).items()
+        for name, numbers in _families(mesh).items()
     }
 
 

@@ -134,10 +134,10 @@ def read_entities(numbers: Numbers) -> dict[tuple[int, int], Entity]:
     if partitioned:
         _, ghosts = numbers.sizes(2).tolist()
         numbers.ints(2 * ghosts)
-    found = {}
+    entities = {}
     for dim, count in enumerate(numbers.sizes(4).tolist()):
         for _ in range(count):
-            own, parent, partition = int(numbers.ints(1)[0]), (-1, 0), 0
+            tag, parent, partition = int(numbers.ints(1)[0]), (-1, 0), 0
             if partitioned:
                 parent = tuple(numbers.ints(2).tolist())
                 parts = numbers.ints(int(numbers.sizes(1)[0]))
@@ -146,8 +146,8 @@ def read_entities(numbers: Numbers) -> dict[tuple[int, int], Entity]:
             groups = np.abs(numbers.ints(int(numbers.sizes(1)[0])))  # negative where it is reversed
             if dim > 0:
                 numbers.ints(int(numbers.sizes(1)[0]))  # boundary entities
-            found[dim, own] = Entity(parent[1] if parent[0] == dim else own, frozen_int(groups), partition)
-    return found
+            entities[dim, tag] = Entity(parent[1] if parent[0] == dim else tag, frozen_int(groups), partition)
+    return entities
 
 
 def read_elements(numbers: Numbers, entities: Entities) -> Elements:
@@ -165,14 +165,14 @@ def read_elements(numbers: Numbers, entities: Entities) -> Elements:
     starts = np.cumsum([0, *(len(part.types) for part in parts)])
     sizes = np.concatenate([np.empty(0, np.int64), *(np.diff(part.offsets) for part in parts)])
     members = [part.members + np.array([start, 0]) for part, start in zip(parts, starts[:-1], strict=True)]
-    joined = {
+    arrays = {
         name: frozen_int(np.concatenate([np.empty(0, np.int64), *(getattr(part, name) for part in parts)]))
         for name in ("numbers", "types", "nodes", "geometrical", "partition")
     }
     return Elements(
         offsets=frozen_int(np.concatenate(([0], np.cumsum(sizes)))),
         members=frozen_int(np.concatenate([np.empty((0, 2), np.int64), *members])),
-        **joined,
+        **arrays,
     )
 
 
@@ -203,8 +203,8 @@ def _by_entity(numbers: Numbers, entities: Entities) -> Iterator[Elements]:
 
 def _by_header(numbers: Numbers, n_elements: int) -> Iterator[Elements]:
     """Yield the blocks of binary version 2 files: elements with the same type and number of tags."""
-    done = 0
-    while done < n_elements:
+    n_read = 0
+    while n_read < n_elements:
         kind, n, n_tags = numbers.ints(3).tolist()
         if n < 1 or n_tags < 0:
             raise FileError(f"$Elements: a block holds {n} elements of {n_tags} tags")
@@ -212,7 +212,7 @@ def _by_header(numbers: Numbers, n_elements: int) -> Iterator[Elements]:
         stream = numbers.ints(n * width)
         starts = np.arange(0, n * width, width)
         yield _with_tags(stream, stream[starts], np.full(n, kind), starts + 1, np.full(n, n_tags))
-        done += n
+        n_read += n
 
 
 def _one_by_one(numbers: Numbers, n_elements: int) -> Elements:
@@ -282,20 +282,22 @@ def first_listings(elements: Elements) -> Int:
     group[elements.members[:, 0]] = elements.members[:, 1]
     for kind in np.unique(elements.types):
         # Hash the nodes; only elements with a repeated hash are compared in full.
-        own = np.flatnonzero(elements.types == kind)
-        rows = elements.nodes[elements.offsets[own][:, None] + np.arange(_NODES[kind])]
+        indices = np.flatnonzero(elements.types == kind)
+        rows = elements.nodes[elements.offsets[indices][:, None] + np.arange(_NODES[kind])]
         key = rows.astype(np.uint64) @ (np.arange(rows.shape[1], dtype=np.uint64) * _FACTOR + _FACTOR)
         count = np.unique(key, return_inverse=True, return_counts=True)
         several = np.flatnonzero(count[2][count[1]] > 1)  # all repeated rows, and rarely others
-        rows, own = rows[several], own[several]
+        rows, indices = rows[several], indices[several]
         # Sort by nodes, then group, then position, and mark equal neighbours.
-        order = np.lexsort((own, group[own], *rows.T))
-        rows, own = rows[order], own[order]
-        alike = np.concatenate(([False], (rows[1:] == rows[:-1]).all(axis=1)))[: len(own)]
-        again = np.concatenate(([False], group[own][1:] == group[own][:-1]))[: len(own)] & alike
+        order = np.lexsort((indices, group[indices], *rows.T))
+        rows, indices = rows[order], indices[order]
+        same_nodes = np.concatenate(([False], (rows[1:] == rows[:-1]).all(axis=1)))[: len(indices)]
+        same_group = (
+            np.concatenate(([False], group[indices][1:] == group[indices][:-1]))[: len(indices)] & same_nodes
+        )
         # Number the classes of equal nodes and find the first element of each.
-        number = np.cumsum(~alike) - 1
+        number = np.cumsum(~same_nodes) - 1
         earliest = np.full(number.max(initial=-1) + 1, len(first))
-        np.minimum.at(earliest, number, own)
-        first[own] = np.where(again, own, earliest[number])
+        np.minimum.at(earliest, number, indices)
+        first[indices] = np.where(same_group, indices, earliest[number])
     return frozen_int(first)

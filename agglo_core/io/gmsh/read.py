@@ -60,12 +60,12 @@ def soup_of_gmsh(content: bytes) -> tuple[Soup, set[str], list[str]]:
     places = {name: slice(start, stop) for name, start, stop in parts}
     if not parts or parts[0][0] != "MeshFormat":
         raise FileError("does not begin with $MeshFormat")
-    for needed in ("Nodes", "Elements"):
-        if needed not in places:
-            other = "; its nodes are parametric: save it with Mesh.SaveParametric = 0" * (
+    for section in ("Nodes", "Elements"):
+        if section not in places:
+            hint = "; its nodes are parametric: save it with Mesh.SaveParametric = 0" * (
                 "ParametricNodes" in places
             )
-            raise FileError(f"has no ${needed}{other}")
+            raise FileError(f"has no ${section}{hint}")
     header = gmsh_header(content[places["MeshFormat"]], content[places["Nodes"]])
     # Parse the sections in file order.
     names: dict[str, list[tuple[int, int]]] = {}
@@ -85,20 +85,22 @@ def soup_of_gmsh(content: bytes) -> tuple[Soup, set[str], list[str]]:
             data.append(_element_data(numbers))
     # Version 2 repeats elements per group: merge the repetitions into one cell.
     first = first_listings(elements) if header.version == "2" else frozen_int(np.arange(len(elements.types)))
-    kept = frozen_int(np.flatnonzero(first == np.arange(len(first))))
-    cell = frozen_int(np.searchsorted(kept, first))  # cell per element of the file
+    cell_elements = frozen_int(np.flatnonzero(first == np.arange(len(first))))
+    cell = frozen_int(np.searchsorted(cell_elements, first))  # cell per element of the file
     members = np.column_stack((cell[elements.members[:, 0]], elements.members[:, 1]))
     # Bound the memory of the tags before they are built.
-    steps = {each.name: each.step for each in data}
-    if (4 + len(names) + len(steps)) * 8 * len(kept) > _SPARE + _EXPANSION * len(content):
-        raise FileError(f"{len(names)} groups of {len(kept)} elements take more memory than there can be")
-    tags = {"gmsh:geometrical": frozen_int(elements.geometrical[kept])}
+    steps = {block.name: block.step for block in data}
+    if (4 + len(names) + len(steps)) * 8 * len(cell_elements) > _SPARE + _EXPANSION * len(content):
+        raise FileError(
+            f"{len(names)} groups of {len(cell_elements)} elements take more memory than there can be"
+        )
+    tags = {"gmsh:geometrical": frozen_int(elements.geometrical[cell_elements])}
     if elements.partition.any():
-        tags["gmsh:partition"] = frozen_int(elements.partition[kept])
-    tags |= _data_tags(data, steps, elements, cell, len(kept))
-    of_groups, groups = _group_tags(DIMS[elements.types[kept]], frozen_int(members), names)
+        tags["gmsh:partition"] = frozen_int(elements.partition[cell_elements])
+    tags |= _data_tags(data, steps, elements, cell, len(cell_elements))
+    of_groups, groups = _group_tags(DIMS[elements.types[cell_elements]], frozen_int(members), names)
     tags |= of_groups
-    return _cells(elements, kept, nodes, tags), groups, [name for name in steps if name not in tags]
+    return _cells(elements, cell_elements, nodes, tags), groups, [name for name in steps if name not in tags]
 
 
 def _group_names(body: bytes) -> dict[str, list[tuple[int, int]]]:
@@ -120,17 +122,19 @@ def _group_tags(
     if len(members):
         tags["gmsh:physical"] = frozen_int(physical)
     # Membership of each name: equal number and dimension.
-    named = np.zeros(len(members), bool)
+    has_name = np.zeros(len(members), bool)
     groups = {}
     for name, pairs in names.items():
         inside = np.zeros(len(members), bool)
         for dim, number in pairs:
             inside |= (numbers == number) & (dims[cells] == dim)
-        named |= inside
+        has_name |= inside
         groups[name] = inside
     # Unnamed groups that ``gmsh:physical`` does not show.
-    hidden = np.unique(numbers[~named & (physical[cells] != numbers)])
-    groups |= {f"gmsh:physical_{number}": ~named & (numbers == number) for number in hidden.tolist()}
+    extra_numbers = np.unique(numbers[~has_name & (physical[cells] != numbers)])
+    groups |= {
+        f"gmsh:physical_{number}": ~has_name & (numbers == number) for number in extra_numbers.tolist()
+    }
     for name, inside in groups.items():
         tag = np.zeros(len(dims), np.int64)
         tag[cells[inside]] = 1
@@ -161,16 +165,16 @@ def _data_tags(
     top = np.unique(cell[dims == dims.max(initial=0)])
     for name, step in steps.items():
         # Only the last time step is kept.
-        own = [each for each in data if each.name == name]
-        if any(each.step != step for each in own):
+        blocks = [block for block in data if block.name == name]
+        if any(block.step != step for block in blocks):
             _log.warning("element data %r: of several time steps the last, %d, is read", name, step)
-        last = [each for each in own if each.step == step]
-        values = np.concatenate([each.values.ravel() for each in last])
-        whole = all(each.values.shape[1] == 1 for each in last) and (np.abs(values) < _LARGEST).all()
+        last = [block for block in blocks if block.step == step]
+        values = np.concatenate([block.values.ravel() for block in last])
+        whole = all(block.values.shape[1] == 1 for block in last) and (np.abs(values) < _LARGEST).all()
         if not whole or (values != np.floor(values)).any():
             continue
         # Map element numbers to cells and fill the tag.
-        place = _places(elements.numbers, frozen_int(np.concatenate([each.numbers for each in last])))
+        place = _places(elements.numbers, frozen_int(np.concatenate([block.numbers for block in last])))
         tag, covered = np.full(n, _MISSING), np.zeros(n, bool)
         target = cell[place[place >= 0]]
         tag[target], covered[target] = values[place >= 0].astype(np.int64), True
@@ -183,23 +187,23 @@ def _data_tags(
     return tags
 
 
-def _cells(elements: Elements, kept: Int, nodes: tuple[Int, Float], tags: Mapping[str, Int]) -> Soup:
-    """Convert the kept elements to VTK types and node order."""
-    offsets, entries = gather(elements.offsets, kept)
+def _cells(elements: Elements, cell_elements: Int, nodes: tuple[Int, Float], tags: Mapping[str, Int]) -> Soup:
+    """Convert elements, one per cell, to VTK types and node order."""
+    offsets, entries = gather(elements.offsets, cell_elements)
     numbers = elements.nodes[entries]
     vertices = np.array(_places(nodes[0], frozen_int(numbers)))
     if vertices.min(initial=0) < 0:
         raise FileError(f"an element uses node {numbers[np.argmin(vertices)]}, which the file does not list")
-    types = VTK_TYPES[elements.types[kept]]
+    types = VTK_TYPES[elements.types[cell_elements]]
     wedges = offsets[:-1][types == _VTK_WEDGE][:, None] + np.arange(6)
     vertices[wedges] = vertices[wedges[:, _WEDGE]]
     return Soup(nodes[1], frozen_int(types), offsets, frozen_int(vertices), concatenate([]), tags)
 
 
-def _places(known: Int, wanted: Int) -> Int:
-    """Return the position of each wanted number in ``known``, or −1 if absent."""
-    if not len(known):
-        return frozen_int(np.full(len(wanted), -1))
-    order = np.argsort(known, kind="stable")
-    found = order[np.minimum(np.searchsorted(known, wanted, sorter=order), len(known) - 1)]
-    return frozen_int(np.where(known[found] == wanted, found, -1))
+def _places(numbers: Int, queries: Int) -> Int:
+    """Return the position of each of ``queries`` in ``numbers``, or −1 if absent."""
+    if not len(numbers):
+        return frozen_int(np.full(len(queries), -1))
+    order = np.argsort(numbers, kind="stable")
+    positions = order[np.minimum(np.searchsorted(numbers, queries, sorter=order), len(numbers) - 1)]
+    return frozen_int(np.where(numbers[positions] == queries, positions, -1))

@@ -68,7 +68,7 @@ def gmsh_header(body: bytes, nodes: bytes) -> Header:
     FileError
         For versions other than 2.x, 4.0 and 4.1.
     """
-    line, _, rest = body.partition(b"\n")
+    line, _, tail = body.partition(b"\n")
     words = line.decode("ascii", "replace").split()
     if len(words) < 3 or words[1] not in ("0", "1") or words[2] not in ("4", "8"):
         raise FileError(f"$MeshFormat is {' '.join(words)[:40]!r}, expected such as '4.1 0 8'")
@@ -78,9 +78,9 @@ def gmsh_header(body: bytes, nodes: bytes) -> Header:
     if version not in ("2", "4.0", "4.1"):
         raise FileError(f"version {words[0][:10]} of Gmsh's format is not read, expected 2.2, 4.0 or 4.1")
     orders = {b"\1\0\0\0": "<", b"\0\0\0\1": ">"}
-    if words[1] == "1" and rest[:4] not in orders:
+    if words[1] == "1" and tail[:4] not in orders:
         raise FileError("$MeshFormat of a binary file lacks the number 1, which gives the byte order")
-    return Header(version, orders[rest[:4]] if words[1] == "1" else "", int(words[2]))
+    return Header(version, orders[tail[:4]] if words[1] == "1" else "", int(words[2]))
 
 
 def decoded(name: bytes) -> str:

@@ -51,14 +51,16 @@ def write_gmsh(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
         For cells without a Gmsh element, names with quotes, or integers that a double cannot hold.
     """
     points, number = used_points(mesh)
-    own = {name: values for name, values in tags.items() if name not in RESERVED}
-    _check(own, mesh.face_tags)
-    cells = _cells(mesh, number, {name: each for name, each in own.items() if _is_group(name, each)})
+    written_tags = {name: values for name, values in tags.items() if name not in RESERVED}
+    _check(written_tags, mesh.face_tags)
+    cells = _cells(
+        mesh, number, {name: array for name, array in written_tags.items() if _is_group(name, array)}
+    )
     faces = _faces(mesh, number)
     with open(path, "w", encoding="utf-8") as stream:
         stream.write("$MeshFormat\n4.1 0 8\n$EndMeshFormat\n")
         _write_elements(stream, points, [cells, faces] if len(faces.types) else [cells])
-        for name, values in own.items():
+        for name, values in written_tags.items():
             if name not in cells.groups:
                 _write_data(stream, name, np.concatenate((values, np.full(len(faces.types), -1))))
 
@@ -81,9 +83,9 @@ def _check(tags: Mapping[str, Int], face_tags: Mapping[str, Int]) -> None:
 def _cells(mesh: Mesh, number: Int | None, groups: Mapping[str, Int]) -> _Elements:
     cells = cells_of(mesh)
     sizes = np.diff(cells.offsets)
-    other = cells.types == POLYHEDRON if mesh.dim == 3 else (sizes > 4) | (cells.loops > 1)
-    if other.any():
-        cell = int(np.argmax(other))
+    is_unsupported = cells.types == POLYHEDRON if mesh.dim == 3 else (sizes > 4) | (cells.loops > 1)
+    if is_unsupported.any():
+        cell = int(np.argmax(is_unsupported))
         kind = "polyhedron" if mesh.dim == 3 else f"polygon with {sizes[cell]} corners"
         raise FileError(
             f"cell {cell} is a {kind}; Gmsh's files hold triangles, quadrilaterals, tetrahedra, hexahedra, "
@@ -93,8 +95,8 @@ def _cells(mesh: Mesh, number: Int | None, groups: Mapping[str, Int]) -> _Elemen
     wedges = np.flatnonzero(cells.types == 13)
     places = cells.offsets[wedges][:, None] + np.arange(6)
     vertices[places] = vertices[places[:, _WEDGE]]
-    given = cells.types.tolist() if mesh.dim == 3 else sizes.tolist()
-    types = [(_SOLIDS if mesh.dim == 3 else _TYPES)[kind] for kind in given]
+    kinds = cells.types.tolist() if mesh.dim == 3 else sizes.tolist()
+    types = [(_SOLIDS if mesh.dim == 3 else _TYPES)[kind] for kind in kinds]
     return _Elements(
         mesh.dim, frozen_int(types), cells.offsets, _from_one(frozen_int(vertices), number), groups
     )
@@ -107,17 +109,17 @@ def _faces(mesh: Mesh, number: Int | None) -> _Elements:
     """
     groups: dict[str, Int] = {}
     for name, values in mesh.face_tags.items():
-        found = [] if name in _NO_GROUPS else np.unique(values[values > 0]).tolist()
-        for value in found:
-            groups[name if found == [1] else f"{name}_{value}"] = frozen_int(values == value)
+        group_values = [] if name in _NO_GROUPS else np.unique(values[values > 0]).tolist()
+        for value in group_values:
+            groups[name if group_values == [1] else f"{name}_{value}"] = frozen_int(values == value)
     sizes = np.diff(mesh.face_offsets)
-    chosen = np.any([*groups.values(), np.zeros(mesh.n_faces, bool)], axis=0) & (sizes <= 4)
-    faces = frozen_int(np.flatnonzero(chosen))
+    is_grouped = np.any([*groups.values(), np.zeros(mesh.n_faces, bool)], axis=0) & (sizes <= 4)
+    faces = frozen_int(np.flatnonzero(is_grouped))
     offsets, places = gather(mesh.face_offsets, faces)
     types = [_TYPES[size] for size in sizes[faces].tolist()]
-    own = {name: frozen_int(values[faces]) for name, values in groups.items()}
+    face_groups = {name: frozen_int(values[faces]) for name, values in groups.items()}
     nodes = _from_one(frozen_int(mesh.face_vertices[places]), number)
-    return _Elements(mesh.dim - 1, frozen_int(types), offsets, nodes, own)
+    return _Elements(mesh.dim - 1, frozen_int(types), offsets, nodes, face_groups)
 
 
 def _from_one(vertices: Int, number: Int | None) -> Int:
@@ -144,11 +146,11 @@ def _write_elements(stream: TextIO, points: Float, parts: list[_Elements]) -> No
         table = np.stack([np.zeros(len(part.types), np.int64), *part.groups.values()], axis=1)
         sets, entity = np.unique(table, axis=0, return_inverse=True)
         for tag, members in enumerate(sets[:, 1:], 1):
-            own = [i for i, inside in zip(numbers, members.tolist(), strict=True) if inside]
-            own = own or [len(names) + 1] * bool(
+            ids = [i for i, inside in zip(numbers, members.tolist(), strict=True) if inside]
+            ids = ids or [len(names) + 1] * bool(
                 names
             )  # readers expect a group for all entities, or for none
-            entities[part.dim].append(f"{tag} {box} {len(own)} {' '.join(map(str, own))} 0\n")
+            entities[part.dim].append(f"{tag} {box} {len(ids)} {' '.join(map(str, ids))} 0\n")
         blocks += _blocks(part, entity.ravel() + 1, first)
         first += len(part.types)
     # Write entities, nodes (one block) and elements.

@@ -105,14 +105,14 @@ class Variable(NamedTuple):
             raise FileError(f"{self.name}: the names of its fields are damaged")
         names = [raw[i : i + width].tobytes() for i in range(place, place + size, width)]
         # The values follow in the same order; unsupported classes are skipped.
-        row, found = _after(self.words, row), {}
-        for each in names:
-            name = f"{self.name}.{each.partition(bytes(1))[0].decode('ascii', 'replace')}"
+        row, by_name = _after(self.words, row), {}
+        for raw_name in names:
+            name = f"{self.name}.{raw_name.partition(bytes(1))[0].decode('ascii', 'replace')}"
             _element(self.words, row, self.stop, name)
             with suppress(_Other):
-                found[name.rpartition(".")[2]] = _matrix(self.words, self.order, row, name)
+                by_name[name.rpartition(".")[2]] = _matrix(self.words, self.order, row, name)
             row = _after(self.words, row)
-        return found
+        return by_name
 
     def lists(self) -> tuple[Int, Int]:
         """Return a cell array of integer lists as offsets and values.
@@ -135,11 +135,11 @@ class Variable(NamedTuple):
             raise FileError(f"{self.name}: its cells claim to hold more than the file does")
         # Remove the headers of the outer cells; the inner cells then follow one another.
         last = int(outer[-1] + 1 + -(-int(self.words[outer[-1], 1]) // 8)) if len(outer) else 0
-        kept = np.ones(last, bool)
-        kept[: int(outer[0]) if len(outer) else 0] = False
+        inner_rows = np.ones(last, bool)
+        inner_rows[: int(outer[0]) if len(outer) else 0] = False
         for shift in range(1 + INSIDE):
-            kept[outer + shift] = False
-        places = np.flatnonzero(kept)
+            inner_rows[outer + shift] = False
+        places = np.flatnonzero(inner_rows)
         inner, _ = record_starts(self.words[places], int(cell_offsets[-1]), matrix_ends)
         loop_offsets, values = gathered_lists(self.words, self.order, frozen_int(places[inner]), self.name)
         return frozen_int(cell_offsets), loop_offsets, values
@@ -168,14 +168,14 @@ def variables(content: bytes) -> dict[str, Variable]:
     if len(content) < 128 or content[126:128] not in (b"IM", b"MI"):
         raise FileError("is no MATLAB file of level 5 (as save -v7 writes); or it is truncated")
     order: Literal["<", ">"] = "<" if content[126:128] == b"IM" else ">"
-    found = {}
+    by_name = {}
     for words in _elements(content, order):
         try:
             variable = _matrix(words, order, 0, "")
         except _Other:
             continue
-        found[variable.name] = variable
-    return found
+        by_name[variable.name] = variable
+    return by_name
 
 
 class _Other(Exception):
@@ -184,7 +184,7 @@ class _Other(Exception):
 
 def _elements(content: bytes, order: Literal["<", ">"]) -> Iterator[NDArray[Any]]:
     """Yield each variable as rows of eight bytes, inflated."""
-    place, room = 128, _ROOM + _EXPANSION * len(content)
+    place, free_bytes = 128, _ROOM + _EXPANSION * len(content)
     while place < len(content):
         if len(content) - place < 8:
             raise FileError("truncated: the last variable does not end")
@@ -194,8 +194,8 @@ def _elements(content: bytes, order: Literal["<", ">"]) -> Iterator[NDArray[Any]
                 f"truncated: a variable of {size} bytes is declared, {len(content) - place - 8} follow"
             )
         if kind == _COMPRESSED:
-            data = _inflated(content[place + 8 : place + 8 + size], order, room)
-            room -= len(data)
+            data = _inflated(content[place + 8 : place + 8 + size], order, free_bytes)
+            free_bytes -= len(data)
             yield _rows(data, order, 0, len(data))
         elif kind == MATRIX:
             yield _rows(content, order, place, 8 + size)
@@ -211,7 +211,7 @@ def _rows(data: bytes, order: Literal["<", ">"], place: int, size: int) -> NDArr
     return np.frombuffer(data, f"{order}i4", -(-size // 8) * 2, place).reshape(-1, 2)
 
 
-def _inflated(data: bytes, order: str, room: int) -> bytes:
+def _inflated(data: bytes, order: str, max_bytes: int) -> bytes:
     """Inflate a compressed variable to its declared size."""
     codec = zlib.decompressobj()
     try:
@@ -219,14 +219,14 @@ def _inflated(data: bytes, order: str, room: int) -> bytes:
         if len(head) < 8:
             raise FileError("truncated: a compressed variable ends before its size")
         kind, size = np.frombuffer(head, f"{order}u4").tolist()
-        if kind != MATRIX or size > room:
+        if kind != MATRIX or size > max_bytes:
             raise FileError(f"a compressed variable of {len(data)} bytes claims to hold {size}")
-        rest = codec.decompress(codec.unconsumed_tail, max(size, 1))
+        body = codec.decompress(codec.unconsumed_tail, max(size, 1))
     except zlib.error as error:
         raise FileError(f"a compressed variable is damaged: {error}") from None
-    if len(rest) < size:
-        raise FileError(f"truncated: a variable of {size} bytes is declared, {len(rest)} were found")
-    return head + rest[:size]
+    if len(body) < size:
+        raise FileError(f"truncated: a variable of {size} bytes is declared, {len(body)} were found")
+    return head + body[:size]
 
 
 def _element(words: NDArray[Any], row: int, stop: int, name: str) -> tuple[int, int, int]:
@@ -273,7 +273,7 @@ def _matrix(words: NDArray[Any], order: str, row: int, name: str) -> Variable:
     # Name, after which the data begin.
     row = _after(words, row)
     _, place, size = _element(words, row, stop, name or "a variable")
-    own = raw[place : place + size].tobytes().decode("ascii", "replace")
+    stored_name = raw[place : place + size].tobytes().decode("ascii", "replace")
     if flags & 0x800:
-        raise FileError(f"{name or own} holds complex numbers")
-    return Variable(name or own, kind, shape, words, order, _after(words, row), stop)
+        raise FileError(f"{name or stored_name} holds complex numbers")
+    return Variable(name or stored_name, kind, shape, words, order, _after(words, row), stop)

@@ -35,13 +35,13 @@ def matrix_heads(words: NDArray[Any], starts: Int, name: str) -> tuple[Int, Int,
     empty = words[starts, 1] == 0
     rows = np.minimum(starts, len(words) - 1 - INSIDE)
     # A plain header: flags of 8 bytes, two dimensions, no name.
-    plain = (words[rows, 1] >= 8 * INSIDE) & (words[rows + 5, 1] == 0)
+    is_valid = (words[rows, 1] >= 8 * INSIDE) & (words[rows + 5, 1] == 0)
     for shift, tag in ((1, (6, 8)), (3, (5, 8))):
         for column, value in enumerate(tag):
-            plain &= words[rows + shift, column] == value
-    plain |= empty
-    if not plain.all():
-        raise FileError(f"{name}: cell {int(np.argmin(plain))} is no matrix of two dimensions")
+            is_valid &= words[rows + shift, column] == value
+    is_valid |= empty
+    if not is_valid.all():
+        raise FileError(f"{name}: cell {int(np.argmin(is_valid))} is no matrix of two dimensions")
     sides = np.where(empty[:, None], 0, words[rows + 4].astype(np.int64))
     if (sides < 0).any():
         raise FileError(f"{name}: cell {int(np.argmax((sides < 0).any(axis=1)))} has negative dimensions")
@@ -73,12 +73,14 @@ def gathered_lists(words: NDArray[Any], order: str, starts: Int, name: str) -> t
     raw = words.reshape(-1).view(np.uint8)
     # Copy the values, one stored type at a time.
     for kind in np.unique(types[counts > 0]).tolist():
-        own = np.flatnonzero((types == kind) & (counts > 0))
+        lists = np.flatnonzero((types == kind) & (counts > 0))
         dtype = np.dtype(TYPES[kind])
-        of_all = raw[: len(raw) // dtype.itemsize * dtype.itemsize].view(dtype.newbyteorder(order))  # type: ignore[arg-type]
-        rank = np.arange(counts[own].sum()) - np.repeat(np.cumsum(counts[own]) - counts[own], counts[own])
-        taken = of_all[np.repeat(places[own] // dtype.itemsize, counts[own]) + rank]
-        values[np.repeat(offsets[own], counts[own]) + rank] = whole_values(taken, name)
+        items = raw[: len(raw) // dtype.itemsize * dtype.itemsize].view(dtype.newbyteorder(order))  # type: ignore[arg-type]
+        rank = np.arange(counts[lists].sum()) - np.repeat(
+            np.cumsum(counts[lists]) - counts[lists], counts[lists]
+        )
+        raw_values = items[np.repeat(places[lists] // dtype.itemsize, counts[lists]) + rank]
+        values[np.repeat(offsets[lists], counts[lists]) + rank] = whole_values(raw_values, name)
     return frozen_int(offsets), frozen_int(values)
 
 

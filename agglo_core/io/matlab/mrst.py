@@ -47,35 +47,35 @@ def mesh_of_grid(grid: Variable) -> Mesh:
     if vertices.min(initial=0) < 0 or vertices.max(initial=-1) >= len(points):
         raise FileError(f"G.faces.nodes uses points outside 1..{len(points)}")
     # Drop unused points and reverse faces whose first neighbour is the outside.
-    used = np.zeros(len(points), bool)
-    used[vertices] = True
+    has_face = np.zeros(len(points), bool)
+    has_face[vertices] = True
     turned = cells[:, 0] < 0  # the outside comes first
     mesh = Mesh(
-        frozen_float(points[used]),
+        frozen_float(points[has_face]),
         frozen_int(offsets),
-        _turned(frozen_int(offsets), frozen_int((np.cumsum(used) - 1)[vertices]), frozen_int(turned)),
+        _turned(frozen_int(offsets), frozen_int((np.cumsum(has_face) - 1)[vertices]), frozen_int(turned)),
         frozen_int(np.where(turned[:, None], cells[:, ::-1], cells)),
     )
     check_directions(mesh)
     return mesh
 
 
-def _fields(parts: Mapping[str, Variable], name: str, needed: tuple[str, ...]) -> dict[str, Variable]:
+def _fields(parts: Mapping[str, Variable], name: str, names: tuple[str, ...]) -> dict[str, Variable]:
     if name not in parts:
         raise FileError(f"G has no field {name!r}; it has {', '.join(parts) or 'none'}")
-    found = parts[name].fields()
-    missing = [each for each in needed if each not in found]
+    fields = parts[name].fields()
+    missing = [field for field in names if field not in fields]
     if missing:
-        raise FileError(f"G.{name} has no field {missing[0]!r}; it has {', '.join(found) or 'none'}")
-    return found
+        raise FileError(f"G.{name} has no field {missing[0]!r}; it has {', '.join(fields) or 'none'}")
+    return fields
 
 
-def _turned(offsets: Int, vertices: Int, which: Int) -> Int:
-    """Reverse the vertices of the faces in ``which``."""
+def _turned(offsets: Int, vertices: Int, mask: Int) -> Int:
+    """Reverse the vertices of the faces marked in ``mask``."""
     sizes = np.diff(offsets)
     place = np.arange(len(vertices))
     mirrored = np.repeat(offsets[:-1] + offsets[1:] - 1, sizes) - place
-    return frozen_int(vertices[np.where(np.repeat(which != 0, sizes), mirrored, place)])
+    return frozen_int(vertices[np.where(np.repeat(mask != 0, sizes), mirrored, place)])
 
 
 def grid_structure(mesh: Mesh) -> bytes:
@@ -118,8 +118,8 @@ def coarse_structure(name: str, mesh: Mesh, labels: Int) -> bytes:
     """
     # Sort the faces between blocks by block pair, interior pairs first.
     blocks = np.where(mesh.face_cells >= 0, labels[mesh.face_cells] + 1, 0)
-    kept = np.flatnonzero(blocks[:, 0] != blocks[:, 1])
-    low, high = np.sort(blocks[kept], axis=1).T
+    block_faces = np.flatnonzero(blocks[:, 0] != blocks[:, 1])
+    low, high = np.sort(blocks[block_faces], axis=1).T
     inner = low > 0
     order = np.lexsort((np.where(inner, high, 0), np.where(inner, low, high), ~inner))
     pairs = np.stack((np.where(inner, low, high), np.where(inner, high, 0)), axis=1)[order]
@@ -140,8 +140,8 @@ def coarse_structure(name: str, mesh: Mesh, labels: Int) -> bytes:
     faces = {
         "num": numbers("", [[len(starts)]]),
         "neighbors": numbers("", frozen_int(neighbours)),
-        "connPos": numbers("", frozen_int(np.concatenate((starts, [len(kept)])) + 1)),
-        "fconn": numbers("", frozen_int(kept[order] + 1)),
+        "connPos": numbers("", frozen_int(np.concatenate((starts, [len(block_faces)])) + 1)),
+        "fconn": numbers("", frozen_int(block_faces[order] + 1)),
     }
     return structure(
         name,

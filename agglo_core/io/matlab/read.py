@@ -48,21 +48,24 @@ def read_matlab(path: Path, *, merge_points: bool, allow_gaps: bool, drop_flat: 
     FileError, MeshError
         For a broken file or mesh, or unknown variables.
     """
-    found = variables(path.read_bytes())
-    region, lists = found.get("region"), any(pair[0] in found and pair[1] in found for pair in _PAIRS)
+    contents = variables(path.read_bytes())
+    region, lists = (
+        contents.get("region"),
+        any(pair[0] in contents and pair[1] in contents for pair in _PAIRS),
+    )
     # MRST's grid lists faces, all other layouts list cells.
-    if "G" in found and found["G"].is_struct and region is None and not lists:
-        mesh = mesh_of_grid(found["G"])
+    if "G" in contents and contents["G"].is_struct and region is None and not lists:
+        mesh = mesh_of_grid(contents["G"])
         mesh = trusted_copy(
-            mesh, cell_tags=check_tags("cell", _tags(found, mesh.n_cells), mesh.n_cells), name=path.stem
+            mesh, cell_tags=check_tags("cell", _tags(contents, mesh.n_cells), mesh.n_cells), name=path.stem
         )
         return mesh if allow_gaps else mesh.conforming(merge_points=merge_points)
     if region is not None:
         fields = region.fields()
         cells = _region(fields)
     else:
-        fields, cells = {}, _lists(found)
-    tags = {**cells.tags, **_tags(found, cells.number)}
+        fields, cells = {}, _lists(contents)
+    tags = {**cells.tags, **_tags(contents, cells.number)}
     if cells.solid is not None:
         return Mesh.from_polyhedra(
             cells.points,
@@ -95,22 +98,22 @@ def _region(fields: Mapping[str, Variable]) -> _Cells:
     points = _points(fields["coord"])
     plane = _numbered(fields["connectivity"].lists(), len(points), "region.connectivity")
     count = len(plane[0]) - 1
-    own = fields.get("id")
+    ids = fields.get("id")
     tags = (
-        {"id": own.integers()} if own is not None and own.is_numeric and np.prod(own.shape) == count else {}
+        {"id": ids.integers()} if ids is not None and ids.is_numeric and np.prod(ids.shape) == count else {}
     )
     return _Cells(points, plane, None, tags)
 
 
-def _lists(found: Mapping[str, Variable]) -> _Cells:
+def _lists(contents: Mapping[str, Variable]) -> _Cells:
     """Read points and cells under the variable names of known programs."""
-    names = next((pair for pair in _PAIRS if pair[0] in found and pair[1] in found), None)
+    names = next((pair for pair in _PAIRS if pair[0] in contents and pair[1] in contents), None)
     if names is None:
         expected = (
             "region (lymph), node and elem (mVEM), Node and Element (PolyMesher), node3 and elem3, G (MRST)"
         )
-        raise FileError(f"holds the variables {', '.join(found) or 'none'}; expected {expected}")
-    points, cells = _points(found[names[0]]), found[names[1]]
+        raise FileError(f"holds the variables {', '.join(contents) or 'none'}; expected {expected}")
+    points, cells = _points(contents[names[0]]), contents[names[1]]
     if points.shape[1] == 2:
         lists = cells.lists() if cells.is_cell else _rows(cells)
         return _Cells(points, _numbered(lists, len(points), names[1]), None, {})
@@ -138,14 +141,16 @@ def _rows(variable: Variable) -> tuple[Int, Int]:
     rows = variable.reals()
     if rows.ndim != 2:
         raise FileError(f"{variable.name} has the shape {rows.shape}, expected a row for each cell")
-    used = np.isfinite(rows) & (rows != 0)
-    if (used[:, 1:] & ~used[:, :-1]).any():
+    is_vertex = np.isfinite(rows) & (rows != 0)
+    if (is_vertex[:, 1:] & ~is_vertex[:, :-1]).any():
         raise FileError(f"{variable.name}: a row has a number after a missing one")
-    values = rows[used]
+    values = rows[is_vertex]
     whole = values == np.floor(values)
     if not whole.all() or np.abs(values).max(initial=0) > 2**53:
         raise FileError(f"{variable.name} holds {values[np.argmin(whole)]:g}, expected whole numbers")
-    return frozen_int(np.concatenate(([0], np.cumsum(used.sum(axis=1))))), frozen_int(values.astype(np.int64))
+    return frozen_int(np.concatenate(([0], np.cumsum(is_vertex.sum(axis=1))))), frozen_int(
+        values.astype(np.int64)
+    )
 
 
 def _elements(variable: Variable, n_points: int) -> Polyhedra:
@@ -170,21 +175,23 @@ def _numbered(lists: tuple[Int, Int], n_points: int, name: str) -> tuple[Int, In
     return offsets, frozen_int(values - 1)
 
 
-def _tags(found: Mapping[str, Variable], count: int) -> dict[str, Int]:
+def _tags(contents: Mapping[str, Variable], count: int) -> dict[str, Int]:
     """Read variables with an integer per cell as tags.
 
     Level numbers start from 1 in MATLAB.
     """
-    if NAMES in found:
-        names = _own_names(found[NAMES])
+    if NAMES in contents:
+        names = _own_names(contents[NAMES])
     else:
-        names = {name: name for name, each in found.items() if each.is_numeric and _is_list(each, count)}
+        names = {
+            name: name for name, array in contents.items() if array.is_numeric and _is_list(array, count)
+        }
     tags = {}
     for variable, name in names.items():
-        if variable not in found or (found[variable].shape[:1] != (count,) and NAMES in found):
+        if variable not in contents or (contents[variable].shape[:1] != (count,) and NAMES in contents):
             raise FileError(f"{NAMES} names the variable {variable!r}, which has not a row for each cell")
         with suppress(FileError):  # real values are no tags
-            tags[name] = frozen_int(found[variable].integers() - (1 if is_level(name) else 0))
+            tags[name] = frozen_int(contents[variable].integers() - (1 if is_level(name) else 0))
     return tags
 
 
@@ -234,15 +241,15 @@ def _tagged_outside(mesh: Mesh, points: Float, pairs: Int, values: Int) -> Int:
     tag = np.full(mesh.n_faces, -1)
     outer = np.flatnonzero(mesh.face_cells[:, 1] < 0)
     # Match edges by the coordinates of their ends.
-    own = _ordered(mesh.points[mesh.face_pairs[outer]])
-    given = _ordered(points[pairs])
-    order = np.lexsort(own.T)
-    rows = np.concatenate((own[order], given))
+    mesh_ends = _ordered(mesh.points[mesh.face_pairs[outer]])
+    file_ends = _ordered(points[pairs])
+    order = np.lexsort(mesh_ends.T)
+    rows = np.concatenate((mesh_ends[order], file_ends))
     number = np.unique(rows, axis=0, return_inverse=True)[1].ravel()
     face = np.full(number.max(initial=-1) + 1, -1)
     face[number[: len(outer)]] = outer[order]
-    found = face[number[len(outer) :]]
-    tag[found[found >= 0]] = values[found >= 0]
+    pair_faces = face[number[len(outer) :]]
+    tag[pair_faces[pair_faces >= 0]] = values[pair_faces >= 0]
     return frozen_int(tag)
 
 

@@ -147,9 +147,14 @@ def _tags(tags: Mapping[str, Int]) -> Iterator[bytes]:
     """
     names: dict[str, str] = {}
     for name, values in tags.items():
-        plain = re.sub(r"[^A-Za-z0-9_]", "_", name)[:40]
-        fits = plain == name and plain[:1].isalpha() and name not in _TAKEN and not _COARSE.fullmatch(name)
-        variable = name if fits else f"tag{len(names)}_{plain}"
+        ascii_name = re.sub(r"[^A-Za-z0-9_]", "_", name)[:40]
+        fits = (
+            ascii_name == name
+            and ascii_name[:1].isalpha()
+            and name not in _TAKEN
+            and not _COARSE.fullmatch(name)
+        )
+        variable = name if fits else f"tag{len(names)}_{ascii_name}"
         while variable in names or (variable != name and variable in tags):
             variable += "_"
         names[variable] = name

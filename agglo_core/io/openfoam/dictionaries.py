@@ -197,9 +197,9 @@ class FoamParser:
         if self._depth > _DEPTH:
             raise self._error(f"dictionaries and lists are nested more than {_DEPTH} deep")
 
-    def _expected(self, what: str, word: bytes) -> FileError:
-        given = repr(_text(word[:40])) if word else "the end of the file: truncated"
-        return self._error(f"expected {what}, found {given}")
+    def _expected(self, expected: str, word: bytes) -> FileError:
+        text = repr(_text(word[:40])) if word else "the end of the file: truncated"
+        return self._error(f"expected {expected}, found {text}")
 
     def _error(self, reason: str) -> FileError:
         return FileError(f"{self._name}: line {line_of(self._content, self.place)}: {reason}")

@@ -44,13 +44,13 @@ def open_foam(folder: Path, name: str) -> FoamFile:
 
     Raises FileError if missing or invalid.
     """
-    plain, packed = folder / name, folder / f"{name}.gz"
-    if plain.is_file():
-        content = plain.read_bytes()
-    elif packed.is_file():
-        content = _inflated(packed.read_bytes(), packed.name)
+    path, packed_path = folder / name, folder / f"{name}.gz"
+    if path.is_file():
+        content = path.read_bytes()
+    elif packed_path.is_file():
+        content = _inflated(packed_path.read_bytes(), packed_path.name)
     else:
-        raise FileError(f"there is no file {plain}, nor {packed.name}; blockMesh makes one")
+        raise FileError(f"there is no file {path}, nor {packed_path.name}; blockMesh makes one")
     content = without_mark(content)
     header = FoamParser(name, content)
     if header.token() != b"FoamFile" or header.token() != b"{":
@@ -121,9 +121,9 @@ def faces_of(file: FoamFile) -> tuple[Int, Int]:
     if not file.binary:
         content, first, last = _text(file, start)
         stream = integers(content, first, last)
-        offsets, places, used = counted_lists(stream, n)
-        if used != len(stream):
-            raise FileError(f"{file.name}: {n} faces take {used} numbers, but {len(stream)} follow")
+        offsets, places, length = counted_lists(stream, n)
+        if length != len(stream):
+            raise FileError(f"{file.name}: {n} faces take {length} numbers, but {len(stream)} follow")
         return offsets, frozen_int(stream[places])
     if "Compact" not in file.kind:
         raise FileError(
@@ -143,13 +143,13 @@ def _declared(file: FoamFile, place: int, most: int | None = None) -> tuple[int,
 
     An empty list may lack the bracket.
     """
-    found = _LIST.match(file.content, place)
-    n = int(found[1]) if found is not None else 0
-    if found is None or (n and not found[2]):
+    match = _LIST.match(file.content, place)
+    n = int(match[1]) if match is not None else 0
+    if match is None or (n and not match[2]):
         raise FileError(f"{file.name}: expected a number and a list in brackets")
-    if found[2] == b"{" and (most is None or n > most):
+    if match[2] == b"{" and (most is None or n > most):
         raise FileError(f"{file.name}: a list of {n} equal values is too long, or none is expected")
-    return n, found.end(), found[2]
+    return n, match.end(), match[2]
 
 
 def _raw(file: FoamFile, start: int, n: int, kind: str) -> tuple[Float | Int, int]:
@@ -182,13 +182,13 @@ def _text(file: FoamFile, start: int, stop: int | None = None) -> tuple[bytes, i
 
 def _inflated(data: bytes, name: str) -> bytes:
     """Inflate a gzipped file, with a size limit in proportion to the compressed size."""
-    room, parts = _ROOM + _EXPANSION * len(data), []
+    free_bytes, parts = _ROOM + _EXPANSION * len(data), []
     try:
         while data:
             codec = zlib.decompressobj(31)
-            parts.append(codec.decompress(data, room + 1))
-            room -= len(parts[-1])
-            if room < 0:
+            parts.append(codec.decompress(data, free_bytes + 1))
+            free_bytes -= len(parts[-1])
+            if free_bytes < 0:
                 raise FileError(f"{name}: it inflates to more than {_EXPANSION} times its size")
             if not codec.eof:
                 raise FileError(f"{name}: truncated")

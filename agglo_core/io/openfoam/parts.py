@@ -61,40 +61,40 @@ def _check_ranges(offsets: Int, vertices: Int, n_points: int, owner: Int, neighb
             - 1
         )
         raise FileError(f"faces: face {face} uses points outside 0..{n_points - 1}")
-    few = np.flatnonzero(np.diff(offsets) < 3)
-    if len(few):
-        raise FileError(f"faces: face {few[0]} has fewer than 3 points")
+    violations = np.flatnonzero(np.diff(offsets) < 3)
+    if len(violations):
+        raise FileError(f"faces: face {violations[0]} has fewer than 3 points")
     n_cells = int(max(owner.max(initial=-1), neighbour.max(initial=-1))) + 1
     if owner.min(initial=0) < 0 or neighbour.min(initial=0) < -1 or n_cells > len(owner):
         raise FileError(
             f"owner and neighbour name cells from {owner.min()} to {n_cells - 1} beside {len(owner)} faces"
         )
-    twice = _repeated(offsets, vertices)
-    if len(twice):
-        raise FileError(f"faces: face {twice[0]} has a repeated point")
-    few = np.flatnonzero(
+    repeats = _repeated(offsets, vertices)
+    if len(repeats):
+        raise FileError(f"faces: face {repeats[0]} has a repeated point")
+    violations = np.flatnonzero(
         np.bincount(np.concatenate((owner, neighbour[neighbour >= 0])), minlength=n_cells) < 4
     )
-    if len(few):
-        raise FileError(f"{name_cells(few)}: fewer than 4 faces")
+    if len(violations):
+        raise FileError(f"{name_cells(violations)}: fewer than 4 faces")
 
 
 def _repeated(offsets: Int, vertices: Int) -> Int:
     """Return the faces with a repeated point."""
     sizes = np.diff(offsets)
-    found = [np.empty(0, np.int64)]
+    repeats = [np.empty(0, np.int64)]
     for size in np.unique(sizes).tolist():
-        own = np.flatnonzero(sizes == size)
-        rows = vertices[gather(offsets, frozen_int(own))[1]].reshape(-1, size)
-        twice = np.zeros(len(own), bool)
+        faces = np.flatnonzero(sizes == size)
+        rows = vertices[gather(offsets, frozen_int(faces))[1]].reshape(-1, size)
+        has_repeat = np.zeros(len(faces), bool)
         if size > 8:
-            twice = (np.diff(np.sort(rows, axis=1), axis=1) == 0).any(axis=1)
+            has_repeat = (np.diff(np.sort(rows, axis=1), axis=1) == 0).any(axis=1)
         else:  # comparing columns takes a tenth of the time
             for i in range(size):
                 for j in range(i):
-                    twice |= rows[:, i] == rows[:, j]
-        found.append(own[twice])
-    return frozen_int(np.sort(np.concatenate(found)))
+                    has_repeat |= rows[:, i] == rows[:, j]
+        repeats.append(faces[has_repeat])
+    return frozen_int(np.sort(np.concatenate(repeats)))
 
 
 def _unique(file: str, parser: FoamParser) -> Iterator[tuple[str, Table]]:
@@ -117,8 +117,8 @@ def _with_patches(part: FoamPart, tables: Mapping[str, Table]) -> FoamPart:
     for name, table in tables.items():
         start, count = number_in(table, "startFace"), number_in(table, "nFaces")
         if start < 0 or count < 0 or start + count > n_faces:
-            given = ", ".join(f"{key} {word_in(table, key) or 'none'}" for key in ("startFace", "nFaces"))
-            raise FileError(f"boundary: patch {name!r} must lie within {n_faces} faces, given {given}")
+            entries = ", ".join(f"{key} {word_in(table, key) or 'none'}" for key in ("startFace", "nFaces"))
+            raise FileError(f"boundary: patch {name!r} must lie within {n_faces} faces, given {entries}")
         inner = np.flatnonzero(part.sides[start : start + count, 1] >= 0)
         if len(inner):
             raise FileError(f"boundary: face {start + inner[0]} of patch {name!r} lies between two cells")

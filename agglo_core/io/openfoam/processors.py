@@ -44,27 +44,27 @@ def read_processors(folders: Sequence[Path]) -> tuple[FoamPart, Int]:
     parts = [_read_named(folder) for folder in folders]
     number = _cell_numbers(folders, parts)
     # Concatenate the parts, then identify points and faces across processors.
-    apart = _side_by_side(parts)
-    near, far = _pairs(parts)
-    vertex = _merged(apart, near, far)
-    sides = np.where(apart.sides >= 0, number[apart.sides], -1)
-    sides[near, 1] = sides[far, 0]
+    union = _side_by_side(parts)
+    lower_faces, upper_faces = _pairs(parts)
+    vertex = _merged(union, lower_faces, upper_faces)
+    sides = np.where(union.sides >= 0, number[union.sides], -1)
+    sides[lower_faces, 1] = sides[upper_faces, 0]
     # Keep the face of the lower processor in each pair.
-    kept = np.ones(len(sides), bool)
-    kept[far] = False
-    face = np.cumsum(kept) - 1
-    offsets, places = gather(apart.offsets, frozen_int(np.flatnonzero(kept)))
+    is_kept = np.ones(len(sides), bool)
+    is_kept[upper_faces] = False
+    face = np.cumsum(is_kept) - 1
+    offsets, places = gather(union.offsets, frozen_int(np.flatnonzero(is_kept)))
     processor = np.empty(len(number), np.int64)
     processor[number] = np.repeat(np.arange(len(parts)), [part.n_cells for part in parts])
-    joined = apart._replace(
-        points=frozen_float(apart.points[np.unique(vertex, return_index=True)[1]]),
+    joined_part = union._replace(
+        points=frozen_float(union.points[np.unique(vertex, return_index=True)[1]]),
         offsets=offsets,
-        vertices=frozen_int(vertex[apart.vertices[places]]),
-        sides=frozen_int(sides[kept]),
-        patches={name: frozen_int(face[faces]) for name, faces in apart.patches.items()},
-        zones={name: frozen_int(number[cells]) for name, cells in apart.zones.items()},
+        vertices=frozen_int(vertex[union.vertices[places]]),
+        sides=frozen_int(sides[is_kept]),
+        patches={name: frozen_int(face[faces]) for name, faces in union.patches.items()},
+        zones={name: frozen_int(number[cells]) for name, cells in union.zones.items()},
     )
-    return joined, frozen_int(processor)
+    return joined_part, frozen_int(processor)
 
 
 def _side_by_side(parts: Sequence[FoamPart]) -> FoamPart:
@@ -126,7 +126,7 @@ def _read_named(folder: Path) -> FoamPart:
 def _pairs(parts: Sequence[FoamPart]) -> tuple[Int, Int]:
     """Return the faces between processors: those on the lower and on the higher processor."""
     first_face = _first_faces(parts)
-    near, far = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
+    lower_faces, upper_faces = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
     for i, part in enumerate(parts):
         for j, faces in part.processors.items():
             back = parts[j].processors.get(i, frozen_int([])) if 0 <= j < len(parts) else frozen_int([])
@@ -135,36 +135,40 @@ def _pairs(parts: Sequence[FoamPart]) -> tuple[Int, Int]:
                     f"processor{i} has {len(faces)} faces to processor {j}, which has {len(back)} to it"
                 )
             if i < j:
-                near.append(first_face[i] + faces)
-                far.append(first_face[j] + back)
-    return frozen_int(np.concatenate(near)), frozen_int(np.concatenate(far))
+                lower_faces.append(first_face[i] + faces)
+                upper_faces.append(first_face[j] + back)
+    return frozen_int(np.concatenate(lower_faces)), frozen_int(np.concatenate(upper_faces))
 
 
-def _merged(apart: FoamPart, near: Int, far: Int) -> Int:
+def _merged(union: FoamPart, lower_faces: Int, upper_faces: Int) -> Int:
     """Return new point numbers after the faces in each pair are merged.
 
     Both loops begin at the same point and run in opposite directions.
     """
-    points, offsets, vertices = apart.points, apart.offsets, apart.vertices
+    points, offsets, vertices = union.points, union.offsets, union.vertices
     sizes = np.diff(offsets)
-    if (sizes[near] != sizes[far]).any():
+    if (sizes[lower_faces] != sizes[upper_faces]).any():
         raise FileError("the two faces of a pair between processors have different numbers of points")
     # Match the k-th vertex of one loop with the (−k)-th of the other.
-    starts, places = gather(offsets, near)
-    rank = np.arange(len(places)) - np.repeat(starts[:-1], sizes[near])
-    opposite = np.repeat(offsets[far], sizes[far]) + -rank % np.repeat(sizes[far], sizes[far])
-    one, other = vertices[places], vertices[opposite]
+    starts, places = gather(offsets, lower_faces)
+    rank = np.arange(len(places)) - np.repeat(starts[:-1], sizes[lower_faces])
+    opposite = np.repeat(offsets[upper_faces], sizes[upper_faces]) + -rank % np.repeat(
+        sizes[upper_faces], sizes[upper_faces]
+    )
+    lower_points, upper_points = vertices[places], vertices[opposite]
     # Matched points must coincide up to a fraction of the face size.
-    gap = np.linalg.norm(points[one] - points[other], axis=1)
-    size = np.linalg.norm(points[one] - points[np.repeat(vertices[offsets[near]], sizes[near])], axis=1)
-    if len(near):
-        wrong = gap > _GAP * np.repeat(np.maximum.reduceat(size, starts[:-1]), sizes[near])
+    gap = np.linalg.norm(points[lower_points] - points[upper_points], axis=1)
+    size = np.linalg.norm(
+        points[lower_points] - points[np.repeat(vertices[offsets[lower_faces]], sizes[lower_faces])], axis=1
+    )
+    if len(lower_faces):
+        wrong = gap > _GAP * np.repeat(np.maximum.reduceat(size, starts[:-1]), sizes[lower_faces])
         if wrong.any():
-            a, b = points[one][wrong][0].tolist(), points[other][wrong][0].tolist()
+            a, b = points[lower_points][wrong][0].tolist(), points[upper_points][wrong][0].tolist()
             raise FileError(f"a point between two processors lies at {a} in one and at {b} in the other")
     # Points that are linked through several processors merge into one.
     n = len(points)
-    links = sparse.coo_array((np.ones(len(one), bool), (one, other)), shape=(n, n))
+    links = sparse.coo_array((np.ones(len(lower_points), bool), (lower_points, upper_points)), shape=(n, n))
     return frozen_int(connected_components(links, directed=False)[1])
 
 
@@ -183,6 +187,6 @@ def _cell_numbers(folders: Sequence[Path], parts: Sequence[FoamPart]) -> Int:
 def _joined(groups: Iterable[tuple[str, Int]]) -> dict[str, Int]:
     """Concatenate groups with equal names."""
     members: dict[str, list[Int]] = {}
-    for name, own in groups:
-        members.setdefault(name, []).append(own)
-    return {name: frozen_int(np.concatenate(each)) for name, each in members.items()}
+    for name, indices in groups:
+        members.setdefault(name, []).append(indices)
+    return {name: frozen_int(np.concatenate(blocks)) for name, blocks in members.items()}

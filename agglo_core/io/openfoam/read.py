@@ -35,9 +35,9 @@ _PROCESSOR = re.compile(r"processor(\d{1,9})", re.ASCII)
 def is_foam_folder(folder: Path) -> bool:
     """Return True for the folder of a case, for ``polyMesh`` and for its parent folder."""
     return folder.resolve().name == "polyMesh" or any(
-        each.name in ("polyMesh", "constant") or _PROCESSOR.fullmatch(each.name)
-        for each in folder.iterdir()
-        if each.is_dir()
+        entry.name in ("polyMesh", "constant") or _PROCESSOR.fullmatch(entry.name)
+        for entry in folder.iterdir()
+        if entry.is_dir()
     )
 
 
@@ -75,10 +75,10 @@ def read_foam(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
     for zone, cells in part.zones.items():
         cell_tags[zone] = _inside(cells, mesh.n_cells)
     cell_tags |= dict(_own_tags(poly.parent / OWN, mesh.n_cells))
-    for what, tags in (("faces", patches), ("cells", cell_tags)):
-        found = [f"{name} ({int((values == 1).sum()):,})" for name, values in tags.items()]
-        if found:
-            _log.info("%s by name: %s", what, ", ".join(found))
+    for entity, tags in (("faces", patches), ("cells", cell_tags)):
+        descriptions = [f"{name} ({int((values == 1).sum()):,})" for name, values in tags.items()]
+        if descriptions:
+            _log.info("%s by name: %s", entity, ", ".join(descriptions))
     mesh = trusted_copy(mesh, cell_tags=cell_tags, face_tags=face_tags)
     return mesh if allow_gaps else mesh.conforming(merge_points=merge_points)
 
@@ -101,13 +101,15 @@ def _processors(case: Path, poly: Path) -> list[Path]:
 
     Raises FileError if there are none.
     """
-    folders = {int(match[1]): each for each in case.iterdir() if (match := _PROCESSOR.fullmatch(each.name))}
+    folders = {
+        int(match[1]): folder for folder in case.iterdir() if (match := _PROCESSOR.fullmatch(folder.name))
+    }
     if folders:
         missing = sorted(set(range(max(folders) + 1)) - set(folders))
         if missing:
             raise FileError(f"there are folders up to processor{max(folders)}, but no processor{missing[0]}")
         return [folders[i] for i in range(len(folders))]
-    regions = sorted(each.parent.name for each in poly.parent.glob("*/polyMesh"))
+    regions = sorted(folder.parent.name for folder in poly.parent.glob("*/polyMesh"))
     if regions:
         raise FileError(
             f"is an OpenFOAM case with the regions {', '.join(regions)}; read one of them by its folder, "
@@ -124,11 +126,11 @@ def _mesh(part: FoamPart, name: str) -> Mesh:
     if not len(part.sides):
         raise FileError("the mesh is empty: it has no faces")
     points, vertices = part.points, part.vertices
-    used = np.zeros(len(points), bool)
-    used[vertices] = True
-    orphans = int(len(points) - used.sum())
+    has_face = np.zeros(len(points), bool)
+    has_face[vertices] = True
+    orphans = int(len(points) - has_face.sum())
     if orphans:
-        points, vertices = frozen_float(points[used]), frozen_int((np.cumsum(used) - 1)[vertices])
+        points, vertices = frozen_float(points[has_face]), frozen_int((np.cumsum(has_face) - 1)[vertices])
     mesh = Mesh(points, part.offsets, vertices, part.sides, name=name)
     check_directions(mesh)
     flat = np.flatnonzero(mesh.face_measures == 0)
@@ -139,12 +141,12 @@ def _mesh(part: FoamPart, name: str) -> Mesh:
 
 def _patch_tags(part: FoamPart) -> Iterator[tuple[str, Int]]:
     """Yield name and tag of each patch: 1 on its faces, 0 on other patches, −1 elsewhere."""
-    others = np.full(len(part.sides), -1)
+    template = np.full(len(part.sides), -1)
     for faces in part.patches.values():
-        others[faces] = 0
+        template[faces] = 0
     for name, faces in part.patches.items():
         if len(faces):
-            tag = others.copy()
+            tag = template.copy()
             tag[faces] = 1
             yield name, frozen_int(tag)
 
@@ -166,9 +168,9 @@ def _numbers(patches: Mapping[str, Int], mesh: Mesh) -> Int:
 
 def _own_tags(folder: Path, n_cells: int) -> Iterator[tuple[str, Int]]:
     """Yield the tags and levels that agglo wrote."""
-    for each in sorted(folder.iterdir()) if folder.is_dir() else ():
-        if each.is_file() and not each.name.startswith("."):
-            values = labels_of(open_foam(folder, each.name.removesuffix(".gz")), n_cells)
+    for file in sorted(folder.iterdir()) if folder.is_dir() else ():
+        if file.is_file() and not file.name.startswith("."):
+            values = labels_of(open_foam(folder, file.name.removesuffix(".gz")), n_cells)
             if len(values) != n_cells:
-                raise FileError(f"{each}: {len(values)} labels for {n_cells} cells")
-            yield unquote(each.name.removesuffix(".gz")), values
+                raise FileError(f"{file}: {len(values)} labels for {n_cells} cells")
+            yield unquote(file.name.removesuffix(".gz")), values

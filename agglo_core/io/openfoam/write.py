@@ -66,11 +66,11 @@ def write_foam(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compress:
     faces = _sorted(mesh)
     levels = [f"level_{i}" for i in range(len(hierarchy.levels) if hierarchy is not None else 0)]
     case = path.parent
-    own = {quote(name, safe=""): _labels(values, OWN) for name, values in tags.items()}
+    tag_files = {quote(name, safe=""): _labels(values, OWN) for name, values in tags.items()}
     fields = {f"level{i}": _field(f"level{i}", tags[name], faces.patches) for i, name in enumerate(levels)}
     split = {"cellDecomposition": _labels(tags[levels[0]], "constant")} if levels else {}
     poly = {**_poly(mesh, faces), **_zones(tags)}
-    groups = [(case / "constant" / "polyMesh", poly), (case / "constant" / OWN, own)]
+    groups = [(case / "constant" / "polyMesh", poly), (case / "constant" / OWN, tag_files)]
     groups += [(case / "constant", split), (case / "0", fields)]
     # Stage all folders first; the case changes only if all files could be written.
     with ExitStack() as stages:
@@ -98,11 +98,11 @@ def _put(file: Path, text: str, compress: bool) -> None:
 
 def _remove_other_forms(folder: Path, files: Mapping[str, str], compress: bool, *, all_others: bool) -> None:
     """Remove remains of an earlier mesh: the gzipped or plain twin of a file, and old tags."""
-    kept = {f"{name}.gz" if compress else name for name in files}
-    old = {name if compress else f"{name}.gz" for name in files}
-    for each in sorted(folder.iterdir()) if folder.is_dir() else ():
-        if each.is_file() and each.name not in kept and (all_others or each.name in old):
-            each.unlink()
+    current_names = {f"{name}.gz" if compress else name for name in files}
+    old_names = {name if compress else f"{name}.gz" for name in files}
+    for file in sorted(folder.iterdir()) if folder.is_dir() else ():
+        if file.is_file() and file.name not in current_names and (all_others or file.name in old_names):
+            file.unlink()
 
 
 def _poly(mesh: Mesh, faces: _Faces) -> dict[str, str]:
@@ -140,12 +140,17 @@ def _zones(tags: Mapping[str, Int]) -> dict[str, str]:
 
     Tags that overlap an earlier zone are skipped.
     """
-    entries, taken = list[str](), np.zeros(len(next(iter(tags.values()), ())), bool)
+    entries, in_zone = list[str](), np.zeros(len(next(iter(tags.values()), ())), bool)
     for name, values in tags.items():
         inside = values == 1
-        if is_level(name) or not np.isin(values, (0, 1)).all() or not inside.any() or (inside & taken).any():
+        if (
+            is_level(name)
+            or not np.isin(values, (0, 1)).all()
+            or not inside.any()
+            or (inside & in_zone).any()
+        ):
             continue
-        taken |= inside
+        in_zone |= inside
         cells = np.flatnonzero(inside)
         rows = f"List<label>\n{len(cells)}\n(\n{_column(frozen_int(cells))})\n"
         entries.append(f"{_NO_WORD.sub('_', name)}\n{{\n    type cellZone;\n    cellLabels {rows};\n}}\n")
@@ -212,15 +217,15 @@ def _patches(mesh: Mesh, outer: Int) -> tuple[list[str], Int]:
     names: list[str] = []
     patch = np.full(len(outer), -1)
     for tag, values in mesh.face_tags.items():
-        own = values[outer]
-        named = np.isin(values, (-1, 0, 1)).all()
-        for value in [1] if named else np.unique(own[own >= 0]).tolist():
-            chosen = (own == value) & (patch < 0)
-            if chosen.any():
-                word = _NO_WORD.sub("_", tag if named else f"{tag}_{value}")
+        outer_values = values[outer]
+        is_binary = np.isin(values, (-1, 0, 1)).all()
+        for value in [1] if is_binary else np.unique(outer_values[outer_values >= 0]).tolist():
+            in_patch = (outer_values == value) & (patch < 0)
+            if in_patch.any():
+                word = _NO_WORD.sub("_", tag if is_binary else f"{tag}_{value}")
                 while word in names:
                     word += "_"
-                patch[chosen] = len(names)
+                patch[in_patch] = len(names)
                 names.append(word)
     if (patch < 0).any():
         patch[patch < 0] = len(names)
@@ -252,8 +257,8 @@ def _file(kind: str, place: str, name: str, count: int, rows: str, note: str = "
 
 
 def _header(kind: str, place: str, name: str, note: str = "") -> str:
-    said = f'    note        "{note}";\n' if note else ""
+    note_line = f'    note        "{note}";\n' if note else ""
     return (
-        f"FoamFile\n{{\n    version     2.0;\n    format      ascii;\n    class       {kind};\n{said}"
+        f"FoamFile\n{{\n    version     2.0;\n    format      ascii;\n    class       {kind};\n{note_line}"
         f'    location    "{place}";\n    object      {name};\n}}\n\n'
     )

@@ -38,7 +38,7 @@ def counted_lists(stream: Int, n: int, ahead: int = 0, behind: int = 0) -> tuple
     offsets : (n + 1,) int
     places : int
         Positions of all v in the stream.
-    used : int
+    length : int
         Length of the lists in the stream.
 
     Raises
@@ -50,12 +50,12 @@ def counted_lists(stream: Int, n: int, ahead: int = 0, behind: int = 0) -> tuple
     def ends(window: Int) -> Int:
         return _list_ends(window, ahead, behind)
 
-    starts, used = record_starts(stream, n, ends)
+    starts, length = record_starts(stream, n, ends)
     sizes = stream[starts + ahead]
     offsets = np.concatenate(([0], np.cumsum(sizes)))
     places = np.repeat(starts + ahead + 1 - offsets[:-1], sizes)
     places += np.arange(offsets[-1])
-    return frozen_int(offsets), frozen_int(places), used
+    return frozen_int(offsets), frozen_int(places), length
 
 
 def counted_solids(stream: Int, n: int, ahead: int) -> tuple[Int, Int, Int, int]:
@@ -69,7 +69,7 @@ def counted_solids(stream: Int, n: int, ahead: int) -> tuple[Int, Int, Int, int]
     loop_offsets : (n_loops + 1,) int
     places : int
         Positions of all v in the stream.
-    used : int
+    length : int
         Length of the cells in the stream.
 
     Raises
@@ -81,15 +81,15 @@ def counted_solids(stream: Int, n: int, ahead: int) -> tuple[Int, Int, Int, int]
     def ends(window: Int) -> Int:
         return _solid_ends(window, ahead)
 
-    starts, used = record_starts(stream, n, ends)
+    starts, length = record_starts(stream, n, ends)
     counts = stream[starts + ahead]
     cell_offsets = np.concatenate(([0], np.cumsum(counts)))
-    heads = np.zeros(used, bool)  # heads of cells, removed before the inner lists are located
+    heads = np.zeros(length, bool)  # heads of cells, removed before the inner lists are located
     for shift in range(ahead + 1):
         heads[starts + shift] = True
-    kept = np.flatnonzero(~heads)
-    loop_offsets, places, _ = counted_lists(frozen_int(stream[kept]), int(cell_offsets[-1]), ahead)
-    return frozen_int(cell_offsets), loop_offsets, frozen_int(kept[places]), used
+    inner_places = np.flatnonzero(~heads)
+    loop_offsets, places, _ = counted_lists(frozen_int(stream[inner_places]), int(cell_offsets[-1]), ahead)
+    return frozen_int(cell_offsets), loop_offsets, frozen_int(inner_places[places]), length
 
 
 def record_starts(stream: NDArray[Any], n: int, ends: Callable[[NDArray[Any]], Int]) -> tuple[Int, int]:
@@ -108,21 +108,21 @@ def record_starts(stream: NDArray[Any], n: int, ends: Callable[[NDArray[Any]], I
     FileError
         With the number of the first record that does not end in the stream.
     """
-    found: list[Int] = []
+    blocks: list[Int] = []
     count, place, size = 0, 0, _WINDOW
     while count < n:
         window = stream[place : place + size]
         stops = ends(window)
         chain, after = _chain(frozen_int(np.minimum(stops, len(window) + 1)), len(window), n - count)
         if len(chain):
-            found.append(frozen_int(chain + place))
+            blocks.append(frozen_int(chain + place))
             count, place, size = count + len(chain), place + after, _WINDOW
         # The record is longer than the window: enlarge the window.
         elif len(stops) and stops[0] <= len(stream) - place:
             size *= 2
         else:
             raise FileError(f"cell {count} (of {n}, from 0 on) is longer than the rest of the file, or empty")
-    return frozen_int(np.concatenate([np.empty(0, np.int64), *found])), place
+    return frozen_int(np.concatenate([np.empty(0, np.int64), *blocks])), place
 
 
 def _chain(ends: Int, size: int, most: int) -> tuple[Int, int]:
@@ -146,31 +146,31 @@ def _chain(ends: Int, size: int, most: int) -> tuple[Int, int]:
     return frozen_int(chain[:whole]), int(ends[chain[whole - 1]]) if whole else 0
 
 
-def _list_ends(window: Int, ahead: int, behind: int = 0) -> Int:
+def _list_ends(window: Int, n_before: int, n_after: int = 0) -> Int:
     size = len(window)
     ends = np.full(size, size + 1)
-    counts = window[ahead:]
+    counts = window[n_before:]
     fits = (counts > 0) & (counts < _NEVER)
-    after = np.arange(1 + ahead + behind, 1 + ahead + behind + len(counts))
+    after = np.arange(1 + n_before + n_after, 1 + n_before + n_after + len(counts))
     ends[: len(counts)] = np.where(fits, after + np.where(fits, counts, 0), _NEVER)
     return frozen_int(ends)
 
 
-def _solid_ends(window: Int, ahead: int) -> Int:
+def _solid_ends(window: Int, n_before: int) -> Int:
     """Return the end of each possible cell by stepping over its lists, in powers of two."""
     size = len(window)
-    step = np.concatenate((np.minimum(_list_ends(window, ahead), size + 1), [size + 1, size + 1]))
+    step = np.concatenate((np.minimum(_list_ends(window, n_before), size + 1), [size + 1, size + 1]))
     place = np.full(size, size + 1)
-    counts = window[ahead:]
+    counts = window[n_before:]
     fits = (counts > 0) & (counts < size)
-    place[: len(counts)] = np.where(fits, np.arange(1 + ahead, 1 + ahead + len(counts)), size + 1)
-    rest = np.zeros(size, np.int64)
-    rest[: len(counts)] = np.where(fits, counts, 0)
+    place[: len(counts)] = np.where(fits, np.arange(1 + n_before, 1 + n_before + len(counts)), size + 1)
+    n_lists = np.zeros(size, np.int64)
+    n_lists[: len(counts)] = np.where(fits, counts, 0)
     # Binary expansion of the number of lists; ``step`` is squared in each round.
-    while rest.any():
-        odd = (rest & 1).astype(bool)
+    while n_lists.any():
+        odd = (n_lists & 1).astype(bool)
         place[odd] = step[place[odd]]
-        step, rest = step[step], rest >> 1
+        step, n_lists = step[step], n_lists >> 1
     if len(counts) and (counts[0] < 1 or counts[0] >= _NEVER):
         place[0] = _NEVER
     return frozen_int(place)

@@ -90,9 +90,9 @@ def _parsed(content: bytes) -> tuple[Float, tuple[Int, Int], dict[str, Int]]:
     """Return points, cells as a CSR, and tags."""
     sections = _sections(content)
     points = _points(content, sections)
-    parts = [part for each in sections if (part := _cells(content, each, len(points))) is not None]
+    parts = [part for section in sections if (part := _cells(content, section, len(points))) is not None]
     if not parts:
-        titles = ", ".join(repr(each.title) for each in sections)
+        titles = ", ".join(repr(section.title) for section in sections)
         raise FileError(f"it has no section of cells, such as 'cells' or 'triangles'; found {titles}")
     cells = parts[0]
     if len(parts) > 1:
@@ -105,7 +105,7 @@ def _parsed(content: bytes) -> tuple[Float, tuple[Int, Int], dict[str, Int]]:
 def _sections(content: bytes) -> list[_Section]:
     """Return all titles with the range that follows, up to agglo's cell data."""
     end = tags_begin(content)
-    found: list[tuple[str, int, int, int]] = []  # title, line, start of the title, end of its line
+    titles: list[tuple[str, int, int, int]] = []  # title, line, start of the title, end of its line
     for start, stop in _wordy_lines(content[:end]):
         title = " ".join(
             content[start : min(stop, start + _LONGEST)].decode("ascii", "replace").lower().split()
@@ -113,10 +113,11 @@ def _sections(content: bytes) -> list[_Section]:
         line = line_of(content, start)
         if title not in ("vertices", *_ALL_KINDS, *_KINDS, *_OTHERS):
             raise FileError(f"line {line}: unknown section {title!r}")
-        found.append((title, line, start, stop))
-    stops = [*(start for _, _, start, _ in found[1:]), end][: len(found)]
+        titles.append((title, line, start, stop))
+    stops = [*(start for _, _, start, _ in titles[1:]), end][: len(titles)]
     return [
-        _Section(title, line, begin, stop) for (title, line, _, begin), stop in zip(found, stops, strict=True)
+        _Section(title, line, begin, stop)
+        for (title, line, _, begin), stop in zip(titles, stops, strict=True)
     ]
 
 
@@ -155,12 +156,12 @@ def _cells(content: bytes, section: _Section, n_points: int) -> tuple[Int, Int] 
     n, rows = _count(numbers[:1], section), frozen_int(numbers[1:])
     if section.title in _KINDS:
         size = _KINDS[section.title]
-        offsets, vertices, used = frozen_int(np.arange(0, len(rows) + 1, size)), rows, n * size
+        offsets, vertices, length = frozen_int(np.arange(0, len(rows) + 1, size)), rows, n * size
     else:
-        offsets, vertices, used = _lists(rows, n, section)
-    if used != len(rows):
+        offsets, vertices, length = _lists(rows, n, section)
+    if length != len(rows):
         raise FileError(
-            f"line {section.line}: {n} {section.title} take {used} numbers, but {len(rows)} follow"
+            f"line {section.line}: {n} {section.title} take {length} numbers, but {len(rows)} follow"
         )
     if vertices.min(initial=1) < 1 or vertices.max(initial=1) > n_points:
         wrong = np.flatnonzero((vertices < 1) | (vertices > n_points))
@@ -174,10 +175,10 @@ def _cells(content: bytes, section: _Section, n_points: int) -> tuple[Int, Int] 
 
 def _lists(rows: Int, n: int, section: _Section) -> tuple[Int, Int, int]:
     try:
-        offsets, places, used = counted_lists(rows, n)
+        offsets, places, length = counted_lists(rows, n)
     except FileError as error:
         raise FileError(f"line {section.line}: {error}") from None
-    return offsets, frozen_int(rows[places]), used
+    return offsets, frozen_int(rows[places]), length
 
 
 def _count(numbers: Float | Int, section: _Section) -> int:

@@ -49,15 +49,15 @@ class Hedra(Reading):
         if len(rows) != 3 * n_points:
             raise FileError(f"{n_points} points are declared, {len(rows)} coordinates follow")
         # Read the faces, then the cells; the orientation of faces is determined later.
-        rest = numbers[3 + 3 * n_points :]
-        if (np.abs(rest) >= 2**53).any() or (rest != np.floor(rest)).any():
+        topology = numbers[3 + 3 * n_points :]
+        if (np.abs(topology) >= 2**53).any() or (topology != np.floor(topology)).any():
             raise FileError("its faces and cells are not all whole numbers")
-        stream = frozen_int(rest.astype(np.int64))
-        offsets, vertices, used = _lists(stream, n_faces, n_points, "faces", "point")
-        cells = frozen_int(stream[used:])
-        cell_offsets, faces, last = _lists(cells, n_cells, n_faces, "cells", "face")
-        if last != len(cells):
-            raise FileError(f"{n_cells} cells take {last} numbers, but {len(cells)} follow")
+        stream = frozen_int(topology.astype(np.int64))
+        offsets, vertices, faces_length = _lists(stream, n_faces, n_points, "faces", "point")
+        cells = frozen_int(stream[faces_length:])
+        cell_offsets, faces, cells_length = _lists(cells, n_cells, n_faces, "cells", "face")
+        if cells_length != len(cells):
+            raise FileError(f"{n_cells} cells take {cells_length} numbers, but {len(cells)} follow")
         loop_offsets, places = gather(offsets, faces)
         return Mesh.from_polyhedra(
             frozen_float(rows.reshape(-1, 3)),
@@ -80,20 +80,20 @@ class Hedra(Reading):
         write_levels(path, mesh, hierarchy, _write)
 
 
-def _lists(stream: Int, n: int, most: int, what: str, of: str) -> tuple[Int, Int, int]:
+def _lists(stream: Int, n: int, most: int, title: str, item: str) -> tuple[Int, Int, int]:
     """Read lists of numbers from 1, without their signs, and shift them to start from 0."""
     try:
-        offsets, places, used = counted_lists(stream, n)
+        offsets, places, length = counted_lists(stream, n)
     except FileError as error:
-        raise FileError(f"{what}: {error}") from None
+        raise FileError(f"{title}: {error}") from None
     values = np.abs(stream[places]) - 1
     if values.min(initial=0) < 0 or values.max(initial=-1) >= most:
         wrong = int(np.argmax((values < 0) | (values >= most)))
         row = int(np.searchsorted(offsets, wrong, side="right")) - 1
         raise FileError(
-            f"{what}: number {row} (from 0 on) uses {of} {values[wrong] + 1}, expected 1 to {most}"
+            f"{title}: number {row} (from 0 on) uses {item} {values[wrong] + 1}, expected 1 to {most}"
         )
-    return offsets, frozen_int(values), used
+    return offsets, frozen_int(values), length
 
 
 def _write(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:

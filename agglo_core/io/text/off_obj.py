@@ -103,13 +103,13 @@ def _off_rows(
 
 def _off_stream(numbers: Float, n_points: int, n_faces: int) -> tuple[Float, tuple[Int, Int]]:
     """Read points and faces from a stream with arbitrary line breaks and no other values."""
-    rows, rest = numbers[: 3 * n_points], numbers[3 * n_points :]
+    rows, face_numbers = numbers[: 3 * n_points], numbers[3 * n_points :]
     if len(rows) != 3 * n_points:
         raise FileError(f"{n_points} points are declared, {len(rows)} coordinates follow")
-    stream = _whole(rest)
-    offsets, places, used = counted_lists(stream, n_faces)
-    if used != len(stream):
-        raise FileError(f"{n_faces} faces take {used} numbers, but {len(stream)} follow")
+    stream = _whole(face_numbers)
+    offsets, places, length = counted_lists(stream, n_faces)
+    if length != len(stream):
+        raise FileError(f"{n_faces} faces take {length} numbers, but {len(stream)} follow")
     return frozen_float(rows.reshape(-1, 3)), (offsets, frozen_int(stream[places]))
 
 
@@ -141,9 +141,9 @@ class Obj(Reading):
         rows = b"\n".join(re.findall(rb"(?m)^v[ \t]+([^\n#]*)", text))
         widths = words_per_line(rows)
         if not len(widths) or widths.min() != widths.max() or widths[0] < 3:
-            given = sorted(set(widths.tolist()))[:3]
+            widths_found = sorted(set(widths.tolist()))[:3]
             raise FileError(
-                f"its points (lines 'v x y z') have {given} coordinates, expected 3 or more of each"
+                f"its points (lines 'v x y z') have {widths_found} coordinates, expected 3 or more of each"
             )
         points = frozen_float(reals(rows).reshape(-1, int(widths[0]))[:, :3])
         # Faces: lines "f v/vt/vn …", of which only v is kept.
@@ -174,12 +174,12 @@ def _check_own_counts(content: bytes, n_points: int, n_faces: int) -> None:
 
     Files of other programs do not declare their size.
     """
-    said = re.match(rb"# agglo: (\d{1,18}) points, (\d{1,18}) polygons\n", content)
-    if said is None:
+    match = re.match(rb"# agglo: (\d{1,18}) points, (\d{1,18}) polygons\n", content)
+    if match is None:
         return
-    if (int(said[1]), int(said[2])) != (n_points, n_faces) or not content.endswith(b"\n"):
+    if (int(match[1]), int(match[2])) != (n_points, n_faces) or not content.endswith(b"\n"):
         raise FileError(
-            f"truncated: {said[1].decode()} points and {said[2].decode()} polygons are declared, "
+            f"truncated: {match[1].decode()} points and {match[2].decode()} polygons are declared, "
             f"{n_points} and {n_faces} found"
         )
 

@@ -99,16 +99,16 @@ def _sections(content: bytes) -> dict[str, _Section]:
     """Return the four sections of a file by title."""
     if content.split(maxsplit=2)[:2] != [b"OVM", b"ASCII"]:
         raise FileError("it does not begin with 'OVM ASCII'; OpenVolumeMesh's binary files are not read")
-    other = _PROPERTY.search(content)
-    end = other.start() if other is not None else len(content)
-    found = list(_TITLE.finditer(content, 0, end))
-    titles = [each[1].decode().lower() for each in found]
+    first_property = _PROPERTY.search(content)
+    end = first_property.start() if first_property is not None else len(content)
+    matches = list(_TITLE.finditer(content, 0, end))
+    titles = [match[1].decode().lower() for match in matches]
     if titles != list(_TITLES):
         raise FileError(f"its sections are {titles}, expected {', '.join(_TITLES)}")
-    stops = [*(each.start() for each in found[1:]), end]
+    stops = [*(match.start() for match in matches[1:]), end]
     return {
-        title: _Section(title, line_of(content, each.start()), each.end(), stop)
-        for title, each, stop in zip(titles, found, stops, strict=True)
+        title: _Section(title, line_of(content, match.start()), match.end(), stop)
+        for title, match, stop in zip(titles, matches, stops, strict=True)
     }
 
 
@@ -139,12 +139,12 @@ def _edges(content: bytes, section: _Section, n_points: int) -> Int:
 def _lists(content: bytes, section: _Section, most: int) -> tuple[Int, Int]:
     count, stream = _whole(content, section)
     try:
-        offsets, places, used = counted_lists(stream, count)
+        offsets, places, length = counted_lists(stream, count)
     except FileError as error:
         raise FileError(f"line {section.line}: {section.title}: {error}") from None
-    if used != len(stream):
+    if length != len(stream):
         raise FileError(
-            f"line {section.line}: {count} {section.title} take {used} numbers, not {len(stream)}"
+            f"line {section.line}: {count} {section.title} take {length} numbers, not {len(stream)}"
         )
     values = stream[places]
     if values.min(initial=0) < 0 or values.max(initial=-1) >= most:

@@ -63,20 +63,20 @@ def read_elements(content: bytes, start: int, order: str, elements: list[Element
     FileError
         For truncated elements, or several lists per row.
     """
-    last = max((i for i, each in enumerate(elements) if each.name in _NEEDED), default=-1)
+    last = max((i for i, element in enumerate(elements) if element.name in _NEEDED), default=-1)
     data = np.frombuffer(content, np.uint8, offset=start) if order else reals(content, start)
-    found: dict[str, Rows] = {}
-    for each in elements[: last + 1]:
-        if not each.properties or sum(bool(p.counted) for p in each.properties) > 1:
-            raise FileError(f"element {each.name!r} has no properties, or several lists in each row")
+    rows: dict[str, Rows] = {}
+    for element in elements[: last + 1]:
+        if not element.properties or sum(bool(p.counted) for p in element.properties) > 1:
+            raise FileError(f"element {element.name!r} has no properties, or several lists in each row")
         try:
-            found[each.name], used = (_binary if order else _text)(data, order, each)
+            rows[element.name], length = (_binary if order else _text)(data, order, element)
         except FileError as error:
-            raise FileError(f"element {each.name!r}: {error}") from None
-        data = data[used:]
+            raise FileError(f"element {element.name!r}: {error}") from None
+        data = data[length:]
     if len(data) and last == len(elements) - 1:
         raise FileError(f"{len(data)} {'bytes' if order else 'numbers'} follow the last element")
-    return found
+    return rows
 
 
 def _split(element: Element) -> tuple[list[Property], list[Property], list[Property]]:
@@ -93,30 +93,30 @@ def _short(element: Element) -> FileError:
 def _text(numbers: NDArray[Any], _: str, element: Element) -> tuple[Rows, int]:
     before, listed, after = _split(element)
     if not listed:
-        used = element.n * len(before)
-        if used > len(numbers):
+        length = element.n * len(before)
+        if length > len(numbers):
             raise _short(element)
-        table = numbers[:used].reshape(-1, len(before))
-        return Rows(_typed(before, table), "", frozen_int([0]), frozen_int([])), used
+        table = numbers[:length].reshape(-1, len(before))
+        return Rows(_typed(before, table), "", frozen_int([0]), frozen_int([])), length
     stream = np.where(np.abs(numbers) < 2**53, numbers, -1).astype(np.int64)
     stream[stream != numbers] = -1
     # Locate the lists, then the fixed columns before and after each list.
-    offsets, places, used = counted_lists(frozen_int(stream), element.n, len(before), len(after))
+    offsets, places, length = counted_lists(frozen_int(stream), element.n, len(before), len(after))
     width = len(before) + 1 + len(after)
     starts = offsets[:-1] + width * np.arange(element.n)
     values = _typed(before, numbers[starts[:, None] + np.arange(len(before))])
     ends = starts + width + np.diff(offsets)
     values |= _typed(after, numbers[ends[:, None] - np.arange(len(after), 0, -1)])
-    return Rows(values, listed[0].name, offsets, frozen_int(stream[places])), used
+    return Rows(values, listed[0].name, offsets, frozen_int(stream[places])), length
 
 
 def _typed(properties: list[Property], table: NDArray[Any]) -> dict[str, NDArray[Any]]:
     values: dict[str, NDArray[Any]] = {}
-    for each, column in zip(properties, table.T, strict=True):
-        whole = each.type[0] != "f"
+    for prop, column in zip(properties, table.T, strict=True):
+        whole = prop.type[0] != "f"
         if whole and not ((np.abs(column) < 2**53) & (column == np.floor(column))).all():
-            raise FileError(f"property {each.name!r} is not whole everywhere")
-        values[each.name] = column.astype(np.int64) if whole else column
+            raise FileError(f"property {prop.name!r} is not whole everywhere")
+        values[prop.name] = column.astype(np.int64) if whole else column
     return values
 
 
@@ -125,11 +125,11 @@ def _binary(data: NDArray[Any], order: str, element: Element) -> tuple[Rows, int
     head = np.dtype([(f"{i}", order + p.type) for i, p in enumerate(before)])
     tail = np.dtype([(f"{i}", order + p.type) for i, p in enumerate(after)])
     if not listed:
-        used = element.n * head.itemsize
-        if used > len(data):
+        n_bytes = element.n * head.itemsize
+        if n_bytes > len(data):
             raise _short(element)
-        table = data[:used].view(head)
-        return Rows(_fields(before, table), "", frozen_int([0]), frozen_int([])), used
+        table = data[:n_bytes].view(head)
+        return Rows(_fields(before, table), "", frozen_int([0]), frozen_int([])), n_bytes
     # Find the record starts by the list lengths, then read all columns at once.
     length, item = (np.dtype(order + kind) for kind in (listed[0].counted, listed[0].type))
     if "f" in (length.kind, item.kind):
@@ -145,7 +145,7 @@ def _binary(data: NDArray[Any], order: str, element: Element) -> tuple[Rows, int
         stops[: len(counts)] = np.where((counts > 0) & (counts < _LONGEST), reach, 1 << 60)
         return frozen_int(stops)
 
-    starts, used = record_starts(data, element.n, ends)
+    starts, n_bytes = record_starts(data, element.n, ends)
     counts = _at(data, starts + head.itemsize, length)
     offsets = np.concatenate(([0], np.cumsum(counts)))
     first = starts + head.itemsize + length.itemsize
@@ -153,22 +153,22 @@ def _binary(data: NDArray[Any], order: str, element: Element) -> tuple[Rows, int
     values = _fields(before, _at(data, starts, head)) | _fields(
         after, _at(data, first + item.itemsize * counts, tail)
     )
-    return Rows(values, listed[0].name, frozen_int(offsets), frozen_int(_at(data, places, item))), used
+    return Rows(values, listed[0].name, frozen_int(offsets), frozen_int(_at(data, places, item))), n_bytes
 
 
 def _at(data: NDArray[Any], places: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
     """Return values of a type at byte positions, integers as int64."""
     if not dtype.itemsize:
         return np.empty(len(places), dtype)
-    found = data[places[:, None] + np.arange(dtype.itemsize)].view(dtype)[:, 0]
-    return found.astype(np.int64) if dtype.kind in "iu" else found
+    items = data[places[:, None] + np.arange(dtype.itemsize)].view(dtype)[:, 0]
+    return items.astype(np.int64) if dtype.kind in "iu" else items
 
 
 def _fields(properties: list[Property], table: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    kept: dict[str, NDArray[Any]] = {}
-    for i, each in enumerate(properties):
-        kept[each.name] = table[f"{i}"].astype(np.float64 if each.type[0] == "f" else np.int64)
-    return kept
+    columns: dict[str, NDArray[Any]] = {}
+    for i, prop in enumerate(properties):
+        columns[prop.name] = table[f"{i}"].astype(np.float64 if prop.type[0] == "f" else np.int64)
+    return columns
 
 
 _HEAD = re.compile(rb"ply\r?\n.*?\nend_header\r?\n", re.S)
@@ -210,8 +210,8 @@ class Ply(Reading):
         """
         content = text_bytes(path)
         header = _header(content)
-        found = read_elements(content, header.stop, header.order, header.elements)
-        points, (rows, lists) = _points(found), _faces(found)
+        elements = read_elements(content, header.stop, header.order, header.elements)
+        points, (rows, lists) = _points(elements), _faces(elements)
         tags = {
             unquote(name): frozen_int(values)
             for name, values in rows.items()
@@ -234,11 +234,11 @@ class Ply(Reading):
 
 
 def _header(content: bytes) -> _Header:
-    found = _HEAD.match(content[: 1 << 20])
-    if found is None:
+    match = _HEAD.match(content[: 1 << 20])
+    if match is None:
         raise FileError("it has no header from 'ply' to 'end_header'")
     order, elements = None, list[Element]()
-    for line in found[0].decode("utf-8", "replace").splitlines()[1:-1]:
+    for line in match[0].decode("utf-8", "replace").splitlines()[1:-1]:
         words = line.split()
         if not words or words[0] in ("comment", "obj_info"):
             continue
@@ -252,7 +252,7 @@ def _header(content: bytes) -> _Header:
             raise FileError(f"its header has a line {line[:40]!r} that cannot be read")
     if order is None:
         raise FileError(f"its header names no format; known are {', '.join(_FORMATS)}")
-    return _Header(order, elements, found.end())
+    return _Header(order, elements, match.end())
 
 
 def _property(line: str, words: list[str]) -> Property:
@@ -263,20 +263,20 @@ def _property(line: str, words: list[str]) -> Property:
     return Property(words[-1], str(types[-1]), str(types[0]) if listed else "")
 
 
-def _points(found: Mapping[str, Rows]) -> Float:
-    rows = found["vertex"].values if "vertex" in found else {}
-    missing = [axis for axis in "xyz" if axis not in rows]
+def _points(rows: Mapping[str, Rows]) -> Float:
+    coordinates = rows["vertex"].values if "vertex" in rows else {}
+    missing = [axis for axis in "xyz" if axis not in coordinates]
     if missing and missing != ["z"]:
         raise FileError(f"its points have no coordinate {missing[0]}")
     return frozen_float(
-        np.stack([np.asarray(rows[axis], np.float64) for axis in "xyz" if axis in rows], axis=1)
+        np.stack([np.asarray(coordinates[axis], np.float64) for axis in "xyz" if axis in coordinates], axis=1)
     )
 
 
-def _faces(found: Mapping[str, Rows]) -> tuple[Mapping[str, NDArray[Any]], tuple[Int, Int]]:
-    if "face" not in found or found["face"].listed not in _CORNERS:
+def _faces(rows: Mapping[str, Rows]) -> tuple[Mapping[str, NDArray[Any]], tuple[Int, Int]]:
+    if "face" not in rows or rows["face"].listed not in _CORNERS:
         raise FileError(f"its faces have no list {' or '.join(_CORNERS)}")
-    faces = found["face"]
+    faces = rows["face"]
     return faces.values, (faces.offsets, faces.lists)
 
 

@@ -68,9 +68,9 @@ class RegnFace(Reading):
             )
         number, points = _points(_content(path, ".node"), path.with_suffix(".node"))
         if len(first) == 3:
-            soup, left = _simplices(body, first, number, points, f"{path.stem}.ele")
+            soup, skipped_names = _simplices(body, first, number, points, f"{path.stem}.ele")
             mesh = mesh_from_soup(soup, weak=False, name=path.stem, **self.reading)
-            return note_left_out(mesh, left)
+            return note_left_out(mesh, skipped_names)
         if points.shape[1] != 3:
             raise FileError(f"{path.stem}.node has points in the plane, {path.stem}.ele polyhedra")
         solids = _solids(body, first, number, len(points), path.stem)
@@ -160,17 +160,17 @@ def _simplices(body: bytes, head: Int, first: int, points: Float, file: str) -> 
     if len(wrong):
         raise FileError(f"{file}: cell {wrong[0]} uses points outside {first}..{len(points) - 1 + first}")
     # Integer attributes become tags.
-    tags, left = {}, []
+    tags, skipped_names = {}, []
     for k, values in enumerate(rows[:, 1 + width :].T, 1):
         name = f"{'triangle' if dim == 2 else 'tetgen'}:ref{k if k > 1 else ''}"
         if (np.abs(values) < 1 << 53).all() and (values == np.floor(values)).all():
             tags[name] = frozen_int(values.astype(np.int64))
         else:
-            left.append(name)
+            skipped_names.append(name)
     types = np.full(n, _SIMPLICES[dim])
     offsets = frozen_int(np.arange(0, n * width + 1, width))
     vertices = frozen_int(nodes.astype(np.int64).ravel())
-    return Soup(points, frozen_int(types), offsets, vertices, concatenate([]), tags), left
+    return Soup(points, frozen_int(types), offsets, vertices, concatenate([]), tags), skipped_names
 
 
 def _solids(body: bytes, head: Int, first: int, n_points: int, name: str) -> Polyhedra:
@@ -178,11 +178,11 @@ def _solids(body: bytes, head: Int, first: int, n_points: int, name: str) -> Pol
         raise FileError(f"{name}.ele: {head[1]} attributes of each cell are declared, which are not read")
     try:
         stream = integers(body)
-        cell_offsets, loop_offsets, places, used = counted_solids(stream, int(head[0]), 1)
+        cell_offsets, loop_offsets, places, length = counted_solids(stream, int(head[0]), 1)
     except FileError as error:
         raise FileError(f"{name}.ele: {error}") from None
-    if used != len(stream):
-        raise FileError(f"{name}.ele: {head[0]} cells take {used} numbers, but {len(stream)} follow")
+    if length != len(stream):
+        raise FileError(f"{name}.ele: {head[0]} cells take {length} numbers, but {len(stream)} follow")
     vertices = stream[places] - first
     if vertices.min(initial=0) < 0 or vertices.max(initial=0) >= n_points:
         loop = (

@@ -30,23 +30,23 @@ def single_loops(mesh: Mesh) -> tuple[Int, Int, Int]:
     FileError
         If every possible bridge is an edge of the mesh.
     """
-    found = mesh.boundary_loops
-    loops = np.diff(found.cell_offsets)
+    boundary = mesh.boundary_loops
+    loops = np.diff(boundary.cell_offsets)
     several = np.flatnonzero(loops > 1)
     if not len(several):
-        return found.loop_offsets, found.vertices, frozen_int(loops)
+        return boundary.loop_offsets, boundary.vertices, frozen_int(loops)
     edges = _Edges(mesh)
-    starts = found.loop_offsets[found.cell_offsets]
-    pieces, sizes, done = [], np.diff(starts), 0
+    starts = boundary.loop_offsets[boundary.cell_offsets]
+    pieces, sizes, position = [], np.diff(starts), 0
     for c in several.tolist():
-        rows = range(found.cell_offsets[c], found.cell_offsets[c + 1])
-        parts = [found.vertices[found.loop_offsets[i] : found.loop_offsets[i + 1]] for i in rows]
-        joined = _join(mesh.local_points, parts, edges)
-        if joined is None:
+        rows = range(boundary.cell_offsets[c], boundary.cell_offsets[c + 1])
+        parts = [boundary.vertices[boundary.loop_offsets[i] : boundary.loop_offsets[i + 1]] for i in rows]
+        ring = _join(mesh.local_points, parts, edges)
+        if ring is None:
             raise FileError(f"cell {c} has {len(parts)} boundary loops that no free edge can join")
-        pieces += [found.vertices[done : starts[c]], joined]
-        done, sizes[c] = starts[c + 1], len(joined)
-    vertices = np.concatenate([*pieces, found.vertices[done:]])
+        pieces += [boundary.vertices[position : starts[c]], ring]
+        position, sizes[c] = starts[c + 1], len(ring)
+    vertices = np.concatenate([*pieces, boundary.vertices[position:]])
     return frozen_int(np.concatenate(([0], np.cumsum(sizes)))), frozen_int(vertices), frozen_int(loops)
 
 
@@ -64,8 +64,8 @@ class _Edges:
     def taken(self, a: Int, b: Int) -> NDArray[np.bool_]:
         keys = self._keys(a, b)
         place = np.minimum(np.searchsorted(self._faces, keys), len(self._faces) - 1)
-        used = [key in self._bridges for key in keys.ravel().tolist()]
-        return np.asarray((self._faces[place] == keys) | np.reshape(used, keys.shape))
+        is_bridge = [key in self._bridges for key in keys.ravel().tolist()]
+        return np.asarray((self._faces[place] == keys) | np.reshape(is_bridge, keys.shape))
 
     def add(self, a: int, b: int) -> None:
         self._bridges.add(min(a, b) * self._n + max(a, b))
@@ -80,15 +80,15 @@ def _join(points: Float, parts: list[Int], edges: _Edges) -> Int | None:
     part = np.repeat(np.arange(len(parts)), [len(loop) for loop in parts])
     near, distance = np.full(len(vertices), -1), np.full(len(vertices), np.inf)
     ring, newest = parts[0].tolist(), 0
-    waiting = part != 0
-    while waiting.any():
-        # Update the distance of every waiting vertex to the loops joined so far (Prim's algorithm).
-        rest = np.flatnonzero(waiting)
-        anchor, gap = _nearest(points, frozen_int(vertices[rest]), parts[newest], edges)
-        closer = gap < distance[rest]
-        near[rest[closer]], distance[rest[closer]] = anchor[closer], gap[closer]
+    is_pending = part != 0
+    while is_pending.any():
+        # Update the distance of every pending vertex to the loops joined so far (Prim's algorithm).
+        rows = np.flatnonzero(is_pending)
+        anchor, gap = _nearest(points, frozen_int(vertices[rows]), parts[newest], edges)
+        closer = gap < distance[rows]
+        near[rows[closer]], distance[rows[closer]] = anchor[closer], gap[closer]
         # Insert the nearest loop at its closest vertex.
-        best = int(rest[np.argmin(distance[rest])])
+        best = int(rows[np.argmin(distance[rows])])
         if not np.isfinite(distance[best]):
             return None
         newest, a, b = int(part[best]), int(near[best]), int(vertices[best])
@@ -99,23 +99,23 @@ def _join(points: Float, parts: list[Int], edges: _Edges) -> Int | None:
         ring[place:place] = [*walk[1:], a] if a == b else [*walk, b, a]
         if a != b:
             edges.add(a, b)
-        waiting[part == newest] = False
+        is_pending[part == newest] = False
     return frozen_int(ring)
 
 
-def _nearest(points: Float, rest: Int, loop: Int, edges: _Edges) -> tuple[Int, Float]:
-    """Return for each vertex in ``rest`` the nearest admissible vertex in ``loop``, and its distance."""
+def _nearest(points: Float, vertices: Int, loop: Int, edges: _Edges) -> tuple[Int, Float]:
+    """Return for each vertex in ``vertices`` the nearest admissible vertex in ``loop``, and its distance."""
     from scipy.spatial import cKDTree
 
     tree = cKDTree(points[loop])
     for k in (min(8, len(loop)), len(loop)):
-        gap, place = tree.query(points[rest], k=range(1, k + 1))
+        gap, place = tree.query(points[vertices], k=range(1, k + 1))
         anchor = loop[place]
-        own = np.repeat(rest[:, None], k, axis=1)
-        apart = (gap == 0) & (anchor != own)  # two coincident points: no edge between them
-        gap = np.where(apart | ((anchor != own) & edges.taken(anchor, own)), np.inf, gap)
+        vertex = np.repeat(vertices[:, None], k, axis=1)
+        is_coincident = (gap == 0) & (anchor != vertex)  # two coincident points: no edge between them
+        gap = np.where(is_coincident | ((anchor != vertex) & edges.taken(anchor, vertex)), np.inf, gap)
         if np.isfinite(gap).any():
             break
     best = np.argmin(gap, axis=1)
-    row = np.arange(len(rest))
+    row = np.arange(len(vertices))
     return frozen_int(anchor[row, best]), gap[row, best]

@@ -50,22 +50,22 @@ def face_fields(
     if not mesh.face_tags:
         return {}
     usual = usual_values(mesh) if usual is None else usual
-    beside = _smaller_cell(mesh) if cells is None else _smaller_among(mesh, cells)
+    adjacent_cell = _smaller_cell(mesh) if cells is None else _smaller_among(mesh, cells)
     # List the faces with an uncommon value in some tag.
-    chosen = np.zeros(mesh.n_faces, bool)
+    is_listed = np.zeros(mesh.n_faces, bool)
     for name, values in mesh.face_tags.items():
-        chosen |= values != usual[name]
-    faces = frozen_int(np.flatnonzero(chosen & (beside >= 0)))
+        is_listed |= values != usual[name]
+    faces = frozen_int(np.flatnonzero(is_listed & (adjacent_cell >= 0)))
     offsets, places = gather(mesh.face_offsets, faces)
     vertices = mesh.face_vertices[places]
-    found = {
-        _CELLS: frozen_int(beside[faces]),
+    fields = {
+        _CELLS: frozen_int(adjacent_cell[faces]),
         _OFFSETS: offsets,
         _POINTS: vertices if number is None else frozen_int(number[vertices]),
     }
     for name, values in mesh.face_tags.items():
-        found[f"{_TAG}{name}"] = frozen_int(np.concatenate(([usual[name]], values[faces])))
-    return found
+        fields[f"{_TAG}{name}"] = frozen_int(np.concatenate(([usual[name]], values[faces])))
+    return fields
 
 
 def usual_values(mesh: Mesh) -> dict[str, int]:
@@ -74,8 +74,8 @@ def usual_values(mesh: Mesh) -> dict[str, int]:
 
 
 def _most_common(values: Int) -> Any:
-    known, counts = np.unique(values, return_counts=True)
-    return known[np.argmax(counts)] if len(known) else 0
+    unique_values, counts = np.unique(values, return_counts=True)
+    return unique_values[np.argmax(counts)] if len(unique_values) else 0
 
 
 def _smaller_cell(mesh: Mesh) -> Int:
@@ -129,19 +129,19 @@ def joined_faces(listed: Sequence[ListedFaces | None], cells: Int, points: Int) 
 
     They agree if their tags have the same names, and the same value on all other faces.
     """
-    given = [each for each in listed if each is not None]
-    alike = [{name: int(values[0]) for name, values in each.tags.items()} for each in given]
-    if len(given) < len(listed) or any(each != alike[0] for each in alike):
+    pieces = [entry for entry in listed if entry is not None]
+    alike = [{name: int(values[0]) for name, values in entry.tags.items()} for entry in pieces]
+    if len(pieces) < len(listed) or any(entry != alike[0] for entry in alike):
         return None
-    sizes = np.concatenate([np.diff(each.offsets) for each in given])
+    sizes = np.concatenate([np.diff(entry.offsets) for entry in pieces])
     return ListedFaces(
-        frozen_int(np.concatenate([each.cells + start for each, start in zip(given, cells, strict=True)])),
+        frozen_int(np.concatenate([entry.cells + start for entry, start in zip(pieces, cells, strict=True)])),
         frozen_int(np.concatenate(([0], np.cumsum(sizes)))),
         frozen_int(
-            np.concatenate([each.vertices + start for each, start in zip(given, points, strict=True)])
+            np.concatenate([entry.vertices + start for entry, start in zip(pieces, points, strict=True)])
         ),
         {
-            name: frozen_int(np.concatenate(([usual], *(each.tags[name][1:] for each in given))))
+            name: frozen_int(np.concatenate(([usual], *(entry.tags[name][1:] for entry in pieces))))
             for name, usual in alike[0].items()
         },
     )
@@ -150,11 +150,11 @@ def joined_faces(listed: Sequence[ListedFaces | None], cells: Int, points: Int) 
 def tags_of_faces(mesh: Mesh, points: Float, listed: ListedFaces) -> dict[str, Int]:
     """Return the tags ``(n_faces,)`` of faces listed by file points ``(n, d)``."""
     face = faces_with(mesh, points, listed.offsets, listed.vertices, listed.cells)
-    kept = np.flatnonzero(face >= 0)
+    matches = np.flatnonzero(face >= 0)
     tags = {}
     for name, values in listed.tags.items():
         tag = np.full(mesh.n_faces, values[0])
-        tag[face[kept]] = values[1:][kept]
+        tag[face[matches]] = values[1:][matches]
         tags[name] = frozen_int(tag)
     return tags
 
@@ -167,20 +167,20 @@ def faces_with(mesh: Mesh, points: Float, offsets: Int, vertices: Int, cells: In
     the cells at the face must also agree.
     """
     # Number the points of mesh and file by coordinates.
-    given = points[:, : mesh.dim]
-    point = _row_numbers(np.concatenate((mesh.points, given)) + 0.0)
-    face_offsets, own = simple_loops(mesh.face_offsets, point[mesh.face_vertices])
-    offsets, theirs = simple_loops(offsets, point[mesh.n_points :][vertices])
+    file_points = points[:, : mesh.dim]
+    point = _row_numbers(np.concatenate((mesh.points, file_points)) + 0.0)
+    face_offsets, face_vertices = simple_loops(mesh.face_offsets, point[mesh.face_vertices])
+    offsets, loop_vertices = simple_loops(offsets, point[mesh.n_points :][vertices])
     sizes, face_sizes = np.diff(offsets), np.diff(face_offsets)
-    beside = np.zeros(mesh.n_faces, np.int64) if cells is None else _smaller_cell(mesh)
+    adjacent_cell = np.zeros(mesh.n_faces, np.int64) if cells is None else _smaller_cell(mesh)
     cells = frozen_int(np.zeros(len(sizes))) if cells is None else cells
     face = np.full(len(sizes), -1)
     # Compare the faces of equal size by their sorted points.
     for size in np.intersect1d(sizes[sizes >= mesh.dim], face_sizes):
         loops, faces = np.flatnonzero(sizes == size), np.flatnonzero(face_sizes == size)
         rows = (
-            _keys(beside, face_offsets, own, frozen_int(faces), int(size)),
-            _keys(cells, offsets, theirs, frozen_int(loops), int(size)),
+            _keys(adjacent_cell, face_offsets, face_vertices, frozen_int(faces), int(size)),
+            _keys(cells, offsets, loop_vertices, frozen_int(loops), int(size)),
         )
         number = _row_numbers(np.concatenate(rows))
         owner = np.full(number.max(initial=-1) + 1, -1)
@@ -189,10 +189,10 @@ def faces_with(mesh: Mesh, points: Float, offsets: Int, vertices: Int, cells: In
     return frozen_int(face)
 
 
-def _keys(cells: Int, offsets: Int, vertices: Int, which: Int, size: int) -> Int:
+def _keys(cells: Int, offsets: Int, vertices: Int, loops: Int, size: int) -> Int:
     """Return cell and sorted points ``(k, 1 + size)`` of loops with equal size."""
-    points = np.sort(vertices[gather(offsets, which)[1]].reshape(-1, size), axis=1)
-    return frozen_int(np.column_stack((cells[which], points)))
+    points = np.sort(vertices[gather(offsets, loops)[1]].reshape(-1, size), axis=1)
+    return frozen_int(np.column_stack((cells[loops], points)))
 
 
 def _row_numbers(rows: Float | Int) -> Int:

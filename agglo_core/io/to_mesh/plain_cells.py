@@ -71,11 +71,11 @@ def used_points(mesh: Mesh) -> tuple[Float, Int | None]:
 
     Coarse meshes keep points without faces, which are dropped here.
     """
-    used = np.zeros(mesh.n_points, bool)
-    used[mesh.face_vertices] = True
-    if used.all():
+    has_face = np.zeros(mesh.n_points, bool)
+    has_face[mesh.face_vertices] = True
+    if has_face.all():
         return mesh.points, None
-    return frozen_float(mesh.points[used]), frozen_int(np.cumsum(used) - 1)
+    return frozen_float(mesh.points[has_face]), frozen_int(np.cumsum(has_face) - 1)
 
 
 def half_faces(mesh: Mesh) -> Polyhedra:
@@ -127,7 +127,7 @@ def write_levels(
         coarse = mesh.coarsen(labels)
         name = f"{path.stem}_level{level}{path.suffix}"
         try:
-            own = {key: values for key, values in coarse.cell_tags.items() if not is_level(key)}
-            write(path.with_name(name), coarse, own)
+            coarse_tags = {key: values for key, values in coarse.cell_tags.items() if not is_level(key)}
+            write(path.with_name(name), coarse, coarse_tags)
         except FileError as error:
             _log.warning("%s is not written: %s", name, error)

@@ -46,15 +46,15 @@ def _hull(points: Float, nodes: Int, cell: int) -> list[Int]:
             f"cell {cell} of VTK type 41 (convex point set): its {len(nodes)} points do not span a volume"
         ) from None
     # faces: largest vertex sets in the plane of a triangle, within the rounding of the coordinates
-    off = _ROUNDING * last_place(points[nodes]) + _FLAT * np.ptp(corners, axis=0).max()
-    near = np.abs(hull.equations[:, :3] @ corners[hull.vertices].T + hull.equations[:, 3:]) <= off
+    tolerance = _ROUNDING * last_place(points[nodes]) + _FLAT * np.ptp(corners, axis=0).max()
+    near = np.abs(hull.equations[:, :3] @ corners[hull.vertices].T + hull.equations[:, 3:]) <= tolerance
     sets, first = np.unique(near, axis=0, return_index=True)
-    within = sets.astype(int) @ ~sets.T == 0
+    is_subset = sets.astype(int) @ ~sets.T == 0
     loops = []
     # Sort the vertices of each face by angle around its centre.
-    for k in np.flatnonzero(within.sum(axis=1) == 1):
-        used = hull.vertices[sets[k]]
-        arm = corners[used] - corners[used].mean(axis=0)
+    for k in np.flatnonzero(is_subset.sum(axis=1) == 1):
+        face_corners = hull.vertices[sets[k]]
+        arm = corners[face_corners] - corners[face_corners].mean(axis=0)
         angle = np.arctan2(np.cross(arm[0], arm) @ hull.equations[first[k], :3], arm @ arm[0])
-        loops.append(nodes[used[np.argsort(angle)]])
+        loops.append(nodes[face_corners[np.argsort(angle)]])
     return loops

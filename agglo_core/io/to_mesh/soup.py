@@ -122,15 +122,15 @@ def mesh_from_soup(
     # Match cells of one dimension less with faces.
     facets = np.flatnonzero(dims[kind] == dim - 1) if soup.tags else np.empty(0, np.int64)
     facets = facets[~np.isin(soup.types[facets], _OTHER_LINES)]
-    face_tags, kept = _face_tags(mesh, soup, _loops(soup, sizes, facets), facets)
+    face_tags, n_tagged = _face_tags(mesh, soup, _loops(soup, sizes, facets), facets)
     if soup.listed is not None and mesh.n_cells == len(soup.types):
         face_tags |= tags_of_faces(mesh, soup.points, soup.listed)
     # Record the repairs, then close the gaps.
     straightened = int((sizes < np.diff(soup.offsets))[cells].sum())
     repairs = {
         "higher-order cells reduced to their corners": straightened,
-        "lower-dimensional cells dropped": len(soup.types) - len(cells) - kept,
-        "lower-dimensional cells kept as face tags": kept,
+        "lower-dimensional cells dropped": len(soup.types) - len(cells) - n_tagged,
+        "lower-dimensional cells kept as face tags": n_tagged,
     }
     mesh = with_repairs(trusted_copy(mesh, face_tags=check_tags("face", face_tags, mesh.n_faces)), repairs)
     return mesh if allow_gaps else mesh.conforming(merge_points=merge_points)  # after the face tags
@@ -138,10 +138,10 @@ def mesh_from_soup(
 
 def with_repairs(mesh: Mesh, repairs: Mapping[str, int]) -> Mesh:
     """Record and log additional repairs with a positive count."""
-    found = {text: count for text, count in repairs.items() if count}
-    for text, count in found.items():
+    counts = {text: count for text, count in repairs.items() if count}
+    for text, count in counts.items():
         _log.info("%s: %d", text, count)
-    return trusted_copy(mesh, repairs={**found, **mesh.repairs}) if found else mesh
+    return trusted_copy(mesh, repairs={**counts, **mesh.repairs}) if counts else mesh
 
 
 def _dimensions_and_corners() -> tuple[Int, Int]:
@@ -167,9 +167,9 @@ def _corner_counts(soup: Soup, corners: Int) -> Int:
     Raises FileError for cells with fewer nodes.
     """
     sizes = np.diff(soup.offsets)
-    few = np.flatnonzero(sizes < corners)
-    if len(few):
-        c = int(few[0])
+    short_cells = np.flatnonzero(sizes < corners)
+    if len(short_cells):
+        c = int(short_cells[0])
         raise FileError(
             f"cell {c} of VTK type {soup.types[c]} has {sizes[c]} nodes, expected {corners[c]} or more"
         )
@@ -195,22 +195,22 @@ def _loops(soup: Soup, sizes: Int, cells: Int) -> tuple[Int, Int]:
 
 def _solids(soup: Soup, cells: Int) -> Polyhedra:
     """Return the 3-D cells as half-faces, in file order."""
-    parts, found = [soup.solids], [np.flatnonzero(soup.types == _POLYHEDRON)]
+    parts, cell_blocks = [soup.solids], [np.flatnonzero(soup.types == _POLYHEDRON)]
     for shape, types in _SHAPES.items():
-        own = np.flatnonzero(np.isin(soup.types, types))
+        shape_cells = np.flatnonzero(np.isin(soup.types, types))
         order = np.asarray(_VOXEL) if shape == "voxel" else np.arange(CORNERS[shape])
         element = "hexahedron" if shape == "voxel" else shape
-        nodes = soup.vertices[soup.offsets[own][:, None] + order]
+        nodes = soup.vertices[soup.offsets[shape_cells][:, None] + order]
         parts.append(polyhedra_from_elements({element: nodes}))
-        found.append(own)
-    own = np.flatnonzero(soup.types == _POINT_SET)
-    parts.append(convex_hulls(soup.points, soup.offsets, soup.vertices, frozen_int(own)))
-    found.append(own)
-    blocks = [k for k, own in enumerate(found) if len(own)]
+        cell_blocks.append(shape_cells)
+    shape_cells = np.flatnonzero(soup.types == _POINT_SET)
+    parts.append(convex_hulls(soup.points, soup.offsets, soup.vertices, frozen_int(shape_cells)))
+    cell_blocks.append(shape_cells)
+    blocks = [k for k, shape_cells in enumerate(cell_blocks) if len(shape_cells)]
     if len(blocks) == 1:  # all of one shape
         return parts[blocks[0]]
     place = np.empty(len(soup.types), np.int64)
-    place[np.concatenate(found)] = np.arange(len(cells))
+    place[np.concatenate(cell_blocks)] = np.arange(len(cells))
     return take_cells(concatenate(parts), frozen_int(place[cells]))
 
 
@@ -222,15 +222,16 @@ def _face_tags(mesh: Mesh, soup: Soup, loops: tuple[Int, Int], facets: Int) -> t
     if not len(facets):
         return {}, 0
     face = faces_with(mesh, soup.points, *loops)
-    kept = np.flatnonzero(face >= 0)
-    if not len(kept):
+    matches = np.flatnonzero(face >= 0)
+    if not len(matches):
         return {}, 0
     tags = {}
     for name, values in soup.tags.items():
-        order = kept[np.argsort(values[facets[kept]], kind="stable")]  # the largest of several values is kept
+        # The largest of several values is kept.
+        order = matches[np.argsort(values[facets[matches]], kind="stable")]
         tags[name] = np.full(mesh.n_faces, -1)
         tags[name][face[order]] = values[facets[order]]
-        lost = int((tags[name][face[kept]] != values[facets[kept]]).sum())
-        if lost and not np.isin(values[facets[kept]], (0, 1)).all():
-            _log.warning("tag %r: %d cells on faces have another value than kept, the largest", name, lost)
-    return tags, len(kept)
+        n_lost = int((tags[name][face[matches]] != values[facets[matches]]).sum())
+        if n_lost and not np.isin(values[facets[matches]], (0, 1)).all():
+            _log.warning("tag %r: %d cells on faces have another value than kept, the largest", name, n_lost)
+    return tags, len(matches)

@@ -67,14 +67,14 @@ def cells_of(mesh: Mesh) -> Cells:
     if mesh.dim == 2:
         return _plane(mesh)
     solids = half_faces(mesh)
-    offsets, used = mesh.cell_vertices
-    types, vertices = np.full(mesh.n_cells, POLYHEDRON, np.uint8), np.array(used, np.int64)
-    bent = np.logical_or.reduceat(_bent(mesh)[mesh.cell_faces[1]], solids.cell_offsets[:-1])
+    offsets, cell_vertices = mesh.cell_vertices
+    types, vertices = np.full(mesh.n_cells, POLYHEDRON, np.uint8), np.array(cell_vertices, np.int64)
+    has_bent_face = np.logical_or.reduceat(_bent(mesh)[mesh.cell_faces[1]], solids.cell_offsets[:-1])
     # Test candidates by counts first, then by topology.
     for kind, element in _ELEMENTS.items():
-        perhaps = np.flatnonzero(_may_be(kind, solids, offsets) & ~bent)
-        for start in range(0, len(perhaps), _CHUNK):
-            cells, corners = _elements(mesh, solids, kind, perhaps[start : start + _CHUNK])
+        candidates = np.flatnonzero(_may_be(kind, solids, offsets) & ~has_bent_face)
+        for start in range(0, len(candidates), _CHUNK):
+            cells, corners = _elements(mesh, solids, kind, candidates[start : start + _CHUNK])
             types[cells] = element.number
             vertices[offsets[cells][:, None] + np.arange(CORNERS[kind])] = corners
     return Cells(types, offsets, frozen_int(vertices), solids, frozen_int(np.ones(mesh.n_cells)))
@@ -110,8 +110,8 @@ def _convex(corners: Float) -> Mask:
     area = _cross(c - a, d - b)
     least = _CONVEX * (area * area).sum(axis=1)
     convex = np.ones(len(corners), bool)
-    for before, here, after in ((a, b, c), (b, c, d), (c, d, a), (d, a, b)):
-        convex &= (_cross(here - before, after - here) * area).sum(axis=1) > least
+    for p, q, r in ((a, b, c), (b, c, d), (c, d, a), (d, a, b)):
+        convex &= (_cross(q - p, r - q) * area).sum(axis=1) > least
     return convex
 
 
@@ -124,11 +124,11 @@ def _cross(u: Float, v: Float) -> Float:
 
 def _bent(mesh: Mesh) -> Mask:
     """Return the mask of non-convex quadrilateral faces in a 3-D mesh."""
-    bent = np.zeros(mesh.n_faces, bool)
+    is_nonconvex = np.zeros(mesh.n_faces, bool)
     quads = np.flatnonzero(np.diff(mesh.face_offsets) == 4)
     corners = mesh.face_vertices[mesh.face_offsets[quads][:, None] + np.arange(4)]
-    bent[quads] = ~_convex(mesh.local_points[corners])
-    return bent
+    is_nonconvex[quads] = ~_convex(mesh.local_points[corners])
+    return is_nonconvex
 
 
 def _may_be(kind: str, solids: Polyhedra, vertex_offsets: Int) -> Mask:
@@ -160,9 +160,9 @@ def _elements(mesh: Mesh, solids: Polyhedra, kind: str, cells: Int) -> tuple[Int
     corners[:, _walk(reference, sizes)[0]] = _walk(around, sizes)
     # Compare all faces with the reference element.
     expected = _triples(reference, frozen_int([range(CORNERS[kind])]), sizes)
-    same = (_triples(around, corners, sizes) == expected).all(axis=1)
-    found, corners = frozen_int(cells[same]), frozen_int(corners[same])
-    return found, _as_they_were(mesh, kind, found, corners)
+    is_element = (_triples(around, corners, sizes) == expected).all(axis=1)
+    element_cells, corners = frozen_int(cells[is_element]), frozen_int(corners[is_element])
+    return element_cells, _as_they_were(mesh, kind, element_cells, corners)
 
 
 @cache
@@ -218,21 +218,21 @@ def _as_they_were(mesh: Mesh, kind: str, cells: Int, corners: Int) -> Int:
     starts = table.loop_offsets[:-1]
     rank[table.vertices[starts], table.vertices[starts + 1]] = np.arange(len(starts))
     faces = mesh.cell_faces[1][gather(mesh.cell_faces[0], cells)[1]].reshape(-1, len(starts))
-    own = mesh.face_cells[faces, 0] == cells[:, None]
+    is_owner = mesh.face_cells[faces, 0] == cells[:, None]
     first, second = (_local(mesh.face_vertices[mesh.face_offsets[faces] + i], corners) for i in (0, 1))
     turns = frozen_int(_turns(kind))
-    chosen = turns_as_listed(first, second, own, turns, frozen_int(rank))
-    found = np.where(chosen[:, None] >= 0, turns[chosen], np.arange(CORNERS[kind]))
-    return frozen_int(np.take_along_axis(corners, found, axis=1))
+    choice = turns_as_listed(first, second, is_owner, turns, frozen_int(rank))
+    order = np.where(choice[:, None] >= 0, turns[choice], np.arange(CORNERS[kind]))
+    return frozen_int(np.take_along_axis(corners, order, axis=1))
 
 
 @cache
 def _turns(kind: str) -> tuple[tuple[int, ...], ...]:
     """Return all corner permutations that map the element to itself."""
-    found = [tuple(range(CORNERS[kind]))]
-    for order in found:  # grows while it is walked through
+    orders = [tuple(range(CORNERS[kind]))]
+    for order in orders:  # grows while it is walked through
         for turn in _ELEMENTS[kind].turns:
             turned = tuple(order[place] for place in turn)
-            if turned not in found:
-                found.append(turned)
-    return tuple(found)
+            if turned not in orders:
+                orders.append(turned)
+    return tuple(orders)

@@ -73,8 +73,11 @@ def piece_of(
         ids: tuple[Int | None, Int | None] = (None, None)
         fields = face_fields(mesh, number)
     else:
-        kept, number = _points_of(cells, mesh.n_points)
-        points, ids = frozen_float(mesh.points[kept]), (frozen_int(share.point_ids[kept]), share.cell_ids)
+        point_ids, number = _points_of(cells, mesh.n_points)
+        points, ids = (
+            frozen_float(mesh.points[point_ids]),
+            (frozen_int(share.point_ids[point_ids]), share.cell_ids),
+        )
         fields = face_fields(mesh, number, share.cells, share.usual)
     faces = faces_of(cells, number) if (cells.types == POLYHEDRON).any() else {}
     corners = {"connectivity": numbered(cells.vertices, number), "offsets": cells.offsets[1:]}
@@ -85,9 +88,9 @@ def piece_of(
 
 def _points_of(cells: Cells, n_points: int) -> tuple[Int, Int]:
     """Return the cells' points, and the number of each mesh point among them."""
-    used = np.zeros(n_points, bool)
-    used[cells.vertices] = used[cells.solids.vertices] = True
-    return frozen_int(np.flatnonzero(used)), frozen_int(np.cumsum(used) - 1)
+    is_used = np.zeros(n_points, bool)
+    is_used[cells.vertices] = is_used[cells.solids.vertices] = True
+    return frozen_int(np.flatnonzero(is_used)), frozen_int(np.cumsum(is_used) - 1)
 
 
 def numbered(vertices: Int, number: Int | None) -> Int:
@@ -170,16 +173,18 @@ def write_grids(
     tags = cell_data(mesh, hierarchy)
     check_names(tags)
     check_names(mesh.face_tags, "face")
-    taken = {BRIDGES, *(name for name in mesh.cell_tags if not is_level(name))}
+    reserved_names = {BRIDGES, *(name for name in mesh.cell_tags if not is_level(name))}
     with staging(path) as folder:
         for i, labels in enumerate(levels):  # before the fine mesh, whose derived arrays stay in memory
-            own = part(tell, i, 1 + len(levels), f"level {i}")
-            piece = _coarse_piece(storage, mesh.coarsen(labels), levels, i, values[i], taken)
-            storage.write(folder / f"{path.stem}_level{i}{path.suffix}", piece, compress=compress, tell=own)
+            tell_piece = part(tell, i, 1 + len(levels), f"level {i}")
+            piece = _coarse_piece(storage, mesh.coarsen(labels), levels, i, values[i], reserved_names)
+            storage.write(
+                folder / f"{path.stem}_level{i}{path.suffix}", piece, compress=compress, tell=tell_piece
+            )
             del piece  # free it before the next piece is created
-        own = part(tell, len(levels), 1 + len(levels))
+        tell_piece = part(tell, len(levels), 1 + len(levels))
         piece = piece_of(mesh, storage.faces, tags, {})
-        storage.write(folder / path.name, piece, compress=compress, tell=own)
+        storage.write(folder / path.name, piece, compress=compress, tell=tell_piece)
     if levels:
         _remove_stale(storage, path, len(levels))
 
@@ -188,8 +193,8 @@ def _remove_stale(storage: Storage, path: Path, count: int) -> None:
     """Remove the coarse meshes of an earlier, deeper hierarchy, so that they are not mistaken for levels."""
     pattern = re.compile(re.escape(f"{path.stem}_level") + r"(0|[1-9]\d*)" + re.escape(path.suffix), re.ASCII)
     for file in sorted(path.parent.iterdir()):
-        found = pattern.fullmatch(file.name)
-        if found is None or int(found[1]) < count or file.is_symlink() or not file.is_file():
+        match = pattern.fullmatch(file.name)
+        if match is None or int(match[1]) < count or file.is_symlink() or not file.is_file():
             continue
         try:
             if storage.ours(file):
@@ -205,8 +210,8 @@ def _coarse_piece(
     levels: Sequence[Int],
     level: int,
     values: Mapping[str, Float],
-    taken: Collection[str],
+    reserved_names: Collection[str],
 ) -> Piece:
-    kept = {key: each for key, each in coarse.cell_tags.items() if not is_level(key)}
-    known = about_agglomerates(levels, level, coarse, values)
-    return piece_of(coarse, storage.faces, kept, under_free_names(known, taken))
+    tags = {key: array for key, array in coarse.cell_tags.items() if not is_level(key)}
+    data = about_agglomerates(levels, level, coarse, values)
+    return piece_of(coarse, storage.faces, tags, under_free_names(data, reserved_names))

@@ -53,14 +53,14 @@ def member(group: Any, name: str) -> Any:
     FileError
         For a link to another location or file, external storage, or non-numeric data.
     """
-    found = _stored_here(group, name, "dataset")
-    if found is None:
+    dataset = _stored_here(group, name, "dataset")
+    if dataset is None:
         return None
-    if not isinstance(found, hdf5().Dataset) or found.is_virtual or found.external:
+    if not isinstance(dataset, hdf5().Dataset) or dataset.is_virtual or dataset.external:
         raise FileError(f"{name!r} is not a dataset of the file itself")
-    if found.dtype.kind not in "iuf" or found.shape is None:
+    if dataset.dtype.kind not in "iuf" or dataset.shape is None:
         raise FileError(f"dataset {name!r} holds no numbers")
-    return found
+    return dataset
 
 
 def subgroup(group: Any, name: str) -> Any:
@@ -68,10 +68,10 @@ def subgroup(group: Any, name: str) -> Any:
 
     Raises FileError for other members.
     """
-    found = _stored_here(group, name, "group")
-    if found is not None and not isinstance(found, hdf5().Group):
+    child = _stored_here(group, name, "group")
+    if child is not None and not isinstance(child, hdf5().Group):
         raise FileError(f"{name!r} is not a group")
-    return found
+    return child
 
 
 def datasets(group: Any) -> dict[str, Any]:
@@ -80,7 +80,7 @@ def datasets(group: Any) -> dict[str, Any]:
     Raises FileError for links.
     """
     members = {} if group is None else {name: _stored_here(group, name, "dataset") for name in group}
-    return {name: found for name, found in members.items() if isinstance(found, hdf5().Dataset)}
+    return {name: child for name, child in members.items() if isinstance(child, hdf5().Dataset)}
 
 
 def _stored_here(group: Any, name: str, kind: str) -> Any:

@@ -83,8 +83,8 @@ def joined(pieces: Sequence[Soup]) -> Soup:
 
 
 def _all_or_none(arrays: Sequence[Int | None]) -> Int | None:
-    there = [array for array in arrays if array is not None]
-    return frozen_int(np.concatenate(there)) if len(there) == len(arrays) else None
+    present = [array for array in arrays if array is not None]
+    return frozen_int(np.concatenate(present)) if len(present) == len(arrays) else None
 
 
 def in_global_order(soup: Soup) -> Soup:
@@ -100,9 +100,9 @@ def in_global_order(soup: Soup) -> Soup:
         return soup
     order = np.argsort(soup.cell_ids, kind="stable")
     ids = soup.cell_ids[order]
-    twice = np.flatnonzero(ids[1:] == ids[:-1])
-    if len(twice):
-        raise FileError(f"cell {ids[twice[0]]} is in several pieces, by its GlobalCellIds")
+    repeats = np.flatnonzero(ids[1:] == ids[:-1])
+    if len(repeats):
+        raise FileError(f"cell {ids[repeats[0]]} is in several pieces, by its GlobalCellIds")
     return _taken(soup, frozen_int(order))
 
 
@@ -126,9 +126,9 @@ def _each_point_once(soup: Soup, point_ids: Int) -> Soup:
     )
 
 
-def _differ(one: Float, other: Float) -> Mask:
+def _differ(p: Float, q: Float) -> Mask:
     """Return the mask of different points.
 
     Non-finite points are reported elsewhere.
     """
-    return np.asarray(((one != other) & ~(np.isnan(one) & np.isnan(other))).any(axis=1))
+    return np.asarray(((p != q) & ~(np.isnan(p) & np.isnan(q))).any(axis=1))

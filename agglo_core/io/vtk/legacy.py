@@ -46,8 +46,8 @@ def legacy_kind(path: Path) -> str:
         head = file.read(1024).split(b"\n")
     if not head[0].lower().startswith(b"# vtk datafile version"):
         return ""
-    named = [line.split()[1:2] for line in head[2:] if line.upper().startswith(b"DATASET")]
-    kind = named[0][0].decode("ascii", "replace").upper() if named and named[0] else ""
+    datasets = [line.split()[1:2] for line in head[2:] if line.upper().startswith(b"DATASET")]
+    kind = datasets[0][0].decode("ascii", "replace").upper() if datasets and datasets[0] else ""
     return kind if kind in _DATASETS else ""
 
 
@@ -94,15 +94,15 @@ class _Reader:
         arrays = polydata_cells(self.lists) if self.types is None else self._grid(self.types)
         n = len(arrays["types"])
         check_counts(len(self.points), n)
-        tags, left = {}, []
+        tags, skipped_names = {}, []
         for name, values in self.data.items():
             if values.dtype.kind not in "iu" or values.shape[1] != 1:
-                left.append(name)
+                skipped_names.append(name)
                 continue
             if len(values) != n:
                 raise FileError(f"cell data {name!r} has {len(values)} values for {n} cells")
             tags[name] = tag_values(name, values.ravel())
-        return Stored([soup_of_piece(arrays, self.points, n)._replace(tags=tags)], left)
+        return Stored([soup_of_piece(arrays, self.points, n)._replace(tags=tags)], skipped_names)
 
     def _section(self, words: list[str]) -> None:
         title = words[0].upper()
@@ -184,9 +184,9 @@ class _Reader:
         if words[:1] != ["OFFSETS"]:
             self.file.seek(place)
             stream = frozen_int(self._array("int", size))
-            offsets, places, used = counted_lists(stream, n)
-            if used != size:
-                raise FileError(f"{n} lists take {used} numbers, {size} are declared")
+            offsets, places, length = counted_lists(stream, n)
+            if length != size:
+                raise FileError(f"{n} lists take {length} numbers, {size} are declared")
             return frozen_int(offsets[1:]), frozen_int(stream[places])
         offsets = frozen_int(self._array(_word(words, 1), n))
         words = self._next_line()
@@ -222,14 +222,14 @@ class _Reader:
             raise FileError(f"numbers of the type {kind[:30]!r} are not known")
         dtype = np.dtype(_NUMBERS.get(kind, "u1"))
         packed = kind == "bit" and not self.text
-        needed = -(-n // 8) if packed else n
-        if needed * (1 if self.text else dtype.itemsize) > self.size:
+        n_items = -(-n // 8) if packed else n
+        if n_items * (1 if self.text else dtype.itemsize) > self.size:
             raise _short(n, kind)
         if self.text:
             values = self._numbers(np.dtype("f8" if dtype.kind == "f" else "i8"), n)
         else:
-            values = np.fromfile(self.file, dtype.newbyteorder(">"), needed).astype(dtype)
-        if len(values) != needed:
+            values = np.fromfile(self.file, dtype.newbyteorder(">"), n_items).astype(dtype)
+        if len(values) != n_items:
             raise _short(n, kind)
         return np.unpackbits(values)[:n] if packed else values
 

@@ -48,8 +48,8 @@ def polydata_cells(lists: Mapping[str, tuple[Int, Int]]) -> StoredArrays:
     for kind in KINDS:
         ends, vertices = lists.get(kind, (frozen_int([]), frozen_int([])))
         sizes = np.diff(ends, prepend=0)
-        own = np.full(len(ends), _TYPES[kind])
-        types.append(np.where((own == _POLYLINE) & (sizes == 2), _LINE, own))
+        line_types = np.full(len(ends), _TYPES[kind])
+        types.append(np.where((line_types == _POLYLINE) & (sizes == 2), _LINE, line_types))
         offsets.append(ends + sum(map(len, points)))
         points.append(vertices)
     return StoredArrays(
@@ -195,8 +195,8 @@ def soup_of_pieces(pieces: Sequence[Soup]) -> tuple[Soup, int]:
 
     Return them and the number of dropped ghosts. Raises FileError.
     """
-    own = [without_ghosts(piece) for piece in pieces]
-    return joined([piece for piece, _ in own]), sum(count for _, count in own)
+    pairs = [without_ghosts(piece) for piece in pieces]
+    return joined([piece for piece, _ in pairs]), sum(count for _, count in pairs)
 
 
 def mesh_of_soup(

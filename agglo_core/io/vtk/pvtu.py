@@ -106,8 +106,8 @@ def pvtu_list(piece: Piece, sources: Sequence[str]) -> bytes:
     arrays = list(stored_arrays(piece))
     lines = []
     for section in ("PointData", "CellData", "Points"):
-        own = [f"<PDataArray {array.attributes}/>" for array in arrays if array.section == section]
-        lines += [f"<P{section}{global_ids(piece, section)}>", *own, f"</P{section}>"]
+        elements = [f"<PDataArray {array.attributes}/>" for array in arrays if array.section == section]
+        lines += [f"<P{section}{global_ids(piece, section)}>", *elements, f"</P{section}>"]
     lines += [f"<Piece Source={quoteattr(source)}/>" for source in sources]
     ends = "</PUnstructuredGrid>", "</VTKFile>"
     return (_START.format(kind=piece.kind) + "\n".join([*lines, *ends])).encode() + b"\n"

@@ -66,9 +66,9 @@ def solution_piece(
     """
     check_names(tags)
     owners = samples.cells[samples.simplices[:, 0]]
-    own = {tag: each[owners] for tag, each in tags.items()}
+    cell_tags = {tag: values[owners] for tag, values in tags.items()}
     numbers = owners if cell_ids is None else cell_ids[owners]
-    data = under_free_names({"cell": numbers}, own) | own
+    data = under_free_names({"cell": numbers}, cell_tags) | cell_tags
     n, corners = samples.simplices.shape
     cells: dict[str, NDArray[Any]] = {
         "connectivity": samples.simplices.ravel(),

@@ -90,7 +90,7 @@ class VtkHdf(Compressing):
         )
 
 
-def _stored(file: Any, room: int) -> Stored:
+def _stored(file: Any, max_bytes: int) -> Stored:
     group = subgroup(file, GROUP)
     if group is None:
         raise FileError(f"is an HDF5 file without the group {GROUP!r}")
@@ -100,51 +100,51 @@ def _stored(file: Any, room: int) -> Stored:
         raise FileError(f"holds a {kind or 'data set without Type'}; of VTKHDF unstructured grids are read")
     if "Steps" in group:
         raise FileError("holds time steps, which are not read; write one of them to a file of its own")
-    _check_sizes(group, room)
-    tags, left = _tags(group)
+    _check_sizes(group, max_bytes)
+    tags, skipped_names = _tags(group)
     pieces = list(_pieces(group, tags))
     if len(pieces) == 1 and "agglo" in group.attrs:
         n_points, n = len(pieces[0].points), len(pieces[0].types)
         pieces = [pieces[0]._replace(listed=listed_faces(_fields(group), n_points, n))]
-    return Stored(pieces, left)
+    return Stored(pieces, skipped_names)
 
 
-def _check_sizes(group: Any, room: int) -> None:
+def _check_sizes(group: Any, max_bytes: int) -> None:
     """Reject arrays far larger than the file, which compressed or missing blocks allow."""
     total = 0
     for section in (group, subgroup(group, "CellData"), subgroup(group, "FieldData")):
         for name, dataset in datasets(section).items():
             size = int(dataset.nbytes)
             total += size
-            if total > room:
+            if total > max_bytes:
                 raise FileError(f"dataset {name!r} declares {size} bytes, far more than there can be")
 
 
 def _tags(group: Any) -> tuple[dict[str, NDArray[Any]], list[str]]:
     """Return integer cell data with one component, and the names of other cell data that are not derived."""
     section = subgroup(group, "CellData")
-    tags, left = {}, []
+    tags, skipped_names = {}, []
     for name, dataset in datasets(section).items():
         if DERIVED in dataset.attrs:
             continue
         if dataset.dtype.kind in "iu" and (dataset.ndim == 1 or dataset.shape[1:] == (1,)):
             tags[name] = np.asarray(member(section, name)[()]).ravel()
         else:
-            left.append(name)
-    return tags, left
+            skipped_names.append(name)
+    return tags, skipped_names
 
 
 def _fields(group: Any) -> dict[str, NDArray[Any]]:
     section = subgroup(group, "FieldData")
-    numbers = [name for name, each in datasets(section).items() if each.dtype.kind in "iu"]
+    numbers = [name for name, dataset in datasets(section).items() if dataset.dtype.kind in "iu"]
     return {name: np.asarray(member(section, name)[()]).ravel() for name in numbers}
 
 
 def _pieces(group: Any, tags: dict[str, NDArray[Any]]) -> Iterator[Soup]:
     n_points, n_cells = (_counts(group, f"NumberOf{what}") for what in ("Points", "Cells"))
-    others = {name: _counts(group, COUNTS[name]) for name in COUNTS if COUNTS[name] in group}
+    array_counts = {name: _counts(group, COUNTS[name]) for name in COUNTS if COUNTS[name] in group}
     # Check all array lengths before the first array is read.
-    for name, counts in {"NumberOfPoints": n_points, **others}.items():
+    for name, counts in {"NumberOfPoints": n_points, **array_counts}.items():
         if len(counts) != len(n_cells):
             raise FileError(f"{name!r} is given for {len(counts)} partitions, the cells for {len(n_cells)}")
     points = member(group, "Points")
@@ -157,9 +157,9 @@ def _pieces(group: Any, tags: dict[str, NDArray[Any]]) -> Iterator[Soup]:
     for i, (m, n) in enumerate(zip(n_points.tolist(), n_cells.tolist(), strict=True)):
         check_counts(m, n)
         first, start = int(n_points[:i].sum()), int(n_cells[:i].sum())
-        spans = {name: (int(c[:i].sum()), int(c[: i + 1].sum())) for name, c in others.items()}
-        own = frozen_float(points[first : first + m])
-        soup = soup_of_piece(Partition(group, (start, start + n), spans, i), own, n)
+        spans = {name: (int(c[:i].sum()), int(c[: i + 1].sum())) for name, c in array_counts.items()}
+        piece_points = frozen_float(points[first : first + m])
+        soup = soup_of_piece(Partition(group, (start, start + n), spans, i), piece_points, n)
         data = (
             {name: tag_values(name, values[start : start + n]) for name, values in tags.items()} if n else {}
         )
@@ -181,9 +181,9 @@ _LEVEL = 1  # deflate level: higher levels take twice the time and save a few pe
 
 
 def _ours(file: Path) -> bool:
-    with hdf5().File(file) as found:
-        stored = isinstance(found.get(GROUP, getlink=True), hdf5().HardLink)
-        return stored and "agglo" in found[GROUP].attrs
+    with hdf5().File(file) as hdf_file:
+        stored = isinstance(hdf_file.get(GROUP, getlink=True), hdf5().HardLink)
+        return stored and "agglo" in hdf_file[GROUP].attrs
 
 
 def _faces(cells: Cells, number: Int | None) -> dict[str, NDArray[Any]]:
@@ -191,10 +191,10 @@ def _faces(cells: Cells, number: Int | None) -> dict[str, NDArray[Any]]:
 
     Other cells have none.
     """
-    own = cells.types == POLYHEDRON
-    offsets, loop_offsets, vertices = take_cells(cells.solids, frozen_int(np.flatnonzero(own)))
-    counts = np.zeros(len(own), np.int64)
-    counts[own] = np.diff(offsets)
+    is_polyhedron = cells.types == POLYHEDRON
+    offsets, loop_offsets, vertices = take_cells(cells.solids, frozen_int(np.flatnonzero(is_polyhedron)))
+    counts = np.zeros(len(is_polyhedron), np.int64)
+    counts[is_polyhedron] = np.diff(offsets)
     return {
         "face_connectivity": numbered(vertices, number),
         "face_offsets": loop_offsets[1:],
@@ -221,15 +221,15 @@ def _write(path: Path, piece: Piece, *, compress: bool, tell: Tell) -> None:
 def _arrays(piece: Piece) -> list[tuple[str, NDArray[Any]]]:
     points = np.zeros((len(piece.points), 3))
     points[:, : piece.points.shape[1]] = piece.points
-    found: list[tuple[str, NDArray[Any]]] = [("Points", points)]
+    arrays: list[tuple[str, NDArray[Any]]] = [("Points", points)]
     sizes = {"NumberOfPoints": len(points), "NumberOfCells": len(piece.cells["types"])}
     for name, values in piece.cells.items():
         stored = NAMES[name]
         whole = np.concatenate(([0], values)) if stored.endswith("Offsets") else values
-        found.append((stored, whole if values.dtype == np.uint8 else whole.astype(np.int64)))
+        arrays.append((stored, whole if values.dtype == np.uint8 else whole.astype(np.int64)))
         if name in COUNTS:
             sizes[COUNTS[name]] = len(values)
-    found = [(name, np.array([count])) for name, count in sizes.items()] + found
+    arrays = [(name, np.array([count])) for name, count in sizes.items()] + arrays
     for section, data in (
         ("CellData", {**piece.cell_data, **piece.derived}),
         ("FieldData", piece.field_data),
@@ -237,5 +237,5 @@ def _arrays(piece: Piece) -> list[tuple[str, NDArray[Any]]]:
         for name, values in data.items():
             if "/" in name or name == ".":
                 raise FileError(f"VTKHDF cannot hold a tag of the name {name!r}; .vtu can")
-            found.append((f"{section}/{name}", values.astype(np.int32) if fits_in_index(values) else values))
-    return found
+            arrays.append((f"{section}/{name}", values.astype(np.int32) if fits_in_index(values) else values))
+    return arrays

@@ -125,18 +125,18 @@ def stored_pieces(content: bytes, kind: str = "UnstructuredGrid") -> Stored:
         return Stored([], [])
     _check_places(grid.iterfind(".//DataArray"))
     data = grid.iterfind("Piece/CellData/DataArray")
-    left = [each.get("Name", "") for each in data if not _is_tag(each) and not is_derived(each)]
+    skipped_names = [array.get("Name", "") for array in data if not _is_tag(array) and not is_derived(array)]
     pieces = [_piece(document, piece) for piece in grid.findall("Piece")]
-    ours = document.root.get("agglo") == "mesh"
-    if len(pieces) == 1 and ours:  # files of other programs may contain outdated lists
+    is_agglo_file = document.root.get("agglo") == "mesh"
+    if len(pieces) == 1 and is_agglo_file:  # files of other programs may contain outdated lists
         pieces = [pieces[0]._replace(listed=_listed(document, grid, pieces[0]))]
-    return Stored(pieces, left, ours)
+    return Stored(pieces, skipped_names, is_agglo_file)
 
 
 def _listed(document: Document, grid: ElementTree.Element, piece: Soup) -> ListedFaces | None:
     """Return the tagged faces from the field data."""
     n, elements = len(piece.types), grid.findall("FieldData/DataArray")
-    fields = {each.get("Name", ""): document.array(each, _FACES * n) for each in elements}
+    fields = {element.get("Name", ""): document.array(element, _FACES * n) for element in elements}
     return listed_faces(fields, len(piece.points), n)
 
 
@@ -162,12 +162,12 @@ def _piece(document: Document, piece: ElementTree.Element) -> Soup:
     Raises FileError if damaged.
     """
     kinds = [kind for kind in KINDS if piece.find(kind) is not None]
-    counted = ["Points", *(kinds or ["Cells"])]
+    names = ["Points", *(kinds or ["Cells"])]
     try:
-        n_points, *counts = (int(piece.get(f"NumberOf{each}", "")) for each in counted)
+        n_points, *counts = (int(piece.get(f"NumberOf{name}", "")) for name in names)
     except ValueError:
         raise FileError(
-            f"a Piece does not say its {' and '.join(f'NumberOf{each}' for each in counted)}"
+            f"a Piece does not say its {' and '.join(f'NumberOf{name}' for name in names)}"
         ) from None
     n = sum(counts)
     check_counts(n_points, n)
@@ -251,7 +251,9 @@ class _Arrays:
 
     @cached_property
     def _elements(self) -> dict[str, ElementTree.Element]:
-        return {each.get("Name", ""): each for each in self.piece.iterfind(f"{self.section}/DataArray")}
+        return {
+            element.get("Name", ""): element for element in self.piece.iterfind(f"{self.section}/DataArray")
+        }
 
     def __contains__(self, name: str) -> bool:
         return name in self._elements
@@ -259,8 +261,8 @@ class _Arrays:
     def take(self, name: str, declared: int) -> Int:
         """Return the integers of an array with ``declared`` values."""
         if name not in self._elements:
-            known = ", ".join(self._elements) or "none"
-            raise FileError(f"array {name!r} is missing from {self.section}; found {known}")
+            names = ", ".join(self._elements) or "none"
+            raise FileError(f"array {name!r} is missing from {self.section}; found {names}")
         values: NDArray[Any] = self.document.array(self._elements[name], declared)
         if values.dtype.kind not in "iu":
             raise FileError(f"array {name!r} must hold integers, not {values.dtype}")
@@ -282,15 +284,15 @@ def face_stream(cells: Cells, number: Int | None) -> dict[str, NDArray[Any]]:
 
     Other cells have the end −1 in the stream.
     """
-    own = np.flatnonzero(cells.types == POLYHEDRON)
-    offsets, loop_offsets, vertices = take_cells(cells.solids, frozen_int(own))
+    polyhedra = np.flatnonzero(cells.types == POLYHEDRON)
+    offsets, loop_offsets, vertices = take_cells(cells.solids, frozen_int(polyhedra))
     counts, sizes = np.diff(offsets), np.diff(loop_offsets)
     starts = loop_offsets[offsets] + offsets + np.arange(len(offsets))  # start of each cell, and the end
     loops = loop_offsets[:-1] + np.arange(len(sizes)) + np.repeat(np.arange(1, len(counts) + 1), counts)
     stream = np.empty(starts[-1], np.int64)
-    rest = np.ones(len(stream), bool)
-    rest[starts[:-1]] = rest[loops] = False
-    stream[starts[:-1]], stream[loops], stream[rest] = counts, sizes, numbered(vertices, number)
+    is_vertex = np.ones(len(stream), bool)
+    is_vertex[starts[:-1]] = is_vertex[loops] = False
+    stream[starts[:-1]], stream[loops], stream[is_vertex] = counts, sizes, numbered(vertices, number)
     ends = np.full(len(cells.types), -1)
-    ends[own] = starts[1:]
+    ends[polyhedra] = starts[1:]
     return {"faces": stream, "faceoffsets": ends}

@@ -80,40 +80,40 @@ class Document:
         native = np.dtype(TYPES[kind])
         if form == "ascii":
             return _numbers(element.text or "", native, declared)
-        room = _Room(declared, native.itemsize)
+        limit = _Room(declared, native.itemsize)
         if form == "binary":
-            content = self._binary((element.text or "").strip().encode(), 0, room, raw=False)
+            content = self._binary((element.text or "").strip().encode(), 0, limit, raw=False)
         elif form == "appended":
             start = int(element.get("offset", "-1"))
             if not 0 <= start <= len(self.appended):
                 raise ValueError(f"offset {start} lies outside the {len(self.appended)} appended bytes")
-            content = self._binary(self.appended, start, room, raw=self.raw)
+            content = self._binary(self.appended, start, limit, raw=self.raw)
         else:
             raise ValueError(f"unknown format {form!r}")
         if len(content) % native.itemsize:
             raise ValueError(f"{len(content)} bytes are not a whole number of {kind}")
         return np.frombuffer(content, native.newbyteorder(self.order)).astype(native)
 
-    def _binary(self, data: bytes | memoryview, start: int, room: _Room, *, raw: bool) -> bytes | memoryview:
+    def _binary(self, data: bytes | memoryview, start: int, limit: _Room, *, raw: bool) -> bytes | memoryview:
         """Decode bytes after their length, raw or base64, from ``start``."""
         if len(data) <= start:
             return b""
         if self.compression:
-            return self._compressed(data, start, room, raw)
+            return self._compressed(data, start, limit, raw)
         width = self.header.itemsize
         prefix, after = _take(data, start, width, raw)
         size = int(np.frombuffer(prefix, self.header)[0])
-        room.check(size)
+        limit.check(size)
         if raw or len(base64.b64decode(data[start:after])) == width:  # separate encodings
             return _take(data, after, size, raw)[0]
         return _take(data, start, width + size, raw)[0][width:]
 
-    def _compressed(self, data: bytes | memoryview, start: int, room: _Room, raw: bool) -> bytes:
+    def _compressed(self, data: bytes | memoryview, start: int, limit: _Room, raw: bool) -> bytes:
         """Decode blocks after their header: number, size, size of the last block, compressed sizes."""
         width = self.header.itemsize
         prefix, _ = _take(data, start, 3 * width, raw)
         n, size, last = (int(value) for value in np.frombuffer(prefix, self.header))
-        room.check(n * size - (size - last if n and last else 0))
+        limit.check(n * size - (size - last if n and last else 0))
         prefix, place = _take(data, start, (3 + n) * width, raw)
         lengths = np.frombuffer(prefix, self.header)[3:].tolist()
         blocks, _ = _take(data, place, sum(lengths), raw)
@@ -132,8 +132,8 @@ class Document:
         codec = zlib.decompressobj() if zipped else lzma.LZMADecompressor(memlimit=_LZMA_MEMORY)
         content = codec.decompress(block, size + 1)
         if len(content) != size:
-            found = len(content) if len(content) < size else f"more than {size}"
-            raise ValueError(f"a block holds {found} bytes, its header declares {size}")
+            actual_size = len(content) if len(content) < size else f"more than {size}"
+            raise ValueError(f"a block holds {actual_size} bytes, its header declares {size}")
         return content
 
 

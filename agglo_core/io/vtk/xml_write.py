@@ -122,17 +122,17 @@ def write_document(path: Path, piece: Piece, *, compress: bool = False, tell: Te
     """
     arrays = list(stored_arrays(piece))
     # Reserve space for the XML, whose offsets are known only after the arrays.
-    room = len(_xml(piece, arrays, [_FAR] * len(arrays), compress))
+    xml_size = len(_xml(piece, arrays, [_FAR] * len(arrays), compress))
     with open(path, "wb") as stream:
-        stream.write(bytes(room))
+        stream.write(bytes(xml_size))
         offsets = []
         for place, array in enumerate(arrays):
             part(tell, place, len(arrays), array.name)
-            offsets.append(stream.tell() - room)
+            offsets.append(stream.tell() - xml_size)
             (_deflate if compress else _store)(stream, array)
         stream.write(_END)
         stream.seek(0)
-        stream.write(_xml(piece, arrays, offsets, compress, room))
+        stream.write(_xml(piece, arrays, offsets, compress, xml_size))
 
 
 def stored_arrays(piece: Piece) -> Iterator[StoredArray]:
@@ -161,13 +161,13 @@ def _stored_type(values: NDArray[Any]) -> np.dtype[Any]:
 
 
 def _xml(
-    piece: Piece, arrays: Sequence[StoredArray], offsets: Sequence[int], compress: bool, room: int = 0
+    piece: Piece, arrays: Sequence[StoredArray], offsets: Sequence[int], compress: bool, xml_size: int = 0
 ) -> bytes:
-    """Return everything before the array bytes, padded with spaces to ``room`` bytes."""
+    """Return everything before the array bytes, padded with spaces to ``xml_size`` bytes."""
 
     def section(name: str) -> list[str]:
-        own = [a.element(offset) for a, offset in zip(arrays, offsets, strict=True) if a.section == name]
-        return [f"<{name}{global_ids(piece, name)}>", *own, f"</{name}>"]
+        elements = [a.element(offset) for a, offset in zip(arrays, offsets, strict=True) if a.section == name]
+        return [f"<{name}{global_ids(piece, name)}>", *elements, f"</{name}>"]
 
     lines = [
         f'{_START}agglo="{piece.kind}"{f" {_ZLIB}" if compress else ""}>',
@@ -179,13 +179,13 @@ def _xml(
         lines += section(name)
     lines += ["</Piece>", "</UnstructuredGrid>"]
     before, after = "\n".join(lines).encode(), b'\n<AppendedData encoding="raw">\n_'
-    return before.ljust(room - len(after)) + after
+    return before.ljust(xml_size - len(after)) + after
 
 
 def global_ids(piece: Piece, section: str) -> str:
     """Return the attribute that declares the global ids of a section, or an empty string."""
-    there = {"PointData": piece.point_ids, "CellData": piece.cell_ids}.get(section) is not None
-    return f' GlobalIds="{IDS[section]}"' if there else ""
+    has_ids = {"PointData": piece.point_ids, "CellData": piece.cell_ids}.get(section) is not None
+    return f' GlobalIds="{IDS[section]}"' if has_ids else ""
 
 
 def _store(stream: IO[bytes], array: StoredArray) -> None:
