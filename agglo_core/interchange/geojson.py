@@ -92,8 +92,8 @@ def _agglomerates(hierarchy: Hierarchy | None, level: int) -> tuple[Mesh, dict[s
         raise OptionError(f"to_geojson: level {level!r} of a hierarchy of {count} levels")
     coarse = hierarchy.mesh(level)
     tags = {name: values for name, values in coarse.cell_tags.items() if not is_level(name)}
-    known = about_agglomerates(hierarchy.levels, level, coarse, {})
-    return coarse, {**tags, **under_free_names(known, tags)}
+    data = about_agglomerates(hierarchy.levels, level, coarse, {})
+    return coarse, {**tags, **under_free_names(data, tags)}
 
 
 def _plain(name: str, values: ArrayLike, count: int) -> list[Any]:
@@ -158,15 +158,15 @@ def _geometries(members: Iterable[Any]) -> Any:
     import shapely
 
     texts = [_text(i, member) for i, member in enumerate(members)]
-    found = shapely.from_geojson(texts, on_invalid="ignore")
-    bad = np.flatnonzero(shapely.is_missing(found))
+    geometries = shapely.from_geojson(texts, on_invalid="ignore")
+    bad = np.flatnonzero(shapely.is_missing(geometries))
     if len(bad):
         try:
             shapely.from_geojson(texts[bad[0]])
         except shapely.GEOSException as error:
             raise MeshError(f"feature {bad[0]}: {error}") from None
         raise MeshError(f"feature {bad[0]} has no geometry")
-    return found
+    return geometries
 
 
 def _text(i: int, member: Any) -> str:
@@ -185,9 +185,11 @@ def _tags(rows: Sequence[Mapping[str, Any]]) -> dict[str, ArrayLike]:
         for name in first
         if all(_is_int64(row.get(name)) for row in rows)
     }
-    left = [str(name) for name in dict.fromkeys(name for row in rows for name in row) if name not in tags]
-    if left:
-        _log.info("properties left out, not integers everywhere: %s", ", ".join(left))
+    skipped_names = [
+        str(name) for name in dict.fromkeys(name for row in rows for name in row) if name not in tags
+    ]
+    if skipped_names:
+        _log.info("properties left out, not integers everywhere: %s", ", ".join(skipped_names))
     return tags
 
 

@@ -106,8 +106,8 @@ def _vertex_lines(words: Int, n: int) -> Int:
 
     Blank lines after the last vertex are ignored.
     """
-    used = np.flatnonzero(words)
-    last = max(n, int(used[-1]) + 1 if len(used) else 0)
+    filled_lines = np.flatnonzero(words)
+    last = max(n, int(filled_lines[-1]) + 1 if len(filled_lines) else 0)
     if len(words) < n or last > n:
         raise FileError(f"{n} vertices are declared, {min(last, len(words))} lines follow")
     return words[:n]
@@ -123,8 +123,8 @@ def _rows(head: _Head, numbers: Int, words: Int) -> _Rows:
         )
     # Separate the values per vertex from the edge entries.
     starts = np.cumsum(words) - words
-    own = np.arange(len(numbers)) - np.repeat(starts, words) < first
-    entries = numbers[~own].reshape(-1, step)
+    is_vertex_data = np.arange(len(numbers)) - np.repeat(starts, words) < first
+    entries = numbers[~is_vertex_data].reshape(-1, step)
     offsets = frozen_int(np.concatenate(([0], np.cumsum(counts // step))))
     # Chaco: sort the lines by their names.
     order = np.argsort(numbers[starts]) if head.sizes else np.arange(len(starts))
@@ -141,10 +141,10 @@ def _rows(head: _Head, numbers: Int, words: Int) -> _Rows:
     )
 
 
-def _coordinates(given: ArrayLike | str | Path, n: int) -> ArrayLike:
-    if not isinstance(given, str | Path):
-        return given
-    file = Path(given)
+def _coordinates(source: ArrayLike | str | Path, n: int) -> ArrayLike:
+    if not isinstance(source, str | Path):
+        return source
+    file = Path(source)
     with naming(file):
         return places_of(reals(text_bytes(file)), n)
 

@@ -61,11 +61,11 @@ def parts_to_metis(path: str | Path, hierarchy: Hierarchy) -> list[Path]:
     >>> [file.name for file in parts_to_metis("mesh.graph", hierarchy)]
     ['mesh.graph.part.4', 'mesh.graph.part.2']
     """
-    target, written = Path(path), []
+    target, files = Path(path), []
     for labels in hierarchy.levels:
         count = int(labels.max()) + 1
         file = target.with_name(f"{target.name}.part.{count}")
         with staging(file) as folder:
             (folder / file.name).write_text("".join(f"{label}\n" for label in labels.tolist()))
-        written.append(file)
-    return written
+        files.append(file)
+    return files

@@ -40,9 +40,9 @@ def graph_to_networkx(graph: Graph) -> nx.Graph:
     """
     import networkx as nx
 
-    taken = [name for name in graph.data if name in _RESERVED]
-    if taken:
-        raise MeshError(f"data {taken[0]!r} has the name of a node attribute: {', '.join(_RESERVED)}")
+    clashes = [name for name in graph.data if name in _RESERVED]
+    if clashes:
+        raise MeshError(f"data {clashes[0]!r} has the name of a node attribute: {', '.join(_RESERVED)}")
     # Node and graph attributes as plain Python values.
     columns: dict[str, list[Any]] = {
         "centroid": graph.centroids.tolist(),
@@ -62,8 +62,8 @@ def graph_to_networkx(graph: Graph) -> nx.Graph:
     result.add_nodes_from((i, dict(zip(columns, row, strict=True))) for i, row in enumerate(rows))
     # Each edge once.
     start = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
-    once = start < graph.indices
-    edges = (start[once].tolist(), graph.indices[once].tolist(), graph.interface[once].tolist())
+    is_upper = start < graph.indices
+    edges = (start[is_upper].tolist(), graph.indices[is_upper].tolist(), graph.interface[is_upper].tolist())
     result.add_weighted_edges_from(zip(*edges, strict=True), weight="interface")
     return result
 
@@ -112,8 +112,8 @@ def graph_from_networkx(
     dtypes: Mapping[str, str] = network.graph.get("data", {})
     centroids = _column(nodes, centroid, None)
     if centroids is None or centroids.ndim != 2 or centroids.shape[1] not in (2, 3):
-        given = "none has it" if centroids is None else f"given shape {centroids.shape}"
-        raise MeshError(f"nodes need the attribute {centroid!r}, 2 or 3 coordinates each; {given}")
+        problem = "none has it" if centroids is None else f"given shape {centroids.shape}"
+        raise MeshError(f"nodes need the attribute {centroid!r}, 2 or 3 coordinates each; {problem}")
     # Optional attributes.
     size = _column(nodes, measure, None)
     size = np.ones(len(nodes)) if size is None else frozen_float(size)
@@ -170,9 +170,9 @@ def _adjacency(network: nx.Graph, name: str) -> sparse.csr_array[Any, Any]:
         values = np.ones(len(edges)) if lacking else np.array([edge[2] for edge in edges], np.float64)
     except (TypeError, ValueError) as error:
         raise MeshError(f"edge attribute {name!r} must be numbers: {error}") from None
-    both = (np.concatenate((start, end)), np.concatenate((end, start)))
+    places = (np.concatenate((start, end)), np.concatenate((end, start)))
     shape = (len(number), len(number))
-    return sparse.csr_array(sparse.coo_array((np.tile(values, 2), both), shape=shape))
+    return sparse.csr_array(sparse.coo_array((np.tile(values, 2), places), shape=shape))
 
 
 def _geometry(network: nx.Graph, nodes: Mapping[Any, Mapping[str, Any]], centroids: Float) -> dict[str, Any]:

@@ -50,23 +50,23 @@ def graph_from_scotch(path: str | Path, coordinates: ArrayLike | str | Path) -> 
     file = Path(path)
     with naming(file):
         numbers = integers(text_bytes(file))
-        n, base, named, weighed, loaded = _head(numbers)
-        names, loads, indptr, ends, weights = _rows(numbers, n, named, loaded, weighed)
-        names = names - base if named else frozen_int(np.arange(n))
+        n, base, has_names, has_weights, has_loads = _head(numbers)
+        names, loads, indptr, ends, weights = _rows(numbers, n, has_names, has_loads, has_weights)
+        names = names - base if has_names else frozen_int(np.arange(n))
         if not np.array_equal(np.sort(names), np.arange(n)):
             raise FileError(f"its vertices are not named {base} to {n - 1 + base}, each once")
         if ends.min(initial=base) < base or ends.max(initial=base) >= n + base:
             raise FileError(f"a vertex has a neighbour outside {base}..{n - 1 + base}")
         order = frozen_int(np.argsort(names))
         indptr, places = gather(indptr, order)
-    found = _places(coordinates, n, base)
+    points = _places(coordinates, n, base)
     with naming(file):
         return Graph.from_arrays(
             indptr,
             frozen_int(ends[places] - base),
-            found,
-            interface=frozen_float(weights[places]) if weighed else None,
-            weights=frozen_float(loads[order]) if loaded else None,
+            points,
+            interface=frozen_float(weights[places]) if has_weights else None,
+            weights=frozen_float(loads[order]) if has_loads else None,
         )
 
 
@@ -83,45 +83,47 @@ def _head(numbers: Int) -> tuple[int, int, int, int, int]:
     return n, base, flags // 100, flags // 10 % 10, flags % 10
 
 
-def _rows(numbers: Int, n: int, named: int, loaded: int, weighed: int) -> tuple[Int, Int, Int, Int, Int]:
+def _rows(
+    numbers: Int, n: int, has_names: int, has_loads: int, has_weights: int
+) -> tuple[Int, Int, Int, Int, Int]:
     """Return vertex names, vertex loads, and the neighbours as CSR with edge loads."""
-    stream, ahead, step = numbers[_HEAD:], named + loaded, 1 + weighed
+    stream, n_before, step = numbers[_HEAD:], has_names + has_loads, 1 + has_weights
 
     def ends(window: Int) -> Int:
         stops = np.full(len(window), len(window) + 1)
-        degrees = window[ahead:]
+        degrees = window[n_before:]
         fits = (degrees >= 0) & (degrees <= len(stream))
-        reach = np.arange(len(degrees)) + ahead + 1 + step * np.where(fits, degrees, 0)
+        reach = np.arange(len(degrees)) + n_before + 1 + step * np.where(fits, degrees, 0)
         stops[: len(degrees)] = np.where(fits, reach, 1 << 60)
         return frozen_int(stops)
 
     try:
-        starts, used = record_starts(stream, n, ends)
+        starts, length = record_starts(stream, n, ends)
     except FileError as error:
         raise FileError(str(error).replace("cell", "vertex")) from None
     # Locate the arcs of each vertex in the stream.
-    degrees = stream[starts + ahead]
+    degrees = stream[starts + n_before]
     arcs = int(numbers[2])
-    if used != len(stream) or degrees.sum() != arcs:
+    if length != len(stream) or degrees.sum() != arcs:
         raise FileError(
-            f"{arcs} arcs are declared, the vertices have {degrees.sum()}; {len(stream) - used} left"
+            f"{arcs} arcs are declared, the vertices have {degrees.sum()}; {len(stream) - length} left"
         )
     indptr = np.concatenate(([0], np.cumsum(degrees)))
-    places = np.repeat(starts + ahead + 1 - step * indptr[:-1], degrees) + step * np.arange(arcs)
-    loads = stream[starts + named] if loaded else starts
+    places = np.repeat(starts + n_before + 1 - step * indptr[:-1], degrees) + step * np.arange(arcs)
+    loads = stream[starts + has_names] if has_loads else starts
     return (
         frozen_int(stream[starts]),
         frozen_int(loads),
         frozen_int(indptr),
-        frozen_int(stream[places + weighed]),
+        frozen_int(stream[places + has_weights]),
         frozen_int(stream[places]),
     )
 
 
-def _places(given: ArrayLike | str | Path, n: int, base: int) -> ArrayLike:
-    if not isinstance(given, str | Path):
-        return given
-    file = Path(given)
+def _places(source: ArrayLike | str | Path, n: int, base: int) -> ArrayLike:
+    if not isinstance(source, str | Path):
+        return source
+    file = Path(source)
     with naming(file):
         numbers = reals(text_bytes(file))
         dim = int(numbers[0]) if len(numbers) and numbers[0] in (2, 3) else 0
@@ -131,8 +133,8 @@ def _places(given: ArrayLike | str | Path, n: int, base: int) -> ArrayLike:
         order = np.argsort(rows[:, 0])
         if not np.array_equal(rows[order, 0], np.arange(base, n + base)):
             raise FileError(f"its vertices are not named {base} to {n - 1 + base}, each once")
-        found: Float = places_of(frozen_float(rows[order, 1:].ravel()), n)
-        return found
+        points: Float = places_of(frozen_float(rows[order, 1:].ravel()), n)
+        return points
 
 
 def parts_from_scotch(path: str | Path, *, base: int = 0) -> Int:

@@ -99,13 +99,13 @@ def mesh_from_shapely(
     # Rings of points; nearly equal points merge, hanging vertices are inserted.
     points, rings = _rings(items)
     reach = max(float(tolerance), 16 * float(np.spacing(np.abs(points).max())))
-    used, vertices, _ = compact_points(points, rings.vertices, True)
-    points, rings = frozen_float(points[used]), rings._replace(vertices=vertices)
+    point_ids, vertices, _ = compact_points(points, rings.vertices, True)
+    points, rings = frozen_float(points[point_ids]), rings._replace(vertices=vertices)
     rings, merged = _merge_near(points, rings, reach)
     rings, hanging = _insert_hanging(points, rings, reach)
     # Pair the half-edges of the rings.
-    used, vertices, _ = compact_points(points, rings.vertices, False)
-    points, rings = frozen_float(points[used]), rings._replace(vertices=vertices)
+    point_ids, vertices, _ = compact_points(points, rings.vertices, False)
+    points, rings = frozen_float(points[point_ids]), rings._replace(vertices=vertices)
     face_vertices, face_cells, overlaps = _faces(rings, points, items)
     flat = np.flatnonzero(np.bincount(face_cells.ravel() + 1, minlength=len(items) + 1)[1:] == 0)
     if len(flat):
@@ -141,14 +141,14 @@ def _checked_items(polygons: Any) -> NDArray[np.object_]:
     if not len(items):
         raise MeshError("the mesh is empty: no polygons were given")
     # Type, emptiness and validity of all items.
-    alien = np.flatnonzero(~shapely.is_geometry(items))
-    if len(alien):
-        kind = type(items[alien[0]]).__name__
-        raise MeshError(f"{name_cells(alien)}: expected shapely polygons, given {kind}")
-    other = np.flatnonzero(~np.isin(shapely.get_type_id(items), (_POLYGON, _MULTIPOLYGON)))
-    if len(other):
-        kind = items[other[0]].geom_type
-        raise MeshError(f"{name_cells(other)}: expected a Polygon or MultiPolygon, given a {kind}")
+    non_geometries = np.flatnonzero(~shapely.is_geometry(items))
+    if len(non_geometries):
+        kind = type(items[non_geometries[0]]).__name__
+        raise MeshError(f"{name_cells(non_geometries)}: expected shapely polygons, given {kind}")
+    non_polygons = np.flatnonzero(~np.isin(shapely.get_type_id(items), (_POLYGON, _MULTIPOLYGON)))
+    if len(non_polygons):
+        kind = items[non_polygons[0]].geom_type
+        raise MeshError(f"{name_cells(non_polygons)}: expected a Polygon or MultiPolygon, given a {kind}")
     empty = np.flatnonzero(shapely.is_empty(items))
     if len(empty):
         raise MeshError(f"{name_cells(empty)}: empty")
@@ -194,8 +194,8 @@ def _merge_near(points: Float, rings: _Rings, reach: float) -> tuple[_Rings, int
     count, group = connected_components(links, directed=False)
     first = np.unique(group, return_index=True)[1]
     rings = rings._replace(vertices=frozen_int(first[group[rings.vertices]]))
-    kept = rings.vertices != rings.followers
-    rings = rings.with_vertices(rings.vertices[kept], rings.owners[kept])
+    is_edge = rings.vertices != rings.followers
+    rings = rings.with_vertices(rings.vertices[is_edge], rings.owners[is_edge])
     short = np.flatnonzero(np.diff(rings.offsets) < 3)
     if len(short):
         cells = np.unique(rings.cells[short])
@@ -215,10 +215,15 @@ def _insert_hanging(points: Float, rings: _Rings, reach: float) -> tuple[_Rings,
     tree = shapely.STRtree(shapely.linestrings(np.stack((points[tail[alone]], points[head[alone]]), axis=1)))
     vertex, place = tree.query(shapely.points(points), predicate="dwithin", distance=reach)
     edge = alone[place]
-    along = points[head[edge]] - points[tail[edge]]
-    ahead = ((points[vertex] - points[tail[edge]]) * along).sum(axis=1)
-    inside = (vertex != tail[edge]) & (vertex != head[edge]) & (ahead > 0) & (ahead < (along**2).sum(axis=1))
-    order = np.flatnonzero(inside)[np.lexsort((ahead[inside], edge[inside]))]
+    direction = points[head[edge]] - points[tail[edge]]
+    projection = ((points[vertex] - points[tail[edge]]) * direction).sum(axis=1)
+    inside = (
+        (vertex != tail[edge])
+        & (vertex != head[edge])
+        & (projection > 0)
+        & (projection < (direction**2).sum(axis=1))
+    )
+    order = np.flatnonzero(inside)[np.lexsort((projection[inside], edge[inside]))]
     vertices = np.insert(tail, edge[order] + 1, vertex[order])
     owners = np.insert(rings.owners, edge[order] + 1, rings.owners[edge[order]])
     return rings.with_vertices(vertices, owners), len(order)
@@ -244,8 +249,8 @@ def _faces(rings: _Rings, points: Float, items: NDArray[np.object_]) -> tuple[In
         raise MeshError(f"{name_cells(pairs[equal[0]])} are the same polygon")
     warn_of_overlaps(pairs)
     face_cells = np.append(rings.cells, -1)[face_rings]
-    kept = face_cells[:, 0] != face_cells[:, 1]  # rings of one cell closer than the tolerance
-    return frozen_int(face_vertices[kept]), frozen_int(face_cells[kept]), len(double)
+    is_face = face_cells[:, 0] != face_cells[:, 1]  # rings of one cell closer than the tolerance
+    return frozen_int(face_vertices[is_face]), frozen_int(face_cells[is_face]), len(double)
 
 
 def _check_result(mesh: Mesh, strict: bool) -> None:

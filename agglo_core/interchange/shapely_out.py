@@ -53,9 +53,9 @@ def _linear_rings(mesh: Mesh, loops: Loops) -> Geometries:
     import shapely
 
     offsets, vertices = loops.loop_offsets, loops.vertices
-    closed = np.insert(vertices, offsets[1:], vertices[offsets[:-1]])
+    closed_loops = np.insert(vertices, offsets[1:], vertices[offsets[:-1]])
     ring = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets) + 1)
-    rings: Geometries = shapely.linearrings(mesh.points[closed], indices=ring)
+    rings: Geometries = shapely.linearrings(mesh.points[closed_loops], indices=ring)
     return rings
 
 
@@ -65,7 +65,7 @@ def _shell_of(rings: Geometries, hole: NDArray[np.bool_], cell: Int, n_cells: in
 
     shells, holes = np.flatnonzero(~hole), np.flatnonzero(hole)
     starts = frozen_int(np.searchsorted(cell[shells], np.arange(n_cells + 1)))
-    chosen = np.arange(len(rings))
+    shell = np.arange(len(rings))
     choices, places = gather(starts, frozen_int(cell[holes]))
     candidate, row = shells[places], np.repeat(holes, np.diff(choices))
     around = shapely.polygons(rings[candidate])
@@ -74,11 +74,11 @@ def _shell_of(rings: Geometries, hole: NDArray[np.bool_], cell: Int, n_cells: in
     inside[unsure] = shapely.covers(around[unsure], rings[row[unsure]])
     order = np.lexsort((shapely.area(around), row))[::-1]  # the smallest is written last
     order = order[inside[order]]
-    chosen[holes] = -1
-    chosen[row[order]] = candidate[order]
-    if (chosen < 0).any():
-        raise MeshError(f"cell {cell[np.argmin(chosen)]}: its boundary loops cross each other")
-    return frozen_int(chosen)
+    shell[holes] = -1
+    shell[row[order]] = candidate[order]
+    if (shell < 0).any():
+        raise MeshError(f"cell {cell[np.argmin(shell)]}: its boundary loops cross each other")
+    return frozen_int(shell)
 
 
 def _by_cell(parts: Geometries, cell: Int, n_cells: int) -> Geometries:
