@@ -134,11 +134,11 @@ class Archive:
         self._left -= size
 
     def _checked(self, name: str) -> zipfile.ZipInfo:
-        info, room = self.members[name], self._path.stat().st_size
+        info, file_size = self.members[name], self._path.stat().st_size
         if info.compress_type not in _METHODS:
             raise ValueError(f"it is compressed by method {info.compress_type}, expected deflate or none")
-        if info.compress_size > room or info.file_size > _EXPANSION * info.compress_size + 1024:
-            raise ValueError(f"it claims {info.file_size} bytes in a file of {room}")
+        if info.compress_size > file_size or info.file_size > _EXPANSION * info.compress_size + 1024:
+            raise ValueError(f"it claims {info.file_size} bytes in a file of {file_size}")
         return info
 
 
@@ -194,28 +194,29 @@ def _header(stream: IO[bytes], size: int) -> _Header:
     shape, fortran, dtype = read(io.BytesIO(start + stream.read(length)))
     if dtype.hasobject:
         raise ValueError("it holds Python objects")
-    count, rest = 1, size - npy.MAGIC_LEN - width - length
+    count, n_bytes = 1, size - npy.MAGIC_LEN - width - length
     for length in shape:
         count *= length
-    if count * dtype.itemsize != rest:
-        raise ValueError(f"its header says {count} × {dtype}, but {rest} bytes follow")
+    if count * dtype.itemsize != n_bytes:
+        raise ValueError(f"its header says {count} × {dtype}, but {n_bytes} bytes follow")
     return _Header(shape, fortran, dtype, count)
 
 
 def _check(name: str, header: _Header, kinds: str, shape: Shape | None, most: int | None) -> None:
-    given = header.shape
-    if header.dtype.kind not in kinds or (shape is not None and len(given) != len(shape)):
+    stored_shape = header.shape
+    if header.dtype.kind not in kinds or (shape is not None and len(stored_shape) != len(shape)):
         dimensions = "" if shape is None else f", {len(shape)}-D"
         raise FileError(
-            f"array {name!r} has dtype {header.dtype} and shape {given}, "
+            f"array {name!r} has dtype {header.dtype} and shape {stored_shape}, "
             f"expected {_WORDS.get(kinds, f'kind {kinds}')}{dimensions}"
         )
     if shape is not None and any(
-        wanted not in (None, length) for wanted, length in zip(shape, given, strict=True)
+        expected not in (None, length) for expected, length in zip(shape, stored_shape, strict=True)
     ):
-        declared = ", ".join("any" if wanted is None else str(wanted) for wanted in shape)
+        declared = ", ".join("any" if expected is None else str(expected) for expected in shape)
         raise FileError(
-            f"array {name!r} has shape {given}; by the other arrays it is ({declared}): the file is corrupt"
+            f"array {name!r} has shape {stored_shape}; by the other arrays it is ({declared}): "
+            "the file is corrupt"
         )
     size = header.size * header.dtype.itemsize
     if most is not None and size > most:
@@ -228,12 +229,12 @@ def _values(stream: IO[bytes], header: _Header) -> NDArray[Any]:
     Raises ValueError if the archive holds fewer bytes.
     """
     values = np.empty(header.size, header.dtype)
-    room, place = values.view(np.uint8), 0
-    while place < len(room):
-        step = stream.read(min(_STEP, len(room) - place))
+    buffer, place = values.view(np.uint8), 0
+    while place < len(buffer):
+        step = stream.read(min(_STEP, len(buffer) - place))
         if not step:
-            raise ValueError(f"it holds {place} bytes, its header declares {len(room)}")
-        room[place : place + len(step)] = np.frombuffer(step, np.uint8)
+            raise ValueError(f"it holds {place} bytes, its header declares {len(buffer)}")
+        buffer[place : place + len(step)] = np.frombuffer(step, np.uint8)
         place += len(step)
     values = values.reshape(header.shape, order="F" if header.fortran else "C")
     return values.astype(header.dtype.newbyteorder("="), copy=False)

@@ -74,10 +74,10 @@ def _header(content: bytes) -> _Header:
     end = content.find(b"\n", start) + 1 or len(content)
     banner = content[start:end]
     words = banner[:200].decode("ascii", "replace").lower().split()
-    known = len(words) == 5 and words[:2] == ["%%matrixmarket", "matrix"] and words[2] in _KINDS
-    if not known or words[3] not in _FIELDS or words[4] not in _SYMMETRIES:
-        shown = banner[:60].decode("ascii", "backslashreplace").strip()
-        raise FileError(f"line 1: expected {_BANNER}, found {shown!r}")
+    is_header = len(words) == 5 and words[:2] == ["%%matrixmarket", "matrix"] and words[2] in _KINDS
+    if not is_header or words[3] not in _FIELDS or words[4] not in _SYMMETRIES:
+        excerpt = banner[:60].decode("ascii", "backslashreplace").strip()
+        raise FileError(f"line 1: expected {_BANNER}, found {excerpt!r}")
     kind, field, symmetry = words[2:]
     if kind == "array" and field == "pattern":
         raise FileError("line 1: an array of a pattern has no values")
@@ -86,18 +86,18 @@ def _header(content: bytes) -> _Header:
     start = content.find(b"\n", place) + 1 or len(content)
     sizes = content[place:start].split(None, 3)
     count = 3 if kind == "coordinate" else 2
-    if len(sizes) != count or not all(each.isdigit() and len(each) <= _DIGITS for each in sizes):
-        shown = content[place : min(start, place + 40)].decode("ascii", "backslashreplace").strip()
+    if len(sizes) != count or not all(size.isdigit() and len(size) <= _DIGITS for size in sizes):
+        excerpt = content[place : min(start, place + 40)].decode("ascii", "backslashreplace").strip()
         names = "rows, columns and entries" if count == 3 else "rows and columns"
-        raise FileError(f"line {line_of(content, place)}: expected numbers of {names}, found {shown!r}")
-    return _Header(kind, field, symmetry, tuple(int(each) for each in sizes), start)
+        raise FileError(f"line {line_of(content, place)}: expected numbers of {names}, found {excerpt!r}")
+    return _Header(kind, field, symmetry, tuple(int(size) for size in sizes), start)
 
 
 def _table(content: bytes, header: _Header, entries: int, width: int) -> NDArray[Any]:
     """Read the entry lines ``(entries, width)`` if the file is long enough."""
-    room = len(content) - header.start
-    if entries * 2 * width - 1 > room:  # one digit and one separator per number
-        raise FileError(f"its header declares {entries} entries, but only {room} bytes follow")
+    n_bytes = len(content) - header.start
+    if entries * 2 * width - 1 > n_bytes:  # one digit and one separator per number
+        raise FileError(f"its header declares {entries} entries, but only {n_bytes} bytes follow")
     dtype = np.int64 if header.field in ("integer", "pattern") else np.float64
     table = number_rows(content, header.start, width, dtype)
     if len(table) != entries:
@@ -132,19 +132,19 @@ def _mirrored(
     above, below = i < j, i > j
     if above.any() and below.any():
         n = np.int64(max(i.max(), j.max()) + 1)
-        twice = np.intersect1d(i[above] * n + j[above], j[below] * n + i[below])
-        if len(twice):
-            a, b = (int(each) + 1 for each in divmod(twice[0], n))
+        repeats = np.intersect1d(i[above] * n + j[above], j[below] * n + i[below])
+        if len(repeats):
+            a, b = (int(index) + 1 for index in divmod(repeats[0], n))
             raise FileError(f"a {symmetry} file lists one triangle, this one both ({a}, {b}) and ({b}, {a})")
-    off = above | below
+    off_diagonal = above | below
     if symmetry == "skew-symmetric":
-        if not off.all():
-            k = int(i[np.argmin(off)]) + 1
+        if not off_diagonal.all():
+            k = int(i[np.argmin(off_diagonal)]) + 1
             raise FileError(f"a skew-symmetric file lists no diagonal, this one ({k}, {k})")
         opposite = -values
     else:
-        opposite = values[off]
-    i, j = np.concatenate((i, j[off])), np.concatenate((j, i[off]))
+        opposite = values[off_diagonal]
+    i, j = np.concatenate((i, j[off_diagonal])), np.concatenate((j, i[off_diagonal]))
     return i, j, np.concatenate((values, opposite))
 
 

@@ -91,7 +91,7 @@ def _format(arrays: Archive) -> str:
 
 def _shape(arrays: Archive, entries: int) -> tuple[int, int]:
     """Return the matrix shape, which is bounded by the number of entries."""
-    n, m = (int(each) for each in arrays.integers("shape", (2,)))
+    n, m = (int(size) for size in arrays.integers("shape", (2,)))
     if not 0 <= min(n, m) <= max(n, m) <= entries + EMPTY_ROWS:
         raise FileError(f"array 'shape' is ({n}, {m}), but there are {entries} entries")
     return n, m
@@ -122,13 +122,13 @@ def _diagonals(arrays: Archive) -> Any:
 
 
 def _market_vectors(path: Path, _: str, rows: int) -> NDArray[Any]:
-    found = read_matrix_market(path, rows)
-    if isinstance(found, np.ndarray):
-        return found
+    matrix = read_matrix_market(path, rows)
+    if isinstance(matrix, np.ndarray):
+        return matrix
     size = path.stat().st_size
-    if rows * found.shape[1] > rows + size + EMPTY_ROWS:
-        raise FileError(f"its header declares {rows} x {found.shape[1]} in a file of {size} bytes")
-    return np.asarray(found.toarray())
+    if rows * matrix.shape[1] > rows + size + EMPTY_ROWS:
+        raise FileError(f"its header declares {rows} x {matrix.shape[1]} in a file of {size} bytes")
+    return np.asarray(matrix.toarray())
 
 
 def _text_vectors(path: Path, _: str, rows: int) -> NDArray[Any]:

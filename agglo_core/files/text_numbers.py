@@ -142,9 +142,9 @@ def _error(content: bytes, start: int, stop: int, dtype: type) -> FileError:
             try:
                 _parse(word.translate(_FORTRAN) if dtype is np.float64 else word, dtype)
             except ValueError:
-                shown = word[:20].decode("ascii", "backslashreplace")
+                excerpt = word[:20].decode("ascii", "backslashreplace")
                 kind = "a number" if dtype is np.float64 else "a whole number"
-                return FileError(f"line {number}: expected {kind}, found {shown!r}")
+                return FileError(f"line {number}: expected {kind}, found {excerpt!r}")
     return FileError(f"the numbers from line {first} on cannot be read")
 
 
