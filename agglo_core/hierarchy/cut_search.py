@@ -34,19 +34,19 @@ def best_nodes(
     value = forest.sums(_checked(indicator, graph))
     if objective == "squares":
         return _least_squares(forest, value, n_parts, grade)
-    at = refine_largest(*_shape(forest, graph, grade), value, forest.n_roots, n_parts)
-    return frozen_int(np.unique(at))
+    node_of = refine_largest(*_shape(forest, graph, grade), value, forest.n_roots, n_parts)
+    return frozen_int(np.unique(node_of))
 
 
 def graded(forest: Forest, graph: Graph, nodes: Int, grade: int) -> Int:
     """Return the coarsest refinement of a cut in which adjacent levels differ by at most ``grade``."""
     from agglo_core.hierarchy.tree_cuts import make_graded
 
-    at = np.empty(graph.n, np.int64)
-    ordered = nodes[np.argsort(forest.start[nodes])]
-    at[forest.cells] = np.repeat(ordered, forest.stop[ordered] - forest.start[ordered])
-    make_graded(*_shape(forest, graph, grade), at)
-    return frozen_int(np.unique(at))
+    node_of = np.empty(graph.n, np.int64)
+    ordered_nodes = nodes[np.argsort(forest.start[nodes])]
+    node_of[forest.cells] = np.repeat(ordered_nodes, forest.stop[ordered_nodes] - forest.start[ordered_nodes])
+    make_graded(*_shape(forest, graph, grade), node_of)
+    return frozen_int(np.unique(node_of))
 
 
 def check_grade(grade: int | None) -> None:
@@ -91,8 +91,8 @@ def _checked(indicator: ArrayLike | None, graph: Graph) -> Float:
     """
     if indicator is None:
         return graph.measures
-    given = plain_array(indicator, "the indicator", OptionError)
-    values = frozen_float(exact_cast(given, np.float64, "the indicator", OptionError))
+    array = plain_array(indicator, "the indicator", OptionError)
+    values = frozen_float(exact_cast(array, np.float64, "the indicator", OptionError))
     if values.shape != (graph.n,):
         raise OptionError(f"the indicator has shape {values.shape}, expected ({graph.n},), one for each cell")
     wrong = np.flatnonzero(~((values >= 0) & (values < np.inf)))

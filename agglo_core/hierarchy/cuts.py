@@ -99,8 +99,8 @@ class Cut:
     @property
     def labels(self) -> Int:
         """Part per cell ``(n,)``, numbered by smallest cell id."""
-        found: Int = self.__dict__["_labels"]
-        return found
+        labels: Int = self.__dict__["_labels"]
+        return labels
 
     @property
     def n_parts(self) -> int:
@@ -144,10 +144,10 @@ class Cut:
         parts : (k,) int or (n_parts,) bool
             Single cells are unchanged.
         """
-        chosen = self._mask(parts) & (self.forest.n_children[self.nodes] > 0)
-        split = self.nodes[chosen]
-        children = _ranges(self.forest.first_child[split], self.forest.n_children[split])
-        return self._changed(np.concatenate((self.nodes[~chosen], children)))
+        is_split = self._mask(parts) & (self.forest.n_children[self.nodes] > 0)
+        split_nodes = self.nodes[is_split]
+        children = _ranges(self.forest.first_child[split_nodes], self.forest.n_children[split_nodes])
+        return self._changed(np.concatenate((self.nodes[~is_split], children)))
 
     def coarsen(self, parts: ArrayLike) -> Change:
         """Join parts to those of the coarser level if all their siblings are given.
@@ -159,26 +159,26 @@ class Cut:
         ----------
         parts : (k,) int or (n_parts,) bool
         """
-        chosen = self._mask(parts)
+        mask = self._mask(parts)
         above = self.forest.parent[self.nodes]
-        given = np.bincount(above[chosen & (above >= 0)], minlength=len(self.forest.parent))
-        whole = (given > 0) & (given == self.forest.n_children)
-        joined = (above >= 0) & whole[above]
-        return self._changed(np.concatenate((self.nodes[~joined], np.flatnonzero(whole))))
+        n_chosen = np.bincount(above[mask & (above >= 0)], minlength=len(self.forest.parent))
+        whole = (n_chosen > 0) & (n_chosen == self.forest.n_children)
+        is_joined = (above >= 0) & whole[above]
+        return self._changed(np.concatenate((self.nodes[~is_joined], np.flatnonzero(whole))))
 
     def _mask(self, parts: ArrayLike) -> Mask:
-        given = plain_array(parts, "parts", OptionError)
-        if given.dtype == bool and given.shape == (self.n_parts,):
-            return given
-        if given.ndim != 1 or (given.size and given.dtype.kind not in "iu"):
+        array = plain_array(parts, "parts", OptionError)
+        if array.dtype == bool and array.shape == (self.n_parts,):
+            return array
+        if array.ndim != 1 or (array.size and array.dtype.kind not in "iu"):
             raise OptionError(
-                f"parts must be numbers, or a mask of shape ({self.n_parts},); given shape {given.shape}, "
-                f"dtype {given.dtype}"
+                f"parts must be numbers, or a mask of shape ({self.n_parts},); given shape {array.shape}, "
+                f"dtype {array.dtype}"
             )
-        if given.size and (given.min() < 0 or given.max() >= self.n_parts):
-            raise OptionError(f"parts must lie in 0..{self.n_parts - 1}; given {given.min()}..{given.max()}")
+        if array.size and (array.min() < 0 or array.max() >= self.n_parts):
+            raise OptionError(f"parts must lie in 0..{self.n_parts - 1}; given {array.min()}..{array.max()}")
         mask = np.zeros(self.n_parts, bool)
-        mask[given.astype(np.int64)] = True
+        mask[array.astype(np.int64)] = True
         return mask
 
     def _changed(self, nodes: Int) -> Change:
@@ -187,10 +187,10 @@ class Cut:
         new = Cut(self.fine, self.graph, self.forest, frozen_int(nodes), self.grade)
         number = np.full(len(self.forest.parent), -1)
         number[new.nodes] = np.arange(new.n_parts)
-        same = number[self.nodes]
-        moved = np.unique((self.labels * new.n_parts + new.labels)[same[self.labels] < 0])
+        new_part = number[self.nodes]
+        moved = np.unique((self.labels * new.n_parts + new.labels)[new_part[self.labels] < 0])
         pairs = np.stack((moved // new.n_parts, moved % new.n_parts), axis=1)
-        return Change(new, frozen_int(same), frozen_int(pairs))
+        return Change(new, frozen_int(new_part), frozen_int(pairs))
 
     # -- transfer ------------------------------------------------------------------------------
     def prolongation(self, finer: Cut) -> sparse.csr_array[Any, Any]:
@@ -250,7 +250,7 @@ class Cut:
 def ones_by_row(columns: Int, n_columns: int) -> sparse.csr_array[Any, Any]:
     """Return a matrix ``(n, n_columns)`` with a one in ``columns[i]`` of each row i."""
     n = len(columns)
-    indices, indptr = (index_cast(each, max(n, n_columns)) for each in (columns, np.arange(n + 1)))
+    indices, indptr = (index_cast(array, max(n, n_columns)) for array in (columns, np.arange(n + 1)))
     return sparse.csr_array((np.ones(n), indices, indptr), shape=(n, n_columns))
 
 

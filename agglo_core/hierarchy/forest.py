@@ -67,10 +67,10 @@ class Forest(FieldState):
         for labels in levels:
             order = order[label_order(labels[order])]
         start, stop, parent, finest, coarsest, rounds = _nodes(levels, order)
-        held = np.flatnonzero(parent >= 0)
-        count = np.bincount(parent[held], minlength=len(parent))
+        children = np.flatnonzero(parent >= 0)
+        count = np.bincount(parent[children], minlength=len(parent))
         first = np.zeros(len(parent), np.int64)
-        first[parent[held[::-1]]] = held[::-1]
+        first[parent[children[::-1]]] = children[::-1]
         arrays = order, start, stop, parent, first, count, finest, coarsest, rounds
         return cls(*map(frozen_int, arrays))
 
@@ -128,8 +128,8 @@ def _nodes(levels: Sequence[Int], order: Int) -> tuple[Int, ...]:
         new = (above < 0) | (sizes != np.append(nodes[1] - nodes[0], 0)[above])
         nodes[3, above[~new]] = level
         rounds += [number] if new.any() else []
-        made = np.stack((first, first + sizes, above, np.full(len(first), level), np.full(len(first), level)))
-        nodes = np.concatenate((nodes, made[:, new]), axis=1)
+        rows = np.stack((first, first + sizes, above, np.full(len(first), level), np.full(len(first), level)))
+        nodes = np.concatenate((nodes, rows[:, new]), axis=1)
         holder = np.repeat(np.where(new, number + np.cumsum(new) - 1, above), sizes)
     return *nodes, np.array(rounds)
 
@@ -139,9 +139,10 @@ def check_nested(levels: Sequence[Int]) -> None:
     for level, (fine, coarse) in enumerate(pairwise(levels)):
         holder = np.empty(int(fine.max(initial=-1)) + 1, np.int64)
         holder[fine] = coarse
-        apart = np.flatnonzero(holder[fine] != coarse)
-        if len(apart):
+        split_cells = np.flatnonzero(holder[fine] != coarse)
+        if len(split_cells):
             raise OptionError(
-                f"the hierarchy is not nested: part {fine[apart[0]]} of level {level} lies in several parts "
-                f"of level {level + 1} ({name_cells(apart)}); agglomerate(nested=True) makes nested levels"
+                f"the hierarchy is not nested: part {fine[split_cells[0]]} of level {level} lies in several "
+                f"parts of level {level + 1} ({name_cells(split_cells)}); "
+                "agglomerate(nested=True) makes nested levels"
             )

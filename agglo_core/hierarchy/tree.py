@@ -22,9 +22,9 @@ def by_first_cell(labels: ArrayLike) -> Int:
     array = frozen_int(labels)
     first = np.full(int(array.max()) + 1, -1, np.int64)
     first[array[::-1]] = np.arange(len(array) - 1, -1, -1)  # the last write is the smallest id
-    used = np.flatnonzero(first >= 0)
+    parts = np.flatnonzero(first >= 0)
     number = np.empty(len(first), np.int64)
-    number[used[np.argsort(first[used])]] = np.arange(len(used))
+    number[parts[np.argsort(first[parts])]] = np.arange(len(parts))
     return frozen_int(number[array])
 
 
@@ -62,11 +62,11 @@ class Tree:
 
     def labels(self, nodes: ArrayLike) -> Int:
         """Return labels ``(n,)`` of the level with these disjoint nodes, which together own all cells."""
-        chosen = frozen_int(nodes)
-        chosen = chosen[np.argsort(self.start[chosen])]
-        sizes = self.stop[chosen] - self.start[chosen]
+        ordered_nodes = frozen_int(nodes)
+        ordered_nodes = ordered_nodes[np.argsort(self.start[ordered_nodes])]
+        sizes = self.stop[ordered_nodes] - self.start[ordered_nodes]
         labels = np.empty(len(self.cells), np.int64)
-        labels[self.cells] = np.repeat(np.arange(len(chosen)), sizes)
+        labels[self.cells] = np.repeat(np.arange(len(ordered_nodes)), sizes)
         return by_first_cell(labels)
 
     def cut(self, h_star: float) -> Int:

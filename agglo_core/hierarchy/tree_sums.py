@@ -17,13 +17,13 @@ from agglo_core.compiled.compiling import helper, kernel
 
 
 @helper
-def _pair_up(begin, end, n_pairs, left, right, lengths, most, queue):
+def _pair_up(begin, end, n_pairs, left_half, right_half, lengths, most, queue):
     """Pair the nodes from ``begin`` to ``end``, then the pairs, until one remains, and return it.
 
-    Pairs are numbered after the nodes; ``left`` and ``right`` are their halves. Also returns the number of
-    pairs in all calls.
+    Pairs are numbered after the nodes; ``left_half`` and ``right_half`` are their halves. Also returns the
+    number of pairs in all calls.
     """
-    n_nodes = len(left)
+    n_nodes = len(left_half)
     for p in range(begin, end):
         queue[p - begin] = p
     # A queue: the two oldest entries become a pair at the end, so the tree is balanced. Tables have at most
@@ -31,25 +31,25 @@ def _pair_up(begin, end, n_pairs, left, right, lengths, most, queue):
     head, tail = 0, end - begin
     while tail - head > 1:
         a, b = queue[head], queue[head + 1]
-        left[n_pairs], right[n_pairs] = a, b
-        made = n_nodes + n_pairs
-        lengths[made] = min(lengths[a] + lengths[b] - 1, most)
-        queue[tail] = made
+        left_half[n_pairs], right_half[n_pairs] = a, b
+        pair = n_nodes + n_pairs
+        lengths[pair] = min(lengths[a] + lengths[b] - 1, most)
+        queue[tail] = pair
         head, tail, n_pairs = head + 2, tail + 1, n_pairs + 1
     return queue[head], n_pairs
 
 
 @helper
-def _add_up(a, b, made, offsets, tables):
+def _add_up(a, b, pair, offsets, tables):
     """Fill a pair's table with the minimum cost over all distributions of parts to a and b."""
-    begin, length = offsets[made], offsets[made + 1] - offsets[made]
+    begin, length = offsets[pair], offsets[pair + 1] - offsets[pair]
     for k in range(length):
         tables[begin + k] = np.inf
     for i in range(min(offsets[a + 1] - offsets[a], length)):
-        own = tables[offsets[a] + i]
-        if own < np.inf:
+        cost_a = tables[offsets[a] + i]
+        if cost_a < np.inf:
             for j in range(min(offsets[b + 1] - offsets[b], length - i)):
-                cost = own + tables[offsets[b] + j]
+                cost = cost_a + tables[offsets[b] + j]
                 if cost < tables[begin + i + j]:
                     tables[begin + i + j] = cost
 
@@ -86,24 +86,24 @@ def _fewest_of_least(begin, end, tables):
 
 
 @helper
-def _trace(whole, best, count, top, left, right, offsets, tables, queue, many, chosen):
-    """Mark the nodes behind the table entry ``best`` of ``whole``."""
+def _trace(root, best, count, top, left_half, right_half, offsets, tables, queue, n_extra, is_part):
+    """Mark the nodes behind the table entry ``best`` of ``root``."""
     n_nodes, size = len(count), 1
-    queue[0], many[0] = whole, best
+    queue[0], n_extra[0] = root, best
     while size > 0:
         size -= 1
-        p, k = queue[size], many[size]
+        p, k = queue[size], n_extra[size]
         # A pair distributes its k parts to both halves as in its table. A node without additional parts is a
         # part itself; otherwise its children are parts, whose minimum number is count − 1 above one.
         if p >= n_nodes:
-            a, b = left[p - n_nodes], right[p - n_nodes]
+            a, b = left_half[p - n_nodes], right_half[p - n_nodes]
             i = _share(a, b, k, offsets, tables)
-            queue[size], many[size], queue[size + 1], many[size + 1] = a, i, b, k - i
+            queue[size], n_extra[size], queue[size + 1], n_extra[size + 1] = a, i, b, k - i
             size += 2
         elif k == 0:
-            chosen[p] = True
+            is_part[p] = True
         else:
-            queue[size], many[size] = top[p], k - (count[p] - 1)
+            queue[size], n_extra[size] = top[p], k - (count[p] - 1)
             size += 1
 
 
@@ -115,20 +115,20 @@ def least_cut(first, count, cost, roots, most):
     fewest parts is marked.
     """
     n_nodes = len(first)
-    left, right = np.empty(n_nodes, np.int64), np.empty(n_nodes, np.int64)
+    left_half, right_half = np.empty(n_nodes, np.int64), np.empty(n_nodes, np.int64)
     lengths, queue = np.ones(2 * n_nodes, np.int64), np.empty(2 * n_nodes, np.int64)
     top, pairs = np.full(n_nodes, -1, np.int64), np.zeros(n_nodes + 1, np.int64)
     # 1. Lengths of all tables, from the leaves up (children have larger numbers). ``pairs`` counts the pairs
     #    up to each node, for the order in step 3.
-    room, n_pairs = most - roots + 1, 0
+    max_length, n_pairs = most - roots + 1, 0
     for p in range(n_nodes - 1, -1, -1):
         if count[p] > 0:
             begin, end = first[p], first[p] + count[p]
-            top[p], n_pairs = _pair_up(begin, end, n_pairs, left, right, lengths, room, queue)
-            lengths[p] = min(lengths[top[p]] + count[p] - 1, room)
+            top[p], n_pairs = _pair_up(begin, end, n_pairs, left_half, right_half, lengths, max_length, queue)
+            lengths[p] = min(lengths[top[p]] + count[p] - 1, max_length)
         pairs[n_nodes - p] = n_pairs
     # 2. Pair the roots, then compute the table positions.
-    whole, n_pairs = _pair_up(0, roots, n_pairs, left, right, lengths, room, queue)
+    root, n_pairs = _pair_up(0, roots, n_pairs, left_half, right_half, lengths, max_length, queue)
     offsets = np.zeros(n_nodes + n_pairs + 1, np.int64)
     for p in range(n_nodes + n_pairs):
         offsets[p + 1] = offsets[p] + lengths[p]
@@ -137,12 +137,12 @@ def least_cut(first, count, cost, roots, most):
     tables = np.empty(offsets[n_nodes + n_pairs])
     for p in range(n_nodes - 1, -1, -1):
         for k in range(pairs[n_nodes - 1 - p], pairs[n_nodes - p]):
-            _add_up(left[k], right[k], n_nodes + k, offsets, tables)
+            _add_up(left_half[k], right_half[k], n_nodes + k, offsets, tables)
         _node_table(p, count, cost, top, offsets, tables)
     for k in range(pairs[n_nodes], n_pairs):
-        _add_up(left[k], right[k], n_nodes + k, offsets, tables)
+        _add_up(left_half[k], right_half[k], n_nodes + k, offsets, tables)
     # 4. Take the minimum cost of the whole forest and trace it back to its nodes.
-    best = _fewest_of_least(offsets[whole], offsets[whole + 1], tables)
-    chosen, many = np.zeros(n_nodes, np.bool_), np.empty(2 * n_nodes, np.int64)
-    _trace(whole, best, count, top, left, right, offsets, tables, queue, many, chosen)
-    return chosen
+    best = _fewest_of_least(offsets[root], offsets[root + 1], tables)
+    is_part, n_extra = np.zeros(n_nodes, np.bool_), np.empty(2 * n_nodes, np.int64)
+    _trace(root, best, count, top, left_half, right_half, offsets, tables, queue, n_extra, is_part)
+    return is_part
