@@ -72,4 +72,4 @@ def attributed(owner: str, *, spare: tuple[type[Exception], ...] = ()) -> Iterat
 
 def _family(error: AggloError) -> type[AggloError]:
     """Return agglo's class for an error, because subclasses in plugins may have other constructors."""
-    return next((each for each in (MeshError, OptionError, FileError) if isinstance(error, each)), AggloError)
+    return next((kind for kind in (MeshError, OptionError, FileError) if isinstance(error, kind)), AggloError)

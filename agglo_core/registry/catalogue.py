@@ -41,10 +41,10 @@ class _Plugin:
     @cached_property
     def named(self) -> Mapping[tuple[str, str], Records]:
         """Records by kind and name, cached for the look-ups of each run."""
-        found: dict[tuple[str, str], Records] = defaultdict(list)
+        by_name: dict[tuple[str, str], Records] = defaultdict(list)
         for record in self.records:
-            found[record.kind, record.name].append(record)
-        return dict(found)
+            by_name[record.kind, record.name].append(record)
+        return dict(by_name)
 
 
 class Registry:
@@ -161,16 +161,18 @@ class Registry:
         """
         if kind not in (*KINDS, "command"):
             raise PluginError(f"unknown kind of component {kind!r}; expected one of {', '.join(KINDS)}")
-        qualifier, _, plain = name.rpartition("/")
-        records = self._records(kind, plain, resolved=not qualifier)
+        qualifier, _, base_name = name.rpartition("/")
+        records = self._records(kind, base_name, resolved=not qualifier)
         if qualifier:
             records = [r for r in records if qualifier in (r.plugin, r.distribution)]
             records = [r for r in records if r.in_tree] or records
-        usable = [r for r in records if r.declared] or records
-        if len(usable) > 1 and qualifier:
-            raise PluginError(f"{kind} {name!r} may be {' or '.join(map(describe, usable))}: unregister one")
-        if usable:
-            return usable[0]
+        candidates = [r for r in records if r.declared] or records
+        if len(candidates) > 1 and qualifier:
+            raise PluginError(
+                f"{kind} {name!r} may be {' or '.join(map(describe, candidates))}: unregister one"
+            )
+        if candidates:
+            return candidates[0]
         raise PluginError(self._unknown(kind, name))
 
     def declares(self, kind: str, name: str) -> bool:
@@ -199,8 +201,8 @@ class Registry:
             self._manager.trace.root.setwriter(sys.stderr.write)
             self._manager.enable_tracing()
         blocked, only = _names(environ, "AGGLO_BLOCK"), _names(environ, "AGGLO_ONLY")
-        found = list(installed())
-        names = {each.name for each in found}
+        entries = list(installed())
+        names = {entry.name for entry in entries}
         for unknown in sorted((blocked | only) - names):
             logging.getLogger("agglo").warning(
                 "AGGLO_BLOCK or AGGLO_ONLY names %r, which is not an installed plugin", unknown
@@ -210,24 +212,24 @@ class Registry:
                 self.block(name, "blocked by AGGLO_BLOCK")
             elif only and name not in only:
                 self.block(name, "not listed in AGGLO_ONLY")
-        for each in found:
-            self._load(each)
+        for entry in entries:
+            self._load(entry)
 
-    def _load(self, found: Found) -> None:
+    def _load(self, entry: Found) -> None:
         """Import the declaration of an installed plugin and add its records.
 
         Failures become their reason.
         """
-        trace, point = self._manager.trace.root, found.entry_point
-        trace.get("load")(found.name, found.distribution, found.version)
-        origin = Record(None, found.name, found.distribution, found.version)
-        if found.name in self._blocked:
-            self._add(origin, None, [], self._blocked[found.name])
+        trace, point = self._manager.trace.root, entry.entry_point
+        trace.get("load")(entry.name, entry.distribution, entry.version)
+        origin = Record(None, entry.name, entry.distribution, entry.version)
+        if entry.name in self._blocked:
+            self._add(origin, None, [], self._blocked[entry.name])
             return
         if point is None:
             self._add(origin, None, [], "the entry_points.txt of its distribution is malformed")
             return
-        key, start = f"{found.name} ({found.distribution})", time.perf_counter()
+        key, start = f"{entry.name} ({entry.distribution})", time.perf_counter()
         try:
             with loading(f"plugin {key}"):
                 plugin = point.load()
@@ -244,14 +246,17 @@ class Registry:
 
         Faulty records, or all in case of a ``problem``, are broken.
         """
-        wrong = [list(faults(each)) for each in declared]
-        sound = [made_plain(each) if own else each for each, own in zip(declared, wrong, strict=True)]
-        records = [_of(origin, each) for each in sound]
+        all_faults = [list(faults(item)) for item in declared]
+        sound = [
+            made_plain(item) if item_faults else item
+            for item, item_faults in zip(declared, all_faults, strict=True)
+        ]
+        records = [_of(origin, item) for item in sound]
         times = Counter(f"{r.kind} {r.name}" for r in records)
-        for place, (record, own) in enumerate(zip(records, wrong, strict=True)):
+        for place, (record, item_faults) in enumerate(zip(records, all_faults, strict=True)):
             if times[f"{record.kind} {record.name}"] > 1:
-                own.append(f"{record.kind} {record.name!r} is declared more than once by this plugin")
-            if reason := problem or "; ".join(own):
+                item_faults.append(f"{record.kind} {record.name!r} is declared more than once by this plugin")
+            if reason := problem or "; ".join(item_faults):
                 records[place] = replace(record, state="broken", reason=reason)
         if problem and not records:
             records.append(replace(origin, state="broken", reason=problem))
@@ -259,14 +264,16 @@ class Registry:
 
     def _records(self, kind: str | None = None, name: str | None = None, *, resolved: bool = True) -> Records:
         """List records with their states, optionally restricted to a kind, or a kind and a name."""
-        found: Iterable[Record]
+        candidates: Iterable[Record]
         if name is not None:
-            found = chain.from_iterable(plugin.named.get((str(kind), name), ()) for plugin in self._plugins)
+            candidates = chain.from_iterable(
+                plugin.named.get((str(kind), name), ()) for plugin in self._plugins
+            )
         else:
-            found = chain.from_iterable(plugin.records for plugin in self._plugins)
-            found = (record for record in found if kind in (None, record.kind))
+            candidates = chain.from_iterable(plugin.records for plugin in self._plugins)
+            candidates = (record for record in candidates if kind in (None, record.kind))
         installed = Installed()
-        records = [with_requirements(self._unblocked(record), installed) for record in found]
+        records = [with_requirements(self._unblocked(record), installed) for record in candidates]
         return with_conflicts(records) if resolved else records
 
     def _unblocked(self, record: Record) -> Record:
@@ -282,10 +289,10 @@ class Registry:
         states = {r.name: "" if r.state == "ok" else f" ({r.state})" for r in records if r.kind == kind}
         close = difflib.get_close_matches(name, states, n=1)
         hint = f" (did you mean {close[0]!r}?)" if close else ""
-        available = ", ".join(f"{each}{state}" for each, state in sorted(states.items())) or "none"
-        failed = "; ".join(f"{describe(r)}: {r.reason}" for r in records if r.kind == "plugin")
+        available = ", ".join(f"{component}{state}" for component, state in sorted(states.items())) or "none"
+        failures = "; ".join(f"{describe(r)}: {r.reason}" for r in records if r.kind == "plugin")
         return f"no {kind} is named {name!r}{hint}; available: {available}" + (
-            f"; plugins that cannot be used: {failed}" if failed else ""
+            f"; plugins that cannot be used: {failures}" if failures else ""
         )
 
 

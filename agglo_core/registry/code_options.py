@@ -29,7 +29,7 @@ def names_code(annotation: Any) -> bool:
     """Return True if an annotation is :data:`ImportPath`, or a tuple or union that contains it."""
     if get_origin(annotation) is Annotated and _MARK in annotation.__metadata__:
         return True
-    return any(names_code(each) for each in get_args(annotation))
+    return any(names_code(argument) for argument in get_args(annotation))
 
 
 def written(value: Any) -> Any:
@@ -37,23 +37,23 @@ def written(value: Any) -> Any:
     if isinstance(value, str):
         return Written(value)
     if isinstance(value, list | tuple):
-        return [written(each) for each in value]
+        return [written(item) for item in value]
     if isinstance(value, Mapping):
-        return {key: written(each) for key, each in value.items()}
+        return {key: written(item) for key, item in value.items()}
     return value
 
 
 def is_written(value: Any) -> bool:
     """Return True for a text from a file, or a list or table that contains such a text."""
     if isinstance(value, list | tuple):
-        return any(is_written(each) for each in value)
+        return any(is_written(item) for item in value)
     if isinstance(value, Mapping):
-        return any(is_written(each) for each in value.values())
+        return any(is_written(item) for item in value.values())
     return isinstance(value, Written)
 
 
 def plain(value: Any) -> Any:
     """Remove the marks from a text or list, for options that take any text."""
     if isinstance(value, list):
-        return [plain(each) for each in value]
+        return [plain(item) for item in value]
     return str(value) if isinstance(value, Written) else value

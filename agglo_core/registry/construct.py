@@ -31,9 +31,9 @@ def resolve(record: Record) -> Any:
     if declared is None:
         raise PluginError(f"{describe(record)} declares nothing that could be built")
     module, _, attribute = declared.target.partition(":")
-    there = vars(sys.modules[module]).get(attribute) if module in sys.modules else None
-    if there is not None:  # usually already imported: no plugin code runs
-        return there
+    target = vars(sys.modules[module]).get(attribute) if module in sys.modules else None
+    if target is not None:  # usually already imported: no plugin code runs
+        return target
     try:
         with loading(describe(record)):
             return reduce(getattr, attribute.split("."), import_module(module))
@@ -58,15 +58,15 @@ def construct(record: Record, options: Mapping[str, Any], registry: object = Non
     target = resolve(record)
     if not callable(target):
         raise PluginError(f"{describe(record)}: its target is {shown(target)}, expected a class or a factory")
-    chosen = checked_options(record, target, options)
+    arguments = checked_options(record, target, options)
     try:
         with folder_kept(describe(record)):
-            built = target(**chosen, **({"registry": registry} if wants_registry(target) else {}))
+            built = target(**arguments, **({"registry": registry} if wants_registry(target) else {}))
     except AggloError:
         raise
     except PLUGIN_FAILURES as error:
-        given = ", ".join(f"{name}={shown(value)}" for name, value in chosen.items()) or "no options"
-        raise PluginError(f"{describe(record)} could not be built with {given}: {raised(error)}") from error
+        text = ", ".join(f"{name}={shown(value)}" for name, value in arguments.items()) or "no options"
+        raise PluginError(f"{describe(record)} could not be built with {text}: {raised(error)}") from error
     _check_built(record, built)
     return built
 
@@ -79,17 +79,17 @@ def checked_options(record: Record, target: Any, options: Mapping[str, Any]) -> 
     OptionError
         If an option is unknown, missing or of another type, with the accepted options.
     """
-    known = options_of(target)
-    if known is None:
+    parameters = options_of(target)
+    if parameters is None:
         return {name: parse_value(v) if isinstance(v, Text) else v for name, v in options.items()}
-    accepted = {option.name: option for option in known}
+    accepted = {option.name: option for option in parameters}
     for name in options:
         if name not in accepted:
             close = difflib.get_close_matches(name, accepted, n=1)
             hint = f" (did you mean {close[0]!r}?)" if close else ""
             listed = ", ".join(accepted) or "none"
             raise OptionError(f"{describe(record)} has no option {name!r}{hint}; accepted: {listed}")
-    lacking = [option.name for option in known if option.required and option.name not in options]
+    lacking = [option.name for option in parameters if option.required and option.name not in options]
     if lacking:
         raise OptionError(f"{describe(record)} needs a value for {', '.join(lacking)}")
     return {name: convert(accepted[name], value, describe(record)) for name, value in options.items()}
@@ -99,15 +99,15 @@ def _check_built(record: Record, built: Any) -> None:
     """Raise PluginError unless the object has the methods and attributes of its kind."""
     kind = KINDS[record.kind]
     if kind.methods and not any(callable(getattr(built, method, None)) for method in kind.methods):
-        wanted = " or ".join(f"{method}(…)" for method in kind.methods)
-        raise PluginError(f"{describe(record)} built {shown(built)}, which has no method {wanted}")
+        expected = " or ".join(f"{method}(…)" for method in kind.methods)
+        raise PluginError(f"{describe(record)} built {shown(built)}, which has no method {expected}")
     for name, type_ in kind.attributes.items():
         try:
-            found = getattr(built, name, None)
+            value = getattr(built, name, None)
         except PLUGIN_FAILURES as error:  # a property of the plugin
             raise PluginError(f"{describe(record)}: its attribute {name!r} raised {raised(error)}") from error
-        if not isinstance(found, type_):
-            wrong = f"no attribute {name!r}" if found is None else f"{name} = {shown(found)}"
+        if not isinstance(value, type_):
+            wrong = f"no attribute {name!r}" if value is None else f"{name} = {shown(value)}"
             raise PluginError(
                 f"{describe(record)} built {shown(built)}, which has {wrong}; expected a {type_.__name__}"
             )

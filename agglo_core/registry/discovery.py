@@ -35,7 +35,7 @@ def installed() -> Iterator[Found]:
 
     ``importlib.metadata.entry_points`` would raise for a malformed file of any distribution.
     """
-    seen = set()
+    keys = set()
     for distribution in metadata.distributions():
         try:
             text = distribution.read_text("entry_points.txt") or ""
@@ -43,9 +43,9 @@ def installed() -> Iterator[Found]:
             continue
         name = printable(str(distribution.metadata["Name"])) if f"[{GROUP}]" in text else ""
         key = name.lower().replace("_", "-").replace(".", "-")
-        if not name or key in seen:
+        if not name or key in keys:
             continue
-        seen.add(key)
+        keys.add(key)
         version = str(distribution.metadata["Version"] or "")
         try:
             points = [point for point in distribution.entry_points if point.group == GROUP]
@@ -97,7 +97,7 @@ def detach(manager: pluggy.PluginManager, plugin: object) -> None:
 
 def _misnamed(manager: pluggy.PluginManager, plugin: object) -> str:
     """Return the reason why a hook would never be called (misspelt, unmarked, none at all), or ``""``."""
-    found = 0
+    n_hooks = 0
     for name in dir(plugin):
         marks = manager.parse_hookimpl_opts(plugin, name)
         if marks is None and not (name.startswith("agglo_") and inspect.isroutine(getattr(plugin, name))):
@@ -109,8 +109,8 @@ def _misnamed(manager: pluggy.PluginManager, plugin: object) -> str:
             return f"hook {hook!r} is not known{hint}; accepted: {', '.join(_HOOKS)}"
         if marks is None:
             return f"{hook} is not marked with @hookimpl (from agglo_core import hookimpl)"
-        found += 1
-    return "" if found else f"it implements no hook; accepted: {', '.join(_HOOKS)}"
+        n_hooks += 1
+    return "" if n_hooks else f"it implements no hook; accepted: {', '.join(_HOOKS)}"
 
 
 def _declared(
@@ -120,7 +120,7 @@ def _declared(
 
     Return their declarations, and the first fault, or ``""``.
     """
-    found: list[Component | Command] = []
+    declarations: list[Component | Command] = []
     for hook, kind in (("agglo_components", Component), ("agglo_commands", Command)):
         for implementation in getattr(manager.hook, hook).get_hookimpls():
             if implementation.plugin is not plugin:
@@ -129,11 +129,11 @@ def _declared(
                 with loading(f"plugin {key}"):
                     answer = implementation.function()
             except LoadingError as error:
-                return found, f"{hook}() raised {error}"
+                return declarations, f"{hook}() raised {error}"
             if not isinstance(answer, list | tuple):
-                return found, f"{hook}() returned {shown(answer)}, expected a list of {kind.__name__}"
+                return declarations, f"{hook}() returned {shown(answer)}, expected a list of {kind.__name__}"
             for position, item in enumerate(answer):
                 if not isinstance(item, kind):
-                    return found, f"{hook}()[{position}] is {shown(item)}, expected a {kind.__name__}"
-                found.append(item)
-    return found, ""
+                    return declarations, f"{hook}()[{position}] is {shown(item)}, expected a {kind.__name__}"
+                declarations.append(item)
+    return declarations, ""

@@ -52,9 +52,9 @@ def words_of(annotation: Any) -> list[str]:
     words: list[str] = []
     for member in members:
         if get_origin(member) is Literal:
-            words += [str(each) for each in get_args(member)]
+            words += [str(choice) for choice in get_args(member)]
         elif isinstance(member, type) and issubclass(member, Enum):
-            words += [str(each.value) for each in member]
+            words += [str(choice.value) for choice in member]
         elif member is bool:
             words += ["true", "false"]
         elif member in (None, type(None)):
@@ -67,11 +67,11 @@ def fit(annotation: Any, value: Any) -> tuple[bool, Any]:
 
     Unknown annotations accept any value.
     """
-    known = _members(annotation)
-    if known is None:
+    members = _members(annotation)
+    if members is None:
         return True, parse_value(value) if isinstance(value, Text) else value
-    tried = (_fit(member, plain(value)) for member in known)
-    return next((found for found in tried if found[0]), (False, None))
+    results = (_fit(member, plain(value)) for member in members)
+    return next((result for result in results if result[0]), (False, None))
 
 
 def _members(annotation: Any) -> tuple[Any, ...] | None:
@@ -90,7 +90,7 @@ def _is_known(member: Any) -> bool:
     ):
         return True
     if get_origin(member) is tuple:
-        return all(each is Ellipsis or _members(each) is not None for each in get_args(member))
+        return all(argument is Ellipsis or _members(argument) is not None for argument in get_args(member))
     return isinstance(member, type) and issubclass(member, Enum)
 
 
@@ -124,9 +124,9 @@ def _read(member: Any, text: Text) -> tuple[bool, Any]:
     if member is Path:
         return True, Path(text)
     if member in (bool, None, type(None)):
-        wanted: tuple[Any, ...] = (True, False) if member is bool else (None,)
+        values: tuple[Any, ...] = (True, False) if member is bool else (None,)
         word = _WORDS.get(text.lower(), UNTYPED)
-        return word in wanted and word is not UNTYPED, word
+        return word in values and word is not UNTYPED, word
     try:
         return True, member(text)
     except ValueError:
@@ -148,22 +148,22 @@ def _is_instance(member: type, value: Any) -> bool:
 
 
 def _fit_literal(accepted: tuple[Any, ...], value: Any) -> tuple[bool, Any]:
-    for each in accepted:
+    for literal in accepted:
         if isinstance(value, Text):
-            found, read = _fit(type(each), value)
-            if found and read == each:
-                return True, each
-        elif type(value) is type(each) and value == each:
-            return True, each
+            fits, read = _fit(type(literal), value)
+            if fits and read == literal:
+                return True, literal
+        elif type(value) is type(literal) and value == literal:
+            return True, literal
     return False, None
 
 
 def _fit_enum(member: type[Enum], value: Any) -> tuple[bool, Any]:
     if isinstance(value, member):
         return True, value
-    for each in member:
-        if value == each.name or value == each.value or str(value) == str(each.value):
-            return True, each
+    for choice in member:
+        if value == choice.name or value == choice.value or str(value) == str(choice.value):
+            return True, choice
     return False, None
 
 
@@ -183,8 +183,8 @@ def _fit_tuple(members: tuple[Any, ...], value: Any) -> tuple[bool, Any]:
         return False, None
     results = []
     for kind, item in zip(kinds, items, strict=True):
-        tried = [_fit(each, item) for each in _members(kind) or ()]
-        good = [result for found, result in tried if found]
+        candidates = [_fit(element, item) for element in _members(kind) or ()]
+        good = [result for fits, result in candidates if fits]
         if not good:
             return False, None
         results.append(good[0])
@@ -199,9 +199,9 @@ def in_words(annotation: Any) -> str:
     if get_origin(annotation) in (Union, types.UnionType):
         return " or ".join(in_words(member) for member in get_args(annotation))
     if get_origin(annotation) is Literal:
-        return " or ".join(repr(each) for each in get_args(annotation))
+        return " or ".join(repr(choice) for choice in get_args(annotation))
     if get_origin(annotation) is tuple:
         return f"tuple of {', '.join('…' if m is Ellipsis else in_words(m) for m in get_args(annotation))}"
     if isinstance(annotation, type) and issubclass(annotation, Enum):
-        return " or ".join(repr(each.name) for each in annotation)
+        return " or ".join(repr(choice.name) for choice in annotation)
     return _WORDS_OF.get(annotation, str(getattr(annotation, "__name__", annotation)))

@@ -98,10 +98,10 @@ def _class_wants_registry(target: type) -> bool:
 
 def _wants_registry(target: Callable[..., Any]) -> bool:
     try:
-        asked = inspect.signature(target).parameters.get("registry")
+        parameter = inspect.signature(target).parameters.get("registry")
     except (TypeError, ValueError):
         return False
-    return asked is not None and asked.kind is asked.KEYWORD_ONLY and asked.default is None
+    return parameter is not None and parameter.kind is parameter.KEYWORD_ONLY and parameter.default is None
 
 
 @lru_cache(maxsize=256)
@@ -130,17 +130,17 @@ def convert(option: Option, value: Any, owner: str) -> Any:
             f"{option.name} of {owner} names code that would be imported and run, {value!r:.80}, and comes "
             "from a file; if you trust that file, allow it: --allow-code, or allow_code=True in Python"
         )
-    found, result = fit(option.type, value)
-    if found:
+    fits, result = fit(option.type, value)
+    if fits:
         return result
-    given = parse_value(value) if isinstance(value, Text) else value
+    plain_value = parse_value(value) if isinstance(value, Text) else value
     if (
-        isinstance(given, str | int | float)
-        and type(given) is type(option.default)
-        and given == option.default
+        isinstance(plain_value, str | int | float)
+        and type(plain_value) is type(option.default)
+        and plain_value == option.default
     ):
-        return given
-    raise OptionError(f"{option.name} of {owner} must be {option.type_name}, given {shown(given)}")
+        return plain_value
+    raise OptionError(f"{option.name} of {owner} must be {option.type_name}, given {shown(plain_value)}")
 
 
 def _annotation(target: Callable[..., Any], parameter: inspect.Parameter) -> Any:
@@ -148,15 +148,15 @@ def _annotation(target: Callable[..., Any], parameter: inspect.Parameter) -> Any
 
     A string annotation is evaluated; the result is empty if the evaluation fails.
     """
-    given = parameter.annotation
-    if not isinstance(given, str):
-        return given
+    annotation = parameter.annotation
+    if not isinstance(annotation, str):
+        return annotation
     function: Any = target.__init__ if isinstance(target, type) else target  # type: ignore[misc]
     names = getattr(inspect.unwrap(function), "__globals__", None)
     if names is None:  # dataclass: __init__ is generated elsewhere
         names = vars(inspect.getmodule(target) or types.ModuleType("none"))
     try:
-        return eval(given, dict(names))
+        return eval(annotation, dict(names))
     except (NameError, AttributeError, TypeError, SyntaxError):  # such as names for type checkers only
         return UNTYPED
 
@@ -172,7 +172,7 @@ def _described(target: Callable[..., Any]) -> dict[str, str]:
     """Return the first sentence on each parameter or attribute in numpydoc docstrings, bases included."""
     about: dict[str, str] = {}
     bases = inspect.getmro(target) if isinstance(target, type) else (target,)
-    for text, head in product([inspect.getdoc(each) or "" for each in bases], ("Parameters", "Attributes")):
+    for text, head in product([inspect.getdoc(base) or "" for base in bases], ("Parameters", "Attributes")):
         section = re.search(rf"^{head}\n-+\n(.*?)(?=^\w[^\n]*\n-+\n|\Z)", text, re.M | re.S)
         entries = re.split(r"^(?=\w)", section[1] if section else "", flags=re.M)
         for entry in entries:

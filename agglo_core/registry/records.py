@@ -154,16 +154,16 @@ def _found(module: str) -> bool:
 
 def _remedy(record: Record, missing: Sequence[str], installed: Installed) -> str:
     """Return the install command: the plugin's own extra, another sufficient extra, or the packages."""
-    wanted = {_PROJECTS.get(name, name) for name in missing}
+    projects = {_PROJECTS.get(name, name) for name in missing}
     extras = installed.extras(record.distribution)
-    own = extras.get(record.plugin)
-    bringing = [extra for extra, names in extras.items() if wanted <= names]
-    if own is not None and (not own or record.plugin in bringing):
+    plugin_extra = extras.get(record.plugin)
+    bringing = [extra for extra, names in extras.items() if projects <= names]
+    if plugin_extra is not None and (not plugin_extra or record.plugin in bringing):
         return f"pip install '{record.distribution}[{record.plugin}]'"
     if bringing:
         smallest = min(bringing, key=lambda extra: len(extras[extra]))
         return f"pip install '{record.distribution}[{smallest}]'"
-    return f"pip install {' '.join(sorted(wanted))}"
+    return f"pip install {' '.join(sorted(projects))}"
 
 
 def _extras(distribution: str) -> dict[str, set[str]]:
@@ -173,9 +173,9 @@ def _extras(distribution: str) -> dict[str, set[str]]:
         return {}
     extras: dict[str, set[str]] = {name: set() for name in lines.get_all("Provides-Extra") or []}
     for line in lines.get_all("Requires-Dist") or []:
-        found = re.match(r"([\w.-]+).*;.*extra == ['\"]([\w.-]+)['\"]", line)
-        if found and found[2] in extras:
-            extras[found[2]].add(re.sub(r"[-_.]+", "-", found[1]).lower())
+        match = re.match(r"([\w.-]+).*;.*extra == ['\"]([\w.-]+)['\"]", line)
+        if match and match[2] in extras:
+            extras[match[2]].add(re.sub(r"[-_.]+", "-", match[1]).lower())
     return extras
 
 
@@ -198,8 +198,8 @@ def _resolved(record: Record, rivals: list[Record]) -> Record:
     elif owners == [record]:
         return record
     elif record in owners:
-        others = ", ".join(describe(owner) for owner in owners if owner is not record)
-        reason = f"the name is also declared by {others}"
+        rival_names = ", ".join(describe(owner) for owner in owners if owner is not record)
+        reason = f"the name is also declared by {rival_names}"
     else:
         reason = f"the name is reserved for {describe(owners[0])}"
     same_plugin = [rival for rival in rivals if rival.plugin == record.plugin]

@@ -59,7 +59,7 @@ def _text(path: Path) -> str:
 def _show_integers(value: Any) -> None:
     """Raise ValueError for integers too large for messages (hexadecimal integers are not limited)."""
     if isinstance(value, dict | list):
-        for each in value.values() if isinstance(value, dict) else value:
-            _show_integers(each)
+        for item in value.values() if isinstance(value, dict) else value:
+            _show_integers(item)
     elif isinstance(value, int):
         str(value)
