@@ -68,13 +68,13 @@ def followed(progress: Listener | None, verbose: bool) -> Iterator[Listener | No
         yield progress
         return
     with shown() as show:
-        listeners = [each for each in (show, progress) if each is not None]
+        listeners = [listener for listener in (show, progress) if listener is not None]
 
-        def both(now: Progress) -> None:
-            for each in listeners:
-                each(now)
+        def notify_all(report: Progress) -> None:
+            for listener in listeners:
+                listener(report)
 
-        yield both
+        yield notify_all
 
 
 def _on_terminal() -> bool:
@@ -82,15 +82,15 @@ def _on_terminal() -> bool:
 
 
 def _in_lines() -> Listener:
-    last, written = Progress("", 1.0), 0.0
+    previous, last_time = Progress("", 1.0), 0.0
 
-    def listen(now: Progress) -> None:
-        nonlocal last, written
-        at_end = 1.0 in (last.fraction, now.fraction)  # of this phase, or the previous phase
-        if at_end or now.phase != last.phase or time.monotonic() - written >= _SECONDS:
-            sys.stderr.write(f"agglo: {now.phase} {now.fraction:.0%} {now.text}".rstrip() + "\n")
-            written = time.monotonic()
-        last = now
+    def listen(report: Progress) -> None:
+        nonlocal previous, last_time
+        at_end = 1.0 in (previous.fraction, report.fraction)  # of this phase, or the previous phase
+        if at_end or report.phase != previous.phase or time.monotonic() - last_time >= _SECONDS:
+            sys.stderr.write(f"agglo: {report.phase} {report.fraction:.0%} {report.text}".rstrip() + "\n")
+            last_time = time.monotonic()
+        previous = report
 
     return listen
 
@@ -110,19 +110,19 @@ def _bar() -> Iterator[Listener]:
     on_screen = sys.stdout is not None and sys.stdout.isatty()
     bar = Bar(*columns, console=Console(stderr=True), transient=True, redirect_stdout=on_screen)
     task = bar.add_task("", total=1.0, text="")
-    last = ""
+    last_phase = ""
 
-    def listen(now: Progress) -> None:
-        nonlocal last
+    def listen(report: Progress) -> None:
+        nonlocal last_phase
         bar.start()  # start with the first phase, because an unused bar leaves an empty line
         bar.update(
             task,
-            description=now.phase,
-            completed=now.fraction,
-            text=now.text,
-            refresh=now.phase != last,  # later work may block the refresh thread
+            description=report.phase,
+            completed=report.fraction,
+            text=report.text,
+            refresh=report.phase != last_phase,  # later work may block the refresh thread
         )
-        last = now.phase
+        last_phase = report.phase
 
     try:
         yield listen

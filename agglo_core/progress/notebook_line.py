@@ -28,28 +28,30 @@ def notebook_line() -> Iterator[Listener]:
     After an error the line is unchanged and shows the progress up to the error.
     """
     display: Any = import_module("IPython.display").display
-    start, handle, last, shown = time.monotonic(), None, Progress("", 0.0), 0.0
+    start, handle, previous, last_time = time.monotonic(), None, Progress("", 0.0), 0.0
     phases: dict[str, None] = {}
 
-    def listen(now: Progress) -> None:
-        nonlocal handle, last, shown
-        phases.setdefault(now.phase)
-        if now.phase != last.phase or time.monotonic() - shown >= _PAUSE:
+    def listen(report: Progress) -> None:
+        nonlocal handle, previous, last_time
+        phases.setdefault(report.phase)
+        if report.phase != previous.phase or time.monotonic() - last_time >= _PAUSE:
             if handle is None:
-                handle = display(_plain(_bar(now)), raw=True, display_id=True)
+                handle = display(_plain(_bar(report)), raw=True, display_id=True)
             else:
-                handle.update(_plain(_bar(now)), raw=True)
-            shown = time.monotonic()
-        last = now
+                handle.update(_plain(_bar(report)), raw=True)
+            last_time = time.monotonic()
+        previous = report
 
     yield listen
     if handle is not None:
         handle.update(_plain(f"{', '.join(phases)}: {time.monotonic() - start:.1f} s"), raw=True)
 
 
-def _bar(now: Progress) -> str:
-    done = round(_WIDTH * now.fraction)
-    return f"{'█' * done}{'░' * (_WIDTH - done)} {now.fraction:4.0%} {now.phase} {now.text}".rstrip()
+def _bar(report: Progress) -> str:
+    n_blocks = round(_WIDTH * report.fraction)
+    return (
+        f"{'█' * n_blocks}{'░' * (_WIDTH - n_blocks)} {report.fraction:4.0%} {report.phase} {report.text}"
+    ).rstrip()
 
 
 def _plain(text: str) -> dict[str, Any]:

@@ -91,19 +91,19 @@ def phase(listen: Listener | None, name: str, text: str = "") -> Iterator[Tell]:
     if listen is None:
         yield to_nobody
         return
-    now = Progress(name, 0.0, text)
-    listen(now)
-    told = float("-inf")  # always report the first step, which may take long
+    report = Progress(name, 0.0, text)
+    listen(report)
+    last_time = float("-inf")  # always report the first step, which may take long
 
     def tell(fraction: float, text: str = "") -> None:
-        nonlocal now, told
-        now = Progress(name, max(now.fraction, min(fraction, 1.0)), text or now.text)
-        if time.monotonic() - told >= _PAUSE:
-            listen(now)
-            told = time.monotonic()
+        nonlocal report, last_time
+        report = Progress(name, max(report.fraction, min(fraction, 1.0)), text or report.text)
+        if time.monotonic() - last_time >= _PAUSE:
+            listen(report)
+            last_time = time.monotonic()
 
     yield tell
-    listen(replace(now, fraction=1.0))
+    listen(replace(report, fraction=1.0))
 
 
 def to_nobody(fraction: float, text: str = "") -> None:
@@ -154,7 +154,7 @@ def labelled(listen: Listener | None, label: str) -> Listener | None:
     """
     if listen is None or not label:
         return listen
-    return lambda now: listen(replace(now, text=f"{label}: {now.text}" if now.text else label))
+    return lambda report: listen(replace(report, text=f"{label}: {report.text}" if report.text else label))
 
 
 class _Stopped(BaseException):
@@ -185,21 +185,21 @@ def unwrapped(listen: Listener | None) -> Iterator[Listener | None]:
     if listen is None:
         yield None
         return
-    raised: list[BaseException] = []
+    errors: list[BaseException] = []
 
-    def call(now: Progress) -> None:
+    def call(report: Progress) -> None:
         try:
-            if not raised:
-                listen(now)
+            if not errors:
+                listen(report)
         except BaseException as error:
-            raised.append(error)
-        if raised:
+            errors.append(error)
+        if errors:
             raise _Stopped
 
     try:
         yield call
     except BaseException:
-        if not raised:
+        if not errors:
             raise
-    if raised:
-        raise raised[0]
+    if errors:
+        raise errors[0]
