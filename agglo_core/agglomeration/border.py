@@ -71,18 +71,18 @@ def _as_sides(member: Member, level: Graph, returned: Any) -> Int:
     Probabilities are rounded.
     """
     with attributed(member.title):
-        given = plain_array(returned, "the result of bisecting", PluginError)
-    if given.shape != (level.n,):
-        raise PluginError(f"{member.title} returned {_in_words(returned, given)}, expected ({level.n},)")
-    if given.dtype.kind == "f":
-        if not ((given >= 0) & (given <= 1)).all():
+        values = plain_array(returned, "the result of bisecting", PluginError)
+    if values.shape != (level.n,):
+        raise PluginError(f"{member.title} returned {_in_words(returned, values)}, expected ({level.n},)")
+    if values.dtype.kind == "f":
+        if not ((values >= 0) & (values <= 1)).all():
             raise PluginError(f"{member.title} returned probabilities that are NaN or outside [0, 1]")
-        return frozen_int(given >= 0.5)
-    if given.dtype.kind not in "iub":
-        raise PluginError(f"{member.title} returned {given.dtype}, expected integers, booleans or floats")
-    if given.min() < 0 or given.max() > 1:
-        raise PluginError(f"{member.title} returned sides {given.min()}..{given.max()}, expected 0 and 1")
-    return frozen_int(given)
+        return frozen_int(values >= 0.5)
+    if values.dtype.kind not in "iub":
+        raise PluginError(f"{member.title} returned {values.dtype}, expected integers, booleans or floats")
+    if values.min() < 0 or values.max() > 1:
+        raise PluginError(f"{member.title} returned sides {values.min()}..{values.max()}, expected 0 and 1")
+    return frozen_int(values)
 
 
 def bisect_by_block(bisector: Bisector, level: Graph, seeds: UInt64) -> NDArray[Any]:
@@ -91,11 +91,11 @@ def bisect_by_block(bisector: Bisector, level: Graph, seeds: UInt64) -> NDArray[
     for b in range(level.n_blocks):
         piece = level[b]
         returned = bisector.bisect(piece, np.random.default_rng(int(seeds[b])))
-        given = plain_array(returned, "the result of bisect", PluginError)
-        if given.shape != (piece.n,):
-            what = _in_words(returned, given)
-            raise PluginError(f"bisect returned {what}, expected ({piece.n},): a side for each cell")
-        sides.append(given)
+        piece_sides = plain_array(returned, "the result of bisect", PluginError)
+        if piece_sides.shape != (piece.n,):
+            description = _in_words(returned, piece_sides)
+            raise PluginError(f"bisect returned {description}, expected ({piece.n},): a side for each cell")
+        sides.append(piece_sides)
     return np.concatenate(sides)
 
 
@@ -114,11 +114,11 @@ def checked_split(member: Member, graph: Graph, pieces: Int, quotas: Int, given:
     """
     total = int(quotas.sum())
     labels, owner = _grown(member, graph, pieces, total, given, tested=tested)
-    found = np.bincount(owner[owner >= 0], minlength=len(quotas))
-    if (found != quotas).any():
-        piece = int(np.flatnonzero(found != quotas)[0])
+    counts = np.bincount(owner[owner >= 0], minlength=len(quotas))
+    if (counts != quotas).any():
+        piece = int(np.flatnonzero(counts != quotas)[0])
         raise PluginError(
-            f"{member.title} split piece {piece} in {found[piece]}, expected {quotas[piece]} parts"
+            f"{member.title} split piece {piece} in {counts[piece]}, expected {quotas[piece]} parts"
         )
     return labels
 
@@ -129,9 +129,9 @@ def checked_sizes(member: Member, graph: Graph, pieces: Int, given: Any, *, test
     If ``tested``, the parts must be connected.
     """
     labels, owner = _grown(member, graph, pieces, graph.n, given, tested=tested)
-    used = owner[: int(labels.max()) + 1]
-    if (used < 0).any():
-        raise PluginError(f"{member.title} left out part {int(used.argmin())}")
+    part_owners = owner[: int(labels.max()) + 1]
+    if (part_owners < 0).any():
+        raise PluginError(f"{member.title} left out part {int(part_owners.argmin())}")
     return labels
 
 
@@ -145,10 +145,10 @@ def checked_widths(member: Member, labels: Int, wide: Mask, limit: float) -> int
 
 
 def _grown(
-    member: Member, graph: Graph, pieces: Int, total: int, given: Any, *, tested: bool
+    member: Member, graph: Graph, pieces: Int, total: int, returned: Any, *, tested: bool
 ) -> tuple[Int, Int]:
     """Return the part labels and the piece ``(total,)`` of each part, −1 if unused."""
-    labels = _integers(member, "grow", given, graph.n)
+    labels = _integers(member, "grow", returned, graph.n)
     if labels.min() < 0 or labels.max() >= total:
         raise PluginError(f"{member.title} grew labels {labels.min()}..{labels.max()} for {total} parts")
     owner = np.full(total, -1, np.int64)
@@ -189,14 +189,14 @@ def checked_moves(member: Member, block: Int, before: Int, given: Any) -> Int:
         raise PluginError(
             f"{member.title} created labels {after.min()}..{after.max()} beyond 0..{len(block) - 1}"
         )
-    used = np.zeros(len(block), bool)
-    used[after] = True
-    if not used.all():
-        raise PluginError(f"{member.title} emptied part {int(used.argmin())}")
+    has_cell = np.zeros(len(block), bool)
+    has_cell[after] = True
+    if not has_cell.all():
+        raise PluginError(f"{member.title} emptied part {int(has_cell.argmin())}")
     moved = np.flatnonzero(after != before) if block.any() else frozen_int([])
-    left = moved[block[after[moved]] != block[before[moved]]]
-    if len(left):
-        raise PluginError(f"{member.title} moved cell {left[0]} to a part of another block")
+    strays = moved[block[after[moved]] != block[before[moved]]]
+    if len(strays):
+        raise PluginError(f"{member.title} moved cell {strays[0]} to a part of another block")
     return after
 
 
@@ -210,21 +210,21 @@ def require_no_worse(member: Member, graph: Graph, before: Int, after: Int) -> N
     objective = OBJECTIVES.get(name) if isinstance(name, str) else None
     if objective is None:
         return
-    grown = objective.worse_by(graph, before, after)
-    if grown > 0.0:
+    increase = objective.worse_by(graph, before, after)
+    if increase > 0.0:
         raise PluginError(
-            f"{member.title} made its own objective worse: {objective.name} grew by {grown:.6g}, "
+            f"{member.title} made its own objective worse: {objective.name} grew by {increase:.6g}, "
             f"from {objective.value(graph, before):.6g}"
         )
 
 
-def _integers(member: Member, method: str, given: Any, n: int) -> Int:
+def _integers(member: Member, method: str, returned: Any, n: int) -> Int:
     """Return integers ``(n,)`` from a component, or raise PluginError."""
     with attributed(f"{member.title}: {method}"):
-        labels = plain_array(given, "the result", PluginError)
+        labels = plain_array(returned, "the result", PluginError)
     if labels.shape != (n,) or labels.dtype.kind not in "iub":
         raise PluginError(
-            f"{member.title}: {method} returned {_in_words(given, labels)}, expected ({n},) integers"
+            f"{member.title}: {method} returned {_in_words(returned, labels)}, expected ({n},) integers"
         )
     return frozen_int(labels)
 

@@ -50,11 +50,11 @@ def _polishers(choices: Sequence[Choice], registry: Registry) -> list[Member]:
     return [chosen("refiner", each, registry)[0] for each in choices]
 
 
-def _stand_in(bisector: Member, why: str, choice: Choice, registry: Registry) -> Member:
+def _stand_in(bisector: Member, reason: str, choice: Choice, registry: Registry) -> Member:
     try:
         return chosen("bisector", choice, registry)[0]
     except AggloError as error:
-        raise PluginError(f"{bisector.title} {why} {choice!r}: {error}") from error
+        raise PluginError(f"{bisector.title} {reason} {choice!r}: {error}") from error
 
 
 def chosen(kind: str, choice: Choice, registry: Registry) -> tuple[Member, Choice | None]:

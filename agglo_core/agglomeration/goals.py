@@ -213,15 +213,15 @@ Goal = SizeGoal | CountGoal
 
 def check_targets(targets: Mapping[str, Any]) -> None:
     """Raise OptionError unless all targets are of one kind and satisfiable on some mesh."""
-    given = {name: value for name, value in targets.items() if value is not None}
-    if len(given) > 1:
-        raise OptionError(f"give one kind of target, not {' and '.join(given)}")
-    for name, value in given.items():
-        for each in _positive(name, value):
-            if name == "n_parts" and each != int(each):
-                raise OptionError(f"n_parts must be a whole number, given {each!r}")
-            if name == "cells_per_part" and each < 0.5:
-                raise OptionError(f"cells_per_part must be at least 1, given {each!r}")
+    values = {name: value for name, value in targets.items() if value is not None}
+    if len(values) > 1:
+        raise OptionError(f"give one kind of target, not {' and '.join(values)}")
+    for name, value in values.items():
+        for number in _positive(name, value):
+            if name == "n_parts" and number != int(number):
+                raise OptionError(f"n_parts must be a whole number, given {number!r}")
+            if name == "cells_per_part" and number < 0.5:
+                raise OptionError(f"cells_per_part must be at least 1, given {number!r}")
 
 
 def resolve_goals(
@@ -293,15 +293,15 @@ def _whole(value: float, n: int) -> int:
 
 
 def _positive(name: str, value: Any) -> list[float]:
-    many = isinstance(value, Sequence) and not isinstance(value, str)
-    many = many or (isinstance(value, np.ndarray) and value.ndim > 0)
-    values = list(value) if many else [value[()] if isinstance(value, np.ndarray) else value]
+    is_list = isinstance(value, Sequence) and not isinstance(value, str)
+    is_list = is_list or (isinstance(value, np.ndarray) and value.ndim > 0)
+    values = list(value) if is_list else [value[()] if isinstance(value, np.ndarray) else value]
     if not values:
         raise OptionError(f"{name} is empty: give at least one value")
-    for each in values:
-        if isinstance(each, bool | np.bool_) or not isinstance(each, Real) or not _is_positive(each):
-            raise OptionError(f"{name} must be positive and finite, given {each!r:.60}")
-    return [float(each) if not isinstance(each, Integral) else int(each) for each in values]
+    for number in values:
+        if isinstance(number, bool | np.bool_) or not isinstance(number, Real) or not _is_positive(number):
+            raise OptionError(f"{name} must be positive and finite, given {number!r:.60}")
+    return [float(number) if not isinstance(number, Integral) else int(number) for number in values]
 
 
 def _is_positive(number: Real) -> bool:

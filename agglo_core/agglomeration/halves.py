@@ -18,11 +18,11 @@ def _beside(start, stop, indptr, indices, sides, edge):
     """List the block's nodes adjacent to the other side, and return their number."""
     m = np.int64(0)
     for i in range(start, stop):
-        own, beside = sides[i], False
+        side, is_adjacent = sides[i], False
         for h in range(indptr[i], indptr[i + 1]):
-            beside |= sides[indices[h]] != own  # no branch: it would be mispredicted
+            is_adjacent |= sides[indices[h]] != side  # no branch: it would be mispredicted
         edge[m] = i
-        m += beside
+        m += is_adjacent
     return m
 
 

@@ -173,11 +173,11 @@ def agglomerate(
     >>> agglo.agglomerate(mesh, bisector="coordinate", h_factor=4, polish=False).parts
     [4]
     """
-    given = {name: value for name, value in locals().items() if name in NAMES}
+    keywords = {name: value for name, value in locals().items() if name in NAMES}
     if not isinstance(mesh, Mesh | Graph):
         raise OptionError(f"agglomerate needs a Mesh or a Graph, given {type(mesh).__name__}")
     base = _DEFAULT if config is None else Pipeline.from_toml(config, allow_code=allow_code)
-    return changed(base, given).run(mesh, registry, progress, verbose, threads)
+    return changed(base, keywords).run(mesh, registry, progress, verbose, threads)
 
 
 def changed(base: Pipeline, given: Mapping[str, Any]) -> Pipeline:

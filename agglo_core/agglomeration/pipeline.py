@@ -79,10 +79,10 @@ class Pipeline(Rules):
         OptionError
             If a value does not fit its key. The message names the file.
         """
-        given = read_run_file(Path(path), allow_code=allow_code)
+        keywords = read_run_file(Path(path), allow_code=allow_code)
         try:
-            check_targets({name: given.get(name) for name in TARGETS})
-            return cls(**given)
+            check_targets({name: keywords.get(name) for name in TARGETS})
+            return cls(**keywords)
         except OptionError as error:
             raise OptionError(f"{path}: {error}") from error
 
@@ -105,15 +105,15 @@ class Pipeline(Rules):
         with phase(listen, "building the graph"):
             graph = mesh.graph if isinstance(mesh, Mesh) else mesh
         members = self.members(mesh, graph, registry)
-        measured = graph if self.metric is None else in_metric(mesh, graph, self.metric)
-        allowed = constrained(graph, members, measured)
+        metric_graph = graph if self.metric is None else in_metric(mesh, graph, self.metric)
+        rule_graph = constrained(graph, members, metric_graph)
         # 2. Goals, components and post-passes of the run.
-        goals = bounded_goals(graph, allowed, members, self._goals(mesh, measured, allowed))
+        goals = bounded_goals(graph, rule_graph, members, self._goals(mesh, metric_graph, rule_graph))
         run = new_run(self, registry, listen)
         post = PostPass(self.merge, bool(run.post_refiners), part_rules(graph, members))
         counts = isinstance(goals[0], CountGoal)
         # 3. Loads by which counts are distributed, then the levels.
-        loaded = self.balanced(allowed, counts=counts)
+        loaded = self.balanced(rule_graph, counts=counts)
         make_levels = line_levels if self.lines else ordered_levels
         with naming(members):
             levels = make_levels(loaded, goals, run, post, kway=self.method == "kway", nested=self.nested)
@@ -144,10 +144,10 @@ class Pipeline(Rules):
             **{name: getattr(self, name) for name in TARGETS},
         )
 
-    def _goals(self, mesh: Mesh | Graph, graph: Graph, allowed: Graph) -> tuple[Goal, ...]:
+    def _goals(self, mesh: Mesh | Graph, graph: Graph, rule_graph: Graph) -> tuple[Goal, ...]:
         def mesh_size() -> float:
             if isinstance(mesh, Mesh) and self.metric is None:
                 return mesh.h
             return float(graph.part_diameters(np.arange(graph.n)).max())
 
-        return self.goals(graph.n, mesh_size, lambda: frozen_int(np.bincount(allowed.components())))
+        return self.goals(graph.n, mesh_size, lambda: frozen_int(np.bincount(rule_graph.components())))

@@ -40,17 +40,17 @@ def read_run_file(path: Path, *, allow_code: bool = False) -> dict[str, Any]:
         if isinstance(value, str):
             return value
         if isinstance(value, Mapping) and isinstance(value.get("name"), str):
-            options = {option: each for option, each in value.items() if option != "name"}
+            options = {option: item for option, item in value.items() if option != "name"}
             return value["name"], options if allow_code else written(options)
         raise FileError(f"{path}: {key} must be a name or a table with a name, not {value!r:.60}")
 
     # 2. Convert components, single or in lists, to choices.
-    given = {key: table[key] for key in NAMES if key in table}
+    keywords = {key: table[key] for key in NAMES if key in table}
     for key in COMPONENTS:
-        if key in COMPONENT_LISTS and key in given:
-            if not isinstance(given[key], list):
-                raise FileError(f"{path}: {key} must be a list, given {given[key]!r:.60}")
-            given[key] = tuple(choice(key, each) for each in given[key])
-        elif key in given:
-            given[key] = choice(key, given[key])
-    return given
+        if key in COMPONENT_LISTS and key in keywords:
+            if not isinstance(keywords[key], list):
+                raise FileError(f"{path}: {key} must be a list, given {keywords[key]!r:.60}")
+            keywords[key] = tuple(choice(key, item) for item in keywords[key])
+        elif key in keywords:
+            keywords[key] = choice(key, keywords[key])
+    return keywords

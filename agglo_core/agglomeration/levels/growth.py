@@ -82,15 +82,15 @@ def grown_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass) 
     # 3. Split the pieces level by level, coarsest first. Post-passes change the pieces, so growth restarts.
     result: list[Int] = []
     for stage, goal in enumerate(reversed(goals)):
-        own = run.on_level(stage, len(goals))
+        level_run = run.on_level(stage, len(goals))
         if stage and post.active:
-            growth = _restarted(graph, labels, growth, own)
+            growth = _restarted(graph, labels, growth, level_run)
         if growth is None:
             raise PluginError(f"{run.bisector.title} grew one level of the run, and declines the next")
-        parts = _split(graph, labels, goal, growth, own, stage, tested=not post.polish)
+        parts = _split(graph, labels, goal, growth, level_run, stage, tested=not post.polish)
         if stage == len(goals) - 1:
             growth = None  # free its arrays before the post-passes
-        labels = post.apply(graph, labels, parts, goal, own, stage, tested=not post.polish)
+        labels = post.apply(graph, labels, parts, goal, level_run, stage, tested=not post.polish)
         result.append(labels)
     return result[::-1]
 
@@ -134,13 +134,13 @@ def _split(
         if isinstance(goal, CountGoal):
             quotas = _quotas(graph, labels, goal)
             with attributed(owner.title):
-                given, depths = growth.split(quotas, seeds, tell)
-            parts = checked_split(owner, graph, labels, quotas, given, tested=tested)
+                raw_labels, depths = growth.split(quotas, seeds, tell)
+            parts = checked_split(owner, graph, labels, quotas, raw_labels, tested=tested)
         else:
             to_size = cast(GrowthToSize, growth)  # ``_serves`` has checked it
             with attributed(owner.title):
-                given, depths = to_size.split_to_size(goal.limit, seeds, tell)
-            parts = checked_sizes(owner, graph, labels, given, tested=tested)
+                raw_labels, depths = to_size.split_to_size(goal.limit, seeds, tell)
+            parts = checked_sizes(owner, graph, labels, raw_labels, tested=tested)
             if tested:
                 run.note_widths(parts, graph.wide_parts(parts, goal.limit), goal.limit)
         run.count_depths(depths)

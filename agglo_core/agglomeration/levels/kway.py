@@ -59,12 +59,12 @@ def _one_level(graph: Graph, parts: int, goal: Goal, run: Run, stage: int) -> In
     with statistics.timed("fix"):
         local = run.fix(pieces, local)
     # 3. Number the parts through all components.
-    found = frozen_int(np.maximum.reduceat(local, pieces.offsets[:-1]) + 1)
-    first = np.cumsum(found) - found
+    counts = frozen_int(np.maximum.reduceat(local, pieces.offsets[:-1]) + 1)
+    first = np.cumsum(counts) - counts
     labels = np.empty(graph.n, np.int64)
     labels[cells] = local + np.repeat(first, np.diff(pieces.offsets))
     # 4. Bisect the parts that miss the goal.
-    return _finish(graph, frozen_int(labels), quotas, found, goal, run, stage)
+    return _finish(graph, frozen_int(labels), quotas, counts, goal, run, stage)
 
 
 def _partition_components(pieces: Graph, quotas: Int, goal: Goal, run: Run, seeds: UInt64, tell: Tell) -> Int:
@@ -79,29 +79,29 @@ def _partition_components(pieces: Graph, quotas: Int, goal: Goal, run: Run, seed
     return frozen_int(local)
 
 
-def _finish(graph: Graph, labels: Int, quotas: Int, found: Int, goal: Goal, run: Run, stage: int) -> Int:
+def _finish(graph: Graph, labels: Int, quotas: Int, counts: Int, goal: Goal, run: Run, stage: int) -> Int:
     """Bisect parts that are too large, or as many parts as the exact count lacks."""
     if not isinstance(goal, SizeGoal):
-        goal = replace(goal, quotas=_missing(graph, labels, quotas, found))
+        goal = replace(goal, quotas=_missing(graph, labels, quotas, counts))
     tree, leaves = grow(graph, labels, goal, run, stage)
     note_oversized(tree, leaves, goal, run)
     return tree.labels(leaves)
 
 
-def _missing(graph: Graph, labels: Int, quotas: Int, found: Int) -> Int:
+def _missing(graph: Graph, labels: Int, quotas: Int, counts: Int) -> Int:
     """Return the number of pieces to split each part into.
 
-    Each component has ``found`` parts and must reach its quota.
+    Component c has ``counts[c]`` parts and must reach its quota.
     """
     measures = frozen_float(np.bincount(labels, graph.mass))
     cells = frozen_int(np.bincount(labels))
-    stops = np.cumsum(found)
+    stops = np.cumsum(counts)
     shares = [
         apportion(int(quota), measures[stop - count : stop], cells[stop - count : stop])
-        for quota, count, stop in zip(quotas, found, stops, strict=True)
+        for quota, count, stop in zip(quotas, counts, stops, strict=True)
         if count < quota
     ]
     result = np.ones(len(measures), np.int64)
     if shares:
-        result[np.repeat(found < quotas, found)] = np.concatenate(shares)
+        result[np.repeat(counts < quotas, counts)] = np.concatenate(shares)
     return frozen_int(result)

@@ -13,14 +13,14 @@ _FINE = 2.0**40  # scores are rounded to multiples of 2^-40: the order of summat
 
 
 @helper
-def _renewed(c, lists, root, grown, now, places, seen, stamp):
+def _renewed(c, lists, root, epochs, step, places, marks, stamp):
     """Replace the merged neighbours of part c by the parts that they merged into, without duplicates.
 
     For each part, ``lists`` contain a neighbour range (start, length), the shared interfaces, and whether
-    each union fits: 1, 0, or −1 for unknown.
+    each union fits: 1, 0, or −1 for unknown. ``epochs`` are the rounds in which parts last grew.
     """
     near, shared, fits, start, length = lists
-    kept = start[c]
+    end = start[c]
     for h in range(start[c], start[c] + length[c]):
         r = near[h]
         while root[r] != r:
@@ -29,18 +29,18 @@ def _renewed(c, lists, root, grown, now, places, seen, stamp):
             continue
         # 1. A union that did not fit never will, because unions only become wider. A union that fitted is
         #    unknown again after the neighbour has grown.
-        fit = 0 if fits[h] == 0 else (-1 if grown[r] == now else fits[h])
+        fit = 0 if fits[h] == 0 else (-1 if epochs[r] == step else fits[h])
         # 2. Several neighbours may be one part now: their interfaces are added, and if any union did not fit,
         #    the new union does not fit. The list is overwritten in place.
-        if seen[r] == stamp:
+        if marks[r] == stamp:
             g = places[r]
             shared[g] += shared[h]
             fits[g] = min(abs(fits[g]), abs(fit)) * -1
         else:
-            seen[r], places[r] = stamp, kept
-            near[kept], shared[kept], fits[kept] = r, shared[h], fit
-            kept += 1
-    length[c] = kept - start[c]
+            marks[r], places[r] = stamp, end
+            near[end], shared[end], fits[end] = r, shared[h], fit
+            end += 1
+    length[c] = end - start[c]
 
 
 @helper(allocates=True)
@@ -96,15 +96,15 @@ def _partner(c, lists, outline, owner, following, shapes, space, stamps, limit):
             continue
         # 1. Score: share of both outlines that would become interior, rounded.
         score = np.rint(_FINE * shared[h] / (outline[c] + outline[r]))
-        one, two = min(c, r), max(c, r)
-        if score < best or (score == best and (one < row or (one == row and two < column))):
+        low, high = min(c, r), max(c, r)
+        if score < best or (score == best and (low < row or (low == row and high < column))):
             continue
         # 2. Test only a union with the best score so far, because diameters are expensive.
         if fits[h] < 0:
             stamps[0] += 1
             fits[h] = 1 if _union_fits(c, r, following, shapes, space, stamps[0], limit) else 0
         if fits[h]:
-            best, partner, row, column = score, r, one, two
+            best, partner, row, column = score, r, low, high
     return partner
 
 
@@ -152,8 +152,8 @@ def merged_parts(indptr, indices, interface, boundary, owner, vertex_offsets, ve
     n = len(owner)
     # 1. Neighbour lists, which grow to the right. The members of a part form a chain (``following``,
     #    ``last``).
-    room = 2 * len(indices)  # merged lists are appended; the lists in use fill at most half of the arrays
-    near, shared, fits = np.empty(room, np.int64), np.empty(room), np.full(room, -1, np.int64)
+    capacity = 2 * len(indices)  # merged lists are appended; the lists in use fill at most half of the arrays
+    near, shared, fits = np.empty(capacity, np.int64), np.empty(capacity), np.full(capacity, -1, np.int64)
     for h in range(len(indices)):
         near[h], shared[h] = indices[h], interface[h]
     start, length = indptr[:-1].astype(np.int64), np.empty(n, np.int64)
@@ -175,33 +175,33 @@ def merged_parts(indptr, indices, interface, boundary, owner, vertex_offsets, ve
         np.empty(len(points), np.int64),
         np.empty(points.shape[1]),
     )
-    partner, grown, listed = np.full(n, -1, np.int64), np.full(n, -1, np.int64), np.full(n, -1, np.int64)
-    places, seen, stamps = np.empty(n, np.int64), np.full(n, -1, np.int64), np.zeros(2, np.int64)
-    asked, pairs = np.arange(n), np.empty(n, np.int64)
-    count, now = n, 0
+    partner, epochs, listed = np.full(n, -1, np.int64), np.full(n, -1, np.int64), np.full(n, -1, np.int64)
+    places, marks, stamps = np.empty(n, np.int64), np.full(n, -1, np.int64), np.zeros(2, np.int64)
+    proposers, pairs = np.arange(n), np.empty(n, np.int64)
+    count, step = n, 0
     while count > 0:
         # 4. Each changed part proposes to a neighbour. The other proposals remain valid.
         for q in range(count):
-            c = asked[q]
+            c = proposers[q]
             stamps[1] += 1
-            _renewed(c, lists, root, grown, now, places, seen, stamps[1])
+            _renewed(c, lists, root, epochs, step, places, marks, stamps[1])
             partner[c] = _partner(c, lists, outline, owner, following, shapes, space, stamps, limit)
         # 5. Mutual proposals become pairs, each listed once by its smaller number.
         merging = 0
         for q in range(count):
-            c = asked[q]
+            c = proposers[q]
             b = partner[c]
-            if b >= 0 and partner[b] == c and grown[c] != now + 1:
+            if b >= 0 and partner[b] == c and epochs[c] != step + 1:
                 a, b = min(b, c), max(b, c)
-                grown[a] = grown[b] = now + 1
+                epochs[a] = epochs[b] = step + 1
                 pairs[merging] = a
                 merging += 1
         # 6. Merge the pairs: lists, chains of members, boxes. Compact the lists when the arrays are full.
-        now += 1
+        step += 1
         for q in range(merging):
             a = pairs[q]
             b = partner[a]
-            if top + length[a] + length[b] > room:
+            if top + length[a] + length[b] > capacity:
                 top = _compacted(lists, root)
             top = _append(lists, a, b, top)
             root[b], following[last[a]], last[a] = a, b, last[b]
@@ -214,15 +214,15 @@ def merged_parts(indptr, indices, interface, boundary, owner, vertex_offsets, ve
         for q in range(merging):
             a = pairs[q]
             stamps[1] += 1
-            _renewed(a, lists, root, grown, now, places, seen, stamps[1])
+            _renewed(a, lists, root, epochs, step, places, marks, stamps[1])
             outline[a] = sides[a]
             for h in range(start[a], start[a] + length[a]):
                 outline[a] += shared[h]
             for h in range(start[a] - 1, start[a] + length[a]):
                 c = a if h < start[a] else near[h]
-                if listed[c] != now:
-                    listed[c] = now
-                    asked[count] = c
+                if listed[c] != step:
+                    listed[c] = step
+                    proposers[count] = c
                     count += 1
     for c in range(n):
         root[c] = root[root[c]]  # the smaller number comes first and is already resolved

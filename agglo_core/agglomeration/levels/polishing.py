@@ -102,12 +102,12 @@ def _polish(graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage:
     else:
         after = _refined_by_block(graph, labels, owner, target, run, stage)
     # 3. Undo the moves that disconnect, empty or widen a part.
-    kept, broken, wide = _without_bad_moves(graph, labels, after, goal.limit, tested=tested)
+    result, broken, wide = _without_bad_moves(graph, labels, after, goal.limit, tested=tested)
     if broken.any():
         raise PluginError(f"{run.bisector.title} left a part disconnected")
     if not tested:
-        run.note_widths(kept, wide, goal.limit)
-    return kept
+        run.note_widths(result, wide, goal.limit)
+    return result
 
 
 def _refined_by_block(graph: Graph, labels: Int, owner: Int, target: Target, run: Run, stage: int) -> Int:
@@ -136,29 +136,29 @@ def _without_bad_moves(
     parts before are not ``tested``, the first round checks all parts. Also returns masks for parts still
     disconnected or too wide.
     """
-    asked = np.ones(int(before.max()) + 1, bool)
-    broken, wide, bad = (np.zeros_like(asked) for _ in range(3))  # no part is empty after a refiner
+    check_mask = np.ones(int(before.max()) + 1, bool)
+    broken, wide, bad = (np.zeros_like(check_mask) for _ in range(3))  # no part is empty after a refiner
     moved = None
     if tested:
-        moved, asked = _moved(before, after, len(asked))
+        moved, check_mask = _moved(before, after, len(check_mask))
     result = after
-    while asked.any():
+    while check_mask.any():
         # 1. Find the disconnected and the wide parts among the parts to check.
         if not bad.any():
-            broken = broken & ~asked | broken_parts(graph.indptr, graph.indices, result, asked)
+            broken = broken & ~check_mask | broken_parts(graph.indptr, graph.indices, result, check_mask)
             if np.isfinite(limit):
-                wide = wide & ~asked | graph.wide_parts(result, limit, asked)
-            bad, asked = broken | wide, np.zeros_like(asked)
+                wide = wide & ~check_mask | graph.wide_parts(result, limit, check_mask)
+            bad, check_mask = broken | wide, np.zeros_like(check_mask)
             if not bad.any():
                 break
         # 2. Undo the remaining moves into or out of bad parts.
         if moved is None:
-            moved = _moved(before, after, len(asked))[0]
+            moved = _moved(before, after, len(check_mask))[0]
         back = bad[result[moved]] | bad[before[moved]]
         cells = moved[back]
         if len(cells) == 0:
             break
-        asked[before[cells]] = asked[result[cells]] = True
+        check_mask[before[cells]] = check_mask[result[cells]] = True
         result = result.copy()
         result[cells] = before[cells]
         moved = moved[~back]

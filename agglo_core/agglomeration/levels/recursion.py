@@ -42,21 +42,21 @@ class _TreeBuilder:
 
     def add(self, parent: Int, start: Int, sizes: Int, state: Float) -> Int:
         """Append nodes and return their numbers."""
-        known = isinstance(self.goal, SizeGoal)
+        by_size = isinstance(self.goal, SizeGoal)
         self.parent.append(parent)
         self.start.append(start)
         self.stop.append(start + sizes)
-        self.diameter.append(state if known else np.full(len(state), np.nan))
+        self.diameter.append(state if by_size else np.full(len(state), np.nan))
         self.count += len(parent)
         return np.arange(self.count - len(parent), self.count)
 
     def write(self, start: Int, finished: Mask, cells: Int, order: Int, offsets: Int) -> None:
         """Write the finished pieces' cells to their places in tree order."""
-        chosen = np.flatnonzero(finished)
-        if len(chosen) == 0:
+        pieces = np.flatnonzero(finished)
+        if len(pieces) == 0:
             return
-        take, counts = _rows(offsets, chosen)
-        place = np.repeat(start[chosen] - (np.cumsum(counts) - counts), counts)
+        take, counts = _rows(offsets, pieces)
+        place = np.repeat(start[pieces] - (np.cumsum(counts) - counts), counts)
         self.cells[np.arange(len(take)) + place] = cells[order[take]]
         self.placed += len(take)
 
@@ -131,13 +131,13 @@ def _grown(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int, tell: Te
         if finished.all():
             return tree.tree(), frozen_int(np.concatenate(leaves))
         # 3. Graph of the unfinished pieces, one block per piece.
-        going = np.flatnonzero(~finished)
-        if nodes[0] > 0 or len(going) < len(nodes):  # otherwise the blocks are still the roots
+        branches = np.flatnonzero(~finished)
+        if nodes[0] > 0 or len(branches) < len(nodes):  # otherwise the blocks are still the roots
             with statistics.timed("split"):
-                take, starts = _taken(order, offsets, going)
+                take, starts = _taken(order, offsets, branches)
                 source, cells = source.subgraph(take, starts), cells[take]
         # 4. Bisect, refine and fix all blocks.
-        seeds, state, nodes, start = seeds[going], state[going], nodes[going], start[going]
+        seeds, state, nodes, start = seeds[branches], state[branches], nodes[branches], start[branches]
         shares = table[np.minimum(state, len(table) - 1).astype(np.int64)] if table is not None else None
         sides = run.halve(source, seeds, goal.target, shares)
         # 5. Order the cells by side, and test each side.
@@ -151,20 +151,20 @@ def _grown(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int, tell: Te
         seeds = splitmix(np.repeat(seeds, 2) ^ np.tile(np.array([1, 2], np.uint64), len(seeds)))
 
 
-def _rows(offsets: Int, chosen: Int) -> tuple[Int, Int]:
-    """Return the entry positions in the chosen CSR rows, concatenated, and the row lengths."""
-    sizes = np.diff(offsets)[chosen]
-    if len(chosen) == len(offsets) - 1:
+def _rows(offsets: Int, rows: Int) -> tuple[Int, Int]:
+    """Return the entry positions in the CSR ``rows``, concatenated, and the row lengths."""
+    sizes = np.diff(offsets)[rows]
+    if len(rows) == len(offsets) - 1:
         return np.arange(offsets[-1]), sizes
     first = np.cumsum(sizes) - sizes
-    return np.arange(sizes.sum()) + np.repeat(offsets[chosen] - first, sizes), sizes
+    return np.arange(sizes.sum()) + np.repeat(offsets[rows] - first, sizes), sizes
 
 
-def _taken(order: Int, offsets: Int, chosen: Int) -> tuple[Int, Int]:
-    """Return the chosen pieces' cells and the piece offsets."""
-    if len(chosen) == len(offsets) - 1:
+def _taken(order: Int, offsets: Int, pieces: Int) -> tuple[Int, Int]:
+    """Return the cells of these ``pieces`` and the piece offsets."""
+    if len(pieces) == len(offsets) - 1:
         return order, offsets
-    rows, sizes = _rows(offsets, chosen)
+    rows, sizes = _rows(offsets, pieces)
     return order[rows], frozen_int(np.concatenate(([0], np.cumsum(sizes))))
 
 
@@ -193,11 +193,11 @@ def recursive_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPa
     labels = graph.components()
     result: list[Int] = []
     for stage, goal in enumerate(reversed(goals)):
-        own = run.on_level(stage, len(goals))
-        tree, leaves = grow(graph, labels, goal, own, stage)
+        level_run = run.on_level(stage, len(goals))
+        tree, leaves = grow(graph, labels, goal, level_run, stage)
         if goal is goals[0]:
-            note_oversized(tree, leaves, goal, own)
-        labels = post.apply(graph, labels, tree.labels(leaves), goal, own, stage)
+            note_oversized(tree, leaves, goal, level_run)
+        labels = post.apply(graph, labels, tree.labels(leaves), goal, level_run, stage)
         result.append(labels)
     return result[::-1]
 

@@ -29,11 +29,11 @@ def constrained(graph: Graph, constraints: Sequence[Member], there: Graph) -> Gr
     PluginError
         If a constraint misbehaves.
     """
-    asked = [member for member in constraints if callable(getattr(member.tool, "forbidden", None))]
-    if not asked:
+    edge_rules = [member for member in constraints if callable(getattr(member.tool, "forbidden", None))]
+    if not edge_rules:
         return there
     forbidden = np.zeros(len(graph.indices), bool)
-    for member in asked:
+    for member in edge_rules:
         forbidden |= forbidden_by(member, graph)
     return there.without_edges(forbidden)
 
@@ -86,22 +86,22 @@ def forbidden_by(member: Member, graph: Graph) -> Mask:
     """Return a mask ``(m,)`` of the forbidden CSR entries, both directions per edge."""
     # 1. Check shape and dtype of the result.
     with attributed(member.title):
-        given = plain_array(member.tool.forbidden(graph), "the result of forbidden", PluginError)
+        mask = plain_array(member.tool.forbidden(graph), "the result of forbidden", PluginError)
     shape = graph.indices.shape
-    if given.shape != shape or given.dtype != bool:
+    if mask.shape != shape or mask.dtype != bool:
         raise PluginError(
-            f"{member.title}: forbidden returned shape {given.shape} of {given.dtype}, "
+            f"{member.title}: forbidden returned shape {mask.shape} of {mask.dtype}, "
             f"expected {shape} of bool, one for each CSR entry"
         )
     # 2. Check the symmetry: each forbidden entry (i, j) needs the entry (j, i).
-    marked = np.flatnonzero(given)
+    marked = np.flatnonzero(mask)
     row = np.searchsorted(graph.indptr, marked, side="right") - 1
     column = graph.indices[marked].astype(np.int64)
-    there, back = row * graph.n + column, column * graph.n + row
-    one_way = np.flatnonzero(~np.isin(there, back))
+    keys, reverse_keys = row * graph.n + column, column * graph.n + row
+    one_way = np.flatnonzero(~np.isin(keys, reverse_keys))
     if len(one_way):
         i, j = int(row[one_way[0]]), int(column[one_way[0]])
         raise PluginError(
             f"{member.title}: forbidden has the edge from cell {i} to cell {j}, but not from {j} to {i}"
         )
-    return given
+    return mask

@@ -53,10 +53,10 @@ class Rules(Keywords):
 
     def members(self, mesh: Mesh | Graph, graph: Graph, registry: Registry) -> list[Member]:
         """Return the constraints on this mesh, starting with the keyword constraints."""
-        found = [Member(tool, f"constraint {name!r}") for name, tool in self._by_keyword(mesh, graph)]
-        for each in self.constraints:
-            found.append(_on_mesh(chosen("constraint", each, registry)[0], mesh))
-        return found
+        result = [Member(tool, f"constraint {name!r}") for name, tool in self._by_keyword(mesh, graph)]
+        for choice in self.constraints:
+            result.append(_on_mesh(chosen("constraint", choice, registry)[0], mesh))
+        return result
 
     def balanced(
         self,
@@ -107,23 +107,23 @@ class Rules(Keywords):
         return None if self.weights is None else weights_of(self.weights, graph.data, graph.n)
 
     def _by_keyword(self, mesh: Mesh | Graph, graph: Graph) -> list[tuple[str, Any]]:
-        made: list[tuple[str, Any]] = []
+        rules: list[tuple[str, Any]] = []
         if self.regions is not None:
-            made.append(("regions", _regions(self.regions)))
+            rules.append(("regions", _regions(self.regions)))
         if self.barriers is not None:
             tags = _component("barriers:BarrierTags")(self.barriers)
-            made.append(("barriers", tags.for_mesh(_faces(mesh, "barriers"))))
+            rules.append(("barriers", tags.for_mesh(_faces(mesh, "barriers"))))
         if self.where is not None:
             alone = ~marked("where", self.where, graph.data, graph.n, "cell")
-            made.append(("where", _component("regions:SingleCells")(alone)))
+            rules.append(("where", _component("regions:SingleCells")(alone)))
         if self.boundary_rules is not None:
-            made.append(
+            rules.append(
                 ("boundary_rules", _component("ridges:Ridges")().for_mesh(_faces(mesh, "boundary_rules")))
             )
         bounds = [name for name in BOUNDS if getattr(self, name) is not None]
         if bounds:
-            made.append((" and ".join(bounds), self._bounds(self.cell_weights(graph))))
-        return made
+            rules.append((" and ".join(bounds), self._bounds(self.cell_weights(graph))))
+        return rules
 
     def _bounds(self, weights: Any) -> Any:
         limits = {name: getattr(self, name) for name in BOUNDS}
@@ -141,11 +141,13 @@ def _component(name: str) -> Callable[..., Any]:
     return made_by(f"agglo_core.constraints.{name}")
 
 
-def _regions(given: Names | ArrayLike) -> Any:
+def _regions(regions: Names | ArrayLike) -> Any:
     make = _component("regions:Regions")
-    if isinstance(given, str) or (isinstance(given, Sequence) and all(isinstance(e, str) for e in given)):
-        return make(given if isinstance(given, str) else tuple(given))
-    values = plain_array(given, "regions", OptionError)
+    if isinstance(regions, str) or (
+        isinstance(regions, Sequence) and all(isinstance(e, str) for e in regions)
+    ):
+        return make(regions if isinstance(regions, str) else tuple(regions))
+    values = plain_array(regions, "regions", OptionError)
     if values.dtype.kind not in "iubU":
         raise OptionError(f"regions must be names of cell tags, integers or booleans, not {values.dtype}")
     return make(values=values)

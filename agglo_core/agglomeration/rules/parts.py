@@ -44,42 +44,42 @@ def merged_pairs(
     most : int, optional
         Largest number of merges. Default: no limit.
     """
-    tried: Pairs = set()
-    left = graph.n if most is None else most
-    while left > 0:
+    refused_pairs: Pairs = set()
+    budget = graph.n if most is None else most
+    while budget > 0:
         # 1. Propose pairs on the quotient graph, and keep disjoint pairs.
         parts = graph.coarsen(labels)
         block = np.empty(parts.n, np.int64)
         block[labels] = blocks
-        pairs = _proposals(parts, block, wanted(parts, labels), tried, by_interface)
-        pairs = _apart(pairs, parts.n)[:left]
+        pairs = _proposals(parts, block, wanted(parts, labels), refused_pairs, by_interface)
+        pairs = _apart(pairs, parts.n)[:budget]
         if len(pairs) == 0:
             break
         # 2. Join the pairs, and undo the refused unions.
-        labels, done, tried = _joined(labels, parts.n, pairs, refused, tried)
-        left -= done
+        labels, n_merged, refused_pairs = _joined(labels, parts.n, pairs, refused, refused_pairs)
+        budget -= n_merged
     return frozen_int(labels)
 
 
-def _proposals(parts: Graph, block: Int, wanted: Mask, tried: Pairs, by_interface: bool) -> Int:
-    """Pair each wanted part with its best neighbour: pairs ``(q, 2)``, lightest first."""
-    # 1. Edges from wanted parts to neighbours in their block, except pairs already tried.
+def _proposals(parts: Graph, block: Int, part_mask: Mask, refused_pairs: Pairs, by_interface: bool) -> Int:
+    """Pair each part in ``part_mask`` with its best neighbour: pairs ``(q, 2)``, lightest first."""
+    # 1. Edges from these parts to neighbours in their block, except refused pairs.
     rows = np.repeat(np.arange(parts.n), np.diff(parts.indptr))
     columns = parts.indices.astype(np.int64)
-    usable = wanted[rows] & (block[rows] == block[columns])
-    if tried:
-        known = np.array(sorted(tried))
-        keys = np.concatenate((known @ (parts.n, 1), known @ (1, parts.n)))
-        usable &= ~np.isin(rows * parts.n + columns, keys)
-    rows, columns = rows[usable], columns[usable]
+    edge_mask = part_mask[rows] & (block[rows] == block[columns])
+    if refused_pairs:
+        pairs = np.array(sorted(refused_pairs))
+        keys = np.concatenate((pairs @ (parts.n, 1), pairs @ (1, parts.n)))
+        edge_mask &= ~np.isin(rows * parts.n + columns, keys)
+    rows, columns = rows[edge_mask], columns[edge_mask]
     # 2. Best neighbour of each part.
-    merit: Float = parts.interface[usable] if by_interface else -parts.mass[columns]
+    merit: Float = parts.interface[edge_mask] if by_interface else -parts.mass[columns]
     order = np.lexsort((columns, -merit, rows))
     best = order[np.unique(rows[order], return_index=True)[1]]
     # 3. Order the pairs by their mass.
     urgent = np.argsort(parts.mass[rows[best]] + parts.mass[columns[best]], kind="stable")
-    chosen = best[urgent]
-    return frozen_int(np.stack((rows[chosen], columns[chosen]), axis=1).reshape(-1, 2))
+    picks = best[urgent]
+    return frozen_int(np.stack((rows[picks], columns[picks]), axis=1).reshape(-1, 2))
 
 
 def _apart(pairs: Int, n: int) -> Int:
@@ -90,7 +90,9 @@ def _apart(pairs: Int, n: int) -> Int:
     return frozen_int(pairs[(first[pairs] == rank[:, None]).all(axis=1)])
 
 
-def _joined(labels: Int, count: int, pairs: Int, refused: Refused, tried: Pairs) -> tuple[Int, int, Pairs]:
+def _joined(
+    labels: Int, count: int, pairs: Int, refused: Refused, refused_pairs: Pairs
+) -> tuple[Int, int, Pairs]:
     """Join the pairs that the rules admit.
 
     Returns the labels, the joined-pair count, and the refused unions. A refused union stays refused when it
@@ -98,14 +100,14 @@ def _joined(labels: Int, count: int, pairs: Int, refused: Refused, tried: Pairs)
     """
     # 1. Join all pairs, and find the refused unions.
     whole = _numbers(pairs, count)
-    asked = np.zeros(count - len(pairs), bool)
-    asked[whole[pairs[:, 1]]] = True
-    bad = refused(frozen_int(whole[labels]), asked)[whole[pairs[:, 1]]]
+    check_mask = np.zeros(count - len(pairs), bool)
+    check_mask[whole[pairs[:, 1]]] = True
+    bad = refused(frozen_int(whole[labels]), check_mask)[whole[pairs[:, 1]]]
     # 2. Join only the admitted pairs, and renumber the refused ones.
     number = _numbers(pairs[~bad], count)
-    known = {(min(pair), max(pair)) for pair in (*tried, *map(tuple, pairs[bad].tolist()))}
-    tried = {(int(number[one]), int(number[other])) for one, other in known}
-    return frozen_int(number[labels]), int(np.count_nonzero(~bad)), tried
+    old_pairs = {(min(pair), max(pair)) for pair in (*refused_pairs, *map(tuple, pairs[bad].tolist()))}
+    refused_pairs = {(int(number[a]), int(number[b])) for a, b in old_pairs}
+    return frozen_int(number[labels]), int(np.count_nonzero(~bad)), refused_pairs
 
 
 def _numbers(pairs: Int, count: int) -> Int:
@@ -309,31 +311,31 @@ class _Level:
         chosen[heaviest[mass[heaviest] > 0]] = True
         return self._halved(labels, chosen, _ROUNDS + turn, by_rule=False) if chosen.any() else labels
 
-    def _refused(self, labels: Int, asked: Mask) -> Mask:
+    def _refused(self, labels: Int, check_mask: Mask) -> Mask:
         bad = self.rules.inadmissible(labels)
         if np.isfinite(self.goal.limit):
-            bad |= self.graph.wide_parts(labels, self.goal.limit, asked)
+            bad |= self.graph.wide_parts(labels, self.goal.limit, check_mask)
         return bad
 
-    def _halved(self, labels: Int, chosen: Mask, turn: int, *, by_rule: bool = True) -> Int:
-        """Split the chosen parts in two, or into more pieces where a rule defines the split."""
+    def _halved(self, labels: Int, part_mask: Mask, turn: int, *, by_rule: bool = True) -> Int:
+        """Split the parts in ``part_mask`` in two, or into more pieces where a rule defines the split."""
         sides = np.zeros(len(labels), np.int64)
-        rest = chosen.copy()
+        open_parts = part_mask.copy()
         # 1. Splits defined by the rules.
         for member in self.rules.members if by_rule else ():
             if callable(getattr(member.tool, "halves", None)):
                 with attributed(member.title):
                     halves = member.tool.halves(self.graph, labels, self.rules.through)
-                    own = plain_array(halves, "the result of halves", PluginError)
-                sides = np.where(rest[labels], own, sides)
-                rest &= ~_in_two(labels, sides, len(chosen))
+                    cell_labels = plain_array(halves, "the result of halves", PluginError)
+                sides = np.where(open_parts[labels], cell_labels, sides)
+                open_parts &= ~_in_two(labels, sides, len(part_mask))
         # 2. The other parts are bisected by the components of the run.
-        sides = sides * chosen[labels]
-        if rest.any():
-            cells = np.flatnonzero(rest[labels])
-            own = np.unique(labels[cells], return_inverse=True)[1]
-            order = label_order(frozen_int(own))
-            offsets = np.concatenate(([0], np.cumsum(np.bincount(own))))
+        sides = sides * part_mask[labels]
+        if open_parts.any():
+            cells = np.flatnonzero(open_parts[labels])
+            cell_labels = np.unique(labels[cells], return_inverse=True)[1]
+            order = label_order(frozen_int(cell_labels))
+            offsets = np.concatenate(([0], np.cumsum(np.bincount(cell_labels))))
             level = self.graph.subgraph(cells[order], offsets)
             seeds = self.run.seeds(_STAGE + (self.stage << 8) + turn, level.n_blocks)
             sides[cells[order]] = self.run.halve(level, seeds, self.goal.target)
@@ -350,10 +352,10 @@ def _in_two(labels: Int, sides: Int, k: int) -> Mask:
 def _answer(member: Member, method: str, graph: Graph, labels: Int, count: int) -> Mask:
     with attributed(member.title):
         answer = getattr(member.tool, method)(graph, labels)
-        given = plain_array(answer, f"the result of {method}", PluginError)
-    if given.shape != (count,) or given.dtype != bool:
+        mask = plain_array(answer, f"the result of {method}", PluginError)
+    if mask.shape != (count,) or mask.dtype != bool:
         raise PluginError(
-            f"{member.title}: {method} returned shape {given.shape} of {given.dtype}, "
+            f"{member.title}: {method} returned shape {mask.shape} of {mask.dtype}, "
             f"expected ({count},) of bool, one for each part"
         )
-    return given
+    return mask
