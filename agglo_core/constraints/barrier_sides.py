@@ -28,10 +28,10 @@ def barrier_sides(indptr, indices, labels, first, across):
         if first[seed] == first[seed + 1] or sides[seed] >= 0:
             continue
         sides[seed], queue[count] = 0, seed
-        done, count = count, count + 1
-        while done < count:
-            i = queue[done]
-            done += 1
+        head, count = count, count + 1
+        while head < count:
+            i = queue[head]
+            head += 1
             for k in range(first[i], first[i + 1]):
                 j = across[k]
                 if sides[j] < 0:
@@ -44,10 +44,10 @@ def barrier_sides(indptr, indices, labels, first, across):
                     count += 1
     # 2. The rest of each part, from all barrier nodes at once: each node gets the side of the nearest barrier
     #    node, layer by layer.
-    done = 0
-    while done < count:
-        i = queue[done]
-        done += 1
+    head = 0
+    while head < count:
+        i = queue[head]
+        head += 1
         for k in range(indptr[i], indptr[i + 1]):
             j = indices[k]
             if sides[j] < 0 and labels[j] == labels[i]:

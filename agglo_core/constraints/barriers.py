@@ -33,11 +33,11 @@ class Barriers:
         rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
         near = np.flatnonzero(touched[rows] & touched[graph.indices])
         # 2. The entries among them that are barrier pairs.
-        one, other = np.sort(np.stack((rows[near], graph.indices[near])), axis=0)
+        low_cell, high_cell = np.sort(np.stack((rows[near], graph.indices[near])), axis=0)
         low, high = np.sort(self.pairs, axis=1).T
-        found = np.zeros(len(graph.indices), bool)
-        found[near] = np.isin(one * graph.n + other, low * graph.n + high)
-        return found
+        crossings = np.zeros(len(graph.indices), bool)
+        crossings[near] = np.isin(low_cell * graph.n + high_cell, low * graph.n + high)
+        return crossings
 
     def admissible(self, graph: Graph, labels: Int) -> Mask:
         """Return a mask ``(k,)`` of the parts without a barrier inside."""

@@ -136,12 +136,12 @@ def _evened(graph: Graph, labels: Int, block: Int, sizes: Float, least: float, m
     of_parts = np.bincount(labels, sizes)
     broken = (of_parts < least * (1 - _ROUNDING)) | (of_parts > most * (1 + _ROUNDING))
     mean, cell = block_sizes(sizes, labels, block)
-    usable = np.bincount(block, broken, len(mean)) > 0
-    usable &= (mean >= least * (1 - _ROUNDING)) & (mean <= most * (1 + _ROUNDING))
-    if not usable.any():
+    block_mask = np.bincount(block, broken, len(mean)) > 0
+    block_mask &= (mean >= least * (1 - _ROUNDING)) & (mean <= most * (1 + _ROUNDING))
+    if not block_mask.any():
         return labels
     # 2. Balance these blocks within the distance from the mean to the nearer bound.
-    room = np.maximum(np.minimum(most - mean, mean - least), (1 - _ROUNDING) * cell)
-    where = graph.indptr, graph.indices, graph.centroids
-    room = frozen_float(np.where(usable, room, np.inf))
-    return frozen_int(even_out(*where, sizes, labels, block, mean, room))
+    tolerance = np.maximum(np.minimum(most - mean, mean - least), (1 - _ROUNDING) * cell)
+    graph_arrays = graph.indptr, graph.indices, graph.centroids
+    tolerance = frozen_float(np.where(block_mask, tolerance, np.inf))
+    return frozen_int(even_out(*graph_arrays, sizes, labels, block, mean, tolerance))

@@ -96,25 +96,25 @@ def _nearest_map(graph: Graph, roots: Float) -> Float:
     Edges are weighted by interface over distance, as in a discrete gradient.
     """
     rows, columns = np.repeat(np.arange(graph.n), np.diff(graph.indptr)), graph.indices.astype(np.int64)
-    # 1. Edge weights, and the desired differences along the edges.
-    apart = graph.centroids[rows] - graph.centroids[columns]
-    distance = np.linalg.norm(apart, axis=1)
+    # 1. Edge weights, and as ``flux`` the desired differences along the edges times the weights.
+    difference = graph.centroids[rows] - graph.centroids[columns]
+    distance = np.linalg.norm(difference, axis=1)
     weight = np.where(distance > 0, graph.interface / np.where(distance > 0, distance, 1.0), 0.0)
     weight += 1e-9 * (weight.max(initial=0.0) or 1.0)
-    wanted = 0.5 * np.einsum("nij,nj->ni", roots[rows] + roots[columns], apart) * weight[:, None]
+    flux = 0.5 * np.einsum("nij,nj->ni", roots[rows] + roots[columns], difference) * weight[:, None]
     # 2. Normal equations: a weighted graph Laplacian, with one cell fixed in each component.
     first = np.unique(graph.components(), return_index=True)[1]
-    held = np.zeros(graph.n)
-    held[first] = weight.max(initial=1.0)
-    diagonal = np.bincount(rows, weight, graph.n) + held
+    anchor = np.zeros(graph.n)
+    anchor[first] = weight.max(initial=1.0)
+    diagonal = np.bincount(rows, weight, graph.n) + anchor
     everywhere = np.arange(graph.n)
     matrix = sparse.coo_array(
         (np.concatenate((-weight, diagonal)), (np.append(rows, everywhere), np.append(columns, everywhere)))
     )
     # 3. Right-hand side and direct solution.
-    right = np.stack([np.bincount(rows, x, graph.n) for x in wanted.T], axis=1)
-    right += held[:, None] * np.einsum("nij,nj->ni", roots, graph.centroids)
-    solved: Float = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A").solve(right)
+    rhs = np.stack([np.bincount(rows, x, graph.n) for x in flux.T], axis=1)
+    rhs += anchor[:, None] * np.einsum("nij,nj->ni", roots, graph.centroids)
+    solved: Float = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A").solve(rhs)
     return solved
 
 
@@ -128,19 +128,19 @@ def _interfaces(mesh: Mesh | Graph, graph: Graph, roots: Float) -> tuple[Float, 
     rows, columns = np.repeat(np.arange(graph.n), np.diff(graph.indptr)), graph.indices.astype(np.int64)
     # 1. Without a mesh: normals along the centroid distances.
     if not isinstance(mesh, Mesh):
-        apart = graph.centroids[columns] - graph.centroids[rows]
-        normals = apart / np.maximum(np.linalg.norm(apart, axis=1), 1e-300)[:, None]
+        difference = graph.centroids[columns] - graph.centroids[rows]
+        normals = difference / np.maximum(np.linalg.norm(difference, axis=1), 1e-300)[:, None]
         vectors = graph.interface[:, None] * normals
-        grown = np.linalg.det(roots) ** ((graph.dim - 1) / graph.dim)
-        return _measured(roots, rows, columns, vectors), graph.boundary * grown
+        scale = np.linalg.det(roots) ** ((graph.dim - 1) / graph.dim)
+        return _measured(roots, rows, columns, vectors), graph.boundary * scale
     # 2. With a mesh: measure each face, and sum the boundary faces by cell.
-    one, other = mesh.face_cells.T
+    first_cell, second_cell = mesh.face_cells.T
     vectors = mesh.face_normals * mesh.face_measures[:, None]
-    size = _measured(roots, one, np.where(other < 0, one, other), vectors)
-    inner = other >= 0
-    outer = np.bincount(one[~inner], size[~inner], graph.n)
+    size = _measured(roots, first_cell, np.where(second_cell < 0, first_cell, second_cell), vectors)
+    inner = second_cell >= 0
+    outer = np.bincount(first_cell[~inner], size[~inner], graph.n)
     # 3. Sum the interior faces by cell pair, and distribute the sums to the graph entries.
-    low, high = np.minimum(one, other)[inner], np.maximum(one, other)[inner]
+    low, high = np.minimum(first_cell, second_cell)[inner], np.maximum(first_cell, second_cell)[inner]
     pairs, place = np.unique(low * graph.n + high, return_inverse=True)
     total = np.bincount(place, size[inner], len(pairs))
     keys = np.minimum(rows, columns) * graph.n + np.maximum(rows, columns)

@@ -42,12 +42,12 @@ class Regions:
         columns = [_of_cells(graph, tag) for tag in self.tags] if self.values is None else [self.values]
         different = np.zeros(len(graph.indices), bool)
         degrees = np.diff(graph.indptr)
-        for each in columns:
-            if each.shape != (graph.n,):
+        for column in columns:
+            if column.shape != (graph.n,):
                 raise OptionError(
-                    f"regions have shape {each.shape}, expected ({graph.n},): one for each cell"
+                    f"regions have shape {column.shape}, expected ({graph.n},): one for each cell"
                 )
-            small = _narrow(each)
+            small = _narrow(column)
             different |= np.repeat(small, degrees) != small.take(graph.indices)
         return different
 
