@@ -81,23 +81,23 @@ def _planar_axes(a, b, c, frame):
     if abs(b) > np.sqrt(abs(a)) * np.sqrt(abs(c)) * _EPS:
         # 2. dlaev2: eigenvalues. As a + c > 0, the first is the larger one. root is √((a − c)² + 4 b²)
         #    without overflow. The second follows from the determinant, without cancellation.
-        difference, twice = a - c, b + b
-        far, off = abs(difference), abs(twice)
-        root = off * np.sqrt(2.0)
-        if far > off:
-            root = far * np.sqrt(1.0 + (off / far) ** 2)
-        elif far < off:
-            root = off * np.sqrt(1.0 + (far / off) ** 2)
+        difference, double_b = a - c, b + b
+        abs_difference, abs_double_b = abs(difference), abs(double_b)
+        root = abs_double_b * np.sqrt(2.0)
+        if abs_difference > abs_double_b:
+            root = abs_difference * np.sqrt(1.0 + (abs_double_b / abs_difference) ** 2)
+        elif abs_difference < abs_double_b:
+            root = abs_double_b * np.sqrt(1.0 + (abs_difference / abs_double_b) ** 2)
         first = 0.5 * (a + c + root)
         second = (max(a, c) / first) * min(a, c) - (b / first) * b
         # 3. Its unit eigenvector (cos, sin), from the component ratio that is at most 1.
         slope = difference + root if difference >= 0.0 else difference - root
-        if abs(slope) > off:
-            ratio = -twice / slope
+        if abs(slope) > abs_double_b:
+            ratio = -double_b / slope
             sin = 1.0 / np.sqrt(1.0 + ratio * ratio)
             cos = ratio * sin
         else:
-            ratio = -slope / twice
+            ratio = -slope / double_b
             cos = 1.0 / np.sqrt(1.0 + ratio * ratio)
             sin = ratio * cos
         if difference >= 0.0:
@@ -156,16 +156,16 @@ def _axes(n, d, local, shares, moments, frame, values):
 @helper
 def _turn_plane(n, d, shares, frame, i, j, local):
     """Rotate rows i and j of the frame to the least fourth moments, and return the angle."""
-    # ⟨(x + iy)⁴⟩ = one + i two. A rotation by θ multiplies it by e^(−4iθ), and ⟨x⁴ + y⁴⟩ = ¾ ⟨r⁴⟩ + ¼ Re of
-    # it is least where it is negative and real.
-    one, two = 0.0, 0.0
+    # ⟨(x + iy)⁴⟩ = real_mean + i imaginary_mean. A rotation by θ multiplies it by e^(−4iθ), and
+    # ⟨x⁴ + y⁴⟩ = ¾ ⟨r⁴⟩ + ¼ Re of it is least where it is negative and real.
+    real_mean, imaginary_mean = 0.0, 0.0
     for k in range(n):
         x = frame[i, 0] * local[0, k] + frame[i, 1] * local[1, k] + frame[i, 2] * local[2, k]
         y = frame[j, 0] * local[0, k] + frame[j, 1] * local[1, k] + frame[j, 2] * local[2, k]
         real, imaginary = x * x - y * y, 2.0 * (x * y)
-        one += shares[k] * (real * real - imaginary * imaginary)
-        two += shares[k] * (2.0 * (real * imaginary))
-    angle = np.arctan2(-two, -one) / 4
+        real_mean += shares[k] * (real * real - imaginary * imaginary)
+        imaginary_mean += shares[k] * (2.0 * (real * imaginary))
+    angle = np.arctan2(-imaginary_mean, -real_mean) / 4
     cos, sin = np.cos(angle), np.sin(angle)
     for c in range(d):
         p, q = frame[i, c], frame[j, c]
@@ -174,30 +174,30 @@ def _turn_plane(n, d, shares, frame, i, j, local):
 
 
 @helper
-def _moments_along(n, local, shares, a, b, c, along):
+def _moments_along(n, local, shares, a, b, c, coords):
     """Write coordinates along the direction (a, b, c), and return their second and third moment."""
     second, third = 0.0, 0.0
     for k in range(n):
         x = a * local[0, k] + b * local[1, k] + c * local[2, k]
-        along[k] = x
+        coords[k] = x
         second += shares[k] * (x * x)
         third += shares[k] * (x * x * x)
     return second, third
 
 
 @helper
-def _order_axes(n, d, local, shares, frame, along, values):
+def _order_axes(n, d, local, shares, frame, coords, values):
     """Sort the axes by second moment, largest first, and point each to its heavier tail."""
     # 1. Coordinates and second moments along each axis. The axis points to where the third moment is
     #    positive.
     for axis in range(d):
         a, b, c = frame[axis, 0], frame[axis, 1], frame[axis, 2]
-        values[axis], third = _moments_along(n, local, shares, a, b, c, along[axis])
+        values[axis], third = _moments_along(n, local, shares, a, b, c, coords[axis])
         if third < 0.0:
             for k in range(d):
                 frame[axis, k] = -frame[axis, k]
             for k in range(n):
-                along[axis, k] = -along[axis, k]
+                coords[axis, k] = -coords[axis, k]
     # 2. Longest first, including coordinates, by a stable bubble sort.
     for i in range(d - 1):
         for j in range(d - 1 - i):
@@ -206,7 +206,7 @@ def _order_axes(n, d, local, shares, frame, along, values):
                 for k in range(d):
                     frame[j, k], frame[j + 1, k] = frame[j + 1, k], frame[j, k]
                 for k in range(n):
-                    along[j, k], along[j + 1, k] = along[j + 1, k], along[j, k]
+                    coords[j, k], coords[j + 1, k] = coords[j + 1, k], coords[j, k]
 
 
 @helper
@@ -215,7 +215,7 @@ def frame_in_order(n, d, points):
 
     Axes with nearly equal second moments are rotated within their plane to the least fourth moments.
     """
-    local, shares, along, frame, moments, values = points
+    local, shares, coords, frame, moments, values = points
     # 1. Eigenvectors of the second moments.
     _axes(n, d, local, shares, moments, frame, values)
     # 2. Planes with nearly equal second moments: a bit for each of (0, 1), (0, 2), (1, 2). They are rotated
@@ -233,7 +233,7 @@ def frame_in_order(n, d, points):
         if largest < _TURNED:
             break
     # 3. Longest axis first, each toward its heavier tail.
-    _order_axes(n, d, local, shares, frame, along, values)
+    _order_axes(n, d, local, shares, frame, coords, values)
 
 
 @kernel
@@ -244,7 +244,7 @@ def frames_of_blocks(offsets, centroids, weights):
         largest = max(largest, offsets[b + 1] - offsets[b])
     # 1. Workspace for the largest block.
     points = new_framed_points(largest)
-    local, shares, along, frame, _, _ = points
+    local, shares, coords, frame, _, _ = points
     frames, coordinates = np.empty((n_blocks, d, d)), np.empty((len(weights), d))
     for b in range(n_blocks):
         start, n = offsets[b], offsets[b + 1] - offsets[b]
@@ -259,5 +259,5 @@ def frames_of_blocks(offsets, centroids, weights):
             for e in range(d):
                 frames[b, c, e] = frame[c, e]
             for k in range(n):
-                coordinates[start + k, c] = along[c, k]
+                coordinates[start + k, c] = coords[c, k]
     return frames, coordinates

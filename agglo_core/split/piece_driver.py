@@ -91,13 +91,13 @@ def tag_halves(graph, pieces, lo, hi, candidates, sides):
     All cells are candidates.
     """
     cells, tag, measures = pieces.cells, pieces.tag, sides.measures
-    left, right = side_tags(lo, hi)
-    m, ones = hi - lo, (hi - lo) // 2
-    measures[0], measures[1], sides.counts[0], sides.counts[1] = 0.0, 0.0, m - ones, ones
+    left_tag, right_tag = side_tags(lo, hi)
+    m, n_right = hi - lo, (hi - lo) // 2
+    measures[0], measures[1], sides.counts[0], sides.counts[1] = 0.0, 0.0, m - n_right, n_right
     for k in range(m):
         i = cells[lo + k]
-        side = np.int64(k >= m - ones)
-        tag[i], candidates[k] = right if side else left, i
+        side = np.int64(k >= m - n_right)
+        tag[i], candidates[k] = right_tag if side else left_tag, i
         measures[side] += graph.measures[i]
     return m
 
@@ -113,21 +113,21 @@ def tag_sides(graph, pieces, lo, hi, heights, bar, unit, extent, candidates, sid
     # 1. Tag each cell, sum both sides, and list the candidates without branches.
     cells, tag, reach, length = pieces.cells, pieces.tag, graph.reach, graph.units.length
     unit, slack = unit * length, _ROUNDING * extent * length
-    left, right = side_tags(lo, hi)
-    ones, below, above, m, start = np.int64(0), 0.0, 0.0, np.uint64(0), np.uint64(lo)
+    left_tag, right_tag = side_tags(lo, hi)
+    n_right, below, above, m, start = np.int64(0), 0.0, 0.0, np.uint64(0), np.uint64(lo)
     for k in range(np.uint64(hi - lo)):
         i = np.uint32(cells[start + k])
         side, measure = heights[k] > bar, graph.measures[i]
-        tag[i] = right if side else left
+        tag[i] = right_tag if side else left_tag
         above += measure if side else 0.0
         below += 0.0 if side else measure
-        ones += side
+        n_right += side
         candidates[m] = i
         m += np.uint64(abs(heights[k] - bar) * unit <= reach[i] + slack)
     # 2. If a side is empty, halve the list instead.
     sides.measures[0], sides.measures[1] = below, above
-    sides.counts[0], sides.counts[1] = hi - lo - ones, ones
-    if 0 < ones < hi - lo:
+    sides.counts[0], sides.counts[1] = hi - lo - n_right, n_right
+    if 0 < n_right < hi - lo:
         return np.int64(m)
     return tag_halves(graph, pieces, lo, hi, candidates, sides)
 
@@ -156,15 +156,17 @@ def _cut_and_refine(cut, shift, work, graph, pieces, lo, hi, extent, share, side
     if share < 0.5:
         edge = shift(graph, pieces, lo, hi, extent, share, edge, work, workspace.boundary, sides)
     # 2. Keep the candidates adjacent to the other side.
-    left, right = side_tags(lo, hi)
-    edge = cells_beside(graph.indptr, graph.indices, pieces.tag, left, right, workspace.boundary, edge)
+    left_tag, right_tag = side_tags(lo, hi)
+    edge = cells_beside(
+        graph.indptr, graph.indices, pieces.tag, left_tag, right_tag, workspace.boundary, edge
+    )
     if floor < 0.0:
         return edge, stamp
     # 3. Refine along the normal, from the larger to the smaller side.
     sign = 1.0 if sides.measures[1] < sides.measures[0] else -1.0
     for k in range(3):
         sides.normal[k] *= sign
-    return refine_sides(graph, pieces, left, right, sides, floor, edge, workspace, stamp)
+    return refine_sides(graph, pieces, left_tag, right_tag, sides, floor, edge, workspace, stamp)
 
 
 @helper(allocates=True)
@@ -211,19 +213,19 @@ def split_pieces_by(load, cut, shift, divide, work, graph, shape, pieces, lists,
     budget : int
     """
     # Unpack the fields once: access in the loop would count references for each piece.
-    todo, ready, leaf, counts, tally = lists
-    diameter, floor, later, tiny, step, shares = limits
+    todo, postponed, leaf, counts, tally = lists
+    diameter, floor, postponed_size, tiny, step, shares = limits
     cells, measures = pieces.cells, graph.measures
     vertex_offsets, vertices, points = shape
-    waiting, listed, stamp = counts[0], counts[1], counts[2]
+    n_todo, n_postponed, stamp = counts[0], counts[1], counts[2]
     workspace, sides = new_workspace(largest_piece(lists)), new_sides()
     boundary, queue, side_sums = workspace.boundary, workspace.queue, sides.measures
     ends = np.empty((3, graph.centroids.shape[1]))
-    while waiting > 0 and budget > 0 and waiting + 2 <= len(todo) and listed + 2 <= len(ready):
-        waiting -= 1
-        lo, hi, quota = todo[waiting, START], todo[waiting, STOP], todo[waiting, QUOTA]
-        depth, state = todo[waiting, DEPTH], todo[waiting, STATE]
-        put_off, torn = hi - lo <= later, False
+    while n_todo > 0 and budget > 0 and n_todo + 2 <= len(todo) and n_postponed + 2 <= len(postponed):
+        n_todo -= 1
+        lo, hi, quota = todo[n_todo, START], todo[n_todo, STOP], todo[n_todo, QUOTA]
+        depth, state = todo[n_todo, DEPTH], todo[n_todo, STATE]
+        put_off, torn = hi - lo <= postponed_size, False
         # 1. Finished? A single cell, quota 1, or diam ≤ h*. Extents bound the diameter from below. Only
         #    pieces that pass this bound, then bounds from both sides, are measured exactly.
         finished = quota == 1 or hi - lo == 1
@@ -254,9 +256,9 @@ def split_pieces_by(load, cut, shift, divide, work, graph, shape, pieces, lists,
         # 3. Torn pieces wait, and are repaired together in one call.
         if put_off or torn:
             for c in range(STATE):
-                ready[listed, c] = todo[waiting, c]
-            ready[listed, STATE] = TORN if torn else UNCUT
-            listed += 1
+                postponed[n_postponed, c] = todo[n_todo, c]
+            postponed[n_postponed, STATE] = TORN if torn else UNCUT
+            n_postponed += 1
             continue
         if state == MENDED:
             side_measures(pieces, measures, lo, hi, side_sums)
@@ -269,13 +271,13 @@ def split_pieces_by(load, cut, shift, divide, work, graph, shape, pieces, lists,
         tally[row, 2] += state == MENDED
         budget -= hi - lo
         # 5. Push both sides, left side on top.
-        todo[waiting, START], todo[waiting, STOP], todo[waiting, QUOTA] = middle, hi, quota - first
-        todo[waiting + 1, START], todo[waiting + 1, STOP], todo[waiting + 1, QUOTA] = lo, middle, first
-        for k in range(waiting, waiting + 2):
+        todo[n_todo, START], todo[n_todo, STOP], todo[n_todo, QUOTA] = middle, hi, quota - first
+        todo[n_todo + 1, START], todo[n_todo + 1, STOP], todo[n_todo + 1, QUOTA] = lo, middle, first
+        for k in range(n_todo, n_todo + 2):
             todo[k, DEPTH], todo[k, STATE] = depth + 1, UNCUT
             if todo[k, STOP] - todo[k, START] <= tiny < hi - lo:
                 for c in range(COLUMNS):
-                    ready[listed, c] = todo[k, c]
-                listed += 1
-        waiting += 2
-    counts[0], counts[1], counts[2] = waiting, listed, stamp
+                    postponed[n_postponed, c] = todo[k, c]
+                n_postponed += 1
+        n_todo += 2
+    counts[0], counts[1], counts[2] = n_todo, n_postponed, stamp

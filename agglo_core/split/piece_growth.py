@@ -117,10 +117,10 @@ class PieceGrowth:
         tiny: int = _TINY,
     ) -> PieceGrowth | None:
         """Return a growth equivalent to built-in components, or None for any other component."""
-        known = [each.floor for each in refiners if type(each) is InterfaceRefiner]
-        if type(fixer) is not ConnectivityFixer or len(known) < len(refiners) or len(refiners) > 1:
+        floors = [r.floor for r in refiners if type(r) is InterfaceRefiner]
+        if type(fixer) is not ConnectivityFixer or len(floors) < len(refiners) or len(refiners) > 1:
             return None
-        return cls(graph, pieces, kernel, known[0] if known else -1.0, tiny)
+        return cls(graph, pieces, kernel, floors[0] if floors else -1.0, tiny)
 
     def split(self, quotas: Int, seeds: UInt64, tell: Tell) -> tuple[Int, Int]:
         """Split piece i into ``quotas[i]`` connected pieces (see Growth)."""
@@ -169,12 +169,12 @@ class PieceGrowth:
         self._stamp, tiny = stamp, [put_off[put_off[:, 1] - put_off[:, 0] <= self._tiny]]
 
         def finish(batch: Int) -> tuple[Int, Int, int]:
-            own = np.zeros_like(tally)
-            return own, *self._advance(batch, leaf, own, limit, 0, self._tiny)
+            batch_tally = np.zeros_like(tally)
+            return batch_tally, *self._advance(batch, leaf, batch_tally, limit, 0, self._tiny)
 
-        for own, made, last in mapped(finish, _batches(put_off)):
-            tiny.append(made)
-            tally += own
+        for batch_tally, pieces, last in mapped(finish, _batches(put_off)):
+            tiny.append(pieces)
+            tally += batch_tally
             stamp = max(stamp, last)
             handled()
         self._stamp = stamp
@@ -189,12 +189,12 @@ class PieceGrowth:
         if len(broken) == 0:
             return
         tiny = tiny[tiny[:, 0].argsort()]
-        again = tiny[np.unique(np.searchsorted(tiny[:, 0], broken, "right") - 1)]
+        broken_pieces = tiny[np.unique(np.searchsorted(tiny[:, 0], broken, "right") - 1)]
         for tested, step in ((self._tiny, -1), (0, 1)):
-            for lo, hi in again[:, :2].tolist():
+            for lo, hi in broken_pieces[:, :2].tolist():
                 self._pieces.cells[lo:hi].sort()
                 leaf[lo:hi] = False
-            self._stamp = self._advance(again, leaf, tally, limit, 0, tested, step=step)[1]
+            self._stamp = self._advance(broken_pieces, leaf, tally, limit, 0, tested, step=step)[1]
 
     def _advance(
         self,
@@ -202,7 +202,7 @@ class PieceGrowth:
         leaf: Bytes,
         tally: Int,
         limit: float,
-        later: int,
+        postponed_size: int,
         tiny: int,
         handled: Callable[[], None] | None = None,
         stamp: int = 0,
@@ -216,26 +216,26 @@ class PieceGrowth:
 
         # 1. Lists with spare rows.
         counts = np.array([len(todo), 0, max(stamp, self._stamp)])
-        todo, ready = _enlarged(todo), np.zeros((_ROOM, _COLUMNS), np.int64)
-        limits = Limits(limit, self._floor, later, tiny, step, self._shares)
+        todo, postponed = _enlarged(todo), np.zeros((_ROOM, _COLUMNS), np.int64)
+        limits = Limits(limit, self._floor, postponed_size, tiny, step, self._shares)
         while counts[0]:
-            lists = Lists(todo, ready, leaf, counts, tally)
+            lists = Lists(todo, postponed, leaf, counts, tally)
             # 2. Split until the budget is used, the lists are full, or all pieces are finished or postponed.
             self._kernel(self._graph, self._shape, self._pieces, lists, limits, _WORK)
             # 3. Repair the torn pieces if only these are left.
-            if counts[0] == 0 and (torn := ready[: counts[1], STATE] == TORN).any():
-                made = ready[: counts[1]]
-                todo, whole = _enlarged(self._mended(made[torn])), made[~torn]
-                ready[: len(whole)] = whole
-                counts[:2] = len(made) - len(whole), len(whole)
+            if counts[0] == 0 and (torn := postponed[: counts[1], STATE] == TORN).any():
+                rows = postponed[: counts[1]]
+                todo, whole = _enlarged(self._mended(rows[torn])), rows[~torn]
+                postponed[: len(whole)] = whole
+                counts[:2] = len(rows) - len(whole), len(whole)
             # 4. Enlarge full lists.
             if counts[0] + 2 > len(todo):
                 todo = _enlarged(todo)
-            if counts[1] + 2 > len(ready):
-                ready = _enlarged(ready)
+            if counts[1] + 2 > len(postponed):
+                postponed = _enlarged(postponed)
             if handled is not None:
                 handled()
-        return ready[: counts[1]], int(counts[2])
+        return postponed[: counts[1]], int(counts[2])
 
     def _halved_together(
         self, todo: Int, leaf: Bytes, tally: Int, limit: float, small: int, handled: Callable[[], None]
@@ -247,17 +247,17 @@ class PieceGrowth:
         stamp = self._stamp
 
         def halve(piece: Int) -> tuple[Int, Int, int]:
-            own = np.zeros_like(tally)
-            return own, *self._advance(piece[None], leaf, own, limit, enough, 0, stamp=stamp)
+            piece_tally = np.zeros_like(tally)
+            return piece_tally, *self._advance(piece[None], leaf, piece_tally, limit, enough, 0, stamp=stamp)
 
         sizes = todo[:, 1] - todo[:, 0]
         # In each round, halve all pieces above three quarters of the largest size, in parallel.
         while (sizes > small).any():
             enough = max(small, 3 * int(sizes.max()) // 4)
             smaller, last = [todo[sizes <= enough]], stamp
-            for own, made, following in mapped(halve, todo[sizes > enough]):
-                tally += own
-                smaller.append(made)
+            for piece_tally, halves, following in mapped(halve, todo[sizes > enough]):
+                tally += piece_tally
+                smaller.append(halves)
                 last = max(last, following)
                 handled()
             todo, stamp = np.concatenate(smaller), last

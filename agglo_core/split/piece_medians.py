@@ -129,12 +129,12 @@ def _quota_by_slices(quota, sides, graph, pieces, lo, middle, hi):
     """Return the left side's quota as in ``goals.split_quotas``, from sums in an identical order."""
     if quota == 0:
         return 0
-    left = chosen_sum(graph.measures, pieces.cells, lo, middle)
-    right = chosen_sum(graph.measures, pieces.cells, middle, hi)
-    if not left + right > 0.0:
-        left, right = float(middle - lo), float(hi - middle)
+    left_measure = chosen_sum(graph.measures, pieces.cells, lo, middle)
+    right_measure = chosen_sum(graph.measures, pieces.cells, middle, hi)
+    if not left_measure + right_measure > 0.0:
+        left_measure, right_measure = float(middle - lo), float(hi - middle)
     least, most = max(1.0, quota - (hi - middle)), min(quota - 1.0, float(middle - lo))
-    return np.int64(min(max(np.rint(quota * (left / (left + right))), least), most))
+    return np.int64(min(max(np.rint(quota * (left_measure / (left_measure + right_measure))), least), most))
 
 
 @kernel

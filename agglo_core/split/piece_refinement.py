@@ -45,15 +45,15 @@ class Balance(NamedTuple):
 
 
 @helper
-def _sum_up(edges, tag, i, left, right, shared, place):
+def _sum_up(edges, tag, i, left_tag, right_tag, shared, place):
     """Write the interface of cell i with the other side and with its own side to ``shared[place]``."""
-    home, there, here = np.int64(tag[i]), 0.0, 0.0
-    other = left + right - home
+    home, cut_length, home_length = np.int64(tag[i]), 0.0, 0.0
+    other_tag = left_tag + right_tag - home
     for h in range(np.uint64(edges.indptr[i]), np.uint64(edges.indptr[i + ONE])):
         t, length = tag[np.uint32(edges.indices[h])], edges.interface[h]
-        there += length if t == other else 0.0
-        here += length if t == home else 0.0
-    shared[place, 0], shared[place, 1] = there, here
+        cut_length += length if t == other_tag else 0.0
+        home_length += length if t == home else 0.0
+    shared[place, 0], shared[place, 1] = cut_length, home_length
 
 
 @helper
@@ -77,29 +77,29 @@ def _partner(edges, tag, i, home, gain, least, gains):
         if tag[j] != home:
             continue
         # 1. Joint gain: listed neighbours have stored sums, others lose their interface with the own side.
-        place, both = gains.marks[j, _LISTED] - gains.stamp, gain + 2.0 * interface[h]
+        place, pair_gain = gains.marks[j, _LISTED] - gains.stamp, gain + 2.0 * interface[h]
         if place >= 0:
-            both += gains.shared[place, 0] - gains.shared[place, 1]
+            pair_gain += gains.shared[place, 0] - gains.shared[place, 1]
         elif gain + interface[h] <= best:
             continue
         else:
             for g in range(np.uint64(indptr[j]), np.uint64(indptr[j + ONE])):
-                both -= interface[g] if tag[np.uint32(indices[g])] == home else 0.0
+                pair_gain -= interface[g] if tag[np.uint32(indices[g])] == home else 0.0
         # 2. Keep the best pair.
-        if both > best:
-            partner, best = np.int64(j), both
+        if pair_gain > best:
+            partner, best = np.int64(j), pair_gain
     return partner
 
 
 @helper
-def _leave(edges, measures, tag, i, home, other, balance, search, stamp):
+def _leave(edges, measures, tag, i, home, target, balance, search, stamp):
     """Move cell i to the other side unless its own side would become disconnected, empty or too small."""
     s = home & 1  # right-side tags are odd
     if balance.counts[s] < 2 or balance.measures[s] - measures[i] < balance.least:
         return False
     if not keeps_whole(edges.indptr, edges.indices, tag, np.int64(i), search, stamp):
         return False
-    _put(measures, tag, i, other, balance)
+    _put(measures, tag, i, target, balance)
     return True
 
 
@@ -114,53 +114,53 @@ def _put(measures, tag, i, other, balance):
 
 
 @helper
-def _paying(edges, centroids, tag, gains, later, m, pairs, normal, keys, now):
-    """Write the cells worth moving to ``now``, sorted along the normal, and return their number."""
-    found = 0
+def _paying(edges, centroids, tag, gains, visits, m, pairs, normal, keys, movers):
+    """Write the cells worth moving to ``movers``, sorted along the normal, and return their number."""
+    n_movers = 0
     for c in range(m):
-        i = np.uint64(later[c])
+        i = np.uint64(visits[c])
         gain, least = _gain(gains, i)
         pays = gain > least
         if not pays and pairs and gain > -np.inf:
             pays = _partner(edges, tag, i, np.int64(tag[i]), gain, least, gains) >= 0
         if pays:
-            now[found], keys[found] = i, 0.0
+            movers[n_movers], keys[n_movers] = i, 0.0
             for k in range(centroids.shape[1]):
-                keys[found] += normal[k] * centroids[i, k]
-            found += 1
-    sort_by_keys(now, keys, found)
-    return found
+                keys[n_movers] += normal[k] * centroids[i, k]
+            n_movers += 1
+    sort_by_keys(movers, keys, n_movers)
+    return n_movers
 
 
 @helper
-def _note_move(edges, tag, left, right, i, listed, later, filled, gains, sweep):
+def _note_move(edges, tag, left_tag, right_tag, i, listed, visits, filled, gains, sweep):
     """Update the interface sums of cell i and its neighbours in the piece, and list them.
 
-    Returns the new list lengths. ``listed`` contains all cells with sums, ``later`` the cells to visit in the
-    next sweep.
+    Returns the new list lengths. ``listed`` contains all cells with sums, ``visits`` the cells to visit in
+    the next sweep.
     """
     edge, m = filled
     before = np.int64(edges.indptr[i]) - 1
     for h in range(before, np.int64(edges.indptr[i + ONE])):
         j = np.uint64(np.uint32(edges.indices[h])) if h > before else i
-        if tag[j] != left and tag[j] != right:
+        if tag[j] != left_tag and tag[j] != right_tag:
             continue
         # 1. List a new cell, and update its sums.
         if gains.marks[j, _LISTED] < gains.stamp:
             gains.marks[j, _LISTED] = gains.stamp + edge
             listed[edge] = j
             edge += 1
-        _sum_up(edges, tag, j, left, right, gains.shared, gains.marks[j, _LISTED] - gains.stamp)
+        _sum_up(edges, tag, j, left_tag, right_tag, gains.shared, gains.marks[j, _LISTED] - gains.stamp)
         # 2. Visit the cell in the next sweep.
         if gains.marks[j, _SEEN] != sweep:
             gains.marks[j, _SEEN] = sweep
-            later[m] = j
+            visits[m] = j
             m += 1
     return edge, m
 
 
 @helper
-def refine_sides(graph, pieces, left, right, sides, floor, edge, workspace, stamp):
+def refine_sides(graph, pieces, left_tag, right_tag, sides, floor, edge, workspace, stamp):
     """Move cells between two sides while that shortens their interface (paper, "adjust partition").
 
     Sweeps run along the cut normal: single cells until none pays, pairs of neighbours once, and single cells
@@ -171,7 +171,7 @@ def refine_sides(graph, pieces, left, right, sides, floor, edge, workspace, stam
     ----------
     graph : PieceGraph
     pieces : Pieces, changed
-    left, right : int
+    left_tag, right_tag : int
         Side tags.
     sides : Sides, changed
     floor : float
@@ -186,7 +186,7 @@ def refine_sides(graph, pieces, left, right, sides, floor, edge, workspace, stam
     -------
     The final number of cells in the boundary, and the next unused stamp.
     """
-    boundary, now, later, queue, root, keys, shared = workspace
+    boundary, movers, visits, queue, root, keys, shared = workspace
     tag, marks, measures = pieces.tag, pieces.marks, graph.measures
     edges = Edges(graph.indptr, graph.indices, graph.interface)
     least = floor * min(sides.measures[0], sides.measures[1])
@@ -196,18 +196,18 @@ def refine_sides(graph, pieces, left, right, sides, floor, edge, workspace, stam
     # 1. Interface of each cut cell with both sides.
     for c in range(edge):
         i = np.uint64(boundary[c])
-        later[c], marks[i, _LISTED] = i, listing + c
-        _sum_up(edges, tag, i, left, right, shared, c)
+        visits[c], marks[i, _LISTED] = i, listing + c
+        _sum_up(edges, tag, i, left_tag, right_tag, shared, c)
     pairs, paired = False, False
     for _ in range(_SWEEPS):
         # 2. Cells worth moving, in order of position along the normal, so that numbering does not matter.
-        moves = _paying(edges, graph.centroids, tag, gains, later, m, pairs, sides.normal, keys, now)
+        moves = _paying(edges, graph.centroids, tag, gains, visits, m, pairs, sides.normal, keys, movers)
         stamp += 1
         sweep, m = stamp, np.int64(0)
         for c in range(moves):
-            i = np.uint64(now[c])
+            i = np.uint64(movers[c])
             home = np.int64(tag[i])
-            other = left + right - home
+            target = left_tag + right_tag - home
             # 3. Earlier moves in the sweep may have changed the gain. A cell that loses alone may gain in a
             #    pair.
             gain, least_gain = _gain(gains, i)
@@ -219,16 +219,20 @@ def refine_sides(graph, pieces, left, right, sides, floor, edge, workspace, stam
                     continue
             # 4. Move the cell, and undo the move if its partner cannot follow.
             stamp += 1
-            if not _leave(edges, measures, tag, i, home, other, balance, search, stamp):
+            if not _leave(edges, measures, tag, i, home, target, balance, search, stamp):
                 continue
             if partner >= 0:
                 stamp += 1
                 j = np.uint64(partner)
-                if not _leave(edges, measures, tag, j, home, other, balance, search, stamp):
+                if not _leave(edges, measures, tag, j, home, target, balance, search, stamp):
                     _put(measures, tag, i, home, balance)
                     continue
-                edge, m = _note_move(edges, tag, left, right, j, boundary, later, (edge, m), gains, sweep)
-            edge, m = _note_move(edges, tag, left, right, i, boundary, later, (edge, m), gains, sweep)
+                edge, m = _note_move(
+                    edges, tag, left_tag, right_tag, j, boundary, visits, (edge, m), gains, sweep
+                )
+            edge, m = _note_move(
+                edges, tag, left_tag, right_tag, i, boundary, visits, (edge, m), gains, sweep
+            )
         # 5. The next sweep visits the changed cells. If there are none, it tries pairs over all listed cells
         #    once.
         if pairs:
@@ -236,7 +240,7 @@ def refine_sides(graph, pieces, left, right, sides, floor, edge, workspace, stam
         elif m == 0 and not paired:
             pairs, paired, m = True, True, edge
             for c in range(edge):
-                later[c] = boundary[c]
+                visits[c] = boundary[c]
         if m == 0:
             break
     return edge, max(stamp, listing + edge) + 1

@@ -45,7 +45,7 @@ def _extremes(n, values):
 
 
 @helper
-def _median(n, score, shares, whole, chosen, keys, tally):
+def _median(n, score, shares, whole, points, keys, tally):
     """Return the score of the cell that contains the weighted quantile.
 
     ``whole`` is twice the target sum. Each round counts the weights in bins and continues with the bin that
@@ -53,7 +53,7 @@ def _median(n, score, shares, whole, chosen, keys, tally):
     """
     m, below = n, np.int64(0)
     for k in range(n):
-        chosen[k], keys[k] = k, score[k]
+        points[k], keys[k] = k, score[k]
     # 1. Histogram the weights over equal bins.
     while m > _FEW:
         low, high = _extremes(m, keys)
@@ -63,39 +63,39 @@ def _median(n, score, shares, whole, chosen, keys, tally):
         for b in range(_BINS):
             tally[b] = 0
         for k in range(m):
-            tally[min(np.int64((keys[k] - low) * rate), _BINS - 1)] += shares[np.uint32(chosen[k])]
+            tally[min(np.int64((keys[k] - low) * rate), _BINS - 1)] += shares[np.uint32(points[k])]
         # 2. Find the bin that contains the median, and keep only its points.
         middle = 0
         while middle < _BINS - 1 and 2 * (below + tally[middle]) <= whole:
             below += tally[middle]
             middle += 1
-        kept = 0
+        n_kept = 0
         for k in range(m):
             value = keys[k]
-            chosen[kept], keys[kept] = chosen[k], value
-            kept += min(np.int64((value - low) * rate), _BINS - 1) == middle
-        m = kept
+            points[n_kept], keys[n_kept] = points[k], value
+            n_kept += min(np.int64((value - low) * rate), _BINS - 1) == middle
+        m = n_kept
     # 3. Sort the remaining points, and sum up their shares.
-    sort_by_keys(chosen, keys, m)
+    sort_by_keys(points, keys, m)
     for k in range(m - 1):
-        below += shares[chosen[k]]
+        below += shares[points[k]]
         if 2 * below > whole:
             return keys[k]
     return keys[m - 1]
 
 
 @helper
-def _near_bar(n, score, bar, window, chosen):
-    """Write the points within a window about the bar to ``chosen``, and return their number."""
+def _near_bar(n, score, bar, window, points):
+    """Write the points within a window about the bar to ``points``, and return their number."""
     m = np.int64(0)
     for k in range(n):
-        chosen[m] = k
+        points[m] = k
         m += abs(score[k] - bar) <= window
     return m
 
 
 @helper(allocates=True)
-def _equals(n, score, bar, tie, chosen):
+def _equals(n, score, bar, tie, points):
     """Return the points that count as equal to the bar, in order of their scores.
 
     These are connected to the bar by steps of at most ``tie``.
@@ -103,10 +103,10 @@ def _equals(n, score, bar, tie, chosen):
     window = 4.0 * tie
     while True:
         # 1. Sort the points near the bar.
-        m = _near_bar(n, score, bar, window, chosen)
+        m = _near_bar(n, score, bar, window, points)
         group, spare = np.empty(m, np.int64), np.empty(m, np.int64)
         for k in range(m):
-            group[k] = chosen[k]
+            group[k] = points[k]
         stable_sort(group, score, spare)
         middle = 0
         while score[group[middle]] < bar:
@@ -150,27 +150,27 @@ def _untied(columns, axis, group, gap):
 
 
 @helper(allocates=True)
-def _order_of_equals(n, d, along, axis, group):
+def _order_of_equals(n, d, coords, axis, group):
     """Order points that count as equal along an axis by the following axes."""
-    other = 0.0
+    extent = 0.0
     if len(group) == 1:
         return np.zeros(1, np.int64)
     for step in range(1, d):
-        low, high = _extremes(n, along[(axis + step) % d])
-        other = max(other, high - low)
-    return _untied(along[:d, :n], axis, group, _TIE * other)
+        low, high = _extremes(n, coords[(axis + step) % d])
+        extent = max(extent, high - low)
+    return _untied(coords[:d, :n], axis, group, _TIE * extent)
 
 
 @helper(allocates=True)
-def split_in_order(n, d, along, axis, weight, share, order):
-    """Find the ``upper`` points, above a weight share, by coordinate ``axis`` of ``along (3, m)``.
+def split_in_order(n, d, coords, axis, weight, share, order):
+    """Find the ``upper`` points, above a weight share, by coordinate ``axis`` of ``coords (3, m)``.
 
     Points count as equal within 1e-7 of the extent, and the other coordinates decide between them. The
     ``weight`` adds up to 1. Returns the coordinate of the cut, and the maximum distance of equal points from
     it.
     """
     shares, upper = order.shares, order.upper
-    score, whole = along[axis], np.int64(0)
+    score, whole = coords[axis], np.int64(0)
     # 1. Integer shares, whose sums do not depend on the order of the points.
     for k in range(n):
         shares[k] = np.int64(np.rint(weight[k] * _SHARE))
@@ -183,17 +183,17 @@ def split_in_order(n, d, along, axis, weight, share, order):
     least, most = score[group[0]], score[group[len(group) - 1]]
     # 3. Points beyond this group are on a definite side. The group itself fills the lower side up to the
     #    share.
-    below, under = np.int64(0), np.int64(0)
+    below, n_below = np.int64(0), np.int64(0)
     for k in range(n):
         above = np.int64(score[k] >= least)
         upper[k] = above
         below += (1 - above) * shares[k]
-        under += 1 - above
-    place, cut = _order_of_equals(n, d, along, axis, group), np.int64(0)
+        n_below += 1 - above
+    place, cut = _order_of_equals(n, d, coords, axis, group), np.int64(0)
     while cut < len(group) and 2 * below + shares[group[place[cut]]] <= whole:
         below += shares[group[place[cut]]]
         cut += 1
-    cut = min(max(cut, 1 - under), n - 1 - under)  # neither side is empty
+    cut = min(max(cut, 1 - n_below), n - 1 - n_below)  # neither side is empty
     for k in range(len(group)):
         upper[group[place[k]]] = k >= cut
     return bar, most - least
@@ -213,29 +213,30 @@ def tag_upper(graph, pieces, lo, hi, upper, score, bar, slack, candidates, sides
     """
     cells, tag, centroids, measures = pieces.cells, pieces.tag, graph.centroids, graph.measures
     reach, length, normal = graph.reach, graph.units.length, sides.normal
-    left, right = side_tags(lo, hi)
-    m, ones, last = np.int64(0), np.int64(0), centroids.shape[1] - 1
-    one, two, x, y, z, p, q, r = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    left_tag, right_tag = side_tags(lo, hi)
+    m, n_upper, last = np.int64(0), np.int64(0), centroids.shape[1] - 1
+    lower_sum, upper_sum, x, y, z, p, q, r = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     # 1. Tag each cell, sum masses and first moments of both sides, and list the candidates.
     start = np.uint64(lo)
     for k in range(np.uint64(hi - lo)):
         i, side = np.uint32(cells[start + k]), np.int64(upper[k])
-        tag[i] = right if side else left
-        there = side * measures[i]
-        here = (1 - side) * measures[i]
-        one, two, ones = one + here, two + there, ones + side
-        x, p = x + here * centroids[i, 0], p + there * centroids[i, 0]
-        y, q = y + here * centroids[i, 1], q + there * centroids[i, 1]
-        z, r = z + here * centroids[i, last], r + there * centroids[i, last]
+        tag[i] = right_tag if side else left_tag
+        upper_mass = side * measures[i]
+        lower_mass = (1 - side) * measures[i]
+        lower_sum, upper_sum, n_upper = lower_sum + lower_mass, upper_sum + upper_mass, n_upper + side
+        x, p = x + lower_mass * centroids[i, 0], p + upper_mass * centroids[i, 0]
+        y, q = y + lower_mass * centroids[i, 1], q + upper_mass * centroids[i, 1]
+        z, r = z + lower_mass * centroids[i, last], r + upper_mass * centroids[i, last]
         candidates[m] = i
         m += abs(score[k] - bar) * length <= reach[i] + slack * length
     # 2. Sides and normal.
-    sides.measures[0], sides.measures[1] = one, two
-    sides.counts[0], sides.counts[1] = hi - lo - ones, ones
-    smaller, sign = (two, 1.0) if two < one else (one, -1.0)  # the driver turns normals to the smaller side
-    normal[0] = sign * _offset(p if two < one else x, smaller, x + p, one + two)
-    normal[1] = sign * _offset(q if two < one else y, smaller, y + q, one + two)
-    normal[2] = sign * _offset(r if two < one else z, smaller, z + r, one + two)
+    sides.measures[0], sides.measures[1] = lower_sum, upper_sum
+    sides.counts[0], sides.counts[1] = hi - lo - n_upper, n_upper
+    # The driver turns normals to the smaller side.
+    smaller, sign = (upper_sum, 1.0) if upper_sum < lower_sum else (lower_sum, -1.0)
+    normal[0] = sign * _offset(p if upper_sum < lower_sum else x, smaller, x + p, lower_sum + upper_sum)
+    normal[1] = sign * _offset(q if upper_sum < lower_sum else y, smaller, y + q, lower_sum + upper_sum)
+    normal[2] = sign * _offset(r if upper_sum < lower_sum else z, smaller, z + r, lower_sum + upper_sum)
     return m
 
 
@@ -305,7 +306,7 @@ def shift_cut(graph, pieces, lo, hi, share, candidates, sides):
         hi - lo,
         graph.centroids.shape[1],
     )
-    along, weight, line, frame = np.zeros((3, n)), np.empty(n), np.empty(3), np.zeros((3, 3))
+    coords, weight, line, frame = np.zeros((3, n)), np.empty(n), np.empty(3), np.zeros((3, 3))
     # 1. Mass shares within the piece, or cell counts without mass.
     total = 0.0
     for k in range(n):
@@ -320,13 +321,13 @@ def shift_cut(graph, pieces, lo, hi, share, candidates, sides):
     for k in range(n):
         for a in range(d):
             for c in range(d):
-                along[a, k] += frame[a, c] * (centroids[cells[lo + k], c] - centroids[first, c])
+                coords[a, k] += frame[a, c] * (centroids[cells[lo + k], c] - centroids[first, c])
     # 3. The quantile that leaves the share to the lighter side.
-    order, left = new_order(n), share if below <= 0.5 + 1e-9 else 1.0 - share
-    bar, slack = split_in_order(n, d, along, 0, weight, left, order)
-    low, high = _extremes(n, along[0])
+    order, left_share = new_order(n), share if below <= 0.5 + 1e-9 else 1.0 - share
+    bar, slack = split_in_order(n, d, coords, 0, weight, left_share, order)
+    low, high = _extremes(n, coords[0])
     slack += 1e-12 * (high - low)
-    return tag_upper(graph, pieces, lo, hi, order.upper, along[0], bar, slack, candidates, sides)
+    return tag_upper(graph, pieces, lo, hi, order.upper, coords[0], bar, slack, candidates, sides)
 
 
 @kernel
@@ -338,19 +339,19 @@ def shifted_sides(offsets, centroids, mass, sides, shares):
     # 1. Records in which each block is a piece.
     cells, tag = np.empty(n, np.int32), np.empty(n, np.int32)
     candidates, reach = np.empty(largest + 1, np.int32), np.zeros(n, np.float32)
-    pieces, found = Pieces(cells, tag, np.empty((0, 4), np.int32)), new_sides()
+    pieces, block_sides = Pieces(cells, tag, np.empty((0, 4), np.int32)), new_sides()
     graph = PieceGraph(offsets, cells, mass, centroids, mass, mass, reach, Units(1.0, 1.0, 1.0))
     for b in range(len(shares)):
         lo, hi = offsets[b], offsets[b + 1]
         # 2. Tag the sides of the block, and sum their masses.
-        left, right = side_tags(lo, hi)
-        found.measures[0], found.measures[1] = 0.0, 0.0
+        left_tag, right_tag = side_tags(lo, hi)
+        block_sides.measures[0], block_sides.measures[1] = 0.0, 0.0
         for i in range(lo, hi):
-            cells[i], tag[i] = i, right if sides[i] else left
-            found.measures[sides[i]] += mass[i]
+            cells[i], tag[i] = i, right_tag if sides[i] else left_tag
+            block_sides.measures[sides[i]] += mass[i]
         # 3. Move the cut if it misses its share.
-        if not holds_share(found, shares[b]):
-            shift_cut(graph, pieces, lo, hi, shares[b], candidates, found)
+        if not holds_share(block_sides, shares[b]):
+            shift_cut(graph, pieces, lo, hi, shares[b], candidates, block_sides)
     moved = np.empty(n, np.int64)
     for i in range(n):
         moved[i] = tag[i] & 1

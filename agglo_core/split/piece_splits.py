@@ -196,18 +196,18 @@ def reach_of_cells(indptr, indices, centroids, length, reach):
 
 
 @helper
-def cells_beside(indptr, indices, tag, left, right, cells, m):
+def cells_beside(indptr, indices, tag, left_tag, right_tag, cells, m):
     """Keep the cells of ``cells[:m]`` adjacent to the other side, and return their number."""
-    found = 0
+    n_adjacent = 0
     for k in range(m):
         i = np.uint32(cells[k])
-        other = left + right - tag[i]
-        beside = False
+        other_tag = left_tag + right_tag - tag[i]
+        is_adjacent = False
         for h in range(np.uint64(indptr[i]), np.uint64(indptr[np.uint64(i) + ONE])):
-            beside |= tag[np.uint32(indices[h])] == other  # no branch: it would be mispredicted
-        cells[found] = i
-        found += beside
-    return found
+            is_adjacent |= tag[np.uint32(indices[h])] == other_tag  # no branch: it would be mispredicted
+        cells[n_adjacent] = i
+        n_adjacent += is_adjacent
+    return n_adjacent
 
 
 @helper
@@ -221,12 +221,13 @@ def sides_connected(graph, pieces, lo, hi, edge, workspace, stamp):
     """
     indptr, indices, tag = graph.indptr, graph.indices, pieces.tag
     queue, boundary = workspace.queue, workspace.boundary
-    left, right = side_tags(lo, hi)
+    left_tag, right_tag = side_tags(lo, hi)
     whole, everything = True, np.int64(len(tag))
     # The search starts from all cut cells of the side at once, without a distance limit, and ends when they
     # have met.
     for side in range(2):
-        label = np.int32(right if side else left)  # int32: reuses the version compiled for the refinement
+        # An int32 reuses the version compiled for the refinement.
+        label = np.int32(right_tag if side else left_tag)
         filled = np.int64(0)
         for c in range(edge):
             queue[filled] = boundary[c]
@@ -244,28 +245,28 @@ def is_connected(graph, pieces, lo, hi, queue, stamp):
     """
     indptr, indices, tag, marks = graph.indptr, graph.indices, pieces.tag, pieces.marks
     # Breadth-first search from the first cell, over cells with its tag.
-    first, done, filled = np.uint32(pieces.cells[lo]), np.uint64(0), ONE
-    own, queue[0], marks[first, 0] = tag[first], first, stamp
-    while done < filled:
-        i = np.uint64(np.uint32(queue[done]))
-        done += ONE
+    first, head, filled = np.uint32(pieces.cells[lo]), np.uint64(0), ONE
+    piece_tag, queue[0], marks[first, 0] = tag[first], first, stamp
+    while head < filled:
+        i = np.uint64(np.uint32(queue[head]))
+        head += ONE
         for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):
             j = np.uint32(indices[h])
             last = marks[j, 0]
-            fresh = (tag[j] == own) & (last != stamp)
-            queue[filled] = j  # kept only if fresh; a branch would be mispredicted half the time
-            filled += np.uint64(fresh)
-            marks[j, 0] = stamp if fresh else last
+            is_new = (tag[j] == piece_tag) & (last != stamp)
+            queue[filled] = j  # kept only if new; a branch would be mispredicted half the time
+            filled += np.uint64(is_new)
+            marks[j, 0] = stamp if is_new else last
     return np.int64(filled) == hi - lo
 
 
 @helper
-def side_measures(pieces, measures, lo, hi, out):
-    """Write the measures of both sides of a piece to ``out``."""
+def side_measures(pieces, measures, lo, hi, side_sums):
+    """Write the measures of both sides of a piece to ``side_sums``."""
     cells, tag = pieces.cells, pieces.tag
-    out[0], out[1] = 0.0, 0.0
+    side_sums[0], side_sums[1] = 0.0, 0.0
     for k in range(lo, hi):
-        out[tag[cells[k]] & 1] += measures[cells[k]]
+        side_sums[tag[cells[k]] & 1] += measures[cells[k]]
 
 
 @helper
@@ -294,12 +295,13 @@ def quota_of_left(quota, measures, cells_left, cells_right):
     """
     if quota == 0:
         return 0
-    left, right = measures[0], measures[1]
-    if not left + right > 0.0:
-        left, right = float(cells_left), float(cells_right)
+    left_measure, right_measure = measures[0], measures[1]
+    if not left_measure + right_measure > 0.0:
+        left_measure, right_measure = float(cells_left), float(cells_right)
     # Both sides need at least one part, and a cell for each of their parts.
     least, most = max(1.0, quota - cells_right), min(quota - 1.0, float(cells_left))
-    share = np.rint(quota * (left / (left + right)) - 1e-9)  # round halves down, despite rounding in the sums
+    # Round halves down, despite rounding in the sums.
+    share = np.rint(quota * (left_measure / (left_measure + right_measure)) - 1e-9)
     return np.int64(min(max(share, least), most))
 
 

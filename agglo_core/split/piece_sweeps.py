@@ -70,11 +70,11 @@ def edges_of_piece(graph, pieces, lo, hi, edges):
     indptr, indices, interface = graph.indptr, graph.indices, graph.interface
     cells, tag, marks = pieces
     tails, heads, lengths = edges
-    left, _ = side_tags(lo, hi)
+    left_tag, _ = side_tags(lo, hi)
     start, n, count = np.uint64(lo), np.uint64(hi - lo), np.uint64(0)
     # 1. Tags and local numbers.
     for k in range(n):
-        tag[np.uint32(cells[start + k])], marks[np.uint32(cells[start + k]), 1] = left, k
+        tag[np.uint32(cells[start + k])], marks[np.uint32(cells[start + k]), 1] = left_tag, k
     # 2. Edges to a higher-numbered cell in the piece. All edges are written, and invalid edges are
     #    overwritten by the next edge.
     for k in range(n):
@@ -82,7 +82,7 @@ def edges_of_piece(graph, pieces, lo, hi, edges):
         for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):
             j = np.uint32(indices[h])
             tails[count], heads[count], lengths[count] = k, marks[j, 1], interface[h]
-            count += np.uint64((tag[j] == left) & (j > i))  # no branch: it would be mispredicted
+            count += np.uint64((tag[j] == left_tag) & (j > i))  # no branch: it would be mispredicted
     return np.int64(count)
 
 
@@ -104,11 +104,11 @@ def _frame_block(n, edges, local, shares, scales, frame, axis, score, bins, tall
     Writes the best direction to ``axis`` and the heights along it to ``score``. Returns cost, last bin below,
     lowest threshold and thresholds per unit. The arguments follow ``axes_block``.
     """
-    best, chosen = (NO_CUT, 0, 0.0, 0.0), 0
+    best, best_direction = (NO_CUT, 0, 0.0, 0.0), 0
     x, y, z, third = local[0], local[1], local[2], np.sqrt(1.0 / 3.0)
     for c in range(8):
         # 1. Direction d in the frame: axis 0, 1 or 2, or a diagonal (1, ±1, ±1) / √3.
-        d, a0, a1, a2 = c if c < 7 else chosen, third, third, third
+        d, a0, a1, a2 = c if c < 7 else best_direction, third, third, third
         if d < 3:
             a0, a1, a2 = np.float64(d == 0), np.float64(d == 1), np.float64(d == 2)
         else:
@@ -123,7 +123,7 @@ def _frame_block(n, edges, local, shares, scales, frame, axis, score, bins, tall
         low, rate = thresholds_between(low, high, spread)
         cost, last = sweep_block(n, low, rate, score, edges, local, shares, scales, bins, tally)
         if cost < best[0] - 1e-9 * abs(best[0]):
-            best, chosen = (cost, last, low, rate), c
+            best, best_direction = (cost, last, low, rate), c
     return best
 
 
