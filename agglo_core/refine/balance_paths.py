@@ -80,28 +80,28 @@ def _move(weights, parts, i, target):
 
 
 @helper
-def _centre(graph, weights, parts, p, out):
-    """Write the centre of part p to ``out``, or the centroid sum (zeros) for zero weight."""
+def _centre(graph, weights, parts, p, centre):
+    """Write the centre of part p to ``centre``, or the centroid sum (zeros) for zero weight."""
     (_, _, centroids), total = graph, 0.0
-    for a in range(len(out)):
-        out[a] = 0.0
+    for a in range(len(centre)):
+        centre[a] = 0.0
     i = parts.first[p]
     while i >= 0:
         total += weights[i]
-        for a in range(len(out)):
-            out[a] += weights[i] * centroids[i, a]
+        for a in range(len(centre)):
+            centre[a] += weights[i] * centroids[i, a]
         i = parts.after[i]
-    for a in range(len(out)):
-        out[a] /= total if total > 0.0 else 1.0
+    for a in range(len(centre)):
+        centre[a] /= total if total > 0.0 else 1.0
 
 
 @helper
 def _beside(graph, parts, i, target):
     """Return True if cell i has a neighbour in part ``target``."""
-    (indptr, indices, _), found = graph, False
+    (indptr, indices, _), is_adjacent = graph, False
     for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):
-        found |= parts.labels[np.uint32(indices[h])] == target
-    return found
+        is_adjacent |= parts.labels[np.uint32(indices[h])] == target
+    return is_adjacent
 
 
 @helper
@@ -123,10 +123,10 @@ def _can_spare(indptr, indices, labels, i, rings, stamp):
 
 
 @helper
-def _shift(graph, weights, parts, home, target, amount, done, paths, stamp):
+def _shift(graph, weights, parts, home, target, amount, n_moves, paths, stamp):
     """Move cells with about the size ``amount`` from ``home`` to ``target``, closest to the target first.
 
-    Moves are recorded in rows of ``paths.moves`` from ``done`` on, up to the number of rows.
+    Moves are recorded in rows of ``paths.moves`` from ``n_moves`` on, up to the number of rows.
     Returns the end row, the moved size and the last stamp.
     """
     indptr, indices, centroids = graph
@@ -148,7 +148,7 @@ def _shift(graph, weights, parts, home, target, amount, done, paths, stamp):
         i = parts.after[i]
     # 3. Move cells until the amount is reached. The first cell may exceed it. A later cell that would exceed
     #    it ends the shift. Cells that keep the part connected are skipped.
-    while size > 0 and parts.cells[home] > 1 and done < len(moves):
+    while size > 0 and parts.cells[home] > 1 and n_moves < len(moves):
         cell, size = take_out(heap, keys, place, size)
         i = np.uint64(cell)
         if total > 0.0 and total + weights[i] > amount * (1.0 + 1e-9):
@@ -156,9 +156,9 @@ def _shift(graph, weights, parts, home, target, amount, done, paths, stamp):
         stamp += 1
         if not _can_spare(indptr, indices, parts.labels, i, rings, stamp):
             continue
-        moves[done, 0], moves[done, 1] = cell, home
+        moves[n_moves, 0], moves[n_moves, 1] = cell, home
         _move(weights, parts, i, target)
-        done, total = done + 1, total + weights[i]
+        n_moves, total = n_moves + 1, total + weights[i]
         if total >= amount * (1.0 - 1e-9):
             break
         # 4. The cell's neighbours are adjacent to the target now, including cells skipped before.
@@ -172,7 +172,7 @@ def _shift(graph, weights, parts, home, target, amount, done, paths, stamp):
     # 5. Clear the heap for the next use.
     for k in range(size):
         place[heap[k]] = -1
-    return done, total, stamp
+    return n_moves, total, stamp
 
 
 @helper
@@ -184,14 +184,14 @@ def _way(graph, parts, bounds, start, sign, paths):
     """
     indptr, indices, _ = graph
     block, mean = bounds
-    queue, came, seen, barred = paths.queue, paths.came, paths.seen, paths.barred
+    queue, came, marks, barred = paths.queue, paths.came, paths.seen, paths.barred
     # Marks from earlier searches differ from this search's number, which is stored behind the marks.
-    turn = seen[len(seen) - 1] + 1
-    seen[len(seen) - 1] = turn
-    queue[0], seen[start], filled, done = start, turn, 1, 0
-    while done < filled:
-        p = queue[done]
-        done += 1
+    turn = marks[len(marks) - 1] + 1
+    marks[len(marks) - 1] = turn
+    queue[0], marks[start], filled, head = start, turn, 1, 0
+    while head < filled:
+        p = queue[head]
+        head += 1
         # 1. Stop at a part that lacks size if the start has too much (sign 1), or the reverse (−1).
         if p != start and sign * (parts.sizes[p] - mean[block[p]]) < 0.0:
             return np.int64(p)
@@ -200,13 +200,13 @@ def _way(graph, parts, bounds, start, sign, paths):
         while i >= 0:
             for h in range(np.uint64(indptr[i]), np.uint64(indptr[np.uint64(i) + ONE])):
                 q = parts.labels[np.uint32(indices[h])]
-                if seen[q] == turn or block[q] != block[p]:
+                if marks[q] == turn or block[q] != block[p]:
                     continue
                 free = True
                 for b in range(barred[0, 0]):
                     free &= barred[b + 1, 0] != p or barred[b + 1, 1] != q
                 if free:
-                    seen[q], came[q], queue[filled] = turn, p, q
+                    marks[q], came[q], queue[filled] = turn, p, q
                     filled += 1
             i = parts.after[i]
     return np.int64(-1)
@@ -228,7 +228,7 @@ def _hand_on(graph, weights, parts, mean, length, sign, paths, stamp):
     The path has ``length`` parts and starts at the part to correct (``sign`` 1: too large, −1: too small).
     Returns True if cells were passed on, and the last stamp.
     """
-    way, moves, barred, done = paths.queue, paths.moves, paths.barred, np.int64(0)
+    way, moves, barred, n_moves = paths.queue, paths.moves, paths.barred, np.int64(0)
     before = _unevenness(parts, way, length, mean)
     # 1. Amount: the smaller deviation of both path ends from the mean.
     amount = min(abs(parts.sizes[way[0]] - mean), abs(parts.sizes[way[length - 1]] - mean))
@@ -236,13 +236,13 @@ def _hand_on(graph, weights, parts, mean, length, sign, paths, stamp):
     # 2. From the large end to the small end, each part passes on as much as it received.
     for s in range(length - 1):
         home, target = (way[s], way[s + 1]) if sign > 0 else (way[length - 1 - s], way[length - 2 - s])
-        start = done
-        done, amount, stamp = _shift(graph, weights, parts, home, target, amount, done, paths, stamp)
-        if done == start:
+        start = n_moves
+        n_moves, amount, stamp = _shift(graph, weights, parts, home, target, amount, n_moves, paths, stamp)
+        if n_moves == start:
             # No cell can move between these two parts: later paths avoid the pair.
             barred[0, 0] += 1
-            one, other = (home, target) if sign > 0 else (target, home)
-            barred[barred[0, 0], 0], barred[barred[0, 0], 1] = one, other
+            p, q = (home, target) if sign > 0 else (target, home)
+            barred[barred[0, 0], 0], barred[barred[0, 0], 1] = p, q
             whole = False
             break
     # 3. Accept only if the sum of squares decreases, so that the iteration terminates.
@@ -251,8 +251,8 @@ def _hand_on(graph, weights, parts, mean, length, sign, paths, stamp):
     if whole:
         barred[0, 0] = _TRIES  # another path would not do better
     # 4. Otherwise undo all moves in reverse order.
-    for back in range(done):
-        _move(weights, parts, moves[done - 1 - back, 0], moves[done - 1 - back, 1])
+    for back in range(n_moves):
+        _move(weights, parts, moves[n_moves - 1 - back, 0], moves[n_moves - 1 - back, 1])
     return False, stamp
 
 
@@ -283,8 +283,8 @@ def _traded(graph, weights, parts, bounds, p, sign, paths, stamp):
 
 
 @kernel
-def even_out(indptr, indices, centroids, weights, labels, block, mean, room):
-    """Move cells until part sizes are within ``room (B,)`` of the block mean, if possible.
+def even_out(indptr, indices, centroids, weights, labels, block, mean, tolerance):
+    """Move cells until part sizes are within ``tolerance (B,)`` of the block mean, if possible.
 
     Returns the labels ``(n,)``.
 
@@ -296,34 +296,34 @@ def even_out(indptr, indices, centroids, weights, labels, block, mean, room):
         Connected parts. They stay connected and non-empty.
     block : (k,) int
         Block of each part. Cells do not move between blocks.
-    mean, room : (B,) float
+    mean, tolerance : (B,) float
         Mean part size in each block, and the largest allowed deviation.
     """
     n, k = len(labels), len(block)
-    own = labels.astype(np.int32)
+    part_labels = labels.astype(np.int32)
     # 1. Labels, sizes and cell lists of the parts.
-    first, after, before = part_lists(own, k)
-    parts = Parts(own, np.zeros(k), np.zeros(k, np.int64), first, after, before)
+    first, after, before = part_lists(part_labels, k)
+    parts = Parts(part_labels, np.zeros(k), np.zeros(k, np.int64), first, after, before)
     for i in range(n):
-        parts.sizes[own[i]] += weights[i]
-        parts.cells[own[i]] += 1
+        parts.sizes[part_labels[i]] += weights[i]
+        parts.cells[part_labels[i]] += 1
     graph, bounds, stamp = (indptr, indices, centroids), (block, mean), np.int64(0)
     # 2. Workspace for connectivity searches, for the heap of a shift, and for paths between parts.
     rings = (np.empty(n + 1, np.int32), np.empty(n + 1, np.int32), np.zeros((n, 2), np.int64))
     heap, keys, place = np.empty(n, np.int32), np.empty(n), np.full(n, -1, np.int32)
     shift = Shift(heap, keys, place, rings, np.empty((2, centroids.shape[1])))
-    queue, came, seen = np.empty(k, np.int32), np.zeros(k, np.int32), np.zeros(k + 1, np.int64)
+    queue, came, marks = np.empty(k, np.int32), np.zeros(k, np.int32), np.zeros(k + 1, np.int64)
     moves, barred = np.empty((n, 2), np.int64), np.zeros((_TRIES + 2, 2), np.int64)
-    paths = Paths(queue, came, seen, moves, shift, barred)
+    paths = Paths(queue, came, marks, moves, shift, barred)
     # 3. Each part that is too large or too small trades cells until its size is admissible or no path
     #    succeeds. Repeat while cells move, because blocked moves may become possible.
     changed = True
     while changed:
         changed = False
         for p in range(k):
-            b, going = block[p], True
-            while going and abs(parts.sizes[p] - mean[b]) > room[b]:
+            b, traded = block[p], True
+            while traded and abs(parts.sizes[p] - mean[b]) > tolerance[b]:
                 sign = 1.0 if parts.sizes[p] > mean[b] else -1.0
-                going, stamp = _traded(graph, weights, parts, bounds, p, sign, paths, stamp)
-                changed |= going
-    return own.astype(np.int64)
+                traded, stamp = _traded(graph, weights, parts, bounds, p, sign, paths, stamp)
+                changed |= traded
+    return part_labels.astype(np.int64)

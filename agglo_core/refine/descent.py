@@ -124,10 +124,10 @@ class DescentRefiner:
         np.maximum.at(largest, block, np.abs(moves.changes))
         moves = moves[moves.changes < -_NOISE * largest[block]]
         # 3. Drop the moves that make a part too small, empty or disconnected.
-        rest = part_sums(parts, graph.measures)[moves.own] - graph.measures[moves.cells]
-        left = np.bincount(parts)[moves.own] > 1
+        home_measures = part_sums(parts, graph.measures)[moves.own] - graph.measures[moves.cells]
+        keeps_cell = np.bincount(parts)[moves.own] > 1
         tight = cut_cells(graph.indptr, graph.indices, parts)[moves.cells]
-        return moves[left & ~tight & (rest >= floors[moves.own])]
+        return moves[keeps_cell & ~tight & (home_measures >= floors[moves.own])]
 
 
 def _floors(graph: Graph, parts: Int, block: Int) -> Float:
@@ -144,7 +144,7 @@ def _chosen(moves: _Moves, k: int) -> _Moves:
     q = len(moves.cells)
     rank = np.empty(q, np.int64)
     rank[np.argsort(moves.changes, kind="stable")] = np.arange(q)
-    chosen: list[Int] = []
+    picks: list[Int] = []
     free = np.arange(q)
     while len(free):
         best = np.full(k, q)
@@ -152,10 +152,10 @@ def _chosen(moves: _Moves, k: int) -> _Moves:
             np.minimum.at(best, ends, rank[free])
         # A move is chosen if it is the best free move for both of its parts.
         first = free[(best[moves.own[free]] == rank[free]) & (best[moves.parts[free]] == rank[free])]
-        chosen.append(first)
+        picks.append(first)
         taken = _holds(np.concatenate((moves.own[first], moves.parts[first])), k)
         free = free[~(taken[moves.own[free]] | taken[moves.parts[free]])]
-    return moves[np.concatenate(chosen) if chosen else free]
+    return moves[np.concatenate(picks) if picks else free]
 
 
 def _improved(
@@ -167,10 +167,10 @@ def _improved(
     undoing the moves one at a time must worsen the objective in total.
     """
     if objective.of_parts is not None:
-        now, then = (
+        totals_after, totals_before = (
             part_sums(block, objective.of_parts(graph, labels), graph.n_blocks) for labels in (after, before)
         )
-        better: Mask = now < then
+        better: Mask = totals_after < totals_before
         return better
     back = objective.changes(graph, after, frozen_int(moves.cells), frozen_int(moves.own))
     return part_sums(block[moves.own], back, graph.n_blocks) > 0.0

@@ -23,12 +23,12 @@ def _best_move(graph, parts, i, pairs, lengths):
     interface length between cell i and part p.
     """
     indptr, indices, interface = graph
-    home, own, total = parts[i], 0.0, 0.0
+    home, home_length, total = parts[i], 0.0, 0.0
     target, length = -1, 0.0
     # 1. With many neighbours, compute L(i, p) for all adjacent parts p at once. Only entries that are read
     #    are cleared.
-    many = indptr[i + 1] - indptr[i] > _MANY
-    if many:
+    use_table = indptr[i + 1] - indptr[i] > _MANY
+    if use_table:
         for h in range(indptr[i], indptr[i + 1]):
             lengths[parts[indices[h]]] = 0.0
         for h in range(indptr[i], indptr[i + 1]):
@@ -39,19 +39,19 @@ def _best_move(graph, parts, i, pairs, lengths):
         p = parts[indices[h]]
         total += interface[h]
         if p == home:
-            own += interface[h]
+            home_length += interface[h]
         if p in (home, target):
             continue
-        shared = lengths[p] if many else 0.0
-        for g in range(indptr[i], indptr[i] if many else indptr[i + 1]):
+        shared = lengths[p] if use_table else 0.0
+        for g in range(indptr[i], indptr[i] if use_table else indptr[i + 1]):
             if parts[indices[g]] == p:
                 shared += interface[g]
         if shared > length:
             target, length = p, shared
     # 3. Alone, the cell saves L(i, target) − L(i, home).
     least = _TIE * total
-    if target >= 0 and length - own > least:
-        return target, -1, length - own
+    if target >= 0 and length - home_length > least:
+        return target, -1, length - home_length
     if target < 0 or not pairs:
         return -1, -1, 0.0
     # 4. A neighbour j in its part that moves along adds L(j, target) − L(j, home). Their common interface is
@@ -60,12 +60,12 @@ def _best_move(graph, parts, i, pairs, lengths):
     for h in range(indptr[i], indptr[i + 1]):
         j = indices[h]
         if parts[j] == home:
-            both = length - own + 2.0 * interface[h]
+            pair_saving = length - home_length + 2.0 * interface[h]
             for g in range(indptr[j], indptr[j + 1]):  # no branch: it would be mispredicted
                 p = parts[indices[g]]
-                both += interface[g] * ((p == target) - np.int64(p == home))
-            if both > best:
-                partner, best = j, both
+                pair_saving += interface[g] * ((p == target) - np.int64(p == home))
+            if pair_saving > best:
+                partner, best = j, pair_saving
     if partner < 0:
         return -1, -1, 0.0
     return target, partner, best
@@ -171,29 +171,29 @@ def _leave(graph, measures, tally, floors, i, target, search, stamp):
 
 
 @helper
-def _paying(graph, parts, cells, m, pairs, lengths, axis, centroids, keys, chosen):
-    """Write the cells worth moving to ``chosen``, sorted along ``axis``, and return their number."""
-    found = 0
+def _paying(graph, parts, cells, m, pairs, lengths, axis, centroids, keys, movers):
+    """Write the cells worth moving to ``movers``, sorted along ``axis``, and return their number."""
+    n_movers = 0
     for c in range(m):
         i = cells[c]
         if _best_move(graph, parts, i, pairs, lengths)[0] >= 0:
-            chosen[found] = i
-            found += 1
+            movers[n_movers] = i
+            n_movers += 1
             keys[i] = 0.0
             for k in range(len(axis)):
                 keys[i] += axis[k] * centroids[i, k]
-    sort_by_key(chosen, keys, found)
-    return found
+    sort_by_key(movers, keys, n_movers)
+    return n_movers
 
 
 @helper
-def _add_new(graph, i, cells, m, seen, stamp):
-    """Append the neighbours of cell i not seen under ``stamp`` to ``cells[:m]`` and return the new length."""
+def _add_new(graph, i, cells, m, marks, stamp):
+    """Append cell i's neighbours without the mark ``stamp`` to ``cells[:m]``, and return the new length."""
     indptr, indices, _ = graph
     for h in range(indptr[i], indptr[i + 1]):
         j = indices[h]
-        if seen[j] != stamp:
-            seen[j] = stamp
+        if marks[j] != stamp:
+            marks[j] = stamp
             cells[m] = j
             m += 1
     return m
@@ -203,9 +203,9 @@ def _add_new(graph, i, cells, m, seen, stamp):
 def _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, floor):
     """Return the labels after :func:`relax_interface`.
 
-    ``later`` lists the candidates for the next sweep, ``now`` the candidates that pay. ``boundary`` lists all
-    cells that are or were adjacent to another part. ``seen`` and ``listed`` mark the cells in ``later`` and
-    in ``boundary``.
+    ``visits`` lists the candidates for the next sweep, ``movers`` the candidates that pay. ``boundary`` lists
+    all cells that are or were adjacent to another part. ``visit_marks`` and ``listed`` mark the cells in
+    ``visits`` and in ``boundary``.
     """
     n, d = len(measures), centroids.shape[1]
     parts = labels.copy()
@@ -217,13 +217,14 @@ def _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, f
     search = (np.empty(n, np.int32), np.empty(n, np.int32), np.zeros((n, 2), np.int32))
     floors, moments, axis = np.empty(n_parts), np.empty((n_parts, d)), np.empty(d)
     lengths = np.empty(n_parts)
-    keys, now, later, boundary = (
+    keys, movers, visits, boundary = (
         np.empty(n),
         np.empty(n, np.int64),
         np.empty(n, np.int64),
         np.empty(n, np.int64),
     )
-    listed, seen = np.zeros(n, np.int32), np.zeros(n, np.int32)  # zero pages are allocated on first use
+    # Zero pages are allocated on first use.
+    listed, visit_marks = np.zeros(n, np.int32), np.zeros(n, np.int32)
     stamp, sweep = 0, 0
     for b in range(len(offsets) - 1):
         start, stop = offsets[b], offsets[b + 1]
@@ -233,23 +234,23 @@ def _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, f
         # 2. All cells adjacent to another part are candidates for the first sweep.
         edge = 0  # number of cells that are or were adjacent to another part
         for i in range(start, stop):
-            own, beside = parts[i], False
+            home, is_adjacent = parts[i], False
             for h in range(indptr[i], indptr[i + 1]):
-                beside |= parts[indices[h]] != own  # no branch: it would be mispredicted
-            if beside:
-                boundary[edge] = later[edge] = i
+                is_adjacent |= parts[indices[h]] != home  # no branch: it would be mispredicted
+            if is_adjacent:
+                boundary[edge] = visits[edge] = i
                 listed[i] = b + 1
                 edge += 1
         # 3. Sweep until no cell with a changed neighbourhood is left.
         candidates, pairs, paired = edge, False, False
         for _ in range(_SWEEPS):
-            m = _paying(graph, parts, later, candidates, pairs, lengths, axis, centroids, keys, now)
+            m = _paying(graph, parts, visits, candidates, pairs, lengths, axis, centroids, keys, movers)
             sweep += 1
             candidates = 0
             for c in range(m):
                 # 4. Earlier moves in the sweep may have changed this cell's savings, so search its best move
                 #    again. Move unless the part would become disconnected, empty or too small.
-                i, own = now[c], parts[now[c]]
+                i, home = movers[c], parts[movers[c]]
                 target, partner, _gained = _best_move(graph, parts, i, pairs, lengths)
                 stamp += 2
                 if target < 0 or not _leave(graph, measures, tally, floors, i, target, search, stamp):
@@ -258,12 +259,12 @@ def _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, f
                     # 5. A pair moves completely or not at all: the first cell is put back if the second must
                     #    stay.
                     if not _leave(graph, measures, tally, floors, partner, target, search, stamp + 1):
-                        _put(measures, tally, i, own)
+                        _put(measures, tally, i, home)
                         continue
-                    candidates = _add_new(graph, partner, later, candidates, seen, sweep)
+                    candidates = _add_new(graph, partner, visits, candidates, visit_marks, sweep)
                     edge = _add_new(graph, partner, boundary, edge, listed, b + 1)
                 # 6. Moves of the neighbours may pay now.
-                candidates = _add_new(graph, i, later, candidates, seen, sweep)
+                candidates = _add_new(graph, i, visits, candidates, visit_marks, sweep)
                 edge = _add_new(graph, i, boundary, edge, listed, b + 1)
             # 7. When no single cell pays any more, pairs are tried once along the whole boundary, followed by
             #    single cells again.
@@ -272,7 +273,7 @@ def _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, f
             elif candidates == 0 and not paired:
                 pairs, paired, candidates = True, True, edge
                 for c in range(edge):
-                    later[c] = boundary[c]
+                    visits[c] = boundary[c]
             if candidates == 0:
                 break
     return parts

@@ -72,10 +72,10 @@ def chosen_objective(objective: str | IncrementalMetric, registry: Registry | No
     if not isinstance(objective, str):
         return _of_metric(type(objective).__name__, objective, f"metric {type(objective).__name__}")
     # 2. A built-in objective.
-    known = OBJECTIVES.get(objective)
-    if known is not None and known.changes is not None:
+    entry = OBJECTIVES.get(objective)
+    if entry is not None and entry.changes is not None:
         return ChosenObjective(
-            known.name, known.changes, of_parts=known.of_parts, title=f"objective {objective!r}"
+            entry.name, entry.changes, of_parts=entry.of_parts, title=f"objective {objective!r}"
         )
     # 3. A registered metric.
     source = default() if registry is None else registry
@@ -85,8 +85,8 @@ def chosen_objective(objective: str | IncrementalMetric, registry: Registry | No
         title = describe(source.record("metric", objective))
         return _of_metric(objective, source.build("metric", objective), title)
     # 4. Neither: explain, and suggest a similar name.
-    able = [name for name, each in OBJECTIVES.items() if each.changes is not None]
-    if known is not None:
+    able = [name for name, candidate in OBJECTIVES.items() if candidate.changes is not None]
+    if entry is not None:
         raise OptionError(f"objective {objective!r} cannot tell what a move changes; {', '.join(able)} can")
     close = difflib.get_close_matches(objective, [*able, *names], n=1)
     hint = f" (did you mean {close[0]!r}?)" if close else ""

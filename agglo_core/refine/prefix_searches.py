@@ -28,12 +28,12 @@ def _best_move(graph, parts, sizes, bounds, share, i):
     """
     indptr, indices, lengths, weights = graph
     block, least, most = bounds
-    home, target, best, own = np.uint32(parts[i]), _NONE, -np.inf, 0.0
+    home, target, best, home_length = np.uint32(parts[i]), _NONE, -np.inf, 0.0
     first, last = np.uint64(indptr[i]), np.uint64(indptr[i + ONE])
     # 1. Sum the interface with each adjacent part.
     for h in range(first, last):
         share[parts[np.uint32(indices[h])]] += lengths[h]
-    own, free = share[home], sizes[home] - weights[i] >= least[home]
+    home_length, free = share[home], sizes[home] - weights[i] >= least[home]
     # 2. Find the longest interface among admissible parts of the block. Entries are cleared for the next use,
     #    so each part is visited once.
     for h in range(first, last):
@@ -43,7 +43,7 @@ def _best_move(graph, parts, sizes, bounds, share, i):
             continue
         if shared > best and shared > 0.0 and sizes[p] + weights[i] <= most[p]:
             target, best = np.int64(p), shared
-    return target, best - own
+    return target, best - home_length
 
 
 @helper
@@ -60,11 +60,11 @@ def _move(weights, parts, sizes, cells, i, target):
 def _search(graph, parts, sizes, cells, bounds, seed, patience, work, stamp):
     """Search from one cell and keep the best prefix of its moves.
 
-    Returns the number of kept moves and the last stamp used. ``done`` lists the moved cells in order. The
+    Returns the number of kept moves and the last stamp used. ``chain`` lists the moved cells in order. The
     search ends ``patience`` moves after the best prefix.
     """
     indptr, indices, lengths, weights = graph
-    heap, keys, place, moved, came_from, done, share, rings = work
+    heap, keys, place, moved, came_from, chain, share, rings = work
     size = np.int64(0)
     target, gain = _best_move(graph, parts, sizes, bounds, share, seed)
     if target < 0:
@@ -74,8 +74,8 @@ def _search(graph, parts, sizes, cells, bounds, seed, patience, work, stamp):
         tie += _TIE * lengths[h]
     # 1. Heap of the movable cells, largest gain on top. The seed moves first.
     size = put_in(heap, keys, place, size, seed, gain)
-    total, best, kept, count, search = 0.0, 0.0, np.int64(0), np.int64(0), stamp
-    while size > 0 and count - kept < patience:
+    total, best, n_kept, count, search = 0.0, 0.0, np.int64(0), np.int64(0), stamp
+    while size > 0 and count - n_kept < patience:
         cell, size = take_out(heap, keys, place, size)
         i = np.uint64(cell)
         # 2. Pop the top cell and update its gain. If the gain is now below the next key, reinsert the cell.
@@ -90,12 +90,12 @@ def _search(graph, parts, sizes, cells, bounds, seed, patience, work, stamp):
         if not keeps_whole(indptr, indices, parts, i, rings, stamp):
             continue
         # 4. Move the cell, even at a loss, and record the number of moves with the largest total gain.
-        done[count], came_from[count], moved[i] = cell, parts[i], search
+        chain[count], came_from[count], moved[i] = cell, parts[i], search
         count += 1
         _move(weights, parts, sizes, cells, i, target)
         total += gain
         if total > best + tie:
-            best, kept = total, count
+            best, n_kept = total, count
         # 5. Update the gains of its neighbours, except cells already moved in this search.
         for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):
             j = np.uint64(np.uint32(indices[h]))
@@ -107,10 +107,10 @@ def _search(graph, parts, sizes, cells, bounds, seed, patience, work, stamp):
     # 6. Empty the heap, and undo the moves after the best prefix in reverse order.
     for k in range(size):
         place[heap[k]] = -1
-    for back in range(count - kept):
-        i = done[count - 1 - back]
+    for back in range(count - n_kept):
+        i = chain[count - 1 - back]
         _move(weights, parts, sizes, cells, i, came_from[count - 1 - back])
-    return kept, stamp
+    return n_kept, stamp
 
 
 @kernel
@@ -142,9 +142,9 @@ def search_all(indptr, indices, lengths, weights, labels, block, least, most, ro
     # 2. Workspace for all searches. Initially all cells are due.
     heap, keys, place = np.empty(n, np.int32), np.empty(n), np.full(n, -1, np.int32)
     moved, came_from = np.zeros(n, np.int64), np.empty(n, np.int32)
-    done, share = np.empty(n, np.int32), np.zeros(k)
+    chain, share = np.empty(n, np.int32), np.zeros(k)
     rings = (np.empty(n + 1, np.int32), np.empty(n + 1, np.int32), np.zeros((n, 2), np.int64))
-    work, due, stamp = (heap, keys, place, moved, came_from, done, share, rings), np.ones(n, np.bool_), 1
+    work, due, stamp = (heap, keys, place, moved, came_from, chain, share, rings), np.ones(n, np.bool_), 1
     # 3. Search from each due cell, until a round improves nothing.
     for _ in range(rounds):
         improved = np.int64(0)
@@ -152,13 +152,13 @@ def search_all(indptr, indices, lengths, weights, labels, block, least, most, ro
             if not due[seed]:
                 continue
             due[seed] = False
-            kept, stamp = _search(
+            n_kept, stamp = _search(
                 graph, parts, sizes, cells, bounds, np.uint64(seed), patience, work, stamp + 1
             )
-            improved += kept
+            improved += n_kept
             # 4. Moves change the gains nearby: moved cells and their neighbours are due again.
-            for c in range(kept):
-                near = np.uint64(np.uint32(done[c]))
+            for c in range(n_kept):
+                near = np.uint64(np.uint32(chain[c]))
                 due[near] = True
                 for h in range(np.uint64(indptr[near]), np.uint64(indptr[near + ONE])):
                     due[np.uint32(indices[h])] = True

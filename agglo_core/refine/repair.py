@@ -13,18 +13,18 @@ _TIE = 1e-7  # relative: closer sizes, interfaces and positions count as equal (
 
 
 @helper
-def _before(one, other, value, beside, places):
-    """Return True if component ``one`` precedes ``other``: by value, then by position.
+def _before(a, b, value_a, value_b, places):
+    """Return True if component ``a`` precedes ``b``: by value, then by position.
 
-    The values are ``value`` and ``beside``, larger first. For equal values the component with the larger
+    The values are ``value_a`` and ``value_b``, larger first. For equal values the component with the larger
     entry in ``places (components, k)`` comes first, at the first column where the entries differ.
     """
-    if abs(value - beside) > _TIE * max(value, beside):
-        return value > beside
+    if abs(value_a - value_b) > _TIE * max(value_a, value_b):
+        return value_a > value_b
     for k in range(places.shape[1]):
-        if abs(places[one, k] - places[other, k]) > _TIE:
-            return places[one, k] > places[other, k]
-    return one < other
+        if abs(places[a, k] - places[b, k]) > _TIE:
+            return places[a, k] > places[b, k]
+    return a < b
 
 
 @helper(allocates=True)
@@ -34,35 +34,35 @@ def keepers(part_of, sizes, places, n_parts):
     Ties go to the first component by position. ``part_of``, ``sizes`` and ``places`` (lengths of order 1) are
     component arrays.
     """
-    kept = np.full(n_parts, -1)
+    keeper = np.full(n_parts, -1)
     for c in range(len(part_of)):
-        best = kept[part_of[c]]
+        best = keeper[part_of[c]]
         if best < 0 or _before(c, best, sizes[c], sizes[best], places):
-            kept[part_of[c]] = c
-    return kept
+            keeper[part_of[c]] = c
+    return keeper
 
 
 @helper(allocates=True)
-def absorb(indptr, indices, interface, kept, nodes, component_offsets, loose, keeper, places):
+def absorb(indptr, indices, interface, start_parts, nodes, component_offsets, loose, keeper, places):
     """Join every loose component to an adjacent kept part, and return each node's part.
 
-    ``kept`` is the part of the remaining nodes, and −1 elsewhere. ``loose`` lists components, whose nodes are
-    ``nodes[component_offsets[c]:component_offsets[c + 1]]``. All components adjacent to nodes with a part
-    choose at once and join, then the next ring of components. Each component chooses the part with the
+    ``start_parts`` is the part of the remaining nodes, and −1 elsewhere. ``loose`` lists components, whose
+    nodes are ``nodes[component_offsets[c]:component_offsets[c + 1]]``. All components adjacent to nodes with
+    a part choose at once and join, then the next ring of components. Each component chooses the part with the
     longest common interface. Ties go to the part whose ``keeper`` comes first by ``places``. Unreachable
     nodes remain at −1.
     """
-    parts = kept.copy()
-    waiting = loose.copy()
+    parts = start_parts.copy()
+    queue = loose.copy()
     shared = np.zeros(len(keeper))
     touched = np.empty(len(keeper), np.int64)
     choice = np.empty(len(loose), np.int64)
-    m = len(waiting)
+    m = len(queue)
     while m > 0:
         # 1. For each waiting component, sum the interface with each adjacent part. The tiny addend
         #    distinguishes parts adjacent through faces of measure 0 from parts that are not adjacent.
         for w in range(m):
-            c, count = waiting[w], 0
+            c, count = queue[w], 0
             for k in range(component_offsets[c], component_offsets[c + 1]):
                 for h in range(indptr[nodes[k]], indptr[nodes[k] + 1]):
                     p = parts[indices[h]]
@@ -82,19 +82,19 @@ def absorb(indptr, indices, interface, kept, nodes, component_offsets, loose, ke
                 shared[touched[t]] = 0.0
         # 3. All components with a choice join, the others wait for the next ring. As all choose first, the
         #    result does not depend on their order.
-        left = 0
+        n_remaining = 0
         for w in range(m):
-            c = waiting[w]
+            c = queue[w]
             if choice[w] < 0:
-                waiting[left] = c
-                left += 1
+                queue[n_remaining] = c
+                n_remaining += 1
                 continue
             for k in range(component_offsets[c], component_offsets[c + 1]):
                 parts[nodes[k]] = choice[w]
         # 4. Nothing joined: the remaining components touch no part.
-        if left == m:
+        if n_remaining == m:
             break
-        m = left
+        m = n_remaining
     return parts
 
 
@@ -124,19 +124,19 @@ def _places(cells, centroids, nodes, offsets):
             square += places[c, 3 + x] ** 2
         furthest = max(furthest, np.sqrt(square))
     # 3. Column 2: squared distance r². Also the component means of the positions x, and of r² x.
-    along, heavy = np.zeros(d), np.zeros(d)
+    plain_mean, weighted_mean = np.zeros(d), np.zeros(d)
     for c in range(count):
         for x in range(d):
             places[c, 3 + x] /= furthest if furthest > 0.0 else 1.0
             places[c, 2] += places[c, 3 + x] ** 2
         for x in range(d):
-            along[x] += places[c, 3 + x] / count
-            heavy[x] += places[c, 2] * places[c, 3 + x] / count
+            plain_mean[x] += places[c, 3 + x] / count
+            weighted_mean[x] += places[c, 2] * places[c, 3 + x] / count
     # 4. Columns 0 and 1: projections onto these two means.
     for c in range(count):
         for x in range(d):
-            places[c, 0] += places[c, 3 + x] * along[x]
-            places[c, 1] += places[c, 3 + x] * heavy[x]
+            places[c, 0] += places[c, 3 + x] * plain_mean[x]
+            places[c, 1] += places[c, 3 + x] * weighted_mean[x]
     return places
 
 
@@ -184,15 +184,15 @@ def mend_piece(cells, labels, parts, indptr, indices, interface, centroids, meas
     # 2. Each part keeps its largest component. The nodes of the other components lose their label.
     places = _places(cells, centroids, nodes, offsets)
     keeper = keepers(part_of, size, places, parts)
-    kept, found = labels.copy(), 0
+    start_parts, n_loose = labels.copy(), 0
     for c in range(count):
         if keeper[part_of[c]] != c:
-            loose[found] = c
-            found += 1
+            loose[n_loose] = c
+            n_loose += 1
             for k in range(offsets[c], offsets[c + 1]):
-                kept[nodes[k]] = -1
+                start_parts[nodes[k]] = -1
     # 3. These components join adjacent parts, ring by ring.
-    return absorb(rows, columns, lengths, kept, nodes, offsets, loose[:found], keeper, places)
+    return absorb(rows, columns, lengths, start_parts, nodes, offsets, loose[:n_loose], keeper, places)
 
 
 @kernel
@@ -204,13 +204,13 @@ def mend_sides(pieces, cells, tag, indptr, indices, interface, centroids, measur
     for p in range(len(pieces)):
         lo, hi = pieces[p, 0], pieces[p, 1]
         # 1. Sides of the piece's cells.
-        own, sides = np.empty(hi - lo, np.int32), np.empty(hi - lo, np.int64)
+        piece_cells, sides = np.empty(hi - lo, np.int32), np.empty(hi - lo, np.int64)
         for k in range(hi - lo):
-            own[k], sides[k] = cells[lo + k], tag[cells[lo + k]] & 1
+            piece_cells[k], sides[k] = cells[lo + k], tag[cells[lo + k]] & 1
         # 2. Connect both sides, and write the new tags.
-        found = mend_piece(own, sides, 2, indptr, indices, interface, centroids, measures, local)
+        new_sides = mend_piece(piece_cells, sides, 2, indptr, indices, interface, centroids, measures, local)
         for k in range(hi - lo):
-            tag[own[k]] = 2 * hi - 1 if found[k] else 2 * lo
+            tag[piece_cells[k]] = 2 * hi - 1 if new_sides[k] else 2 * lo
 
 
 @kernel
@@ -222,10 +222,12 @@ def mend_blocks(offsets, indptr, indices, interface, centroids, measures, labels
     mended, local = np.empty(len(labels), np.int64), np.zeros(len(labels), np.int32)
     for b in range(len(offsets) - 1):
         start, stop = offsets[b], offsets[b + 1]
-        cells, own = np.empty(stop - start, np.int32), np.empty(stop - start, np.int64)
+        cells, block_labels = np.empty(stop - start, np.int32), np.empty(stop - start, np.int64)
         for i in range(stop - start):  # loops, because slices and ranges take seconds to compile
-            cells[i], own[i] = start + i, labels[start + i]
-        found = mend_piece(cells, own, parts, indptr, indices, interface, centroids, measures, local)
+            cells[i], block_labels[i] = start + i, labels[start + i]
+        new_labels = mend_piece(
+            cells, block_labels, parts, indptr, indices, interface, centroids, measures, local
+        )
         for i in range(stop - start):
-            mended[start + i] = found[i]
+            mended[start + i] = new_labels[i]
     return mended

@@ -41,7 +41,7 @@ def part_places(block, count, tally):
     block, and vanishes only by symmetry. A fixed direction then replaces it.
     """
     centres, mass = _block_centres(block, count, tally)
-    spread, axes, extent = np.zeros(count), np.zeros((count, 3)), 0.0
+    inertia, axes, extent = np.zeros(count), np.zeros((count, 3)), 0.0
     # 1. Scale lengths by the extent of all centres, so that their cubes are finite.
     for p in range(len(block)):
         for a in range(3):
@@ -53,13 +53,13 @@ def part_places(block, count, tally):
         for a in range(3):
             square += (unit * (tally[p, CENTRE + a] - centres[b, a])) ** 2
         square *= tally[p, MASS]
-        spread[b] += square
+        inertia[b] += square
         for a in range(3):
             axes[b, a] += square * (unit * (tally[p, CENTRE + a] - centres[b, a]))
     for b in range(count):
         # 3. If symmetry leaves only rounding in the third moment (or zero, or NaN), use a fixed direction
         #    along no axis or diagonal.
-        length, bound = 0.0, spread[b] * np.sqrt(spread[b] / mass[b])
+        length, bound = 0.0, inertia[b] * np.sqrt(inertia[b] / mass[b])
         for a in range(3):
             length += axes[b, a] ** 2
         if not np.sqrt(length) > _FLAT * bound:
@@ -87,21 +87,21 @@ def _across(block, tally, axes, centres, mass, dim):
             unit[b, a] = axes[b, a] / np.sqrt(length)
     # 2. Compute M u, with the second moments M = Σ m r rᵀ / Σ m of the part centres.
     for p in range(len(block)):
-        b, along = block[p], 0.0
+        b, projection = block[p], 0.0
         for a in range(dim):
-            along += (tally[p, CENTRE + a] - centres[b, a]) * unit[b, a]
+            projection += (tally[p, CENTRE + a] - centres[b, a]) * unit[b, a]
         for a in range(dim):
-            across[b, a] += tally[p, MASS] * along * (tally[p, CENTRE + a] - centres[b, a]) / mass[b]
+            across[b, a] += tally[p, MASS] * projection * (tally[p, CENTRE + a] - centres[b, a]) / mass[b]
     # 3. Take the component perpendicular to u. If u is nearly an eigenvector, this is rounding: then rotate u
     #    by 90° in the xy-plane.
     for b in range(count):
-        length, spread = 0.0, 0.0
+        length, rayleigh = 0.0, 0.0
         for a in range(dim):
-            spread += across[b, a] * unit[b, a]
+            rayleigh += across[b, a] * unit[b, a]
         for a in range(dim):
-            across[b, a] -= spread * unit[b, a]
+            across[b, a] -= rayleigh * unit[b, a]
             length += across[b, a] ** 2
-        if not np.sqrt(length) > _FLAT * spread:
+        if not np.sqrt(length) > _FLAT * rayleigh:
             across[b, 0], across[b, 1], across[b, 2] = -unit[b, 1], unit[b, 0], 0.0
     return across
 

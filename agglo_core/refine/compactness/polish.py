@@ -46,18 +46,18 @@ def swept(graph: Graph, labels: Int, block: Int, alpha: float, floor: float, lim
     # 3. Two sets of slices for even and odd sweeps. Slices of one set end in the middle of slices of the
     #    other.
     by_turns = tuple(_slices(starts, shift, graph.dim) for shift in range(2))
-    room = np.zeros((n, 2), np.int32), np.zeros(k + 1, np.int32), np.empty(n, np.int32)
-    state = State(parts, tally, blocks, due, *room, np.zeros((count, 2)), np.ones(count, bool))
-    how = alpha, limit, *_reach(graph, parts, k, limit)
+    workspace = np.zeros((n, 2), np.int32), np.zeros(k + 1, np.int32), np.empty(n, np.int32)
+    state = State(parts, tally, blocks, due, *workspace, np.zeros((count, 2)), np.ones(count, bool))
+    sweep_args = alpha, limit, *_reach(graph, parts, k, limit)
     # 4. Run the sweeps, and restore the old part numbers.
     if thread_count() == 1:
-        sweep_all(cells, state, _work(n, k), *by_turns, _SWEEPS, *how)
+        sweep_all(cells, state, _work(n, k), *by_turns, _SWEEPS, *sweep_args)
     else:
-        _swept_together(cells, state, by_turns, how)
+        _swept_together(cells, state, by_turns, sweep_args)
     return frozen_int(order.take(parts))
 
 
-def _swept_together(cells: Any, state: Any, by_turns: Any, how: tuple[Any, ...]) -> None:
+def _swept_together(cells: Any, state: Any, by_turns: Any, sweep_args: tuple[Any, ...]) -> None:
     """Run the sweeps of ``sweep_all`` with several slices in parallel."""
     from agglo_core.refine.compactness.state import listed_cells
     from agglo_core.refine.compactness.sweeps import sweep_slices
@@ -66,13 +66,13 @@ def _swept_together(cells: Any, state: Any, by_turns: Any, how: tuple[Any, ...])
     work = [_work(len(state.parts), len(state.tally)) for _ in range(threads)]
     for sweep in range(_SWEEPS):
         slices, before = by_turns[sweep % 2], by_turns[1 - sweep % 2]
-        looked_at = listed_cells(state, work[0], sweep, before, how[0])
+        looked_at = listed_cells(state, work[0], sweep, before, sweep_args[0])
         if looked_at == 0:
             break
         ranges = _shares(slices.rows, state.first, threads if looked_at > _FEW else 1)
 
-        def make(start: int, stop: int, own: Any, sweep: int = sweep, slices: Any = slices) -> None:
-            sweep_slices(cells, state, own, slices, start, stop, sweep, *how)
+        def make(start: int, stop: int, workspace: Any, sweep: int = sweep, slices: Any = slices) -> None:
+            sweep_slices(cells, state, workspace, slices, start, stop, sweep, *sweep_args)
 
         list(mapped(make, *zip(*ranges, strict=True), work[: len(ranges)]))
 

@@ -84,19 +84,19 @@ def _within(i, j, limit, corners):
     """Return True if no vertex of cell i is farther than ``limit`` from a vertex of cell j."""
     solid, most = corners.points.shape[1] > 2, 0.0
     # 1. Bound: vertex distances do not exceed the centroid distance plus both radii. This usually decides.
-    left = limit * _BELOW - corners.radii[i] - corners.radii[j]
+    slack = limit * _BELOW - corners.radii[i] - corners.radii[j]
     x = corners.centroids[i, 0] - corners.centroids[j, 0]
     y = corners.centroids[i, 1] - corners.centroids[j, 1]
     z = corners.centroids[i, 2] - corners.centroids[j, 2] if solid else 0.0
-    if left >= 0.0 and x * x + y * y + z * z <= left * left:
+    if slack >= 0.0 and x * x + y * y + z * z <= slack * slack:
         return True
     # 2. Otherwise compare all vertex pairs.
     for g in range(np.uint64(corners.offsets[i]), np.uint64(corners.offsets[i + ONE])):
         for h in range(np.uint64(corners.offsets[j]), np.uint64(corners.offsets[j + ONE])):
-            one, other = np.uint32(corners.vertices[g]), np.uint32(corners.vertices[h])
-            x = corners.points[one, 0] - corners.points[other, 0]
-            y = corners.points[one, 1] - corners.points[other, 1]
-            z = corners.points[one, 2] - corners.points[other, 2] if solid else 0.0
+            u, v = np.uint32(corners.vertices[g]), np.uint32(corners.vertices[h])
+            x = corners.points[u, 0] - corners.points[v, 0]
+            y = corners.points[u, 1] - corners.points[v, 1]
+            z = corners.points[u, 2] - corners.points[v, 2] if solid else 0.0
             square = x * x + y * y + z * z  # a loop over the dimensions takes twice the time
             most = max(most, square)
     return most <= limit * limit

@@ -158,34 +158,34 @@ def part_tally(labels, count, centroids, weights, measures, floor):
 
 
 @kernel
-def interface_cells(given, parts, tally, block, count):
+def interface_cells(cells, parts, tally, block, count):
     """Return inertia and interface of each block ``(count, 2)``, and the cells of the first sweep.
 
     In ``due (n,)`` these cells have 0, other cells −1. The block of each part is ``block (k,)``. The inertia
     J is Σ w |x − c|² over the cells, with the centre c of their part. The interface L is the length between
     parts of one block.
     """
-    n, solid, several = len(parts), given.centroids.shape[1] > 2, count > 1
+    n, solid, several = len(parts), cells.centroids.shape[1] > 2, count > 1
     blocks, due = np.zeros((count, 2)), np.empty(n, np.int8)
     for i in range(np.uint64(n)):
-        home, length, others = np.uint32(parts[i]), 0.0, np.int64(0)
-        own = np.uint32(block[home])
+        home, length, n_crossing = np.uint32(parts[i]), 0.0, np.int64(0)
+        home_block = np.uint32(block[home])
         # 1. Sum the cell's faces with other parts of its block. Every face is visited from both sides, so
         #    each visit counts one half.
-        for h in range(np.uint64(given.indptr[i]), np.uint64(given.indptr[i + ONE])):
-            q = np.uint32(parts[np.uint32(given.indices[h])])
-            other = np.int64(q != home)
+        for h in range(np.uint64(cells.indptr[i]), np.uint64(cells.indptr[i + ONE])):
+            q = np.uint32(parts[np.uint32(cells.indices[h])])
+            crosses = np.int64(q != home)
             if several:
-                other &= block[q] == own
-            others += other
-            length += given.interface[h] * other  # no branch: it would be mispredicted
+                crosses &= block[q] == home_block
+            n_crossing += crosses
+            length += cells.interface[h] * crosses  # no branch: it would be mispredicted
         # 2. Add the cell's inertia. The cell is due if it is adjacent to another part.
-        square = (given.centroids[i, 0] - tally[home, CENTRE]) ** 2
-        square += (given.centroids[i, 1] - tally[home, CENTRE + 1]) ** 2
-        square += (given.centroids[i, 2] - tally[home, CENTRE + 2]) ** 2 if solid else 0.0
-        blocks[own, 0] += given.weights[i] * square
-        blocks[own, 1] += 0.5 * length
-        due[i] = 0 if others else -1
+        square = (cells.centroids[i, 0] - tally[home, CENTRE]) ** 2
+        square += (cells.centroids[i, 1] - tally[home, CENTRE + 1]) ** 2
+        square += (cells.centroids[i, 2] - tally[home, CENTRE + 2]) ** 2 if solid else 0.0
+        blocks[home_block, 0] += cells.weights[i] * square
+        blocks[home_block, 1] += 0.5 * length
+        due[i] = 0 if n_crossing else -1
     return blocks, due
 
 

@@ -34,12 +34,12 @@ def strip_order(tally: Float, block: Int, axes: Float, places: Float, dim: int) 
         return frozen_int(order)
     from agglo_core.refine.compactness.part_order import places_across
 
-    own = block[order]
-    rank = np.arange(len(block)) - (np.cumsum(size) - size)[own]
-    strip = ((rank + 1) * 2 * count[own] - 1) // size[own]
-    several, across = count[own] > 1, places_across(block, tally, axes, dim)[order]
+    sorted_blocks = block[order]
+    rank = np.arange(len(block)) - (np.cumsum(size) - size)[sorted_blocks]
+    strip = ((rank + 1) * 2 * count[sorted_blocks] - 1) // size[sorted_blocks]
+    several, across = count[sorted_blocks] > 1, places_across(block, tally, axes, dim)[order]
     # 3. Sort by strip, and by the position across within a strip.
-    strip = 2 * count.max() * own + np.where(several, strip, 0)
+    strip = 2 * count.max() * sorted_blocks + np.where(several, strip, 0)
     return frozen_int(order[_sorted(np.where(several, across, rank), strip)])
 
 

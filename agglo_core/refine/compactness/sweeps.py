@@ -28,16 +28,16 @@ _AHEAD = np.int64(64)
 
 
 @helper
-def _square(given, state, i, p):
+def _square(cells, state, i, p):
     """Return the squared distance from cell i to the centre of part p."""
-    x = given.centroids[i, 0] - state.tally[p, CENTRE]
-    y = given.centroids[i, 1] - state.tally[p, CENTRE + 1]
-    z = given.centroids[i, 2] - state.tally[p, CENTRE + 2] if given.centroids.shape[1] > 2 else 0.0
+    x = cells.centroids[i, 0] - state.tally[p, CENTRE]
+    y = cells.centroids[i, 1] - state.tally[p, CENTRE + 1]
+    z = cells.centroids[i, 2] - state.tally[p, CENTRE + 2] if cells.centroids.shape[1] > 2 else 0.0
     return x * x + y * y + z * z
 
 
 @helper
-def _beside(given, state, i, work):
+def _beside(cells, state, i, work):
     """List the other parts adjacent to cell i in ``queue``, and sum the interface with each in ``share``.
 
     Returns the number of parts, and the interface with the cell's own part. Readers of ``share`` must clear
@@ -46,74 +46,74 @@ def _beside(given, state, i, work):
     The loop has no branch, because it would be mispredicted half the time. A part with interface 0 may be
     listed repeatedly.
     """
-    home, own, found = np.uint32(state.parts[i]), 0.0, np.uint64(0)
-    for h in range(np.uint64(given.indptr[i]), np.uint64(given.indptr[i + ONE])):
-        p, length = np.uint32(state.parts[np.uint32(given.indices[h])]), given.interface[h]
+    home, home_length, n_parts = np.uint32(state.parts[i]), 0.0, np.uint64(0)
+    for h in range(np.uint64(cells.indptr[i]), np.uint64(cells.indptr[i + ONE])):
+        p, length = np.uint32(state.parts[np.uint32(cells.indices[h])]), cells.interface[h]
         shared = work.share[p]
-        work.queue[found] = p
-        found += np.uint64((p != home) & (shared == 0.0))
+        work.queue[n_parts] = p
+        n_parts += np.uint64((p != home) & (shared == 0.0))
         work.share[p] = shared + length
-    own, work.share[home] = work.share[home], 0.0
-    return found, own
+    home_length, work.share[home] = work.share[home], 0.0
+    return n_parts, home_length
 
 
 @helper
-def _best_move(given, state, bounds, price, i, work):
+def _best_move(cells, state, bounds, price, i, work):
     """Find the best target part for cell i in the slice, or −1.
 
     Returns the part, the changes in inertia and interface, and True if the cell is adjacent to parts of its
     block beyond the slice. The ``price`` is the inertia equivalent of interface 1. ``bounds`` are the first
     part and the last part plus 1 in the slice, and in its block.
     """
-    found, own = _beside(given, state, i, work)
+    n_parts, home_length = _beside(cells, state, i, work)
     target, best, inertia, cut, beyond = np.int64(-1), 0.0, 0.0, 0.0, False
-    if found == 0:
+    if n_parts == 0:
         return target, inertia, cut, beyond
     # 1. A part with mass m and centre c loses the inertia w m / (m − w) |x − c|² with a cell of weight w at x
     #    (Steiner), or nothing if the cell is its whole mass.
-    home, w = np.uint32(state.parts[i]), given.weights[i]
-    mass, lost = state.tally[home, MASS], 0.0
+    home, w = np.uint32(state.parts[i]), cells.weights[i]
+    mass, loss = state.tally[home, MASS], 0.0
     if mass - w > 1e-12 * mass:
         # This order of factors avoids underflow for lengths of 1e-50.
-        lost = _square(given, state, i, home) * (w * (mass / (mass - w)))
+        loss = _square(cells, state, i, home) * (w * (mass / (mass - w)))
     # 2. A part with mass m that receives the cell gains w m / (m + w) |x − c|². Parts beyond the slice may
     #    change in another thread, so they are only reported.
     lo, hi, start, stop = bounds
-    for m in range(found):
+    for m in range(n_parts):
         p = np.uint32(work.queue[m])
         shared, work.share[p] = work.share[p], 0.0
         if not lo <= p < hi:
             beyond |= start <= p < stop
             continue
-        mass, won = state.tally[p, MASS], 0.0
+        mass, gain = state.tally[p, MASS], 0.0
         if mass > 0.0:
-            won = _square(given, state, i, p) * (w * (mass / (mass + w)))
+            gain = _square(cells, state, i, p) * (w * (mass / (mass + w)))
         # 3. Change in inertia plus price times interface. If changes differ by rounding only, the lower part
         #    number wins, so the order of neighbours does not matter.
-        change = won - lost + price * (own - shared)
-        tie = _TIE * (won + lost + price * (own + shared))
+        change = gain - loss + price * (home_length - shared)
+        tie = _TIE * (gain + loss + price * (home_length + shared))
         first = target < 0
         if change < (0.0 if first else best) - tie or (not first and change <= best + tie and p < target):
-            target, best, inertia, cut = np.int64(p), change, won - lost, own - shared
+            target, best, inertia, cut = np.int64(p), change, gain - loss, home_length - shared
     return target, inertia, cut, beyond
 
 
 @helper
-def _leaves_whole(given, state, i, target, work, stamp):
+def _leaves_whole(cells, state, i, target, work, stamp):
     """Move cell i to ``target`` if its part stays locally connected, and return whether it moved.
 
     Other threads may read the cell's label meanwhile, and see one part of the slice or another.
     """
     home, filled = state.parts[i], np.uint64(0)
-    for h in range(np.uint64(given.indptr[i]), np.uint64(given.indptr[i + ONE])):
-        j = np.uint32(given.indices[h])
+    for h in range(np.uint64(cells.indptr[i]), np.uint64(cells.indptr[i + ONE])):
+        j = np.uint32(cells.indices[h])
         work.queue[filled] = j  # no branch: it would be mispredicted half the time
         filled += np.uint64(state.parts[j] == home)
     # The new label hides the cell from the search.
     state.parts[i] = target
     search = (work.queue, work.root, state.marks)
     if filled > ONE and not connected(
-        given.indptr, given.indices, state.parts, home, search, filled, stamp, REACH, CROWD
+        cells.indptr, cells.indices, state.parts, home, search, filled, stamp, REACH, CROWD
     ):
         state.parts[i] = home
         return False
@@ -121,18 +121,18 @@ def _leaves_whole(given, state, i, target, work, stamp):
 
 
 @helper
-def _put(given, state, i, home, target):
+def _put(cells, state, i, home, target):
     """Update both parts' sums after a move of cell i from ``home`` to ``target``."""
-    w, measure = given.weights[i], given.measures[i]
-    left, joined = state.tally[home, MASS] - w, state.tally[target, MASS] + w
-    less = w / left if left > 0.0 else 0.0
-    more = w / joined if joined > 0.0 else 0.0
+    w, measure = cells.weights[i], cells.measures[i]
+    home_mass, target_mass = state.tally[home, MASS] - w, state.tally[target, MASS] + w
+    home_step = w / home_mass if home_mass > 0.0 else 0.0
+    target_step = w / target_mass if target_mass > 0.0 else 0.0
     # Centres change like running means: c ± (x − c) w / m, with the new mass m.
-    for a in range(given.centroids.shape[1]):
-        x = given.centroids[i, a]
-        state.tally[home, CENTRE + a] -= (x - state.tally[home, CENTRE + a]) * less
-        state.tally[target, CENTRE + a] += (x - state.tally[target, CENTRE + a]) * more
-    state.tally[home, MASS], state.tally[target, MASS] = left, joined
+    for a in range(cells.centroids.shape[1]):
+        x = cells.centroids[i, a]
+        state.tally[home, CENTRE + a] -= (x - state.tally[home, CENTRE + a]) * home_step
+        state.tally[target, CENTRE + a] += (x - state.tally[target, CENTRE + a]) * target_step
+    state.tally[home, MASS], state.tally[target, MASS] = home_mass, target_mass
     state.tally[home, ROOM] -= measure
     state.tally[target, ROOM] += measure
     state.tally[home, CELLS] -= 1.0
@@ -140,14 +140,14 @@ def _put(given, state, i, home, target):
 
 
 @helper
-def _sort_listed(given, state, work, b, start, stop):
+def _sort_listed(cells, state, work, b, start, stop):
     """Sort the cells listed from ``start`` to ``stop`` by position along the block axis (Shell sort)."""
     # 1. Keys: positions along the block axis.
     for c in range(start, stop):
         i = np.uint32(state.listed[c])
-        key = given.axes[b, 0] * given.centroids[i, 0] + given.axes[b, 1] * given.centroids[i, 1]
-        if given.centroids.shape[1] > 2:
-            key += given.axes[b, 2] * given.centroids[i, 2]
+        key = cells.axes[b, 0] * cells.centroids[i, 0] + cells.axes[b, 1] * cells.centroids[i, 1]
+        if cells.centroids.shape[1] > 2:
+            key += cells.axes[b, 2] * cells.centroids[i, 2]
         work.keys[c - start] = key
     # 2. Sort with decreasing gaps. Short lists use insertion sort: gap 1 only.
     gap = (stop - start) // 2 if stop - start > 16 else 1
@@ -163,7 +163,7 @@ def _sort_listed(given, state, work, b, start, stop):
 
 
 @helper
-def _may_leave(given, state, i, target, work, stamp, reach, limit, corners):
+def _may_leave(cells, state, i, target, work, stamp, reach, limit, corners):
     """Move cell i to ``target`` if both parts stay admissible, and return whether it moved.
 
     The old part must not become empty, disconnected or too small, and the new part not too wide. Only the
@@ -173,16 +173,16 @@ def _may_leave(given, state, i, target, work, stamp, reach, limit, corners):
     # 1. Tests of the old part: cell count and measure.
     if state.tally[home, CELLS] < 2.0:
         return False
-    if state.tally[home, ROOM] - given.measures[i] < state.tally[home, FLOOR]:
+    if state.tally[home, ROOM] - cells.measures[i] < state.tally[home, FLOOR]:
         return False
     # 2. Width of the new part, then connectivity of the old part.
     if not fits(i, target, state.parts, reach, limit, corners):
         return False
-    return _leaves_whole(given, state, i, target, work, stamp)
+    return _leaves_whole(cells, state, i, target, work, stamp)
 
 
 @helper
-def _read_ahead(given, state, work, first, last):
+def _read_ahead(cells, state, work, first, last):
     """Prefetch the data for the cells listed from ``first`` to ``last`` into the cache, all at once.
 
     Consecutive parts are far apart in memory. Reading cell by cell would wait for each cache line.
@@ -190,17 +190,17 @@ def _read_ahead(given, state, work, first, last):
     read = np.int64(0)
     for c in range(first, last):
         i = np.uint64(np.uint32(state.listed[c]))
-        begin, end = np.uint64(given.indptr[i]), np.uint64(given.indptr[i + ONE]) - ONE
-        p = np.uint32(state.parts[np.uint32(given.indices[begin])])
-        q = np.uint32(state.parts[np.uint32(given.indices[end])])
-        read += np.int64(given.interface[begin] > given.interface[end])
+        begin, end = np.uint64(cells.indptr[i]), np.uint64(cells.indptr[i + ONE]) - ONE
+        p = np.uint32(state.parts[np.uint32(cells.indices[begin])])
+        q = np.uint32(state.parts[np.uint32(cells.indices[end])])
+        read += np.int64(cells.interface[begin] > cells.interface[end])
         read += np.int64(state.tally[p, MASS] > state.tally[q, MASS])
-        read += np.int64(given.centroids[i, 0] > given.weights[i]) + state.due[i]
+        read += np.int64(cells.centroids[i, 0] > cells.weights[i]) + state.due[i]
     work.root[0] = read  # a use of the values, otherwise the compiler drops the reads
 
 
 @kernel(allocates=False)
-def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, reach, corners):
+def sweep_slices(cells, state, work, slices, start, stop, sweep, alpha, limit, reach, corners):
     """Visit each due cell once in the slices from ``start`` to ``stop``, and return the number of moves.
 
     Moves lower J · L^α, inertia times interface to the power ``alpha``, linearised about the ``blocks`` at
@@ -208,7 +208,7 @@ def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, r
     cells are visited by position, so their numbering does not matter.
     """
     n = np.int64(len(state.parts))
-    stamp, moved, ahead = sweep * (n + 1), np.int64(0), np.int64(0)
+    stamp, moved, prefetch_end = sweep * (n + 1), np.int64(0), np.int64(0)
     listed = state.first[slices.rows[stop - 1, 1]]
     for s in range(start, stop):
         lo, hi, b = slices.rows[s, 0], slices.rows[s, 1], slices.rows[s, 4]
@@ -221,36 +221,36 @@ def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, r
             # 2. Due cells of a part. On large meshes, data for the next cells in the list are prefetched
             #    first, whatever their part.
             first, last = state.first[r], state.first[r + 1]
-            if n > _CACHED and last + _AHEAD > ahead:
-                ahead = max(ahead, last)
-                _read_ahead(given, state, work, ahead, min(ahead + _AHEAD, listed))
-                ahead += _AHEAD
+            if n > _CACHED and last + _AHEAD > prefetch_end:
+                prefetch_end = max(prefetch_end, last)
+                _read_ahead(cells, state, work, prefetch_end, min(prefetch_end + _AHEAD, listed))
+                prefetch_end += _AHEAD
             if first == last:
                 continue
-            _sort_listed(given, state, work, b, first, last)
+            _sort_listed(cells, state, work, b, first, last)
             for c in range(first, last):
                 i = np.uint64(np.uint32(state.listed[c]))
                 home = np.uint32(state.parts[i])
                 # 3. Find the best move. A cell adjacent to parts beyond the slice is due again in the next
                 #    sweep, whose slices may contain both. Other cells wait until a neighbour moves.
-                target, inertia, cut, beyond = _best_move(given, state, (lo, hi, begin, end), price, i, work)
+                target, inertia, cut, beyond = _best_move(cells, state, (lo, hi, begin, end), price, i, work)
                 state.due[i] = sweep + 1 if beyond else -1
                 if target < 0:
                     continue
                 # 4. Make the move if both parts stay admissible, and update sums, widths and gains.
                 stamp += 1
                 to = np.uint32(target)
-                if not _may_leave(given, state, i, to, work, stamp, reach, limit, corners):
+                if not _may_leave(cells, state, i, to, work, stamp, reach, limit, corners):
                     continue
-                _put(given, state, i, home, to)
+                _put(cells, state, i, home, to)
                 take_in(i, home, to, reach, limit, corners)
                 slices.gains[s, 0] += inertia
                 slices.gains[s, 1] += cut
                 moved += 1
                 # 5. Neighbours in the block are due in the next sweep, unless this sweep has yet to visit
                 #    them.
-                for h in range(np.uint64(given.indptr[i]), np.uint64(given.indptr[i + ONE])):
-                    j = np.uint32(given.indices[h])
+                for h in range(np.uint64(cells.indptr[i]), np.uint64(cells.indptr[i + ONE])):
+                    j = np.uint32(cells.indices[h])
                     p = state.parts[j]
                     if begin <= p < end and not (lo <= p < hi and state.due[j] == sweep):
                         state.due[j] = sweep + 1
@@ -258,11 +258,11 @@ def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, r
 
 
 @kernel(allocates=False)
-def sweep_all(given, state, work, even, odd, sweeps, alpha, limit, reach, corners):
+def sweep_all(cells, state, work, even, odd, sweeps, alpha, limit, reach, corners):
     """Run at most ``sweeps`` sweeps in one thread, alternately over the even and the odd slices."""
     by_turns = (even, odd)
     for sweep in range(sweeps):
         slices, before = by_turns[sweep % 2], by_turns[1 - sweep % 2]
         if listed_cells(state, work, sweep, before, alpha) == 0:
             break
-        sweep_slices(given, state, work, slices, 0, len(slices.rows), sweep, alpha, limit, reach, corners)
+        sweep_slices(cells, state, work, slices, 0, len(slices.rows), sweep, alpha, limit, reach, corners)
