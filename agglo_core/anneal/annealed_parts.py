@@ -119,14 +119,16 @@ class Annealing(OrderedBlock):
         from agglo_core.anneal.moment_annealing import anneal
 
         parts, work = self._state(labels)
-        both = weights.round + weights.central
-        how = float(size), float(weights.even), float(both), 2.0 * _RATIO * self.graph.dim
+        roundness = weights.round + weights.central
+        params = float(size), float(weights.even), float(roundness), 2.0 * _RATIO * self.graph.dim
 
-        def make(room: Any, shares: Any, start: int, stop: int, rounds: Float, own: Any, stamp: int) -> None:
-            anneal(self.cells, parts, room, shares, start, stop, how, rounds, own, stamp)
+        def make(
+            workspace: Any, shares: Any, start: int, stop: int, rounds: Float, round_seed: Any, stamp: int
+        ) -> None:
+            anneal(self.cells, parts, workspace, shares, start, stop, params, rounds, round_seed, stamp)
 
-        rest = ramps.rounds(draws), seed, limit or TimeLimit(), of_part
-        take_turns(make, self.graph, parts, rooms_of(work), *rest)
+        arguments = ramps.rounds(draws), seed, limit or TimeLimit(), of_part
+        take_turns(make, self.graph, parts, rooms_of(work), *arguments)
         return frozen_int(parts.labels), self._seen(parts)
 
     def polished(
@@ -148,16 +150,18 @@ class Annealing(OrderedBlock):
         # 1. State with circles.
         parts, work = self._state(labels)
         circles = circle_state(self.cells, self.edges, parts)
-        how = float(size), *_floats(weights)
+        params = float(size), *_floats(weights)
 
         # 2. Annealing rounds; each thread has its own circle workspace.
-        def make(room: Any, shares: Any, start: int, stop: int, rounds: Float, own: Any, stamp: int) -> None:
-            seen = circles if room is work else circles._replace(room=circles.room.copy())
-            rest = room, shares, start, stop, how, rounds, own, stamp
-            anneal_circles(self.cells, self.edges, parts, seen, *rest)
+        def make(
+            workspace: Any, shares: Any, start: int, stop: int, rounds: Float, round_seed: Any, stamp: int
+        ) -> None:
+            thread_circles = circles if workspace is work else circles._replace(room=circles.room.copy())
+            arguments = workspace, shares, start, stop, params, rounds, round_seed, stamp
+            anneal_circles(self.cells, self.edges, parts, thread_circles, *arguments)
 
-        rest = ramps.rounds(draws), seed, limit or TimeLimit()
-        take_turns(make, self.graph, parts, rooms_of(work), *rest)
+        arguments = ramps.rounds(draws), seed, limit or TimeLimit()
+        take_turns(make, self.graph, parts, rooms_of(work), *arguments)
         return frozen_int(parts.labels), self._circled(parts)
 
     def shapes(self, labels: Int) -> Shapes:

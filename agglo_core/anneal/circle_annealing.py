@@ -42,21 +42,23 @@ _WIDEST = 0.47
 
 
 @helper
-def _score(width, radius, centred, how, penalty):
+def _score(width, radius, centred, params, penalty):
     """Return the part score with circles.
 
-    ``how`` is (size h, evenness, weights for both circle ratios). The circles are the largest inscribed
-    circle, and the largest about the centroid.
+    ``params`` is (size h, evenness, weights for both circle ratios). The circles are the largest
+    inscribed circle, and the largest about the centroid.
     """
-    size, even, round_, central = how
+    size, evenness, round_, central = params
     excess = width / size - 1.0
     ratio = 2.0 * (round_ * radius + central * centred) / width if width > 0.0 else 0.0
-    return even * min(width / size, 1.0) + ratio - (penalty * excess if excess > 0.0 else 0.0)
+    return evenness * min(width / size, 1.0) + ratio - (penalty * excess if excess > 0.0 else 0.0)
 
 
 @helper
-def _of_part(p, parts, circles, how, penalty):
-    return _score(parts.tally[p, DIAMETER], circles.rings[p, RADIUS], circles.rings[p, CENTRED], how, penalty)
+def _of_part(p, parts, circles, params, penalty):
+    return _score(
+        parts.tally[p, DIAMETER], circles.rings[p, RADIUS], circles.rings[p, CENTRED], params, penalty
+    )
 
 
 @helper
@@ -103,45 +105,45 @@ def _write(p, width, circle, parts, circles):
 
 
 @helper
-def _tried(i, p, q, least, how, penalty, cells, parts, edges, circles, work, stamp):
+def _tried(i, p, q, least, params, penalty, cells, parts, edges, circles, work, stamp):
     """Move cell i from part p to part q unless the sum of their scores falls below ``least``.
 
     Returns True if the cell moved. Bounds come first: the circle of p does not grow, and the circle of q only
     grows if it touches an edge shared with the cell.
     """
-    rings, size, even = circles.rings, how[0], how[1]
+    rings, size, evenness = circles.rings, params[0], params[1]
     # 1. Reject if the diameter penalty of q brings even the largest possible scores below ``least``.
-    joined = joined_width(i, q, cells, parts)
-    excess, most = joined[0] / size - 1.0, even + 2.0 * _WIDEST * (how[2] + how[3])
+    target_width = joined_width(i, q, cells, parts)
+    excess, most = target_width[0] / size - 1.0, evenness + 2.0 * _WIDEST * (params[2] + params[3])
     if excess > 0.0 and 2.0 * most - penalty * excess < least:
         return False
     # 2. Part p must stay connected. If so, the cell has label q from here on.
     if not may_leave(i, p, q, cells, parts, work, stamp):
         return False
-    left = left_width(p, cells, parts, work, stamp)
+    home_width = left_width(p, cells, parts, work, stamp)
     # 3. Bounds on both scores: p keeps its radius. The radius of q only grows, by a bounded factor, if an
     #    edge between q and the cell, which disappears, touches its circle.
-    held = rings[p, RADIUS]
+    home_radius = rings[p, RADIUS]
     grows = touches(i, q, rings[q, ACROSS], rings[q, ACROSS + 1], 1.01 * rings[q, RADIUS], parts, edges)
-    bound = min(_WIDEST * joined[0], _GROWTH * rings[q, RADIUS]) if grows else rings[q, RADIUS]
-    above = _score(joined[0], bound, bound, how, penalty)
-    if _score(left[0], held, held, how, penalty) + above < least:
+    bound = min(_WIDEST * target_width[0], _GROWTH * rings[q, RADIUS]) if grows else rings[q, RADIUS]
+    above = _score(target_width[0], bound, bound, params, penalty)
+    if _score(home_width[0], home_radius, home_radius, params, penalty) + above < least:
         parts.labels[i] = p
         return False
     # 4. The circle of p changes if its centre may lie in the cell, or if an edge between p and the cell,
     #    which becomes an outer edge, intersects it.
     x, y = rings[p, ACROSS] - cells.centroids[i, 0], rings[p, ACROSS + 1] - cells.centroids[i, 1]
     shrinks = x * x + y * y < cells.radii[i] ** 2 or touches(
-        i, p, rings[p, ACROSS], rings[p, ACROSS + 1], held, parts, edges
+        i, p, rings[p, ACROSS], rings[p, ACROSS + 1], home_radius, parts, edges
     )
     # 5. Compute the circle of p, then the circle of q if both can still reach ``least`` with the bound on q.
     _swap(i, p, q, parts, cells, circles)
-    one = _new_circle(p, shrinks, cells, parts, edges, circles)
-    score = _score(left[0], one[0], one[3], how, penalty)
-    other = one
+    home_circle = _new_circle(p, shrinks, cells, parts, edges, circles)
+    score = _score(home_width[0], home_circle[0], home_circle[3], params, penalty)
+    target_circle = home_circle
     if score + above >= least:
-        other = _new_circle(q, grows, cells, parts, edges, circles)
-        score += _score(joined[0], other[0], other[3], how, penalty)
+        target_circle = _new_circle(q, grows, cells, parts, edges, circles)
+        score += _score(target_width[0], target_circle[0], target_circle[3], params, penalty)
     else:
         score = -np.inf
     # 6. Metropolis criterion: undo the move, or store widths and circles.
@@ -149,13 +151,13 @@ def _tried(i, p, q, least, how, penalty, cells, parts, edges, circles, work, sta
         parts.labels[i] = p
         _swap(i, q, p, parts, cells, circles)
         return False
-    _write(p, left, one, parts, circles)
-    _write(q, joined, other, parts, circles)
+    _write(p, home_width, home_circle, parts, circles)
+    _write(q, target_width, target_circle, parts, circles)
     return True
 
 
 @kernel(allocates=False)
-def anneal_circles(cells, edges, parts, circles, work, shares, start, stop, how, rounds, seed, stamp):
+def anneal_circles(cells, edges, parts, circles, work, shares, start, stop, params, rounds, seed, stamp):
     """Draw and move cells as ``anneal`` does, with circle scores, and return the number of moves."""
     moved, most = 0, most_draws(rounds)
     for s in range(start, stop):
@@ -173,7 +175,9 @@ def anneal_circles(cells, edges, parts, circles, work, shares, start, stop, how,
                 # 3. Smallest admissible sum of both scores: the sum before the move minus the Metropolis
                 #    loss.
                 state, loss = drawn_loss(state, heat)
-                least = _of_part(p, parts, circles, how, penalty) + _of_part(q, parts, circles, how, penalty)
-                rest = cells, parts, edges, circles, work, mark
-                moved += _tried(i, p, q, least + loss, how, penalty, *rest)
+                least = _of_part(p, parts, circles, params, penalty) + _of_part(
+                    q, parts, circles, params, penalty
+                )
+                arguments = cells, parts, edges, circles, work, mark
+                moved += _tried(i, p, q, least + loss, params, penalty, *arguments)
     return moved

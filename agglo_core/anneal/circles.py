@@ -36,28 +36,28 @@ class Circles(NamedTuple):
 @helper
 def outline(p, parts, edges, circles):
     """Write the edges around part p to the workspace columns, and return their number."""
-    m, i, room = np.int64(0), parts.first[p], circles.room
+    m, i, lines = np.int64(0), parts.first[p], circles.room
     while i >= 0:
         c = np.uint64(i)
         for h in range(np.uint64(edges.offsets[c]), np.uint64(edges.offsets[c + ONE])):
             j = edges.beside[h]
             if j < 0 or parts.labels[np.uint32(j)] != p:
                 for a in range(5):
-                    room[a, m] = edges.lines[h, a]
+                    lines[a, m] = edges.lines[h, a]
                 m += 1
         i = parts.after[c]
     return m
 
 
 @helper
-def _nearest(x, y, m, room):
+def _nearest(x, y, m, lines):
     """Return the squared distance from a point to the nearest edge, and the vector from the edge."""
     best, bx, by = np.inf, 0.0, 0.0
     for k in range(m):
-        ex, ey, dx, dy = x - room[0, k], y - room[1, k], room[2, k], room[3, k]
-        along = min(max((ex * dx + ey * dy) * room[4, k], 0.0), 1.0)
-        ex -= along * dx
-        ey -= along * dy
+        ex, ey, dx, dy = x - lines[0, k], y - lines[1, k], lines[2, k], lines[3, k]
+        t = min(max((ex * dx + ey * dy) * lines[4, k], 0.0), 1.0)
+        ex -= t * dx
+        ey -= t * dy
         square = ex * ex + ey * ey
         if square < best:
             best, bx, by = square, ex, ey
@@ -65,24 +65,24 @@ def _nearest(x, y, m, room):
 
 
 @helper
-def _within(x, y, m, room):
+def _within(x, y, m, lines):
     """Return True if a point lies inside the edges (odd number of ray crossings)."""
     odd = False
     for k in range(m):
-        low = room[1, k]
-        high = low + room[3, k]
-        if (low > y) != (high > y) and x < room[2, k] * (y - low) / room[3, k] + room[0, k]:
+        low = lines[1, k]
+        high = low + lines[3, k]
+        if (low > y) != (high > y) and x < lines[2, k] * (y - low) / lines[3, k] + lines[0, k]:
             odd = not odd
     return odd
 
 
 @helper
-def _ascended(x, y, m, room):
+def _ascended(x, y, m, lines):
     """Return a locally almost largest circle inside the edges, by steps away from the nearest edge.
 
     Steps shrink, because at a ridge with several nearest edges constant steps would oscillate.
     """
-    square, bx, by = _nearest(x, y, m, room)
+    square, bx, by = _nearest(x, y, m, lines)
     radius = np.sqrt(square)
     best, at_x, at_y, step = radius, x, y, _START * radius
     for _ in range(_STEPS):
@@ -92,14 +92,14 @@ def _ascended(x, y, m, room):
         length = min(step, _BACK * radius)
         x += length * bx / radius
         y += length * by / radius
-        square, bx, by = _nearest(x, y, m, room)
+        square, bx, by = _nearest(x, y, m, lines)
         radius = np.sqrt(square)
         # 2. Record the best point, and return to it if the step led too far beyond the ridge.
         if radius > best:
             best, at_x, at_y = radius, x, y
         elif radius < _BACK * best:
             x, y = at_x, at_y
-            square, bx, by = _nearest(x, y, m, room)
+            square, bx, by = _nearest(x, y, m, lines)
             radius = np.sqrt(square)
         step *= _SHRINK
     return best, at_x, at_y
@@ -114,15 +114,15 @@ def centre_of(p, parts, circles):
 
 
 @helper
-def centred_radius(m, centre, room):
+def centred_radius(m, centre, lines):
     """Return the radius of the circle about the centroid, or 0 if the centroid lies outside."""
-    if m == 0 or not _within(centre[0], centre[1], m, room):
+    if m == 0 or not _within(centre[0], centre[1], m, lines):
         return 0.0
-    return np.sqrt(_nearest(centre[0], centre[1], m, room)[0])
+    return np.sqrt(_nearest(centre[0], centre[1], m, lines)[0])
 
 
 @helper
-def circle_inside(p, m, guess, centre, cells, parts, room):
+def circle_inside(p, m, guess, centre, cells, parts, lines):
     """Return a circle inside the ``m`` edges of part p: radius, centre, and radius about its centroid.
 
     The search starts at the guess, at the centroid, and if both lie outside at the deepest cell centroid.
@@ -131,24 +131,24 @@ def circle_inside(p, m, guess, centre, cells, parts, room):
     if m == 0:
         return 0.0, x, y, 0.0
     # 1. From the guess, usually the previous circle.
-    if _within(x, y, m, room):
-        best, x, y = _ascended(x, y, m, room)
+    if _within(x, y, m, lines):
+        best, x, y = _ascended(x, y, m, lines)
     # 2. From the centroid, unless the circle already surrounds it closely.
-    centred = centred_radius(m, centre, room)
+    centred = centred_radius(m, centre, lines)
     elsewhere = best < 0.0 or (x - centre[0]) ** 2 + (y - centre[1]) ** 2 > _APART * best * best
     if centred > 0.0 and elsewhere:
-        radius, at_x, at_y = _ascended(centre[0], centre[1], m, room)
+        radius, at_x, at_y = _ascended(centre[0], centre[1], m, lines)
         if radius > best:
             best, x, y = radius, at_x, at_y
     # 3. Both lie outside: start at the cell centroid farthest from the edges.
     if best < 0.0:
         deepest, i = -1.0, parts.first[p]
         while i >= 0:
-            square = _nearest(cells.centroids[i, 0], cells.centroids[i, 1], m, room)[0]
+            square = _nearest(cells.centroids[i, 0], cells.centroids[i, 1], m, lines)[0]
             if square > deepest:
                 deepest, x, y = square, cells.centroids[i, 0], cells.centroids[i, 1]
             i = parts.after[i]
-        best, x, y = _ascended(x, y, m, room)
+        best, x, y = _ascended(x, y, m, lines)
     return best, x, y, centred
 
 
@@ -169,14 +169,14 @@ def touches(i, p, x, y, radius, parts, edges):
 
 
 @helper
-def _largest(p, m, centre, cells, parts, room):
+def _largest(p, m, centre, cells, parts, lines):
     """Return the circle inside part p, searched from its centroid and from all deep cell centroids."""
-    best = circle_inside(p, m, centre, centre, cells, parts, room)
+    best = circle_inside(p, m, centre, centre, cells, parts, lines)
     deepest, i = best[0], parts.first[p]
     while i >= 0:
         x, y = cells.centroids[i, 0], cells.centroids[i, 1]
-        if np.sqrt(_nearest(x, y, m, room)[0]) > _DEEP * deepest:
-            radius, x, y = _ascended(x, y, m, room)
+        if np.sqrt(_nearest(x, y, m, lines)[0]) > _DEEP * deepest:
+            radius, x, y = _ascended(x, y, m, lines)
             if radius > best[0]:
                 best = radius, x, y, best[3]
             deepest = max(deepest, radius)

@@ -26,7 +26,7 @@ class Edges(NamedTuple):
 @helper
 def _shared_ends(i, j, cells):
     """Find the two farthest vertices that cells i and j share, or −1 twice."""
-    one, other, most = np.int32(-1), np.int32(-1), 0.0
+    end_u, end_v, most = np.int32(-1), np.int32(-1), 0.0
     begin, end = cells.offsets[j], cells.offsets[j + 1]
     # Visit all vertex pairs u, v of cell i, v listed before u, that are both vertices of cell j.
     for g in range(cells.offsets[i], cells.offsets[i + 1]):
@@ -41,8 +41,8 @@ def _shared_ends(i, j, cells):
                         square = (cells.points[u, 0] - cells.points[v, 0]) ** 2
                         square += (cells.points[u, 1] - cells.points[v, 1]) ** 2
                         if square > most:
-                            most, one, other = square, u, v
-    return one, other
+                            most, end_u, end_v = square, u, v
+    return end_u, end_v
 
 
 @helper
@@ -56,10 +56,10 @@ def _write_line(row, u, v, points, lines):
 
 
 @helper
-def _outer_edges(i, m, ring, cells, pairs, lines, beside, kept):
+def _outer_edges(i, m, ring, cells, pairs, lines, neighbours, n_shared):
     """Write the edges between consecutive corners of a cell that no other cell shares.
 
-    ``pairs[:kept]`` contain the ends of its shared edges in the first two columns. The third column and
+    ``pairs[:n_shared]`` contain the ends of its shared edges in the first two columns. The third column and
     ``ring`` are workspace. Returns the number of edges written so far, and the total length of the new edges.
     """
     start, count = cells.offsets[i], cells.offsets[i + 1] - cells.offsets[i]
@@ -79,12 +79,12 @@ def _outer_edges(i, m, ring, cells, pairs, lines, beside, kept):
     for a in range(count):
         u, v = np.int32(pairs[a, 2]), np.int32(pairs[(a + 1) % count, 2])
         inner = False
-        for b in range(kept):
+        for b in range(n_shared):
             inner |= pairs[b, 0] == u and pairs[b, 1] == v
             inner |= pairs[b, 0] == v and pairs[b, 1] == u
         if not inner:
             length += _write_line(m, u, v, cells.points, lines)
-            beside[m] = -1
+            neighbours[m] = -1
             m += 1
     return m, length
 
@@ -100,28 +100,28 @@ def cell_edges(cells, boundary):
     # 1. Allocate for the largest numbers of neighbours and corners per cell, and for all edges.
     for i in range(n):
         most = max(most, cells.indptr[i + 1] - cells.indptr[i], cells.offsets[i + 1] - cells.offsets[i])
-    room = len(cells.indices) + len(cells.vertices)
-    offsets, beside, lines = np.zeros(n + 1, np.int64), np.empty(room, np.int32), np.empty((room, 5))
+    size = len(cells.indices) + len(cells.vertices)
+    offsets, neighbours, lines = np.zeros(n + 1, np.int64), np.empty(size, np.int32), np.empty((size, 5))
     pairs, ring = np.empty((most, 3), np.int64), np.empty(most)
-    m, off, whole = 0, 0.0, 0.0
+    m, error, total = 0, 0.0, 0.0
     for i in range(n):
         # 2. Write one edge for each neighbour with two common vertices.
-        length, kept = 0.0, 0
+        length, n_shared = 0.0, 0
         for h in range(cells.indptr[i], cells.indptr[i + 1]):
             j = cells.indices[h]
             u, v = _shared_ends(i, j, cells)
             if u >= 0:
                 length += _write_line(m, u, v, cells.points, lines)
-                pairs[kept, 0], pairs[kept, 1], beside[m] = u, v, j
-                kept += 1
+                pairs[n_shared, 0], pairs[n_shared, 1], neighbours[m] = u, v, j
+                n_shared += 1
                 m += 1
         # 3. Write the boundary edges of cells at the domain boundary.
         if boundary[i] > 0.0:
-            m, outer = _outer_edges(i, m, ring, cells, pairs, lines, beside, kept)
+            m, outer = _outer_edges(i, m, ring, cells, pairs, lines, neighbours, n_shared)
             length += outer
         # 4. Error: if all edges are found and straight, their lengths add up to the measure of the cell's
         #    faces.
-        off += abs(length - cells.surfaces[i])
-        whole += cells.surfaces[i]
+        error += abs(length - cells.surfaces[i])
+        total += cells.surfaces[i]
         offsets[i + 1] = m
-    return Edges(offsets, beside[:m].copy(), lines[:m].copy()), off / whole if whole > 0.0 else 1.0
+    return Edges(offsets, neighbours[:m].copy(), lines[:m].copy()), error / total if total > 0.0 else 1.0

@@ -68,27 +68,27 @@ def _off(size, pursuit):
 def _change(i, p, q, cells, parts, pursuit, penalty):
     """Return the change in the objective when cell i moves from part p to part q."""
     w, cut, i = pursuit.weights[i], 0.0, np.uint64(i)
-    left, joined = parts.tally[p, MEASURE] - w, parts.tally[q, MEASURE] + w
+    home_mass, target_mass = parts.tally[p, MEASURE] - w, parts.tally[q, MEASURE] + w
     # 1. Inertia (Steiner): p loses w m / (m − w) |x − c|², q gains w m / (m + w) |x − c|², with the mass m
     #    and centre c of each part before the move.
-    lost = _square(i, p, cells, parts) * parts.tally[p, MEASURE] / left if left > 0.0 else 0.0
-    won = _square(i, q, cells, parts) * parts.tally[q, MEASURE] / joined if joined > 0.0 else 0.0
+    loss = _square(i, p, cells, parts) * parts.tally[p, MEASURE] / home_mass if home_mass > 0.0 else 0.0
+    gain = _square(i, q, cells, parts) * parts.tally[q, MEASURE] / target_mass if target_mass > 0.0 else 0.0
     # 2. Interface: faces with p are added, faces with q are removed.
     for h in range(np.uint64(cells.indptr[i]), np.uint64(cells.indptr[i + ONE])):
         label, length = parts.labels[np.uint32(cells.indices[h])], cells.interface[h]
         cut += length if label == p else 0.0
         cut -= length if label == q else 0.0
-    change = pursuit.inertia * w * (won - lost) + pursuit.interface * cut
+    change = pursuit.inertia * w * (gain - loss) + pursuit.interface * cut
     # 3. Penalty: difference in the squared size deviations.
     if penalty > 0.0:
-        one, other, size = parts.tally[p, SIZE], parts.tally[q, SIZE], pursuit.sizes[i]
-        off = (
-            _off(one - size, pursuit)
-            - _off(one, pursuit)
-            + _off(other + size, pursuit)
-            - _off(other, pursuit)
+        home_size, target_size, size = parts.tally[p, SIZE], parts.tally[q, SIZE], pursuit.sizes[i]
+        deviation = (
+            _off(home_size - size, pursuit)
+            - _off(home_size, pursuit)
+            + _off(target_size + size, pursuit)
+            - _off(target_size, pursuit)
         )
-        change += penalty * off
+        change += penalty * deviation
     return change
 
 
@@ -112,20 +112,20 @@ def _moved(i, p, q, cells, parts, work, pursuit, stamp):
     Returns True if the cell moved.
     """
     limited = pursuit.limit < np.inf
-    joined = (0.0, np.int32(-1), np.int32(-1))
+    target_width = (0.0, np.int32(-1), np.int32(-1))
     # 1. A part that was too wide before may stay so, but not become wider.
     if limited:
-        joined = joined_width(i, q, cells, parts)
-        if joined[0] > pursuit.limit and joined[0] > parts.tally[q, DIAMETER]:
+        target_width = joined_width(i, q, cells, parts)
+        if target_width[0] > pursuit.limit and target_width[0] > parts.tally[q, DIAMETER]:
             return False
     # 2. Part p must stay connected. If so, the cell has label q from here on.
     if not may_leave(i, p, q, cells, parts, work, stamp):
         return False
     # 3. Update widths and cell lists, only if there is a limit.
     if limited:
-        left = left_width(p, cells, parts, work, stamp)
+        home_width = left_width(p, cells, parts, work, stamp)
         exchange(i, p, q, parts)
-        for part, width in ((p, left), (q, joined)):
+        for part, width in ((p, home_width), (q, target_width)):
             parts.tally[part, DIAMETER], parts.ends[part, 0], parts.ends[part, 1] = width
     _take(i, p, -1.0, cells, parts, pursuit.weights, pursuit.sizes)
     _take(i, q, 1.0, cells, parts, pursuit.weights, pursuit.sizes)
@@ -163,13 +163,17 @@ def anneal_inertia(cells, parts, work, shares, start, stop, pursuit, rounds, see
 def solver_state(cells, weights, sizes, labels, count, limited):
     """Return the state of the parts ``0..count−1``, with widths and lists if ``limited``, and workspace."""
     n, m = len(labels), (len(labels) if limited else 0)
-    own, tally, ends = np.empty(n, np.int32), np.zeros((count, _COLUMNS)), np.full((count, 2), -1, np.int32)
+    part_labels, tally, ends = (
+        np.empty(n, np.int32),
+        np.zeros((count, _COLUMNS)),
+        np.full((count, 2), -1, np.int32),
+    )
     first, after, before = np.full(count, -1, np.int32), np.empty(m, np.int32), np.full(m, -1, np.int32)
-    parts = Parts(own, tally, ends, first, after, before)
+    parts = Parts(part_labels, tally, ends, first, after, before)
     # 1. Sums and cell lists, in reverse order, so that the lists ascend.
     for i in range(n - 1, -1, -1):
         p = labels[i]
-        own[i] = p
+        part_labels[i] = p
         _take(i, p, 1.0, cells, parts, weights, sizes)
         if limited:
             after[i] = first[p]
@@ -178,8 +182,8 @@ def solver_state(cells, weights, sizes, labels, count, limited):
             first[p] = i
     # 2. Workspace, and widths of all parts.
     marks, seen = np.full((n, 2), -1, np.int64), np.full(len(cells.points), -1, np.int64)
-    found = np.empty(len(cells.points) + 1, np.int32)
-    room = Work(np.empty(n + 1, np.int32), np.empty(n + 1, np.int32), marks, seen, found)
+    vertex_list = np.empty(len(cells.points) + 1, np.int32)
+    work = Work(np.empty(n + 1, np.int32), np.empty(n + 1, np.int32), marks, seen, vertex_list)
     for p in range(count if limited else 0):
-        tally[p, DIAMETER], ends[p, 0], ends[p, 1] = widest(p, cells, parts, room, -2 - p)
-    return parts, room
+        tally[p, DIAMETER], ends[p, 0], ends[p, 1] = widest(p, cells, parts, work, -2 - p)
+    return parts, work

@@ -28,31 +28,31 @@ from agglo_core.compiled.compiling import ONE, helper, kernel
 
 
 @helper
-def _score(width, measure, surface, how, penalty):
+def _score(width, measure, surface, params, penalty):
     """Return the part score.
 
-    ``how`` is (size h, evenness, roundness, ratio of a part with unit sums).
+    ``params`` is (size h, evenness, roundness, ratio of a part with unit sums).
     """
-    size, even, round_, unit = how
-    room, excess = surface * width, width / size - 1.0
-    ratio = min(unit * measure / room, 1.0) if room > 0.0 else 0.0
-    return even * min(width / size, 1.0) + round_ * ratio - (penalty * excess if excess > 0.0 else 0.0)
+    size, evenness, round_, unit = params
+    denominator, excess = surface * width, width / size - 1.0
+    ratio = min(unit * measure / denominator, 1.0) if denominator > 0.0 else 0.0
+    return evenness * min(width / size, 1.0) + round_ * ratio - (penalty * excess if excess > 0.0 else 0.0)
 
 
 @helper
-def _of_part(p, parts, how, penalty):
-    return _score(parts.tally[p, DIAMETER], parts.tally[p, MEASURE], parts.tally[p, SURFACE], how, penalty)
+def _of_part(p, parts, params, penalty):
+    return _score(parts.tally[p, DIAMETER], parts.tally[p, MEASURE], parts.tally[p, SURFACE], params, penalty)
 
 
 @helper
 def _shared(i, p, q, cells, parts):
     """Return the measure of the faces between cell i and the parts p and q."""
-    own, there, i = 0.0, 0.0, np.uint64(i)
+    home_area, target_area, i = 0.0, 0.0, np.uint64(i)
     for h in range(np.uint64(cells.indptr[i]), np.uint64(cells.indptr[i + ONE])):
         label, length = parts.labels[np.uint32(cells.indices[h])], cells.interface[h]
-        own += length if label == p else 0.0
-        there += length if label == q else 0.0
-    return own, there
+        home_area += length if label == p else 0.0
+        target_area += length if label == q else 0.0
+    return home_area, target_area
 
 
 @helper
@@ -67,37 +67,40 @@ def _put(i, p, q, widths, surfaces, cells, parts):
 
 
 @helper
-def _tried(i, p, q, least, how, penalty, cells, parts, work, stamp):
+def _tried(i, p, q, least, params, penalty, cells, parts, work, stamp):
     """Move cell i from part p to part q unless the sum of their scores falls below ``least``.
 
     Returns True if the cell moved.
     """
     # 1. Diameter of q with the cell. No score exceeds evenness + roundness: if the penalty of q alone brings
     #    the sum below ``least``, reject.
-    joined = joined_width(i, q, cells, parts)
-    excess = joined[0] / how[0] - 1.0
-    if excess > 0.0 and 2.0 * (how[1] + how[2]) - penalty * excess < least:
+    target_width = joined_width(i, q, cells, parts)
+    excess = target_width[0] / params[0] - 1.0
+    if excess > 0.0 and 2.0 * (params[1] + params[2]) - penalty * excess < least:
         return False
     # 2. Part p must stay connected. If so, the cell has label q from here on.
     if not may_leave(i, p, q, cells, parts, work, stamp):
         return False
     # 3. The cell's faces with p become outer faces of p, its faces with q inner faces of q.
-    own, there = _shared(i, p, q, cells, parts)
-    left = left_width(p, cells, parts, work, stamp)
+    home_area, target_area = _shared(i, p, q, cells, parts)
+    home_width = left_width(p, cells, parts, work, stamp)
     measure, surface = cells.measures[i], cells.surfaces[i]
-    surfaces = parts.tally[p, SURFACE] - surface + 2.0 * own, parts.tally[q, SURFACE] + surface - 2.0 * there
+    surfaces = (
+        parts.tally[p, SURFACE] - surface + 2.0 * home_area,
+        parts.tally[q, SURFACE] + surface - 2.0 * target_area,
+    )
     # 4. Metropolis criterion: accept if the new scores reach ``least``, reject NaN.
-    after = _score(left[0], parts.tally[p, MEASURE] - measure, surfaces[0], how, penalty)
-    after += _score(joined[0], parts.tally[q, MEASURE] + measure, surfaces[1], how, penalty)
+    after = _score(home_width[0], parts.tally[p, MEASURE] - measure, surfaces[0], params, penalty)
+    after += _score(target_width[0], parts.tally[q, MEASURE] + measure, surfaces[1], params, penalty)
     if not after >= least:
         parts.labels[i] = p
         return False
-    _put(i, p, q, (left, joined), surfaces, cells, parts)
+    _put(i, p, q, (home_width, target_width), surfaces, cells, parts)
     return True
 
 
 @kernel(allocates=False)
-def anneal(cells, parts, work, shares, start, stop, how, rounds, seed, stamp):
+def anneal(cells, parts, work, shares, start, stop, params, rounds, seed, stamp):
     """Draw cells from the shares ``start`` to ``stop`` − 1, and move them to adjacent parts if admissible.
 
     ``rounds (3, R)`` are temperatures, penalties, and draws per cell. No part is emptied or disconnected.
@@ -121,6 +124,6 @@ def anneal(cells, parts, work, shares, start, stop, how, rounds, seed, stamp):
                 # 3. Draw the admissible loss at this temperature before evaluating the move, so that bounds
                 #    can reject it early.
                 state, loss = drawn_loss(state, heat)
-                least = _of_part(p, parts, how, penalty) + _of_part(q, parts, how, penalty) + loss
-                moved += _tried(i, p, q, least, how, penalty, cells, parts, work, mark)
+                least = _of_part(p, parts, params, penalty) + _of_part(q, parts, params, penalty) + loss
+                moved += _tried(i, p, q, least, params, penalty, cells, parts, work, mark)
     return moved

@@ -71,14 +71,14 @@ class PartSearch:
         if objective not in ("solver", "roundness"):
             raise OptionError(f"{owner}: objective must be solver or roundness, given {objective!r}")
         limit = checked_seconds(owner, seconds)
-        even, kind = FREE, checked_size(owner, size)
+        part_balance, kind = FREE, checked_size(owner, size)
         if balance is not None:
-            even = Balance(checked_tolerance(owner, balance, "balance"), kind)
-        if effort is None and (limit is not None or objective == "roundness" or even.asked):
+            part_balance = Balance(checked_tolerance(owner, balance, "balance"), kind)
+        if effort is None and (limit is not None or objective == "roundness" or part_balance.asked):
             raise OptionError(f"{owner}: objective, seconds and balance are for an effort, and none is given")
-        if even.asked and objective == "roundness":
+        if part_balance.asked and objective == "roundness":
             raise OptionError(f"{owner}: balance goes with the objective solver, not with roundness")
-        return None if effort is None else cls(effort, objective, limit, even)
+        return None if effort is None else cls(effort, objective, limit, part_balance)
 
     def parts(
         self, graph: Graph, target: Target, seed: int, start: Start, rival: Rival = bisected_parts
@@ -130,11 +130,11 @@ class PartSearch:
         seeds = splitmix(np.uint64(seed) + np.arange(pieces.n_blocks, dtype=np.uint64))
         labels, count = np.empty(graph.n, np.int64), 0
         for b in range(pieces.n_blocks):
-            own = slice(int(pieces.offsets[b]), int(pieces.offsets[b + 1]))
+            span = slice(int(pieces.offsets[b]), int(pieces.offsets[b + 1]))
             if fits[b] or pieces.sizes[b] == 1:
-                labels[cells[own]] = count
+                labels[cells[span]] = count
             else:
-                found = self._found(pieces[b], target, int(seeds[b]), start, rival, limit)
-                labels[cells[own]] = count + found
-            count = int(labels[cells[own]].max()) + 1
+                parts = self._found(pieces[b], target, int(seeds[b]), start, rival, limit)
+                labels[cells[span]] = count + parts
+            count = int(labels[cells[span]].max()) + 1
         return frozen_int(labels)

@@ -80,11 +80,11 @@ class AnnealRefiner:
         """Return the labels ``(n,)`` after annealing block by block."""
         result, limit = labels.copy(), TimeLimit(self.seconds)
         for b in range(graph.n_blocks):
-            own = slice(int(graph.offsets[b]), int(graph.offsets[b + 1]))
-            used, local = np.unique(labels[own], return_inverse=True)
-            if 1 < len(used) < len(local):
+            span = slice(int(graph.offsets[b]), int(graph.offsets[b + 1]))
+            part_ids, local = np.unique(labels[span], return_inverse=True)
+            if 1 < len(part_ids) < len(local):
                 make = self._for_solver if self.objective == "solver" else self._round
-                result[own] = used[make(graph[b], frozen_int(local), int(seeds[b]), target, limit)]
+                result[span] = part_ids[make(graph[b], frozen_int(local), int(seeds[b]), target, limit)]
         return frozen_int(result)
 
     def _for_solver(self, graph: Graph, labels: Int, seed: int, target: Target, limit: TimeLimit) -> Int:

@@ -43,18 +43,18 @@ def round_parts(
     """
     # 1. Set up the search. Parts with few and with many cells have different weights.
     size, parts = _size_and_parts(graph, target, False)
-    many = graph.n > _MANY * parts
-    weights = _WEIGHTS["count" if target.h_star is None else "size"][many]
+    large_parts = graph.n > _MANY * parts
+    weights = _WEIGHTS["count" if target.h_star is None else "size"][large_parts]
     search = Search(graph, size, seed, EFFORTS[effort], weights, limit)
     # 2. Search from a start, on a graph of pieces if parts have many cells.
-    if many:
+    if large_parts:
         labels = _from_pieces(search, graph, target, seed, effort, start, rival)
     else:
         labels = _searched(search, graph, target, parts, start, rival)
     # 3. Compare with the rival.
-    other = search.tool.inward(rival(graph, target))
-    scores = [search.tool.shapes(each).score(Weights()) for each in (labels, other)]
-    return search.tool.outward(labels if scores[0] >= scores[1] else other)
+    rival_labels = search.tool.inward(rival(graph, target))
+    scores = [search.tool.shapes(candidate).score(Weights()) for candidate in (labels, rival_labels)]
+    return search.tool.outward(labels if scores[0] >= scores[1] else rival_labels)
 
 
 def _searched(search: Search, graph: Graph, target: Target, parts: int, start: Start, rival: Rival) -> Int:
@@ -75,7 +75,7 @@ def _counted(search: Search, first: Int) -> Int:
     cell. The search keeps the best size.
     """
     factor, widest = _FACTOR, float(search.tool.widths.max())
-    best, result, chosen, before = -np.inf, first, search.size, 0
+    best, result, best_size, before = -np.inf, first, search.size, 0
     for turn in range(search.sizes):
         if turn and search.limit.over():
             break
@@ -84,13 +84,13 @@ def _counted(search: Search, first: Int) -> Int:
         labels, shapes = search.polished(*search.annealed(first), cut=False)
         score = shapes.score(Weights())
         if score > best:
-            best, result, chosen = score, labels, search.size
+            best, result, best_size = score, labels, search.size
         # 2. Change the size, by a smaller factor after a change of direction.
         towards = 1 if shapes.widths.max() > search.size * (1 + ROUNDING) else -1
         factor = factor if towards * before >= 0 else factor**0.5
         search.size *= factor**towards
         before = towards
-    search.size = chosen
+    search.size = best_size
     return result
 
 
@@ -103,20 +103,20 @@ def _from_pieces(
     pieces = connected_parts(graph, start(graph, _PIECES * parts))
     coarse = graph.coarsen(pieces)
     # 2. Search on this graph.
-    less = replace(EFFORTS[effort], tries=EFFORTS[effort].tries // 2)  # pieces have many corners
-    above = Search(coarse, size, seed, less, search.weights, search.limit)
-    found = above.tool.outward(_searched(above, coarse, target, parts, start, rival))
+    settings = replace(EFFORTS[effort], tries=EFFORTS[effort].tries // 2)  # pieces have many corners
+    coarse_search = Search(coarse, size, seed, settings, search.weights, search.limit)
+    coarse_labels = coarse_search.tool.outward(_searched(coarse_search, coarse, target, parts, start, rival))
     # 3. Cool and polish on the cells.
-    search.size = above.size
-    labels, shapes = search.cooled(search.tool.inward(found[pieces]))
+    search.size = coarse_search.size
+    labels, shapes = search.cooled(search.tool.inward(coarse_labels[pieces]))
     return search.polished(labels, shapes, cut=target.h_star is not None)[0]
 
 
-def _size_and_parts(graph: Graph, target: Target, many: bool) -> tuple[float, int]:
+def _size_and_parts(graph: Graph, target: Target, large_parts: bool) -> tuple[float, int]:
     """Return the part size and the initial part count, one computed from the other."""
     whole, d = float(graph.measures.sum()), graph.dim
     if target.h_star is not None:
-        count = whole / (_FILLED[d][many] * float(target.h_star) ** d)
+        count = whole / (_FILLED[d][large_parts] * float(target.h_star) ** d)
         return float(target.h_star), int(np.clip(np.ceil(count), 1, graph.n))
     parts = int(target.parts or 1)
-    return float((whole / (_COUNTED[d][many] * parts)) ** (1.0 / d)), parts
+    return float((whole / (_COUNTED[d][large_parts] * parts)) ** (1.0 / d)), parts

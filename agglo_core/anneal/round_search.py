@@ -120,20 +120,20 @@ class Search:
         # 1. Large meshes: dissolve many parts at a time.
         if not self._small:
             return self._thinned_together(labels, shapes)
-        best, failed = self._value(labels, shapes), set[int]()
+        best, failures = self._value(labels, shapes), set[int]()
         for _ in range(self._effort.tries):
             # 2. Try the worst part that has not failed since the last success.
             worth = shapes.widths / self.size + shapes.ratios
-            left = [int(p) for p in np.argsort(worth, kind="stable") if int(p) not in failed]
-            if not left or len(worth) < 2 or self.limit.over():
+            candidates = [int(p) for p in np.argsort(worth, kind="stable") if int(p) not in failures]
+            if not candidates or len(worth) < 2 or self.limit.over():
                 break
-            after, seen = self._without(labels, left[0])
-            value = self._value(after, seen)
+            after, new_shapes = self._without(labels, candidates[0])
+            value = self._value(after, new_shapes)
             if value > best:
-                labels, shapes, best = after, seen, value
-                failed.clear()
+                labels, shapes, best = after, new_shapes, value
+                failures.clear()
             else:
-                failed.add(left[0])
+                failures.add(candidates[0])
         return labels, shapes
 
     def _thinned_together(self, labels: Int, shapes: Shapes) -> tuple[Int, Shapes]:
@@ -145,15 +145,15 @@ class Search:
             seed, weights, limit = self._rest()
             # 1. Divide the parts into shares, dissolve one part per share, and anneal.
             of_part = shared_out(self.tool.graph, labels, k, k // _NEAR, seed)
-            left = dissolved_together(self.tool.graph, labels, self._poorest(shapes, of_part), of_part)
-            there, fewer = np.unique(left, return_inverse=True)
-            given = frozen_int(fewer), self.size, _AGAIN, _TAIL * self._moves, seed, weights, limit
-            after, seen = self.tool.annealed(*given, frozen_int(of_part[there]))
+            new_parts = dissolved_together(self.tool.graph, labels, self._poorest(shapes, of_part), of_part)
+            part_ids, fewer = np.unique(new_parts, return_inverse=True)
+            arguments = frozen_int(fewer), self.size, _AGAIN, _TAIL * self._moves, seed, weights, limit
+            after, new_shapes = self.tool.annealed(*arguments, frozen_int(of_part[part_ids]))
             # 2. Keep the new labels in the shares that improved.
-            better = self._worth(after, seen, of_part[there], len(of_part)) > self._worth(
+            better = self._worth(after, new_shapes, of_part[part_ids], len(of_part)) > self._worth(
                 labels, shapes, of_part, k
             )
-            mixed = np.where(better[of_part[labels]], there[after], labels)
+            mixed = np.where(better[of_part[labels]], part_ids[after], labels)
             labels = frozen_int(np.unique(mixed, return_inverse=True)[1])
             shapes = self.tool.seen(labels)
         return labels, shapes
@@ -167,11 +167,11 @@ class Search:
 
     def _worth(self, labels: Int, shapes: Shapes, of_part: Int, count: int) -> Float:
         """Return each share's mean part score ``(count,)``, or −∞ where a part is too wide."""
-        own = self.weights.even * shapes.widths / self.size + self.weights.round * shapes.ratios
-        own += self.weights.central * shapes.central
-        own = np.where(self._wide(labels, shapes), -np.inf, own)
+        scores = self.weights.even * shapes.widths / self.size + self.weights.round * shapes.ratios
+        scores += self.weights.central * shapes.central
+        scores = np.where(self._wide(labels, shapes), -np.inf, scores)
         parts = np.bincount(of_part, minlength=count)
-        result: Float = np.bincount(of_part, own, count) / np.maximum(parts, 1)
+        result: Float = np.bincount(of_part, scores, count) / np.maximum(parts, 1)
         return result
 
     def polished(self, labels: Int, shapes: Shapes, *, cut: bool = True) -> tuple[Int, Shapes]:

@@ -85,27 +85,27 @@ def take_turns(
     is over before the first round, nothing is drawn.
     """
     # 1. Number of shares, and of rounds between two divisions.
-    n, k, done, stamp = len(parts.labels), len(parts.tally), 0, 0
+    n, k, n_rounds, stamp = len(parts.labels), len(parts.tally), 0, 0
     seeds, count = np.array([seed], np.uint64), max(1, min(n // _CELLS, k // _PARTS))
     most = rounds.shape[1] if count == 1 else max(1, rounds.shape[1] // _SHARINGS)
     at_once = int(np.clip(_DRAWS / (n * rounds[2, 0]), 1, most))
     at_once = at_once if of_part is None else -(-rounds.shape[1] // _PAUSES)
-    while done < rounds.shape[1]:
+    while n_rounds < rounds.shape[1]:
         # 2. At the time limit, replace the remaining rounds by a short ending.
-        if done == 0 and limit.over():
+        if n_rounds == 0 and limit.over():
             return
         if limit.over():
-            rounds, done = _ending(rounds[:, done:]), 0
+            rounds, n_rounds = _ending(rounds[:, n_rounds:]), 0
             at_once, limit = rounds.shape[1], TimeLimit()
         # 3. Divide into shares, and run some rounds in all threads.
-        now, seeds = frozen_float(rounds[:, done : done + at_once]), splitmix(seeds)
+        batch, seeds = frozen_float(rounds[:, n_rounds : n_rounds + at_once]), splitmix(seeds)
         labels = frozen_int(parts.labels)
         shares = _shares(
             labels, shared_out(graph, labels, k, count, int(seeds[0])) if of_part is None else of_part
         )
-        _share_out(make, shares, rooms, now, np.uint64(seeds[0]), stamp)
-        stamp += n * int(np.sum(np.floor(now[2]) + 1))
-        done += at_once
+        _share_out(make, shares, rooms, batch, np.uint64(seeds[0]), stamp)
+        stamp += n * int(np.sum(np.floor(batch[2]) + 1))
+        n_rounds += at_once
 
 
 def _ending(rounds: Float) -> Float:
@@ -116,17 +116,17 @@ def _ending(rounds: Float) -> Float:
     return few
 
 
-def _share_out(make: _Make, shares: Any, rooms: list[Any], rounds: Float, seed: Any, stamp: int) -> None:
+def _share_out(make: _Make, shares: Any, workspaces: list[Any], rounds: Float, seed: Any, stamp: int) -> None:
     count = len(shares.starts) - 1
-    if len(rooms) == 1 or count < len(rooms):
-        make(rooms[0], shares, 0, count, rounds, seed, stamp)
+    if len(workspaces) == 1 or count < len(workspaces):
+        make(workspaces[0], shares, 0, count, rounds, seed, stamp)
         return
-    cuts = (count * np.arange(len(rooms) + 1) // len(rooms)).tolist()
+    cuts = (count * np.arange(len(workspaces) + 1) // len(workspaces)).tolist()
 
-    def own(room: Any, start: int, stop: int) -> None:
-        make(room, shares, start, stop, rounds, seed, stamp)
+    def make_shares(workspace: Any, start: int, stop: int) -> None:
+        make(workspace, shares, start, stop, rounds, seed, stamp)
 
-    list(mapped(own, rooms, cuts[:-1], cuts[1:]))
+    list(mapped(make_shares, workspaces, cuts[:-1], cuts[1:]))
 
 
 def shared_out(graph: Graph, labels: Int, k: int, count: int, seed: int) -> Int:

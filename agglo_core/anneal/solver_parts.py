@@ -37,15 +37,17 @@ class SolverAnnealing(OrderedBlock):
         from agglo_core.anneal.state import Cells
 
         super().__init__(graph)
-        own, self._limit, self._balance = self.graph, float(limit), balance
-        self.sizes = own.node_sizes(balance.size)
+        search_graph, self._limit, self._balance = self.graph, float(limit), balance
+        self.sizes = search_graph.node_sizes(balance.size)
         if limit < np.inf:
-            self._cells: Any = corner_cells(own)
+            self._cells: Any = corner_cells(search_graph)
         else:
-            shape = frozen_index([]), frozen_float(np.empty((0, own.dim)))
+            shape = frozen_index([]), frozen_float(np.empty((0, search_graph.dim)))
             around = *(np.empty(0) for _ in range(3)), np.empty(0, np.int64), np.empty(0, np.int32)
-            geometry = own.interface, own.measures, own.centroids
-            self._cells = Cells(own.indptr, own.indices, *geometry, frozen_int([]), *shape, *around)
+            geometry = search_graph.interface, search_graph.measures, search_graph.centroids
+            self._cells = Cells(
+                search_graph.indptr, search_graph.indices, *geometry, frozen_int([]), *shape, *around
+            )
 
     def annealed(
         self, labels: Int, ramps: Ramps, draws: float, seed: int, limit: TimeLimit | None = None
@@ -105,22 +107,22 @@ def solver_parts(
     number is exact, balanced if requested.
     """
     # 1. Candidates: the rival, and the start if it meets the target.
-    other = rival(graph, target)
-    first = _first(graph, target, start, other)
-    best, least = other, (True, np.inf)
-    for each in (other, first) if first is not other else (other,):
-        labels = _finished(graph, each, target, balance)
+    rival_labels = rival(graph, target)
+    first = _first(graph, target, start, rival_labels)
+    best, least = rival_labels, (True, np.inf)
+    for trial in (rival_labels, first) if first is not rival_labels else (rival_labels,):
+        labels = _finished(graph, trial, target, balance)
         worth = _worth(graph, labels, balance)
         if worth < least:
             best, least = labels, worth
     # 2. Anneal the start several times.
     size = np.inf if target.h_star is None else target.h_star * (1 + ROUNDING)
-    tool, much = SolverAnnealing(graph, size, balance), EFFORTS[effort]
+    tool, budget = SolverAnnealing(graph, size, balance), EFFORTS[effort]
     inner, ramps = tool.inward(first), _BALANCED if balance.asked else _RAMPS
-    for each in splitmix(np.uint64(seed) + np.arange(much.times, dtype=np.uint64)).tolist():
+    for trial in splitmix(np.uint64(seed) + np.arange(budget.times, dtype=np.uint64)).tolist():
         if limit.over():
             break
-        annealed = tool.annealed(inner, ramps, much.draws, each, limit)
+        annealed = tool.annealed(inner, ramps, budget.draws, trial, limit)
         labels = _finished(graph, tool.outward(annealed), target, balance)
         worth = _worth(graph, labels, balance)
         if worth < least:
@@ -128,14 +130,14 @@ def solver_parts(
     return best
 
 
-def _first(graph: Graph, target: Target, start: Start, other: Int) -> Int:
+def _first(graph: Graph, target: Target, start: Start, rival_labels: Int) -> Int:
     """Return the initial labels: the start if it meets the target with no more parts than the other."""
-    parts = int(other.max()) + 1
+    parts = int(rival_labels.max()) + 1
     first = connected_parts(graph, start(graph, min(parts, target.parts or parts)))
     if target.h_star is not None:
         first = parts_within(graph, first, target.h_star)
-        return first if int(first.max()) < parts else other
-    return first if int(first.max()) + 1 == parts else other
+        return first if int(first.max()) < parts else rival_labels
+    return first if int(first.max()) + 1 == parts else rival_labels
 
 
 def _worth(graph: Graph, labels: Int, balance: Balance) -> tuple[bool, float]:

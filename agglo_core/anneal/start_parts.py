@@ -26,9 +26,9 @@ def cut_in_two(graph: Graph, labels: Int, chosen: Mask) -> Int:
     stops = np.cumsum(np.bincount(labels))
     k = len(stops)
     for p in np.flatnonzero(chosen):
-        own = order[(stops[p - 1] if p else 0) : stops[p]]
-        if len(own) > 1:
-            result[own[_far_side(graph, own)]] = k
+        part_cells = order[(stops[p - 1] if p else 0) : stops[p]]
+        if len(part_cells) > 1:
+            result[part_cells[_far_side(graph, part_cells)]] = k
             k += 1
     return frozen_int(graph.components(np.unique(result, return_inverse=True)[1]))
 
@@ -40,12 +40,12 @@ def _far_side(graph: Graph, cells: Int) -> Mask:
     weights = weights if weights.sum() > 0.0 else np.ones(len(cells))
     places = graph.centroids[cells] - np.average(graph.centroids[cells], axis=0, weights=weights)
     axis = np.linalg.eigh((weights[:, None] * places).T @ places)[1][:, -1]
-    along = places @ axis
+    heights = places @ axis
     # 2. Cells beyond the centre, or the upper half by order.
-    side: Mask = along > 0.0
+    side: Mask = heights > 0.0
     if side.all() or not side.any():
         side = np.arange(len(cells)) >= len(cells) // 2
-        side = side[np.argsort(np.argsort(along, kind="stable"), kind="stable")]
+        side = side[np.argsort(np.argsort(heights, kind="stable"), kind="stable")]
     return side
 
 
@@ -55,27 +55,27 @@ def dissolved(graph: Graph, labels: Int, part: int) -> Int:
     Returns the labels ``(n,)`` without gaps. Cells join from the outside in. A part without neighbours stays.
     """
     result = labels.copy()
-    rest = np.flatnonzero(labels == part)
-    result[rest] = -1
-    while len(rest):
-        goes = [_most_shared(graph, result, int(i)) for i in rest]
-        found = np.array([p >= 0 for p in goes])
-        if not found.any():
+    open_cells = np.flatnonzero(labels == part)
+    result[open_cells] = -1
+    while len(open_cells):
+        targets = [_most_shared(graph, result, int(i)) for i in open_cells]
+        has_target = np.array([p >= 0 for p in targets])
+        if not has_target.any():
             return labels
-        result[rest[found]] = np.array(goes)[found]
-        rest = rest[~found]
+        result[open_cells[has_target]] = np.array(targets)[has_target]
+        open_cells = open_cells[~has_target]
     return frozen_int(np.unique(result, return_inverse=True)[1])
 
 
 def _most_shared(graph: Graph, labels: Int, cell: int) -> int:
     """Return the non-negative part with the longest interface with a cell, or −1."""
     row = slice(int(graph.indptr[cell]), int(graph.indptr[cell + 1]))
-    beside = labels[graph.indices[row]]
-    taken = beside >= 0
-    if not taken.any():
+    neighbour_parts = labels[graph.indices[row]]
+    has_part = neighbour_parts >= 0
+    if not has_part.any():
         return -1
-    parts, place = np.unique(beside[taken], return_inverse=True)
-    return int(parts[np.argmax(np.bincount(place, graph.interface[row][taken]))])
+    parts, place = np.unique(neighbour_parts[has_part], return_inverse=True)
+    return int(parts[np.argmax(np.bincount(place, graph.interface[row][has_part]))])
 
 
 def dissolved_together(graph: Graph, labels: Int, chosen: Mask, of_part: Int) -> Int:
@@ -84,17 +84,17 @@ def dissolved_together(graph: Graph, labels: Int, chosen: Mask, of_part: Int) ->
     Returns the labels ``(n,)``. Each cell joins the part with the longest common interface, from the outside
     in. A part that cannot be dissolved stays.
     """
-    result, rest = labels.copy(), np.flatnonzero(chosen[labels])
-    result[rest] = -1
-    while len(rest):
-        goes = _most_shared_each(graph, result, rest, of_part[labels[rest]], of_part)
-        found = goes >= 0
-        if not found.any():
-            stuck = np.isin(labels, labels[rest])
+    result, open_cells = labels.copy(), np.flatnonzero(chosen[labels])
+    result[open_cells] = -1
+    while len(open_cells):
+        targets = _most_shared_each(graph, result, open_cells, of_part[labels[open_cells]], of_part)
+        has_target = targets >= 0
+        if not has_target.any():
+            stuck = np.isin(labels, labels[open_cells])
             result[stuck] = labels[stuck]
             break
-        result[rest[found]] = goes[found]
-        rest = rest[~found]
+        result[open_cells[has_target]] = targets[has_target]
+        open_cells = open_cells[~has_target]
     return frozen_int(result)
 
 
@@ -104,17 +104,17 @@ def _most_shared_each(graph: Graph, labels: Int, cells: Int, share: Int, of_part
     counts = np.diff(graph.indptr)[cells].astype(np.int64)
     move = np.repeat(np.arange(len(cells)), counts)
     entry = np.arange(len(move)) + np.repeat(graph.indptr[cells] - np.cumsum(counts) + counts, counts)
-    beside = labels[graph.indices[entry]]
-    fits = (beside >= 0) & (of_part[beside] == share[move])
+    neighbour_parts = labels[graph.indices[entry]]
+    fits = (neighbour_parts >= 0) & (of_part[neighbour_parts] == share[move])
     # 2. Sum the interface by cell and part.
-    keys, place = np.unique(move[fits] * len(of_part) + beside[fits], return_inverse=True)
+    keys, place = np.unique(move[fits] * len(of_part) + neighbour_parts[fits], return_inverse=True)
     length = np.bincount(place, graph.interface[entry[fits]], len(keys))
     # 3. Longest interface of each cell.
     order = np.lexsort((-length, keys // len(of_part)))
     cell, first = np.unique((keys // len(of_part))[order], return_index=True)
-    goes = np.full(len(cells), -1, np.int64)
-    goes[cell] = (keys % len(of_part))[order][first]
-    return goes
+    targets = np.full(len(cells), -1, np.int64)
+    targets[cell] = (keys % len(of_part))[order][first]
+    return targets
 
 
 Start = Callable[[Graph, int], Int]

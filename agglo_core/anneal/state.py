@@ -161,10 +161,10 @@ def drawn_move(state, s, shares, cells, parts):
     # 2. The lower 32 bits select the neighbour likewise. A part keeps its last cell, and trades only within
     #    its share, because threads process the other shares.
     first, p = np.uint64(cells.indptr[i]), parts.labels[i]
-    beside = np.uint64(cells.indptr[i + ONE]) - first
-    if beside == 0 or parts.tally[p, COUNT] < 2.0:
+    degree = np.uint64(cells.indptr[i + ONE]) - first
+    if degree == 0 or parts.tally[p, COUNT] < 2.0:
         return state, np.int64(i), p, p
-    q = parts.labels[np.uint32(cells.indices[first + ((bits & _LOW) * beside >> _WORD)])]
+    q = parts.labels[np.uint32(cells.indices[first + ((bits & _LOW) * degree >> _WORD)])]
     return state, np.int64(i), p, (q if shares.of_part[q] == s else p)
 
 

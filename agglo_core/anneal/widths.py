@@ -68,36 +68,36 @@ def widest(p, cells, parts, work, stamp):
     for turn in range(2):
         inner = span - np.sqrt(reach)
         inner = inner * inner * (1.0 - 1e-12) if inner > 0.0 and turn == 1 else 0.0
-        kept = np.int64(0)
+        n_outer = np.int64(0)
         for k in range(m):
             v = np.uint32(work.found[k])
             x, y = cells.points[v, 0] - middle[0], cells.points[v, 1] - middle[1]
             z = cells.points[v, 2] - middle[2] if last > 1 else 0.0
             square = x * x + y * y + z * z
             reach = max(reach, square)
-            work.found[kept] = v
-            kept += np.int64(square >= inner)
-        m = kept
+            work.found[n_outer] = v
+            n_outer += np.int64(square >= inner)
+        m = n_outer
     # 2. Compare all pairs of the remaining vertices.
-    most, one, other = 0.0, np.int32(-1), np.int32(-1)
+    most, end_a, end_b = 0.0, np.int32(-1), np.int32(-1)
     for k in range(m):
         for j in range(k):
             square = square_between(np.uint32(work.found[k]), np.uint32(work.found[j]), cells.points)
             if square > most:
-                most, one, other = square, work.found[k], work.found[j]
-    return np.sqrt(most), one, other
+                most, end_a, end_b = square, work.found[k], work.found[j]
+    return np.sqrt(most), end_a, end_b
 
 
 @helper
 def joined_width(i, q, cells, parts):
     """Return the diameter of part q together with cell i, and the two vertices at its ends."""
-    width, one, other = parts.tally[q, DIAMETER], parts.ends[q, 0], parts.ends[q, 1]
+    width, end_a, end_b = parts.tally[q, DIAMETER], parts.ends[q, 0], parts.ends[q, 1]
     i, square = np.uint64(i), width * width
     begin, end = np.uint64(cells.offsets[i]), np.uint64(cells.offsets[i + ONE])
     # The cell itself comes first if it alone is wider than the part, then each cell in the part. Vertices are
     # compared only if centroids and radii allow a larger width.
     j = np.int64(i) if cells.spans[i] > width else np.int64(parts.first[q])
-    own = cells.spans[i] > width
+    is_cell_i = cells.spans[i] > width
     while j >= 0:
         c = np.uint64(j)
         slack = width - cells.radii[i] - cells.radii[c]
@@ -105,13 +105,13 @@ def joined_width(i, q, cells, parts):
             for g in range(np.uint64(cells.offsets[c]), np.uint64(cells.offsets[c + ONE])):
                 u = np.uint32(cells.vertices[g])
                 for h in range(begin, end):
-                    far = square_between(u, np.uint32(cells.vertices[h]), cells.points)
-                    if far > square:
-                        square, one, other = far, np.int32(u), cells.vertices[h]
-                        width = np.sqrt(far)
-        j = np.int64(parts.first[q]) if own else np.int64(parts.after[c])
-        own = False
-    return width, one, other
+                    vertex_square = square_between(u, np.uint32(cells.vertices[h]), cells.points)
+                    if vertex_square > square:
+                        square, end_a, end_b = vertex_square, np.int32(u), cells.vertices[h]
+                        width = np.sqrt(vertex_square)
+        j = np.int64(parts.first[q]) if is_cell_i else np.int64(parts.after[c])
+        is_cell_i = False
+    return width, end_a, end_b
 
 
 @helper
@@ -178,31 +178,35 @@ def cell_surroundings(indptr, interface, boundary, centroids, offsets, vertices,
 
 
 @kernel
-def part_state(given, labels, count):
+def part_state(cells, labels, count):
     """Return the state of the parts ``0..count−1``, with sums, diameters and lists, and workspace."""
-    n, points = len(labels), len(given.points)
-    own, tally, ends = np.empty(n, np.int32), np.zeros((count, COLUMNS)), np.full((count, 2), -1, np.int32)
+    n, points = len(labels), len(cells.points)
+    part_labels, tally, ends = (
+        np.empty(n, np.int32),
+        np.zeros((count, COLUMNS)),
+        np.full((count, 2), -1, np.int32),
+    )
     first, after, before = np.full(count, -1, np.int32), np.empty(n, np.int32), np.full(n, -1, np.int32)
     # 1. Cell lists and sums. Faces within a part do not belong to its surface: each is subtracted from both
     #    sides.
     for i in range(n - 1, -1, -1):
         p = labels[i]
-        own[i], after[i] = p, first[p]
+        part_labels[i], after[i] = p, first[p]
         if first[p] >= 0:
             before[first[p]] = i
         first[p] = i
-        tally[p, MEASURE] += given.measures[i]
-        tally[p, SURFACE] += given.surfaces[i]
+        tally[p, MEASURE] += cells.measures[i]
+        tally[p, SURFACE] += cells.surfaces[i]
         tally[p, COUNT] += 1.0
-        for h in range(given.indptr[i], given.indptr[i + 1]):
-            if labels[given.indices[h]] == p:
-                tally[p, SURFACE] -= given.interface[h]
-    parts = Parts(own, tally, ends, first, after, before)
+        for h in range(cells.indptr[i], cells.indptr[i + 1]):
+            if labels[cells.indices[h]] == p:
+                tally[p, SURFACE] -= cells.interface[h]
+    parts = Parts(part_labels, tally, ends, first, after, before)
     marks, seen = np.full((n, 2), -1, np.int64), np.full(points, -1, np.int64)
-    room = Work(
+    work = Work(
         np.empty(n + 1, np.int32), np.empty(n + 1, np.int32), marks, seen, np.empty(points + 1, np.int32)
     )
     # 2. Diameters, with negative marks, because searches only use other marks.
     for p in range(count):
-        tally[p, DIAMETER], ends[p, 0], ends[p, 1] = widest(p, given, parts, room, -2 - p)
-    return parts, room
+        tally[p, DIAMETER], ends[p, 0], ends[p, 1] = widest(p, cells, parts, work, -2 - p)
+    return parts, work
