@@ -126,8 +126,8 @@ def _largest_ball(corners, table, m, blocks, diameter, best, heap):
     outside. See :func:`balls` for the bounds. The columns of boxes follow :mod:`agglo_core.shapes.box_heap`,
     and their lists are block ranges in the table.
     """
-    at, centre, sides, own = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
-    some, weight, held, share = np.zeros(4, np.int64), np.zeros(4), np.zeros(4, np.int64), np.zeros(4)
+    at, centre, sides, cube = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    some, weight, contacts, share = np.zeros(4, np.int64), np.zeros(4), np.zeros(4, np.int64), np.zeros(4)
     inverse, row, box = np.zeros((4, 4)), np.zeros(4), np.zeros((1, WIDTH))
     none = np.int64(0)
     # 1. Convex solid: distances are distances to planes, and one linear program finds the maximum. Its box
@@ -139,10 +139,10 @@ def _largest_ball(corners, table, m, blocks, diameter, best, heap):
         )
         return best, table, heap
     # 2. Initial ball: the ball about the origin, moved to a nearby maximum. The triangles that touch it and
-    #    their λ, in ``held`` and ``share``, give a bound below. ``polished`` is their radius.
+    #    their λ, in ``contacts`` and ``share``, give a bound below. ``polished`` is their radius.
     polished = 0.0
     if best > 0.0:
-        best = _polished((corners, table, m, blocks), at, best, own, centre, held, share, inverse, row)
+        best = _polished((corners, table, m, blocks), at, best, cube, centre, contacts, share, inverse, row)
         polished = best
     # 3. Root: the box around all triangles, with all blocks in its list.
     _box_around_all(corners, m, centre, sides)
@@ -156,13 +156,13 @@ def _largest_ball(corners, table, m, blocks, diameter, best, heap):
         x0, y0, z0 = box[0, 1], box[0, 2], box[0, 3]
         sides[0], sides[1], sides[2], sure = box[0, 4], box[0, 5], box[0, 6], box[0, 7] > 0.0
         start, stop = np.int64(box[0, 8]), np.int64(box[0, 9])
-        along = 0 if sides[0] >= max(sides[1], sides[2]) else (1 if sides[1] >= sides[2] else 2)
+        axis = 0 if sides[0] >= max(sides[1], sides[2]) else (1 if sides[1] >= sides[2] else 2)
         if parts == 2:
-            sides[along] *= 0.5
+            sides[axis] *= 0.5
         reach = np.sqrt(sides[0] * sides[0] + sides[1] * sides[1] + sides[2] * sides[2])
         for part in range(parts):
-            shift = (2 * part - 1) * sides[along] * (parts - 1)
-            x, y, z = x0 + (along == 0) * shift, y0 + (along == 1) * shift, z0 + (along == 2) * shift
+            shift = (2 * part - 1) * sides[axis] * (parts - 1)
+            x, y, z = x0 + (axis == 0) * shift, y0 + (axis == 1) * shift, z0 + (axis == 2) * shift
             opened += 1
             if opened % _PATIENCE == 0:
                 # After many boxes reduce the accuracy. If no ball was found, as in a solid without volume, a
@@ -194,7 +194,10 @@ def _largest_ball(corners, table, m, blocks, diameter, best, heap):
             longest = max(sides[0], max(sides[1], sides[2]))
             if reach <= _LARGE * best or longest > _THIN * min(sides[0], min(sides[1], sides[2])):
                 # 8a. With the triangles that touch the best ball so far.
-                if polished > 0.0 and _highest_average(table, held, share, x, y, z, sides, enough) <= enough:
+                if (
+                    polished > 0.0
+                    and _highest_average(table, contacts, share, x, y, z, sides, enough) <= enough
+                ):
                     continue
                 # 8b. With the λ of the linear program over planes above all distances. If the bound does not
                 #     decide, planes of triangles in large flat faces can be lowered, and the program is
@@ -223,7 +226,7 @@ def _largest_ball(corners, table, m, blocks, diameter, best, heap):
             # 10. Polish a clearly larger ball, so that step 8a uses the triangles that touch it.
             if best > polished * (1.0 + _ACCURACY):
                 solid = corners, table, m, blocks
-                best = _polished(solid, at, best, own, centre, held, share, inverse, row)
+                best = _polished(solid, at, best, cube, centre, contacts, share, inverse, row)
                 polished = best
             # 11. Push the box with its bound, its list, and whether it lies completely inside.
             box[0, 0], box[0, 1], box[0, 2], box[0, 3] = bound, x, y, z
@@ -239,7 +242,7 @@ def _largest_ball(corners, table, m, blocks, diameter, best, heap):
         size -= 1
         parts = 2
     if best > polished:
-        best = _polished((corners, table, m, blocks), at, best, own, centre, held, share, inverse, row)
+        best = _polished((corners, table, m, blocks), at, best, cube, centre, contacts, share, inverse, row)
     return best, table, heap
 
 
@@ -265,16 +268,16 @@ def balls(points, first, offsets, faces, face_cells, starts, triangles, centroid
     in the box, and only these are passed to its halves.
     """
     n, most = len(offsets) - 1, most_triangles(offsets, faces, starts)
-    found, moments, axes = np.empty((most, 3), np.int64), np.empty((3, 3)), np.empty((3, 3))
+    triples, moments, axes = np.empty((most, 3), np.int64), np.empty((3, 3)), np.empty((3, 3))
     corners, table = np.empty((most, 9)), np.empty((2 * most // LANES + 2) * BLOCK)
     heap, centre = np.empty((256, WIDTH)), np.empty(3)
     radius = np.zeros(n)
     for c in range(n):
         # 1. Table of the triangles in principal axes.
-        m = surface(first + c, offsets[c], offsets[c + 1], faces, face_cells, starts, triangles, found)
+        m = surface(first + c, offsets[c], offsets[c + 1], faces, face_cells, starts, triangles, triples)
         for k in range(3):
             centre[k] = centroids[first + c, k]
-        table, m, blocks = gathered_triangles(points, found, m, centre, moments, axes, corners, table)
+        table, m, blocks = gathered_triangles(points, triples, m, centre, moments, axes, corners, table)
         # 2. Radius about the centroid, then anywhere.
         radius[c] = max(_radius_at((corners, table, m, blocks), 0.0, 0.0, 0.0), 0.0)
         if anywhere:

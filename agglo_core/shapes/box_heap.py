@@ -44,10 +44,10 @@ def push(heap, size, box):
     """Push a box on a heap with ``size`` boxes, and return the heap, enlarged if it was full."""
     # 1. Enlarge a full heap.
     if size == len(heap):
-        grown = np.empty((2 * size, WIDTH))
+        new_heap = np.empty((2 * size, WIDTH))
         for i in range(size):
-            _move(heap, i, grown, i)
-        heap = grown
+            _move(heap, i, new_heap, i)
+        heap = new_heap
     # 2. Sift the new box up.
     i = size
     while i > 0 and heap[(i - 1) // 2, 0] < box[0, 0]:

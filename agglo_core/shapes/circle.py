@@ -138,7 +138,7 @@ def _largest(edges, m, diameter, best, heap):
     x0, y0, sx, sy = bounding_box(edges, m)
     start, stop, top = np.int64(0), m, m  # edges of the open box; end of those in use
     axis, parts, size, opened, polish = np.int64(0), 1, np.int64(0), 0, 4
-    accuracy, done = 1e-3, False
+    accuracy, is_done = 1e-3, False
     # 3. Long outlines (the first axis is the longest): boxes around trapezoids replace the root if all fit,
     #    and if few of them can contain a circle larger than the best circle on their sides, once polished.
     #    Otherwise use the root of step 2.
@@ -153,7 +153,7 @@ def _largest(edges, m, diameter, best, heap):
             accuracy, parts = 0.01 * accuracy, 0  # few boxes remain, so increase the accuracy
         else:
             size = np.int64(0)
-    while not done:
+    while not is_done:
         # 4. Process both halves of the open box (the whole root, or nothing right after step 3 has pushed
         #    trapezoids). Boxes that gain less than ``slack`` are dropped. R, half the diagonal, is ``reach``.
         slack = min(1e-4 * diameter, max(accuracy * best, 0.01 * accuracy * diameter))
@@ -211,24 +211,24 @@ def _largest(edges, m, diameter, best, heap):
                     best, best_x, best_y = d, x + px, y + py
             # 11. Push the box. Thin boxes are halved along the axis with the larger increase of the bound in
             #     step 9, unless this axis is too short to gain anything.
-            along = 0 if sx >= sy else 1
+            next_axis = 0 if sx >= sy else 1
             if thin and min(sx, sy) > slack:
-                along = _steeper(edges, pair, halves, x, y, sx, sy)
+                next_axis = _steeper(edges, pair, halves, x, y, sx, sy)
             box[0, 0], box[0, 1], box[0, 2], box[0, 3], box[0, 4] = bound, x, y, sx, sy
-            box[0, 5], box[0, 6], box[0, 7], box[0, 8] = signed, first, last, along
+            box[0, 5], box[0, 6], box[0, 7], box[0, 8] = signed, first, last, next_axis
             heap = push(heap, size, box)
             size += 1
             top = max(top, last)
         # 12. Stop when no open box promises more. Polish then, and after 4, 8, 16, ... boxes, so that the
         #     bound of step 7 remains sharp at low cost.
-        done = size == 0 or heap[0, 0] <= best + slack
-        if (done or opened == polish) and best > polished:
+        is_done = size == 0 or heap[0, 0] <= best + slack
+        if (is_done or opened == polish) and best > polished:
             best_x, best_y, best = _polished(edges, m, best_x, best_y, best, trio, weight, inverse)
             polished = best
         if opened == polish:
             polish *= 2
         # 13. Open the box with the largest bound.
-        if not done:
+        if not is_done:
             pop(heap, size, box)
             x0, y0, sx, sy, above = box[0, 1], box[0, 2], box[0, 3], box[0, 4], box[0, 5]
             start, stop, axis = np.int64(box[0, 6]), np.int64(box[0, 7]), np.int64(box[0, 8])
@@ -250,16 +250,16 @@ def _radius(edges, m, diameter, anywhere, heap, links):
     if not anywhere:
         return best, edges, heap
     # 1. Straighten chains in outlines with many edges, and search.
-    table, k, many = edges, m, m > _MANY
-    if many:
+    table, k, is_large = edges, m, m > _MANY
+    if is_large:
         table, k = simplified(edges, m, links, _SAG * bounding_box(edges, m)[3])
-    x, y, found, table, heap = _largest(table, k, diameter, best, heap)
-    if not many:
-        return found, table, heap
+    x, y, radius, table, heap = _largest(table, k, diameter, best, heap)
+    if not is_large:
+        return radius, table, heap
     # 2. Polish the circle so that it touches the original outline.
     some, share, inverse = np.zeros(3, np.int64), np.zeros(3), np.zeros((3, 3))
-    found = signed_distance(edges, m, x, y)
-    return max(best, _polished(edges, m, x, y, found, some, share, inverse)[2]), edges, heap
+    radius = signed_distance(edges, m, x, y)
+    return max(best, _polished(edges, m, x, y, radius, some, share, inverse)[2]), edges, heap
 
 
 @kernel

@@ -13,11 +13,11 @@ _STRAIGHT = 1e-8  # radians; rounding of coordinates tilts coplanar triangles by
 
 
 @helper
-def _root(joined, t):
+def _root(parent, t):
     """Return the representative of the triangles joined with t (union-find with path halving)."""
-    while joined[t] != t:
-        joined[t] = joined[joined[t]]
-        t = joined[t]
+    while parent[t] != t:
+        parent[t] = parent[parent[t]]
+        t = parent[t]
     return t
 
 
@@ -61,7 +61,7 @@ def face_ratios(points, first, offsets, faces, face_cells, starts, triangles):
     """
     n, most = len(offsets) - 1, most_triangles(offsets, faces, starts)
     corners, normals = np.empty((most, 3), np.int64), np.empty((most, 4))
-    joined, area, following = np.empty(most, np.int64), np.empty(most), np.empty(3 * most, np.int64)
+    parent, area, following = np.empty(most, np.int64), np.empty(most), np.empty(3 * most, np.int64)
     latest = np.full(
         len(points), -1, np.int64
     )  # latest half-edge of the current cell with this point as lower end
@@ -71,7 +71,7 @@ def face_ratios(points, first, offsets, faces, face_cells, starts, triangles):
         m = surface(first + c, offsets[c], offsets[c + 1], faces, face_cells, starts, triangles, corners)
         _normals(points, corners, m, normals)
         for t in range(m):
-            joined[t], area[t] = t, 0.0
+            parent[t], area[t] = t, 0.0
             for k in range(3):
                 latest[corners[t, k]] = -1
         # 2. Half-edges by their lower end, in lists that begin with ``latest`` and continue with
@@ -81,19 +81,19 @@ def face_ratios(points, first, offsets, faces, face_cells, starts, triangles):
             for side in range(3):
                 a, b = corners[t, side], corners[t, (side + 1) % 3]
                 low, high, h = min(a, b), max(a, b), 3 * t + side
-                other = latest[low]
-                while other >= 0:
-                    s = other // 3
-                    i, j = corners[s, other % 3], corners[s, (other + 1) % 3 if other % 3 < 2 else 0]
+                edge = latest[low]
+                while edge >= 0:
+                    s = edge // 3
+                    i, j = corners[s, edge % 3], corners[s, (edge + 1) % 3 if edge % 3 < 2 else 0]
                     other_high = max(i, j)
                     if other_high == high and _in_line(normals, s, t):
-                        joined[_root(joined, s)] = _root(joined, t)
-                    other = following[other]
+                        parent[_root(parent, s)] = _root(parent, t)
+                    edge = following[edge]
                 following[h], latest[low] = latest[low], h
         # 3. Sum the face areas at the representative triangles. Entries of other triangles, and of degenerate
         #    faces, are 0 and do not count.
         for t in range(m):
-            area[_root(joined, t)] += normals[t, 3]
+            area[_root(parent, t)] += normals[t, 3]
         least, largest = np.inf, 0.0
         for t in range(m):
             largest = max(largest, area[t])

@@ -94,10 +94,10 @@ def nearest_edge(edges, start, stop, x, y):
 
 
 @helper
-def crosses(edges, start, stop, axis, place, to, other):
+def crosses(edges, start, stop, axis, place, to, level):
     """Return True if the path from ``place`` to ``to`` along an axis crosses an odd number of edges.
 
-    Both are coordinates along the axis, ``other`` is the coordinate along the other axis. From infinity this
+    Both are coordinates along the axis, ``level`` is the coordinate along the other axis. From infinity this
     is the even-odd rule.
     """
     a, b, u = edges[axis], edges[5 - axis], edges[2 + axis]
@@ -105,15 +105,15 @@ def crosses(edges, start, stop, axis, place, to, other):
     crossings = 0
     for j in range(stop - start):  # without branches
         i = np.uint64(start + j)
-        # The line at ``other`` meets the edge at a + (other - c) u / v if the edge ends are on different
+        # The line at ``level`` meets the edge at a + (level - c) u / v if the edge ends are on different
         # sides of the line (half-open, so that a vertex counts once). The path crosses the edge if exactly
         # one of its ends lies before that point. Multiplication by v avoids division for edges along the
         # axis.
-        reach = (other - c[i]) * u[i]
+        reach = (level - c[i]) * u[i]
         up = v[i] > 0.0
         one = ((place - a[i]) * v[i] < reach) == up
         two = ((to - a[i]) * v[i] < reach) == up
-        crossings += 1 if ((c[i] > other) != (b[i] > other)) & (one != two) else 0
+        crossings += 1 if ((c[i] > level) != (b[i] > level)) & (one != two) else 0
     return crossings & 1 == 1
 
 
@@ -131,14 +131,14 @@ def is_inside(edges, m, start, stop, axis, x0, y0, above, tiny, x, y):
     The point (x0, y0) has signed distance ``above``. ``start`` to ``stop`` are the edges near both points.
     All ``m`` edges are used if (x0, y0) is within ``tiny`` of the boundary.
     """
-    place, to, other = (x0, x, y) if axis == 0 else (y0, y, x)
+    place, to, level = (x0, x, y) if axis == 0 else (y0, y, x)
     # A path shorter than the distance to the boundary crosses nothing. From a point on the boundary, whose
     # side is lost in rounding, start at infinity instead, which is outside.
     if abs(to - place) < abs(above):
         return above > 0.0
     if abs(above) <= tiny:
-        start, stop, axis, place, to, other = 0, m, 0, np.inf, x, y
-    return (above > tiny) != crosses(edges, start, stop, axis, place, to, other)
+        start, stop, axis, place, to, level = 0, m, 0, np.inf, x, y
+    return (above > tiny) != crosses(edges, start, stop, axis, place, to, level)
 
 
 @helper
@@ -172,11 +172,11 @@ def shortened(edges, start, stop, limit, top):
         return edges, start, stop
     # 2. Enlarge a full table, and copy them.
     if top + count > edges.shape[1]:
-        grown = np.empty((HEIGHT, 2 * (top + count)))
+        new_table = np.empty((HEIGHT, 2 * (top + count)))
         for k in range(ROWS + 1):
             for i in range(top):
-                grown[k, i] = edges[k, i]
-        edges = grown
+                new_table[k, i] = edges[k, i]
+        edges = new_table
     end = top
     for i in range(start, stop):
         if edges[ROWS, i] <= limit:
@@ -213,11 +213,11 @@ def majorised(edges, start, stop, x, y, sx, sy):
         i = np.uint64(start + j)
         # A convex function lies below the bilinear interpolant of its corner values: a plane plus a term in x
         # y, which has its largest modulus at the corners.
-        one, two = _distance(edges, i, x - sx, y - sy), _distance(edges, i, x + sx, y - sy)
-        three, four = _distance(edges, i, x - sx, y + sy), _distance(edges, i, x + sx, y + sy)
-        edges[SLOPE, i] = 0.25 * (two + four - one - three) / sx
-        edges[SLOPE + 1, i] = 0.25 * (three + four - one - two) / sy
-        edges[DISTANCE, i] = 0.25 * (one + two + three + four + abs(one + four - two - three))
+        d00, d10 = _distance(edges, i, x - sx, y - sy), _distance(edges, i, x + sx, y - sy)
+        d01, d11 = _distance(edges, i, x - sx, y + sy), _distance(edges, i, x + sx, y + sy)
+        edges[SLOPE, i] = 0.25 * (d10 + d11 - d00 - d01) / sx
+        edges[SLOPE + 1, i] = 0.25 * (d01 + d11 - d00 - d10) / sy
+        edges[DISTANCE, i] = 0.25 * (d00 + d10 + d01 + d11 + abs(d00 + d11 - d10 - d01))
 
 
 @helper
@@ -337,49 +337,53 @@ _CROWD = 24  # average number of edges crossed by a slab, above which trapezoids
 
 
 @helper
-def _next_slab(edges, order, begins, active, count, begun, left):
-    """Move the sweep line to ``left``, and update the active edges.
+def _next_slab(edges, order, begins, active, count, begun, x_left):
+    """Move the sweep line to ``x_left``, and update the active edges.
 
     ``active[:count]`` are the edges crossed by the line, ``order`` all edges sorted by their left ends
     ``begins``, of which ``begun`` were visited. Returns the numbers of active and visited edges, and the ends
-    of the slab: from ``left``, or from the start of the next edge if none is active, to the next vertex.
+    of the slab: from ``x_left``, or from the start of the next edge if none is active, to the next vertex.
     """
     # 1. Keep the edges that continue beyond the line.
-    kept, right = 0, np.inf
+    n_active, x_right = 0, np.inf
     for k in range(count):
         i = active[k]
         end = max(edges[0, i], edges[4, i])
-        if end > left:
-            active[kept], right = i, min(right, end)
-            kept += 1
+        if end > x_left:
+            active[n_active], x_right = i, min(x_right, end)
+            n_active += 1
     # 2. In a gap between loops, advance to the next edge. Then add all edges that begin here.
-    if kept == 0 and begun < len(order):
-        left = begins[begun]
-    while begun < len(order) and begins[begun] <= left:
+    if n_active == 0 and begun < len(order):
+        x_left = begins[begun]
+    while begun < len(order) and begins[begun] <= x_left:
         i = order[begun]
         end = max(edges[0, i], edges[4, i])
-        if end > left:  # vertical edges do not bound trapezoids from above or below
-            active[kept], right = i, min(right, end)
-            kept += 1
+        if end > x_left:  # vertical edges do not bound trapezoids from above or below
+            active[n_active], x_right = i, min(x_right, end)
+            n_active += 1
         begun += 1
-    return kept, begun, left, min(right, begins[begun]) if begun < len(order) else right
+    return n_active, begun, x_left, min(x_right, begins[begun]) if begun < len(order) else x_right
 
 
 @helper
-def _sort_upwards(edges, active, one, two, count, left, right):
-    """Sort the active edges by height, and write their heights at ``left`` and ``right``.
+def _sort_upwards(edges, active, y_left, y_right, count, x_left, x_right):
+    """Sort the active edges by height, and write their heights at ``x_left`` and ``x_right``.
 
-    The heights are written to ``one`` and ``two``. Edges do not cross within a slab, so the height at its
-    middle decides. Insertion sort, as the order changes little from slab to slab.
+    The heights are written to ``y_left`` and ``y_right``. Edges do not cross within a slab, so
+    the height at its middle decides. Insertion sort, as the order changes little from slab to slab.
     """
     for k in range(count):
         i, place = active[k], k
         slope = edges[3, i] / edges[2, i]
-        a, b = edges[1, i] + (left - edges[0, i]) * slope, edges[1, i] + (right - edges[0, i]) * slope
-        while place > 0 and one[place - 1] + two[place - 1] > a + b:
-            active[place], one[place], two[place] = active[place - 1], one[place - 1], two[place - 1]
+        a, b = edges[1, i] + (x_left - edges[0, i]) * slope, edges[1, i] + (x_right - edges[0, i]) * slope
+        while place > 0 and y_left[place - 1] + y_right[place - 1] > a + b:
+            active[place], y_left[place], y_right[place] = (
+                active[place - 1],
+                y_left[place - 1],
+                y_right[place - 1],
+            )
             place -= 1
-        active[place], one[place], two[place] = i, a, b
+        active[place], y_left[place], y_right[place] = i, a, b
 
 
 @helper(allocates=True)
@@ -397,24 +401,24 @@ def slabs(edges, m, best, accuracy, heap, box):
     for i in range(m):
         order[i], begins[i] = i, min(edges[0, i], edges[4, i])
     sort_by_keys(order, begins, np.int64(m))
-    active, one, two = np.empty(m, np.int64), np.empty(m), np.empty(m)
+    active, y_left, y_right = np.empty(m, np.int64), np.empty(m), np.empty(m)
     best_x, best_y, longest, size = 0.0, 0.0, 0.0, np.int64(0)
-    count, begun, work, left = 0, 0, 0, begins[0]
+    count, begun, work, x_left = 0, 0, 0, begins[0]
     while work <= _CROWD * m:
         # 2. Next slab, between two consecutive vertices, and the edges that cross it, sorted upward.
-        count, begun, left, right = _next_slab(edges, order, begins, active, count, begun, left)
+        count, begun, x_left, x_right = _next_slab(edges, order, begins, active, count, begun, x_left)
         if count == 0:
             break
         work += count
-        _sort_upwards(edges, active, one, two, count, left, right)
+        _sort_upwards(edges, active, y_left, y_right, count, x_left, x_right)
         # 3. The inside lies above every second edge (even-odd rule): a trapezoid with heights from a to b at
         #    its left side, and from c to d at its right. The middle of the longest side is a candidate.
         for k in range(0, count - 1, 2):
-            a, b, c, d = one[k], one[k + 1], two[k], two[k + 1]
+            a, b, c, d = y_left[k], y_left[k + 1], y_right[k], y_right[k + 1]
             length = max(b - a, d - c)
             if length > longest:
                 longest = length
-                x, y = (left, 0.5 * (a + b)) if b - a >= d - c else (right, 0.5 * (c + d))
+                x, y = (x_left, 0.5 * (a + b)) if b - a >= d - c else (x_right, 0.5 * (c + d))
                 radius = signed_distance(edges, m, x, y)
                 if radius > best:
                     best, best_x, best_y = radius, x, y
@@ -422,13 +426,13 @@ def slabs(edges, m, best, accuracy, heap, box):
             #    all edges.
             if 0.5 * length > best * (1.0 + accuracy):
                 low, high = min(a, c), max(b, d)
-                box[0, 0], box[0, 1], box[0, 2] = 0.5 * length, 0.5 * (left + right), 0.5 * (low + high)
-                box[0, 3], box[0, 4] = 0.5 * (right - left), 0.5 * (high - low)
+                box[0, 0], box[0, 1], box[0, 2] = 0.5 * length, 0.5 * (x_left + x_right), 0.5 * (low + high)
+                box[0, 3], box[0, 4] = 0.5 * (x_right - x_left), 0.5 * (high - low)
                 box[0, 5], box[0, 6], box[0, 7] = 0.0, 0.0, m
-                box[0, 8] = 0.0 if right - left >= high - low else 1.0
+                box[0, 8] = 0.0 if x_right - x_left >= high - low else 1.0
                 heap = push(heap, size, box)
                 size += 1
-        left = right
+        x_left = x_right
     return best_x, best_y, best, heap, size, count == 0
 
 
@@ -442,7 +446,7 @@ def _append(edges, m, ax, ay, bx, by):
 
 
 @helper
-def _walk(edges, seed, links, done, tiny, rough, k):
+def _walk(edges, seed, links, is_visited, tiny, rough, k):
     """Follow the chain from ``seed``, and append its straight edges to ``rough``.
 
     The walk ends where the chain branches or closes. A straight edge grows while the line from its start
@@ -453,19 +457,19 @@ def _walk(edges, seed, links, done, tiny, rough, k):
     """
     i, v = seed, np.int64(edges[LAST, seed])
     ax, ay, bx, by = edges[0, i], edges[1, i], edges[4, i], edges[5, i]
-    cx, cy, along = ax, ay, -1.0  # no direction yet
+    cx, cy, length = ax, ay, -1.0  # no direction yet
     ex, ey, low, high = 0.0, 0.0, 0.0, 0.0
     while True:
-        done[i] = True
+        is_visited[i] = True
         # 1. The edge ab starts a straight edge: it determines the direction, and the slopes that pass b by
         #    less than ``tiny``.
-        if along < 0.0:
-            along = np.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
-            ex, ey = (bx - ax) / along, (by - ay) / along
-            low, high = -tiny / along, tiny / along
+        if length < 0.0:
+            length = np.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
+            ex, ey = (bx - ax) / length, (by - ay) / length
+            low, high = -tiny / length, tiny / length
         # 2. Continue with the other edge at vertex v, unless the outline branches or closes there.
         i ^= links[v, 0]
-        if links[v, 1] != 2 or done[i]:
+        if links[v, 1] != 2 or is_visited[i]:
             return _append(rough, k, ax, ay, bx, by)
         forward = np.int64(edges[FIRST, i]) == v
         end = 4 if forward else 0
@@ -474,12 +478,12 @@ def _walk(edges, seed, links, done, tiny, rough, k):
         # 3. Its far end c, at t along and n across the first edge, is the new end b if it is farther along,
         #    and the slope n / t passes all previous vertices. Restrict the slopes to those that also pass c.
         t, n = ex * (cx - ax) + ey * (cy - ay), ex * (cy - ay) - ey * (cx - ax)
-        if t > along and low * t <= n <= high * t:
-            along, low, high = t, max(low, (n - tiny) / t), min(high, (n + tiny) / t)
+        if t > length and low * t <= n <= high * t:
+            length, low, high = t, max(low, (n - tiny) / t), min(high, (n + tiny) / t)
         # 4. Otherwise the straight edge ends at b, and a new straight edge begins there.
         else:
             k = _append(rough, k, ax, ay, bx, by)
-            ax, ay, along = bx, by, -1.0
+            ax, ay, length = bx, by, -1.0
         bx, by = cx, cy
 
 
@@ -496,10 +500,10 @@ def simplified(edges, m, links, tiny):
             links[v, 1] += 1
     # Loops without branching vertices begin at any edge. At branches, later seeds continue with the remaining
     # edges. A seed is followed only in the direction of its edge.
-    done, rough, k = np.zeros(m, np.bool_), np.empty((HEIGHT, 2 * m)), np.int64(0)
+    is_visited, rough, k = np.zeros(m, np.bool_), np.empty((HEIGHT, 2 * m)), np.int64(0)
     for seed in range(m):
-        if not done[seed]:
-            k = _walk(edges, seed, links, done, tiny, rough, k)
+        if not is_visited[seed]:
+            k = _walk(edges, seed, links, is_visited, tiny, rough, k)
     for row in (FIRST, LAST):
         for i in range(m):
             v = np.int64(edges[row, i])

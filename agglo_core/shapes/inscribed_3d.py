@@ -33,13 +33,13 @@ def _turn(moments, axes, p, q):
     sin = t * cos
     # Rotate columns, then rows of the moments, and rows of the axes.
     for k in range(3):
-        one, two = moments[k, p], moments[k, q]
-        moments[k, p], moments[k, q] = cos * one - sin * two, sin * one + cos * two
+        u, v = moments[k, p], moments[k, q]
+        moments[k, p], moments[k, q] = cos * u - sin * v, sin * u + cos * v
     for k in range(3):
-        one, two = moments[p, k], moments[q, k]
-        moments[p, k], moments[q, k] = cos * one - sin * two, sin * one + cos * two
-        one, two = axes[p, k], axes[q, k]
-        axes[p, k], axes[q, k] = cos * one - sin * two, sin * one + cos * two
+        u, v = moments[p, k], moments[q, k]
+        moments[p, k], moments[q, k] = cos * u - sin * v, sin * u + cos * v
+        u, v = axes[p, k], axes[q, k]
+        axes[p, k], axes[q, k] = cos * u - sin * v, sin * u + cos * v
 
 
 @helper
@@ -185,12 +185,12 @@ def _apart(table, i, s, t):
     ds, dt = s - min(max(s, 0.0), length), t
     k = min(max((s * cx + t * cy) * table[i + ROW[15]], 0.0), 1.0)
     qs, qt = s - k * cx, t - k * cy
-    nearer = qs * qs + qt * qt < ds * ds + dt * dt
-    ds, dt = qs if nearer else ds, qt if nearer else dt
+    is_nearer = qs * qs + qt * qt < ds * ds + dt * dt
+    ds, dt = qs if is_nearer else ds, qt if is_nearer else dt
     k = min(max((p * ex + t * cy) * table[i + ROW[16]], 0.0), 1.0)
     qs, qt = p - k * ex, t - k * cy
-    nearer = qs * qs + qt * qt < ds * ds + dt * dt
-    ds, dt = qs if nearer else ds, qt if nearer else dt
+    is_nearer = qs * qs + qt * qt < ds * ds + dt * dt
+    ds, dt = qs if is_nearer else ds, qt if is_nearer else dt
     within = margin >= 0.0
     return 0.0 if within else ds, 0.0 if within else dt, margin
 
@@ -259,12 +259,12 @@ def linearised_triangles(table, start, stop, x, y, z, sx, sy, sz):
             gz = ds * table[i + ROW[2]] + dt * table[i + ROW[5]] + h * table[i + ROW[8]]
             # 2. The least height of the box over the plane through q perpendicular to the gradient, and the
             #    largest displacement of box points beyond the triangle's rim, as seen along the gradient.
-            over = distance - abs(gx) * sx - abs(gy) * sy - abs(gz) * sz
+            clearance = distance - abs(gx) * sx - abs(gy) * sy - abs(gz) * sz
             beyond = reach - margin if margin >= 0.0 else reach
             beyond = max(beyond, 0.0)
             # 3. At height h and displacement w, the distance is at most √(h² + w²) ≤ h + w² / (2h). Use the
             #    better of this and the bound R² / (2d), or a constant plane d + R if neither helps.
-            along = 0.5 * beyond * beyond / max(over, 1e-300) if over >= 0.0 else np.inf
+            along = 0.5 * beyond * beyond / max(clearance, 1e-300) if clearance >= 0.0 else np.inf
             above = min(0.5 * reach * reach * scale, along)
             steep = above <= 2.0 * reach
             table[i + ROW[21]] = distance + (above if steep else reach)
@@ -291,10 +291,10 @@ def flattened(table, blocks, some, weight, x, y, z, sides):
         #    in the table must not be that low already.
         s, t, h = _own_place(table, np.uint64(i), x, y, z)
         nx, ny, nz = table[i + 6 * LANES], table[i + 7 * LANES], table[i + 8 * LANES]
-        over = abs(h) - abs(nx) * sides[0] - abs(ny) * sides[1] - abs(nz) * sides[2]
-        value = abs(h) - min(2.0 * over, 0.0)  # also accept a plane that touches the box up to rounding
+        clearance = abs(h) - abs(nx) * sides[0] - abs(ny) * sides[1] - abs(nz) * sides[2]
+        value = abs(h) - min(2.0 * clearance, 0.0)  # also accept a plane that touches the box up to rounding
         margin = _apart(table, np.uint64(i), s, t)[2]
-        if margin < 0.0 or over < -1e-9 * abs(h) or table[i + DISTANCE] <= value:
+        if margin < 0.0 or clearance < -1e-9 * abs(h) or table[i + DISTANCE] <= value:
             continue
         # 2. All triangles in other planes must be at least R from that foot. (``reach`` is R².)
         px, py, pz, free = x - h * nx, y - h * ny, z - h * nz, True
@@ -321,15 +321,15 @@ def _crossing(corners, t, p, q, x, y):
     +1 is an upward crossing, −1 a downward crossing.
     """
     # 1. Half-open: a side crosses if one end is at y or below and the other above.
-    up = corners[t, p + 1] <= y
-    if up == (corners[t, q + 1] <= y):
+    is_upward = corners[t, p + 1] <= y
+    if is_upward == (corners[t, q + 1] <= y):
         return 0
-    low, high = (p, q) if up else (q, p)  # equal for both triangles at this side
+    low, high = (p, q) if is_upward else (q, p)  # equal for both triangles at this side
     # 2. (x, y) must be left of the side, seen from the lower end.
     ux, uy = corners[t, high] - corners[t, low], corners[t, high + 1] - corners[t, low + 1]
     if ux * (y - corners[t, low + 1]) - uy * (x - corners[t, low]) <= 0.0:
         return 0
-    return 1 if up else -1
+    return 1 if is_upward else -1
 
 
 @helper
@@ -366,10 +366,10 @@ def shorter_list(table, start, stop, limit, top):
     """
     # 1. Enlarge a full table.
     if len(table) < (top + stop - start) * BLOCK:
-        grown = np.empty(2 * (top + stop - start) * BLOCK)
+        new_table = np.empty(2 * (top + stop - start) * BLOCK)
         for i in range(top * BLOCK):
-            grown[i] = table[i]
-        table = grown
+            new_table[i] = table[i]
+        table = new_table
     # 2. Copy the near triangles.
     count = top * LANES
     for block in range(start, stop):

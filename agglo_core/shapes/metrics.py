@@ -59,11 +59,11 @@ def _circle_radii(mesh: Mesh, anywhere: bool) -> Float:
     centroids, diameters = mesh.local_centroids, mesh.cell_diameters
 
     def radii(start: int, stop: int) -> Float:
-        own = slice(start, stop)
-        found: Float = circles(
-            points, offsets[start : stop + 1], faces, pairs, centroids[own], diameters[own], anywhere
+        span = slice(start, stop)
+        result: Float = circles(
+            points, offsets[start : stop + 1], faces, pairs, centroids[span], diameters[span], anywhere
         )
-        return found
+        return result
 
     return np.concatenate(over_ranges(radii, mesh.n_cells, few=_FEW))
 

@@ -108,7 +108,7 @@ def narrowest(points, hull, start, m):
     the largest ratio of short to long side counts.
     """
     # 1. Extent along x or y, about the first vertex, as a scale for edges that are too short.
-    right, far, left = 1, 1, 1
+    right_end, top, left_end = 1, 1, 1
     width, best, reach = np.inf, 0.0, 0.0
     for i in range(m):
         reach = max(reach, abs(points[hull[start + i], 0] - points[hull[start], 0]))
@@ -120,12 +120,12 @@ def narrowest(points, hull, start, m):
         ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
         if max(abs(ux), abs(uy)) <= _SHORT * reach:  # direction lost in rounding
             continue
-        right = _furthest(points, hull, start, m, max(right, i + 1), ux, uy)
-        far = _furthest(points, hull, start, m, max(far, right), -uy, ux)
-        left = _furthest(points, hull, start, m, max(left, far), -ux, -uy)
+        right_end = _furthest(points, hull, start, m, max(right_end, i + 1), ux, uy)
+        top = _furthest(points, hull, start, m, max(top, right_end), -uy, ux)
+        left_end = _furthest(points, hull, start, m, max(left_end, top), -ux, -uy)
         # 3. ``height`` is the width across ab times |ab|, like the extent along ab in the ratio below.
-        p, q = hull[start + left % m], hull[start + right % m]
-        height = _turn(points, a, b, hull[start + far % m])
+        p, q = hull[start + left_end % m], hull[start + right_end % m]
+        height = _turn(points, a, b, hull[start + top % m])
         value = height / (ux * (points[q, 0] - points[p, 0]) + uy * (points[q, 1] - points[p, 1]))
         narrow = height / np.sqrt(ux * ux + uy * uy)
         if narrow < width * (1.0 - _TIE) or (narrow <= width * (1.0 + _TIE) and value > best):
@@ -152,23 +152,23 @@ def _clip(source, m, target, ax, ay, ux, uy):
 
     The polygon is ``source[:m]``, the line passes through a along u.
     """
-    # ``before`` and ``here`` are heights over the line at p and the next vertex q, times |u|. A side that
-    # crosses the line contributes the intersection, a vertex not below the line itself (Sutherland and
+    # ``last_height`` and ``height`` are heights over the line at p and the next vertex q, times |u|. A side
+    # that crosses the line contributes the intersection, a vertex not below the line itself (Sutherland and
     # Hodgman).
     k = 0
     px, py = source[m - 1, 0], source[m - 1, 1]
-    before = ux * (py - ay) - uy * (px - ax)
+    last_height = ux * (py - ay) - uy * (px - ax)
     for i in range(m):
         qx, qy = source[i, 0], source[i, 1]
-        here = ux * (qy - ay) - uy * (qx - ax)
-        if (before < 0.0) != (here < 0.0):
-            t = before / (before - here)
+        height = ux * (qy - ay) - uy * (qx - ax)
+        if (last_height < 0.0) != (height < 0.0):
+            t = last_height / (last_height - height)
             target[k, 0], target[k, 1] = px + t * (qx - px), py + t * (qy - py)
             k += 1
-        if here >= 0.0:
+        if height >= 0.0:
             target[k, 0], target[k, 1] = qx, qy
             k += 1
-        px, py, before = qx, qy, here
+        px, py, last_height = qx, qy, height
     return k
 
 
@@ -188,10 +188,10 @@ def kernel_areas(points, cell_loops, loop_offsets, vertices, hull_offsets, hull)
     lid is reflex, and the point lies right of one of its edges.
     """
     area = np.zeros(len(cell_loops) - 1)
-    room = 8
+    capacity = 8
     for loop in range(len(loop_offsets) - 1):
-        room = max(room, 2 * (loop_offsets[loop + 1] - loop_offsets[loop]) + 2)
-    polygon, clipped = np.empty((room, 2)), np.empty((room, 2))
+        capacity = max(capacity, 2 * (loop_offsets[loop + 1] - loop_offsets[loop]) + 2)
+    polygon, clipped = np.empty((capacity, 2)), np.empty((capacity, 2))
     for c in range(len(area)):
         if cell_loops[c + 1] - cell_loops[c] != 1:
             continue

@@ -63,16 +63,16 @@ class IsoperimetricQuotient:
         k, d = int(labels.max()) + 1, graph.dim
         # 1. Sums of the parts, and the interface of each cell with both parts.
         shared = moves.links(graph, labels, cells, parts, graph.interface)
-        size, own = graph.measures[cells], labels[cells]
+        size, home = graph.measures[cells], labels[cells]
         outline = shared.total + graph.boundary[cells]
         sizes = moves.part_sums(labels, graph.measures, k)
         outlines = moves.part_sums(labels, graph.boundary, k)
         outlines += functionals.part_cuts(graph, labels, edge_weights=graph.interface)
         # 2. Quotients of both parts after and before the move.
-        left = _quotient(sizes[own] - size, outlines[own] - outline + 2.0 * shared.own, d)
-        joined = _quotient(sizes[parts] + size, outlines[parts] + outline - 2.0 * shared.there, d)
+        home_quotients = _quotient(sizes[home] - size, outlines[home] - outline + 2.0 * shared.own, d)
+        target_quotients = _quotient(sizes[parts] + size, outlines[parts] + outline - 2.0 * shared.there, d)
         before = _quotient(sizes, outlines, d)
-        return np.where(own == parts, 0.0, left + joined - before[own] - before[parts])
+        return np.where(home == parts, 0.0, home_quotients + target_quotients - before[home] - before[parts])
 
 
 def _unit_ball(d: int) -> float:

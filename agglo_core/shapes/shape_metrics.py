@@ -162,12 +162,12 @@ def _hulls(mesh: Mesh) -> tuple[Float, Int, Int]:
 
     def hulls(start: int, stop: int) -> tuple[Float, Int, Int]:
         first, last = corners[start], corners[stop]
-        own = frozen_int(corners[start : stop + 1] - first)
-        found: tuple[Float, Int, Int] = convex_hulls(points, own, vertices[first:last])
+        row_offsets = frozen_int(corners[start : stop + 1] - first)
+        found: tuple[Float, Int, Int] = convex_hulls(points, row_offsets, vertices[first:last])
         return found
 
     areas, offsets, found = zip(*over_ranges(hulls, mesh.n_cells, few=_FEW), strict=True)
-    sizes = np.concatenate([np.diff(each) for each in offsets])
+    sizes = np.concatenate([np.diff(o) for o in offsets])
     ends = frozen_int(np.concatenate(([0], np.cumsum(sizes))))
     return frozen_float(np.concatenate(areas)), ends, frozen_int(np.concatenate(found))
 

@@ -32,13 +32,13 @@ def _note(points, vertices, m, x, y, z, width, ties, count):
     Returns the least width, and the number of directions in ``ties``.
     """
     # 1. A narrower direction, by more than rounding, restarts the list.
-    found = _width(points, vertices, m, x, y, z)
-    if found > width * (1.0 + _TIE):
+    extent = _width(points, vertices, m, x, y, z)
+    if extent > width * (1.0 + _TIE):
         return width, count
-    if found < width * (1.0 - _TIE):
+    if extent < width * (1.0 - _TIE):
         count = 0
     # 2. Skip a direction already listed, or its opposite: several faces and edge pairs may produce it.
-    width = min(width, found)
+    width = min(width, extent)
     for k in range(count):
         if abs(x * ties[k, 0] + y * ties[k, 1] + z * ties[k, 2]) > 1.0 - 0.5 * _TIE:
             return width, count
@@ -99,11 +99,11 @@ def _facing(normals, edges, faces, e, f):
     # on different sides of the great circle of f, and the arcs themselves cross, not an arc and the far side
     # of the other.
     a, b, c, d = edges[e, 2], edges[e, 3], edges[f, 2], edges[f, 3]
-    one, two = -_dot(normals, c, normals, faces + e), -_dot(normals, d, normals, faces + e)
-    if one * two >= 0.0:
+    dot_c, dot_d = -_dot(normals, c, normals, faces + e), -_dot(normals, d, normals, faces + e)
+    if dot_c * dot_d >= 0.0:
         return False
-    three, four = _dot(normals, a, normals, faces + f), _dot(normals, b, normals, faces + f)
-    return three * four < 0.0 and one * four > 0.0
+    dot_a, dot_b = _dot(normals, a, normals, faces + f), _dot(normals, b, normals, faces + f)
+    return dot_a * dot_b < 0.0 and dot_c * dot_b > 0.0
 
 
 @helper
@@ -115,10 +115,10 @@ def _narrowest(points, edges, count, faces, normals, vertices, m, ties):
     numbers of faces and edges.
     """
     # 1. Directions of all face normals.
-    width, found = np.inf, 0
+    width, n_ties = np.inf, 0
     for t in range(faces):
         x, y, z = normals[t, 0], normals[t, 1], normals[t, 2]
-        width, found = _note(points, vertices, m, x, y, z, width, ties, found)
+        width, n_ties = _note(points, vertices, m, x, y, z, width, ties, n_ties)
     # 2. Common normals of all edge pairs that support the hull on both sides. The hull is only measured along
     #    the normal if the distance between both edge lines does not exceed the least width.
     for e in range(count):
@@ -136,8 +136,8 @@ def _narrowest(points, edges, count, faces, normals, vertices, m, ties):
             x, y, z = x / size, y / size, z / size
             wx, wy, wz = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1], points[c, 2] - points[a, 2]
             if abs(x * wx + y * wy + z * wz) <= width * (1.0 + _TIE):
-                width, found = _note(points, vertices, m, x, y, z, width, ties, found)
-    return width, found
+                width, n_ties = _note(points, vertices, m, x, y, z, width, ties, n_ties)
+    return width, n_ties
 
 
 @helper
@@ -188,10 +188,10 @@ def solid_box_ratios(points, offsets, triangles, neighbours):
                     m += 1
         # 2. Width of the hull, and all directions with this width.
         count = _edges(triangles, neighbours, offsets[c], offsets[c + 1], points, edges, normals)
-        width, found = _narrowest(points, edges, count, faces, normals, vertices, m, ties)
+        width, n_ties = _narrowest(points, edges, count, faces, normals, vertices, m, ties)
         # 3. For each direction, the narrowest rectangle around the projection: ``narrow`` by narrow / value.
         #    The width is the shortest side of the box, narrow / value the longest.
-        for k in range(found):
+        for k in range(n_ties):
             _flattened(points, vertices, m, ties[k, 0], ties[k, 1], ties[k, 2], flat, order)
             corners = one_hull(flat, order, 0, m, hull, 0)
             narrow, value = narrowest(flat, hull, 0, corners)

@@ -41,18 +41,18 @@ def _farthest(points, m, a, ux, uy, uz, across):
     Along u, both directions count. Returns the squared distance, and the point. With u = 0 and ``across``
     this is the distance from a.
     """
-    best, found = -1.0, 0
+    best, best_p = -1.0, 0
     for p in range(m):
         x, y, z = points[p, 0] - points[a, 0], points[p, 1] - points[a, 1], points[p, 2] - points[a, 2]
         along = x * ux + y * uy + z * uz
         square = x * x + y * y + z * z - along * along if across else along * along
         if square > best:
-            best, found = square, p
-    return best, found
+            best, best_p = square, p
+    return best, best_p
 
 
 @helper
-def _first_four(points, m, corners, planes, beside, head):
+def _first_four(points, m, corners, planes, links, head):
     """Write a tetrahedron of distant points as the first four faces.
 
     Returns False if all points are coplanar.
@@ -67,7 +67,7 @@ def _first_four(points, m, corners, planes, beside, head):
     height, d = _farthest(points, m, a, planes[0, 0], planes[0, 1], planes[0, 2], False)
     if not height > square * _TINY * _TINY:
         return False
-    # 2. Orient abc so that d is below it. Then all four faces point outward. ``beside[f, k]`` is the face
+    # 2. Orient abc so that d is below it. Then all four faces point outward. ``links[f, k]`` is the face
     #    across the side from corner k to corner k + 1.
     if _height(planes, 0, points, d) > 0.0:
         b, c = c, b
@@ -75,10 +75,10 @@ def _first_four(points, m, corners, planes, beside, head):
     _set_face(1, a, d, b, points, corners, planes, head)
     _set_face(2, b, d, c, points, corners, planes, head)
     _set_face(3, c, d, a, points, corners, planes, head)
-    beside[0, 0], beside[0, 1], beside[0, 2] = 1, 2, 3
-    beside[1, 0], beside[1, 1], beside[1, 2] = 3, 2, 0
-    beside[2, 0], beside[2, 1], beside[2, 2] = 1, 3, 0
-    beside[3, 0], beside[3, 1], beside[3, 2] = 2, 1, 0
+    links[0, 0], links[0, 1], links[0, 2] = 1, 2, 3
+    links[1, 0], links[1, 1], links[1, 2] = 3, 2, 0
+    links[2, 0], links[2, 1], links[2, 2] = 1, 3, 0
+    links[3, 0], links[3, 1], links[3, 2] = 2, 1, 0
     return True
 
 
@@ -96,7 +96,7 @@ def _hand_on(p, first, last, order, tiny, points, planes, head, following):
 
 
 @helper
-def _grow(f, tiny, points, corners, planes, beside, head, following, state, order, free, start):
+def _grow(f, tiny, points, corners, planes, links, head, following, state, order, free, start):
     """Add the farthest point outside face f to the hull.
 
     ``state[r]`` is 0 for a face, 1 for a face that the point sees, -1 for a free row. Its last entry counts
@@ -112,62 +112,62 @@ def _grow(f, tiny, points, corners, planes, beside, head, following, state, orde
             best, p = height, q
         q = following[q]
     # 2. Collect the visible faces, with p outside, from neighbour to neighbour.
-    seen, k = 1, 0
+    n_visible, k = 1, 0
     order[0], state[f] = f, 1
-    while k < seen:
+    while k < n_visible:
         for side in range(3):
-            g = beside[order[k], side]
+            g = links[order[k], side]
             if state[g] == 0 and _height(planes, g, points, p) > tiny:
-                state[g], order[seen] = 1, g
-                seen += 1
+                state[g], order[n_visible] = 1, g
+                n_visible += 1
         k += 1
     # 3. Count the horizon edges, between a visible and a hidden face. Each edge needs a row.
-    made, left = seen, state[len(state) - 1]
+    n_listed, n_free = n_visible, state[len(state) - 1]
     edges = 0
-    for k in range(seen):
+    for k in range(n_visible):
         for side in range(3):
-            edges += state[beside[order[k], side]] == 0
-    if edges > left:
+            edges += state[links[order[k], side]] == 0
+    if edges > n_free:
         return -1
     # 4. Create a new face from each horizon edge to p. It replaces the old face next to face g across that
     #    edge, and is recorded in ``start`` at the first corner of the edge.
-    for k in range(seen):
+    for k in range(n_visible):
         for side in range(3):
-            g = beside[order[k], side]
+            g = links[order[k], side]
             if state[g] == 1:
                 continue
             a, b = corners[order[k], side], corners[order[k], (side + 1) % 3]
-            left -= 1
-            new = free[left]
+            n_free -= 1
+            new = free[n_free]
             _set_face(new, a, b, p, points, corners, planes, head)
-            beside[new, 0], state[new], start[a] = g, 0, new
-            for other in range(3):
-                if corners[g, other] == b and beside[g, other] == order[k]:
-                    beside[g, other] = new
-            order[made] = new
-            made += 1
+            links[new, 0], state[new], start[a] = g, 0, new
+            for s in range(3):
+                if corners[g, s] == b and links[g, s] == order[k]:
+                    links[g, s] = new
+            order[n_listed] = new
+            n_listed += 1
     # 5. Link adjacent new faces: the horizon is a single loop, so each new face begins where another ends.
-    for k in range(seen, made):
+    for k in range(n_visible, n_listed):
         new, after = order[k], start[corners[order[k], 1]]
-        beside[new, 1], beside[after, 2] = after, new
+        links[new, 1], links[after, 2] = after, new
     # 6. Distribute the outside points of old faces to new faces, or drop them if inside the hull. Free the
     #    rows of old faces.
-    for k in range(seen):
+    for k in range(n_visible):
         old = order[k]
         q = head[old]
         while q >= 0:
-            rest = following[q]
+            next_q = following[q]
             if q != p:
-                _hand_on(q, seen, made, order, tiny, points, planes, head, following)
-            q = rest
-        state[old], free[left] = -1, old
-        left += 1
-    state[len(state) - 1] = left
-    return made
+                _hand_on(q, n_visible, n_listed, order, tiny, points, planes, head, following)
+            q = next_q
+        state[old], free[n_free] = -1, old
+        n_free += 1
+    state[len(state) - 1] = n_free
+    return n_listed
 
 
 @helper
-def _hull(m, points, corners, planes, beside, head, following, state, order, free, start):
+def _hull(m, points, corners, planes, links, head, following, state, order, free, start):
     """Compute the hull of ``points[:m]``.
 
     The faces are the rows below the returned number with ``state`` 0. Returns 0 if all points are coplanar,
@@ -177,7 +177,7 @@ def _hull(m, points, corners, planes, beside, head, following, state, order, fre
     rows = 6 * m + 8
     for r in range(rows):
         state[r], free[r] = -1, rows - 1 - r
-    if not _first_four(points, m, corners, planes, beside, head):
+    if not _first_four(points, m, corners, planes, links, head):
         return 0
     # 2. Assign each point to a face with the point outside. Coordinates are relative to one of the points, so
     #    their maximum measures the extent.
@@ -188,27 +188,27 @@ def _hull(m, points, corners, planes, beside, head, following, state, order, fre
     tiny = _TINY * extent
     for k in range(4):
         state[k], order[k] = 0, k
-    state[len(state) - 1], used = rows - 4, 4
+    state[len(state) - 1], n_used = rows - 4, 4
     for p in range(m):
         _hand_on(p, 0, 4, order, tiny, points, planes, head, following)
     # 3. Grow the hull while a face has outside points. New faces may reuse rows that this pass already
     #    visited, hence several passes.
-    again = True
-    while again:
-        again = False
+    grows = True
+    while grows:
+        grows = False
         for f in range(rows):
-            if f >= used:
+            if f >= n_used:
                 break
             if state[f] == 0 and head[f] >= 0:
-                made = _grow(
-                    f, tiny, points, corners, planes, beside, head, following, state, order, free, start
+                n_listed = _grow(
+                    f, tiny, points, corners, planes, links, head, following, state, order, free, start
                 )
-                if made < 0:
+                if n_listed < 0:
                     return -1
-                for k in range(made):
-                    used = max(used, order[k] + 1)
-                again = True
-    return used
+                for k in range(n_listed):
+                    n_used = max(n_used, order[k] + 1)
+                grows = True
+    return n_used
 
 
 @kernel
@@ -233,7 +233,7 @@ def solid_hulls(points, offsets, vertices):
         most = max(most, offsets[c + 1] - offsets[c])
     rows = 6 * most + 8
     near, following, start = np.empty((most, 3)), np.empty(most, np.int64), np.empty(most, np.int64)
-    corners, beside, planes = (
+    corners, links, planes = (
         np.empty((rows, 3), np.int64),
         np.empty((rows, 3), np.int64),
         np.empty((rows, 4)),
@@ -241,8 +241,8 @@ def solid_hulls(points, offsets, vertices):
     head, order, free = np.empty(rows, np.int64), np.empty(rows, np.int64), np.empty(rows, np.int64)
     state = np.empty(rows + 1, np.int64)
     volume, ends = np.zeros(n), np.zeros(n + 1, np.int64)
-    room = 2 * len(vertices)
-    triangles, neighbours = np.empty((room, 3), np.int32), np.empty((room, 3), np.int32)
+    capacity = 2 * len(vertices)
+    triangles, neighbours = np.empty((capacity, 3), np.int32), np.empty((capacity, 3), np.int32)
     top = np.int64(0)
     for c in range(n):
         # 1. Hull of the vertices, relative to the first vertex, so that distant cells lose no digits.
@@ -250,18 +250,18 @@ def solid_hulls(points, offsets, vertices):
         for i in range(m):
             for k in range(3):
                 near[i, k] = points[vertices[first + i], k] - points[vertices[first], k]
-        used = _hull(m, near, corners, planes, beside, head, following, state, order, free, start)
+        n_used = _hull(m, near, corners, planes, links, head, following, state, order, free, start)
         # 2. Number the faces in the result arrays. A closed triangle surface on m points has at most 2m - 4
         #    faces, otherwise the hull is invalid.
         faces = 0
-        for f in range(used):
+        for f in range(n_used):
             if state[f] == 0:
                 order[f] = top + faces
                 faces += 1
-        if used < 0 or faces > 2 * m - 4:
-            volume[c], faces, used = -1.0, 0, 0
+        if n_used < 0 or faces > 2 * m - 4:
+            volume[c], faces, n_used = -1.0, 0, 0
         # 3. Add the signed volumes of the tetrahedra from the first vertex to each face, and copy the faces.
-        for f in range(used):
+        for f in range(n_used):
             if state[f] != 0:
                 continue
             i, j, k = corners[f, 0], corners[f, 1], corners[f, 2]
@@ -274,7 +274,7 @@ def solid_hulls(points, offsets, vertices):
             volume[c] += z * cross / 6.0
             for side in range(3):
                 triangles[order[f], side] = vertices[first + corners[f, side]]
-                neighbours[order[f], side] = order[beside[f, side]]
+                neighbours[order[f], side] = order[links[f, side]]
         top += faces
         ends[c + 1] = top
     return volume, ends, triangles[:top].copy(), neighbours[:top].copy()

@@ -25,15 +25,15 @@ def ball_radii(mesh: Mesh, anywhere: bool) -> Float:
     return over_surfaces(mesh, balls, mesh.local_centroids, mesh.cell_diameters, anywhere)
 
 
-def over_surfaces(mesh: Mesh, kernel: Callable[..., Any], *more: Any) -> Float:
+def over_surfaces(mesh: Mesh, kernel: Callable[..., Any], *arguments: Any) -> Float:
     """Apply a kernel to the triangles around each cell, in several threads, and return ``(n_cells,)``."""
     points, (offsets, faces) = mesh.local_points, mesh.cell_faces
     triangles = _triangles(mesh)
 
     def of_cells(start: int, stop: int) -> Float:
-        own = offsets[start : stop + 1]
-        found: Float = kernel(points, start, own, faces, mesh.face_cells, *triangles, *more)
-        return found
+        row_offsets = offsets[start : stop + 1]
+        values: Float = kernel(points, start, row_offsets, faces, mesh.face_cells, *triangles, *arguments)
+        return values
 
     return np.concatenate(over_ranges(of_cells, mesh.n_cells, few=_FEW_BALLS))
 
@@ -91,16 +91,16 @@ def _hulls(mesh: Mesh) -> list[_Hulls]:
 
     def hulls(start: int, stop: int) -> _Hulls:
         first, last = corners[start], corners[stop]
-        own = frozen_int(corners[start : stop + 1] - first)
-        found: _Hulls = solid_hulls(points, own, vertices[first:last])
+        row_offsets = frozen_int(corners[start : stop + 1] - first)
+        result: _Hulls = solid_hulls(points, row_offsets, vertices[first:last])
         # Agglomerates that are flat up to rounding have no hull.
-        failed = np.flatnonzero(~(found[0] > 0.0))
-        if len(failed):
+        flat_cells = np.flatnonzero(~(result[0] > 0.0))
+        if len(flat_cells):
             raise MeshError(
-                f"agglomerate {start + failed[0]} is too thin beside its extent to have a convex hull in "
+                f"agglomerate {start + flat_cells[0]} is too thin beside its extent to have a convex hull in "
                 "double precision"
             )
-        volumes, ends, triangles, neighbours = found
+        volumes, ends, triangles, neighbours = result
         return volumes, frozen_int(ends), frozen_index(triangles), frozen_index(neighbours)
 
     return over_ranges(hulls, mesh.n_cells, few=_FEW_HULLS)

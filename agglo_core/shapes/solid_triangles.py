@@ -63,15 +63,15 @@ def _cut_ears(points, ring, m, nx, ny, nz, tiny, triangles, top):
     while m > 3:
         # Clip the ear of the best shape, or the first corner if rounding leaves no ear. The ring loses one
         # corner.
-        best, chosen = -np.inf, 0
+        best, ear = -np.inf, 0
         for i in range(m):
             value = _ear(points, ring, m, i, nx, ny, nz, tiny)
             if value > best:
-                best, chosen = value, i
+                best, ear = value, i
         for k in range(3):
-            triangles[top, k] = ring[(chosen + m - 1 + k) % m]
+            triangles[top, k] = ring[(ear + m - 1 + k) % m]
         top += 1
-        for i in range(chosen, m - 1):
+        for i in range(ear, m - 1):
             ring[i] = ring[i + 1]
         m -= 1
     for k in range(3):

@@ -76,7 +76,7 @@ def _cut(sides, ends, faces, plane, target, stops):
     Face f has the sides from ``ends[f]``, in any order, each from one end ``[:3]`` to the other ``[3:]``,
     counter-clockwise from outside. A face that is cut gets a side along the plane, the new face its reverse.
     """
-    top, made, lid = 0, 0, len(target)  # the sides of the new face are collected at the end of the table
+    top, n_faces, lid = 0, 0, len(target)  # the sides of the new face are collected at the end of the table
     stops[0] = 0
     for f in range(faces):
         # 1. Copy the sides of a face not above the plane, clipped at the plane: at most one side leaves the
@@ -105,15 +105,15 @@ def _cut(sides, ends, faces, plane, target, stops):
                 target[lid, k], target[lid, 3 + k] = target[enters, k], target[leaves, 3 + k]
             top += 1
         if top > begin:
-            made += 1
-            stops[made] = top
+            n_faces += 1
+            stops[n_faces] = top
     # 3. Append the new face, in the plane.
     for s in range(len(target) - 1, lid - 1, -1):
         for k in range(6):
             target[top, k] = target[s, k]
         top += 1
-    stops[made + 1] = top
-    return made + 1
+    stops[n_faces + 1] = top
+    return n_faces + 1
 
 
 @helper
