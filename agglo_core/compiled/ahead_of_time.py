@@ -42,12 +42,12 @@ class Signature(NamedTuple):
 def written(arguments: tuple[Any, ...]) -> str:
     """Return numba's argument types as text that :meth:`Signature.types` can read."""
     texts = []
-    for each in arguments:
-        if isinstance(each, numba.types.NamedTuple | numba.types.NamedUniTuple):
-            home = each.instance_class
-            texts.append(f"named({written(each.types)}, '{home.__module__}:{home.__qualname__}')")
+    for argument in arguments:
+        if isinstance(argument, numba.types.NamedTuple | numba.types.NamedUniTuple):
+            home = argument.instance_class
+            texts.append(f"named({written(argument.types)}, '{home.__module__}:{home.__qualname__}')")
         else:
-            texts.append(repr(each))
+            texts.append(repr(argument))
     return f"({', '.join(texts)},)"
 
 

@@ -59,11 +59,11 @@ def sort_along_x(m, unique, points):
             v, j = unique[i], i
             x = points[v, 0]
             while j >= gap:
-                other = unique[j - gap]
-                place = points[other, 0]
-                if place < x or (place == x and other <= v):
+                u = unique[j - gap]
+                place = points[u, 0]
+                if place < x or (place == x and u <= v):
                     break
-                unique[j] = other
+                unique[j] = u
                 j -= gap
             unique[j] = v
         gap = gap // 2 if gap < 5 else (5 * gap - 1) // 11
@@ -105,7 +105,7 @@ def largest_distance(m, unique, centre, points):
     A farthest pair must lie outside the ball with radius (lower bound) − (largest distance to the centre).
     Only these few vertices are compared.
     """
-    far, widest = m, 0.0
+    n_outer, widest = m, 0.0
     if m > _FEW:
         # 1. Lower bound w: the vertex farthest from the centre, at distance r, then the vertex farthest from
         #    it, and so on while the distance increases.
@@ -119,18 +119,18 @@ def largest_distance(m, unique, centre, points):
         #    front.
         inner = np.sqrt(widest) - np.sqrt(reach)
         inner = inner * inner * (1.0 - 1e-12) if inner > 0.0 else 0.0
-        far = 0
+        n_outer = 0
         for i in range(m):
             s = 0.0
             for k in range(len(centre)):
                 s += (points[unique[i], k] - centre[k]) ** 2
             if s >= inner:
-                unique[far], unique[i] = unique[i], unique[far]
-                far += 1
+                unique[n_outer], unique[i] = unique[i], unique[n_outer]
+                n_outer += 1
         # 3. Many vertices remain: sorted search. Few: all pairs.
-        if far > MANY:
-            return np.sqrt(widest_of_many(far, unique, centre, points, reach, widest))
-    for i in range(1, far):
+        if n_outer > MANY:
+            return np.sqrt(widest_of_many(n_outer, unique, centre, points, reach, widest))
+    for i in range(1, n_outer):
         widest = max(widest, _farthest(i, unique, points[unique[i]], points)[0])
     return np.sqrt(widest)
 
@@ -158,12 +158,12 @@ def block_diameters(block_offsets, cells, vertex_offsets, vertices, points):
     stamp = np.full(len(points), -1, np.int64)
     unique, centre = np.empty(len(points), np.int64), np.empty(points.shape[1])
     for b in range(len(result)):
-        own = cells[block_offsets[b] : block_offsets[b + 1]]
+        block = cells[block_offsets[b] : block_offsets[b + 1]]
         # A single cell with few vertices: compare its own pairs, without a list.
-        if len(own) == 1 and vertex_offsets[own[0] + 1] - vertex_offsets[own[0]] <= _FEW:
-            result[b] = _cell_diameter(np.uint64(own[0]), vertex_offsets, vertices, points)
+        if len(block) == 1 and vertex_offsets[block[0] + 1] - vertex_offsets[block[0]] <= _FEW:
+            result[b] = _cell_diameter(np.uint64(block[0]), vertex_offsets, vertices, points)
             continue
-        m = distinct_vertices(b, own, vertex_offsets, vertices, points, stamp, unique, centre)
+        m = distinct_vertices(b, block, vertex_offsets, vertices, points, stamp, unique, centre)
         result[b] = largest_distance(m, unique, centre, points)
     return result
 
@@ -220,17 +220,17 @@ def compare_diameters(block_offsets, cells, vertex_offsets, vertices, points, li
     low, high = np.empty(points.shape[1]), np.empty(points.shape[1])
     enough = limits[-1] * (1.0 + 1e-12)
     for b in range(len(result)):
-        own = cells[block_offsets[b] : block_offsets[b + 1]]
+        block = cells[block_offsets[b] : block_offsets[b + 1]]
         # 1. Lower and upper bounds.
         if points.shape[1] == 2:
-            lower, upper = octagon(own, vertex_offsets, vertices, points, enough, centre)
+            lower, upper = octagon(block, vertex_offsets, vertices, points, enough, centre)
         else:
-            lower, upper = box(own, vertex_offsets, vertices, points, low, high)
+            lower, upper = box(block, vertex_offsets, vertices, points, low, high)
         result[b] = lower
         # 2. Measure only if a limit lies between them, up to rounding.
         for k in range(len(limits)):
             if lower <= limits[k] * (1.0 + 1e-12) and upper >= limits[k] * (1.0 - 1e-12):
-                m = distinct_vertices(b, own, vertex_offsets, vertices, points, stamp, unique, centre)
+                m = distinct_vertices(b, block, vertex_offsets, vertices, points, stamp, unique, centre)
                 result[b] = largest_distance(m, unique, centre, points)
                 break
     return result

@@ -92,41 +92,41 @@ def take_rows(offsets, values, order):
     for i in range(len(order)):
         row = np.uint64(order[i])
         new_offsets[i + 1] = new_offsets[i] + offsets[row + ONE] - offsets[row]
-    taken = np.empty(new_offsets[len(order)], np.int32)
+    row_values = np.empty(new_offsets[len(order)], np.int32)
     m = np.uint64(0)
     for i in range(len(order)):
         row = np.uint64(order[i])
         for h in range(np.uint64(offsets[row]), np.uint64(offsets[row + ONE])):
-            taken[m] = values[h]
+            row_values[m] = values[h]
             m += ONE
-    return new_offsets, taken
+    return new_offsets, row_values
 
 
 @kernel
-def listed_blocks(labels, chosen, count):
-    """List the cells of the ``chosen`` labels, label by label, and return the offsets.
+def listed_blocks(labels, block_labels, count):
+    """List the cells of the labels ``block_labels``, label by label, and return the offsets.
 
     There are ``count`` labels in total.
     """
-    place, offsets = np.full(count, len(chosen), np.int32), np.zeros(len(chosen) + 1, np.int64)
-    following, total = np.zeros(len(chosen) + 1, np.int64), 0
-    # 1. Counting sort: cell counts of the chosen labels; all other labels share a last entry.
-    for b in range(len(chosen)):
-        place[chosen[b]] = b
+    place, offsets = np.full(count, len(block_labels), np.int32), np.zeros(len(block_labels) + 1, np.int64)
+    following, total = np.zeros(len(block_labels) + 1, np.int64), 0
+    # 1. Counting sort: cell counts of the listed labels; all other labels share a last entry.
+    for b in range(len(block_labels)):
+        place[block_labels[b]] = b
     for i in range(len(labels)):
         following[np.uint32(place[np.uint64(labels[i])])] += 1
     # 2. Convert counts to offsets.
-    for b in range(len(chosen)):
-        own = following[b]
+    for b in range(len(block_labels)):
+        size = following[b]
         offsets[b], following[b] = total, total
-        total += own
-    offsets[len(chosen)], following[len(chosen)] = total, total
+        total += size
+    offsets[len(block_labels)], following[len(block_labels)] = total, total
     # 3. Write each cell to the next position of its label, cells of other labels to the position behind.
     cells = np.empty(total + 1, np.int32)
     for i in range(len(labels)):
         block = np.uint32(place[np.uint64(labels[i])])
         cells[np.uint64(following[block])] = i
-        following[block] += block < len(chosen)
+        following[block] += block < len(block_labels)
     return cells[:total], offsets
 
 
@@ -137,11 +137,11 @@ def numbered_as_met(values, count):
     renumbered, met = np.empty(len(values), np.int32), np.uint64(0)
     for h in range(len(values)):
         v = np.uint32(values[h])
-        known = number[v]
-        own = np.int32(met) if known < 0 else known
+        entry = number[v]
+        new_number = np.int32(met) if entry < 0 else entry
         order[met] = v  # kept only if new; a branch would be mispredicted
-        met += np.uint64(known < 0)
-        number[v], renumbered[h] = own, own
+        met += np.uint64(entry < 0)
+        number[v], renumbered[h] = new_number, new_number
     return renumbered, order[:met]
 
 
@@ -152,39 +152,39 @@ def child_order(offsets, sides):
     children = np.empty(2 * len(offsets) - 1, np.int64)
     for b in range(len(offsets) - 1):
         start, stop = offsets[b], offsets[b + 1]
-        ones = np.int64(0)
+        n_right = np.int64(0)
         for i in range(start, stop):
-            ones += sides[i]
+            n_right += sides[i]
         # The right child starts at the end minus its node count.
-        left, right = start, stop - ones
-        children[2 * b], children[2 * b + 1] = left, right
+        p_left, p_right = start, stop - n_right
+        children[2 * b], children[2 * b + 1] = p_left, p_right
         for i in range(start, stop):
-            order[right if sides[i] else left] = i  # no branch: it would be mispredicted half the time
-            left += 1 - sides[i]
-            right += sides[i]
+            order[p_right if sides[i] else p_left] = i  # no branch: it would be mispredicted half the time
+            p_left += 1 - sides[i]
+            p_right += sides[i]
     children[-1] = offsets[-1]
     return order, children
 
 
 @helper
-def flood(seed, indptr, indices, waiting, nodes, filled):
+def flood(seed, indptr, indices, open_labels, nodes, filled):
     """List the nodes connected with ``seed`` through nodes of its label.
 
-    Returns the new list length. ``waiting`` contains labels, −1 for listed nodes. The first ``filled``
+    Returns the new list length. ``open_labels`` contains labels, −1 for listed nodes. The first ``filled``
     entries in ``nodes (n + 1,)`` are in use.
     """
-    own, done, last = waiting[seed], np.uint64(filled), np.uint64(filled)
-    waiting[seed], nodes[last] = -1, seed
+    label, head, last = open_labels[seed], np.uint64(filled), np.uint64(filled)
+    open_labels[seed], nodes[last] = -1, seed
     last += ONE
-    while done < last:
-        i = np.uint64(np.uint32(nodes[done]))
-        done += ONE
+    while head < last:
+        i = np.uint64(np.uint32(nodes[head]))
+        head += ONE
         for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):
             j = np.uint32(indices[h])
-            found = waiting[j] == own
-            nodes[last] = j  # kept only if found; a branch would be mispredicted half the time
-            waiting[j] = -1 if found else waiting[j]
-            last += np.uint64(found)
+            is_new = open_labels[j] == label
+            nodes[last] = j  # kept only if new; a branch would be mispredicted half the time
+            open_labels[j] = -1 if is_new else open_labels[j]
+            last += np.uint64(is_new)
     return np.int64(last)
 
 
@@ -195,14 +195,14 @@ def components(indptr, indices, labels):
     Returns the nodes component by component, and the component offsets.
     """
     n = len(indptr) - 1
-    waiting = labels.copy()
+    open_labels = labels.copy()
     nodes = np.empty(n + 1, np.int32)
     offsets = np.empty(n + 1, np.int64)
     offsets[0] = 0
     count, filled = 0, 0
     for seed in range(n):
-        if waiting[seed] >= 0:
-            filled = flood(seed, indptr, indices, waiting, nodes, filled)
+        if open_labels[seed] >= 0:
+            filled = flood(seed, indptr, indices, open_labels, nodes, filled)
             count += 1
             offsets[count] = filled
     return nodes[:n], offsets[: count + 1].copy()
@@ -215,22 +215,22 @@ def broken_blocks(offsets, indptr, indices, labels):
     There are no edges between blocks.
     """
     n, highest = len(labels), -1
-    waiting, nodes = np.empty(n, np.int32), np.empty(n + 1, np.int32)
+    open_labels, nodes = np.empty(n, np.int32), np.empty(n + 1, np.int32)
     for i in range(n):  # labels.max() takes half a second to compile
-        waiting[i] = labels[i]
+        open_labels[i] = labels[i]
         highest = max(highest, labels[i])
-    # Flood each component. ``seen`` is the last block in which a part was found: a second component is a
+    # Flood each component. ``last_block`` is the last block that contained a part: a second component is a
     # fault.
-    seen = np.full(highest + 1, -1, np.int64)
+    last_block = np.full(highest + 1, -1, np.int64)
     broken = np.empty(len(offsets) - 1, np.bool_)
     for b in range(len(broken)):
         broken[b] = False
         for seed in range(offsets[b], offsets[b + 1]):
-            own = waiting[seed]
-            if own >= 0:
-                broken[b] |= seen[own] == b  # a second component of its part
-                seen[own] = b
-                flood(seed, indptr, indices, waiting, nodes, 0)
+            label = open_labels[seed]
+            if label >= 0:
+                broken[b] |= last_block[label] == b  # a second component of its part
+                last_block[label] = b
+                flood(seed, indptr, indices, open_labels, nodes, 0)
     return broken
 
 
@@ -240,22 +240,22 @@ def join_before(i, first, indptr, indices, labels, parent):
 
     Returns the number of components joined with it, and whether such a neighbour lies before the first.
     """
-    own, root, joined, beyond = labels[i], np.int32(i), 0, False
+    label, root, n_joined, beyond = labels[i], np.int32(i), 0, False
     parent[i] = root
     for h in range(indptr[i], indptr[i + 1]):
         j = indices[h]
-        before = (j < i) & (labels[j] == own)
+        before = (j < i) & (labels[j] == label)
         beyond |= before & (j < first)
-        other = parent[j] if before & (j >= first) else root  # a branch would be mispredicted half the time
-        if other == root:
+        tree = parent[j] if before & (j >= first) else root  # a branch would be mispredicted half the time
+        if tree == root:
             continue
         # Join the neighbour's tree with the node's tree. The smaller number becomes the root, so that results
         # do not depend on the order of neighbours.
-        while parent[other] != other:
-            other = parent[other]
-        if other != root:
-            root, child = min(root, other), max(root, other)
+        while parent[tree] != tree:
+            tree = parent[tree]
+        if tree != root:
+            root, child = min(root, tree), max(root, tree)
             parent[child] = root
-            joined += 1
+            n_joined += 1
     parent[i] = root
-    return joined, beyond
+    return n_joined, beyond

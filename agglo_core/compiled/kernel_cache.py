@@ -193,13 +193,13 @@ def sources(file: Path) -> set[Path]:
     These are the file and its direct and indirect top-level imports from the core or from its own package.
     Some of these files may contain no kernels, which is harmless.
     """
-    found: set[Path] = set()
-    ahead = {file} if file.is_file() else set()
-    while ahead:
-        source = ahead.pop()
-        found.add(source)
-        ahead |= _imported(source) - found
-    return found
+    files: set[Path] = set()
+    pending = {file} if file.is_file() else set()
+    while pending:
+        source = pending.pop()
+        files.add(source)
+        pending |= _imported(source) - files
+    return files
 
 
 def _package_of(source: Path) -> Path:
@@ -219,10 +219,10 @@ def _place_in_package(source: Path) -> str:
 def _imported(source: Path) -> frozenset[Path]:
     """Return the files in the core and in the package of ``source`` named by its imports."""
     top = _package_of(source)
-    beside = top.parent if (top / "__init__.py").is_file() else top  # modules without a package
+    root = top.parent if (top / "__init__.py").is_file() else top  # modules without a package
     files: set[Path] = set()
     for module, names in _import_statements(source):
-        folder = _CORE.parent if module.partition(".")[0] == _CORE.name else beside
+        folder = _CORE.parent if module.partition(".")[0] == _CORE.name else root
         files = files.union(*(_files_of(folder.joinpath(*module.split(".")), name) for name in names))
     return frozenset(files)
 

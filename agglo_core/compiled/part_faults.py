@@ -24,40 +24,41 @@ def _near_earlier(x, indptr, indices, labels):
 
     Neighbours with a large neighbour count are skipped.
     """
-    own, met = labels[x], False
+    label, met = labels[x], False
     for h in range(np.uint64(indptr[x]), np.uint64(indptr[x + ONE])):
         j = np.uint64(np.uint32(indices[h]))
-        same, begin, end = labels[j] == own, np.uint64(indptr[j]), np.uint64(indptr[j + ONE])
+        in_part, begin, end = labels[j] == label, np.uint64(indptr[j]), np.uint64(indptr[j + ONE])
         for g in range(begin, end if end - begin < _CROWD else begin):
             i = np.uint32(indices[g])
-            met |= same & (i < x) & (labels[i] == own)  # no branch: it would be mispredicted half the time
+            # No branch: it would be mispredicted half the time.
+            met |= in_part & (i < x) & (labels[i] == label)
     return met
 
 
 @helper
-def _meets_earlier(x, indptr, indices, labels, marks, queue, left):
+def _meets_earlier(x, indptr, indices, labels, marks, queue, budget):
     """Return True if cell x is connected with an earlier cell in its part, and the edge budget.
 
-    The search fails when the budget ``left`` is negative. Marks of other searches differ from x.
+    The search fails when the ``budget`` is negative. Marks of other searches differ from x.
     """
-    own, done, filled, met, mark = labels[x], np.uint64(0), ONE, False, np.int32(x)
+    label, head, filled, met, mark = labels[x], np.uint64(0), ONE, False, np.int32(x)
     queue[0], marks[x] = mark, mark
     # Breadth-first search within the part, until the first cell before x.
-    while done < filled and not met:
-        i = np.uint64(np.uint32(queue[done]))
-        done += ONE
+    while head < filled and not met:
+        i = np.uint64(np.uint32(queue[head]))
+        head += ONE
         begin, end = np.uint64(indptr[i]), np.uint64(indptr[i + ONE])
-        left -= np.int64(end - begin)
-        if left < 0:
+        budget -= np.int64(end - begin)
+        if budget < 0:
             break
         for h in range(begin, end):
             j = np.uint32(indices[h])
-            same = labels[j] == own
-            met |= same & (j < x)
+            in_part = labels[j] == label
+            met |= in_part & (j < x)
             queue[filled] = j  # kept only if new; branches would be mispredicted half the time
-            filled += np.uint64(same & (marks[j] != mark))
+            filled += np.uint64(in_part & (marks[j] != mark))
             marks[j] = mark
-    return met, left
+    return met, budget
 
 
 @kernel
@@ -68,105 +69,108 @@ def lone_cells(start, stop, indptr, indices, labels, count, lone, marks, queue):
     and cells left undecided after the searches read as many edges as there are. ``marks (n,)`` are initially
     zero, and ``queue`` has length n + 1.
     """
-    left, kept, seen = len(indices), np.uint64(0), np.zeros(count, np.bool_)
+    budget, n_lone, has_cell = len(indices), np.uint64(0), np.zeros(count, np.bool_)
     for first in range(start, stop, _TOGETHER):
         # 1. Cells without an earlier neighbour of their label.
-        listed = kept
+        listed = n_lone
         for i in range(np.uint64(first), np.uint64(min(first + _TOGETHER, stop))):
-            own, joined = labels[i], False
+            label, is_joined = labels[i], False
             for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):
                 j = np.uint32(indices[h])
-                joined |= (j < i) & (labels[j] == own)  # no branch: it would be mispredicted half the time
+                # No branch: it would be mispredicted half the time.
+                is_joined |= (j < i) & (labels[j] == label)
             lone[listed] = i
-            listed += np.uint64(not joined)
+            listed += np.uint64(not is_joined)
         # 2. Keep the cells that do not reach an earlier cell via a neighbour, or farther away. The first cell
         #    of a label is kept without a search.
-        for k in range(kept, listed):
+        for k in range(n_lone, listed):
             x = np.uint64(np.uint32(lone[k]))
-            own = np.uint32(labels[x])
-            met = seen[own] and _near_earlier(x, indptr, indices, labels)
-            if not met and seen[own] and left >= 0:
-                met, left = _meets_earlier(x, indptr, indices, labels, marks, queue, left)
-            seen[own] = True
-            lone[kept] = x
-            kept += np.uint64(not met)
-    return np.int64(kept)
+            label = np.uint32(labels[x])
+            met = has_cell[label] and _near_earlier(x, indptr, indices, labels)
+            if not met and has_cell[label] and budget >= 0:
+                met, budget = _meets_earlier(x, indptr, indices, labels, marks, queue, budget)
+            has_cell[label] = True
+            lone[n_lone] = x
+            n_lone += np.uint64(not met)
+    return np.int64(n_lone)
 
 
 @helper
-def _found_apart(lone, indptr, indices, labels, asked, seen, broken, marks, queue):
-    """Mark the parts ``asked`` with a second, possibly disconnected cell.
+def _found_apart(lone, indptr, indices, labels, part_mask, has_cell, broken, marks, queue):
+    """Mark the parts in ``part_mask`` with a second, possibly disconnected cell.
 
     Returns True if there are any. A cell may be listed only as the first cell of its part in a range of
     cells: the earlier cells were in another call of :func:`lone_cells`.
     """
-    left, doubtful = len(indices), False
-    seen[:] = False
+    budget, doubtful = len(indices), False
+    has_cell[:] = False
     for k in range(len(lone)):
         x = np.uint64(np.uint32(lone[k]))
-        own = np.uint32(labels[x])
+        part = np.uint32(labels[x])
         # The first cell of a part is always listed. Search from each later cell. After too many edges, the
         # part is doubtful without a search.
-        if seen[own] and asked[own] and not broken[own]:
+        if has_cell[part] and part_mask[part] and not broken[part]:
             met = False
-            if left >= 0:
-                met, left = _meets_earlier(x, indptr, indices, labels, marks, queue, left)
-            broken[own] = not met
+            if budget >= 0:
+                met, budget = _meets_earlier(x, indptr, indices, labels, marks, queue, budget)
+            broken[part] = not met
             doubtful |= not met
-        seen[own] = True
+        has_cell[part] = True
     return doubtful
 
 
 @kernel
-def broken_parts(lone, indptr, indices, labels, asked):
-    """Mark the parts ``asked (k,)`` that are not connected.
+def broken_parts(lone, indptr, indices, labels, part_mask):
+    """Mark the parts in ``part_mask (k,)`` that are not connected.
 
     ``lone`` are all cells listed by ``lone_cells``. Searches decide most parts. Only the remaining doubtful
     parts are flooded, in almost all cases none.
     """
     n, doubtful = len(labels), False
-    seen, broken = np.zeros(len(asked), np.bool_), np.zeros(len(asked), np.bool_)
+    has_cell, broken = np.zeros(len(part_mask), np.bool_), np.zeros(len(part_mask), np.bool_)
     # 1. Every part has one lone cell, its first. Only parts with several may be broken.
     for k in range(len(lone)):
-        own = np.uint32(labels[np.uint32(lone[k])])
-        doubtful |= seen[own] & asked[own]
-        seen[own] = True
+        part = np.uint32(labels[np.uint32(lone[k])])
+        doubtful |= has_cell[part] & part_mask[part]
+        has_cell[part] = True
     if not doubtful:
         return broken
     # 2. Search from the other lone cells, with all earlier cells available.
     marks, nodes = np.zeros(n, np.int32), np.empty(n + 1, np.int32)
-    if not _found_apart(lone, indptr, indices, labels, asked, seen, broken, marks, nodes):
+    if not _found_apart(lone, indptr, indices, labels, part_mask, has_cell, broken, marks, nodes):
         return broken
     # 3. Flood doubtful parts from each cell not reached yet: a second flood is a second component.
     for i in range(n):
         marks[i] = labels[i] if broken[labels[i]] else -1
-    for p in range(len(asked)):
-        seen[p], broken[p] = False, False
+    for p in range(len(part_mask)):
+        has_cell[p], broken[p] = False, False
     for seed in range(n):
-        own = labels[seed]
+        part = labels[seed]
         if marks[seed] >= 0:
-            broken[own] |= seen[own]  # a second component
-            seen[own] = True
+            broken[part] |= has_cell[part]  # a second component
+            has_cell[part] = True
             flood(seed, indptr, indices, marks, nodes, 0)
     return broken
 
 
 @kernel
-def extend_parts(start, stop, labels, asked, vertex_offsets, vertices, points, bounds):
-    """Extend the ``bounds (k, 8)`` of the parts ``asked (k,)`` by their cells among ``start..stop − 1``.
+def extend_parts(start, stop, labels, part_mask, vertex_offsets, vertices, points, bounds):
+    """Extend the ``bounds (k, 8)`` of the parts in ``part_mask (k,)`` by their cells.
+
+    Only the cells ``start..stop − 1`` are read.
 
     The bounds are the smallest vertex coordinates along four directions, then the largest: x, y and the
     diagonals x + y and x − y in 2-D, or x, y and z in 3-D.
     """
     planar = points.shape[1] == 2
     for i in range(np.uint64(start), np.uint64(stop)):
-        own = np.uint64(labels[i])
-        if not asked[own]:
+        part = np.uint64(labels[i])
+        if not part_mask[part]:
             continue
         # Keep the extents in variables over the vertices of a cell, then write them back.
-        known = bounds[own]
-        x0, y0, u0, v0 = known[0], known[1], known[2], known[3]
-        x1, y1, u1, v1 = known[4], known[5], known[6], known[7]
+        extents = bounds[part]
+        x0, y0, u0, v0 = extents[0], extents[1], extents[2], extents[3]
+        x1, y1, u1, v1 = extents[4], extents[5], extents[6], extents[7]
         for h in range(np.uint64(vertex_offsets[i]), np.uint64(vertex_offsets[i + ONE])):
             vertex = np.uint32(vertices[h])
             x, y = points[vertex, 0], points[vertex, 1]
@@ -174,5 +178,5 @@ def extend_parts(start, stop, labels, asked, vertex_offsets, vertices, points, b
             v = x - y if planar else 0.0
             x0, y0, u0, v0 = min(x0, x), min(y0, y), min(u0, u), min(v0, v)
             x1, y1, u1, v1 = max(x1, x), max(y1, y), max(u1, u), max(v1, v)
-        known[0], known[1], known[2], known[3] = x0, y0, u0, v0
-        known[4], known[5], known[6], known[7] = x1, y1, u1, v1
+        extents[0], extents[1], extents[2], extents[3] = x0, y0, u0, v0
+        extents[4], extents[5], extents[6], extents[7] = x1, y1, u1, v1

@@ -11,8 +11,8 @@ CROWD = np.int64(256)  # neighbour count above which rings do not grow: too many
 
 
 @helper
-def connected(indptr, indices, labels, own, search, filled, stamp, reach, crowd):
-    """Return True if the first ``filled`` cells of the queue, labelled ``own``, are connected in their part.
+def connected(indptr, indices, labels, label, search, filled, stamp, reach, crowd):
+    """Return True if the first ``filled`` cells of the queue are connected in their part ``label``.
 
     Complete rings of cells are grown around all of them simultaneously until they meet. The search ends
     between rings, so that its result does not depend on the order of the cells, after more than ``reach``
@@ -27,23 +27,24 @@ def connected(indptr, indices, labels, own, search, filled, stamp, reach, crowd)
         Not yet in the first column of the marks.
     """
     queue, root, marks = search
-    # 1. Each start cell is a tree in a union-find structure. The number of trees is ``apart`` + 1.
+    # 1. Each start cell is a tree in a union-find structure. The number of trees is
+    #    ``missing_joins`` + 1.
     for k in range(filled):
         start = np.uint32(queue[k])
         marks[start, 0], marks[start, 1], root[k] = stamp, k, k
-    apart, done, filled = np.int64(filled) - 1, np.uint64(0), np.uint64(filled)
-    while apart > 0 and done < filled <= np.uint64(reach):
+    missing_joins, head, filled = np.int64(filled) - 1, np.uint64(0), np.uint64(filled)
+    while missing_joins > 0 and head < filled <= np.uint64(reach):
         # 2. Grow one ring: the neighbours with this label of all cells up to ``ring``. The search ends as
         #    soon as all trees have met.
         ring = filled
-        while apart > 0 and done < ring:
-            node = np.uint64(np.uint32(queue[done]))
-            done += ONE
+        while missing_joins > 0 and head < ring:
+            node = np.uint64(np.uint32(queue[head]))
+            head += ONE
             if indptr[node + ONE] - indptr[node] > crowd:
                 continue
             for h in range(np.uint64(indptr[node]), np.uint64(indptr[node + ONE])):
                 j = np.uint32(indices[h])
-                if labels[j] != own:
+                if labels[j] != label:
                     continue
                 # 3. A new cell joins the tree that reached it.
                 if marks[j, 0] != stamp:
@@ -52,28 +53,28 @@ def connected(indptr, indices, labels, own, search, filled, stamp, reach, crowd)
                     filled += ONE
                     continue
                 # 4. At a cell reached before, join both trees if they differ.
-                one, other = np.uint32(marks[node, 1]), np.uint32(marks[j, 1])
-                while root[one] != one:
-                    one = np.uint32(root[one])
-                while root[other] != other:
-                    other = np.uint32(root[other])
-                if one != other:
-                    root[one] = other
-                    apart -= 1
-    return apart <= 0
+                tree_a, tree_b = np.uint32(marks[node, 1]), np.uint32(marks[j, 1])
+                while root[tree_a] != tree_a:
+                    tree_a = np.uint32(root[tree_a])
+                while root[tree_b] != tree_b:
+                    tree_b = np.uint32(root[tree_b])
+                if tree_a != tree_b:
+                    root[tree_a] = tree_b
+                    missing_joins -= 1
+    return missing_joins <= 0
 
 
 @helper
 def keeps_whole(indptr, indices, labels, i, search, stamp):
     """Return True if the neighbours of cell i with its label stay locally connected without it."""
-    own, queue, filled = labels[i], search[0], np.int64(0)
+    label, queue, filled = labels[i], search[0], np.int64(0)
     for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + 1])):
         j = np.uint32(indices[h])
         queue[filled] = j  # kept only if the label matches; a branch would be mispredicted half the time
-        filled += labels[j] == own
+        filled += labels[j] == label
     if filled < 2:
         return True
     labels[i] = -1  # hide the cell from the search
-    whole = connected(indptr, indices, labels, own, search, filled, stamp, REACH, CROWD)
-    labels[i] = own
+    whole = connected(indptr, indices, labels, label, search, filled, stamp, REACH, CROWD)
+    labels[i] = label
     return whole

@@ -23,13 +23,13 @@ class _Library(JITCodeLibrary):
     def _finalize_final_module(self) -> None:
         # All optimisation is finished. Functions made private earlier would be inlined by other rules.
         functions: Any = self._final_module.functions
-        linked = [each for each in functions if each.linkage.name == "linkonce_odr"]
-        for each in linked:
-            each.linkage = "internal"
+        linked = [function for function in functions if function.linkage.name == "linkonce_odr"]
+        for function in linked:
+            function.linkage = "internal"
         super()._finalize_final_module()  # type: ignore[no-untyped-call]
         # The machine code is written. Other kernels link the module itself, which must export the functions.
-        for each in linked:
-            each.linkage = "linkonce_odr"
+        for function in linked:
+            function.linkage = "linkonce_odr"
 
 
 class KernelCompiler(Compiler):

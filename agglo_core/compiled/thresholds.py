@@ -25,9 +25,9 @@ def edge_room(offsets, indptr):
 
 
 @helper
-def edges_of_block(start, n, indptr, indices, interface, room):
+def edges_of_block(start, n, indptr, indices, interface, edge_arrays):
     """Write each edge of a block once, with local end numbers, and return the edge count."""
-    tails, heads, lengths = room
+    tails, heads, lengths = edge_arrays
     count = 0
     for i in range(n):
         for h in range(indptr[start + i], indptr[start + i + 1]):
@@ -82,10 +82,10 @@ def scan_thresholds(tally, x, y, z, share, cut, scale, inertia, weight):
             break
         # 2. Cost: scale · cut · (1 / s + 1 / (1 − s)), the cut over each side's share, plus weight times the
         #    inertia of both sides over the block inertia, 1 − |m|² (1 / s + 1 / (1 − s)) / inertia (Steiner).
-        both = share * (1.0 - share)
-        cost = weight + (cut * scale - (x * x + y * y + z * z) * compact) / max(both, 1e-12)
+        share_product = share * (1.0 - share)
+        cost = weight + (cut * scale - (x * x + y * y + z * z) * compact) / max(share_product, 1e-12)
         # 3. A later threshold must be cheaper by more than rounding.
-        if both > 1e-12 and cost < bar:
+        if share_product > 1e-12 and cost < bar:
             best, bar, last = cost, cost - 1e-9 * abs(cost), b
     return best, last
 
@@ -106,11 +106,11 @@ def sweep_block(n, low, rate, score, edges, local, shares, scales, bins, tally):
     _fill_bins(n, score, low, rate, bins)
     # 1. Moments and shares by bin.
     for i in range(n):
-        own = np.uint32(bins[i])
-        tally[own, 0] += shares[i] * local[0, i]
-        tally[own, 1] += shares[i] * local[1, i]
-        tally[own, 2] += shares[i] * local[2, i]
-        tally[own, 3] += shares[i]
+        row = np.uint32(bins[i])
+        tally[row, 0] += shares[i] * local[0, i]
+        tally[row, 1] += shares[i] * local[1, i]
+        tally[row, 2] += shares[i] * local[2, i]
+        tally[row, 3] += shares[i]
     # 2. An edge is cut by all thresholds between the bins of its ends.
     for e in range(count):
         a, b = bins[np.uint32(tails[e])], bins[np.uint32(heads[e])]
@@ -121,9 +121,9 @@ def sweep_block(n, low, rate, score, edges, local, shares, scales, bins, tally):
 
 
 @helper
-def write_sides(start, n, found, score, bins, sides):
+def write_sides(start, n, threshold, score, bins, sides):
     """Write the sides of a block by the best threshold, or any halving if there is none."""
-    best, last, low, rate = found
+    best, last, low, rate = threshold
     if best == NO_CUT:
         for i in range(n):
             sides[start + i] = 1 if n > 1 and 2 * i >= n else 0
@@ -193,9 +193,9 @@ def axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally
 
 
 @helper
-def bar_of(found):
+def bar_of(threshold):
     """Return the score above which cells lie right of the best threshold, infinite if there is none."""
-    best, last, low, rate = found
+    best, last, low, rate = threshold
     return low + (last + 1.0 + _TIE) / rate if best < NO_CUT else np.inf
 
 
@@ -217,13 +217,13 @@ def sweep_level(offsets, indptr, indices, interface, centroids, weights, measure
     """Bisect each block at the cheapest threshold over all columns of ``scores (n, C)``."""
     largest = np.diff(offsets).max()
     local, shares, score = np.empty((3, largest)), np.empty(largest), np.empty(largest)
-    bins, tally, room = np.empty(largest, np.int32), np.zeros((_BINS, 5)), edge_room(offsets, indptr)
+    bins, tally, edge_arrays = np.empty(largest, np.int32), np.zeros((_BINS, 5)), edge_room(offsets, indptr)
     sides = np.empty(len(weights), np.int64)
     for b in range(len(offsets) - 1):
         start, n = offsets[b], offsets[b + 1] - offsets[b]
         # 1. Frame, inertia and edges of the block.
         scales = centre_block(start, n, centroids, weights, measures, local, shares)
-        edges = room, edges_of_block(start, n, indptr, indices, interface, room)
+        edges = edge_arrays, edges_of_block(start, n, indptr, indices, interface, edge_arrays)
         best, column = (NO_CUT, 0, 0.0, 0.0), 0
         # 2. Cheapest threshold over all columns, ties to the first column.
         for c in range(scores.shape[1]):
@@ -242,13 +242,13 @@ def sweep_axes(offsets, indptr, indices, interface, centroids, weights, measures
     """Bisect each 2-D block at the cheapest threshold along ``count`` axes."""
     largest = np.diff(offsets).max()
     local, shares, score = np.empty((3, largest)), np.empty(largest), np.empty(largest)
-    bins, tally, room = np.empty(largest, np.int32), np.zeros((_BINS, 5)), edge_room(offsets, indptr)
+    bins, tally, edge_arrays = np.empty(largest, np.int32), np.zeros((_BINS, 5)), edge_room(offsets, indptr)
     sides, turns, finer = np.empty(len(weights), np.int64), half_circle(count), halvings(count, 0)
     for b in range(len(offsets) - 1):
         start, n = offsets[b], offsets[b + 1] - offsets[b]
         # Frame and edges of the block, then the cheapest cut along all axes.
         scales = centre_block(start, n, centroids, weights, measures, local, shares)
-        edges = room, edges_of_block(start, n, indptr, indices, interface, room)
+        edges = edge_arrays, edges_of_block(start, n, indptr, indices, interface, edge_arrays)
         best, _, _ = axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally)
         write_sides(start, n, best, score, bins, sides)
     return sides

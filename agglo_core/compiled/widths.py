@@ -19,13 +19,13 @@ def _square(v, x, y, z, points):
 
 
 @helper
-def _outside(cells, vertex_offsets, vertices, points, centre, inner, found):
+def _outside(cells, vertex_offsets, vertices, points, centre, inner, rim):
     """Write the vertices at squared distance ``inner`` or more, and return their number."""
     x, y, z, m = centre[0], centre[1], centre[len(centre) - 1], np.uint64(0)
     for k in range(len(cells)):
         i = np.uint64(cells[k])
         for h in range(np.uint64(vertex_offsets[i]), np.uint64(vertex_offsets[i + ONE])):
-            found[m] = vertices[h]  # no branch: it would be mispredicted
+            rim[m] = vertices[h]  # no branch: it would be mispredicted
             m += np.uint64(_square(np.uint32(vertices[h]), x, y, z, points) >= inner)
     return np.int64(m)
 
@@ -58,23 +58,23 @@ def is_wider(cells, vertex_offsets, vertices, points, centre, limit):
         return False
     # 2. Vertices outside the ball with radius limit − r, one copy per cell.
     inner = inner * inner * (1.0 - _ROUNDING) if inner > 0.0 else 0.0
-    far = np.empty(count + 1, np.int64)
-    m = _outside(cells, vertex_offsets, vertices, points, centre, inner, far)
+    rim = np.empty(count + 1, np.int64)
+    m = _outside(cells, vertex_offsets, vertices, points, centre, inner, rim)
     if last > 1:  # in 3-D there are many copies, and x is constant on grid planes
-        return largest_distance(m, far, centre, points) > limit
+        return largest_distance(m, rim, centre, points) > limit
     # 3. In 2-D: sort, and drop adjacent copies.
-    sort_along_x(m, far, points)
+    sort_along_x(m, rim, points)
     distinct, widest = min(m, 1), 0.0
     for k in range(1, m):
-        far[distinct] = far[k]
-        distinct += far[distinct] != far[distinct - 1]
+        rim[distinct] = rim[k]
+        distinct += rim[distinct] != rim[distinct - 1]
     # 4. Many vertices: sorted search for a pair farther apart than the limit. Few: all pairs.
     if distinct > MANY:
-        return np.sqrt(widest_of_many(distinct, far, centre, points, reach, least)) > limit
+        return np.sqrt(widest_of_many(distinct, rim, centre, points, reach, least)) > limit
     for i in range(1, distinct):
-        x, y, z = points[far[i], 0], points[far[i], 1], points[far[i], last]
+        x, y, z = points[rim[i], 0], points[rim[i], 1], points[rim[i], last]
         for j in range(i):
-            widest = max(widest, _square(np.uint32(far[j]), x, y, z, points))
+            widest = max(widest, _square(np.uint32(rim[j]), x, y, z, points))
     return np.sqrt(widest) > limit
 
 
@@ -86,8 +86,8 @@ def wide_blocks(block_offsets, cells, vertex_offsets, vertices, points, centres,
     """
     wide, centre = np.empty(len(block_offsets) - 1, np.bool_), np.empty(2)
     for b in range(len(wide)):
-        own = cells[block_offsets[b] : block_offsets[b + 1]]
+        block = cells[block_offsets[b] : block_offsets[b + 1]]
         # A writable copy, so that is_wider is compiled only once.
         centre[0], centre[1] = centres[b, 0], centres[b, 1]
-        wide[b] = is_wider(own, vertex_offsets, vertices, points, centre, limit)
+        wide[b] = is_wider(block, vertex_offsets, vertices, points, centre, limit)
     return wide
