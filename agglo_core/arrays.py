@@ -83,10 +83,10 @@ def exact_cast(
     if source in "biuf" and (target == "f" or np.can_cast(array.dtype, dtype)):
         return array.astype(dtype)
     # Reject non-numeric values, then compare the cast values with the originals.
-    what = "numbers" if target == "f" else f"whole numbers that fit in {dtype}"
-    other = [value for value in array.flat if isinstance(value, str | bytes | None)] if source == "O" else []
-    if source not in "biufO" or other:
-        raise error(f"{name} must be {what}, given {repr(other[0]) if other else array.dtype}")
+    requirement = "numbers" if target == "f" else f"whole numbers that fit in {dtype}"
+    texts = [value for value in array.flat if isinstance(value, str | bytes | None)] if source == "O" else []
+    if source not in "biufO" or texts:
+        raise error(f"{name} must be {requirement}, given {repr(texts[0]) if texts else array.dtype}")
     if source in "iu" and target in "iu":
         limits = np.iinfo(dtype)
         if limits.min <= array.min() and array.max() <= limits.max:
@@ -97,7 +97,7 @@ def exact_cast(
             with np.errstate(invalid="ignore", over="ignore"):
                 cast = array.astype(dtype)
         except (TypeError, ValueError, OverflowError) as reason:
-            raise error(f"{name} must be {what}: {reason}") from None
+            raise error(f"{name} must be {requirement}: {reason}") from None
         if target == "f":
             return cast
         wrong = cast != array
@@ -106,7 +106,7 @@ def exact_cast(
         if not wrong.any():
             return cast
     place = np.argwhere(wrong)[0].tolist()
-    raise error(f"{name} must be {what}, given {array[tuple(place)]} at {place}")
+    raise error(f"{name} must be {requirement}, given {array[tuple(place)]} at {place}")
 
 
 def owned(array: NDArray[Any]) -> NDArray[Any]:
@@ -184,24 +184,24 @@ def frozen_index(values: ArrayLike) -> Index:
     return frozen(values, np.int32)
 
 
-def trusted(kind: type[T], /, *values: Any, **named: Any) -> T:
+def trusted(kind: type[T], /, *values: Any, **keywords: Any) -> T:
     """Create an object of a frozen dataclass without the checks of its constructor.
 
     Arrays become read-only, and are neither copied nor cast. They must be consistent and have no other
     writers.
     """
     declared = fields(kind)  # type: ignore[arg-type]  # all of these classes are dataclasses
-    known = dict(zip((field.name for field in declared), values, strict=False), **named)
+    field_values = dict(zip((field.name for field in declared), values, strict=False), **keywords)
     for field in declared:
         if field.default_factory is not MISSING:
-            known.setdefault(field.name, field.default_factory())
+            field_values.setdefault(field.name, field.default_factory())
         elif field.default is not MISSING:
-            known.setdefault(field.name, field.default)
-    made = object.__new__(kind)
-    made.__dict__.update({field.name: _read_only(known.pop(field.name)) for field in declared})
-    if known:
-        raise TypeError(f"{kind.__name__} has no field {', '.join(known)}")
-    return made
+            field_values.setdefault(field.name, field.default)
+    instance = object.__new__(kind)
+    instance.__dict__.update({field.name: _read_only(field_values.pop(field.name)) for field in declared})
+    if field_values:
+        raise TypeError(f"{kind.__name__} has no field {', '.join(field_values)}")
+    return instance
 
 
 def trusted_copy(original: T, /, **changes: Any) -> T:

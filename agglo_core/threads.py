@@ -40,10 +40,10 @@ def thread_count() -> int:
     chosen = _chosen.get()
     if chosen is not None:
         return chosen
-    given = os.environ.get(_VARIABLE, "1")
-    if not given.isascii() or not given.isdigit() or int(given) < 1:
-        raise OptionError(f"{_VARIABLE} must be a whole number, 1 or more, given {given!r:.60}")
-    return int(given)
+    text = os.environ.get(_VARIABLE, "1")
+    if not text.isascii() or not text.isdigit() or int(text) < 1:
+        raise OptionError(f"{_VARIABLE} must be a whole number, 1 or more, given {text!r:.60}")
+    return int(text)
 
 
 @contextmanager
