@@ -154,14 +154,14 @@ def _without_bad_moves(
         # 2. Undo the remaining moves into or out of bad parts.
         if moved is None:
             moved = _moved(before, after, len(check_mask))[0]
-        back = bad[result[moved]] | bad[before[moved]]
-        cells = moved[back]
+        undo_mask = bad[result[moved]] | bad[before[moved]]
+        cells = moved[undo_mask]
         if len(cells) == 0:
             break
         check_mask[before[cells]] = check_mask[result[cells]] = True
         result = result.copy()
         result[cells] = before[cells]
-        moved = moved[~back]
+        moved = moved[~undo_mask]
         # 3. Parts that are empty now are bad in the next round.
         bad = np.bincount(result, minlength=len(bad)) == 0
     return frozen_int(result), broken, wide
