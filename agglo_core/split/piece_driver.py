@@ -114,18 +114,18 @@ def tag_sides(graph, pieces, lo, hi, heights, bar, unit, extent, candidates, sid
     cells, tag, reach, length = pieces.cells, pieces.tag, graph.reach, graph.units.length
     unit, slack = unit * length, _ROUNDING * extent * length
     left_tag, right_tag = side_tags(lo, hi)
-    n_right, below, above, m, start = np.int64(0), 0.0, 0.0, np.uint64(0), np.uint64(lo)
+    n_right, left_measure, right_measure, m, start = np.int64(0), 0.0, 0.0, np.uint64(0), np.uint64(lo)
     for k in range(np.uint64(hi - lo)):
         i = np.uint32(cells[start + k])
         side, measure = heights[k] > bar, graph.measures[i]
         tag[i] = right_tag if side else left_tag
-        above += measure if side else 0.0
-        below += 0.0 if side else measure
+        right_measure += measure if side else 0.0
+        left_measure += 0.0 if side else measure
         n_right += side
         candidates[m] = i
         m += np.uint64(abs(heights[k] - bar) * unit <= reach[i] + slack)
     # 2. If a side is empty, halve the list instead.
-    sides.measures[0], sides.measures[1] = below, above
+    sides.measures[0], sides.measures[1] = left_measure, right_measure
     sides.counts[0], sides.counts[1] = hi - lo - n_right, n_right
     if 0 < n_right < hi - lo:
         return np.int64(m)
@@ -225,11 +225,11 @@ def split_pieces_by(load, cut, shift, divide, work, graph, shape, pieces, lists,
         n_todo -= 1
         lo, hi, quota = todo[n_todo, START], todo[n_todo, STOP], todo[n_todo, QUOTA]
         depth, state = todo[n_todo, DEPTH], todo[n_todo, STATE]
-        put_off, torn = hi - lo <= postponed_size, False
+        is_postponed, is_torn = hi - lo <= postponed_size, False
         # 1. Finished? A single cell, quota 1, or diam ≤ h*. Extents bound the diameter from below. Only
         #    pieces that pass this bound, then bounds from both sides, are measured exactly.
         finished = quota == 1 or hi - lo == 1
-        if state == UNCUT and not (finished or put_off):
+        if state == UNCUT and not (finished or is_postponed):
             extent = load(graph, pieces, lo, hi, work)
             if diameter > 0.0 and extent <= diameter:
                 piece = cells[lo:hi]
@@ -245,7 +245,7 @@ def split_pieces_by(load, cut, shift, divide, work, graph, shape, pieces, lists,
                     cut, shift, work, graph, pieces, lo, hi, extent, share, sides, floor, workspace, stamp
                 )
                 stamp += 2
-                torn = hi - lo > tiny and not sides_connected(
+                is_torn = hi - lo > tiny and not sides_connected(
                     graph, pieces, lo, hi, edge, workspace, stamp - 2
                 )
         if finished:
@@ -254,10 +254,10 @@ def split_pieces_by(load, cut, shift, divide, work, graph, shape, pieces, lists,
             leaf[lo] = APART if apart else WHOLE
             continue
         # 3. Torn pieces wait, and are repaired together in one call.
-        if put_off or torn:
+        if is_postponed or is_torn:
             for c in range(STATE):
                 postponed[n_postponed, c] = todo[n_todo, c]
-            postponed[n_postponed, STATE] = TORN if torn else UNCUT
+            postponed[n_postponed, STATE] = TORN if is_torn else UNCUT
             n_postponed += 1
             continue
         if state == MENDED:

@@ -165,14 +165,14 @@ class PieceGrowth:
     ) -> Int:
         """Split the pieces completely, in all threads, and return the outermost tiny pieces."""
         small = max(_SMALL, len(leaf) // (4 * thread_count()))
-        put_off, stamp = self._halved_together(todo, leaf, tally, limit, small, handled)
-        self._stamp, tiny = stamp, [put_off[put_off[:, 1] - put_off[:, 0] <= self._tiny]]
+        postponed, stamp = self._halved_together(todo, leaf, tally, limit, small, handled)
+        self._stamp, tiny = stamp, [postponed[postponed[:, 1] - postponed[:, 0] <= self._tiny]]
 
         def finish(batch: Int) -> tuple[Int, Int, int]:
             batch_tally = np.zeros_like(tally)
             return batch_tally, *self._advance(batch, leaf, batch_tally, limit, 0, self._tiny)
 
-        for batch_tally, pieces, last in mapped(finish, _batches(put_off)):
+        for batch_tally, pieces, last in mapped(finish, _batches(postponed)):
             tiny.append(pieces)
             tally += batch_tally
             stamp = max(stamp, last)

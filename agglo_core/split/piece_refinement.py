@@ -198,7 +198,7 @@ def refine_sides(graph, pieces, left_tag, right_tag, sides, floor, edge, workspa
         i = np.uint64(boundary[c])
         visits[c], marks[i, _LISTED] = i, listing + c
         _sum_up(edges, tag, i, left_tag, right_tag, shared, c)
-    pairs, paired = False, False
+    pairs, pairs_tried = False, False
     for _ in range(_SWEEPS):
         # 2. Cells worth moving, in order of position along the normal, so that numbering does not matter.
         moves = _paying(edges, graph.centroids, tag, gains, visits, m, pairs, sides.normal, keys, movers)
@@ -237,8 +237,8 @@ def refine_sides(graph, pieces, left_tag, right_tag, sides, floor, edge, workspa
         #    once.
         if pairs:
             pairs = False
-        elif m == 0 and not paired:
-            pairs, paired, m = True, True, edge
+        elif m == 0 and not pairs_tried:
+            pairs, pairs_tried, m = True, True, edge
             for c in range(edge):
                 visits[c] = boundary[c]
         if m == 0:
