@@ -184,7 +184,7 @@ def _way(graph, parts, bounds, start, sign, paths):
     """
     indptr, indices, _ = graph
     block, mean = bounds
-    queue, came, marks, barred = paths.queue, paths.came, paths.seen, paths.barred
+    queue, predecessor, marks, barred = paths.queue, paths.came, paths.seen, paths.barred
     # Marks from earlier searches differ from this search's number, which is stored behind the marks.
     turn = marks[len(marks) - 1] + 1
     marks[len(marks) - 1] = turn
@@ -206,7 +206,7 @@ def _way(graph, parts, bounds, start, sign, paths):
                 for b in range(barred[0, 0]):
                     free &= barred[b + 1, 0] != p or barred[b + 1, 1] != q
                 if free:
-                    marks[q], came[q], queue[filled] = turn, p, q
+                    marks[q], predecessor[q], queue[filled] = turn, p, q
                     filled += 1
             i = parts.after[i]
     return np.int64(-1)
@@ -263,7 +263,7 @@ def _traded(graph, weights, parts, bounds, p, sign, paths, stamp):
     Returns True if a path succeeded, and the last stamp.
     """
     block, mean = bounds
-    queue, came, barred = paths.queue, paths.came, paths.barred
+    queue, predecessor, barred = paths.queue, paths.came, paths.barred
     barred[0, 0] = 0
     while barred[0, 0] < _TRIES:
         end = _way(graph, parts, bounds, p, sign, paths)
@@ -272,10 +272,10 @@ def _traded(graph, weights, parts, bounds, p, sign, paths, stamp):
         # Trace the path back from its last part to p: first its length, then its parts in order.
         length, q = 1, end
         while q != p:
-            length, q = length + 1, came[q]
+            length, q = length + 1, predecessor[q]
         for s in range(length):
             queue[length - 1 - s] = end
-            end = came[end]
+            end = predecessor[end]
         passed, stamp = _hand_on(graph, weights, parts, mean[block[p]], length, sign, paths, stamp)
         if passed:
             return True, stamp
@@ -312,9 +312,9 @@ def even_out(indptr, indices, centroids, weights, labels, block, mean, tolerance
     rings = (np.empty(n + 1, np.int32), np.empty(n + 1, np.int32), np.zeros((n, 2), np.int64))
     heap, keys, place = np.empty(n, np.int32), np.empty(n), np.full(n, -1, np.int32)
     shift = Shift(heap, keys, place, rings, np.empty((2, centroids.shape[1])))
-    queue, came, marks = np.empty(k, np.int32), np.zeros(k, np.int32), np.zeros(k + 1, np.int64)
+    queue, predecessor, marks = np.empty(k, np.int32), np.zeros(k, np.int32), np.zeros(k + 1, np.int64)
     moves, barred = np.empty((n, 2), np.int64), np.zeros((_TRIES + 2, 2), np.int64)
-    paths = Paths(queue, came, marks, moves, shift, barred)
+    paths = Paths(queue, predecessor, marks, moves, shift, barred)
     # 3. Each part that is too large or too small trades cells until its size is admissible or no path
     #    succeeds. Repeat while cells move, because blocked moves may become possible.
     changed = True

@@ -242,7 +242,7 @@ def _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, f
                 listed[i] = b + 1
                 edge += 1
         # 3. Sweep until no cell with a changed neighbourhood is left.
-        candidates, pairs, paired = edge, False, False
+        candidates, pairs, pairs_tried = edge, False, False
         for _ in range(_SWEEPS):
             m = _paying(graph, parts, visits, candidates, pairs, lengths, axis, centroids, keys, movers)
             sweep += 1
@@ -270,8 +270,8 @@ def _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, f
             #    single cells again.
             if pairs:
                 pairs = False
-            elif candidates == 0 and not paired:
-                pairs, paired, candidates = True, True, edge
+            elif candidates == 0 and not pairs_tried:
+                pairs, pairs_tried, candidates = True, True, edge
                 for c in range(edge):
                     visits[c] = boundary[c]
             if candidates == 0:

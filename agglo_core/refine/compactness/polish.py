@@ -66,10 +66,10 @@ def _swept_together(cells: Any, state: Any, by_turns: Any, sweep_args: tuple[Any
     work = [_work(len(state.parts), len(state.tally)) for _ in range(threads)]
     for sweep in range(_SWEEPS):
         slices, before = by_turns[sweep % 2], by_turns[1 - sweep % 2]
-        looked_at = listed_cells(state, work[0], sweep, before, sweep_args[0])
-        if looked_at == 0:
+        n_listed = listed_cells(state, work[0], sweep, before, sweep_args[0])
+        if n_listed == 0:
             break
-        ranges = _shares(slices.rows, state.first, threads if looked_at > _FEW else 1)
+        ranges = _shares(slices.rows, state.first, threads if n_listed > _FEW else 1)
 
         def make(start: int, stop: int, workspace: Any, sweep: int = sweep, slices: Any = slices) -> None:
             sweep_slices(cells, state, workspace, slices, start, stop, sweep, *sweep_args)
