@@ -126,8 +126,8 @@ def _tried(i, p, q, least, params, penalty, cells, parts, edges, circles, work, 
     home_radius = rings[p, RADIUS]
     grows = touches(i, q, rings[q, ACROSS], rings[q, ACROSS + 1], 1.01 * rings[q, RADIUS], parts, edges)
     bound = min(_WIDEST * target_width[0], _GROWTH * rings[q, RADIUS]) if grows else rings[q, RADIUS]
-    above = _score(target_width[0], bound, bound, params, penalty)
-    if _score(home_width[0], home_radius, home_radius, params, penalty) + above < least:
+    target_bound = _score(target_width[0], bound, bound, params, penalty)
+    if _score(home_width[0], home_radius, home_radius, params, penalty) + target_bound < least:
         parts.labels[i] = p
         return False
     # 4. The circle of p changes if its centre may lie in the cell, or if an edge between p and the cell,
@@ -141,7 +141,7 @@ def _tried(i, p, q, least, params, penalty, cells, parts, edges, circles, work, 
     home_circle = _new_circle(p, shrinks, cells, parts, edges, circles)
     score = _score(home_width[0], home_circle[0], home_circle[3], params, penalty)
     target_circle = home_circle
-    if score + above >= least:
+    if score + target_bound >= least:
         target_circle = _new_circle(q, grows, cells, parts, edges, circles)
         score += _score(target_width[0], target_circle[0], target_circle[3], params, penalty)
     else:

@@ -86,10 +86,10 @@ def _counted(search: Search, first: Int) -> Int:
         if score > best:
             best, result, best_size = score, labels, search.size
         # 2. Change the size, by a smaller factor after a change of direction.
-        towards = 1 if shapes.widths.max() > search.size * (1 + ROUNDING) else -1
-        factor = factor if towards * before >= 0 else factor**0.5
-        search.size *= factor**towards
-        before = towards
+        direction = 1 if shapes.widths.max() > search.size * (1 + ROUNDING) else -1
+        factor = factor if direction * before >= 0 else factor**0.5
+        search.size *= factor**direction
+        before = direction
     search.size = best_size
     return result
 

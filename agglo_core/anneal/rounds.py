@@ -88,24 +88,24 @@ def take_turns(
     n, k, n_rounds, stamp = len(parts.labels), len(parts.tally), 0, 0
     seeds, count = np.array([seed], np.uint64), max(1, min(n // _CELLS, k // _PARTS))
     most = rounds.shape[1] if count == 1 else max(1, rounds.shape[1] // _SHARINGS)
-    at_once = int(np.clip(_DRAWS / (n * rounds[2, 0]), 1, most))
-    at_once = at_once if of_part is None else -(-rounds.shape[1] // _PAUSES)
+    batch_size = int(np.clip(_DRAWS / (n * rounds[2, 0]), 1, most))
+    batch_size = batch_size if of_part is None else -(-rounds.shape[1] // _PAUSES)
     while n_rounds < rounds.shape[1]:
         # 2. At the time limit, replace the remaining rounds by a short ending.
         if n_rounds == 0 and limit.over():
             return
         if limit.over():
             rounds, n_rounds = _ending(rounds[:, n_rounds:]), 0
-            at_once, limit = rounds.shape[1], TimeLimit()
+            batch_size, limit = rounds.shape[1], TimeLimit()
         # 3. Divide into shares, and run some rounds in all threads.
-        batch, seeds = frozen_float(rounds[:, n_rounds : n_rounds + at_once]), splitmix(seeds)
+        batch, seeds = frozen_float(rounds[:, n_rounds : n_rounds + batch_size]), splitmix(seeds)
         labels = frozen_int(parts.labels)
         shares = _shares(
             labels, shared_out(graph, labels, k, count, int(seeds[0])) if of_part is None else of_part
         )
         _share_out(make, shares, rooms, batch, np.uint64(seeds[0]), stamp)
         stamp += n * int(np.sum(np.floor(batch[2]) + 1))
-        n_rounds += at_once
+        n_rounds += batch_size
 
 
 def _ending(rounds: Float) -> Float:
