@@ -125,7 +125,7 @@ def _largest(edges, m, diameter, best, heap):
     outside. See :func:`circles` for the bounds. The columns of boxes follow
     :mod:`agglo_core.shapes.box_heap`, and their lists are column ranges in ``edges``.
     """
-    best_x, best_y, polished, above = 0.0, 0.0, 0.0, 0.0
+    best_x, best_y, polished, distance0 = 0.0, 0.0, 0.0, 0.0
     trio, weight = np.zeros(3, np.int64), np.zeros(3)
     pair, halves = np.zeros(3, np.int64), np.array((0.5, 0.5, 0.0))
     some, share, inverse = np.zeros(3, np.int64), np.zeros(3), np.zeros((3, 3))
@@ -133,7 +133,7 @@ def _largest(edges, m, diameter, best, heap):
     x, y, exact = _in_convex(edges, m, diameter, some, share, inverse)
     if exact >= 0.0:
         return (x, y, exact, edges, heap) if exact > best else (best_x, best_y, best, edges, heap)
-    # 2. Root: the box around all edges. Its signed distance is unknown (``above`` is 0).
+    # 2. Root: the box around all edges. Its signed distance is unknown (``distance0`` is 0).
     box = np.empty((1, WIDTH))
     x0, y0, sx, sy = bounding_box(edges, m)
     start, stop, top = np.int64(0), m, m  # edges of the open box; end of those in use
@@ -165,7 +165,7 @@ def _largest(edges, m, diameter, best, heap):
                 y += (2 * part - 1) * axis * sy
             # 5. Signed distance of the centre: a candidate, and the bound d + R (outside: R - d).
             d = np.sqrt(edges[ROWS, nearest_edge(edges, start, stop, x, y)])
-            inside = is_inside(edges, m, start, stop, axis, x0, y0, above, 1e-12 * diameter, x, y)
+            inside = is_inside(edges, m, start, stop, axis, x0, y0, distance0, 1e-12 * diameter, x, y)
             signed = d if inside else -d
             if signed > best:
                 best, best_x, best_y = signed, x, y
@@ -230,7 +230,7 @@ def _largest(edges, m, diameter, best, heap):
         # 13. Open the box with the largest bound.
         if not is_done:
             pop(heap, size, box)
-            x0, y0, sx, sy, above = box[0, 1], box[0, 2], box[0, 3], box[0, 4], box[0, 5]
+            x0, y0, sx, sy, distance0 = box[0, 1], box[0, 2], box[0, 3], box[0, 4], box[0, 5]
             start, stop, axis = np.int64(box[0, 6]), np.int64(box[0, 7]), np.int64(box[0, 8])
             sx, sy = (0.5 * sx, sy) if axis == 0 else (sx, 0.5 * sy)
             size -= 1

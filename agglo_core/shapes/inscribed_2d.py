@@ -125,20 +125,20 @@ def signed_distance(edges, m, x, y):
 
 
 @helper
-def is_inside(edges, m, start, stop, axis, x0, y0, above, tiny, x, y):
+def is_inside(edges, m, start, stop, axis, x0, y0, distance0, tiny, x, y):
     """Return True if (x, y), reached along an axis from (x0, y0), is inside.
 
-    The point (x0, y0) has signed distance ``above``. ``start`` to ``stop`` are the edges near both points.
-    All ``m`` edges are used if (x0, y0) is within ``tiny`` of the boundary.
+    The point (x0, y0) has signed distance ``distance0``. ``start`` to ``stop`` are the edges near both
+    points. All ``m`` edges are used if (x0, y0) is within ``tiny`` of the boundary.
     """
     place, to, level = (x0, x, y) if axis == 0 else (y0, y, x)
     # A path shorter than the distance to the boundary crosses nothing. From a point on the boundary, whose
     # side is lost in rounding, start at infinity instead, which is outside.
-    if abs(to - place) < abs(above):
-        return above > 0.0
-    if abs(above) <= tiny:
+    if abs(to - place) < abs(distance0):
+        return distance0 > 0.0
+    if abs(distance0) <= tiny:
         start, stop, axis, place, to, level = 0, m, 0, np.inf, x, y
-    return (above > tiny) != crosses(edges, start, stop, axis, place, to, level)
+    return (distance0 > tiny) != crosses(edges, start, stop, axis, place, to, level)
 
 
 @helper
@@ -337,12 +337,13 @@ _CROWD = 24  # average number of edges crossed by a slab, above which trapezoids
 
 
 @helper
-def _next_slab(edges, order, begins, active, count, begun, x_left):
+def _next_slab(edges, order, begins, active, count, n_begun, x_left):
     """Move the sweep line to ``x_left``, and update the active edges.
 
     ``active[:count]`` are the edges crossed by the line, ``order`` all edges sorted by their left ends
-    ``begins``, of which ``begun`` were visited. Returns the numbers of active and visited edges, and the ends
-    of the slab: from ``x_left``, or from the start of the next edge if none is active, to the next vertex.
+    ``begins``, of which ``n_begun`` were visited. Returns the numbers of active and visited edges, and the
+    ends of the slab: from ``x_left``, or from the start of the next edge if none is active, to the next
+    vertex.
     """
     # 1. Keep the edges that continue beyond the line.
     n_active, x_right = 0, np.inf
@@ -353,16 +354,16 @@ def _next_slab(edges, order, begins, active, count, begun, x_left):
             active[n_active], x_right = i, min(x_right, end)
             n_active += 1
     # 2. In a gap between loops, advance to the next edge. Then add all edges that begin here.
-    if n_active == 0 and begun < len(order):
-        x_left = begins[begun]
-    while begun < len(order) and begins[begun] <= x_left:
-        i = order[begun]
+    if n_active == 0 and n_begun < len(order):
+        x_left = begins[n_begun]
+    while n_begun < len(order) and begins[n_begun] <= x_left:
+        i = order[n_begun]
         end = max(edges[0, i], edges[4, i])
         if end > x_left:  # vertical edges do not bound trapezoids from above or below
             active[n_active], x_right = i, min(x_right, end)
             n_active += 1
-        begun += 1
-    return n_active, begun, x_left, min(x_right, begins[begun]) if begun < len(order) else x_right
+        n_begun += 1
+    return n_active, n_begun, x_left, min(x_right, begins[n_begun]) if n_begun < len(order) else x_right
 
 
 @helper
@@ -403,10 +404,10 @@ def slabs(edges, m, best, accuracy, heap, box):
     sort_by_keys(order, begins, np.int64(m))
     active, y_left, y_right = np.empty(m, np.int64), np.empty(m), np.empty(m)
     best_x, best_y, longest, size = 0.0, 0.0, 0.0, np.int64(0)
-    count, begun, work, x_left = 0, 0, 0, begins[0]
+    count, n_begun, work, x_left = 0, 0, 0, begins[0]
     while work <= _CROWD * m:
         # 2. Next slab, between two consecutive vertices, and the edges that cross it, sorted upward.
-        count, begun, x_left, x_right = _next_slab(edges, order, begins, active, count, begun, x_left)
+        count, n_begun, x_left, x_right = _next_slab(edges, order, begins, active, count, n_begun, x_left)
         if count == 0:
             break
         work += count
