@@ -134,15 +134,15 @@ def listed_blocks(labels, block_labels, count):
 def numbered_as_met(values, count):
     """Renumber values below ``count`` by first occurrence, and return the old values in that order."""
     number, order = np.full(count, -1, np.int32), np.empty(count + 1, np.int64)
-    renumbered, met = np.empty(len(values), np.int32), np.uint64(0)
+    renumbered, n_distinct = np.empty(len(values), np.int32), np.uint64(0)
     for h in range(len(values)):
         v = np.uint32(values[h])
         entry = number[v]
-        new_number = np.int32(met) if entry < 0 else entry
-        order[met] = v  # kept only if new; a branch would be mispredicted
-        met += np.uint64(entry < 0)
+        new_number = np.int32(n_distinct) if entry < 0 else entry
+        order[n_distinct] = v  # kept only if new; a branch would be mispredicted
+        n_distinct += np.uint64(entry < 0)
         number[v], renumbered[h] = new_number, new_number
-    return renumbered, order[:met]
+    return renumbered, order[:n_distinct]
 
 
 @kernel

@@ -24,15 +24,15 @@ def _near_earlier(x, indptr, indices, labels):
 
     Neighbours with a large neighbour count are skipped.
     """
-    label, met = labels[x], False
+    label, is_linked = labels[x], False
     for h in range(np.uint64(indptr[x]), np.uint64(indptr[x + ONE])):
         j = np.uint64(np.uint32(indices[h]))
         in_part, begin, end = labels[j] == label, np.uint64(indptr[j]), np.uint64(indptr[j + ONE])
         for g in range(begin, end if end - begin < _CROWD else begin):
             i = np.uint32(indices[g])
             # No branch: it would be mispredicted half the time.
-            met |= in_part & (i < x) & (labels[i] == label)
-    return met
+            is_linked |= in_part & (i < x) & (labels[i] == label)
+    return is_linked
 
 
 @helper
@@ -41,10 +41,10 @@ def _meets_earlier(x, indptr, indices, labels, marks, queue, budget):
 
     The search fails when the ``budget`` is negative. Marks of other searches differ from x.
     """
-    label, head, filled, met, mark = labels[x], np.uint64(0), ONE, False, np.int32(x)
+    label, head, filled, is_linked, mark = labels[x], np.uint64(0), ONE, False, np.int32(x)
     queue[0], marks[x] = mark, mark
     # Breadth-first search within the part, until the first cell before x.
-    while head < filled and not met:
+    while head < filled and not is_linked:
         i = np.uint64(np.uint32(queue[head]))
         head += ONE
         begin, end = np.uint64(indptr[i]), np.uint64(indptr[i + ONE])
@@ -54,11 +54,11 @@ def _meets_earlier(x, indptr, indices, labels, marks, queue, budget):
         for h in range(begin, end):
             j = np.uint32(indices[h])
             in_part = labels[j] == label
-            met |= in_part & (j < x)
+            is_linked |= in_part & (j < x)
             queue[filled] = j  # kept only if new; branches would be mispredicted half the time
             filled += np.uint64(in_part & (marks[j] != mark))
             marks[j] = mark
-    return met, budget
+    return is_linked, budget
 
 
 @kernel
@@ -86,12 +86,12 @@ def lone_cells(start, stop, indptr, indices, labels, count, lone, marks, queue):
         for k in range(n_lone, listed):
             x = np.uint64(np.uint32(lone[k]))
             label = np.uint32(labels[x])
-            met = has_cell[label] and _near_earlier(x, indptr, indices, labels)
-            if not met and has_cell[label] and budget >= 0:
-                met, budget = _meets_earlier(x, indptr, indices, labels, marks, queue, budget)
+            is_linked = has_cell[label] and _near_earlier(x, indptr, indices, labels)
+            if not is_linked and has_cell[label] and budget >= 0:
+                is_linked, budget = _meets_earlier(x, indptr, indices, labels, marks, queue, budget)
             has_cell[label] = True
             lone[n_lone] = x
-            n_lone += np.uint64(not met)
+            n_lone += np.uint64(not is_linked)
     return np.int64(n_lone)
 
 
@@ -102,7 +102,7 @@ def _found_apart(lone, indptr, indices, labels, part_mask, has_cell, broken, mar
     Returns True if there are any. A cell may be listed only as the first cell of its part in a range of
     cells: the earlier cells were in another call of :func:`lone_cells`.
     """
-    budget, doubtful = len(indices), False
+    budget, is_doubtful = len(indices), False
     has_cell[:] = False
     for k in range(len(lone)):
         x = np.uint64(np.uint32(lone[k]))
@@ -110,13 +110,13 @@ def _found_apart(lone, indptr, indices, labels, part_mask, has_cell, broken, mar
         # The first cell of a part is always listed. Search from each later cell. After too many edges, the
         # part is doubtful without a search.
         if has_cell[part] and part_mask[part] and not broken[part]:
-            met = False
+            is_linked = False
             if budget >= 0:
-                met, budget = _meets_earlier(x, indptr, indices, labels, marks, queue, budget)
-            broken[part] = not met
-            doubtful |= not met
+                is_linked, budget = _meets_earlier(x, indptr, indices, labels, marks, queue, budget)
+            broken[part] = not is_linked
+            is_doubtful |= not is_linked
         has_cell[part] = True
-    return doubtful
+    return is_doubtful
 
 
 @kernel
@@ -126,14 +126,14 @@ def broken_parts(lone, indptr, indices, labels, part_mask):
     ``lone`` are all cells listed by ``lone_cells``. Searches decide most parts. Only the remaining doubtful
     parts are flooded, in almost all cases none.
     """
-    n, doubtful = len(labels), False
+    n, is_doubtful = len(labels), False
     has_cell, broken = np.zeros(len(part_mask), np.bool_), np.zeros(len(part_mask), np.bool_)
     # 1. Every part has one lone cell, its first. Only parts with several may be broken.
     for k in range(len(lone)):
         part = np.uint32(labels[np.uint32(lone[k])])
-        doubtful |= has_cell[part] & part_mask[part]
+        is_doubtful |= has_cell[part] & part_mask[part]
         has_cell[part] = True
-    if not doubtful:
+    if not is_doubtful:
         return broken
     # 2. Search from the other lone cells, with all earlier cells available.
     marks, nodes = np.zeros(n, np.int32), np.empty(n + 1, np.int32)

@@ -49,12 +49,12 @@ def _sift_up(heap, keys, place, at):
     """Move the entry ``at`` up until its parent has a larger key."""
     cell, key = heap[at], keys[at]
     while at > 0:
-        above = (at - 1) // 2
-        if keys[above] >= key:
+        parent = (at - 1) // 2
+        if keys[parent] >= key:
             break
-        heap[at], keys[at] = heap[above], keys[above]
+        heap[at], keys[at] = heap[parent], keys[parent]
         place[heap[at]] = at
-        at = above
+        at = parent
     heap[at], keys[at], place[cell] = cell, key, at
 
 
