@@ -91,7 +91,7 @@ def exact_cast(
         limits = np.iinfo(dtype)
         if limits.min <= array.min() and array.max() <= limits.max:
             return array.astype(dtype)
-        wrong = (array < limits.min) | (array > limits.max)
+        error_mask = (array < limits.min) | (array > limits.max)
     else:
         try:
             with np.errstate(invalid="ignore", over="ignore"):
@@ -100,12 +100,12 @@ def exact_cast(
             raise error(f"{name} must be {requirement}: {reason}") from None
         if target == "f":
             return cast
-        wrong = cast != array
+        error_mask = cast != array
         if source == "f":  # 2^63 may become the largest int64, and both compare equal as floats
-            wrong |= np.abs(array) > 2.0**62
-        if not wrong.any():
+            error_mask |= np.abs(array) > 2.0**62
+        if not error_mask.any():
             return cast
-    place = np.argwhere(wrong)[0].tolist()
+    place = np.argwhere(error_mask)[0].tolist()
     raise error(f"{name} must be {requirement}, given {array[tuple(place)]} at {place}")
 
 
@@ -190,15 +190,15 @@ def trusted(kind: type[T], /, *values: Any, **keywords: Any) -> T:
     Arrays become read-only, and are neither copied nor cast. They must be consistent and have no other
     writers.
     """
-    declared = fields(kind)  # type: ignore[arg-type]  # all of these classes are dataclasses
-    field_values = dict(zip((field.name for field in declared), values, strict=False), **keywords)
-    for field in declared:
+    class_fields = fields(kind)  # type: ignore[arg-type]  # all of these classes are dataclasses
+    field_values = dict(zip((field.name for field in class_fields), values, strict=False), **keywords)
+    for field in class_fields:
         if field.default_factory is not MISSING:
             field_values.setdefault(field.name, field.default_factory())
         elif field.default is not MISSING:
             field_values.setdefault(field.name, field.default)
     instance = object.__new__(kind)
-    instance.__dict__.update({field.name: _read_only(field_values.pop(field.name)) for field in declared})
+    instance.__dict__.update({field.name: _read_only(field_values.pop(field.name)) for field in class_fields})
     if field_values:
         raise TypeError(f"{kind.__name__} has no field {', '.join(field_values)}")
     return instance
