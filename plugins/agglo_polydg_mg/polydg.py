@@ -113,20 +113,20 @@ class PolyDG:
             See :func:`~agglo_polydg_mg.forms.assembly.discretise`; also for values that are not finite.
         """
         # 1. Discretise
-        asked, basis = _diffusion(problem), basis or self.basis(mesh)
-        system, load, offset, sigma = self.lifted(asked, mesh, basis, units)
+        diffusion, basis = _diffusion(problem), basis or self.basis(mesh)
+        system, load, offset, sigma = self.lifted(diffusion, mesh, basis, units)
         # 2. Rescale data of extreme size, and discretise again
-        factor = solvers.factor_for(float(np.abs(load).max()) or solvers.data_size(mesh, asked))
+        factor = solvers.factor_for(float(np.abs(load).max()) or solvers.data_size(mesh, diffusion))
         if factor != 1.0:
-            asked = solvers.times(asked, factor)
-            system, load, offset, sigma = self.lifted(asked, mesh, basis, units)
+            diffusion = solvers.times(diffusion, factor)
+            system, load, offset, sigma = self.lifted(diffusion, mesh, basis, units)
         if not (_finite(system.b) and _finite(system.A.data)):
             raise OptionError("matrix or right-hand side hold values that are not finite")
         return solvers.FineSystem(
             system.A,
             load,
             basis.n_local,
-            self.residual_measure(asked, mesh, load, basis),
+            self.residual_measure(diffusion, mesh, load, basis),
             full=system.b,
             offset=offset if offset.any() else None,
             factor=factor,
@@ -171,13 +171,13 @@ class PolyDG:
         self, problem: Problem, mesh: Mesh, x: Float, cells: Mask | None = None
     ) -> Mapping[str, float]:
         """Return the :meth:`errors` over ``cells (n_cells,)`` and half of their faces to other cells."""
-        asked = _diffusion(problem)
-        if asked.exact is None:
+        diffusion = _diffusion(problem)
+        if diffusion.exact is None:
             return {}
         factor = solvers.factor_for(float(np.abs(x).max(initial=0.0)))
-        asked = asked if factor == 1.0 else solvers.times(asked, factor)
-        found = errors(self.basis(mesh), factor * x, asked, penalty=self.penalty, chosen=cells)
-        return {"l2": found.l2 / factor, "dg": found.dg / factor}
+        diffusion = diffusion if factor == 1.0 else solvers.times(diffusion, factor)
+        norms = errors(self.basis(mesh), factor * x, diffusion, penalty=self.penalty, chosen=cells)
+        return {"l2": norms.l2 / factor, "dg": norms.dg / factor}
 
     def load(self, problem: Problem, mesh: Mesh, b: Float) -> Float:
         """Return the load ``(n,)`` from source and Neumann data: b itself without Dirichlet data."""
@@ -191,12 +191,12 @@ class PolyDG:
 
         It weights by the cell means of κ.
         """
-        asked, basis = _diffusion(problem), basis or self.basis(mesh)
-        kappa = cell_means(mesh, asked.kappa)
-        norm = EnergyNorm(basis, asked, self.penalty) if asked.dirichlet else None
+        diffusion, basis = _diffusion(problem), basis or self.basis(mesh)
+        kappa = cell_means(mesh, diffusion.kappa)
+        norm = EnergyNorm(basis, diffusion, self.penalty) if diffusion.dirichlet else None
         if kappa.min() == kappa.max():
             return solvers.ResidualMeasure(b, norm=norm)
-        source = load(basis, asked) if asked.dirichlet else None
+        source = load(basis, diffusion) if diffusion.dirichlet else None
         return solvers.ResidualMeasure(b, np.repeat(kappa, basis.n_local), source, norm)
 
 
@@ -218,13 +218,13 @@ def _diffusion(problem: Problem) -> Diffusion:
 
 def corrections(problem: Problem, mesh: Mesh, labels: Int) -> Diffusion:
     """Return the problem for corrections on agglomerates: equal conditions with zero data."""
-    asked = _diffusion(problem)
+    diffusion = _diffusion(problem)
     return Diffusion(
-        kappa=_averaged(asked.kappa, mesh, labels),
+        kappa=_averaged(diffusion.kappa, mesh, labels),
         source=0.0,
-        dirichlet=dict.fromkeys(asked.dirichlet, 0.0),
-        neumann=dict.fromkeys(asked.neumann, 0.0),
-        boundary=asked.boundary,
+        dirichlet=dict.fromkeys(diffusion.dirichlet, 0.0),
+        neumann=dict.fromkeys(diffusion.neumann, 0.0),
+        boundary=diffusion.boundary,
     )
 
 

@@ -50,13 +50,15 @@ def _stretched(fine: Basis, coarse: Basis, cells: Int, labels: Int) -> Float:
     outer, inner = coarse.halves[labels], fine.halves[cells]
     shift = fine.centres[cells] - coarse.centres[labels] + (fine.mesh.origin - coarse.mesh.origin)
     dim = fine.mesh.dim
-    found = np.ones((len(cells), fine.n_local, coarse.n_local))
+    coefficients = np.ones((len(cells), fine.n_local, coarse.n_local))
     for axis, (into, of) in enumerate(
         zip(orders(fine.degree, dim).T, orders(coarse.degree, dim).T, strict=True)
     ):
-        along = _restricted(shift[:, axis] / outer[:, axis], inner[:, axis] / outer[:, axis], fine.degree)
-        found *= along[:, into[:, None], of]
-    return np.asarray(found * (coarse.scale[labels] / fine.scale[cells])[:, None, None])
+        axis_factors = _restricted(
+            shift[:, axis] / outer[:, axis], inner[:, axis] / outer[:, axis], fine.degree
+        )
+        coefficients *= axis_factors[:, into[:, None], of]
+    return np.asarray(coefficients * (coarse.scale[labels] / fine.scale[cells])[:, None, None])
 
 
 def _sampled(fine: Basis, coarse: Basis, cells: Int, labels: Int) -> Float:

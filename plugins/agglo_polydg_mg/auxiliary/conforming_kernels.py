@@ -104,25 +104,28 @@ def corner_unknowns(offsets, faces, face_cells, ends, starts, coupling, stiffnes
         # Two passes over the faces. The first finds, at each corner, the strongest group across them and
         # the strength of the second strongest. The second pass joins, because the number of groups must be
         # known before.
-        for again in range(2):
+        for join_pass in range(2):
             for h in range(offsets[c], offsets[c + 1]):
                 f = faces[h]
                 side = 0 if face_cells[f, 0] == c else 1
-                other = face_cells[f, 1 - side]
+                neighbour = face_cells[f, 1 - side]
                 # Skip the boundary, later cells (they will visit this cell) and weak faces.
-                if other < 0 or rank[other] > rank[c] or coupling[f] * weak < stiffness[c]:
+                if neighbour < 0 or rank[neighbour] > rank[c] or coupling[f] * weak < stiffness[c]:
                     continue
                 for k in range(2):
-                    mine, root = ends[f, side, k], _root(parents, ends[f, 1 - side, k])
+                    corner, root = ends[f, side, k], _root(parents, ends[f, 1 - side, k])
                     # With a single group across the corner, second is 0 and the corner joins.
-                    if again:
-                        own = _root(parents, mine)
-                        if own != root and stiffness[c] * comparable >= second[mine]:
-                            parents[own], strength[root] = root, max(strength[own], strength[root])
-                    elif strength[root] > best[mine]:
-                        strongest[mine], best[mine], second[mine] = root, strength[root], best[mine]
-                    elif root != strongest[mine]:
-                        second[mine] = max(second[mine], strength[root])
+                    if join_pass:
+                        corner_root = _root(parents, corner)
+                        if corner_root != root and stiffness[c] * comparable >= second[corner]:
+                            parents[corner_root], strength[root] = (
+                                root,
+                                max(strength[corner_root], strength[root]),
+                            )
+                    elif strength[root] > best[corner]:
+                        strongest[corner], best[corner], second[corner] = root, strength[root], best[corner]
+                    elif root != strongest[corner]:
+                        second[corner] = max(second[corner], strength[root])
     # Each group is an unknown. Corners are ordered by cell, so unknowns are numbered by their first cell.
     numbers, unknowns, count = np.full(m, -1), np.empty(m, np.int64), 0
     for i in range(m):
@@ -135,8 +138,8 @@ def corner_unknowns(offsets, faces, face_cells, ends, starts, coupling, stiffnes
 
 
 @helper
-def _polynomials(x, y, box, roots, out):
-    """Write the unscaled polynomials of a cell at a point to ``out``.
+def _polynomials(x, y, box, roots, values):
+    """Write the unscaled polynomials of a cell at a point to ``values``.
 
     They are (i + 1/2)^½ (j + 1/2)^½ L_i(x̂) L_j(ŷ), numbered by total degree, with L_i(1) = 1; ``roots
     (degree + 1,)`` the factors (i + 1/2)^½.
@@ -149,14 +152,14 @@ def _polynomials(x, y, box, roots, out):
     for i in range(degree + 1):  # L_i(x), at the places of (i, j) for all j
         k = i * (i + 1) // 2
         for j in range(degree + 1 - i):
-            out[k] = value * roots[i]
+            values[k] = value * roots[i]
             k += i + j + 2
         before, value = value, ((2 * i + 1) * x * value - i * before) / (i + 1)
     before, value = 0.0, 1.0
     for j in range(degree + 1):  # times L_j(y), at the places of (i, j) for all i
         k = j * (j + 3) // 2
         for i in range(degree + 1 - j):
-            out[k] *= value * roots[j]
+            values[k] *= value * roots[j]
             k += i + j + 1
         before, value = value, ((2 * j + 1) * y * value - j * before) / (j + 1)
 
@@ -201,8 +204,8 @@ def solve_rows(normal, right, n, count):
 
 @kernel
 def fit_traces(
-    points, offsets, faces, face_vertices, face_cells, ends, starts, unknowns, bubbles, held, orthogonal,
-    boxes, scale, degree, nodes, weights, regularisation, squares, room,
+    points, offsets, faces, face_vertices, face_cells, ends, starts, unknowns, bubbles, isolated, orthogonal,
+    boxes, scale, degree, nodes, weights, regularisation, squares, max_rows,
 ):  # fmt: skip
     """Fit a polynomial q_u of each cell to the trace of each of its unknowns u.
 
@@ -212,34 +215,34 @@ def fit_traces(
     degree 2 on.
 
     The trace is linear between the corners of a face, plus the bubbles 4t(1 − t)(2t − 1)^k numbered from
-    ``bubbles (F,)`` on, if nonnegative. On faces with ``held (F,)``, row k of ``orthogonal`` times the end
+    ``bubbles (F,)`` on, if nonnegative. On ``isolated (F,)`` faces, row k of ``orthogonal`` times the end
     functions and the bubbles is added to bubble k. A cell with more than ``squares²`` corners has one
     unknown per square of a grid on its box, taken from the first vertex there: the polynomial fits the
-    values at these vertices. ``nodes`` and ``weights`` are a rule on [0, 1]; ``room`` is an upper bound for
-    the row count.
+    values at these vertices. ``nodes`` and ``weights`` are a rule on [0, 1]; ``max_rows`` is an upper bound
+    for the row count.
     """
     # 0. Workspaces. ``right`` has a row for each unknown of the largest cell.
     n, most, extra = (degree + 1) * (degree + 2) // 2, squares * squares, degree - 1
-    counts, indices = np.zeros(len(offsets), np.int64), np.empty(room, np.int32)
-    fitted = np.empty((room, n))
+    counts, indices = np.zeros(len(offsets), np.int64), np.empty(max_rows, np.int32)
+    fitted = np.empty((max_rows, n))
     widest = most
     for c in range(len(offsets) - 1):
         if starts[c + 1] - starts[c] <= most:
             widest = max(widest, starts[c + 1] - starts[c] + extra * (offsets[c + 1] - offsets[c]))
     normal, right, values = np.empty((n, n)), np.empty((widest, n)), np.empty(n)
-    place, where, roots = np.empty(most, np.int64), np.empty((most, 2)), np.empty(degree + 1)
+    place, square_points, roots = np.empty(most, np.int64), np.empty((most, 2)), np.empty(degree + 1)
     for i in range(degree + 1):
         roots[i] = np.sqrt(i + 0.5)
     position = 0
     for c in range(len(offsets) - 1):
-        # 1. Corner unknowns come first, then bubbles. With ``many`` corners the unknowns are only known
+        # 1. Corner unknowns come first, then bubbles. With ``use_grid`` corners the unknowns are only known
         # after the grid squares are.
         corners = starts[c + 1] - starts[c]
         box = boxes[c]
-        many = corners > most
+        use_grid = corners > most
         normal[:], place[:] = 0.0, -1
-        right[: most if many else corners + extra * (offsets[c + 1] - offsets[c])] = 0.0
-        count = 0 if many else corners
+        right[: most if use_grid else corners + extra * (offsets[c + 1] - offsets[c])] = 0.0
+        count = 0 if use_grid else corners
         for i in range(count):
             indices[position + i] = unknowns[starts[c] + i]
         for h in range(offsets[c], offsets[c + 1]):
@@ -252,7 +255,7 @@ def fit_traces(
             length = np.sqrt((ex / box[2]) ** 2 + (ey / box[3]) ** 2)
             # 3. Many corners: each end takes half of the length. The point is the first vertex found in the
             # grid square of the end: N and the right-hand side take the value there.
-            if many:
+            if use_grid:
                 for k in range(2):
                     v = face_vertices[f, k]
                     x, y = along_box(points[v, 0] - box[0], points[v, 1] - box[1], box)
@@ -260,11 +263,11 @@ def fit_traces(
                     row = min(int(squares * 0.5 * (1.0 + y / box[3])), squares - 1)
                     s = max(row, 0) * squares + max(column, 0)
                     if place[s] < 0:
-                        place[s], where[count] = count, points[v]
+                        place[s], square_points[count] = count, points[v]
                         indices[position + count] = unknowns[ends[f, side, k]]
                         count += 1
                     i = place[s]
-                    _polynomials(where[i, 0], where[i, 1], box, roots, values)
+                    _polynomials(square_points[i, 0], square_points[i, 1], box, roots, values)
                     _add_point(0.5 * length, values, normal, n)
                     for j in range(n):
                         right[i, j] += 0.5 * length * values[j]
@@ -297,15 +300,15 @@ def fit_traces(
                 normal[k, k] += regularisation * total * total if total > 1 else 0.0
                 k += 1
         solve_rows(normal, right, n, count)
-        # 6. On held faces add to bubble k its multiples of the end functions and of lower bubbles. The fit
-        # is linear in the trace, so solutions are combined instead of right-hand sides. The last bubble is
-        # first, because it needs the others unchanged.
+        # 6. On isolated faces add to bubble k its multiples of the end functions and of lower bubbles. The
+        # fit is linear in the trace, so solutions are combined instead of right-hand sides. The last bubble
+        # is first, because it needs the others unchanged.
         column = corners
         for h in range(offsets[c], offsets[c + 1]):
             f = faces[h]
-            if many or bubbles[f] < 0:
+            if use_grid or bubbles[f] < 0:
                 continue
-            if held[f]:
+            if isolated[f]:
                 side = 0 if face_cells[f, 0] == c else 1
                 first, last = ends[f, side, 0] - starts[c], ends[f, side, 1] - starts[c]
                 for k in range(extra - 1, -1, -1):

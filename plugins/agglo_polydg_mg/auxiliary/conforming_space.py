@@ -144,23 +144,23 @@ def conforming_space(
     mesh, p = basis.mesh, basis.degree
     topology = (*mesh.cell_faces, mesh.face_pairs, mesh.face_cells)
     short, clusters = _clusters(mesh)
-    starts, ends = (frozen_int(each) for each in corners_of_cells(*topology, clusters))
+    starts, ends = (frozen_int(a) for a in corners_of_cells(*topology, clusters))
     # 2. Unite corners into vertex unknowns
     offsets, faces = mesh.cell_faces
     coupling, stiffness = _stiffness(mesh, sigma, kappa)
     order = frozen_int(np.argsort(-stiffness, kind="stable"))
     parts = offsets, faces, mesh.face_cells, ends, starts, coupling, stiffness, order
-    found = corner_unknowns(*parts, _WEAK, _COMPARABLE)
-    unknowns, n_vertices = frozen_int(found[0]), int(found[1])
+    numbering = corner_unknowns(*parts, _WEAK, _COMPARABLE)
+    unknowns, n_vertices = frozen_int(numbering[0]), int(numbering[1])
     # 3. Number the bubbles
     extra = p - 1 if bubbles else 0
     first, n = _bubbles(mesh, starts, short, n_vertices, extra)
     at_ends = np.where(ends < 0, -1, unknowns[ends])
     corners = np.bincount(unknowns, minlength=n_vertices)
-    held = _held_by_a_face(mesh, at_ends, corners, orthogonal and n > n_vertices)
+    isolated = _held_by_a_face(mesh, at_ends, corners, orthogonal and n > n_vertices)
     nodes, weights = gauss(p + 1)
     # 4. Fit polynomials to the traces
-    room = len(unknowns) + 2 * (n - n_vertices)
+    max_rows = len(unknowns) + 2 * (n - n_vertices)
     cells, indices, fitted = fit_traces(
         mesh.local_points,
         *topology,
@@ -168,7 +168,7 @@ def conforming_space(
         starts,
         unknowns,
         first,
-        held,
+        isolated,
         frozen_float(_orthogonal(extra)),
         basis.boxes,
         basis.scale,
@@ -177,13 +177,13 @@ def conforming_space(
         frozen_float(0.5 * weights),
         _REGULARISATION,
         _SQUARES,
-        room,
+        max_rows,
     )
     # 5. Renumber: cells with many corners leave some unknowns unused
-    used = np.zeros(n, bool)
-    used[indices] = True  # cells with many corners skip some
-    places = np.where(used, np.cumsum(used) - 1, -1)
-    counts = int(used[:n_vertices].sum()), int(used.sum())
+    in_use = np.zeros(n, bool)
+    in_use[indices] = True  # cells with many corners skip some
+    places = np.where(in_use, np.cumsum(in_use) - 1, -1)
+    counts = int(in_use[:n_vertices].sum()), int(in_use.sum())
     fitted *= bubble_signs(mesh, first, extra, n)[indices, None]
     return ConformingSpace(
         frozen_int(cells),
@@ -226,10 +226,10 @@ def _held_by_a_face(mesh: Mesh, ends: Int, corners: Int, bubbles: bool) -> Mask:
     if not bubbles:
         return np.zeros(mesh.n_faces, bool)
     inner = mesh.face_cells[:, 1] >= 0
-    other = np.where(inner[:, None], ends[:, 1], ends[:, 0])
-    apart = ends[:, 0, 0] != ends[:, 0, 1]
+    far_ends = np.where(inner[:, None], ends[:, 1], ends[:, 0])
+    distinct_ends = ends[:, 0, 0] != ends[:, 0, 1]
     alone = (corners[ends[:, 0]] == 1 + inner[:, None]).all(axis=1)
-    return np.asarray((other == ends[:, 0]).all(axis=1) & alone & apart)
+    return np.asarray((far_ends == ends[:, 0]).all(axis=1) & alone & distinct_ends)
 
 
 def _orthogonal(extra: int) -> Float:
@@ -264,28 +264,28 @@ def _clusters(mesh: Mesh) -> tuple[Mask, Int]:
     return short, frozen_int(cluster_vertices(mesh.local_points, edges, frozen_float(limit[faces])))
 
 
-def _bubbles(mesh: Mesh, starts: Int, short: Mask, first: int, each: int) -> tuple[Int, int]:
+def _bubbles(mesh: Mesh, starts: Int, short: Mask, first: int, n_per_face: int) -> tuple[Int, int]:
     """Return the first bubble per face ``(F,)``, sorted by first cell, and the number of unknowns.
 
     Faces without bubbles have −1.
     """
     numbers = np.full(mesh.n_faces, -1)
-    if not each:
+    if not n_per_face:
         return frozen_int(numbers), first
-    many = np.diff(starts) > _SQUARES**2
-    owner, other = mesh.face_cells.T
-    other = np.where(other < 0, owner, other)
-    faces = np.flatnonzero(~(short | many[owner] | many[other]))
-    faces = faces[np.argsort(np.minimum(owner, other)[faces], kind="stable")]
-    numbers[faces] = first + each * np.arange(len(faces))
-    return frozen_int(numbers), first + each * len(faces)
+    on_grid = np.diff(starts) > _SQUARES**2
+    owner, neighbour = mesh.face_cells.T
+    neighbour = np.where(neighbour < 0, owner, neighbour)
+    faces = np.flatnonzero(~(short | on_grid[owner] | on_grid[neighbour]))
+    faces = faces[np.argsort(np.minimum(owner, neighbour)[faces], kind="stable")]
+    numbers[faces] = first + n_per_face * np.arange(len(faces))
+    return frozen_int(numbers), first + n_per_face * len(faces)
 
 
 def _stiffness(mesh: Mesh, sigma: Float, kappa: Float) -> tuple[Float, Float]:
     """Return the energy of a unit jump across each face ``(F,)``, and the largest per cell."""
-    owner, other = mesh.face_cells.T
-    own, beyond = kappa[owner], kappa[np.where(other < 0, owner, other)]
+    owner, neighbour = mesh.face_cells.T
+    kappa_in, kappa_out = kappa[owner], kappa[np.where(neighbour < 0, owner, neighbour)]
     jump = sigma * mesh.face_measures
     offsets, faces = mesh.cell_faces
     stiffness = kappa * np.maximum.reduceat(jump[faces], offsets[:-1])
-    return frozen_float(2.0 * own * (beyond / (own + beyond)) * jump), frozen_float(stiffness)
+    return frozen_float(2.0 * kappa_in * (kappa_out / (kappa_in + kappa_out)) * jump), frozen_float(stiffness)

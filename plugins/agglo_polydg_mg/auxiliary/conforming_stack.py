@@ -110,11 +110,11 @@ def conforming_stack(
         basis.mesh.dim == 2 and smoother is None and not (has_bubbles or layers) and constant_kappa
     )
     largest_dropped = _SMALLEST_KAPPA * kappa.min() / kappa.max()
-    dropped = max(min(_SMALL, largest_dropped), _ROUNDING) if has_bubbles else _ROUNDING
+    drop_tolerance = max(min(_SMALL, largest_dropped), _ROUNDING) if has_bubbles else _ROUNDING
     C = space.galerkin(
         system.A,
-        dropped,
-        dropped if nodal_traces else _SMALL_BUBBLES,
+        drop_tolerance,
+        drop_tolerance if nodal_traces else _SMALL_BUBBLES,
         _SMALL_VERTICES if lumps_vertices else 0.0,
     )
     P, guide = space.prolongation(dtype, scale), None

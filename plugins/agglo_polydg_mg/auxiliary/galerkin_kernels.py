@@ -55,38 +55,38 @@ def half_product(width: int) -> Callable[..., Any]:
         n = width if width > 0 else fitted.shape[1]
         starts, places, cell_of = _holders(offsets, indices, size)
         rows, slot, position = np.zeros(size + 1, np.int64), np.full(size, -1), 0
-        found, values = np.empty(16 * size, np.int32), np.empty(16 * size)
+        half_columns, values = np.empty(16 * size, np.int32), np.empty(16 * size)
         turn, near, product = np.full(len(offsets) - 1, -1), np.empty(64, np.int64), np.empty(64 * n)
         for v in range(size):
             # 1. A p, cell by cell: A is symmetric, so A p is Σ_i A_ijᵀ p_i in cell j, over the cells i of
             # v. ``turn[j]`` is the position of cell j in ``near``, −1 if j is not yet visited in this row.
-            count, first, room = 0, position, 1
+            count, first, max_entries = 0, position, 1
             for h in range(starts[v], starts[v + 1]):
-                i, own = np.uint32(cell_of[h]), np.uint32(places[h])
+                i, fit_row = np.uint32(cell_of[h]), np.uint32(places[h])
                 for k in range(indptr[i], indptr[i + 1]):
                     j = np.uint32(columns[k])
                     if turn[j] < 0:
                         if count == len(near):
                             near, product = _longer(near), _longer(product)
                         turn[j], near[count] = count, j
-                        room += offsets[j + 1] - offsets[j]
+                        max_entries += offsets[j + 1] - offsets[j]
                         for b in range(n):
                             product[count * n + b] = 0.0
                         count += 1
                     into = np.uint32(turn[j]) * n
                     for a in range(n):
-                        t = fitted[own, a]
+                        t = fitted[fit_row, a]
                         for b in range(n):
                             product[into + b] += t * blocks[k, a, b]
-            # 2. ``room`` bounds the number of entries in the row: it counts all unknowns of these cells.
-            while position + room > len(found):
-                found, values = _longer(found), _longer(values)
-            slot[v], found[position], values[position] = position, v, 0.0
+            # 2. ``max_entries`` bounds the entries in the row: it counts all unknowns of these cells.
+            while position + max_entries > len(half_columns):
+                half_columns, values = _longer(half_columns), _longer(values)
+            slot[v], half_columns[position], values[position] = position, v, 0.0
             position += 1
             # 3. Row v of Pᵀ (A p), from v on: each unknown w sums the contributions of its cells. Slots
             # before ``first`` belong to earlier rows.
             for s in range(count):
-                j, along = np.uint32(near[s]), np.uint32(s) * n
+                j, product_row = np.uint32(near[s]), np.uint32(s) * n
                 turn[j] = -1
                 for q in range(np.uint32(offsets[j]), np.uint32(offsets[j + 1])):
                     w = np.uint32(indices[q])
@@ -94,14 +94,14 @@ def half_product(width: int) -> Callable[..., Any]:
                         continue
                     t = 0.0
                     for b in range(n):
-                        t += product[along + b] * fitted[q, b]
+                        t += product[product_row + b] * fitted[q, b]
                     if slot[w] >= first:
                         values[slot[w]] += t
                     else:
-                        slot[w], found[position], values[position] = position, w, t
+                        slot[w], half_columns[position], values[position] = position, w, t
                         position += 1
             rows[v + 1] = position
-        return rows, found[:position], values[:position]
+        return rows, half_columns[:position], values[:position]
 
     return galerkin_half
 
@@ -131,7 +131,7 @@ def thinned(rows, columns, values, vertices, small, small_bubbles, small_vertice
       total.
     """
     n = len(rows) - 1
-    root, added, light = np.zeros(n), np.zeros(n), np.zeros(n)
+    root, additions, light = np.zeros(n), np.zeros(n), np.zeros(n)
     for i in range(n):
         root[i] = np.sqrt(max(values[rows[i]], 0.0))
     # 1. Group the unknowns joined by larger entries. ``light`` sums the magnitudes of the others by vertex.
@@ -144,45 +144,49 @@ def thinned(rows, columns, values, vertices, small, small_bubbles, small_vertice
             elif j < vertices:
                 light[i] += size
                 light[j] += size
-    # 2. Choose the entries to keep, add the others to ``added``, and count entries of both halves by row.
-    kept, starts = np.empty(len(columns), np.bool_), np.zeros(n + 1, np.int32)
+    # 2. Choose the entries to keep, add the others to ``additions``, and count entries of both halves by row.
+    keep, starts = np.empty(len(columns), np.bool_), np.zeros(n + 1, np.int32)
     for i in range(n):
         firm = light[i] > _MOST_ADDED * root[i] ** 2
         for k in range(rows[i], rows[i + 1]):
             j, size = columns[k], abs(values[k])
-            both = root[i] * root[j]
+            d_ij = root[i] * root[j]
             bubbles = i >= vertices  # then j, which is at least i, is a bubble too
-            kept[k] = size > (small_bubbles if bubbles else small) * both or i == j
-            if bubbles and not kept[k] and both > 0.0:
-                added[i] += size * root[i] / root[j]
-                added[j] += size * root[j] / root[i]
-            elif kept[k] and i < j < vertices and 0.0 < values[k] <= small_vertices * both:
+            keep[k] = size > (small_bubbles if bubbles else small) * d_ij or i == j
+            if bubbles and not keep[k] and d_ij > 0.0:
+                additions[i] += size * root[i] / root[j]
+                additions[j] += size * root[j] / root[i]
+            elif keep[k] and i < j < vertices and 0.0 < values[k] <= small_vertices * d_ij:
                 heavy = firm or light[j] > _MOST_ADDED * root[j] ** 2
                 if not heavy and _group_of(group, i) == _group_of(group, j):
-                    kept[k] = False
-                    added[i] += values[k]
-                    added[j] += values[k]
-            starts[i + 1] += kept[k]
-            starts[j + 1] += kept[k] and i != j
+                    keep[k] = False
+                    additions[i] += values[k]
+                    additions[j] += values[k]
+            starts[i + 1] += keep[k]
+            starts[j + 1] += keep[k] and i != j
     # 3. Write both halves in sorted order, without a sort: two passes over the rows.
     for j in range(n):
         starts[j + 1] += starts[j]
-    places, sorted_columns, found = starts[:-1].copy(), np.empty(starts[n], np.int32), np.empty(starts[n])
+    places, sorted_columns, sorted_values = (
+        starts[:-1].copy(),
+        np.empty(starts[n], np.int32),
+        np.empty(starts[n]),
+    )
     for i in range(n):  # the part left of the diagonal comes sorted, as rows are visited in order
         for k in range(rows[i] + 1, rows[i + 1]):
-            if kept[k]:
+            if keep[k]:
                 j = columns[k]
-                sorted_columns[places[j]], found[places[j]] = i, values[k]
+                sorted_columns[places[j]], sorted_values[places[j]] = i, values[k]
                 places[j] += 1
     for j in range(n):  # and so does its transpose
-        left = places[j]
-        sorted_columns[left], found[left] = j, values[rows[j]] + added[j]
+        diagonal = places[j]
+        sorted_columns[diagonal], sorted_values[diagonal] = j, values[rows[j]] + additions[j]
         places[j] += 1
-        for k in range(starts[j], left):
+        for k in range(starts[j], diagonal):
             i = sorted_columns[k]
-            sorted_columns[places[i]], found[places[i]] = j, found[k]
+            sorted_columns[places[i]], sorted_values[places[i]] = j, sorted_values[k]
             places[i] += 1
-    return starts, sorted_columns, found
+    return starts, sorted_columns, sorted_values
 
 
 @helper
@@ -197,12 +201,12 @@ def _group_of(group, i):
 @kernel(reorder_sums=True)
 def scaled_rows(blocks, offsets, rows):
     """Multiply each of ``rows[offsets[c]:offsets[c + 1]]``, with n entries, by the ``(n, n)`` block c."""
-    found = np.empty_like(rows)
+    product = np.empty_like(rows)
     for c in range(len(blocks)):
         for k in range(offsets[c], offsets[c + 1]):
             for q in range(rows.shape[1]):
                 total = 0.0
                 for r in range(rows.shape[1]):
                     total += blocks[c, q, r] * rows[k, r]
-                found[k, q] = total
-    return found
+                product[k, q] = total
+    return product

@@ -47,16 +47,16 @@ def nodal_basis(space: ConformingSpace, mesh: Mesh) -> sparse.csr_array:
     # 2. Rows of the bubbles on nodal faces
     rows, columns, entries = [], [], []
     for k in range(extra):
-        own = signs[first + k]
+        row_signs = signs[first + k]
         columns += [space.ends[faces, 0, 0], space.ends[faces, 0, 1], *(first + m for m in range(extra))]
         weights = (-(inverse[k] @ (1.0 - t)), -(inverse[k] @ t), *inverse[k])
         rows += [first + k] * len(weights)
-        entries += [weight * own for weight in weights]
+        entries += [weight * row_signs for weight in weights]
     # 3. Identity for all other unknowns
-    kept = np.ones(space.n)
-    kept[(first[:, None] + powers).ravel()] = 0.0
+    diagonal = np.ones(space.n)
+    diagonal[(first[:, None] + powers).ravel()] = 0.0
     everywhere = np.arange(space.n)
-    parts = (np.concatenate(each) for each in ((*entries, kept), (*rows, everywhere), (*columns, everywhere)))
+    parts = (np.concatenate(x) for x in ((*entries, diagonal), (*rows, everywhere), (*columns, everywhere)))
     data, row, column = parts
     some = (data != 0.0) & (column >= 0)
     return sparse.coo_array((data[some], (row[some], column[some])), shape=(space.n, space.n)).tocsr()
@@ -103,13 +103,13 @@ def _shares(extra: int) -> Float:
 def _along_faces(space: ConformingSpace, mesh: Mesh, kappa: Float, side: int, nodal: Mask) -> list[Edges]:
     """Return edges between successive points on a face, for the cells on one side."""
     faces, weights = cotangents(mesh, kappa, side)
-    extra, own = space.bubbles_of_a_face, nodal[faces]
+    extra, is_nodal = space.bubbles_of_a_face, nodal[faces]
     start, end = space.ends[faces, side].T
     t = np.concatenate(([0.0], _points(extra), [1.0]))
-    chain = [start[own], *(space.bubbles[faces[own]] + k for k in range(extra)), end[own]]
+    chain = [start[is_nodal], *(space.bubbles[faces[is_nodal]] + k for k in range(extra)), end[is_nodal]]
     steps = zip(chain[:-1], chain[1:], np.diff(t), strict=True)
-    found = [(a, b, weights[own] / ((extra + 1) * step)) for a, b, step in steps]
-    return [*found, (start[~own], end[~own], 0.5 * weights[~own])]
+    edges = [(a, b, weights[is_nodal] / ((extra + 1) * step)) for a, b, step in steps]
+    return [*edges, (start[~is_nodal], end[~is_nodal], 0.5 * weights[~is_nodal])]
 
 
 def _in_triangles(space: ConformingSpace, mesh: Mesh, kappa: Float, nodal: Mask) -> list[Edges]:
@@ -120,24 +120,24 @@ def _in_triangles(space: ConformingSpace, mesh: Mesh, kappa: Float, nodal: Mask)
     faces = of_cells[offsets[cells][:, None] + np.arange(3)]
     squares, extra = mesh.face_measures[faces] ** 2, space.bubbles_of_a_face
     places = _shares(extra) / _points(extra)
-    found = []
+    edges = []
     # 2. For each third face: orient the two others from their common vertex, and join equal positions
     for third in range(3):
         e, f = faces[:, third - 2], faces[:, third - 1]
         cotangent = (squares.sum(axis=1) - 2.0 * squares[:, third]) / (4.0 * mesh.cell_measures[cells])
-        both = nodal[e] & nodal[f]
-        a, b = mesh.face_pairs[e[both]], mesh.face_pairs[f[both]]
+        both_nodal = nodal[e] & nodal[f]
+        a, b = mesh.face_pairs[e[both_nodal]], mesh.face_pairs[f[both_nodal]]
         turned = [
             ~(x[:, :1] == y).any(axis=1) for x, y in ((a, b), (b, a))
         ]  # True if the face ends at the common vertex
-        weights = (kappa[cells] * cotangent)[both]
+        weights = (kappa[cells] * cotangent)[both_nodal]
         for k, place in enumerate(places):
             ends = [
-                space.bubbles[g[both]] + np.where(away, extra - 1 - k, k)
-                for g, away in zip((e, f), turned, strict=True)
+                space.bubbles[g[both_nodal]] + np.where(flip, extra - 1 - k, k)
+                for g, flip in zip((e, f), turned, strict=True)
             ]
-            found.append((*ends, place * weights))
-    return found
+            edges.append((*ends, place * weights))
+    return edges
 
 
 def _in_quadrilaterals(space: ConformingSpace, mesh: Mesh, kappa: Float, nodal: Mask) -> list[Edges]:
@@ -145,17 +145,19 @@ def _in_quadrilaterals(space: ConformingSpace, mesh: Mesh, kappa: Float, nodal: 
     cells, pairs = _opposite_faces(mesh)
     extra, squares = space.bubbles_of_a_face, mesh.face_measures[pairs] ** 2
     points = mesh.local_points[mesh.face_pairs[pairs]]
-    along = points[:, :, :, 1] - points[:, :, :, 0]
-    alike = (along[:, :, 0] * along[:, :, 1]).sum(axis=2) > 0.0
-    found = []
+    directions = points[:, :, :, 1] - points[:, :, :, 0]
+    alike = (directions[:, :, 0] * directions[:, :, 1]).sum(axis=2) > 0.0
+    edges = []
     for pair in (0, 1):
-        both = nodal[pairs[:, pair]].all(axis=1)
-        first, second = space.bubbles[pairs[both, pair]].T
-        weights = ((kappa * mesh.cell_measures)[cells] * (1.0 / squares[:, 1 - pair]).mean(axis=1))[both]
+        both_nodal = nodal[pairs[:, pair]].all(axis=1)
+        first, second = space.bubbles[pairs[both_nodal, pair]].T
+        weights = ((kappa * mesh.cell_measures)[cells] * (1.0 / squares[:, 1 - pair]).mean(axis=1))[
+            both_nodal
+        ]
         for k, share in enumerate(_shares(extra)):
-            other = second + np.where(alike[both, pair], k, extra - 1 - k)
-            found.append((first + k, other, share * weights))
-    return found
+            opposite = second + np.where(alike[both_nodal, pair], k, extra - 1 - k)
+            edges.append((first + k, opposite, share * weights))
+    return edges
 
 
 def _opposite_faces(mesh: Mesh) -> tuple[Int, Any]:

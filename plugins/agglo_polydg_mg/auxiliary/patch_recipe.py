@@ -66,12 +66,12 @@ def patch_stack(
     fine.sort_indices()
     A, T, LT = multigrid.block_scaled(fine)
     levels: list[multigrid.Level] = []
-    scaling, own = T, frozen_int(np.arange(mesh.n_cells))
+    scaling, cell_labels = T, frozen_int(np.arange(mesh.n_cells))
     for at, coarse in enumerate(labels):
         if A.shape[0] <= _DENSE:
             break
         # 2. Prolongation: injection from the next level, smoothed
-        nested = multigrid.parents(own, coarse)
+        nested = multigrid.parents(cell_labels, coarse)
         if nested is None:
             raise OptionError(f"the agglomerates of level {at} are not unions of those of the level before")
         below = Basis(mesh.coarsen(coarse), low, basis.scaled)
@@ -82,7 +82,7 @@ def patch_stack(
         offsets, patches = _offsets(A, basis.n_local), None
         smoother: Any = None
         if overlap:
-            patches = multigrid.vertex_patches(mesh, own if at else None)
+            patches = multigrid.vertex_patches(mesh, cell_labels if at else None)
             smoother = multigrid.VertexPatches(A, patches, dtype)
         else:
             smoother = cell_sweeps(A, offsets, dtype)
@@ -90,10 +90,10 @@ def patch_stack(
         # 4. Scaled Galerkin matrix
         A, T, LT = multigrid.block_scaled(multigrid.galerkin(A, P))
         P = sparse.bsr_array(P @ T.T).astype(dtype)
-        levels.append(multigrid.Level(finer, offsets, P, smoother, own, patches))
-        basis, own = below, coarse
+        levels.append(multigrid.Level(finer, offsets, P, smoother, cell_labels, patches))
+        basis, cell_labels = below, coarse
     # 5. Coarsest level
-    levels.append(multigrid.Level(A.astype(dtype), _offsets(A, basis.n_local), labels=own))
+    levels.append(multigrid.Level(A.astype(dtype), _offsets(A, basis.n_local), labels=cell_labels))
     return multigrid.LevelStack(levels, multigrid.direct_solver(A, dtype, _DENSE), dtype, scaling)
 
 

@@ -32,17 +32,17 @@ def solid_space(basis: Basis, *, bubbles: bool = True) -> ConformingSpace:
     mesh, p = basis.mesh, basis.degree
     if p == 1:
         starts, vertices = mesh.cell_vertices
-        own, linear, n = fit_corners(mesh.local_points, starts, vertices, basis.boxes, basis.scale)
-        return _space(starts, own, linear, n, n)
+        indices, linear, n = fit_corners(mesh.local_points, starts, vertices, basis.boxes, basis.scale)
+        return _space(starts, indices, linear, n, n)
     numbers, n_vertices = _vertices(mesh)
     edges, n = _edges(mesh, numbers, n_vertices, bubbles and p > 1)
     (offsets, faces), sizes = mesh.cell_faces, np.diff(mesh.face_offsets)
-    room = np.add.reduceat(2 * sizes[faces], offsets[:-1])
+    max_unknowns = np.add.reduceat(2 * sizes[faces], offsets[:-1])
     shape = mesh.local_points, offsets, faces, mesh.face_offsets, mesh.face_vertices
     polynomials = basis.boxes, basis.scale, orders(p, 3), *simplex_rule(2, p + 1), _REGULARISATION
-    rooms = int(room.sum()), int(room.max()) + 1
-    found = fit_solid_traces(*shape, numbers, edges, *polynomials, *rooms)
-    return _space(*found, n_vertices, n)
+    limits = int(max_unknowns.sum()), int(max_unknowns.max()) + 1
+    fits = fit_solid_traces(*shape, numbers, edges, *polynomials, *limits)
+    return _space(*fits, n_vertices, n)
 
 
 def _space(offsets: Int, unknowns: Index, fitted: Float, n_vertices: int, n: int) -> ConformingSpace:
@@ -53,23 +53,23 @@ def _space(offsets: Int, unknowns: Index, fitted: Float, n_vertices: int, n: int
 
 def _vertices(mesh: Mesh) -> tuple[Int, int]:
     """Return the vertex unknowns at each face vertex ``(v,)``, numbered by first cell, and their number."""
-    used, first = np.unique(mesh.cell_vertices[1], return_index=True)
+    vertices, first = np.unique(mesh.cell_vertices[1], return_index=True)
     numbers = np.full(mesh.n_points, -1)
-    numbers[used[np.argsort(first)]] = np.arange(len(used))
-    return frozen_int(numbers[mesh.face_vertices]), len(used)
+    numbers[vertices[np.argsort(first)]] = np.arange(len(vertices))
+    return frozen_int(numbers[mesh.face_vertices]), len(vertices)
 
 
-def _edges(mesh: Mesh, numbers: Int, n_vertices: int, wanted: bool) -> tuple[Int, int]:
+def _edges(mesh: Mesh, numbers: Int, n_vertices: int, has_bubbles: bool) -> tuple[Int, int]:
     """Return the edge unknown from each face vertex to the next ``(v,)``, and the number of unknowns.
 
     Edges without an unknown have −1.
     """
     edges = np.full(len(numbers), -1)
     slots = np.flatnonzero(np.repeat(np.diff(mesh.face_offsets) == 3, np.diff(mesh.face_offsets)))
-    if not wanted or not len(slots):
+    if not has_bubbles or not len(slots):
         return frozen_int(edges), n_vertices
     ends = numbers[slots].reshape(-1, 3)
     pairs = np.stack((ends, np.roll(ends, -1, axis=1)), axis=2).reshape(-1, 2)
-    keys, own = np.unique(pairs.min(axis=1) * n_vertices + pairs.max(axis=1), return_inverse=True)
-    edges[slots] = n_vertices + own
+    keys, pair_numbers = np.unique(pairs.min(axis=1) * n_vertices + pairs.max(axis=1), return_inverse=True)
+    edges[slots] = n_vertices + pair_numbers
     return frozen_int(edges), n_vertices + len(keys)

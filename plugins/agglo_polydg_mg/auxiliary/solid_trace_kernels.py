@@ -20,14 +20,14 @@ def _place(unknown, indices, position, count):
 
 
 @helper
-def _polynomials(x, y, z, orders, table, lines, out):
-    """Write the unscaled cell polynomials at a point in [−1, 1]³ to ``out``."""
+def _polynomials(x, y, z, orders, table, lines, values):
+    """Write the unscaled cell polynomials at a point in [−1, 1]³ to ``values``."""
     degree = table.shape[1]
     legendre_at(x, degree, table, lines[0])
     legendre_at(y, degree, table, lines[1])
     legendre_at(z, degree, table, lines[2])
     for k in range(len(orders)):
-        out[k] = lines[0, orders[k, 0]] * lines[1, orders[k, 1]] * lines[2, orders[k, 2]]
+        values[k] = lines[0, orders[k, 0]] * lines[1, orders[k, 1]] * lines[2, orders[k, 2]]
 
 
 @helper
@@ -53,7 +53,7 @@ def _size(a, b, c):
 @kernel
 def fit_solid_traces(
     points, offsets, faces, face_offsets, face_vertices, numbers, edges, boxes, scale, orders, rule, weights,
-    regularisation, room, most,
+    regularisation, max_rows, most,
 ):  # fmt: skip
     """Fit a polynomial q_u of each cell to the trace of each of its unknowns u.
 
@@ -66,12 +66,12 @@ def fit_solid_traces(
     with the mean of the corner values at the centre; a triangular face stays uncut. Vertex
     ``face_vertices[k]`` has the unknown ``numbers[k]``, the edge from there to the next vertex of the face
     ``edges[k]``, if nonnegative: the bubble 4 λ_a λ_b, on triangles. ``rule (q, 2)`` and ``weights (q,)``
-    are a rule on the triangle. ``room`` bounds the row count, ``most`` the number of
+    are a rule on the triangle. ``max_rows`` bounds the row count, ``most`` the number of
     unknowns of a cell or face.
     """
     n, table = len(orders), recurrences(orders[len(orders) - 1, 2])
-    counts, indices = np.zeros(len(offsets), np.int64), np.empty(room, np.int32)
-    fitted, lines = np.empty((room, n)), np.empty((3, table.shape[1] + 1))
+    counts, indices = np.zeros(len(offsets), np.int64), np.empty(max_rows, np.int32)
+    fitted, lines = np.empty((max_rows, n)), np.empty((3, table.shape[1] + 1))
     normal, right, values = np.empty((n, n)), np.empty((most, n)), np.empty(n)
     ring, place, share = np.empty((most, 3)), np.empty(most, np.int64), np.empty(most)
     position = 0
@@ -102,22 +102,22 @@ def fit_solid_traces(
                 size = _size(centre, ring[k], ring[after])
                 for q in range(len(weights)):
                     s, t = rule[q, 0], rule[q, 1]
-                    rest = 1.0 - s - t
+                    r = 1.0 - s - t
                     _polynomials(
-                        rest * centre[0] + s * ring[k, 0] + t * ring[after, 0],
-                        rest * centre[1] + s * ring[k, 1] + t * ring[after, 1],
-                        rest * centre[2] + s * ring[k, 2] + t * ring[after, 2],
+                        r * centre[0] + s * ring[k, 0] + t * ring[after, 0],
+                        r * centre[1] + s * ring[k, 1] + t * ring[after, 1],
+                        r * centre[2] + s * ring[k, 2] + t * ring[after, 2],
                         orders, table, lines, values,
                     )  # fmt: skip
                     # ``share``: the value of each trace function of the face at the point. At the centre
                     # the trace is the mean: 1 / sides for each vertex.
                     for i in range(2 * sides):
-                        share[i] = rest / sides if i < sides and sides > 3 else 0.0
+                        share[i] = r / sides if i < sides and sides > 3 else 0.0
                     share[k] += s
                     share[after] += t
                     if sides == 3:
-                        share[2] += rest
-                        share[3], share[4], share[5] = 4.0 * s * t, 4.0 * t * rest, 4.0 * rest * s
+                        share[2] += r
+                        share[3], share[4], share[5] = 4.0 * s * t, 4.0 * t * r, 4.0 * r * s
                     # Add w p pᵀ to N, lower half, and w p times each trace function to its right-hand side.
                     for i in range(n):
                         weighted = size * weights[q] * values[i]

@@ -117,12 +117,12 @@ def lifted(
     basis = basis or Basis(mesh, degree, scaled_basis)
     boundary = boundary_faces(mesh, problem)
     kappa = positive(mesh, problem.kappa)
-    kept = units if units is not None and units.fit and not callable(kappa) else None
+    unit_forms = units if units is not None and units.fit and not callable(kappa) else None
     # 2. Penalty and matrix
     on_faces = face_coefficients(mesh, kappa, all_faces(mesh), degree + 2)
-    inside = stiffness(basis, kappa) if kept is None else None
-    sigma = jump_penalty(basis, kappa, penalty, boundary.natural, on_faces, inside, kept)
-    A = _matrix(basis, inside, on_faces, sigma, kappa, kept)
+    inside = stiffness(basis, kappa) if unit_forms is None else None
+    sigma = jump_penalty(basis, kappa, penalty, boundary.natural, on_faces, inside, unit_forms)
+    A = _matrix(basis, inside, on_faces, sigma, kappa, unit_forms)
     # 3. Load and Dirichlet data
     loads = load(basis, problem).reshape(mesh.n_cells, -1)
     g = dirichlet_values(basis, problem, boundary)
@@ -130,16 +130,16 @@ def lifted(
     if not g.any():
         b = frozen_float(loads.ravel())
         return Lifted(System.trusted(A, b, offsets, mesh), b, frozen_float(np.zeros(basis.n)), sigma)
-    own = face_coefficients(mesh, kappa, boundary.dirichlet, degree + 2)[:, 0]
-    functional = dirichlet_load(basis, boundary, own, sigma)
+    dirichlet_kappa = face_coefficients(mesh, kappa, boundary.dirichlet, degree + 2)[:, 0]
+    functional = dirichlet_load(basis, boundary, dirichlet_kappa, sigma)
     b = frozen_float((loads + functional(g)).ravel())
     system = System.trusted(A, b, offsets, mesh)
     # 4. Load without the Dirichlet offset
-    c = data_offset(basis, problem, boundary, own)
+    c = data_offset(basis, problem, boundary, dirichlet_kappa)
     if not c.any():
         return Lifted(system, b, frozen_float(np.zeros(basis.n)), sigma)
-    rest = functional(g - c[mesh.face_cells[rule_of(basis, boundary.dirichlet).faces, 0], None])
-    return Lifted(system, frozen_float((loads + rest).ravel()), basis.constants(c), sigma)
+    shifted_load = functional(g - c[mesh.face_cells[rule_of(basis, boundary.dirichlet).faces, 0], None])
+    return Lifted(system, frozen_float((loads + shifted_load).ravel()), basis.constants(c), sigma)
 
 
 def load(basis: Basis, problem: Diffusion) -> Float:
@@ -193,16 +193,16 @@ def _matrix(
 
     def add(start: int, stop: int) -> None:
         """Add the cell rows in one mesh strip. Only faces between two strips are visited twice."""
-        mine = np.zeros(mesh.n_cells + 1, bool)  # last entry: outside
-        mine[across[start:stop]] = True
-        faces = frozen_int(np.flatnonzero(mine.take(cells).any(axis=1)))
+        in_strip = np.zeros(mesh.n_cells + 1, bool)  # last entry: outside
+        in_strip[across[start:stop]] = True
+        faces = frozen_int(np.flatnonzero(in_strip.take(cells).any(axis=1)))
         if mesh.dim == 3:
-            add_sides(basis, faces, mine, sigma, on_faces, blocks)
+            add_sides(basis, faces, in_strip, sigma, on_faces, blocks)
         elif units is None:
-            face_blocks(points, pairs, cells, faces, mine, slots, *frames, sigma, on_faces, *rule, blocks)
+            face_blocks(points, pairs, cells, faces, in_strip, slots, *frames, sigma, on_faces, *rule, blocks)
         else:
             parts = slots, diagonal, sigma, frozen_float(kappa), units.stiffness, units.faces
-            scaled_blocks(cells, faces, mine, *parts, blocks)
+            scaled_blocks(cells, faces, in_strip, *parts, blocks)
 
     # 2. Faces, strip by strip
     points, pairs = mesh.local_points, mesh.face_pairs if mesh.dim == 2 else None

@@ -37,17 +37,17 @@ def boundary_faces(mesh: Mesh, problem: Diffusion) -> Boundary:
     outer, kinds = mesh.face_cells[:, 1] < 0, mesh.boundary_kinds
     on_boundary = kinds.tags.get(problem.boundary, np.zeros_like(kinds.component))
     present = np.unique(on_boundary).tolist()
-    both = sorted(set(problem.dirichlet) & set(problem.neumann))
-    if both:
-        raise OptionError(f"boundary tags {both} have Dirichlet and Neumann data: give one of them")
+    conflicts = sorted(set(problem.dirichlet) & set(problem.neumann))
+    if conflicts:
+        raise OptionError(f"boundary tags {conflicts} have Dirichlet and Neumann data: give one of them")
     unknown = sorted({*problem.dirichlet, *problem.neumann} - set(present))
     if unknown:
         raise OptionError(f"no boundary face has the tag {unknown[0]}; the boundary has the tags {present}")
     # 2. Split the boundary faces
-    given = problem.dirichlet or problem.neumann
-    dirichlet = outer & np.isin(tags, list(problem.dirichlet)) if given else outer
+    data = problem.dirichlet or problem.neumann
+    dirichlet = outer & np.isin(tags, list(problem.dirichlet)) if data else outer
     natural = outer & ~dirichlet
-    if given:
+    if data:
         _require_dirichlet(kinds.component, np.isin(on_boundary, list(problem.dirichlet)))
     return Boundary(tags, frozen_int(np.flatnonzero(dirichlet)), frozen_int(np.flatnonzero(natural)))
 

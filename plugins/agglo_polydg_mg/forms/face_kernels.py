@@ -82,57 +82,59 @@ def _along(start, step, s, table, values, slopes):
 
 
 @helper
-def _sum_points(jumps, rest, sums):
-    """Write the lower halves of Σ_q j rᵀ + r jᵀ per lane to ``sums``, with j = jumps[q] and r = rest[q]."""
+def _sum_points(jumps, fluxes, sums):
+    """Write the lower halves of Σ_q j rᵀ + r jᵀ per lane to ``sums``, with j = jumps[q] and r = fluxes[q]."""
     for i in range(jumps.shape[1]):
         for j in range(i + 1):
             for lane in range(LANES):
-                sums[i, j, lane] = jumps[0, i, lane] * rest[0, j, lane] + rest[0, i, lane] * jumps[0, j, lane]
+                sums[i, j, lane] = (
+                    jumps[0, i, lane] * fluxes[0, j, lane] + fluxes[0, i, lane] * jumps[0, j, lane]
+                )
             for q in range(1, len(jumps)):
                 for lane in range(LANES):
-                    first = jumps[q, i, lane] * rest[q, j, lane]
-                    sums[i, j, lane] += first + rest[q, i, lane] * jumps[q, j, lane]
+                    first = jumps[q, i, lane] * fluxes[q, j, lane]
+                    sums[i, j, lane] += first + fluxes[q, i, lane] * jumps[q, j, lane]
 
 
 @helper
-def _scatter(sums, lane, m, f, face_cells, mine, slots, blocks):
-    """Add the contributions of face f in one lane to the blocks in rows of ``mine`` cells.
+def _scatter(sums, lane, m, f, face_cells, in_strip, slots, blocks):
+    """Add the contributions of face f in one lane to the blocks in rows of ``in_strip`` cells.
 
     ``sums (2 m, 2 m, LANES)`` contain lower halves, the owner's m rows before the neighbour's.
     """
     owner, neighbour = face_cells[f, 0], face_cells[f, 1]
     # Diagonal blocks are symmetric: ``sums`` contains their lower halves.
     for side in range(2):
-        if face_cells[f, side] < 0 or not mine[face_cells[f, side]]:
+        if face_cells[f, side] < 0 or not in_strip[face_cells[f, side]]:
             continue
-        own, start = slots[f, side, side], side * m
+        diagonal, start = slots[f, side, side], side * m
         for i in range(m):
             for j in range(i):
                 value = sums[start + i, start + j, lane]
-                blocks[own, i, j] += value
-                blocks[own, j, i] += value
-            blocks[own, i, i] += sums[start + i, start + i, lane]
+                blocks[diagonal, i, j] += value
+                blocks[diagonal, j, i] += value
+            blocks[diagonal, i, i] += sums[start + i, start + i, lane]
     if neighbour < 0:
         return
     # ``sums`` contains the block (neighbour, owner); the block (owner, neighbour) is its transpose.
     lower, upper = slots[f, 1, 0], slots[f, 0, 1]
-    if mine[neighbour]:
+    if in_strip[neighbour]:
         for i in range(m):
             for j in range(m):
                 blocks[lower, i, j] += sums[m + i, j, lane]
-    if mine[owner]:
+    if in_strip[owner]:
         for i in range(m):
             for j in range(m):
                 blocks[upper, j, i] += sums[m + i, j, lane]
 
 
 @helper
-def _choose(following, faces, sigma, chosen):
-    """Write up to ``LANES`` faces with σ > 0 to ``chosen``, and return their number and the next position."""
+def _choose(following, faces, sigma, batch):
+    """Write up to ``LANES`` faces with σ > 0 to ``batch``, and return their number and the next position."""
     count = 0
     while count < LANES and following < len(faces):
         if sigma[faces[following]] != 0.0:
-            chosen[count] = faces[following]
+            batch[count] = faces[following]
             count += 1
         following += 1
     return count, following
@@ -146,17 +148,17 @@ def _rooms(rules, m, degree):
 
 @helper
 def _add_up(
-    points, face_vertices, face_cells, chosen, count, boxes, scale, means, stiffs, nodes, weights, table,
-    rooms, sums,
+    points, face_vertices, face_cells, batch, count, boxes, scale, means, stiffs, nodes, weights, table,
+    workspace, sums,
 ):  # fmt: skip
-    """Write Σ_q j rᵀ + r jᵀ of ``chosen`` faces to the lower halves ``sums (2 m, 2 m, LANES)``.
+    """Write Σ_q j rᵀ + r jᵀ of ``batch`` faces to the lower halves ``sums (2 m, 2 m, LANES)``.
 
     Here j are the polynomial jumps between both cells and r = stiff j − mean g, with the sum g of their
     normal derivatives; ``means`` and ``stiffs (q, LANES)`` are given at each point. With mean = γ/2 and
     stiff = σγ/2 this is the bilinear form of the face, j being weighted by the Gauss rule.
     """
-    traces, lines, frame = rooms
-    jumps, rest, degree, m = traces[0], traces[1], table.shape[1], traces.shape[2] // 2
+    traces, lines, frame = workspace
+    jumps, fluxes, degree, m = traces[0], traces[1], table.shape[1], traces.shape[2] // 2
     lx, dx, ly, dy = lines[0], lines[1], lines[2], lines[3]
     x, y, along_x, along_y = frame[0], frame[1], frame[2], frame[3]
     nx, ny, signed, length = frame[4], frame[5], frame[6], frame[7]
@@ -166,7 +168,7 @@ def _add_up(
         # without a cell or face stay 0, and so do their traces.
         frame[:] = 0.0
         for lane in range(count):
-            f = chosen[lane]
+            f = batch[lane]
             c, a, b = face_cells[f, side], face_vertices[f, 0], face_vertices[f, 1]
             ex, ey = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
             length[lane] = np.sqrt(ex * ex + ey * ey)
@@ -194,18 +196,19 @@ def _add_up(
                     for lane in range(LANES):
                         value = signed[lane] * lx[i, lane] * ly[j, lane]
                         slope = nx[lane] * dx[i, lane] * ly[j, lane] + ny[lane] * lx[i, lane] * dy[j, lane]
-                        rest[q, k, lane] = stiff[lane] * value - mean[lane] * slope
+                        fluxes[q, k, lane] = stiff[lane] * value - mean[lane] * slope
                         jumps[q, k, lane] = half * length[lane] * value
                     k += 1
     # 3. The bilinear form, from the traces of both sides.
-    _sum_points(jumps, rest, sums)
+    _sum_points(jumps, fluxes, sums)
 
 
 @kernel
 def face_blocks(
-    points, face_vertices, face_cells, faces, mine, slots, boxes, scale, sigma, kappa, nodes, weights, blocks,
+    points, face_vertices, face_cells, faces, in_strip, slots, boxes, scale, sigma, kappa, nodes, weights,
+    blocks,
 ):  # fmt: skip
-    """Add ∫ −{κ∇u·n}[v] − {κ∇v·n}[u] + γσ[u][v] over ``faces (k,)`` to the rows of ``mine`` cells.
+    """Add ∫ −{κ∇u·n}[v] − {κ∇v·n}[u] + γσ[u][v] over ``faces (k,)`` to the rows of ``in_strip`` cells.
 
     Each block ``(m, m)`` is stored in its row cell; ``slots (F, 2, 2)`` gives the block position for (owner
     or neighbour, owner or neighbour). ``kappa (F, 2, 1 or q)`` is the coefficient on both sides,
@@ -215,26 +218,26 @@ def face_blocks(
     """
     m, rules = blocks.shape[1], len(nodes)
     degree = int(np.sqrt(2.0 * m)) - 1  # m = (degree + 1)(degree + 2) / 2
-    table, rooms, sums = recurrences(degree), _rooms(rules, m, degree), np.empty((2 * m, 2 * m, LANES))
-    chosen, means, stiffs = np.empty(LANES, np.int64), np.zeros((rules, LANES)), np.zeros((rules, LANES))
-    count, following = _choose(0, faces, sigma, chosen)
+    table, workspace, sums = recurrences(degree), _rooms(rules, m, degree), np.empty((2 * m, 2 * m, LANES))
+    batch, means, stiffs = np.empty(LANES, np.int64), np.zeros((rules, LANES)), np.zeros((rules, LANES))
+    count, following = _choose(0, faces, sigma, batch)
     while count > 0:
         # Inside, γ/2 weights both normal derivatives; at the boundary, with one side, κ does.
         for q in range(rules):
             at = min(q, kappa.shape[2] - 1)
             for lane in range(count):
-                own, other = kappa[chosen[lane], 0, at], kappa[chosen[lane], 1, at]
-                inner = face_cells[chosen[lane], 1] >= 0
-                means[q, lane] = own * (other / (own + other)) if inner else own
-                stiffs[q, lane] = (1.0 if inner else 0.5) * sigma[chosen[lane]] * means[q, lane]
+                kappa_0, kappa_1 = kappa[batch[lane], 0, at], kappa[batch[lane], 1, at]
+                inner = face_cells[batch[lane], 1] >= 0
+                means[q, lane] = kappa_0 * (kappa_1 / (kappa_0 + kappa_1)) if inner else kappa_0
+                stiffs[q, lane] = (1.0 if inner else 0.5) * sigma[batch[lane]] * means[q, lane]
         # Sum j rᵀ + r jᵀ over all Gauss points, then scatter each face to its four blocks.
         _add_up(
-            points, face_vertices, face_cells, chosen, count, boxes, scale, means, stiffs, nodes, weights,
-            table, rooms, sums,
+            points, face_vertices, face_cells, batch, count, boxes, scale, means, stiffs, nodes, weights,
+            table, workspace, sums,
         )  # fmt: skip
         for lane in range(count):
-            _scatter(sums, lane, m, chosen[lane], face_cells, mine, slots, blocks)
-        count, following = _choose(following, faces, sigma, chosen)
+            _scatter(sums, lane, m, batch[lane], face_cells, in_strip, slots, blocks)
+        count, following = _choose(following, faces, sigma, batch)
 
 
 @kernel
@@ -247,42 +250,43 @@ def unit_faces(
     ``units[k, 0]``, the average form in ``units[k, 1]``. Faces with ``lengths`` 0 are left unchanged.
     """
     m, rules = (degree + 1) * (degree + 2) // 2, len(nodes)
-    table, rooms, sums = recurrences(degree), _rooms(rules, m, degree), np.empty((2 * m, 2 * m, LANES))
-    chosen, ones, stiffs = np.empty(LANES, np.int64), np.ones((rules, LANES)), np.empty((rules, LANES))
-    none, faces = np.zeros((rules, LANES)), np.arange(first, first + len(units))
-    count, following = _choose(0, faces, lengths, chosen)
+    table, workspace, sums = recurrences(degree), _rooms(rules, m, degree), np.empty((2 * m, 2 * m, LANES))
+    batch, unit_means, stiffs = np.empty(LANES, np.int64), np.ones((rules, LANES)), np.empty((rules, LANES))
+    no_means, faces = np.zeros((rules, LANES)), np.arange(first, first + len(units))
+    count, following = _choose(0, faces, lengths, batch)
     while count > 0:
         # stiff = σγ/2 of :func:`_add_up` for σ = 1: γ/2 is 1 inside, 1/2 at the boundary.
         for lane in range(count):
             for q in range(rules):
-                stiffs[q, lane] = 1.0 if face_cells[chosen[lane], 1] >= 0 else 0.5
+                stiffs[q, lane] = 1.0 if face_cells[batch[lane], 1] >= 0 else 0.5
         # The form is linear in mean and stiff: compute the jumps alone, then the averages alone.
         for part in range(2):
             _add_up(
-                points, face_vertices, face_cells, chosen, count, boxes, scale, ones if part else none,
-                none if part else stiffs, nodes, weights, table, rooms, sums,
+                points, face_vertices, face_cells, batch, count, boxes, scale,
+                unit_means if part else no_means, no_means if part else stiffs, nodes, weights, table,
+                workspace, sums,
             )  # fmt: skip
             for lane in range(count):
-                unit, place = units[chosen[lane] - first, part], 0
+                unit, place = units[batch[lane] - first, part], 0
                 for i in range(2 * m):
                     for j in range(i + 1):
                         unit[place] = sums[i, j, lane]
                         place += 1
-        count, following = _choose(following, faces, lengths, chosen)
+        count, following = _choose(following, faces, lengths, batch)
 
 
 @kernel
-def scaled_blocks(face_cells, faces, mine, slots, diagonal, sigma, kappa, stiffness, units, blocks):
+def scaled_blocks(face_cells, faces, in_strip, slots, diagonal, sigma, kappa, stiffness, units, blocks):
     """Add up the blocks of :func:`face_blocks` for ``kappa (n,)`` per cell, from :func:`unit_faces`.
 
     ``units (F, 2, m (2 m + 1))`` are the forms of all faces; entry (i, j), i >= j, of a lower half is at i
     (i + 1) / 2 + j. The cell ``stiffness (n, m, m)``, for κ = 1, is added to the blocks at
     ``diagonal (n,)``.
     """
-    m, both = blocks.shape[1], np.empty(units.shape[2])
+    m, form = blocks.shape[1], np.empty(units.shape[2])
     # 1. Add ∫ κ∇u·∇v of each cell.
     for c in range(len(diagonal)):
-        if mine[c]:
+        if in_strip[c]:
             for i in range(m):
                 for j in range(m):
                     blocks[diagonal[c], i, j] += kappa[c] * stiffness[c, i, j]
@@ -295,29 +299,29 @@ def scaled_blocks(face_cells, faces, mine, slots, diagonal, sigma, kappa, stiffn
         if neighbour >= 0:
             mean *= kappa[neighbour] / (kappa[owner] + kappa[neighbour])
         stiff = sigma[f] * mean
-        for k in range(len(both)):
-            both[k] = stiff * jumps[k] + mean * averages[k]
+        for k in range(len(form)):
+            form[k] = stiff * jumps[k] + mean * averages[k]
         # 3. Add the symmetric diagonal blocks, then the block (neighbour, owner) and its transpose, each if
-        # its row belongs to a cell in ``mine``.
+        # its row belongs to a cell in ``in_strip``.
         for side in range(2):
-            if face_cells[f, side] < 0 or not mine[face_cells[f, side]]:
+            if face_cells[f, side] < 0 or not in_strip[face_cells[f, side]]:
                 continue
             block = blocks[slots[f, side, side]]
             for i in range(m):
                 row = side * m + i
                 start = (row * (row + 1)) // 2 + side * m
                 for j in range(i):
-                    block[i, j] += both[start + j]
-                    block[j, i] += both[start + j]
-                block[i, i] += both[start + i]
+                    block[i, j] += form[start + j]
+                    block[j, i] += form[start + j]
+                block[i, i] += form[start + i]
         if neighbour < 0:
             continue
         lower, upper = blocks[slots[f, 1, 0]], blocks[slots[f, 0, 1]]
-        for i in range(m if mine[neighbour] else 0):
+        for i in range(m if in_strip[neighbour] else 0):
             start = ((m + i) * (m + i + 1)) // 2
             for j in range(m):
-                lower[i, j] += both[start + j]
-        for i in range(m if mine[owner] else 0):
+                lower[i, j] += form[start + j]
+        for i in range(m if in_strip[owner] else 0):
             start = ((m + i) * (m + i + 1)) // 2
             for j in range(m):
-                upper[j, i] += both[start + j]
+                upper[j, i] += form[start + j]

@@ -45,15 +45,17 @@ def face_rule(mesh: Mesh, faces: Int, n: int) -> FaceRule:
         points = frozen_float(start + along * (end - start))
         return FaceRule(faces, points, frozen_float(weights), frozen_float(mesh.face_normals[faces]))
     # 3-D: points on the triangles, with signed areas where a face is not convex
-    own, corners = triangles_of_faces(mesh, faces)
+    triangle_faces, corners = triangles_of_faces(mesh, faces)
     reference, weights = simplex_rule(2, n)
     u, v = (corners[:, None, k] - corners[:, None, 0] for k in (1, 2))
     points = corners[:, None, 0] + reference[:, :1] * u + reference[:, 1:] * v
     across = np.cross(u[:, 0], v[:, 0])
     size = np.linalg.norm(across, axis=1)
-    size = np.where((across * mesh.face_normals[own]).sum(axis=1) < 0.0, -size, size)
+    size = np.where((across * mesh.face_normals[triangle_faces]).sum(axis=1) < 0.0, -size, size)
     normals = across / np.where(size == 0.0, 1.0, size)[:, None]
-    return FaceRule(own, frozen_float(points), frozen_float(size[:, None] * weights), frozen_float(normals))
+    return FaceRule(
+        triangle_faces, frozen_float(points), frozen_float(size[:, None] * weights), frozen_float(normals)
+    )
 
 
 def all_faces(mesh: Mesh) -> Int:

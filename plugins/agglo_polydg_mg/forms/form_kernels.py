@@ -69,20 +69,20 @@ def square(lanes, scaled, traces, inverse):
     # 3. Squares, lower halves.
     for i in range(n):
         for j in range(i + 1):
-            out, left, right = lanes[i, j], scaled[i], scaled[j]
+            entry, row_i, row_j = lanes[i, j], scaled[i], scaled[j]
             for lane in range(LANES):
-                out[lane] = 0.0
+                entry[lane] = 0.0
             for k in range(0, n - 3, 4):  # unrolled by four: sums stay in registers
                 for lane in range(LANES):
-                    out[lane] += (
-                        left[k, lane] * right[k, lane]
-                        + left[k + 1, lane] * right[k + 1, lane]
-                        + left[k + 2, lane] * right[k + 2, lane]
-                        + left[k + 3, lane] * right[k + 3, lane]
+                    entry[lane] += (
+                        row_i[k, lane] * row_j[k, lane]
+                        + row_i[k + 1, lane] * row_j[k + 1, lane]
+                        + row_i[k + 2, lane] * row_j[k + 2, lane]
+                        + row_i[k + 3, lane] * row_j[k + 3, lane]
                     )
             for k in range(n - n % 4, n):
                 for lane in range(LANES):
-                    out[lane] += left[k, lane] * right[k, lane]
+                    entry[lane] += row_i[k, lane] * row_j[k, lane]
 
 
 @helper
@@ -185,9 +185,9 @@ def balancing(most, n):
 
 @helper
 def balance(
-    offsets, faces, face_cells, first_cell, begin, end, forms, base, shares, lengths, n, rooms, asked
+    offsets, faces, face_cells, first_cell, begin, end, forms, base, shares, lengths, n, workspace, penalties
 ):  # fmt: skip
-    """Write the s_KF of cells ``begin`` to ``end``, at most ``LANES``, to ``asked (F, 2)``.
+    """Write the s_KF of cells ``begin`` to ``end``, at most ``LANES``, to ``penalties (F, 2)``.
 
     They satisfy Σ_F T_F / s_F ≤ S, with the forms T_F in coordinates where S is the identity: s_F = λ w_F,
     λ a bound for the largest eigenvalue of Σ_F T_F / w_F, for the better weight w of two
@@ -195,7 +195,7 @@ def balance(
     ``shares[k]``, with k counted from the first face of cell ``begin``; a face with
     ``lengths[k]`` 0 needs no penalty.
     """
-    first, second, inverse, lanes, scaled, traces, of_traces, uniform, balanced, whole = rooms
+    first, second, inverse, lanes, scaled, traces, of_traces, uniform, balanced, whole = workspace
     start, last = offsets[begin], forms.shape[1] - 1
     # 1. First weights w_F² = tr(T_F) / |F|, and G = Σ_F T_F / w_F, one cell per lane.
     lanes[:] = 0.0
@@ -235,8 +235,8 @@ def balance(
         for k in range(offsets[c] - start, offsets[c + 1] - start):
             f = faces[start + k]
             side = 0 if face_cells[f, 0] == first_cell + c else 1
-            own, other = uniform[lane] * first[k], balanced[lane] * second[k]
-            asked[f, side] = other if after < before else own
+            s_first, s_second = uniform[lane] * first[k], balanced[lane] * second[k]
+            penalties[f, side] = s_second if after < before else s_first
 
 
 @helper

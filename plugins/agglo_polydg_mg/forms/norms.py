@@ -80,23 +80,23 @@ def offset_of(basis: Basis, problem: Diffusion) -> Float:
 def jumps(basis: Basis, x: Float, outside: Outside, kappa: Field, sigma: Float) -> float:
     """Return Σ_F γσ ‖[u]‖² over inner and Dirichlet faces, for coefficients ``x (n,)``."""
     mesh, n, total = basis.mesh, basis.degree + 4, 0.0
-    chosen = np.flatnonzero(sigma > 0)
-    for first in range(0, len(chosen), _FACES):
+    penalised = np.flatnonzero(sigma > 0)
+    for first in range(0, len(penalised), _FACES):
         # 1. Quadrature points and coefficients
-        faces = frozen_int(chosen[first : first + _FACES])
+        faces = frozen_int(penalised[first : first + _FACES])
         rule = face_rule(mesh, faces, n)
-        own, points = rule.faces, rule.points
-        inner, both = (
-            mesh.face_cells[own, 1] >= 0,
+        piece_faces, points = rule.faces, rule.points
+        inner, kappas = (
+            mesh.face_cells[piece_faces, 1] >= 0,
             on_pieces(face_coefficients(mesh, kappa, faces, n), faces, rule),
         )
         # 2. Jumps to the neighbour, or to the outer values
-        jump = _traces(basis, x, mesh.face_cells[own, 0], points)
-        jump[inner] -= _traces(basis, x, mesh.face_cells[own[inner], 1], points[inner])
-        jump[~inner] -= outside(frozen_int(own[~inner]), points[~inner])
+        jump = _traces(basis, x, mesh.face_cells[piece_faces, 0], points)
+        jump[inner] -= _traces(basis, x, mesh.face_cells[piece_faces[inner], 1], points[inner])
+        jump[~inner] -= outside(frozen_int(piece_faces[~inner]), points[~inner])
         # 3. Weighted sum of squares
-        harmonic = 2 * both[:, 0] * (both[:, 1] / both.sum(axis=1))  # κ itself if both sides agree
-        total += float((rule.weights * sigma[own, None] * harmonic * jump**2).sum())
+        harmonic = 2 * kappas[:, 0] * (kappas[:, 1] / kappas.sum(axis=1))  # κ itself if both sides agree
+        total += float((rule.weights * sigma[piece_faces, None] * harmonic * jump**2).sum())
     return total
 
 
@@ -159,19 +159,19 @@ def errors(
     natural = boundary_faces(basis.mesh, problem).natural
     sigma = jump_penalty(basis, kappa, penalty, natural)
     c = offset_of(basis, problem)
-    rest = x - basis.constants(c)
-    coefficients = basis.coefficients(rest)
+    remainder = x - basis.constants(c)
+    coefficients = basis.coefficients(remainder)
     # 2. Integrals over the cells, in batches
     sums = np.zeros(3)
     for batch in inside(basis.mesh, 2 * basis.degree + 6):
         cells, points = batch.cells, batch.points + basis.mesh.origin
-        e = sample(exact, points, "exact") - c[cells] - basis.evaluate(rest, cells, points)
+        e = sample(exact, points, "exact") - c[cells] - basis.evaluate(remainder, cells, points)
         slopes = _differences(basis, exact, c, batch) if gradient is None else np.asarray(gradient(points))
         slopes = slopes - np.einsum("qdk,qk->qd", basis.gradients(cells, batch.points), coefficients[cells])
         weights = batch.weights if chosen is None else batch.weights * chosen[cells]
         square = weights * (slopes**2).sum(axis=1)
-        here = sample(kappa, points, "kappa") if callable(kappa) else np.asarray(kappa)[cells]
-        sums += weights @ e**2, square.sum(), here @ square
+        kappa_values = sample(kappa, points, "kappa") if callable(kappa) else np.asarray(kappa)[cells]
+        sums += weights @ e**2, square.sum(), kappa_values @ square
 
     def outside(faces: Int, points: Float) -> Float:
         values = sample(exact, points.reshape(-1, basis.mesh.dim) + basis.mesh.origin, "exact")
@@ -179,14 +179,14 @@ def errors(
 
     # 3. Face jumps
     counted = sigma if chosen is None else sigma * _shares(basis.mesh, chosen)
-    sums[2] += jumps(basis, rest, outside, kappa, counted)
+    sums[2] += jumps(basis, remainder, outside, kappa, counted)
     return Errors(*np.sqrt(sums).tolist())
 
 
-def _shares(mesh: Mesh, chosen: Mask) -> Float:
+def _shares(mesh: Mesh, cells: Mask) -> Float:
     """Return the fraction of each face ``(n_faces,)`` that belongs to the chosen cells."""
     sides = mesh.face_cells
-    return np.asarray(np.append(chosen, False)[sides].sum(axis=1) / (sides >= 0).sum(axis=1))
+    return np.asarray(np.append(cells, False)[sides].sum(axis=1) / (sides >= 0).sum(axis=1))
 
 
 def _differences(basis: Basis, exact: Callable[[Float], Float], offset: Float, batch: Batch) -> Float:

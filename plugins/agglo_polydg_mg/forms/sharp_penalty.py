@@ -60,23 +60,23 @@ def sharp_penalty(
         For cells that overlap themselves, or are flat; in 3-D, for cells that are too thin and not convex.
     """
     # 1. Requirements by eigenvalues
-    held = np.ones(basis.mesh.n_faces, bool)
+    penalised = np.ones(basis.mesh.n_faces, bool)
     if natural is not None:
-        held[natural] = False
+        penalised[natural] = False
     if units is not None and not callable(kappa):
-        asked, resolved = units.asked(kappa, held)
+        requirements, resolved = units.asked(kappa, penalised)
     else:
         assert blocks is not None
         ask = _asked if basis.mesh.dim == 2 else asked_by_solids
-        asked, resolved = ask(basis, on_faces, blocks, held)
+        requirements, resolved = ask(basis, on_faces, blocks, penalised)
     # 2. Requirements of thin cells by simplices
     if not resolved.all():
-        asked += _by_simplices(basis, kappa, on_faces, held, ~resolved)
+        requirements += _by_simplices(basis, kappa, on_faces, penalised, ~resolved)
     # 3. Sum of both sides
-    return frozen_float(asked.sum(axis=1) / (1.0 - MARGIN) ** 2)
+    return frozen_float(requirements.sum(axis=1) / (1.0 - MARGIN) ** 2)
 
 
-def _asked(basis: Basis, on_faces: Float, blocks: Float, held: np.ndarray) -> tuple[Float, np.ndarray]:
+def _asked(basis: Basis, on_faces: Float, blocks: Float, penalised: np.ndarray) -> tuple[Float, np.ndarray]:
     """Return cell requirements for their faces ``(n_faces, 2)``, and a mask of resolved cells ``(n_cells,)``.
 
     Cells too thin for the eigenvalue problem are not resolved.
@@ -86,17 +86,21 @@ def _asked(basis: Basis, on_faces: Float, blocks: Float, held: np.ndarray) -> tu
     mesh = basis.mesh
     rule = basis.degree if on_faces.shape[2] == 1 else on_faces.shape[2]
     points, (offsets, faces), sides = mesh.local_points, mesh.cell_faces, (mesh.face_pairs, mesh.face_cells)
-    of_cells, asked = (basis.boxes, basis.scale, basis.fill, blocks), np.zeros((mesh.n_faces, 2))
+    of_cells, requirements = (basis.boxes, basis.scale, basis.fill, blocks), np.zeros((mesh.n_faces, 2))
 
     def ask(start: int, stop: int) -> np.ndarray:
-        own = [each[start:stop] for each in of_cells]
+        cell_data = [a[start:stop] for a in of_cells]
         shape = points, offsets[start : stop + 1], faces, *sides, start
-        return np.asarray(side_penalties(*shape, held, *own, on_faces, *gauss(rule), basis.degree, asked))
+        return np.asarray(
+            side_penalties(*shape, penalised, *cell_data, on_faces, *gauss(rule), basis.degree, requirements)
+        )
 
-    return asked, np.concatenate(over_ranges(ask, mesh.n_cells, few=_FEW))
+    return requirements, np.concatenate(over_ranges(ask, mesh.n_cells, few=_FEW))
 
 
-def _by_simplices(basis: Basis, kappa: Field, on_faces: Float, held: np.ndarray, thin: np.ndarray) -> Float:
+def _by_simplices(
+    basis: Basis, kappa: Field, on_faces: Float, penalised: np.ndarray, thin: np.ndarray
+) -> Float:
     """Return the requirements of ``thin`` cells ``(n_cells,)`` for their faces ``(n_faces, 2)``.
 
     They come from simplices inside the cells. On a triangle T with height h over the face F, ‖q‖²_F <= p
@@ -109,15 +113,15 @@ def _by_simplices(basis: Basis, kappa: Field, on_faces: Float, held: np.ndarray,
     heights = simplex_heights(mesh, thin)
     inner = mesh.face_cells[:, 1] >= 0
     sides = np.stack((mesh.face_cells[:, 0], np.where(inner, mesh.face_cells[:, 1], 0)), axis=1)
-    counts = np.where(held[:, None] & thin[sides] & np.isfinite(heights), 1.0, 0.0)
+    counts = np.where(penalised[:, None] & thin[sides] & np.isfinite(heights), 1.0, 0.0)
     counts[~inner, 1] = 0.0
     if (heights[counts > 0] == 0).any():
         cells = np.unique(sides[(counts > 0) & (heights == 0)])[:5].tolist()
         raise MeshError(f"cells {cells} overlap themselves, or are flat: nothing fits on some face")
     # 2. Largest ωκ on each face, number of faces and least κ of each cell
-    own, across = on_faces[:, 0], on_faces[:, 1]
-    half = 0.5 * own * (across / (own + across))  # ωκ/2, equal from both sides
-    most = _largest(np.where(_of_rows(mesh, inner, own)[:, None], half, own).max(axis=1), mesh)
+    kappa_in, kappa_out = on_faces[:, 0], on_faces[:, 1]
+    half = 0.5 * kappa_in * (kappa_out / (kappa_in + kappa_out))  # ωκ/2, equal from both sides
+    most = _largest(np.where(_of_rows(mesh, inner, kappa_in)[:, None], half, kappa_in).max(axis=1), mesh)
     n_faces = np.bincount(sides.ravel(), counts.ravel(), mesh.n_cells)
     least = _least(mesh, kappa, p)
     return np.asarray(

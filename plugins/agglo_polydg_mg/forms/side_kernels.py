@@ -45,14 +45,14 @@ def sides_of_cells(offsets, faces, face_cells, normals):
                 of_faces[f] = outer[way]
                 continue
             # Inside: one side per neighbour, created by the cell with the lower number.
-            other = face_cells[f, 0] + face_cells[f, 1] - c
-            if other < c:
+            neighbour = face_cells[f, 0] + face_cells[f, 1] - c
+            if neighbour < c:
                 continue
-            if last[other] < start:
-                last[other] = count
-                cells[count, 0], cells[count, 1] = c, other
+            if last[neighbour] < start:
+                last[neighbour] = count
+                cells[count, 0], cells[count, 1] = c, neighbour
                 count += 1
-            of_faces[f] = last[other]
+            of_faces[f] = last[neighbour]
     ends, members = _members(of_faces, count)
     cell_ends, cell_sides = _sides_by_cells(cells[:count], n)
     return ends, members, cells[:count].copy(), cell_ends, cell_sides, of_faces
@@ -110,7 +110,7 @@ def _frame(owner, neighbour, boxes, frame):
 
 
 @helper
-def _in_powers(box, scale, frame, table, powers, terms, lines, out):
+def _in_powers(box, scale, frame, table, powers, terms, lines, coefficients):
     """Write the coefficients T ``(t,)`` of cell polynomials in frame powers ξ, at the ``terms``.
 
     T is a sparse matrix: a polynomial with degrees (i, j, k) only has powers up to these along each axis.
@@ -132,32 +132,37 @@ def _in_powers(box, scale, frame, table, powers, terms, lines, out):
                     value -= b * line[k - 1, i]
                 line[k + 1, i] = value
     # 2. Coefficients of the triple products.
-    for t in range(len(out)):
+    for t in range(len(coefficients)):
         i, a = terms[t, 0], terms[t, 1]
         value = scale * lines[0, powers[i, 0], powers[a, 0]] * lines[1, powers[i, 1], powers[a, 1]]
-        out[t] = value * lines[2, powers[i, 2], powers[a, 2]]
+        coefficients[t] = value * lines[2, powers[i, 2], powers[a, 2]]
 
 
 @helper
-def _add_triangle(a, b, c, weighted, frame, rule, powers, along, local):
+def _add_triangle(a, b, c, weighted, frame, rule, powers, axis_powers, local):
     """Add Σ_q weighted[q] ξ^powers over the points of a triangle to ``local``."""
-    most = along.shape[1] - 1
+    most = axis_powers.shape[1] - 1
     for q in range(len(rule)):
         s, t = rule[q, 0], rule[q, 1]
         for d in range(3):
             # Powers 0, 1, ... of ξ_d = (x_d − centre) / half side at the point.
             x = (a[d] + s * (b[d] - a[d]) + t * (c[d] - a[d]) - frame[d]) / frame[3 + d]
-            along[d, 0] = 1.0
+            axis_powers[d, 0] = 1.0
             for k in range(most):
-                along[d, k + 1] = along[d, k] * x
+                axis_powers[d, k + 1] = axis_powers[d, k] * x
         for k in range(len(local)):
-            local[k] += weighted[q] * along[0, powers[k, 0]] * along[1, powers[k, 1]] * along[2, powers[k, 2]]
+            local[k] += (
+                weighted[q]
+                * axis_powers[0, powers[k, 0]]
+                * axis_powers[1, powers[k, 1]]
+                * axis_powers[2, powers[k, 2]]
+            )
 
 
 @helper
 def _add_face(
     points, face_offsets, face_vertices, f, vector, turned, sigma, kappa, inner, frame, rule, weights,
-    powers, along, weighted, local, stiff, normal,
+    powers, axis_powers, weighted, local, stiff, normal,
 ):  # fmt: skip
     """Add ∫ γσ ξ^powers of a face to ``stiff``, and ∫ γ/2 n ξ^powers to ``normal``.
 
@@ -184,13 +189,13 @@ def _add_face(
         row = f if kappa.shape[2] == 1 else first - 2 * f + k - first - 1
         for q in range(len(weights)):
             at = min(q, kappa.shape[2] - 1)
-            own, other = kappa[row, 0, at], kappa[row, 1, at]
-            mean = own * (other / (own + other)) if inner else own
+            kappa_0, kappa_1 = kappa[row, 0, at], kappa[row, 1, at]
+            mean = kappa_0 * (kappa_1 / (kappa_0 + kappa_1)) if inner else kappa_0
             weighted[q] = mean * weights[q] * size
         # 3. Integrals of the powers, once for both results. The unit normal points from the first cell of
         # the side to the second.
         local[:] = 0.0
-        _add_triangle(a, b, c, weighted, frame, rule, powers, along, local)
+        _add_triangle(a, b, c, weighted, frame, rule, powers, axis_powers, local)
         size = -size if turned else size
         x, y, z = x / size, y / size, z / size
         for i in range(lower):
@@ -204,68 +209,68 @@ def _add_face(
 
 
 @helper
-def _gradients(normal, frame, lowered, powers, out):
-    """Write ``out[a, b]`` = ∫ γ/2 ξ^a ∂ξ^b/∂n, from the integrals with normals."""
+def _gradients(normal, frame, lowered, powers, gradients):
+    """Write ``gradients[a, b]`` = ∫ γ/2 ξ^a ∂ξ^b/∂n, from the integrals with normals."""
     # ∂ξ^b/∂x_d = b_d / (half side) ξ^(b − e_d); lowered is the index of ξ^(a + b − e_d).
-    for a in range(len(out)):
-        for b in range(len(out)):
+    for a in range(len(gradients)):
+        for b in range(len(gradients)):
             value = 0.0
             for d in range(3):
                 if powers[b, d] > 0:
                     value += powers[b, d] / frame[3 + d] * normal[d, lowered[a, b, d]]
-            out[a, b] = value
+            gradients[a, b] = value
 
 
 @helper
-def _transformed(form, left, right, terms, rooms, out):
-    """Write (L form Rᵀ)ᵀ to ``out``, with the entries ``left`` of L and ``right`` of R at ``terms``.
+def _transformed(form, left_factor, right_factor, terms, workspace, product):
+    """Write (L form Rᵀ)ᵀ to ``product``, from the entries of L and R at ``terms``.
 
     Both products add rows to rows, with L form transposed between them, so that all loops run along rows.
     """
-    first, second = rooms[0], rooms[1]
-    n = len(out)
+    first, second = workspace[0], workspace[1]
+    n = len(product)
     # 1. L form.
     first[:] = 0.0
     for t in range(len(terms)):
-        i, a, value = terms[t, 0], terms[t, 1], left[t]
+        i, a, value = terms[t, 0], terms[t, 1], left_factor[t]
         for b in range(n):
             first[i, b] += value * form[a, b]
     # 2. Its transpose, multiplied by R.
     for i in range(n):
         for b in range(n):
             second[b, i] = first[i, b]
-    out[:] = 0.0
+    product[:] = 0.0
     for t in range(len(terms)):
-        j, b, value = terms[t, 0], terms[t, 1], right[t]
+        j, b, value = terms[t, 0], terms[t, 1], right_factor[t]
         for i in range(n):
-            out[j, i] += value * second[b, i]
+            product[j, i] += value * second[b, i]
 
 
 @helper
-def _add_own(form, gradients, sign, sums, left, terms, rooms, block):
+def _add_own(form, gradients, sign, sums, factor, terms, workspace, block):
     """Add the form of a side on one cell's polynomials to its block, which stays symmetric.
 
     ``form`` contains the integrals of γσ ξ^powers; ``sign`` applies to the cell's values in the jump.
     """
-    n, whole, out = len(block), rooms[2], rooms[3]
+    n, whole, product = len(block), workspace[2], workspace[3]
     # γσ ξ^a ξ^b ∓ γ/2 (ξ^a ∂ξ^b/∂n + ξ^b ∂ξ^a/∂n), then transformed to the polynomials of the cell.
     for a in range(n):
         for b in range(n):
             whole[a, b] = form[sums[a, b]] - sign * (gradients[a, b] + gradients[b, a])
-    _transformed(whole, left, left, terms, rooms, out)
+    _transformed(whole, factor, factor, terms, workspace, product)
     for i in range(n):
         for j in range(i):
-            block[i, j] += out[i, j]
-            block[j, i] += out[i, j]
-        block[i, i] += out[i, i]
+            block[i, j] += product[i, j]
+            block[j, i] += product[i, j]
+        block[i, i] += product[i, i]
 
 
 @kernel
 def side_blocks(
     points, face_offsets, face_vertices, face_cells, vectors, side_offsets, side_faces, side_cells, sides,
-    mine, slots, boxes, scale, sigma, kappa, rule, weights, powers, sums, lowered, terms, blocks,
+    in_strip, slots, boxes, scale, sigma, kappa, rule, weights, powers, sums, lowered, terms, blocks,
 ):  # fmt: skip
-    """Add ∫ −{κ∇u·n}[v] − {κ∇v·n}[u] + γσ[u][v] over ``sides (k,)`` to the rows of ``mine`` cells.
+    """Add ∫ −{κ∇u·n}[v] − {κ∇v·n}[u] + γσ[u][v] over ``sides (k,)`` to the rows of ``in_strip`` cells.
 
     Each block ``(m, m)`` is stored in its row cell; ``slots (S, 2, 2)`` gives the block position for (owner
     or neighbour, owner or neighbour). ``kappa`` is the coefficient on both sides, per face ``(F, 2, 1)`` or
@@ -274,10 +279,14 @@ def side_blocks(
     """
     n, degree = blocks.shape[1], powers[len(powers) - 1, 2] // 2
     table, lines = recurrences(degree), np.zeros((3, degree + 1, degree + 1))
-    along, frame, weighted = np.empty((3, 2 * degree + 1)), np.empty(6), np.empty(len(weights))
+    axis_powers, frame, weighted = np.empty((3, 2 * degree + 1)), np.empty(6), np.empty(len(weights))
     local, stiff = np.empty(len(powers)), np.empty(len(powers))
     normal, gradients = np.empty((3, len(powers) - (degree + 1) * (2 * degree + 1))), np.empty((n, n))
-    left, right, rooms = np.empty(len(terms)), np.empty(len(terms)), np.empty((4, n, n))
+    owner_factor, neighbour_factor, workspace = (
+        np.empty(len(terms)),
+        np.empty(len(terms)),
+        np.empty((4, n, n)),
+    )
     for s in sides:
         owner, neighbour = side_cells[s, 0], side_cells[s, 1]
         # 1. Moments of the side in its frame: m_α = ∫ γσ ξ^α for |α| ≤ 2p in stiff, n_α = ∫ γ/2 n ξ^α for
@@ -290,30 +299,30 @@ def side_blocks(
             if sigma[f] != 0.0:
                 _add_face(
                     points, face_offsets, face_vertices, f, vectors[f], face_cells[f, 0] != owner, sigma[f],
-                    kappa, neighbour >= 0, frame, rule, weights, powers, along, weighted, local, stiff,
+                    kappa, neighbour >= 0, frame, rule, weights, powers, axis_powers, weighted, local, stiff,
                     normal,
                 )  # fmt: skip
         # 2. Transform the form on the powers, Q, to the polynomials: T Q Tᵀ with the coefficients T of the
         # owner, then of the neighbour, whose values have the minus sign in the jump.
         _gradients(normal, frame, lowered, powers, gradients)
-        _in_powers(boxes[owner], scale[owner], frame, table, powers, terms, lines, left)
-        if mine[owner]:
-            _add_own(stiff, gradients, 1.0, sums, left, terms, rooms, blocks[slots[s, 0, 0]])
+        _in_powers(boxes[owner], scale[owner], frame, table, powers, terms, lines, owner_factor)
+        if in_strip[owner]:
+            _add_own(stiff, gradients, 1.0, sums, owner_factor, terms, workspace, blocks[slots[s, 0, 0]])
         if neighbour < 0:
             continue
-        _in_powers(boxes[neighbour], scale[neighbour], frame, table, powers, terms, lines, right)
-        if mine[neighbour]:
-            _add_own(stiff, gradients, -1.0, sums, right, terms, rooms, blocks[slots[s, 1, 1]])
+        _in_powers(boxes[neighbour], scale[neighbour], frame, table, powers, terms, lines, neighbour_factor)
+        if in_strip[neighbour]:
+            _add_own(stiff, gradients, -1.0, sums, neighbour_factor, terms, workspace, blocks[slots[s, 1, 1]])
         # 3. The coupling: v of the neighbour and u of the owner, −γσ vu + γ/2 v ∂u/∂n − γ/2 u ∂v/∂n, and
         # its transpose.
-        whole, out = rooms[2], rooms[3]
+        whole, product = workspace[2], workspace[3]
         for a in range(n):
             for b in range(n):
                 whole[a, b] = gradients[a, b] - gradients[b, a] - stiff[sums[a, b]]
-        _transformed(whole, right, left, terms, rooms, out)
+        _transformed(whole, neighbour_factor, owner_factor, terms, workspace, product)
         for j in range(n):
             for i in range(n):
-                if mine[neighbour]:
-                    blocks[slots[s, 1, 0], i, j] += out[j, i]
-                if mine[owner]:
-                    blocks[slots[s, 0, 1], j, i] += out[j, i]
+                if in_strip[neighbour]:
+                    blocks[slots[s, 1, 0], i, j] += product[j, i]
+                if in_strip[owner]:
+                    blocks[slots[s, 0, 1], j, i] += product[j, i]

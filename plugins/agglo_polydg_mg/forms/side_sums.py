@@ -20,12 +20,12 @@ def add_sides(basis: Basis, sides: Int, mine: Mask, sigma: Float, on_faces: Floa
     """
     from agglo_polydg_mg.forms.side_kernels import side_blocks
 
-    mesh, p, own = basis.mesh, basis.degree, basis.sides
+    mesh, p, all_sides = basis.mesh, basis.degree, basis.sides
     if basis.walk is not None:
-        sides = sides[np.argsort(basis.walk.turns[own.cells[sides, 0]], kind="stable")]
+        sides = sides[np.argsort(basis.walk.turns[all_sides.cells[sides, 0]], kind="stable")]
     rule = _rule(p + 1, on_faces)
     of_faces = mesh.face_offsets, mesh.face_vertices, mesh.face_cells, mesh.face_normals
-    of_sides = own.offsets, own.faces, own.cells, frozen_int(sides), mine, basis.pattern[3]
+    of_sides = all_sides.offsets, all_sides.faces, all_sides.cells, frozen_int(sides), mine, basis.pattern[3]
     frames = basis.boxes, basis.scale, frozen_float(sigma), on_faces
     side_blocks(mesh.local_points, *of_faces, *of_sides, *frames, *rule, *monomials(p), blocks)
 
@@ -38,28 +38,37 @@ def asked_by_solids(basis: Basis, on_faces: Float, blocks: Float, held: Mask) ->
     from agglo_polydg_mg.forms.side_trace_kernels import solid_penalties
 
     # 1. Arrays in the order of the walk
-    mesh, p, own = basis.mesh, basis.degree, basis.sides
-    asked = np.zeros((len(own.cells), 2))
-    given = held, on_faces, *_rule(p, on_faces), orders(p, 3)
+    mesh, p, all_sides = basis.mesh, basis.degree, basis.sides
+    requirements = np.zeros((len(all_sides.cells), 2))
+    form_data = held, on_faces, *_rule(p, on_faces), orders(p, 3)
     of_cells = basis.boxes, basis.scale, basis.fill, blocks
-    offsets, sides, beside, joined = own.cell_offsets, own.cell_sides, mesh.face_cells, own.cells
+    offsets, sides, face_cells, side_cells = (
+        all_sides.cell_offsets,
+        all_sides.cell_sides,
+        mesh.face_cells,
+        all_sides.cells,
+    )
     walk = basis.walk
     if walk is not None:
         offsets, sides = walk.rows(offsets, sides)
-        of_cells = tuple(frozen_float(each[walk.cells]) for each in of_cells)
-        beside, joined = frozen_int(walk.turns[beside]), frozen_int(walk.turns[joined])
-    shape = mesh.local_points, mesh.face_offsets, mesh.face_vertices, beside, mesh.face_normals
+        of_cells = tuple(frozen_float(a[walk.cells]) for a in of_cells)
+        face_cells, side_cells = frozen_int(walk.turns[face_cells]), frozen_int(walk.turns[side_cells])
+    shape = mesh.local_points, mesh.face_offsets, mesh.face_vertices, face_cells, mesh.face_normals
 
     # 2. Requirements for the sides
     def ask(start: int, stop: int) -> np.ndarray:
-        cells = offsets[start : stop + 1], sides, start, *(each[start:stop] for each in of_cells)
-        return np.asarray(solid_penalties(*shape, own.offsets, own.faces, joined, *cells, *given, asked))
+        cells = offsets[start : stop + 1], sides, start, *(a[start:stop] for a in of_cells)
+        return np.asarray(
+            solid_penalties(
+                *shape, all_sides.offsets, all_sides.faces, side_cells, *cells, *form_data, requirements
+            )
+        )
 
     resolved = np.concatenate(over_ranges(ask, mesh.n_cells, few=_FEW))
     # 3. Spread to the faces, in owner–neighbour order
     resolved = resolved if walk is None else walk.back(resolved)
-    turned = mesh.face_cells[:, 0] != own.cells[own.of_faces, 0]
-    of_faces = np.where(held[:, None], asked[own.of_faces], 0.0)
+    turned = mesh.face_cells[:, 0] != all_sides.cells[all_sides.of_faces, 0]
+    of_faces = np.where(held[:, None], requirements[all_sides.of_faces], 0.0)
     of_faces[turned] = of_faces[turned][:, ::-1]
     return of_faces, resolved
 

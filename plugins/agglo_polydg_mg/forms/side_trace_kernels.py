@@ -11,13 +11,13 @@ from agglo_polydg_mg.space.legendre_kernels import LANES, legendre_at, recurrenc
 
 
 @helper
-def _slopes_at(values, table, out):
-    """Write the derivatives of Legendre polynomials to ``out`` from their ``values``."""
+def _slopes_at(values, table, slopes):
+    """Write the derivatives of Legendre polynomials to ``slopes`` from their ``values``."""
     before, slope = 0.0, 0.0
-    out[0] = 0.0
+    slopes[0] = 0.0
     for k in range(table.shape[1]):
         before, slope = slope, table[2, k] * before + table[3, k] * values[k]
-        out[k + 1] = slope
+        slopes[k + 1] = slope
 
 
 @helper
@@ -55,14 +55,14 @@ def _add_form(slopes, mass, n, form):
 @helper
 def _trace_face(
     points, face_offsets, face_vertices, f, vector, side, outer, kappa, rule, weights, orders, box, scale,
-    factor, rooms, form,
+    factor, workspace, form,
 ):  # fmt: skip
     """Add L⁻¹ T_F L⁻ᵀ of a face to a side's form, and return the face area.
 
     L is the Cholesky ``factor`` of the cell stiffness; the face is a fan of triangles about its first
     vertex, ``vector (3,)`` its normal outward from the owner.
     """
-    table, lines, slopes, normal = rooms[0], rooms[1], rooms[2], rooms[3]
+    table, lines, slopes, normal = workspace[0], workspace[1], workspace[2], workspace[3]
     first, area, n = face_offsets[f], 0.0, len(orders) - 1
     a = points[face_vertices[first]]
     for k in range(first + 1, face_offsets[f + 1] - 1):
@@ -87,8 +87,8 @@ def _trace_face(
         row = f if kappa.shape[2] == 1 else first - 2 * f + k - first - 1
         for q in range(len(weights)):
             at = min(q, kappa.shape[2] - 1)
-            own, across = kappa[row, side, at], kappa[row, 1 - side, at]
-            share = own if outer else 0.5 * own * (across / (own + across))
+            kappa_in, kappa_out = kappa[row, side, at], kappa[row, 1 - side, at]
+            share = kappa_in if outer else 0.5 * kappa_in * (kappa_out / (kappa_in + kappa_out))
             s, t = rule[q, 0], rule[q, 1]
             _normal_slopes(
                 (a[0] + s * (b[0] - a[0]) + t * (c[0] - a[0]) - box[0]) / box[3],
@@ -104,18 +104,18 @@ def _trace_face(
 @kernel
 def solid_penalties(
     points, face_offsets, face_vertices, face_cells, vectors, side_offsets, side_faces, side_cells, offsets,
-    cell_sides, first_cell, boxes, scale, fill, blocks, held, kappa, rule, weights, orders, asked,
+    cell_sides, first_cell, boxes, scale, fill, blocks, penalised, kappa, rule, weights, orders, penalties,
 ):  # fmt: skip
-    """Write the required side penalties s, in cells from ``first_cell`` on, to ``asked (S, 2)``.
+    """Write the required side penalties s, in cells from ``first_cell`` on, to ``penalties (S, 2)``.
 
-    As in ``side_penalties`` of ``trace_kernels``, but all faces of a side have one s; only ``held`` faces
-    count. ``kappa`` is the coefficient on both sides, per face ``(F, 2, 1)`` or per triangle point
+    As in ``side_penalties`` of ``trace_kernels``, but all faces of a side have one s; only ``penalised``
+    faces count. ``kappa`` is the coefficient on both sides, per face ``(F, 2, 1)`` or per triangle point
     ``(t, 2, q)``; ``vectors (F, 3)`` are normals outward from the owners.
     """
     n, n_cells, most = len(orders) - 1, len(offsets) - 1, most_faces(offsets)
     degree = orders[len(orders) - 1, 2]
     resolved, forms = np.ones(n_cells, np.bool_), np.zeros((most, (n * (n + 1)) // 2 + 1))
-    areas, shares, factor, rooms = np.empty(most), np.ones(most), np.empty((n, n)), balancing(most, n)
+    areas, shares, factor, workspace = np.empty(most), np.ones(most), np.empty((n, n)), balancing(most, n)
     tracing = recurrences(degree), np.empty((6, degree + 1)), np.empty((1, n)), np.empty(3)
     for begin in range(0, n_cells, LANES):
         end, start = min(begin + LANES, n_cells), offsets[begin]
@@ -133,7 +133,7 @@ def solid_penalties(
                 forms[k, :] = 0.0
                 for at in range(side_offsets[s], side_offsets[s + 1] if resolved[c] else 0):
                     f = side_faces[at]
-                    if not held[f]:
+                    if not penalised[f]:
                         continue
                     side = 0 if face_cells[f, 0] == first_cell + c else 1
                     areas[k] += _trace_face(
@@ -153,7 +153,7 @@ def solid_penalties(
             shares,
             areas,
             n,
-            rooms,
-            asked,
+            workspace,
+            penalties,
         )
     return resolved

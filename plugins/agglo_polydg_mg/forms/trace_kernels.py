@@ -68,8 +68,8 @@ def _tracing(rules, degree, n):
 
 @helper
 def _trace(
-    points, offsets, faces, face_vertices, face_cells, first_cell, begin, end, held, boxes, scale, fill,
-    blocks, kappa, nodes, weights, n, rooms, forms, base, lengths, resolved,
+    points, offsets, faces, face_vertices, face_cells, first_cell, begin, end, penalised, boxes, scale, fill,
+    blocks, kappa, nodes, weights, n, workspace, forms, base, lengths, resolved,
 ):  # fmt: skip
     """Write the form of each face h in cells ``begin`` to ``end`` to ``forms[h - base]``.
 
@@ -77,7 +77,7 @@ def _trace(
     0. ``lengths`` receives the face lengths, counted from the first of these cells; 0 for faces without
     form.
     """
-    table, lines, slopes, masses, factor = rooms
+    table, lines, slopes, masses, factor = workspace
     start = offsets[begin]
     for c in range(begin, end):
         # 1. S = L Lᵀ. If a pivot is rounding the cell is unresolved.
@@ -88,7 +88,7 @@ def _trace(
         for h in range(offsets[c], offsets[c + 1]):
             f, k = faces[h], h - start
             lengths[k] = 0.0
-            if not (resolved[c] and held[f]):
+            if not (resolved[c] and penalised[f]):
                 continue
             # 2. Map the face to the box [−1, 1]² of the cell: its first vertex, the step to the second, and
             # the normal derivative as a combination of ∂/∂x̂ and ∂/∂ŷ. Its sign does not matter.
@@ -107,8 +107,12 @@ def _trace(
             #    inside, ωκ = κ κ' / (κ + κ'), and κ at the boundary.
             for q in range(len(nodes)):
                 at = min(q, kappa.shape[2] - 1)
-                own, across = kappa[f, side, at], kappa[f, 1 - side, at]
-                share = own if face_cells[f, 1] < 0 else 0.5 * own * (across / (own + across))
+                kappa_in, kappa_out = kappa[f, side, at], kappa[f, 1 - side, at]
+                share = (
+                    kappa_in
+                    if face_cells[f, 1] < 0
+                    else 0.5 * kappa_in * (kappa_out / (kappa_in + kappa_out))
+                )
                 masses[q] = 0.5 * weights[q] * length * share
                 s = 0.5 * (1.0 + nodes[q])
                 x, y = ax + s * ex * wide, ay + s * ey * high
@@ -120,58 +124,58 @@ def _trace(
 
 @kernel
 def side_penalties(
-    points, offsets, faces, face_vertices, face_cells, first_cell, held, boxes, scale, fill, blocks, kappa,
-    nodes, weights, degree, asked,
+    points, offsets, faces, face_vertices, face_cells, first_cell, penalised, boxes, scale, fill, blocks,
+    kappa, nodes, weights, degree, penalties,
 ):  # fmt: skip
-    """Write the required face penalties s, in cells from ``first_cell`` on, to ``asked (F, 2)``.
+    """Write the required face penalties s, in cells from ``first_cell`` on, to ``penalties (F, 2)``.
 
     With S the stiffness ``blocks (n, m, m)`` without the constant and T_F = ∫_F c ∂v/∂n ∂w/∂n, c = ωκ/2
     inside and κ at the boundary, ω the cell's weight in the average: Σ_F T_F / s_F <= S. The result
-    ``(n,)`` is False for cells whose S is singular to rounding: they require nothing. Only ``held`` faces
-    have a penalty. ``fill (n,)`` is the fraction of its bounding box that a cell fills;
+    ``(n,)`` is False for cells whose S is singular to rounding: they require nothing. Only ``penalised``
+    faces have a penalty. ``fill (n,)`` is the fraction of its bounding box that a cell fills;
     ``kappa (F, 2, 1 or q)`` the coefficient on both sides, ``nodes`` and ``weights (q,)`` a Gauss rule.
     """
     n, n_cells, most = (degree + 1) * (degree + 2) // 2 - 1, len(offsets) - 1, most_faces(offsets)
     resolved, forms = np.ones(n_cells, np.bool_), np.zeros((most, (n * (n + 1)) // 2 + 1))
     lengths, shares = np.empty(most), np.ones(most)
-    tracing, rooms = _tracing(len(nodes), degree, n), balancing(most, n)
+    tracing, workspace = _tracing(len(nodes), degree, n), balancing(most, n)
     # One batch of cells at a time: their forms, then the required penalties.
     for begin in range(0, n_cells, LANES):
         end, start = min(begin + LANES, n_cells), offsets[begin]
         _trace(
-            points, offsets, faces, face_vertices, face_cells, first_cell, begin, end, held, boxes, scale,
-            fill, blocks, kappa, nodes, weights, n, tracing, forms, start, lengths, resolved,
+            points, offsets, faces, face_vertices, face_cells, first_cell, begin, end, penalised, boxes,
+            scale, fill, blocks, kappa, nodes, weights, n, tracing, forms, start, lengths, resolved,
         )  # fmt: skip
         balance(
-            offsets, faces, face_cells, first_cell, begin, end, forms, start, shares, lengths, n, rooms,
-            asked,
+            offsets, faces, face_cells, first_cell, begin, end, forms, start, shares, lengths, n, workspace,
+            penalties,
         )  # fmt: skip
     return resolved
 
 
 @kernel
 def whitened_forms(
-    points, offsets, faces, face_vertices, face_cells, first_cell, held, boxes, scale, fill, blocks, kappa,
-    nodes, weights, degree, forms,
+    points, offsets, faces, face_vertices, face_cells, first_cell, penalised, boxes, scale, fill, blocks,
+    kappa, nodes, weights, degree, forms,
 ):  # fmt: skip
     """Write the forms of :func:`side_penalties` to ``forms (h, k)``, and return the resolved mask.
 
     T_F of each list face h, whitened by the stiffness: the lower half, row by row, and its trace.
     """
     n, n_cells, most = (degree + 1) * (degree + 2) // 2 - 1, len(offsets) - 1, most_faces(offsets)
-    resolved, lengths, rooms = np.ones(n_cells, np.bool_), np.empty(most), _tracing(len(nodes), degree, n)
+    resolved, lengths, workspace = np.ones(n_cells, np.bool_), np.empty(most), _tracing(len(nodes), degree, n)
     for begin in range(0, n_cells, LANES):
         end = min(begin + LANES, n_cells)
         _trace(
-            points, offsets, faces, face_vertices, face_cells, first_cell, begin, end, held, boxes, scale,
-            fill, blocks, kappa, nodes, weights, n, rooms, forms, 0, lengths, resolved,
+            points, offsets, faces, face_vertices, face_cells, first_cell, begin, end, penalised, boxes,
+            scale, fill, blocks, kappa, nodes, weights, n, workspace, forms, 0, lengths, resolved,
         )  # fmt: skip
     return resolved
 
 
 @kernel
 def scaled_penalties(
-    offsets, faces, face_cells, first_cell, held, face_lengths, kappa, forms, resolved, degree, asked
+    offsets, faces, face_cells, first_cell, penalised, face_lengths, kappa, forms, resolved, degree, penalties
 ):  # fmt: skip
     """Write the penalties of :func:`side_penalties` for ``kappa (n,)``, from :func:`whitened_forms`.
 
@@ -179,7 +183,7 @@ def scaled_penalties(
     of a face is scaled by c / κ: (1/2) κ' / (κ + κ') inside, 1 at the boundary.
     """
     n, n_cells, most = (degree + 1) * (degree + 2) // 2 - 1, len(offsets) - 1, most_faces(offsets)
-    lengths, shares, rooms = np.empty(most), np.empty(most), balancing(most, n)
+    lengths, shares, workspace = np.empty(most), np.empty(most), balancing(most, n)
     for begin in range(0, n_cells, LANES):
         end, start = min(begin + LANES, n_cells), offsets[begin]
         for c in range(begin, end):
@@ -187,11 +191,23 @@ def scaled_penalties(
             cell = first_cell + c
             for h in range(offsets[c], offsets[c + 1]):
                 f, k = faces[h], h - start
-                other = face_cells[f, 0] + face_cells[f, 1] - cell
-                lengths[k] = face_lengths[f] if resolved[cell] and held[f] else 0.0
+                neighbour = face_cells[f, 0] + face_cells[f, 1] - cell
+                lengths[k] = face_lengths[f] if resolved[cell] and penalised[f] else 0.0
                 shares[k] = 1.0
-                if other >= 0:
-                    shares[k] = 0.5 * kappa[other] / (kappa[cell] + kappa[other])
+                if neighbour >= 0:
+                    shares[k] = 0.5 * kappa[neighbour] / (kappa[cell] + kappa[neighbour])
         balance(
-            offsets, faces, face_cells, first_cell, begin, end, forms, 0, shares, lengths, n, rooms, asked
+            offsets,
+            faces,
+            face_cells,
+            first_cell,
+            begin,
+            end,
+            forms,
+            0,
+            shares,
+            lengths,
+            n,
+            workspace,
+            penalties,
         )

@@ -15,7 +15,7 @@ _SHRUNK = 1e-8
 @helper
 def _reaches(sx, sy, tx, ty, ax, ay, bx, by, vx, vy):
     """Return True if the segment st passes through the interior of the slightly shrunk triangle abv."""
-    twice = (bx - ax) * (vy - ay) - (by - ay) * (vx - ax)
+    double_area = (bx - ax) * (vy - ay) - (by - ay) * (vx - ax)
     low, high = 0.0, 1.0
     px, py, ex, ey = ax, ay, bx - ax, by - ay
     # Clip the segment by the three sides, with s at 0 and t at 1: low..high remains.
@@ -26,8 +26,8 @@ def _reaches(sx, sy, tx, ty, ax, ay, bx, by, vx, vy):
             px, py, ex, ey = vx, vy, ax - vx, ay - vy
         # Barycentric coordinates of s and t opposite this side, positive inside and linear along the
         # segment.
-        at_s = (ex * (sy - py) - ey * (sx - px)) / twice - _SHRUNK
-        at_t = (ex * (ty - py) - ey * (tx - px)) / twice - _SHRUNK
+        at_s = (ex * (sy - py) - ey * (sx - px)) / double_area - _SHRUNK
+        at_t = (ex * (ty - py) - ey * (tx - px)) / double_area - _SHRUNK
         if at_s <= 0.0 and at_t <= 0.0:
             return False
         if at_s <= 0.0:
@@ -72,16 +72,16 @@ def _visible_height(start, end, m, k, convex, queue):
         if height <= best * (1.0 + 1e-12) or height <= 1e-12 * length:
             continue
         # The triangle lies in the cell if no edge enters it, which a convex cell guarantees.
-        hidden = False
+        is_hidden = False
         if not convex:
             for i in range(m):
                 g = queue[i]
                 if _reaches(start[g, 0], start[g, 1], end[g, 0], end[g, 1], ax, ay, bx, by, vx, vy):
                     for back in range(i, 0, -1):
                         queue[back] = queue[back - 1]
-                    hidden, queue[0] = True, g
+                    is_hidden, queue[0] = True, g
                     break
-        if not hidden:
+        if not is_hidden:
             best = height
     return best
 

@@ -50,10 +50,10 @@ class UnitForms:
         basis, mesh = self.basis, self.basis.mesh
         units = np.zeros((mesh.n_faces, 2, basis.n_local * (2 * basis.n_local + 1)))
         of_faces = mesh.local_points, mesh.face_pairs, mesh.face_cells
-        given = mesh.face_measures, basis.boxes, basis.scale, *gauss(basis.degree + 1), basis.degree
+        form_data = mesh.face_measures, basis.boxes, basis.scale, *gauss(basis.degree + 1), basis.degree
 
         def write(start: int, stop: int) -> None:
-            unit_faces(*of_faces, start, *given, units[start:stop])
+            unit_faces(*of_faces, start, *form_data, units[start:stop])
 
         over_ranges(write, mesh.n_faces, few=_FEW)
         return frozen_float(units)
@@ -72,14 +72,16 @@ class UnitForms:
         # 1. Workspace, and a coefficient with c = κ = 1
         forms = np.zeros((len(faces), (m - 1) * m // 2 + 1))
         of_cells, rule = (basis.boxes, basis.scale, basis.fill, self.stiffness), gauss(basis.degree)
-        held, ones = np.ones(mesh.n_faces, bool), np.where(mesh.face_cells[:, 1] < 0, 1.0, 4.0)
+        penalised, ones = np.ones(mesh.n_faces, bool), np.where(mesh.face_cells[:, 1] < 0, 1.0, 4.0)
         on_faces = frozen_float(np.stack((ones, ones), axis=1)[:, :, None])  # gives ωκ/2 = 1
 
         # 2. Forms, cell range by cell range
         def write(start: int, stop: int) -> np.ndarray:
-            own = [each[start:stop] for each in of_cells]
+            cell_data = [a[start:stop] for a in of_cells]
             shape = points, offsets[start : stop + 1], faces, *sides, start
-            return np.asarray(whitened_forms(*shape, held, *own, on_faces, *rule, basis.degree, forms))
+            return np.asarray(
+                whitened_forms(*shape, penalised, *cell_data, on_faces, *rule, basis.degree, forms)
+            )
 
         resolved = np.concatenate(over_ranges(write, mesh.n_cells, few=_FEW))
         return frozen_float(forms), resolved
@@ -92,11 +94,11 @@ class UnitForms:
         from agglo_polydg_mg.forms.trace_kernels import scaled_penalties
 
         mesh, (forms, resolved), values = self.basis.mesh, self._whitened, frozen_float(kappa)
-        (offsets, faces), asked = mesh.cell_faces, np.zeros((mesh.n_faces, 2))
+        (offsets, faces), requirements = mesh.cell_faces, np.zeros((mesh.n_faces, 2))
 
         def ask(start: int, stop: int) -> None:
-            given = offsets[start : stop + 1], faces, mesh.face_cells, start, held, mesh.face_measures
-            scaled_penalties(*given, values, forms, resolved, self.basis.degree, asked)
+            geometry = offsets[start : stop + 1], faces, mesh.face_cells, start, held, mesh.face_measures
+            scaled_penalties(*geometry, values, forms, resolved, self.basis.degree, requirements)
 
         over_ranges(ask, mesh.n_cells, few=_FEW)
-        return asked, resolved
+        return requirements, resolved

@@ -77,12 +77,12 @@ def level_spaces(problem: Problem, hierarchy: Hierarchy, labels: Sequence[Int], 
         return LevelSpaces(fine, system, _constant_prolongations(hierarchy, labels, fine.width))
     # Diffusion problems: polynomials on the mesh and its agglomerates
     mesh = solvers.own_mesh(hierarchy)
-    meshes = [mesh.coarsen(each) for each in labels]
-    bases = [how.basis(each) for each in (mesh, *meshes)]
+    meshes = [mesh.coarsen(item) for item in labels]
+    bases = [how.basis(item) for item in (mesh, *meshes)]
     constant = frozen_float(bases[0].project(lambda points: np.ones(len(points)))[:, None])
     system = System.trusted(fine.A, fine.b, offsets, mesh, constant)
     rediscretised = [
-        partial(_coarse_matrix, how, problem, mesh, *each) for each in zip(labels, meshes, strict=True)
+        partial(_coarse_matrix, how, problem, mesh, *item) for item in zip(labels, meshes, strict=True)
     ]
     return LevelSpaces(fine, system, _polydg_prolongations(bases, labels), rediscretised)
 

@@ -89,12 +89,12 @@ class PaperMultigrid(ComposedMultigrid):
     ) -> None:
         solvers.require_name("operators", operators, ("rediscretised", "inherited"))
         solvers.require_truth("schwarz_coarse", schwarz_coarse)
-        chosen = smoother_of(smoother, registry)
+        smoother_member = smoother_of(smoother, registry)
         super().__init__(
             degree,
             transfer="injection",
             coarse_operator="galerkin" if operators == "inherited" else "rediscretised",
-            smoother=chosen,  # type: ignore[arg-type]  # with its name
+            smoother=smoother_member,  # type: ignore[arg-type]  # with its name
             coarse_solver=coarse_solver,
             cycle="V",
             outer="stationary",
@@ -107,9 +107,9 @@ class PaperMultigrid(ComposedMultigrid):
             corrections=schwarz_coarse,
             registry=registry,
         )
-        self.smoother = chosen.tool
+        self.smoother = smoother_member.tool
         self._inherited = multigrid.Composition(
-            "injection", "galerkin", chosen, coarse_solver, registry=registry
+            "injection", "galerkin", smoother_member, coarse_solver, registry=registry
         )
 
     def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:

@@ -92,14 +92,14 @@ def local_solve(A: Any, block_offsets: Int) -> Solve:
     # 3. Invert the blocks, one stack per size
     groups = []
     for size in np.unique(sizes[sizes > 0]).tolist():
-        chosen = np.flatnonzero(sizes == size)
+        equal_blocks = np.flatnonzero(sizes == size)
         place = np.full(len(sizes), -1)
-        place[chosen] = np.arange(len(chosen))
-        here = place[block[row]] >= 0
-        k, first = place[block[row[here]]], block_offsets[block[row[here]]]
-        blocks = np.zeros((len(chosen), size, size))
-        np.add.at(blocks, (k, row[here] - first, column[here] - first), values[here])
-        groups.append((block_offsets[chosen, None] + np.arange(size), np.linalg.inv(blocks)))
+        place[equal_blocks] = np.arange(len(equal_blocks))
+        in_group = place[block[row]] >= 0
+        k, first = place[block[row[in_group]]], block_offsets[block[row[in_group]]]
+        blocks = np.zeros((len(equal_blocks), size, size))
+        np.add.at(blocks, (k, row[in_group] - first, column[in_group] - first), values[in_group])
+        groups.append((block_offsets[equal_blocks, None] + np.arange(size), np.linalg.inv(blocks)))
 
     return partial(_grouped_blocks, groups)
 

@@ -166,9 +166,9 @@ class _Run:
     def history(self) -> History:
         """Return the history."""
         # A failed run returns its best iterate
-        passed = (self.small, self.error <= self.tolerance)
-        beside = f", energy error about {self.error:.1e}" if self.small else ""
-        failed = f"relative residual {self.size:.1e}{beside} after {self.done} iterations"
+        test_results = (self.small, self.error <= self.tolerance)
+        energy_text = f", energy error about {self.error:.1e}" if self.small else ""
+        failure = f"relative residual {self.size:.1e}{energy_text} after {self.done} iterations"
         if self.reason and not self.residuals[-1] <= self.residuals[0]:
             _, self.x, count = self.least
             self.residuals = self.residuals[:count]
@@ -176,7 +176,7 @@ class _Run:
             frozen_float(self.x),
             frozen_float(self.residuals),
             self.reason == MET,
-            self.reason or f"{failed}, wanted {self.tolerance:.1e}",
+            self.reason or f"{failure}, wanted {self.tolerance:.1e}",
             self.error if np.isfinite(self.error) else None,
-            tuple(name for name, ok in zip(TESTS, passed, strict=True) if ok),
+            tuple(name for name, ok in zip(TESTS, test_results, strict=True) if ok),
         )

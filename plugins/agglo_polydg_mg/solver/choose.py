@@ -193,7 +193,7 @@ def choose(
     # 5. Describe the plan in words
     coarse = "continuous space and " + ("its aggregates" if aggregates else "classical levels")
     levels = coarse if recipe == "conforming" else "smoothed agglomerates"
-    measured = f"{100 * strong:.0f} % strong faces, at most {most_faces} faces a cell"
+    details = f"{100 * strong:.0f} % strong faces, at most {most_faces} faces a cell"
     kind: solvers.Kind = "cells" if smoother == "cells" and bubbles else "groups"
     return Plan(
         recipe,
@@ -204,6 +204,6 @@ def choose(
         "aggregates" if aggregates else "classical",
         layers,
         strong,
-        f"{levels}, {smoother}, {cycle}-cycle, {np.dtype(dtype).name} ({measured})",
+        f"{levels}, {smoother}, {cycle}-cycle, {np.dtype(dtype).name} ({details})",
         "solids" if mesh.dim == 3 else kind,
     )

@@ -138,10 +138,10 @@ class DiffusionTask:
             return True
         if self.plan.recipe == "patches" or self._overrides.recipe != "auto":
             return False
-        failed = f"{self.plan.reason}, which failed"
-        other = Overrides("patches", self._overrides.cycle, "double")
-        plan = self._choose(other)
-        self._plan = replace(plan, reason=f"{plan.reason} in place of: {failed}")
+        failure = f"{self.plan.reason}, which failed"
+        overrides = Overrides("patches", self._overrides.cycle, "double")
+        plan = self._choose(overrides)
+        self._plan = replace(plan, reason=f"{plan.reason} in place of: {failure}")
         self.__dict__.pop("labels", None)  # the previous recipe needed none
         return True
 
@@ -217,7 +217,7 @@ class DiffusionTask:
         The iteration continues from the end of the histories ``before``, if given.
         """
         measure = self.fine.measure
-        found = pcg(
+        history = pcg(
             self.fine.A,
             self.fine.b,
             M,
@@ -231,7 +231,7 @@ class DiffusionTask:
             energy=measure.energy,
             tell=tell,
         )
-        return [found]
+        return [history]
 
     def given_back(self, solution: Solution) -> Solution:
         """Return the solution on the user's mesh, in the user's numbering."""

@@ -118,10 +118,10 @@ def best_combination(A: Any, b: Float, earlier: Sequence[Float]) -> Float:
     sizes = np.sqrt(np.where(squares > 0.0, squares, np.inf))
     # 2. Eigenvectors of G above the rounding level: energy-orthogonal directions.
     values, turn = np.linalg.eigh(energies / np.outer(sizes, sizes))
-    chosen = values > max(_PARALLEL * values[-1], 0.0)
-    turn = turn[:, chosen] / sizes[:, None]
+    significant = values > max(_PARALLEL * values[-1], 0.0)
+    turn = turn[:, significant] / sizes[:, None]
     # 3. x = V c with G c = Vᵀ b, restricted to these directions.
-    return frozen_float(V @ (turn @ ((turn.T @ (b @ V)) / values[chosen])))
+    return frozen_float(V @ (turn @ ((turn.T @ (b @ V)) / values[significant])))
 
 
 def _energies(A: Any, V: Float) -> Float:

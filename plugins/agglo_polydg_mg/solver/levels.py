@@ -46,8 +46,8 @@ def build(
     assert fine.sigma is not None  # every discretised system has a penalty
     offsets = np.arange(0, fine.A.shape[0] + 1, fine.width)
     system = System.trusted(fine.A, fine.b, offsets, basis.mesh)
-    given = (system, basis, fine.sigma, cell_means(basis.mesh, problem.kappa))
-    chosen: Any = {
+    arguments = (system, basis, fine.sigma, cell_means(basis.mesh, problem.kappa))
+    options: Any = {
         "labels": labels or None,
         "bubbles": plan.bubbles,
         "vertices": plan.vertices,
@@ -55,8 +55,8 @@ def build(
         "dtype": plan.dtype,
     }
     if plan.smoother == "cells":
-        return conforming_stack(*given, **chosen)
-    return grouped_stack(*given, **chosen, overlap=plan.smoother == "patches")
+        return conforming_stack(*arguments, **options)
+    return grouped_stack(*arguments, **options, overlap=plan.smoother == "patches")
 
 
 def cells_per_part(plan: Plan, degree: int) -> int:

@@ -96,15 +96,17 @@ class Numbering:
         rows = self._rows(len(solution.x))
         lifting = solution.lifting
         if lifting is not None:
-            lifting = Lifting(*(_taken(each, rows) for each in (lifting.offset, lifting.rest, lifting.load)))
+            lifting = Lifting(
+                *(_taken(values, rows) for values in (lifting.offset, lifting.rest, lifting.load))
+            )
         A, (finest, P), *coarser = solution.A, *solution.operators
-        given = Deferred(partial(_matrix, A, self.cells))
-        levels_of = given if finest is A else Deferred(partial(_matrix, finest, self.cells))
+        user_matrix = Deferred(partial(_matrix, A, self.cells))
+        levels_of = user_matrix if finest is A else Deferred(partial(_matrix, finest, self.cells))
         return replace(
             solution,
             x=_taken(solution.x, rows),
             b=_taken(solution.b, rows),
-            A=given,
+            A=user_matrix,
             operators=Deferred(partial(_operators, levels_of, P, rows, coarser)),
             lifting=lifting,
         )

@@ -84,11 +84,11 @@ def iterate(
 
     At most ``most`` iterations are done, including the iterations in ``before``.
     """
-    left = most - max((each.iterations for each in before or () if not each.final), default=0)
+    n_remaining = most - max((item.iterations for item in before or () if not item.final), default=0)
     M = multigrid.cycle(stack, task.cycle)
     with watch("solve"), phase(progress, "solving") as tell:
-        found = task.iterate(M, tolerance, left, before, tell, pace)
-    return found if before is None else [_joined(*each) for each in zip(before, found, strict=True)]
+        histories = task.iterate(M, tolerance, n_remaining, before, tell, pace)
+    return histories if before is None else [_joined(*item) for item in zip(before, histories, strict=True)]
 
 
 def solved(

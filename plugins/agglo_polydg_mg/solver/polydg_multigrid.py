@@ -79,12 +79,12 @@ class PolyDGMultigrid:
     ) -> None:
         solvers.require_fraction("tolerance", tolerance)
         solvers.require_count("max_iterations", max_iterations, 1)
-        for name, value, known in (
+        for name, value, choices in (
             ("recipe", recipe, RECIPES),
             ("cycle", cycle, CYCLES),
             ("precision", precision, PRECISIONS),
         ):
-            solvers.require_name(name, value, known)
+            solvers.require_name(name, value, choices)
         if levels is not None:
             solvers.require_count("levels", levels, 2)
         self.discretisation = PolyDG(degree, penalty, scaled_basis=True)

@@ -150,12 +150,12 @@ class RepeatedSolves:
     def _started(self, task: Task, watch: solvers.Stopwatch) -> list[History] | None:
         """Return zero-iteration histories at the initial guesses, or None to begin from 0."""
         columns = task.columns
-        if not self._earlier or [each.shape for each in self._earlier[-1]] != [b.shape for b in columns]:
+        if not self._earlier or [item.shape for item in self._earlier[-1]] != [b.shape for b in columns]:
             self._earlier = []
             return None
         with watch("solve"):
             starts = [
-                best_combination(task.A, b, [each[j] for each in self._earlier])
+                best_combination(task.A, b, [item[j] for item in self._earlier])
                 for j, b in enumerate(columns)
             ]
         return [History(x, frozen_float([np.nan]), False, "") for x in starts]
@@ -187,17 +187,17 @@ class RepeatedSolves:
 
     def _judge(self, histories: list[History]) -> None:
         """Keep the solutions for the next system, and the levels if they serve."""
-        if not all(each.final for each in histories):
+        if not all(history.final for history in histories):
             self._kept, self._earlier = None, []
             return
-        self._earlier = [*self._earlier[1 - KEPT :], [_nearer(each) for each in histories]]
+        self._earlier = [*self._earlier[1 - KEPT :], [_nearer(history) for history in histories]]
         at = max(range(len(histories)), key=lambda j: histories[j].iterations)
         slowest = histories[at]
         if self._usual is None:
             residuals = slowest.residuals[self._before[at] if self._before else 0 :]
             digits = _digits(residuals)
-            wanted = max(digits, -math.log10(self._tolerance))
-            self._usual = (len(residuals) - 1) * wanted / digits if digits > 0.0 else None
+            required_digits = max(digits, -math.log10(self._tolerance))
+            self._usual = (len(residuals) - 1) * required_digits / digits if digits > 0.0 else None
         elif slowest.iterations > _MORE * self._usual + 1.0:
             self._kept = None
 

@@ -123,10 +123,10 @@ class Basis:
         from agglo_polydg_mg.forms.face_kernels import block_pattern
 
         if self.mesh.dim == 3:
-            joined = self.sides.cell_offsets, self.sides.cell_sides, self.sides.cells
+            incidences = self.sides.cell_offsets, self.sides.cell_sides, self.sides.cells
         else:
-            joined = *self.mesh.cell_faces, self.mesh.face_cells
-        indptr, indices, diagonal, slots = block_pattern(*joined)
+            incidences = *self.mesh.cell_faces, self.mesh.face_cells
+        indptr, indices, diagonal, slots = block_pattern(*incidences)
         return frozen_int(indptr), frozen_int(indices), frozen_int(diagonal), frozen_int(slots)
 
     @cached_property
@@ -169,11 +169,11 @@ class Basis:
             self._products([slopes(line) if at == axis else line for at, line in enumerate(lines)])
             for axis in range(len(lines))
         ]
-        found = np.stack(steep) * self.scale[cells] / self.halves[cells].T[:, None]
+        values = np.stack(steep) * self.scale[cells] / self.halves[cells].T[:, None]
         if self.mesh.dim == 2:
-            (c, s), (along, across) = self.boxes[cells, 4:].T, found
-            found = np.stack((c * along - s * across, s * along + c * across))
-        return np.transpose(found, (2, 0, 1))
+            (c, s), (slope_u, slope_v) = self.boxes[cells, 4:].T, values
+            values = np.stack((c * slope_u - s * slope_v, s * slope_u + c * slope_v))
+        return np.transpose(values, (2, 0, 1))
 
     def _products(self, lines: list[Float]) -> Float:
         """Return the products ``(n_local, q)`` of polynomials ``(degree + 1, q)`` along each axis."""

@@ -39,23 +39,23 @@ def recurrences(degree):
 
 
 @helper
-def legendre_at(x, degree, table, out):
-    """Write orthonormal Legendre polynomials 0..degree at x to ``out``, by the :func:`recurrences`."""
+def legendre_at(x, degree, table, values):
+    """Write orthonormal Legendre polynomials 0..degree at x to ``values``, by the :func:`recurrences`."""
     before, value = 0.0, CONSTANT
-    out[0] = value
+    values[0] = value
     for k in range(degree):
         before, value = value, table[0, k] * x * value - table[1, k] * before
-        out[k + 1] = value
+        values[k + 1] = value
 
 
 @kernel
-def slopes_of(values, degree, table, out):
-    """Write the derivatives of the :func:`legendre_at` polynomials to ``out`` from their ``values``."""
+def slopes_of(values, degree, table, slopes):
+    """Write the derivatives of the :func:`legendre_at` polynomials to ``slopes`` from their ``values``."""
     before, slope = 0.0, 0.0
-    out[0] = 0.0
+    slopes[0] = 0.0
     for k in range(degree):
         before, slope = slope, table[2, k] * before + table[3, k] * values[k]
-        out[k + 1] = slope
+        slopes[k + 1] = slope
 
 
 @helper
@@ -70,15 +70,15 @@ def _fit_box(points, first, last, faces, face_vertices, box):
 
     The cell has the faces ``faces[first:last]``.
     """
-    left, low, right, high = np.inf, np.inf, -np.inf, -np.inf
+    x_min, y_min, x_max, y_max = np.inf, np.inf, -np.inf, -np.inf
     for h in range(first, last):
         for k in range(2):
             v = face_vertices[faces[h], k]
             x, y = along_box(points[v, 0], points[v, 1], box)
-            left, low, right, high = min(left, x), min(low, y), max(right, x), max(high, y)
-    x, y = 0.5 * (left + right), 0.5 * (low + high)
+            x_min, y_min, x_max, y_max = min(x_min, x), min(y_min, y), max(x_max, x), max(y_max, y)
+    x, y = 0.5 * (x_min + x_max), 0.5 * (y_min + y_max)
     box[0], box[1] = box[4] * x - box[5] * y, box[5] * x + box[4] * y
-    box[2], box[3] = 0.5 * (right - left), 0.5 * (high - low)
+    box[2], box[3] = 0.5 * (x_max - x_min), 0.5 * (y_max - y_min)
 
 
 @kernel
@@ -89,7 +89,7 @@ def bounding_boxes(points, offsets, faces, face_vertices, areas, least):
     they follow the face with the smallest box, if it is less than half as large. On a diagonal sliver the
     polynomials would be linearly dependent up to a power of its width.
     """
-    boxes, tried = np.empty((len(offsets) - 1, 6)), np.empty(6)
+    boxes, trial = np.empty((len(offsets) - 1, 6)), np.empty(6)
     for c in range(len(boxes)):
         box, first, last = boxes[c], offsets[c], offsets[c + 1]
         # 1. The box along the axes, sufficient for most cells.
@@ -106,12 +106,12 @@ def bounding_boxes(points, offsets, faces, face_vertices, areas, least):
             length = np.sqrt(x * x + y * y)
             if not length > 0.0:
                 continue
-            tried[4], tried[5] = x / length, y / length
-            _fit_box(points, first, last, faces, face_vertices, tried)
-            if 0.0 < tried[2] * tried[3] < smallest:
-                smallest = tried[2] * tried[3]
+            trial[4], trial[5] = x / length, y / length
+            _fit_box(points, first, last, faces, face_vertices, trial)
+            if 0.0 < trial[2] * trial[3] < smallest:
+                smallest = trial[2] * trial[3]
                 for k in range(6):
-                    box[k] = tried[k]
+                    box[k] = trial[k]
     return boxes
 
 
@@ -191,10 +191,10 @@ def sparse_products(integrals, places, columns, factors, blocks):
     """
     # Terms for one place are contiguous: they are added up, and written after the last term.
     for c in range(len(blocks)):
-        block, own, value = blocks[c], integrals[c], 0.0
+        block, cell_integrals, value = blocks[c], integrals[c], 0.0
         for t in range(len(columns)):
             i, j = places[t, 0], places[t, 1]
-            value += factors[t] * own[columns[t]]
+            value += factors[t] * cell_integrals[columns[t]]
             if t + 1 == len(columns) or places[t + 1, 0] != i or places[t + 1, 1] != j:
                 block[i, j] += value
                 if i != j:

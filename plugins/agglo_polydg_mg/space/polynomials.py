@@ -63,10 +63,10 @@ def products(integrals: list[Float], degree: int, derivatives: list[tuple[int, .
     size = n_polynomials(degree, len(derivatives[0]))
     blocks = np.zeros((len(integrals[0]), size, size))
     for weights, orders_of in zip(integrals, derivatives, strict=True):
-        given = frozen_float(weights)
+        values = frozen_float(weights)
         terms = _expansion(degree, _degree_of(weights.shape[1], len(orders_of)), orders_of)
         over_ranges(
-            lambda start, stop: sparse_products(given[start:stop], *terms, blocks[start:stop]),  # noqa: B023
+            lambda start, stop: sparse_products(values[start:stop], *terms, blocks[start:stop]),  # noqa: B023
             len(blocks),
         )
     return blocks
@@ -84,12 +84,12 @@ def _expansion(degree: int, most: int, derivatives: tuple[int, ...]) -> tuple[In
     Returns the pairs ``(t, 2)``, the polynomials ``(t,)`` and the factors ``(t,)`` of the nonzero terms.
     """
     dim = len(derivatives)
-    own, sums = orders(degree, dim), orders(most, dim)
-    first, second = np.tril_indices(len(own))
+    powers, sums = orders(degree, dim), orders(most, dim)
+    first, second = np.tril_indices(len(powers))
     table = np.ones((len(sums), len(first)))
     for axis, derivative in enumerate(derivatives):
-        along = _triple(degree, derivative)
-        table *= along[own[first, axis], own[second, axis], sums[:, axis, None]]
+        axis_table = _triple(degree, derivative)
+        table *= axis_table[powers[first, axis], powers[second, axis], sums[:, axis, None]]
     pairs, columns = np.nonzero(np.abs(table.T) > 1e-13 * np.abs(table).max())
     places = np.stack((first[pairs], second[pairs]), axis=1)
     return frozen_int(places), frozen_int(columns), frozen_float(table[columns, pairs])
@@ -121,11 +121,13 @@ class Monomials(NamedTuple):
 @cache
 def monomials(degree: int) -> Monomials:
     """Return the tables of a degree, in the order of :func:`orders`."""
-    powers, own = orders(2 * degree, 3), orders(degree, 3)
-    number = {tuple(each): k for k, each in enumerate(powers.tolist())}
-    both = own[:, None] + own[None]
-    sums = [[number[tuple(each)] for each in row] for row in both.tolist()]
-    less = both[:, :, None] - np.eye(3, dtype=int)
-    lowered = [[[number.get(tuple(each), 0) for each in part] for part in row] for row in less.tolist()]
-    terms = np.argwhere((own[:, None] >= own[None]).all(axis=2))
+    powers, low_powers = orders(2 * degree, 3), orders(degree, 3)
+    number = {tuple(power): k for k, power in enumerate(powers.tolist())}
+    sum_powers = low_powers[:, None] + low_powers[None]
+    sums = [[number[tuple(power)] for power in row] for row in sum_powers.tolist()]
+    lower_powers = sum_powers[:, :, None] - np.eye(3, dtype=int)
+    lowered = [
+        [[number.get(tuple(power), 0) for power in part] for part in row] for row in lower_powers.tolist()
+    ]
+    terms = np.argwhere((low_powers[:, None] >= low_powers[None]).all(axis=2))
     return Monomials(powers, frozen_int(sums), frozen_int(lowered), frozen_int(terms))

@@ -164,13 +164,13 @@ def weighted_moments(mesh: Mesh, field: Field, boxes: Float, degree: int, name: 
     for batch in inside(mesh, degree + 5):
         values = frozen_float(sample(field, batch.points + mesh.origin, name) * batch.weights)
         part = slice(batch.first, batch.first + len(batch.offsets) - 1)
-        own, offsets, points = boxes[part], batch.offsets, batch.points
+        batch_boxes, offsets, points = boxes[part], batch.offsets, batch.points
 
         def integrals(start: int, stop: int) -> Float:
             ends = offsets[start : stop + 1]  # noqa: B023
-            return _at_points(points, values, ends, own[start:stop], degree)  # noqa: B023
+            return _at_points(points, values, ends, batch_boxes[start:stop], degree)  # noqa: B023
 
-        result[part] = np.concatenate(over_ranges(integrals, len(own), few=_FEW))
+        result[part] = np.concatenate(over_ranges(integrals, len(batch_boxes), few=_FEW))
     return result
 
 

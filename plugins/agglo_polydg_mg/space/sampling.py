@@ -62,19 +62,19 @@ def _lattice(p: int, dim: int) -> tuple[Int, Int]:
 
     In the coordinates x + y + z, y + z, z the cubes of the lattice are cut along their diagonals (H. Kuhn).
     """
-    lattice = np.array([each[::-1] for each in product(range(p + 1), repeat=dim) if sum(each) <= p])
-    number = {tuple(each): k for k, each in enumerate(lattice.tolist())}
+    lattice = np.array([point[::-1] for point in product(range(p + 1), repeat=dim) if sum(point) <= p])
+    number = {tuple(point): k for k, point in enumerate(lattice.tolist())}
     steps = np.eye(dim, dtype=int) - np.eye(dim, k=1, dtype=int).T
     small = []
     for corner in lattice:
         for axes in permutations(range(dim)):
             path = [
-                tuple(each) for each in (corner + np.cumsum([0 * corner, *steps[list(axes)]], 0)).tolist()
+                tuple(point) for point in (corner + np.cumsum([0 * corner, *steps[list(axes)]], 0)).tolist()
             ]
-            if all(each in number for each in path):
-                even = round(np.linalg.det(np.eye(dim)[list(axes)])) > 0
-                path[1:] = path[1:] if even else [*path[2:0:-1], *path[3:]]
-                small.append([number[each] for each in path])
+            if all(point in number for point in path):
+                is_positive = round(np.linalg.det(np.eye(dim)[list(axes)])) > 0
+                path[1:] = path[1:] if is_positive else [*path[2:0:-1], *path[3:]]
+                small.append([number[point] for point in path])
     return frozen_int(lattice), frozen_int(small)
 
 
@@ -93,16 +93,16 @@ def cells_that_hold(mesh: Mesh, points: Float) -> Int:
     offsets, faces = mesh.cell_faces
     triangles = np.diff(mesh.face_offsets)[faces] - 2
     sizes = np.add.reduceat(triangles, offsets[:-1])
-    found = np.full(len(points), mesh.n_cells)
+    lowest_cells = np.full(len(points), mesh.n_cells)
     # 2. Winding numbers, in batches of triangles
     ends, first = np.concatenate(([0], np.cumsum(sizes[cells]))), 0
     while first < len(cells):
         stop = max(first + 1, int(np.searchsorted(ends, ends[first] + _TRIANGLES, "right")) - 1)
         part = slice(first, stop)
         inside = _winding(mesh, points[candidates[part]], cells[part]) > _INSIDE
-        np.minimum.at(found, candidates[part][inside], cells[part][inside])
+        np.minimum.at(lowest_cells, candidates[part][inside], cells[part][inside])
         first = stop
-    return frozen_int(np.where(found < mesh.n_cells, found, -1))
+    return frozen_int(np.where(lowest_cells < mesh.n_cells, lowest_cells, -1))
 
 
 def _in_boxes(mesh: Mesh, points: Float) -> tuple[Int, Int]:

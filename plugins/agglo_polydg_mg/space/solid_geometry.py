@@ -24,10 +24,10 @@ def triangles_of_faces(mesh: Mesh, faces: Int) -> tuple[Int, Float]:
     areas. A nonplanar face is defined by its triangles.
     """
     start, count = mesh.face_offsets[faces], np.diff(mesh.face_offsets)[faces] - 2
-    own, first = np.repeat(faces, count), np.repeat(start, count)
-    step = np.arange(len(own)) - np.repeat(np.cumsum(count) - count, count) + first
+    face_of, first = np.repeat(faces, count), np.repeat(start, count)
+    step = np.arange(len(face_of)) - np.repeat(np.cumsum(count) - count, count) + first
     vertices = mesh.face_vertices[np.stack((first, step + 1, step + 2), axis=1)]
-    return frozen_int(own), frozen_float(mesh.local_points[vertices])
+    return frozen_int(face_of), frozen_float(mesh.local_points[vertices])
 
 
 def tetrahedra_of_solids(mesh: Mesh) -> tuple[Int, Float]:

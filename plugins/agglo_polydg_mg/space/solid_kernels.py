@@ -25,16 +25,16 @@ def in_box(point, box, axis):
 
 
 @helper
-def _primitives(lx, upper, degree, out):
-    """Write antiderivatives of the polynomials 0..degree to ``out``, from polynomials up to degree + 1."""
-    out[0] = lx[1] * upper[0]
+def _primitives(lx, upper, degree, primitives):
+    """Write antiderivatives of polynomials 0..degree to ``primitives``, from those up to degree + 1."""
+    primitives[0] = lx[1] * upper[0]
     for i in range(1, degree + 1):
-        out[i] = lx[i + 1] * upper[i] - lx[i - 1] * upper[i - 1]
+        primitives[i] = lx[i + 1] * upper[i] - lx[i - 1] * upper[i - 1]
 
 
 @helper
-def _add_triangle(box, a, b, c, turned, rule, weights, orders, degree, table, lines, out):
-    """Add ∫ X n_x over the triangle abc to ``out (m,)``, with the antiderivatives X in x.
+def _add_triangle(box, a, b, c, turned, rule, weights, orders, degree, table, lines, integrals):
+    """Add ∫ X n_x over the triangle abc to ``integrals (m,)``, with the antiderivatives X in x.
 
     ``turned`` is True if the triangle is clockwise seen from outside the cell.
     """
@@ -57,7 +57,7 @@ def _add_triangle(box, a, b, c, turned, rule, weights, orders, degree, table, li
         _primitives(lx, upper, degree, primitive)
         weight = factor * weights[q]
         for k in range(len(orders)):
-            out[k] += weight * primitive[orders[k, 0]] * ly[orders[k, 1]] * lz[orders[k, 2]]
+            integrals[k] += weight * primitive[orders[k, 0]] * ly[orders[k, 1]] * lz[orders[k, 2]]
 
 
 @kernel
