@@ -103,10 +103,10 @@ def rows_of(mat: Any) -> Any:
             "expected aij, baij, sbaij or another that converts to aij"
         ) from error
     shape = (mat.getLocalSize()[0], mat.getSize()[1])
-    found = sparse.csr_array((data, indices, indptr), shape=shape)
+    rows = sparse.csr_array((data, indices, indptr), shape=shape)
     if explicit is not mat:
         explicit.destroy()
-    return found
+    return rows
 
 
 def to_scipy(mat: Any) -> Any:

@@ -22,10 +22,10 @@ def agree(comm: Any, wrong: str) -> None:
     wrong : str
         Error message on this rank, or empty.
     """
-    told = comm.tompi4py().allgather(wrong)
-    first = next((rank for rank, message in enumerate(told) if message), None)
+    messages = comm.tompi4py().allgather(wrong)
+    first = next((rank for rank, message in enumerate(messages) if message), None)
     if first is not None:
-        raise OptionError(told[first] if len(told) == 1 else f"rank {first}: {told[first]}")
+        raise OptionError(messages[first] if len(messages) == 1 else f"rank {first}: {messages[first]}")
 
 
 def swapped(comm: Any, parcels: Mapping[int, T]) -> dict[int, T]:

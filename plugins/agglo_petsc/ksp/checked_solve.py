@@ -98,16 +98,16 @@ class _Run:
         self.x.set(0.0)
         self.first = float(self.b.norm())
         self.residuals.append(self.first)
-        self.size, rounds, wanted = (0.0 if self.first == 0.0 else np.inf), 0, self.tolerance
+        self.size, rounds, target = (0.0 if self.first == 0.0 else np.inf), 0, self.tolerance
         if self.first == 0.0:
             self.error = 0.0
         # Alternate iterations and error checks
         while not self.right and self.done < self.most and rounds < _ROUNDS and not self.ended:
             before = self.size
-            self._iterate(wanted)
+            self._iterate(target)
             if self.size > self.tolerance:
-                wanted *= 0.5 * self.tolerance / max(self.size, 1e-300)
-                wanted = max(wanted, 1e-300)
+                target *= 0.5 * self.tolerance / max(self.size, 1e-300)
+                target = max(target, 1e-300)
                 self.ended = self.ended or ("stagnation" if not self.size < 0.9 * before else "")
             else:
                 self._check()
@@ -140,15 +140,15 @@ class _Run:
         c = self.b.duplicate()
         self._solve(self.r, c, _DIGIT * float(self.r.norm()), _CHECK, from_zero=True)
         square, energy = float(c.dot(self.r)), float(self.b.dot(self.x))
-        failed = self.ksp.getConvergedReason() < 0 or square < 0.0 or energy < 0.0
-        self.error = np.inf if failed else size_ratio(float(np.sqrt(square)), float(np.sqrt(energy)))
+        has_failed = self.ksp.getConvergedReason() < 0 or square < 0.0 or energy < 0.0
+        self.error = np.inf if has_failed else size_ratio(float(np.sqrt(square)), float(np.sqrt(energy)))
         # 2. Correct the iterate
         if self.error > self.tolerance:
             norms = self.ksp.getConvergenceHistory()[1:]
-            self.ended = _name(self.ksp.getConvergedReason()) if failed else ""
+            self.ended = _name(self.ksp.getConvergedReason()) if has_failed else ""
             self.x.axpy(1.0, c)
             self.r = self.b - self.A * self.x
-            self.residuals.extend(float(each) for each in norms)
+            self.residuals.extend(float(norm) for norm in norms)
             self.residuals[-1], self.size = float(self.r.norm()), self._measured()
         c.destroy()
 
@@ -171,18 +171,18 @@ class _Run:
 
     def history(self) -> History:
         """Return the history."""
-        passed = (self.size <= self.tolerance, self.error <= self.tolerance)
+        test_results = (self.size <= self.tolerance, self.error <= self.tolerance)
         ended: Any = "met" if self.right else (self.ended or "most iterations")
-        beside = f", energy error about {self.error:.1e}" if np.isfinite(self.error) else ""
-        why = next((text for name, text in _WHY.values() if name == self.ended), "")
-        sizes = f"relative residual {self.size:.1e}{beside} after {self.done} iterations"
+        energy_text = f", energy error about {self.error:.1e}" if np.isfinite(self.error) else ""
+        reason_text = next((text for name, text in _WHY.values() if name == self.ended), "")
+        sizes = f"relative residual {self.size:.1e}{energy_text} after {self.done} iterations"
         return History(
             entries(self.x),
             frozen_float(self.residuals),
             self.right,
-            MET if self.right else f"{why}{sizes}, wanted {self.tolerance:.1e}",
+            MET if self.right else f"{reason_text}{sizes}, wanted {self.tolerance:.1e}",
             self.error if np.isfinite(self.error) else None,
-            tuple(name for name, ok in zip(TESTS, passed, strict=True) if ok),
+            tuple(name for name, ok in zip(TESTS, test_results, strict=True) if ok),
             ended,
             relative_residual=self.size,
         )

@@ -13,10 +13,10 @@ def level_matrices(ksp: Any) -> list[tuple[Any, Any]]:
 
     P is None on the coarsest level.
     """
-    found = []
+    matrices = []
     for A, P in _levels(ksp):
-        found.append((to_scipy(A), None if P is None else to_scipy(P)))
-    return found
+        matrices.append((to_scipy(A), None if P is None else to_scipy(P)))
+    return matrices
 
 
 def level_sizes(ksp: Any) -> list[tuple[int, int]]:

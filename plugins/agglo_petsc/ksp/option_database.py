@@ -36,30 +36,30 @@ def parsed_options(given: str | Mapping[str, Any]) -> dict[str, str]:
         return dict(_pair(name, value) for name, value in given.items())
     if not isinstance(given, str):
         raise OptionError(f"petsc_options must be a text or a mapping, given {given!r:.60}")
-    found: dict[str, str] = {}
+    options: dict[str, str] = {}
     name = ""
     for word in shlex.split(given):
         if word[:1] == "-" and word[1:2].isalpha():
             name = word[1:]
-            found[name] = ""
-        elif name and not found[name]:
-            found[name] = word
+            options[name] = ""
+        elif name and not options[name]:
+            options[name] = word
         else:
             raise OptionError(f"petsc_options: {word!r} is no option of PETSc; expected -name or -name value")
-    return found
+    return options
 
 
 def _pair(name: Any, value: Any) -> tuple[str, str]:
-    plain = name.removeprefix("-") if isinstance(name, str) else ""
-    if not plain[:1].isalpha() or " " in plain:
+    key = name.removeprefix("-") if isinstance(name, str) else ""
+    if not key[:1].isalpha() or " " in key:
         raise OptionError(f"petsc_options: {name!r} is no name of an option of PETSc")
     if value is None:
-        return plain, ""
+        return key, ""
     if not isinstance(value, str | int | float):
         raise OptionError(
             f"petsc_options: {name} must be a text, a number or a truth value, given {value!r:.60}"
         )
-    return plain, str(value).lower() if isinstance(value, bool) else str(value)
+    return key, str(value).lower() if isinstance(value, bool) else str(value)
 
 
 class OptionDatabase:

@@ -77,13 +77,13 @@ def setup(
         If the matrix proves not to be positive definite.
     """
     # 1. Check options and levels
-    for name, value, known in (
+    for name, value, choices in (
         ("smoother", smoother, SMOOTHERS),
         ("coarse_solver", coarse_solver, COARSE_SOLVERS),
         ("cycle", cycle, CYCLES),
     ):
-        if value not in known:
-            raise OptionError(f"{name} must be one of {', '.join(known)}; given {value!r}")
+        if value not in choices:
+            raise OptionError(f"{name} must be one of {', '.join(choices)}; given {value!r}")
     A = ksp.getOperators()[0]
     levels = levels_for(A, levels)
     if levels.prolongations and levels.prolongations[0].getSize()[0] != A.getSize()[0]:
@@ -92,16 +92,16 @@ def setup(
             f"{A.getSize()[0]}"
         )
     # 2. Configure the levels
-    chosen = chosen_smoother(levels) if smoother == "auto" else smoother
-    given, defaults = (
+    smoother_name = chosen_smoother(levels) if smoother == "auto" else smoother
+    user_options, defaults = (
         parsed_options(petsc_options),
         _coarse(A.getComm(), coarse_solver, bool(levels.prolongations)),
     )
     if levels.prolongations:
-        defaults |= {"pc_mg_galerkin": "both", **_BY_SMOOTHER[chosen]}
-        _levels_of(ksp.getPC(), levels, chosen, cycle)
+        defaults |= {"pc_mg_galerkin": "both", **_BY_SMOOTHER[smoother_name]}
+        _levels_of(ksp.getPC(), levels, smoother_name, cycle)
     # 3. Set up with the options in the database
-    with OptionDatabase(ksp.getOptionsPrefix() or "", defaults, given) as database:
+    with OptionDatabase(ksp.getOptionsPrefix() or "", defaults, user_options) as database:
         ksp.setFromOptions()
         _set_up(ksp)
         database.require_used()
@@ -154,20 +154,20 @@ def chosen_smoother(levels: PetscLevels) -> str:
     return "sweeps" if several or any(each is not None for each in levels.patches) else "sor"
 
 
-def _coarse(comm: Any, asked: CoarseSolver, levels: bool) -> dict[str, str]:
+def _coarse(comm: Any, solver: CoarseSolver, levels: bool) -> dict[str, str]:
     """Return the options for the solver on the coarsest level, possibly the matrix itself."""
     PETSc, prefix = petsc(), "mg_coarse_" if levels else ""
     several = comm.getSize() > 1
-    if asked == "auto":
-        asked = "lu" if not several else ("mumps" if PETSc.Sys.hasExternalPackage("mumps") else "redundant")
-    if asked in ("mumps", "superlu_dist") and not PETSc.Sys.hasExternalPackage(asked):
-        raise OptionError(f"coarse_solver {asked!r} is not in this PETSc; take 'auto' or 'redundant'")
-    found = {} if levels else {"pc_type": "lu"}
-    if asked == "redundant" or (asked == "lu" and several):
-        return {**found, f"{prefix}pc_type": "redundant", f"{prefix}redundant_pc_type": "lu"}
-    found |= {f"{prefix}ksp_type": "preonly"} if levels else {}
-    found[f"{prefix}pc_type"] = "lu"
-    return found if asked == "lu" else found | {f"{prefix}pc_factor_mat_solver_type": asked}
+    if solver == "auto":
+        solver = "lu" if not several else ("mumps" if PETSc.Sys.hasExternalPackage("mumps") else "redundant")
+    if solver in ("mumps", "superlu_dist") and not PETSc.Sys.hasExternalPackage(solver):
+        raise OptionError(f"coarse_solver {solver!r} is not in this PETSc; take 'auto' or 'redundant'")
+    options = {} if levels else {"pc_type": "lu"}
+    if solver == "redundant" or (solver == "lu" and several):
+        return {**options, f"{prefix}pc_type": "redundant", f"{prefix}redundant_pc_type": "lu"}
+    options |= {f"{prefix}ksp_type": "preonly"} if levels else {}
+    options[f"{prefix}pc_type"] = "lu"
+    return options if solver == "lu" else options | {f"{prefix}pc_factor_mat_solver_type": solver}
 
 
 def _levels_of(pc: Any, levels: PetscLevels, smoother: str, cycle: Cycle) -> None:

@@ -80,18 +80,18 @@ def given_levels(
         If the matrix sizes do not match, or the number of widths or patches is wrong.
     """
     PETSc, count = petsc(), len(prolongations)
-    found = [P if isinstance(P, PETSc.Mat) else _single(P) for P in prolongations]
-    sizes = [P.getSize() for P in found]
+    matrices = [P if isinstance(P, PETSc.Mat) else _single(P) for P in prolongations]
+    sizes = [P.getSize() for P in matrices]
     wrong = next((k for k in range(1, count) if sizes[k - 1][1] != sizes[k][0]), None)
     if wrong is not None:
         raise OptionError(
             f"prolongations[{wrong}] has {sizes[wrong][0]} rows; "
             f"the one before has {sizes[wrong - 1][1]} columns"
         )
-    for name, each in (("widths", widths), ("patches", patches)):
-        if each is not None and len(each) != count:
-            raise OptionError(f"{name} must be given for each of {count} prolongations; given {len(each)}")
-    return PetscLevels(found, widths or [None] * count, patches or [None] * count)
+    for name, values in (("widths", widths), ("patches", patches)):
+        if values is not None and len(values) != count:
+            raise OptionError(f"{name} must be given for each of {count} prolongations; given {len(values)}")
+    return PetscLevels(matrices, widths or [None] * count, patches or [None] * count)
 
 
 def aggregate_levels(
@@ -147,24 +147,26 @@ def aggregate_levels(
     [(8, 4), (4, 2)]
     """
     comm = A.getComm()
-    offsets, B, found, widths, made = *_start(A, block_offsets, near_null), [], [], []
+    offsets, B, prolongations, widths, galerkin_matrices = *_start(A, block_offsets, near_null), [], [], []
     # Each level: aggregates, tentative prolongation, Jacobi step, Galerkin matrix
-    for level, given in enumerate(aggregates):
-        own, count = _numbered(comm, level, given, len(offsets) - 1, None if owned is None else owned[level])
-        start = bases_where_owned(comm, np.repeat(own, np.diff(offsets)), count, B)
-        width, below = (_width(comm, each) for each in (offsets, start.offsets))
+    for level, part_aggregates in enumerate(aggregates):
+        ids, count = _numbered(
+            comm, level, part_aggregates, len(offsets) - 1, None if owned is None else owned[level]
+        )
+        start = bases_where_owned(comm, np.repeat(ids, np.diff(offsets)), count, B)
+        width, below = (_width(comm, item) for item in (offsets, start.offsets))
         P = mat_from_rows(start.rows, comm, int(start.offsets[-1]), (width or 1, below or 1))
         if smooth:
             P = jacobi_smoothed(A, offsets, P, damping)
-        found.append(P)
+        prolongations.append(P)
         widths.append(width)
         offsets, B = start.offsets, start.near_null
         if smooth and level + 1 < len(aggregates):
             A = A.ptap(P)
-            made.append(A)
-    for each in made:
-        each.destroy()
-    return given_levels(found, widths=widths, patches=patches)
+            galerkin_matrices.append(A)
+    for item in galerkin_matrices:
+        item.destroy()
+    return given_levels(prolongations, widths=widths, patches=patches)
 
 
 def levels_for(A: Any, given: Levels) -> PetscLevels:
@@ -180,28 +182,32 @@ def levels_for(A: Any, given: Levels) -> PetscLevels:
         return given
     comm, width = A.getComm(), A.getBlockSize()
     parts = A.getLocalSize()[0] // width
-    labels = [frozen_int(each) for each in (given.levels if isinstance(given, Hierarchy) else given)]
-    wrong = next((f"labels have the shape {each.shape}" for each in labels if each.shape != (parts,)), "")
+    labels = [frozen_int(values) for values in (given.levels if isinstance(given, Hierarchy) else given)]
+    wrong = next(
+        (f"labels have the shape {values.shape}" for values in labels if values.shape != (parts,)), ""
+    )
     agree(comm, wrong and f"{wrong}; the matrix has {parts} parts of {width} unknowns here {_ADVICE}")
     # 2. Number aggregates across the ranks
     ups = nested_aggregates(labels)
-    counts = [parts, *(int(each.max(initial=-1)) + 1 for each in ups)]
-    before = [sum(each) for each in zip(*comm.tompi4py().allgather(counts)[: comm.getRank()], strict=True)]
+    counts = [parts, *(int(values.max(initial=-1)) + 1 for values in ups)]
+    before = [
+        sum(values) for values in zip(*comm.tompi4py().allgather(counts)[: comm.getRank()], strict=True)
+    ]
     first = before or [0] * len(counts)
     numbered = [frozen_int(up + start) for up, start in zip(ups, first[1:], strict=True)]
     return aggregate_levels(A, numbered, patches=_vertex_patches(given, labels, first))
 
 
-def _vertex_patches(given: Any, labels: list[Int], first: list[int]) -> list[Patches | None] | None:
+def _vertex_patches(levels: Any, labels: list[Int], first: list[int]) -> list[Patches | None] | None:
     """Return 2-D vertex patches if there is a mesh, numbered from the first part of this rank."""
-    mesh = given.fine if isinstance(given, Hierarchy) else None
+    mesh = levels.fine if isinstance(levels, Hierarchy) else None
     if mesh is None or mesh.dim != 2:
         return None
-    found: list[Patches | None] = []
+    patches: list[Patches | None] = []
     for finer, start in zip([None, *labels[:-1]], first[:-1], strict=True):
-        own = multigrid.vertex_patches(mesh, finer)
-        found.append(Patches(own.offsets, frozen_int(own.parts + start)))
-    return found
+        level_patches = multigrid.vertex_patches(mesh, finer)
+        patches.append(Patches(level_patches.offsets, frozen_int(level_patches.parts + start)))
+    return patches
 
 
 def _single(P: Any) -> Any:
@@ -246,19 +252,21 @@ def _known(A: Any, n: int, offsets: Any) -> Any:
     return (np.arange(n)[:, None] % width == np.arange(width)).astype(float)
 
 
-def _numbered(comm: Any, level: int, given: ArrayLike, parts: int, owned: int | None) -> tuple[Int, int]:
+def _numbered(comm: Any, level: int, aggregates: ArrayLike, parts: int, owned: int | None) -> tuple[Int, int]:
     """Return the aggregate of each part, −1 for none, and their number on this rank.
 
     Checked on all ranks.
     """
-    ids, ranks = np.asarray(given), comm.tompi4py()
+    ids, ranks = np.asarray(aggregates), comm.tompi4py()
     fits = ids.shape == (parts,) and (ids.dtype.kind in "iu" or not parts)
     inside = np.unique(ids[ids >= 0]) if fits and parts else np.empty(0, np.int64)
     count = len(inside) if owned is None else owned
     counts = ranks.allgather(count)
     first, total, wrong = sum(counts[: ranks.rank]), sum(counts), ""
     if not fits:
-        wrong = f"aggregates[{level}] must be {parts} whole numbers, one for each part; given {given!r:.60}"
+        wrong = (
+            f"aggregates[{level}] must be {parts} whole numbers, one for each part; given {aggregates!r:.60}"
+        )
     elif owned is not None and len(inside) and inside[-1] >= total:
         wrong = f"aggregates[{level}] go to {inside[-1]}; the ranks have {total} of them in all"
     elif owned is None and len(inside) and (inside[0] != first or inside[-1] != first + count - 1):

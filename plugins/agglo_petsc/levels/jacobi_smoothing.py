@@ -39,11 +39,11 @@ def jacobi_smoothed(A: Any, offsets: Int, T: Any, damping: float) -> Any:
 
 def _inverse_blocks(A: Any, offsets: Int) -> Any:
     """Return D⁻¹ as a PETSc matrix."""
-    comm, own = A.getComm(), rows_of(A.getDiagonalBlock())
-    wrong, inverse = "", own
+    comm, diagonal_block = A.getComm(), rows_of(A.getDiagonalBlock())
+    wrong, inverse = "", diagonal_block
     try:
-        if own.shape[0]:
-            inverse = sparse.csr_array(multigrid.block_inverses(own, offsets))
+        if diagonal_block.shape[0]:
+            inverse = sparse.csr_array(multigrid.block_inverses(diagonal_block, offsets))
     except np.linalg.LinAlgError as error:
         wrong = str(error)
     agree(comm, wrong)
@@ -70,10 +70,10 @@ def _largest_eigenvalue(A: Any, inverse: Any) -> float:
     x = b.duplicate()
     ksp.solve(b, x)
     # 3. Largest Ritz value
-    found, reason = ksp.computeEigenvalues(), ksp.getConvergedReason()
-    for each in (ksp, b, x):
-        each.destroy()
-    largest = float(np.real(found).max(initial=0.0))
+    ritz_values, reason = ksp.computeEigenvalues(), ksp.getConvergedReason()
+    for handle in (ksp, b, x):
+        handle.destroy()
+    largest = float(np.real(ritz_values).max(initial=0.0))
     indefinite = PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT
     if reason in (indefinite, PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_PC) or not 0.0 < largest < np.inf:
         raise OptionError("the matrix is not positive definite: it has no smoothed prolongation")

@@ -25,15 +25,15 @@ def nested_aggregates(labels: Sequence[Int]) -> list[Int]:
     >>> [each.tolist() for each in nested_aggregates([np.arange(6) // 2, np.arange(6) // 4])]
     [[0, 0, 1, 1, 2, 2], [0, 0, 1]]
     """
-    found: list[Int] = []
+    aggregates: list[Int] = []
     for level, coarse in enumerate(labels):
-        up = multigrid.parents(labels[level - 1], coarse) if level else frozen_int(coarse)
-        if up is None:
+        parent_of = multigrid.parents(labels[level - 1], coarse) if level else frozen_int(coarse)
+        if parent_of is None:
             raise OptionError(
                 f"the agglomerates of level {level} are not unions of those of the level before"
             )
-        found.append(up)
-    return found
+        aggregates.append(parent_of)
+    return aggregates
 
 
 def labels_of_unknowns(
@@ -74,11 +74,11 @@ def labels_of_unknowns(
     missing = np.flatnonzero(np.bincount(rows, minlength=n)[:n] == 0)
     if len(missing) or rows.max(initial=-1) >= n:
         raise OptionError(f"{n} unknowns: {len(missing)} are in no cell, the largest in one is {rows.max()}")
-    found: list[Int] = []
-    for level, up in enumerate(nested_aggregates([np.asarray(each) for each in levels])):
-        part = up[found[-1]] if level else _of_most(rows, up[cells])
-        found.append(frozen_int(part))
-    return [frozen_int(np.unique(each, return_inverse=True)[1]) for each in found]
+    part_labels: list[Int] = []
+    for level, parent_of in enumerate(nested_aggregates([np.asarray(values) for values in levels])):
+        part = parent_of[part_labels[-1]] if level else _of_most(rows, parent_of[cells])
+        part_labels.append(frozen_int(part))
+    return [frozen_int(np.unique(values, return_inverse=True)[1]) for values in part_labels]
 
 
 def _of_most(rows: Int, parts: Int) -> Int:

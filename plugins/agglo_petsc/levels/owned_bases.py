@@ -55,35 +55,37 @@ def bases_where_owned(comm: Any, holder: Any, count: int, near_null: Float) -> O
     ranks = comm.tompi4py()
     starts = np.concatenate(([0], np.cumsum(ranks.allgather(count))))
     owner = np.where(holder < 0, -1, np.searchsorted(starts, holder, side="right") - 1)
-    sent = {rank: np.flatnonzero(owner == rank) for rank in np.unique(owner[owner >= 0]).tolist()}
-    arrived = swapped(ranks, {rank: (holder[rows], near_null[rows]) for rank, rows in sent.items()})
+    sent_rows = {rank: np.flatnonzero(owner == rank) for rank in np.unique(owner[owner >= 0]).tolist()}
+    arrived = swapped(ranks, {rank: (holder[rows], near_null[rows]) for rank, rows in sent_rows.items()})
     # 2. Check that no aggregate is empty, and compute the bases
     first = int(starts[ranks.rank])
-    ids = np.concatenate([np.empty(0, np.int64), *(each[0] for each in arrived.values())]) - first
-    values = np.concatenate([np.empty((0, near_null.shape[1])), *(each[1] for each in arrived.values())])
+    ids = np.concatenate([np.empty(0, np.int64), *(item[0] for item in arrived.values())]) - first
+    values = np.concatenate([np.empty((0, near_null.shape[1])), *(item[1] for item in arrived.values())])
     empty = np.flatnonzero(np.bincount(ids, minlength=count) == 0)
     agree(comm, f"aggregate {first + empty[0]} has no part" if len(empty) else "")
-    made = tentative(frozen_int(ids), count, frozen_float(values))
+    bases = tentative(frozen_int(ids), count, frozen_float(values))
     # 3. Return the rows of the prolongation
-    before = int(sum(ranks.allgather(made.T.shape[1])[: ranks.rank]))
-    total = int(ranks.allreduce(made.T.shape[1]))
+    before = int(sum(ranks.allgather(bases.T.shape[1])[: ranks.rank]))
+    total = int(ranks.allreduce(bases.T.shape[1]))
     answers, at = {}, 0
-    for rank, (theirs, _) in arrived.items():
-        piece = made.T[at : at + len(theirs)]
+    for rank, (rank_ids, _) in arrived.items():
+        piece = bases.T[at : at + len(rank_ids)]
         answers[rank] = np.diff(piece.indptr), piece.indices + before, piece.data
-        at += len(theirs)
-    return OwnedBases(_rows(swapped(ranks, answers), sent, len(holder), total), made.offsets, made.near_null)
+        at += len(rank_ids)
+    return OwnedBases(
+        _rows(swapped(ranks, answers), sent_rows, len(holder), total), bases.offsets, bases.near_null
+    )
 
 
-def _rows(answers: Any, sent: Any, n: int, total: int) -> Any:
+def _rows(answers: Any, sent_rows: Any, n: int, total: int) -> Any:
     """Assemble returned rows at their positions."""
-    places = [np.repeat(sent[rank], counts) for rank, (counts, _, _) in answers.items()]
+    places = [np.repeat(sent_rows[rank], counts) for rank, (counts, _, _) in answers.items()]
     rows, columns, data = (
-        np.concatenate([np.empty(0, kind), *each])
-        for kind, each in (
+        np.concatenate([np.empty(0, kind), *arrays])
+        for kind, arrays in (
             (np.int64, places),
-            (np.int64, [each[1] for each in answers.values()]),
-            (np.float64, [each[2] for each in answers.values()]),
+            (np.int64, [arrays[1] for arrays in answers.values()]),
+            (np.float64, [arrays[2] for arrays in answers.values()]),
         )
     )
     return sparse.csr_array((data, (rows, columns)), shape=(n, total))

@@ -48,8 +48,8 @@ def monomial(points: Float, powers: tuple[int, ...]) -> Float:
     >>> monomial(np.array([[2.0, 3.0]]), (2, 1)).tolist()
     [12.0]
     """
-    found = np.ones(len(points))
+    values = np.ones(len(points))
     for axis, power in enumerate(powers):
         if power:
-            found *= points[:, axis] ** power
-    return frozen_float(found)
+            values *= points[:, axis] ** power
+    return frozen_float(values)

@@ -71,28 +71,28 @@ def border_plan(comm: Any, own: Any, starts: Int, patches: Patches | None) -> Bo
     # 2. Collect the rows of changed parts, and the parts to copy
     changed = frozen_int(np.unique(outer.parts))
     rows, ids = _rows_for(comm, own, starts, changed)
-    seen = np.unique(np.concatenate((ids, changed)))
-    away = frozen_int(seen[(seen < first) | (seen >= last)])
+    reached = np.unique(np.concatenate((ids, changed)))
+    ghosts = frozen_int(reached[(reached < first) | (reached >= last)])
 
-    def here(parts: Int) -> Int:
+    def to_local(parts: Int) -> Int:
         """Return the positions of parts among own parts and copies."""
         inside = (parts >= first) & (parts < last)
-        return frozen_int(np.where(inside, parts - first, last - first + np.searchsorted(away, parts)))
+        return frozen_int(np.where(inside, parts - first, last - first + np.searchsorted(ghosts, parts)))
 
     # 3. Exchange the lists of copies and updates
-    asked = by_owner(away, starts)
-    copied = {rank: frozen_int(each - first) for rank, each in swapped(comm, asked).items()}
-    told, tellers = _tellers(comm, starts, changed, copied)
-    matrix = _square(rows, here(changed), here(ids), last - first + len(away), own.blocksize[0])
+    requests = by_owner(ghosts, starts)
+    copied = {rank: frozen_int(part_ids - first) for rank, part_ids in swapped(comm, requests).items()}
+    updates, tellers = _tellers(comm, starts, changed, copied)
+    matrix = _square(rows, to_local(changed), to_local(ids), last - first + len(ghosts), own.blocksize[0])
     return BorderPlan(
         inner=Patches(inner.offsets, frozen_int(inner.parts - first)),
-        outer=Patches(outer.offsets, here(frozen_int(outer.parts))),
+        outer=Patches(outer.offsets, to_local(frozen_int(outer.parts))),
         rows=matrix,
         copied=copied,
-        copies={rank: here(each) for rank, each in asked.items()},
-        told={rank: here(each) for rank, each in told.items()},
-        tellers={rank: here(each) for rank, each in tellers.items()},
-        colours=_colours(comm, sorted(told)),
+        copies={rank: to_local(part_ids) for rank, part_ids in requests.items()},
+        told={rank: to_local(part_ids) for rank, part_ids in updates.items()},
+        tellers={rank: to_local(part_ids) for rank, part_ids in tellers.items()},
+        colours=_colours(comm, sorted(updates)),
     )
 
 
@@ -116,38 +116,38 @@ def _with_single_parts(comm: Any, starts: Int, patches: Patches | None) -> Patch
     return Patches(starts_of(sizes), frozen_int(np.concatenate((parts, single))))
 
 
-def _divided(groups: Patches, own: Any, first: int, last: int) -> tuple[Patches, Patches]:
+def _divided(groups: Patches, rows: Any, first: int, last: int) -> tuple[Patches, Patches]:
     """Split into patches whose parts and neighbours are all own, and all others."""
-    away = (own.indices < first) | (own.indices >= last)
+    away = (rows.indices < first) | (rows.indices >= last)
     coupled = np.zeros(last - first, bool)
-    coupled[np.repeat(np.arange(last - first), np.diff(own.indptr))[away]] = True
+    coupled[np.repeat(np.arange(last - first), np.diff(rows.indptr))[away]] = True
     inside = (groups.parts >= first) & (groups.parts < last)
     free = np.zeros(len(groups.parts), bool)
     free[inside] = ~coupled[groups.parts[inside] - first]
     group = np.repeat(np.arange(len(groups)), np.diff(groups.offsets))
     inner = np.bincount(group[~free], minlength=len(groups)) == 0
     return tuple(
-        Patches(starts_of(np.diff(groups.offsets)[which]), frozen_int(groups.parts[which[group]]))
-        for which in (inner, ~inner)
+        Patches(starts_of(np.diff(groups.offsets)[mask]), frozen_int(groups.parts[mask[group]]))
+        for mask in (inner, ~inner)
     )  # type: ignore[return-value]
 
 
-def _rows_for(comm: Any, own: Any, starts: Int, parts: Int) -> tuple[tuple[Any, Any, Any], Int]:
+def _rows_for(comm: Any, rows: Any, starts: Int, parts: Int) -> tuple[tuple[Any, Any, Any], Int]:
     """Collect the rows of parts on any ranks, own rows first: counts, columns, blocks, and columns again."""
-    first, asked = int(starts[comm.rank]), by_owner(parts, starts)
-    mine = asked.pop(comm.rank, _EMPTY)
-    answers = {rank: _taken(own, frozen_int(each - first)) for rank, each in swapped(comm, asked).items()}
-    found = [_taken(own, frozen_int(mine - first)), *swapped(comm, answers).values()]
-    counts, columns, blocks = (np.concatenate(each) for each in zip(*found, strict=True))
+    first, requests = int(starts[comm.rank]), by_owner(parts, starts)
+    own_parts = requests.pop(comm.rank, _EMPTY)
+    answers = {rank: _taken(rows, frozen_int(item - first)) for rank, item in swapped(comm, requests).items()}
+    pieces = [_taken(rows, frozen_int(own_parts - first)), *swapped(comm, answers).values()]
+    counts, columns, blocks = (np.concatenate(item) for item in zip(*pieces, strict=True))
     return (counts, columns, blocks), frozen_int(columns)
 
 
-def _taken(rows: Any, which: Int) -> tuple[Any, Any, Any]:
+def _taken(rows: Any, selection: Int) -> tuple[Any, Any, Any]:
     """Return some rows of a BSR: counts, columns, blocks."""
-    counts = np.diff(rows.indptr)[which]
+    counts = np.diff(rows.indptr)[selection]
     ends = np.cumsum(counts)
     total = int(ends[-1]) if len(ends) else 0
-    at = np.repeat(rows.indptr[which] - ends + counts, counts) + np.arange(total)
+    at = np.repeat(rows.indptr[selection] - ends + counts, counts) + np.arange(total)
     return counts, rows.indices[at], rows.data[at]
 
 
@@ -174,34 +174,34 @@ def _tellers(
     first, count = int(starts[comm.rank]), int(starts[comm.rank + 1] - starts[comm.rank])
     writers = swapped(comm, by_owner(changed, starts))
     holders = dict(copied) | {comm.rank: np.arange(count)}
-    has = {rank: np.isin(np.arange(count), each) for rank, each in holders.items()}
+    has = {rank: np.isin(np.arange(count), values) for rank, values in holders.items()}
     # 2. Answer each writer with the holders
     answers: dict[int, dict[int, Any]] = {}
     for writer, parts in writers.items():
-        shared = {rank: parts[each[parts - first]] for rank, each in has.items() if rank != writer}
-        answers[writer] = {rank: each for rank, each in shared.items() if len(each)}
+        shared = {rank: parts[values[parts - first]] for rank, values in has.items() if rank != writer}
+        answers[writer] = {rank: values for rank, values in shared.items() if len(values)}
     # 3. Merge the answers
     pieces: dict[int, list[Int]] = {}
     for answer in swapped(comm, answers).values():
         for rank, parts in answer.items():
             pieces.setdefault(rank, []).append(parts)
-    told = {rank: frozen_int(np.concatenate(pieces[rank])) for rank in sorted(pieces)}
-    return told, swapped(comm, told)
+    updates = {rank: frozen_int(np.concatenate(pieces[rank])) for rank in sorted(pieces)}
+    return updates, swapped(comm, updates)
 
 
 def _colours(comm: Any, touched: list[int]) -> dict[int, int]:
     """Return a colour for each rank, different for ranks that change a common part."""
     # 1. Adjacent ranks
-    beside: list[set[int]] = [set() for _ in range(comm.size)]
-    for rank, others in enumerate(comm.allgather(touched)):
-        for other in others:
-            beside[rank].add(other)
-            beside[other].add(rank)
+    adjacent: list[set[int]] = [set() for _ in range(comm.size)]
+    for rank, neighbours in enumerate(comm.allgather(touched)):
+        for neighbour in neighbours:
+            adjacent[rank].add(neighbour)
+            adjacent[neighbour].add(rank)
     # 2. Greedy colouring
     colours: dict[int, int] = {}
-    for rank, others in enumerate(beside):
-        taken = {colours[other] for other in others if other in colours}
-        colours[rank] = next(colour for colour in range(comm.size + 1) if colour not in taken)
+    for rank, neighbours in enumerate(adjacent):
+        used_colours = {colours[neighbour] for neighbour in neighbours if neighbour in colours}
+        colours[rank] = next(colour for colour in range(comm.size + 1) if colour not in used_colours)
     return colours
 
 

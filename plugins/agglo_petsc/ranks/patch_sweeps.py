@@ -26,21 +26,21 @@ class _RankSweeps:
 
     def __init__(self, A: Any, patches: Patches | None, width: int) -> None:
         self._comm, self._width = A.getComm().tompi4py(), width
-        own = in_blocks(rows_of(A), width)
+        rows = in_blocks(rows_of(A), width)
         starts = frozen_int(np.asarray(A.getOwnershipRanges()) // width)
         agree(A.getComm(), _beyond(patches, int(starts[-1])))
-        self._plan = plan = border_plan(self._comm, own, starts, patches)
+        self._plan = plan = border_plan(self._comm, rows, starts, patches)
         wrong, self._inner, self._outer = "", None, None
         try:
             if len(plan.inner):
-                beside = in_blocks(rows_of(A.getDiagonalBlock()), width)
-                self._inner = multigrid.VertexPatches(beside, plan.inner, some=True)
+                diagonal_block = in_blocks(rows_of(A.getDiagonalBlock()), width)
+                self._inner = multigrid.VertexPatches(diagonal_block, plan.inner, some=True)
             if len(plan.outer):
                 self._outer = multigrid.VertexPatches(plan.rows, plan.outer, some=True)
         except np.linalg.LinAlgError as error:
             wrong = str(error)
         agree(A.getComm(), wrong)
-        self.memory = sum(_memory(each) for each in (self._inner, self._outer) if each is not None)
+        self.memory = sum(_memory(sweeps) for sweeps in (self._inner, self._outer) if sweeps is not None)
 
     def forwards(self, b: Float) -> Float:
         """Return the sweep from zero for a right-hand side ``(n_own,)``."""
@@ -58,39 +58,42 @@ class _RankSweeps:
         if comm.size == 1:
             return x
         # 1. Exchange b and x on the copies
-        known = np.zeros((2, plan.rows.shape[0] // n, n))
-        known[:, : len(b) // n] = b.reshape(-1, n), x.reshape(-1, n)
-        sent = [
-            comm.Isend(np.ascontiguousarray(known[:, each]), rank, _TAG) for rank, each in plan.copied.items()
+        b_and_x = np.zeros((2, plan.rows.shape[0] // n, n))
+        b_and_x[:, : len(b) // n] = b.reshape(-1, n), x.reshape(-1, n)
+        requests = [
+            comm.Isend(np.ascontiguousarray(b_and_x[:, item]), rank, _TAG)
+            for rank, item in plan.copied.items()
         ]
-        for rank, each in plan.copies.items():
-            known[:, each] = self._received(rank, (2, len(each), n))
+        for rank, item in plan.copies.items():
+            b_and_x[:, item] = self._received(rank, (2, len(item), n))
         # 2. Receive the updates of ranks with earlier turns
-        there, mine = known[1], plan.colours[comm.rank]
+        x_local, own_colour = b_and_x[1], plan.colours[comm.rank]
         turns = sorted(plan.tellers, key=lambda rank: (plan.colours[rank], rank), reverse=back)
-        before = [rank for rank in turns if (plan.colours[rank] > mine) == back and self._outer is not None]
+        before = [
+            rank for rank in turns if (plan.colours[rank] > own_colour) == back and self._outer is not None
+        ]
         for rank in before:
-            there[plan.tellers[rank]] = self._received(rank, (len(plan.tellers[rank]), n))
+            x_local[plan.tellers[rank]] = self._received(rank, (len(plan.tellers[rank]), n))
         # 3. Sweep, and send the changes
         if self._outer is not None:
-            there[:] = self._outer.sweep(known[0].ravel(), there.ravel(), back=back).reshape(-1, n)
-            sent += [comm.Isend(there[each], rank, _TAG) for rank, each in plan.told.items()]
+            x_local[:] = self._outer.sweep(b_and_x[0].ravel(), x_local.ravel(), back=back).reshape(-1, n)
+            requests += [comm.Isend(x_local[item], rank, _TAG) for rank, item in plan.told.items()]
         # 4. Receive the updates of ranks with later turns
         for rank in turns:
             if rank not in before:
-                there[plan.tellers[rank]] = self._received(rank, (len(plan.tellers[rank]), n))
-        for each in sent:
-            each.Wait()
-        better: Float = there.ravel()
+                x_local[plan.tellers[rank]] = self._received(rank, (len(plan.tellers[rank]), n))
+        for item in requests:
+            item.Wait()
+        better: Float = x_local.ravel()
         return better
 
     def _received(self, rank: int, shape: tuple[int, ...]) -> Float:
-        found = np.empty(shape)
-        request, tries = self._comm.Irecv(found, rank, _TAG), 0
+        buffer = np.empty(shape)
+        request, tries = self._comm.Irecv(buffer, rank, _TAG), 0
         while not request.Test():  # MPI's own wait would keep the processor busy
             time.sleep(0.0 if tries < _TRIES else _PAUSE)
             tries += 1
-        return found
+        return buffer
 
 
 def _beyond(patches: Patches | None, parts: int) -> str:

@@ -47,10 +47,10 @@ class RowShare:
         np.minimum.at(least, group, parts)
         owner = np.empty(len(self._numbers[level]), np.int64)
         owner[self._numbers[level]] = self._owners[level]
-        mine = owner[least] == self._rank
-        sizes = np.diff(whole.offsets)[mine]
+        is_owned = owner[least] == self._rank
+        sizes = np.diff(whole.offsets)[is_owned]
         offsets = np.concatenate(([0], np.cumsum(sizes)))
-        return Patches(frozen_int(offsets), frozen_int(parts[mine[group]]))
+        return Patches(frozen_int(offsets), frozen_int(parts[is_owned[group]]))
 
 
 def usable_levels(labels: Sequence[Int], ranks: int) -> list[Int]:
@@ -87,13 +87,13 @@ def row_share(labels: Sequence[Int], n_cells: int, rank: int, ranks: int) -> Row
     sizes = np.bincount(top)
     owner = np.minimum((np.cumsum(sizes) - 0.5 * sizes) * ranks // n_cells, ranks - 1).astype(np.int64)
     owners = [frozen_int(owner)]  # owners of the parts, from the coarsest level
-    for up in reversed(ups):
-        owners.append(frozen_int(owners[-1][up]))
+    for parent_of in reversed(ups):
+        owners.append(frozen_int(owners[-1][parent_of]))
     owners.reverse()
     # 2. Renumber the parts by owner
-    orders = [np.argsort(each, kind="stable") for each in owners]
-    numbers = [frozen_int(np.argsort(each)) for each in orders]
+    orders = [np.argsort(values, kind="stable") for values in owners]
+    numbers = [frozen_int(np.argsort(values)) for values in orders]
     # 3. Own parts and their aggregates
-    own = [order[owner[order] == rank] for order, owner in zip(orders, owners, strict=True)]
-    aggregates = [frozen_int(numbers[k + 1][up[own[k]]]) for k, up in enumerate(ups)]
-    return RowShare(frozen_int(own[0]), frozen_int(orders[0]), aggregates, numbers, owners, rank)
+    own_parts = [order[owner[order] == rank] for order, owner in zip(orders, owners, strict=True)]
+    aggregates = [frozen_int(numbers[k + 1][parent_of[own_parts[k]]]) for k, parent_of in enumerate(ups)]
+    return RowShare(frozen_int(own_parts[0]), frozen_int(orders[0]), aggregates, numbers, owners, rank)

@@ -46,43 +46,43 @@ def patches_across(mesh: distributed.DistributedMesh, numbers: Int, bounds: Int)
     # 2. Join them, and send each patch to the owner of its lowest part
     with ranks.together():
         pairs = np.concatenate([np.empty((2, 0), np.int64), *arrived.values()], axis=1)
-        found = _joined([inside, _around_points(np.unique(pairs, axis=1))])
-        owners = np.searchsorted(bounds, found.parts[found.offsets[:-1]], side="right") - 1
-        given = {rank: _chosen(found, owners == rank) for rank in np.unique(owners).tolist()}
-    found = _joined(list(ranks.exchanged(given).values()))
+        patches = _joined([inside, _around_points(np.unique(pairs, axis=1))])
+        owners = np.searchsorted(bounds, patches.parts[patches.offsets[:-1]], side="right") - 1
+        patches_by_rank = {rank: _chosen(patches, owners == rank) for rank in np.unique(owners).tolist()}
+    patches = _joined(list(ranks.exchanged(patches_by_rank).values()))
     # 3. Sort, and remove contained patches
     with ranks.together():
-        return _without_contained(_ascending(found))
+        return _without_contained(_ascending(patches))
 
 
 def _of_own_cells(mesh: distributed.DistributedMesh, numbers: Int) -> Patches:
     """Return the patches among own cells, complete if all cells around a vertex are own."""
-    marked = 2 * np.asarray(numbers) + (mesh.owners != mesh.ranks.rank)  # odd: ghosts
-    if not len(marked):
+    codes = 2 * np.asarray(numbers) + (mesh.owners != mesh.ranks.rank)  # odd: ghosts
+    if not len(codes):
         return _joined([])
-    names, labels = np.unique(marked, return_inverse=True)
-    if len(names) == len(marked):  # cells are the parts
-        patches = _numbered(multigrid.vertex_patches(mesh.local), frozen_int(marked))
+    names, labels = np.unique(codes, return_inverse=True)
+    if len(names) == len(codes):  # cells are the parts
+        patches = _numbered(multigrid.vertex_patches(mesh.local), frozen_int(codes))
     else:
         patches = _numbered(multigrid.vertex_patches(mesh.local, frozen_int(labels)), frozen_int(names))
-    own = patches.parts % 2 == 0
+    is_own = patches.parts % 2 == 0
     group = np.repeat(np.arange(len(patches)), np.diff(patches.offsets))
-    sizes = np.bincount(group[own], minlength=len(patches))
-    cut = Patches(starts_of(sizes), frozen_int(patches.parts[own] // 2))
+    sizes = np.bincount(group[is_own], minlength=len(patches))
+    cut = Patches(starts_of(sizes), frozen_int(patches.parts[is_own] // 2))
     return _chosen(cut, sizes > 1)
 
 
 def _border_pairs(mesh: distributed.DistributedMesh, numbers: Int) -> Int:
     """Return the points on rank borders, by global ids, with the parts of own cells around each."""
     local = mesh.local
-    own = mesh.owners == mesh.ranks.rank
-    between = (local.face_cells[:, 1] >= 0) & (own[local.face_cells].sum(axis=1) == 1)
+    is_own = mesh.owners == mesh.ranks.rank
+    between = (local.face_cells[:, 1] >= 0) & (is_own[local.face_cells].sum(axis=1) == 1)
     at_border = np.zeros(local.n_points, bool)
     at_border[local.face_vertices[np.repeat(between, np.diff(local.face_offsets))]] = True
     offsets, vertices = local.cell_vertices
     cells = np.repeat(np.arange(local.n_cells), np.diff(offsets))
-    chosen = at_border[vertices] & own[cells]
-    return frozen_int(np.stack((mesh.point_ids[vertices[chosen]], numbers[cells[chosen]])))
+    selection = at_border[vertices] & is_own[cells]
+    return frozen_int(np.stack((mesh.point_ids[vertices[selection]], numbers[cells[selection]])))
 
 
 def _around_points(pairs: Any) -> Patches:
@@ -126,8 +126,8 @@ def _chosen(patches: Patches, which: Any) -> Patches:
 
 
 def _joined(pieces: list[Patches]) -> Patches:
-    sizes = np.concatenate([np.empty(0, np.int64), *(np.diff(each.offsets) for each in pieces)])
+    sizes = np.concatenate([np.empty(0, np.int64), *(np.diff(piece.offsets) for piece in pieces)])
     return Patches(
         starts_of(sizes),
-        frozen_int(np.concatenate([np.empty(0, np.int64), *(each.parts for each in pieces)])),
+        frozen_int(np.concatenate([np.empty(0, np.int64), *(piece.parts for piece in pieces)])),
     )

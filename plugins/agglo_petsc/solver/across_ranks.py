@@ -137,11 +137,17 @@ def solve_across(
     RankError
         For errors on another rank.
     """
-    known = default() if registry is None else registry
-    how = known.build("discretisation", "polydg", degree=degree)
+    components = default() if registry is None else registry
+    discretisation = components.build("discretisation", "polydg", degree=degree)
     options: Any = {"smoother": smoother, "petsc_options": petsc_options}
     return solved_across(
-        problem, hierarchy, how, degree, tolerance=tolerance, max_iterations=max_iterations, options=options
+        problem,
+        hierarchy,
+        discretisation,
+        degree,
+        tolerance=tolerance,
+        max_iterations=max_iterations,
+        options=options,
     )
 
 
@@ -173,17 +179,17 @@ def solved_across(
         A = mat_from_rows(rows.A, comm, len(rows.b), (rows.width, rows.width))
         count = len(hierarchy.levels) if levels is None else levels - 1
         patches = options["smoother"] not in ("blocks", "sor")
-        found = _levels(A, rows, hierarchy, count, patches=patches)
+        petsc_levels = _levels(A, rows, hierarchy, count, patches=patches)
         ksp = PETSc.KSP().create(comm)
         ksp.setOptionsPrefix("agglo_across_")
         ksp.setOperators(A)
         ksp.setType("cg")
-        setup(ksp, found, **options)
+        setup(ksp, petsc_levels, **options)
     # 3. Solve
     with watch("solve"), phase(progress, "solving"):
         history = solve(ksp, vector(A, rows.b), tolerance=tolerance, max_iterations=max_iterations)
     ranks, sizes = mesh.ranks, level_sizes(ksp)
-    smoother = chosen_smoother(found) if options["smoother"] == "auto" else options["smoother"]
+    smoother = chosen_smoother(petsc_levels) if options["smoother"] == "auto" else options["smoother"]
     on = "one rank" if ranks.size == 1 else f"{ranks.size} ranks"
     return AcrossRanks(
         x=frozen_float(history.x),
@@ -199,13 +205,13 @@ def solved_across(
         tests=history.tests,
         energy=ranks.summed(float(rows.load @ history.x)),
         memory=memory_of(ksp),
-        seconds={name: ranks.largest(each) for name, each in watch.wall.items()},
+        seconds={name: ranks.largest(value) for name, value in watch.wall.items()},
         choice=f"{count} levels of agglomerates, {smoother}, PETSc on {on}, each with its own cells",
     )
 
 
 def _assembled(
-    problem: Diffusion, mesh: distributed.DistributedMesh, how: Discretisation, degree: int
+    problem: Diffusion, mesh: distributed.DistributedMesh, discretisation: Discretisation, degree: int
 ) -> _Rows:
     """Assemble the rows of own cells.
 
@@ -218,11 +224,11 @@ def _assembled(
     number = frozen_int(mesh.exchange(first + np.arange(len(mesh.own))))
     half = ranks.largest(float(np.abs(mesh.local.points - mesh.local.origin).max(initial=0.0)))
     with ranks.together():
-        own = mesh.global_ids[mesh.own]
-        if not len(own):
+        own_ids = mesh.global_ids[mesh.own]
+        if not len(own_ids):
             raise OptionError(f"rank {ranks.rank} has no cells: share the mesh out among fewer ranks")
         # 2. Rows of own cells, with global columns
-        system, cells = how.assemble(problem, wide), np.searchsorted(ids, own)
+        system, cells = discretisation.assemble(problem, wide), np.searchsorted(ids, own_ids)
         width = int(system.block_offsets[1])
         entries = _unknowns(cells, width)
         A = sparse.csr_array(sparse.csr_array(system.A)[entries])
@@ -231,12 +237,12 @@ def _assembled(
         columns = place[A.indices // width] * width + A.indices % width
         # 3. Near-null vectors and loads
         fields = monomials(wide.dim, degree, mesh.local.origin, half)
-        near = np.stack([how.project(wide, each)[entries] for each in fields], axis=1)
+        near = np.stack([discretisation.project(wide, field)[entries] for field in fields], axis=1)
         shape = (len(entries), mesh.n_cells * width)
-        given = sparse.csr_array((A.data, columns, A.indptr), shape=shape)
-        load = how.load(problem, wide, system.b)[entries]
+        global_rows = sparse.csr_array((A.data, columns, A.indptr), shape=shape)
+        load = discretisation.load(problem, wide, system.b)[entries]
         b, near_null = frozen_float(system.b[entries]), frozen_float(near)
-        return _Rows(given, b, frozen_float(load), near_null, number, width)
+        return _Rows(global_rows, b, frozen_float(load), near_null, number, width)
 
 
 def _levels(
@@ -247,14 +253,16 @@ def _levels(
     rank = mesh.ranks.rank
     aggregates = [hierarchy.parents(k - 1) if k else hierarchy.levels[0] for k in range(count)]
     owned = [int(bounds[rank + 1] - bounds[rank]) for bounds in hierarchy.bounds[:count]]
-    found = None
+    level_patches = None
     if patches and mesh.local.dim == 2:  # in 3-D their matrices are large
-        numbers = [rows.number, *(frozen_int(mesh.exchange(each)) for each in hierarchy.levels[: count - 1])]
+        numbers = [rows.number, *(frozen_int(mesh.exchange(item)) for item in hierarchy.levels[: count - 1])]
         cells = np.concatenate(([0], np.cumsum(mesh.ranks.gathered(len(mesh.own)))))
         bounds = [frozen_int(cells), *hierarchy.bounds[: count - 1]]
-        found = [patches_across(mesh, *each) for each in zip(numbers, bounds, strict=True)]
+        level_patches = [patches_across(mesh, *item) for item in zip(numbers, bounds, strict=True)]
     offsets = frozen_int(rows.width * np.arange(len(rows.b) // rows.width + 1))
-    return aggregate_levels(A, aggregates, rows.near_null, block_offsets=offsets, patches=found, owned=owned)
+    return aggregate_levels(
+        A, aggregates, rows.near_null, block_offsets=offsets, patches=level_patches, owned=owned
+    )
 
 
 def _unknowns(cells: Int, width: int) -> Int:

@@ -118,15 +118,15 @@ class PetscMultigrid:
         *,
         registry: Registry | None = None,
     ) -> None:
-        for name, value, known in (
+        for name, value, choices in (
             ("smoother", smoother, SMOOTHERS),
             ("coarsening", coarsening, COARSENINGS),
             ("coarse_solver", coarse_solver, COARSE_SOLVERS),
             ("cycle", cycle, CYCLES),
             ("ranks", ranks, ("one", "world")),
         ):
-            if value not in known:
-                raise OptionError(f"{name} must be one of {', '.join(known)}; given {value!r}")
+            if value not in choices:
+                raise OptionError(f"{name} must be one of {', '.join(choices)}; given {value!r}")
         if levels is not None and not _whole(levels, 2):
             raise OptionError(f"levels must be a whole number, at least 2; given {levels!r}")
         if not _whole(max_iterations, 1):
@@ -159,7 +159,7 @@ class PetscMultigrid:
         # 2. Set up the levels
         try:
             with watch("setup"), phase(progress, "setting up the levels"):
-                there, ksp = self._set_up(system, comm)
+                rank_system, ksp = self._set_up(system, comm)
         except np.linalg.LinAlgError as failure:
             return solution_of(
                 system, solvers.unsolved(system.b, str(failure)), [(system.A, None)], watch, self.tolerance
@@ -169,18 +169,18 @@ class PetscMultigrid:
             measure = system.measure
             history = solve(
                 ksp,
-                there.b,
+                rank_system.b,
                 tolerance=self.tolerance,
                 max_iterations=self.max_iterations,
-                measure=None if measure is None else lambda own: measure(there.gathered(own)),
+                measure=None if measure is None else lambda local_r: measure(rank_system.gathered(local_r)),
             )
-        history = limit_told(replace(history, x=there.gathered(history.x)), system.A, system.b)
+        history = limit_told(replace(history, x=rank_system.gathered(history.x)), system.A, system.b)
         alone, sizes = comm.getSize() == 1, level_sizes(ksp)
         operators: Any = Deferred(lambda: level_matrices(ksp)) if alone else [(system.A, None)]
         return replace(
             solution_of(system, history, operators, watch, self.tolerance),
             memory=memory_of(ksp),
-            choice=self._choice(there),
+            choice=self._choice(rank_system),
             grid_complexity=sum(n for n, _ in sizes) / sizes[0][0],
             operator_complexity=sum(entries for _, entries in sizes) / sizes[0][1],
         )
@@ -237,10 +237,10 @@ class PetscMultigrid:
             )
         system = posed(problem, hierarchy, self.discretisation, self.degree, self.levels)
         try:
-            there, ksp = self._set_up(system, comm)
+            rank_system, ksp = self._set_up(system, comm)
         except np.linalg.LinAlgError as failure:
             raise OptionError(f"there is no preconditioner for this matrix: {failure}") from failure
-        b, x, pc = there.b.duplicate(), there.b.duplicate(), ksp.getPC()
+        b, x, pc = rank_system.b.duplicate(), rank_system.b.duplicate(), ksp.getPC()
 
         def applied(r: Float) -> Float:
             b.setArray(np.asarray(r, np.float64).ravel())
@@ -255,23 +255,23 @@ class PetscMultigrid:
 
     def _set_up(self, system: PosedSystem, comm: Any) -> tuple[SystemOnRanks, Any]:
         """Return the distributed system, and a ``KSP`` set up for it."""
-        there, ksp = on_ranks(system, comm, self.coarsening, self.smoother), petsc().KSP().create(comm)
+        rank_system, ksp = on_ranks(system, comm, self.coarsening, self.smoother), petsc().KSP().create(comm)
         ksp.setOptionsPrefix(f"agglo_petsc_mg_{next(_SOLVES)}_")
-        ksp.setOperators(there.A)
+        ksp.setOperators(rank_system.A)
         ksp.setType("cg")
-        how: Any = {
+        options: Any = {
             "coarse_solver": self.coarse_solver,
             "cycle": self.cycle,
             "petsc_options": self.petsc_options,
         }
-        setup(ksp, there.levels, smoother=self.smoother, **how)
-        return there, ksp
+        setup(ksp, rank_system.levels, smoother=self.smoother, **options)
+        return rank_system, ksp
 
-    def _choice(self, there: SystemOnRanks) -> str:
-        smoother = chosen_smoother(there.levels) if self.smoother == "auto" else self.smoother
-        ranks = there.A.getComm().getSize()
+    def _choice(self, rank_system: SystemOnRanks) -> str:
+        smoother = chosen_smoother(rank_system.levels) if self.smoother == "auto" else self.smoother
+        ranks = rank_system.A.getComm().getSize()
         on = "one rank" if ranks == 1 else f"{ranks} ranks"
-        return f"{there.choice}, {smoother}, {self.cycle}-cycle, PETSc on {on}"
+        return f"{rank_system.choice}, {smoother}, {self.cycle}-cycle, PETSc on {on}"
 
 
 _SOLVES = count()
@@ -282,10 +282,10 @@ def _whole(value: Any, least: int) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and value >= least
 
 
-def _options(given: str | Mapping[str, Any]) -> dict[str, str]:
+def _options(options: str | Mapping[str, Any]) -> dict[str, str]:
     """Parse PETSc options, and refuse options that correspond to a solver option."""
-    found = parsed_options(given)
-    for theirs, ours in _OURS.items():
-        if theirs in found:
-            raise OptionError(f"petsc_options: -{theirs} is the option {ours} here")
-    return found
+    values = parsed_options(options)
+    for petsc_name, option_name in _OURS.items():
+        if petsc_name in values:
+            raise OptionError(f"petsc_options: -{petsc_name} is the option {option_name} here")
+    return values

@@ -84,24 +84,24 @@ def posed(
 
 
 def _discretised(
-    problem: Diffusion, hierarchy: Hierarchy, how: Discretisation, degree: int, levels: int | None
+    problem: Diffusion, hierarchy: Hierarchy, discretisation: Discretisation, degree: int, levels: int | None
 ) -> PosedSystem:
     # 1. Assemble, and check for finite values
     mesh = solvers.own_mesh(hierarchy)
-    system = how.assemble(problem, mesh)
+    system = discretisation.assemble(problem, mesh)
     matrix = sparse.csr_array(system.A)
     if not (np.isfinite(system.b).all() and np.isfinite(matrix.data).all()):
         raise OptionError("matrix or right-hand side hold values that are not finite")
     # 2. Scale, residual measure and levels
     factor, measure = (
         solvers.factor_for(float(np.abs(system.b).max())),
-        how.residual_measure(problem, mesh, system.b),
+        discretisation.residual_measure(problem, mesh, system.b),
     )
     labels = _chosen(hierarchy, levels) if hierarchy.levels else _made(hierarchy, levels)
     # 3. Near-null vectors: monomials on the mesh
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     centre, half = (low + high) / 2, float((high - low).max()) / 2
-    columns = [how.project(mesh, each) for each in monomials(mesh.dim, degree, centre, half)]
+    columns = [discretisation.project(mesh, field) for field in monomials(mesh.dim, degree, centre, half)]
     return PosedSystem(
         matrix,
         frozen_float(factor * system.b),

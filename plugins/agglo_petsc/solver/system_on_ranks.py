@@ -52,16 +52,18 @@ def on_ranks(system: PosedSystem, comm: Any, coarsening: Coarsening, smoother: S
     labels = [] if from_matrix else usable_levels(system.labels, ranks)
     share = row_share(labels, len(system.offsets) - 1, rank, ranks)
     # 2. Matrix and right-hand side
-    own, rows = (_unknowns(system.offsets, cells) for cells in (share.cells, share.order))
+    own_unknowns, rows = (_unknowns(system.offsets, cells) for cells in (share.cells, share.order))
     place = np.empty(len(rows), np.int64)
     place[rows] = np.arange(len(rows))
     width = _width(system.offsets)
-    A = mat_from_rows(_renumbered(system.A[own], place), comm, len(own), (width or 1, width or 1))
-    b = vector(A, frozen_float(system.b[own]))
+    A = mat_from_rows(
+        _renumbered(system.A[own_unknowns], place), comm, len(own_unknowns), (width or 1, width or 1)
+    )
+    b = vector(A, frozen_float(system.b[own_unknowns]))
     # 3. Levels from the matrix, or from agglomerates
     if from_matrix:
         return SystemOnRanks(A, b, _from_matrix(system), rows, "levels from the matrix")
-    near = None if system.near_null is None else system.near_null[own]
+    near = None if system.near_null is None else system.near_null[own_unknowns]
     offsets = np.concatenate(([0], np.cumsum(np.diff(system.offsets)[share.cells])))
     levels = aggregate_levels(
         A,
@@ -82,10 +84,10 @@ def _unknowns(offsets: Int, cells: Int) -> Int:
 
 def _renumbered(rows: Any, place: Int) -> Any:
     """Return the rows with renumbered columns."""
-    found = rows.copy()
-    found.indices = place[rows.indices].astype(rows.indices.dtype)
-    found.has_sorted_indices = False
-    return found
+    renumbered_rows = rows.copy()
+    renumbered_rows.indices = place[rows.indices].astype(rows.indices.dtype)
+    renumbered_rows.has_sorted_indices = False
+    return renumbered_rows
 
 
 def _width(offsets: Int) -> int | None:

@@ -235,7 +235,7 @@ def fit_traces(
         roots[i] = np.sqrt(i + 0.5)
     position = 0
     for c in range(len(offsets) - 1):
-        # 1. Corner unknowns come first, then bubbles. With ``use_grid`` corners the unknowns are only known
+        # 1. Corner unknowns come first, then bubbles. With ``use_grid`` the unknowns are only known
         # after the grid squares are.
         corners = starts[c + 1] - starts[c]
         box = boxes[c]
