@@ -24,7 +24,7 @@ def _tag_sides(graph, pieces, lo, hi, placing, extent, plane, candidates, sides)
     from ``separator``: inertia, unit normal and t.
     """
     cells, tag, centroids, reach = pieces.cells, pieces.tag, graph.centroids, graph.reach
-    left, right = piece_splits.side_tags(lo, hi)
+    left_tag, right_tag = piece_splits.side_tags(lo, hi)
     # 1. Convert the plane to mesh coordinates, relative to its origin; heights are lengths times
     # units.length, like reach.
     inertia, nx, ny, nz, t = plane
@@ -34,23 +34,23 @@ def _tag_sides(graph, pieces, lo, hi, placing, extent, plane, candidates, sides)
     slack = _ROUNDING * extent * length
     # 2. Tag all cells in double precision, including cells outside the sample. Cells near the plane, up to
     # single-precision rounding, are candidates.
-    ones, total, above, m = np.int64(0), 0.0, 0.0, np.uint64(0)
+    n_right, total, above, m = np.int64(0), 0.0, 0.0, np.uint64(0)
     for k in range(np.uint64(lo), np.uint64(hi)):
         i = np.uint32(cells[k])
         height = nx * (centroids[i, 0] - x) + ny * (centroids[i, 1] - y) - t
         if solid:
             height += nz * (centroids[i, 2] - z)
         side, measure = height > 0.0, graph.measures[i]
-        tag[i] = right if side else left
+        tag[i] = right_tag if side else left_tag
         above += measure if side else 0.0
         total += measure
-        ones += side
+        n_right += side
         candidates[m] = i
         m += np.uint64(abs(height) - slack <= reach[i])
     sides.measures[0], sides.measures[1] = total - above, above
-    sides.counts[0], sides.counts[1] = hi - lo - ones, ones
+    sides.counts[0], sides.counts[1] = hi - lo - n_right, n_right
     # 3. Without a plane, or with all cells on one side, halve the list.
-    if inertia > 0.0 and 0 < ones < hi - lo:
+    if inertia > 0.0 and 0 < n_right < hi - lo:
         return np.int64(m)
     return piece_driver.tag_halves(graph, pieces, lo, hi, candidates, sides)
 

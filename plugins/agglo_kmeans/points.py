@@ -57,12 +57,12 @@ def new_means(m):
 
 
 @helper
-def _sampled(cells, lo, hi, sample, chosen):
-    """Write the sampled cells in a large piece to ``chosen``, and return their number."""
+def _sampled(cells, lo, hi, sample, sampled_cells):
+    """Write the sampled cells in a large piece to ``sampled_cells``, and return their number."""
     m = np.uint64(0)
     for k in range(np.uint64(lo), np.uint64(hi)):
         i = np.uint32(cells[k])
-        chosen[m] = i  # no branch: it would be mispredicted
+        sampled_cells[m] = i  # no branch: it would be mispredicted
         m += np.uint64(sample[i] > 0)
     return np.int64(m)
 
@@ -113,13 +113,13 @@ def load_points(cells, lo, hi, centroids, weights, units, work):
     ``units``: see ``piece_splits.units_of``. A large piece is replaced by a sample, if representative.
     Returns the largest centroid extent along an axis, in the original unit.
     """
-    points, chosen, placing, one = work.points, work.chosen, work.placing, np.float32(1.0)
+    points, sampled_cells, placing, one = work.points, work.chosen, work.placing, np.float32(1.0)
     # 1. Sample a large piece, weighted to represent all cells, unless the sample has too few cells.
     boost = one
     if hi - lo > _MANY and len(units.sample) > 0:
-        m = _sampled(cells, lo, hi, units.sample, chosen)
+        m = _sampled(cells, lo, hi, units.sample, sampled_cells)
         if 4 * piece_splits.SAMPLED * m > hi - lo:
-            cells, lo, hi, boost = chosen, 0, m, np.float32(piece_splits.SAMPLED)
+            cells, lo, hi, boost = sampled_cells, 0, m, np.float32(piece_splits.SAMPLED)
     n, d, first = hi - lo, centroids.shape[1], cells[lo]
     x, y, z, w = points[0], points[1], points[2], points[3]
     # 2. Convert to single precision relative to the first cell; heavy sample cells represent only
@@ -269,10 +269,10 @@ def _reach(x, y, z, n, axis):
 
 
 @helper
-def binned(x, y, z, w, n, frame, planar, sums, few):
+def binned(x, y, z, w, n, frame, planar, sums, means):
     """Write the point means in each grid cell along the frame, and return their number.
 
-    ``few (4, bins)`` are coordinates and weights, ``sums (bins, 4)`` is workspace. The unit rows of
+    ``means (4, bins)`` are coordinates and weights, ``sums (bins, 4)`` is workspace. The unit rows of
     ``frame`` are multiplied by bins per length.
     """
     steps, layers = (_BINS_2D, 1) if planar else (_BINS_3D, _BINS_3D)
@@ -290,21 +290,21 @@ def binned(x, y, z, w, n, frame, planar, sums, few):
             frame[k, j] *= 0.5 * steps / reach  # from now on in bins
     # 2. Weight and first moments of each bin.
     for i in range(n):
-        found = 0
+        bin_index = 0
         for k in range(2 if planar else 3):
-            along = frame[k, 0] * x[i] + frame[k, 1] * y[i] + frame[k, 2] * z[i] + middle
-            found = found * steps + min(max(np.int64(along), 0), steps - 1)
-        sums[found, 0] += w[i] * x[i]
-        sums[found, 1] += w[i] * y[i]
-        sums[found, 2] += w[i] * z[i]
-        sums[found, 3] += w[i]
+            position = frame[k, 0] * x[i] + frame[k, 1] * y[i] + frame[k, 2] * z[i] + middle
+            bin_index = bin_index * steps + min(max(np.int64(position), 0), steps - 1)
+        sums[bin_index, 0] += w[i] * x[i]
+        sums[bin_index, 1] += w[i] * y[i]
+        sums[bin_index, 2] += w[i] * z[i]
+        sums[bin_index, 3] += w[i]
     # 3. Means of all bins with positive weight.
     m = 0
     for b in range(count):
         if sums[b, 3] > 0.0:
             for k in range(3):
-                few[k, m] = sums[b, k] / sums[b, 3]
-            few[3, m] = sums[b, 3]
+                means[k, m] = sums[b, k] / sums[b, 3]
+            means[3, m] = sums[b, 3]
             m += 1
     return m
 

@@ -117,11 +117,11 @@ def _dense(level: Graph, roots: Float, weights: Float, count: int) -> tuple[Floa
     stack[level.block_ids, places, places] = degrees / scales[level.block_ids]
     # 3. Solve, and mark absent modes
     values, vectors = np.linalg.eigh(stack)
-    chosen = np.minimum(1 + np.arange(count), n - 1)
+    columns = np.minimum(1 + np.arange(count), n - 1)
     absent = 1 + np.arange(count) >= sizes[:, None]
-    modes = vectors[level.block_ids[:, None], places[:, None], chosen]
+    modes = vectors[level.block_ids[:, None], places[:, None], columns]
     modes = np.where(absent[level.block_ids], 0.0, modes)
-    return np.where(absent, np.inf, values[:, chosen] * scales[:, None]), modes
+    return np.where(absent, np.inf, values[:, columns] * scales[:, None]), modes
 
 
 def _iterative(graph: Graph, roots: Float, weights: Float, count: int) -> tuple[Float, Float]:

@@ -62,9 +62,9 @@ def random_piece(graph: Graph, rng: np.random.Generator) -> Graph:
     return graph
 
 
-def _largest(graph: Graph, chosen: Mask) -> Graph:
+def _largest(graph: Graph, mask: Mask) -> Graph:
     """Return the largest component of the chosen nodes."""
-    component = graph.components(chosen.astype(np.int64))
-    counts = np.bincount(component, chosen)
+    component = graph.components(mask.astype(np.int64))
+    counts = np.bincount(component, mask)
     nodes = np.flatnonzero(component == counts.argmax())
     return graph.subgraph(nodes, [0, len(nodes)])

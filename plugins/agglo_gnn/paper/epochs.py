@@ -133,10 +133,12 @@ class Training:
             If the arrays belong to another network.
         """
         # 1. Compare the shapes
-        own = self.state()
-        shapes, given = ({k: v.shape for k, v in each.items()} for each in (own, arrays))
-        if shapes != given:
-            odd = sorted(k for k in shapes.keys() | given.keys() if shapes.get(k) != given.get(k))
+        state_arrays = self.state()
+        shapes, other_shapes = ({k: v.shape for k, v in item.items()} for item in (state_arrays, arrays))
+        if shapes != other_shapes:
+            odd = sorted(
+                k for k in shapes.keys() | other_shapes.keys() if shapes.get(k) != other_shapes.get(k)
+            )
             raise OptionError(f"the checkpoint belongs to another network: {', '.join(odd[:4])} differ")
         # 2. Load the parameters
         tensors = {name: torch.from_numpy(np.array(value)) for name, value in arrays.items()}
@@ -157,10 +159,10 @@ class Training:
     def _moments(self) -> Iterator[dict[str, Tensor]]:
         """Yield Adam's state for each parameter, zeros before the first step."""
         for parameter in self.network.parameters():
-            known: dict[str, Any] = self.optimiser.state.get(parameter, {})
+            state: dict[str, Any] = self.optimiser.state.get(parameter, {})
             blank = torch.zeros_like(parameter)
-            fresh = {"step": torch.tensor(0.0), "exp_avg": blank, "exp_avg_sq": blank}
-            yield fresh | known
+            initial = {"step": torch.tensor(0.0), "exp_avg": blank, "exp_avg_sq": blank}
+            yield initial | state
 
 
 def _samples(graphs: Iterator[Graph] | Sequence[Graph], device: str) -> list[Sample]:

@@ -81,15 +81,19 @@ def _resume(training: Training, checkpoint: Path, header: dict[str, Any]) -> Non
     All options except the number of epochs must be unchanged.
     """
     arrays, saved = model_file.load(checkpoint, architecture=_checkpoint(header)["architecture"])
-    now, then = ({**each["recipe"], "seed": each["seed"]} for each in (header, saved))
-    odd = sorted(key for key in now.keys() | then.keys() if now.get(key) != then.get(key) and key != "epochs")
+    options, saved_options = ({**each["recipe"], "seed": each["seed"]} for each in (header, saved))
+    odd = sorted(
+        key
+        for key in options.keys() | saved_options.keys()
+        if options.get(key) != saved_options.get(key) and key != "epochs"
+    )
     if odd:
-        was = ", ".join(f"{key}={then.get(key)!r} (now {now.get(key)!r})" for key in odd)
+        was = ", ".join(f"{key}={saved_options.get(key)!r} (now {options.get(key)!r})" for key in odd)
         raise OptionError(f"{checkpoint}: belongs to a training with {was}; resume it with the same options")
-    done = saved["metrics"]["epoch"]
-    if done >= training.recipe.epochs:
-        raise OptionError(f"{checkpoint}: has {done} epochs done, of {training.recipe.epochs} wanted")
-    training.restore(arrays, done)
+    epoch = saved["metrics"]["epoch"]
+    if epoch >= training.recipe.epochs:
+        raise OptionError(f"{checkpoint}: has {epoch} epochs done, of {training.recipe.epochs} wanted")
+    training.restore(arrays, epoch)
 
 
 def _metrics(epoch: Epoch) -> dict[str, Any]:

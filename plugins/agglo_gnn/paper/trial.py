@@ -92,7 +92,7 @@ def _ask(name: str, network: nn.Module) -> None:
     # 1. Two meshes with their features
     graphs = [samples.voronoi(18).graph, samples.strip(5).graph]
     first, second = (torch.from_numpy(inorm(graph)).float() for graph in graphs)
-    both = Neighbours.of(graphs)
+    pair = Neighbours.of(graphs)
 
     def logits(x: Tensor, neighbours: Neighbours) -> Tensor:
         torch.manual_seed(0)  # fixes dropout
@@ -101,16 +101,16 @@ def _ask(name: str, network: nn.Module) -> None:
     # 2. Evaluate both modes, with the first mesh absent or changed
     network.eval()
     with torch.no_grad():
-        used = logits(torch.cat((first, second)), both)[len(first) :]
+        batched = logits(torch.cat((first, second)), pair)[len(first) :]
         alone = logits(second, Neighbours.of(graphs[1:]))
     network.train()
-    trained = logits(torch.cat((first, second)), both)
-    changed = logits(torch.cat((1 - 3 * first, second)), both)[len(first) :]
+    trained = logits(torch.cat((first, second)), pair)
+    changed = logits(torch.cat((1 - 3 * first, second)), pair)[len(first) :]
     # 3. Compare the logits of the second mesh
-    for one, other, when in ((used, alone, ""), (trained[len(first) :], changed, " in training")):
-        if not torch.allclose(one, other, rtol=1e-3, atol=1e-4):
+    for a, b, mode in ((batched, alone, ""), (trained[len(first) :], changed, " in training")):
+        if not torch.allclose(a, b, rtol=1e-3, atol=1e-4):
             raise OptionError(
-                f"network {name!r} answers for a block by what is in the blocks beside it{when}"
+                f"network {name!r} answers for a block by what is in the blocks beside it{mode}"
                 f"{_culprit(network)}"
             )
     if not trained.requires_grad:

@@ -45,8 +45,8 @@ def _arrays_of(level: Graph) -> dict[str, Any]:
     # 1. Raster of each block, and each edge once
     rasters = rasterise(level)
     rows = np.repeat(np.arange(level.n), np.diff(level.indptr))
-    once = rows < level.indices
-    rows, columns, block = rows[once], level.indices[once], level.block_ids[rows[once]]
+    is_upper = rows < level.indices
+    rows, columns, block = rows[is_upper], level.indices[is_upper], level.block_ids[rows[is_upper]]
     area = np.bincount(level.block_ids, level.measures)
     first = level.offsets[block]
     # 2. Counts, which become offsets, and lengths over √A
@@ -56,7 +56,7 @@ def _arrays_of(level: Graph) -> dict[str, Any]:
         "shares": rasters.shares,
         "edge_offsets": np.bincount(block, minlength=level.n_blocks),
         "ends": np.stack((rows - first, columns - first), axis=1),
-        "lengths": level.interface[once] / np.sqrt(area[block]),
+        "lengths": level.interface[is_upper] / np.sqrt(area[block]),
         "node_offsets": np.diff(rasters.node_offsets),
         "nodes": rasters.nodes,
         "near": rasters.near.astype(np.int64),

@@ -38,12 +38,14 @@ _FEW = 400
 
 
 @helper(allocates=True)
-def _sage(count, near, given, own, other, bias, out):
-    """Compute a SAGE layer, ``out = ReLU(given · own + mean over neighbours of given · other + bias)``.
+def _sage(count, near, features, own_weight, mean_weight, bias, result):
+    """Compute a SAGE layer and write it to ``result (count, outputs)``.
+
+    It is ``ReLU(features · own_weight + mean over neighbours of features · mean_weight + bias)``.
 
     ``near (count, 4)`` are the neighbours of each node, −1 for none; the number of inputs is divisible by 4.
     """
-    inputs, outputs = own.shape
+    inputs, outputs = own_weight.shape
     mean = np.empty(inputs)
     for a in range(count):
         # 1. Mean over the neighbours, 0 without neighbours.
@@ -54,35 +56,35 @@ def _sage(count, near, given, own, other, bias, out):
             if near[a, s] >= 0:
                 degree += 1
                 for k in range(inputs):
-                    mean[k] += given[near[a, s], k]
+                    mean[k] += features[near[a, s], k]
         for o in range(outputs):
-            out[a, o] = bias[o]
+            result[a, o] = bias[o]
         for k in range(inputs):
             mean[k] /= max(degree, 1)
         # 2. Add both products.
         for k in range(0, inputs, 4):  # unrolled by four, for fewer overlap checks in the inner loop
-            x, y, z, w = given[a, k], given[a, k + 1], given[a, k + 2], given[a, k + 3]
+            x, y, z, w = features[a, k], features[a, k + 1], features[a, k + 2], features[a, k + 3]
             p, q, r, s = mean[k], mean[k + 1], mean[k + 2], mean[k + 3]
             for o in range(outputs):
-                total = out[a, o] + (x * own[k, o] + p * other[k, o])
-                total += y * own[k + 1, o] + q * other[k + 1, o]
-                total += z * own[k + 2, o] + r * other[k + 2, o]
-                out[a, o] = total + (w * own[k + 3, o] + s * other[k + 3, o])
+                total = result[a, o] + (x * own_weight[k, o] + p * mean_weight[k, o])
+                total += y * own_weight[k + 1, o] + q * mean_weight[k + 1, o]
+                total += z * own_weight[k + 2, o] + r * mean_weight[k + 2, o]
+                result[a, o] = total + (w * own_weight[k + 3, o] + s * mean_weight[k + 3, o])
         for o in range(outputs):
-            out[a, o] = max(out[a, o], 0.0)
+            result[a, o] = max(result[a, o], 0.0)
 
 
 @helper
-def dense(given, weight, bias, rectify, out):
-    """Compute ``out = given · weight + bias``, rectified or not."""
+def dense(x, weight, bias, rectify, y):
+    """Compute ``y = x · weight + bias``, rectified or not."""
     for o in range(len(bias)):
-        out[o] = bias[o]
+        y[o] = bias[o]
     for k in range(weight.shape[0]):
         for o in range(len(bias)):
-            out[o] += given[k] * weight[k, o]
+            y[o] += x[k] * weight[k, o]
     if rectify:
         for o in range(len(bias)):
-            out[o] = max(out[o], 0.0)
+            y[o] = max(y[o], 0.0)
 
 
 @kernel
@@ -106,11 +108,11 @@ def direction(count, nodes, near, areas, features, net):
     for k in range(len(features)):
         pooled[width + k] = features[k]
     # 3. Three dense layers: the cut direction.
-    hidden, again, out = np.empty(len(add1)), np.empty(len(add2)), np.empty(2)
-    dense(pooled, dense1, add1, True, hidden)
-    dense(hidden, dense2, add2, True, again)
-    dense(again, dense3, add3, False, out)
-    return out[0], out[1]
+    layer1, layer2, coefficients = np.empty(len(add1)), np.empty(len(add2)), np.empty(2)
+    dense(pooled, dense1, add1, True, layer1)
+    dense(layer1, dense2, add2, True, layer2)
+    dense(layer2, dense3, add3, False, coefficients)
+    return coefficients[0], coefficients[1]
 
 
 @helper(reorder_sums=True)
@@ -151,18 +153,18 @@ class PlaneWork(NamedTuple):
 def number_cells(pieces, lo, hi):
     """Tag a piece's cells as left, and write their numbers to the second column of the marks."""
     cells, tag, marks = pieces
-    left, _ = piece_splits.side_tags(lo, hi)
+    left_tag, _ = piece_splits.side_tags(lo, hi)
     start = np.uint64(lo)
     for k in range(np.uint64(hi - lo)):
         i = np.uint32(cells[start + k])
-        tag[i], marks[i, 1] = left, k
+        tag[i], marks[i, 1] = left_tag, k
 
 
 @helper
-def _band_sweep(graph, pieces, lo, hi, work, scales, p, q, spread):
+def _band_sweep(graph, pieces, lo, hi, work, scales, p, q, std):
     """Find the cheapest threshold of p x + q y near its mean.
 
-    Unlike ``sweep_block``, only thresholds and edges in the band count. ``spread`` is the standard
+    Unlike ``sweep_block``, only thresholds and edges in the band count. ``std`` is the standard
     deviation of the score. Returns the cost, the last bin below, the lowest threshold and the number of
     thresholds per unit.
     """
@@ -171,7 +173,7 @@ def _band_sweep(graph, pieces, lo, hi, work, scales, p, q, spread):
     local, shares, bins, tally = work.points.local, work.points.shares, work.scores.bins, work.scores.tally
     listed, n, piece = work.listed, hi - lo, tag[cells[lo]]
     # 1. Bin all cells. The scan starts with share and moments below the band.
-    low = -_BAND * spread
+    low = -_BAND * std
     rate = -0.5 * _BINS / low if low < 0.0 else 0.0
     area, sx, sy = _band_bins(n, local[0], local[1], p, q, low, rate, shares, bins)
     # 2. List the cells in the band, about a quarter in a square. Edges outside the band are skipped, even
@@ -189,10 +191,10 @@ def _band_sweep(graph, pieces, lo, hi, work, scales, p, q, spread):
         b = np.uint32(home)
         for h in range(np.uint64(indptr[cell]), np.uint64(indptr[cell + _ONE])):
             j = np.uint32(indices[h])
-            other = bins[np.uint32(marks[j, 1])] if tag[j] == piece else home
+            neighbour_bin = bins[np.uint32(marks[j, 1])] if tag[j] == piece else home
             length = interface[h]
-            rise += (length if other > home else 0.0) - (length if other < home else 0.0)
-            cut += length if other < 0 else 0.0
+            rise += (length if neighbour_bin > home else 0.0) - (length if neighbour_bin < home else 0.0)
+            cut += length if neighbour_bin < 0 else 0.0
         tally[b, 0] += shares[i] * local[0, i]
         tally[b, 1] += shares[i] * local[1, i]
         tally[b, 3] += shares[i]
@@ -227,12 +229,12 @@ def _pointed_cut(graph, pieces, lo, hi, work, axis):
     turns, finer, uv, n = work.turns, work.finer, work.uv, hi - lo
     # 1. Map the piece to its principal frame; the network evaluates its raster if it has enough cells.
     ux, uy, vx, vy = to_frame(n, local, shares, scales[1], uv, features)
-    asked, pointed = n >= _FEW, (1.0, 0.0)
-    if asked:
+    use_network, pointed = n >= _FEW, (1.0, 0.0)
+    if use_network:
         count = fill_raster(n, uv, shares, grid, place, nodes, near, areas)
         pointed = direction(count, nodes[:count], near[:count], areas[:count], features, work.net)
     # 2. Directions: frame axes (c < 0), the network's (c = 0), and the best one rotated both ways (c > 0).
-    axes, long = not asked or _equal(n, shares), features[2] < _LONG * features[0]
+    axes, long = not use_network or _equal(n, shares), features[2] < _LONG * features[0]
     best, p, q, cos, sin = (NO_CUT, 0, 0.0, 0.0), 1.0, 0.0, 1.0, 0.0
     first, last = (-len(turns), 2 * len(finer)) if axes else (0, 0)
     section = scales[0], scales[1], scales[2]
@@ -244,7 +246,7 @@ def _pointed_cut(graph, pieces, lo, hi, work, axis):
             if long and abs(a) < 0.9:
                 continue  # a long piece is not cut lengthwise
         elif c == 0:
-            if not asked:
+            if not use_network:
                 continue
             a, b = pointed
         elif c % 2 == 1:
@@ -254,9 +256,9 @@ def _pointed_cut(graph, pieces, lo, hi, work, axis):
             a, b = turned(cos, sin, finer[f, 0], -finer[f, 1])
         # 3. Standard deviation in this direction, from the second moments, and the sweep. A later direction
         # must be better by more than rounding.
-        spread = np.sqrt(features[0] * a * a + 2.0 * features[1] * a * b + features[2] * b * b)
+        std = np.sqrt(features[0] * a * a + 2.0 * features[1] * a * b + features[2] * b * b)
         x, y = a * ux + b * vx, a * uy + b * vy
-        trial = _band_sweep(graph, pieces, lo, hi, work, section, x, y, spread)
+        trial = _band_sweep(graph, pieces, lo, hi, work, section, x, y, std)
         if trial[0] < best[0] - 1e-9 * abs(best[0]):
             best, p, q = trial, a, b
     # 4. Heights in the best direction, whose length follows the rows of the frame.
@@ -277,11 +279,11 @@ def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
         best = _pointed_cut(graph, pieces, lo, hi, work, axis)
     # 2. Without such a cut, the best of some axes over all thresholds, from the list of all edges.
     if best[0] == NO_CUT:
-        few = work.finer[: n >= 24]  # few cells have few cuts
+        rotations = work.finer[: n >= 24]  # few cells have few cuts
         edges = ends, piece_sweeps.edges_of_piece(graph, pieces, lo, hi, ends)
         section = scales[0], scales[1], scales[2]
         best, axis[0], axis[1] = axes_block(
-            n, edges, local, shares, section, work.turns, few, heights, bins, tally
+            n, edges, local, shares, section, work.turns, rotations, heights, bins, tally
         )
     # 3. Sides by height. The axis may have any length: unit converts heights to lengths.
     unit = 1.0 / np.hypot(axis[0], axis[1])

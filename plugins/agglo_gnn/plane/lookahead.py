@@ -61,11 +61,11 @@ def look_ahead(level: Graph, quick: Callable[[Graph], Int], count: int, h_star: 
     sides = np.array(quick(level))
     # 1. Blocks with more than two and not too many cells
     sizes = np.diff(level.offsets)
-    wanted = np.flatnonzero((sizes > 2) & (sizes <= _LARGEST))
-    if len(wanted) == 0 or count < 2:
+    block_ids = np.flatnonzero((sizes > 2) & (sizes <= _LARGEST))
+    if len(block_ids) == 0 or count < 2:
         return sides
     # 2. Candidate cuts, refined and connected
-    blocks = level.take(wanted)
+    blocks = level.take(block_ids)
     trials = _copies(blocks, count)
     cuts = _cuts(blocks, quick, count)
     run = Run(
@@ -79,7 +79,7 @@ def look_ahead(level: Graph, quick: Callable[[Graph], Int], count: int, h_star: 
     # 3. Roll out, and keep the best cut of each block
     parts, length = _roll_out(trials, cuts, run, h_star)
     best = _first_least(parts.reshape(count, -1), length.reshape(count, -1))
-    sides[np.isin(level.block_ids, wanted)] = cuts.reshape(count, -1)[
+    sides[np.isin(level.block_ids, block_ids)] = cuts.reshape(count, -1)[
         best[blocks.block_ids], np.arange(blocks.n)
     ]
     return sides

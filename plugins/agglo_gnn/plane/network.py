@@ -44,14 +44,16 @@ def network(
     present = (near >= 0).to(nodes.dtype)
     degree = present.sum(1, keepdim=True).clamp(min=1)
     rows = near.clamp(min=0)
-    hidden = nodes
+    node_values = nodes
     for layer in ("sage1", "sage2"):
-        mean = (hidden[rows] * present[:, :, None]).sum(1) / degree
-        mixed = hidden @ parameters[f"{layer}.own"] + mean @ parameters[f"{layer}.near"]
-        hidden = torch.relu(mixed + parameters[f"{layer}.bias"])
+        mean = (node_values[rows] * present[:, :, None]).sum(1) / degree
+        mixed = node_values @ parameters[f"{layer}.own"] + mean @ parameters[f"{layer}.near"]
+        node_values = torch.relu(mixed + parameters[f"{layer}.bias"])
     # 2. Pooling by area, and the MLP
-    pooled = hidden.new_zeros(len(blocks), hidden.shape[1]).index_add(0, owner, areas[:, None] * hidden)
-    out = torch.cat((pooled, blocks), 1)
+    pooled = node_values.new_zeros(len(blocks), node_values.shape[1]).index_add(
+        0, owner, areas[:, None] * node_values
+    )
+    block_values = torch.cat((pooled, blocks), 1)
     for layer in ("dense1", "dense2"):
-        out = torch.relu(out @ parameters[f"{layer}.weight"] + parameters[f"{layer}.bias"])
-    return out @ parameters["dense3.weight"] + parameters["dense3.bias"]
+        block_values = torch.relu(block_values @ parameters[f"{layer}.weight"] + parameters[f"{layer}.bias"])
+    return block_values @ parameters["dense3.weight"] + parameters["dense3.bias"]

@@ -16,8 +16,8 @@ _TIE = 1e-6  # bin widths: closer values count as inside
 
 
 @helper(reorder_sums=True)
-def _moments(n, u, v, shares, out):
-    """Write moments with order 2, 3 and 4 to ``out``: (20 11 02), (30 21 12 03), (40 31 22 13 04).
+def _moments(n, u, v, shares, moments):
+    """Write moments with order 2, 3 and 4 to ``moments``: (20 11 02), (30 21 12 03), (40 31 22 13 04).
 
     The first index refers to u.
     """
@@ -36,8 +36,8 @@ def _moments(n, u, v, shares, out):
         p += w * uu * vv
         q += w * uv * vv
         r += w * vv * vv
-    out[0], out[1], out[2], out[3], out[4], out[5] = a, b, c, d, e, f
-    out[6], out[7], out[8], out[9], out[10], out[11] = g, h, k, p, q, r
+    moments[0], moments[1], moments[2], moments[3], moments[4], moments[5] = a, b, c, d, e, f
+    moments[6], moments[7], moments[8], moments[9], moments[10], moments[11] = g, h, k, p, q, r
 
 
 @helper

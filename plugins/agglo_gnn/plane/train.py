@@ -62,7 +62,7 @@ def _pieces(rng: np.random.Generator, count: int) -> Pieces:
     return gather(list(piece_graphs(rng, count)))
 
 
-def _loss(values: dict[str, torch.Tensor], data: Pieces, chosen: Int, sharpness: float) -> torch.Tensor:
+def _loss(values: dict[str, torch.Tensor], data: Pieces, piece_ids: Int, sharpness: float) -> torch.Tensor:
     """Return the mean over the pieces of the expected cut cost.
 
     The cost is cut · √A (1/A₁ + 1/A₂) − max(15, 4 √n) B/T + 6 ((A₁ − A₂)/A)². The probability is
@@ -72,19 +72,19 @@ def _loss(values: dict[str, torch.Tensor], data: Pieces, chosen: Int, sharpness:
     import torch
 
     # 1. Logits, and probability of side 1
-    batch = batch_of(data, chosen)
+    batch = batch_of(data, piece_ids)
     owner, share, count = batch["cell_owner"], batch["shares"], len(batch["blocks"])
     c = network(values, batch["nodes"], batch["near"], batch["areas"], batch["node_owner"], batch["blocks"])
     z = (c[owner] * batch["cells"]).sum(1)  # zero mean: cells are centred
     zero = z.new_zeros(count)
-    spread = zero.index_add(0, owner, share * z * z).clamp(min=1e-12).sqrt()
-    p = torch.sigmoid((sharpness * batch["root"]).clamp(2.0, 20.0)[owner] * z / spread[owner])
+    std = zero.index_add(0, owner, share * z * z).clamp(min=1e-12).sqrt()
+    p = torch.sigmoid((sharpness * batch["root"]).clamp(2.0, 20.0)[owner] * z / std[owner])
     # 2. Expected areas, cut and moments
-    one = zero.index_add(0, owner, share * p)
+    area1 = zero.index_add(0, owner, share * p)
     a, b = p[batch["ends"][:, 0]], p[batch["ends"][:, 1]]
     cut = zero.index_add(0, batch["edge_owner"], batch["lengths"] * (a + b - 2 * a * b))
     moment = batch["cells"].new_zeros(count, 2).index_add(0, owner, (share * p)[:, None] * batch["cells"])
     # 3. Cost
     weight = (GROWTH * batch["root"]).clamp(min=COMPACT)
-    cost = (cut - weight / _INERTIA * moment.square().sum(1)) / (one * (1 - one))
-    return (cost + BALANCE * (2 * one - 1) ** 2).mean()
+    cost = (cut - weight / _INERTIA * moment.square().sum(1)) / (area1 * (1 - area1))
+    return (cost + BALANCE * (2 * area1 - 1) ** 2).mean()

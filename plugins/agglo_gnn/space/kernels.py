@@ -53,42 +53,42 @@ class SpaceWork(NamedTuple):
 
 
 @helper
-def _point(n, net, room, hidden, out, scores, found):
-    """Evaluate the network: ``scores (3,)`` of the axes, and the direction for each, ``found (3, 3)``.
+def _point(n, net, workspace, layer, outputs, scores, tilted_axes):
+    """Evaluate the network: ``scores (3,)`` of the axes, and the direction for each, ``tilted_axes``.
 
-    The direction of axis i is the axis plus multiples of the two others, its tilts. ``hidden`` and ``out``
-    are the layers, ``room`` comes from ``moment_room`` with the frame and the moments of the piece.
+    The direction of axis i is the axis plus multiples of the two others, its tilts. ``layer`` and ``outputs``
+    are the layers, ``workspace`` comes from ``moment_room`` with the frame and the moments of the piece.
     """
     weight1, bias1, weight2, bias2 = net
-    t, _, _, even, odd, _ = room
+    t, _, _, even, odd, _ = workspace
     for i in range(3):
         # If the network returns 0, the score is the second moment: the longest axis wins, without tilt.
         scores[i] = PRIOR * t[9 + 4 * i]
         for m in range(3):
-            found[i, m] = t[3 * i + m]
+            tilted_axes[i, m] = t[3 * i + m]
         for side in range(2):
             # Tilt towards each other axis j; k is the third. The network takes even features, and its
             # outputs multiply odd features: no direction depends on the signs of the axes, and both tilts
             # are treated equally.
             j, k = (i + 1 + side) % 3, (i + 2 - side) % 3
             fill_features(n, t, i, j, k, even, odd)
-            dense(even, weight1, bias1, True, hidden)
-            dense(hidden, weight2, bias2, False, out)
-            scores[i] += out[0]
+            dense(even, weight1, bias1, True, layer)
+            dense(layer, weight2, bias2, False, outputs)
+            scores[i] += outputs[0]
             tilt = 0.0
             for f in range(len(odd)):
-                tilt += out[1 + f] * odd[f]
+                tilt += outputs[1 + f] * odd[f]
             for m in range(3):
-                found[i, m] += tilt * t[3 * j + m]
+                tilted_axes[i, m] += tilt * t[3 * j + m]
 
 
 @kernel
 def directions(n, local, shares, inertia, net):
     """Evaluate the network on a piece with n cells: axis scores ``(3,)`` and directions ``(3, 3)``."""
-    room, scores, found = moment_room(), np.empty(3), np.empty((3, 3))
-    frame_by_moments(n, local, shares, inertia, room)
-    _point(n, net, room, np.empty(len(net[1])), np.empty(len(net[3])), scores, found)
-    return scores, found
+    workspace, scores, tilted_axes = moment_room(), np.empty(3), np.empty((3, 3))
+    frame_by_moments(n, local, shares, inertia, workspace)
+    _point(n, net, workspace, np.empty(len(net[1])), np.empty(len(net[3])), scores, tilted_axes)
+    return scores, tilted_axes
 
 
 @helper(reorder_sums=True)
@@ -120,10 +120,10 @@ def _band_bins(n, score, low, rate, local, shares, bins):
 
 
 @helper
-def _band_sweep(graph, pieces, lo, hi, work, spread):
+def _band_sweep(graph, pieces, lo, hi, work, std):
     """Find the cheapest threshold of the heights near their mean.
 
-    Only edges in the band count. ``spread`` is the standard deviation of the heights. Returns the cost, the
+    Only edges in the band count. ``std`` is the standard deviation of the heights. Returns the cost, the
     last bin below, the lowest threshold and the number of thresholds per unit.
     """
     indptr, indices, interface = graph.indptr, graph.indices, graph.interface
@@ -131,7 +131,7 @@ def _band_sweep(graph, pieces, lo, hi, work, spread):
     (local, shares, scales), score, bins, tally = work.points, work.heights, work.bins, work.tally
     n, piece = hi - lo, tag[cells[lo]]
     # 1. Bin all cells. The scan starts with share and moments below the band.
-    low = -max(_BAND, _LAYER / np.cbrt(n)) * spread
+    low = -max(_BAND, _LAYER / np.cbrt(n)) * std
     rate = -0.5 * _BINS / low if low < 0.0 else 0.0
     area, sx, sy, sz = _band_bins(n, score, low, rate, local, shares, bins)
     # 2. Each band cell's contribution to the cut beyond its bin. Thresholds between the end bins cut an
@@ -146,9 +146,9 @@ def _band_sweep(graph, pieces, lo, hi, work, spread):
         rise, cell, b = 0.0, np.uint64(np.uint32(cells[start + i])), np.uint32(home)
         for h in range(np.uint64(indptr[cell]), np.uint64(indptr[cell + _ONE])):
             j = np.uint32(indices[h])
-            other = bins[np.uint32(marks[j, 1])] if tag[j] == piece else home
-            rise += interface[h] * (np.int64(other > home) - np.int64(other < home))
-            cut += interface[h] * np.int64(other < 0)
+            neighbour_bin = bins[np.uint32(marks[j, 1])] if tag[j] == piece else home
+            rise += interface[h] * (np.int64(neighbour_bin > home) - np.int64(neighbour_bin < home))
+            cut += interface[h] * np.int64(neighbour_bin < 0)
         tally[b, 0] += shares[i] * local[0, i]
         tally[b, 1] += shares[i] * local[1, i]
         tally[b, 2] += shares[i] * local[2, i]
@@ -162,31 +162,39 @@ def _band_sweep(graph, pieces, lo, hi, work, spread):
 @helper
 def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
     """Tag both sides of a loaded piece: the ``cut`` of ``piece_driver.split_pieces_by``."""
-    (local, shares, scales), (hidden, out, scores, found), score = work.points, work.answers, work.heights
+    (local, shares, scales), (layer, outputs, scores, tilted_axes), score = (
+        work.points,
+        work.answers,
+        work.heights,
+    )
     n, axis, best = hi - lo, sides.normal, (NO_CUT, 0, 0.0, 0.0)
     number_cells(pieces, lo, hi)
     axis[0], axis[1], axis[2] = 1.0, 0.0, 0.0
     if scales[1] > 1e-299:
         # 1. Score the principal axes by the network, and tilt each.
         frame_by_moments(n, local, shares, scales[1], work.moments)
-        _point(n, work.net, work.moments, hidden, out, scores, found)
+        _point(n, work.net, work.moments, layer, outputs, scores, tilted_axes)
         # 2. Sweep along the axes whose score is near the maximum.
-        margin, chosen, last = np.inf if n < _FEW else _MARGIN, 0, 0
+        margin, best_axis, last = np.inf if n < _FEW else _MARGIN, 0, 0
         bar = max(scores[0], scores[1], scores[2]) - margin
         for i in range(3):
             if scores[i] < bar:
                 continue
-            last, row = i, found[i]
+            last, row = i, tilted_axes[i]
             size = np.sqrt(row[0] * row[0] + row[1] * row[1] + row[2] * row[2])
             for m in range(3):
                 row[m] /= size
-            spread = _project(n, row, local[0], local[1], local[2], shares, score)
-            trial = _band_sweep(graph, pieces, lo, hi, work, spread)
+            std = _project(n, row, local[0], local[1], local[2], shares, score)
+            trial = _band_sweep(graph, pieces, lo, hi, work, std)
             if trial[0] < best[0] - 1e-9 * abs(best[0]):
-                best, chosen = trial, i
-        axis[0], axis[1], axis[2] = found[chosen, 0], found[chosen, 1], found[chosen, 2]
+                best, best_axis = trial, i
+        axis[0], axis[1], axis[2] = (
+            tilted_axes[best_axis, 0],
+            tilted_axes[best_axis, 1],
+            tilted_axes[best_axis, 2],
+        )
         # Restore the heights of the best axis if another was swept last.
-        if chosen != last:
+        if best_axis != last:
             _project(n, axis, local[0], local[1], local[2], shares, score)
     # 3. Sides by height; the axis has length 1. Without a cut the piece is halved.
     return piece_driver.tag_sides(

@@ -25,8 +25,8 @@ def moment_room():
 
 
 @helper(reorder_sums=True)
-def _low_moments(n, x, y, z, w, out):
-    """Write moments with order 2 and 3 to ``out (125,)``, at ``25 a + 5 b + c`` for x^a y^b z^c."""
+def _low_moments(n, x, y, z, w, sums):
+    """Write moments with order 2 and 3 to ``sums (125,)``, at ``25 a + 5 b + c`` for x^a y^b z^c."""
     xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     xxx, xxy, xxz, xyy, xyz, xzz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     yyy, yyz, yzz, zzz = 0.0, 0.0, 0.0, 0.0
@@ -48,14 +48,14 @@ def _low_moments(n, x, y, z, w, out):
         yyz += b * y[i] * z[i]
         yzz += c * y[i] * z[i]
         zzz += c * z[i] * z[i]
-    out[50], out[30], out[26], out[10], out[6], out[2] = xx, xy, xz, yy, yz, zz
-    out[75], out[55], out[51], out[35], out[31], out[27] = xxx, xxy, xxz, xyy, xyz, xzz
-    out[15], out[11], out[7], out[3] = yyy, yyz, yzz, zzz
+    sums[50], sums[30], sums[26], sums[10], sums[6], sums[2] = xx, xy, xz, yy, yz, zz
+    sums[75], sums[55], sums[51], sums[35], sums[31], sums[27] = xxx, xxy, xxz, xyy, xyz, xzz
+    sums[15], sums[11], sums[7], sums[3] = yyy, yyz, yzz, zzz
 
 
 @helper(reorder_sums=True)
-def _fourth_moments(n, x, y, z, w, out):
-    """Write moments with order 4 to ``out (125,)``, at ``25 a + 5 b + c`` for x^a y^b z^c."""
+def _fourth_moments(n, x, y, z, w, sums):
+    """Write moments with order 4 to ``sums (125,)``, at ``25 a + 5 b + c`` for x^a y^b z^c."""
     m400, m310, m301, m220, m211, m202, m130, m121 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     m112, m103, m040, m031, m022, m013, m004 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(n):
@@ -76,27 +76,35 @@ def _fourth_moments(n, x, y, z, w, out):
         m022 += wyy * zz
         m013 += wzz * yz
         m004 += wzz * zz
-    out[100], out[80], out[76], out[60], out[56], out[52], out[40] = m400, m310, m301, m220, m211, m202, m130
-    out[36], out[32], out[28], out[20], out[16] = m121, m112, m103, m040, m031
-    out[12], out[8], out[4] = m022, m013, m004
+    sums[100], sums[80], sums[76], sums[60], sums[56], sums[52], sums[40] = (
+        m400,
+        m310,
+        m301,
+        m220,
+        m211,
+        m202,
+        m130,
+    )
+    sums[36], sums[32], sums[28], sums[20], sums[16] = m121, m112, m103, m040, m031
+    sums[12], sums[8], sums[4] = m022, m013, m004
 
 
 @helper
 def _fill_tensors(sums, inertia, t):
     """Write the moments as full tensors in the identity frame, with lengths scaled to inertia 3."""
-    one = 1.0 / np.sqrt(inertia / 3.0)
-    two = one * one
+    scale = 1.0 / np.sqrt(inertia / 3.0)
+    scale2 = scale * scale
     for i in range(3):
         for j in range(3):
             # An index 0, 1 or 2 means a factor x, y or z, hence 25, 5 or 1 in the index of a sum.
             ij = (5 ** (2 - i)) + (5 ** (2 - j))
             t[3 * i + j] = 1.0 if i == j else 0.0
-            t[_SECOND + 3 * i + j] = two * sums[ij]
+            t[_SECOND + 3 * i + j] = scale2 * sums[ij]
             for k in range(3):
                 ijk = ij + 5 ** (2 - k)
-                t[_THIRD + 9 * i + 3 * j + k] = two * one * sums[ijk]
+                t[_THIRD + 9 * i + 3 * j + k] = scale2 * scale * sums[ijk]
                 for m in range(3):
-                    t[_FOURTH + 27 * i + 9 * j + 3 * k + m] = two * two * sums[ijk + 5 ** (2 - m)]
+                    t[_FOURTH + 27 * i + 9 * j + 3 * k + m] = scale2 * scale2 * sums[ijk + 5 ** (2 - m)]
 
 
 @helper
@@ -155,13 +163,13 @@ def _turn_to_least_fourth(t, turn):
 
 
 @helper
-def frame_by_moments(n, local, shares, inertia, room):
-    """Compute the principal axes of a piece, as rows, and its moments along them, in ``room``.
+def frame_by_moments(n, local, shares, inertia, workspace):
+    """Compute the principal axes of a piece, as rows, and its moments along them, in ``workspace``.
 
     Axes with nearly equal second moments are rotated to minimal fourth moments. Order and signs of the axes
     are arbitrary. Cells are read twice; after that only tensors are rotated.
     """
-    t, values, frame, _, _, sums = room
+    t, values, frame, _, _, sums = workspace
     # 1. Moments along the coordinate axes.
     _low_moments(n, local[0], local[1], local[2], shares, sums)
     _fourth_moments(n, local[0], local[1], local[2], shares, sums)
@@ -210,15 +218,15 @@ def describe_solids(offsets, centroids, weights, measures):
     the inverse measure of typical sections ``(B,)``.
     """
     blocks, total, largest = len(offsets) - 1, len(weights), np.diff(offsets).max()
-    local, shares, room = np.empty((3, largest)), np.empty(largest), moment_room()
+    local, shares, workspace = np.empty((3, largest)), np.empty(largest), moment_room()
     even, odd, sections = np.empty((blocks, 6, _EVEN)), np.empty((blocks, 6, _ODD)), np.empty(blocks)
     frames, moments = np.empty((blocks, 3, 3)), np.empty((blocks, _END - _SECOND))
     cells, all_shares = np.empty((total, 3)), np.empty(total)
     for b in range(blocks):
         start, n = offsets[b], offsets[b + 1] - offsets[b]
         sections[b], inertia, _ = centre_block(start, n, centroids, weights, measures, local, shares)
-        frame_by_moments(n, local, shares, inertia, room)
-        t, unit = room[0], 1.0 / np.sqrt(inertia / 3.0)
+        frame_by_moments(n, local, shares, inertia, workspace)
+        t, unit = workspace[0], 1.0 / np.sqrt(inertia / 3.0)
         for i in range(3):
             # Features of each axis towards both others, in the order of the network.
             j, k = (i + 1) % 3, (i + 2) % 3

@@ -35,13 +35,13 @@ _MOST = 2500
 
 def solid_graphs(rng: np.random.Generator, count: int) -> Iterator[Graph]:
     """Yield graphs whose blocks are pieces, at least ``count`` blocks in total."""
-    found = 0
-    while found < count:
+    n_pieces = 0
+    while n_pieces < count:
         graph = _domain(rng)
         bisector = (InertialBisection(), SweepBisection())[rng.integers(2)]
         refine = bool(rng.random() < 0.5)
         while graph.n_blocks:
-            found += graph.n_blocks
+            n_pieces += graph.n_blocks
             yield graph
             graph = halved(graph, bisector, refine)
 
@@ -126,15 +126,15 @@ def _arrays_of(level: Graph) -> dict[str, Any]:
         level.offsets, level.centroids, level.weights, level.measures
     )
     rows = np.repeat(np.arange(level.n), np.diff(level.indptr))
-    once = rows < level.indices
-    block = level.block_ids[rows[once]]
+    is_upper = rows < level.indices
+    block = level.block_ids[rows[is_upper]]
     return {
         "cell_offsets": np.diff(level.offsets),
         "edge_offsets": np.bincount(block, minlength=level.n_blocks),
         "cells": cells,
         "shares": shares,
-        "ends": np.stack((rows[once], level.indices[once]), axis=1) - level.offsets[block][:, None],
-        "areas": level.interface[once] * sections[block],
+        "ends": np.stack((rows[is_upper], level.indices[is_upper]), axis=1) - level.offsets[block][:, None],
+        "areas": level.interface[is_upper] * sections[block],
         "even": even,
         "odd": odd,
         "frames": frames,

@@ -65,7 +65,7 @@ def _pieces(rng: np.random.Generator, count: int) -> SpatialPieces:
 
 
 def _loss(
-    values: dict[str, torch.Tensor], data: SpatialPieces, chosen: Int, sharpness: float
+    values: dict[str, torch.Tensor], data: SpatialPieces, piece_ids: Int, sharpness: float
 ) -> torch.Tensor:
     """Return the mean over the pieces of the expected cut cost.
 
@@ -76,17 +76,17 @@ def _loss(
     import torch
 
     # 1. Scores and directions
-    batch = tensors_of(data, chosen)
+    batch = tensors_of(data, piece_ids)
     owner, share, sizes = batch["cell_owner"], batch["shares"][:, None], batch["sizes"]
-    scores, found = spatial_network(values, batch["even"], batch["odd"], batch["frames"])
+    scores, directions = spatial_network(values, batch["even"], batch["odd"], batch["frames"])
     # 2. Probability of side 1
-    z = (found[owner] @ batch["cells"][:, :, None])[:, :, 0]  # zero mean: cells are centred
+    z = (directions[owner] @ batch["cells"][:, :, None])[:, :, 0]  # zero mean: cells are centred
     zero = z.new_zeros(len(sizes), 3)
-    spread = zero.index_add(0, owner, share * z * z).clamp(min=1e-12).sqrt()
+    std = zero.index_add(0, owner, share * z * z).clamp(min=1e-12).sqrt()
     steep = (sharpness * sizes ** (1 / 3)).clamp(2.0, 20.0)
-    p = torch.sigmoid(steep[owner][:, None] * z / spread[owner])
+    p = torch.sigmoid(steep[owner][:, None] * z / std[owner])
     # 3. Expected volumes, cut and moments
-    one = zero.index_add(0, owner, share * p)
+    volume1 = zero.index_add(0, owner, share * p)
     a, b = p[batch["ends"][:, 0]], p[batch["ends"][:, 1]]
     cut = zero.index_add(0, batch["edge_owner"], batch["areas"][:, None] * (a + b - 2 * a * b))
     square = zero
@@ -95,7 +95,7 @@ def _loss(
         square = square + moment.square()
     # 4. Cost
     weight = (GROWTH * sizes.sqrt()).clamp(min=COMPACT)[:, None]
-    cost = (cut - weight / _INERTIA * square) / (one * (1 - one)) + BALANCE * (2 * one - 1) ** 2
+    cost = (cut - weight / _INERTIA * square) / (volume1 * (1 - volume1)) + BALANCE * (2 * volume1 - 1) ** 2
     return (torch.softmax(scores, 1) * cost).sum(1).mean()
 
 

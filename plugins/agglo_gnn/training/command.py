@@ -71,10 +71,10 @@ def train(
 
         counts = {"meshes": meshes, "validation": max(1, meshes // 4) if meshes else None}
         changes: dict[str, Any] = {"epochs": epochs, "pieces": pieces, "rate": rate, **counts}
-        given = {key: value for key, value in changes.items() if value is not None}
+        options = {key: value for key, value in changes.items() if value is not None}
         train_paper(
             target,
-            replace(Recipe(seed=seed), **given),
+            replace(Recipe(seed=seed), **options),
             command=_command(context),
             network=network,
             checkpoint=checkpoint,
@@ -143,14 +143,14 @@ def _train_fast(
     from agglo_gnn.training.report import reporter
 
     fit, features, pieces = _parts_of(preset)
-    given = {} if steps is None else {"steps": steps}
-    total = given.get("steps") or signature(fit).parameters["steps"].default
+    options = {} if steps is None else {"steps": steps}
+    total = options.get("steps") or signature(fit).parameters["steps"].default
     with reporter([f"# {command}", f"# {pieces}", _FAST_COLUMNS], log, quiet) as report:
 
         def progress(step: int, loss: float, seconds: float) -> None:
             report(f"{step:5d}  {loss:8.4f}  {seconds:11.1f}", step / total)
 
-        arrays, metrics = fit(seed, progress=progress, **given)
+        arrays, metrics = fit(seed, progress=progress, **options)
     recipe = {"pieces": pieces, "steps": total}
     header = {"architecture": preset, "features": list(features), "recipe": recipe, "seed": seed}
     model_file.save(target, arrays, header | {"version": __version__, "metrics": metrics})

@@ -25,10 +25,10 @@ class CutCosts(NamedTuple):
 
         Large pieces have at least ``large`` cells.
         """
-        chosen = self.sizes >= large
+        is_large = self.sizes >= large
         ratios = {key: values / self.base for key, values in self.of.items()}
         return {key: float(values.mean()) for key, values in ratios.items()} | {
-            f"{key}_{large}": float(values[chosen].mean()) for key, values in ratios.items()
+            f"{key}_{large}": float(values[is_large].mean()) for key, values in ratios.items()
         }
 
 

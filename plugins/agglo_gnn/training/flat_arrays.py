@@ -21,10 +21,10 @@ def joined_arrays(levels: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     >>> joined_arrays(levels)["cell_offsets"].tolist()
     [0, 2, 3, 4]
     """
-    joined = {key: np.concatenate([level[key] for level in levels]) for key in levels[0]}
+    arrays = {key: np.concatenate([level[key] for level in levels]) for key in levels[0]}
     return {
         key: np.concatenate(([0], np.cumsum(values))) if key.endswith("_offsets") else values
-        for key, values in joined.items()
+        for key, values in arrays.items()
     }
 
 

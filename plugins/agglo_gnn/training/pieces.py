@@ -30,13 +30,13 @@ FEWEST, _MOST = 10, 1200
 
 def piece_graphs(rng: np.random.Generator, count: int) -> Iterator[Graph]:
     """Yield graphs whose blocks are pieces, at least ``count`` blocks in total."""
-    found = 0
-    while found < count:
+    n_pieces = 0
+    while n_pieces < count:
         graph = _domain(rng)
         bisector = (InertialBisection(), SweepBisection(1), SweepBisection(8))[rng.integers(3)]
         refine = bool(rng.random() < 0.5)
         while graph.n_blocks:
-            found += graph.n_blocks
+            n_pieces += graph.n_blocks
             yield graph
             graph = halved(graph, bisector, refine)
 
