@@ -40,12 +40,12 @@ class Claim:
 def claims(plan: Plan, results: Results) -> Iterator[Claim]:
     """Yield the paper's claims, in order."""
     for name, text in _MEASURES:
-        for rival, how in (
+        for rival, setting in (
             (plan.printed[0], "METIS as the paper runs it, by count"),
             (same_sizes(plan), "METIS held to the same diameters"),
         ):
             if rival is not None and not rival.problem and (name != "mg" or plan.solver):
-                yield _comparison(plan, results, f"{text}: {how}", rival, name)
+                yield _comparison(plan, results, f"{text}: {setting}", rival, name)
     if plan.solver:
         kmeans = plan.printed[1]
         if not kmeans.problem:
@@ -72,13 +72,13 @@ def _judged(plan: Plan) -> list[Strategy]:
 def _comparison(plan: Plan, results: Results, text: str, rival: Strategy, name: str) -> Claim:
     # 1. Paired differences to the rival, per family
     rows, outcomes = [], []
-    for each in _learned(plan):
-        if each is rival:
+    for case in _learned(plan):
+        if case is rival:
             continue
-        found = {family: paired(plan, results, each, rival, family, name) for family in plan.families}
-        outcomes += [each.outcome for each in found.values()]
+        pairs = {family: paired(plan, results, case, rival, family, name) for family in plan.families}
+        outcomes += [case.outcome for case in pairs.values()]
         digits = 1 if name == "mg" else 3
-        rows.append(Row(each.name, {family: each.text(digits) for family, each in found.items()}))
+        rows.append(Row(case.name, {family: case.text(digits) for family, case in pairs.items()}))
     # 2. Verdict by the number of better and worse outcomes
     better, worse, n = outcomes.count("better"), outcomes.count("worse"), len(outcomes)
     if plan.fresh < _LEAST:
@@ -94,15 +94,15 @@ def _comparison(plan: Plan, results: Results, text: str, rival: Strategy, name: 
 
 def _levels_claim(plan: Plan, results: Results) -> Claim:
     rows, shares = [], []
-    for each in _judged(plan):
+    for strategy in _judged(plan):
         cells = {}
         for family in plan.families:
-            spread = sampled(plan, results, each, family, "spread")
-            known = spread[~np.isnan(spread)]
-            if len(known):
-                shares.append(float((known <= 1).mean()))
-                cells[family] = f"{100 * shares[-1]:.0f} % (at most {known.max():.0f})"
-        rows.append(Row(each.name, dict(cells)))
+            spread = sampled(plan, results, strategy, family, "spread")
+            counts = spread[~np.isnan(spread)]
+            if len(counts):
+                shares.append(float((counts <= 1).mean()))
+                cells[family] = f"{100 * shares[-1]:.0f} % (at most {counts.max():.0f})"
+        rows.append(Row(strategy.name, dict(cells)))
     verdict = f"In part: on {100 * np.mean(shares):.0f} % of the meshes." if shares else "Not measured."
     verdict = "Confirmed." if shares and min(shares) >= 0.9 else verdict
     note = "share of meshes where the counts for ℓ = 2, 3, 4 differ by at most 1 (by how much on any)"
@@ -112,15 +112,15 @@ def _levels_claim(plan: Plan, results: Results) -> Claim:
 def _gradients_claim(plan: Plan, results: Results) -> Claim:
     rows = []
     shares: dict[str, list[float]] = {}
-    for each in _judged(plan):
+    for case in _judged(plan):
         cells: dict[str, str] = {}
         for family in plan.families:
-            fair, as_printed = (_below(plan, results, each, family, tol) for tol in ("1e-8", "1e-6"))
-            shares.setdefault(each.name, []).append(fair)
+            fair, as_printed = (_below(plan, results, case, family, tol) for tol in ("1e-8", "1e-6"))
+            shares.setdefault(case.name, []).append(fair)
             cells[family] = f"{100 * fair:.0f} % ({100 * as_printed:.0f} %)"
-        rows.append(Row(each.name, dict(cells)))
+        rows.append(Row(case.name, dict(cells)))
     metis = shares.pop(plan.printed[0].name, [0.0] * len(plan.families))
-    learned = [min(each) for each in zip(*shares.values(), strict=True)]
+    learned = [min(case) for case in zip(*shares.values(), strict=True)]
     verdict = _against_gradients(plan.families, learned, metis)
     text = "With one smoothing step learning-based strategies still beat CG, METIS does not (ℓ = 3, p = 1)"
     note = (
@@ -148,35 +148,37 @@ def _against_gradients(families: Sequence[str], learned: Sequence[float], metis:
 
 def _below(plan: Plan, results: Results, strategy: Strategy, family: str, tolerance: str) -> float:
     """Return the fresh mesh fraction on which multigrid with m = 1 takes fewer iterations than CG."""
-    ours = sampled(plan, results, strategy, family, "m1")
-    plain = sampled(plan, results, Strategy("CG", ""), family, tolerance)
-    known = ~np.isnan(ours + plain)
-    return float((ours < plain)[known].mean()) if known.any() else 0.0
+    multigrid_counts = sampled(plan, results, strategy, family, "m1")
+    cg_counts = sampled(plan, results, Strategy("CG", ""), family, tolerance)
+    valid = ~np.isnan(multigrid_counts + cg_counts)
+    return float((multigrid_counts < cg_counts)[valid].mean()) if valid.any() else 0.0
 
 
 def _speed_claim(plan: Plan, results: Results) -> Claim:
     at = max(n for n in plan.cells if n <= 5000)
     lines = curves(plan, results, "bisection")
     ms = {name: cell.ours for name, line in lines.items() for n, cell in line if n == at}
-    now = {name: taken for name, taken in ms.items() if taken and not name.endswith("whole")}
-    rows = [Row(name, {"CPU ms": f"{now[name]:.3g}"}) for name in sorted(now, key=lambda name: now[name])]
+    times = {name: taken for name, taken in ms.items() if taken and not name.endswith("whole")}
+    rows = [
+        Row(name, {"CPU ms": f"{times[name]:.3g}"}) for name in sorted(times, key=lambda name: times[name])
+    ]
     text = f"The network is the fastest online (one bisection of {at:,} cells; [all sizes](runtime.md))"
-    return _claim(text, " ".join(_speed_verdict(now)), rows)
+    return _claim(text, " ".join(_speed_verdict(times)), rows)
 
 
-def _speed_verdict(now: Mapping[str, float]) -> Iterator[str]:
+def _speed_verdict(times: Mapping[str, float]) -> Iterator[str]:
     """Yield sentences on each method's CPU time for one bisection."""
-    network, ours = now.get("GNN, forward"), now.get("gnn")
-    raw, wrapped = now.get("METIS, raw"), now.get("METIS through networkx")
-    faster = [name for name in now if network is not None and now[name] < network]
+    network, gnn = times.get("GNN, forward"), times.get("gnn")
+    raw, wrapped = times.get("METIS, raw"), times.get("METIS through networkx")
+    faster = [name for name in times if network is not None and times[name] < network]
     if network is None:
         yield "The paper's network cannot be used here."
     elif faster:
-        yield f"Refuted for the paper's network: {len(faster)} of {len(now)} are faster."
+        yield f"Refuted for the paper's network: {len(faster)} of {len(times)} are faster."
     else:
         yield "Confirmed."
     if raw and wrapped:
         yield f"METIS through networkx, its rival there, takes {wrapped / raw:.1f} times METIS itself."
-    if raw and ours:
-        place = sorted(now.values()).index(ours) + 1
-        yield f"gnn, ours, is {raw / ours:.1f} times faster than METIS itself, number {place} of {len(now)}."
+    if raw and gnn:
+        place = sorted(times.values()).index(gnn) + 1
+        yield f"gnn, ours, is {raw / gnn:.1f} times faster than METIS itself, number {place} of {len(times)}."

@@ -42,12 +42,12 @@ def paper(
     Each cell is paper / ours; each row has a verdict and, for differences, the reason. Every installed or
     selected bisector has a column. An interrupted run resumes.
     """
-    chosen = {spec: choice("bisector", spec) for spec in bisectors} or None
+    selection = {spec: choice("bisector", spec) for spec in bisectors} or None
     with one_thread(), without_notices():
         from agglo_paper.pages import build
 
         with progress() as done:
-            pages, front = build(what or ("all",), output, quick, mesh, done, chosen)
+            pages, front = build(what or ("all",), output, quick, mesh, done, selection)
     if as_json:
         click.echo(json.dumps([page.data() for page in pages], indent=2, allow_nan=False))
         return

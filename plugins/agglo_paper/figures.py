@@ -43,32 +43,32 @@ def _shown(plan: Plan) -> list[Strategy]:
 def draw_grids(plan: Plan, sources: Sequence[str], convention: str, path: Path) -> None:
     """Draw each mesh in its own row: unchanged, then agglomerated by the paper's and some other columns."""
     # 1. Panel layout: a row per mesh, or two rows for a single mesh
-    shown = _shown(plan)
-    across = len(shown) + 1 if len(sources) > 1 else (len(shown) + 2) // 2
-    down = len(sources) if len(sources) > 1 else 2
-    with picture((2.2 * across, 2.45 * down), path) as figure:
-        panels = figure.subplots(down, across, squeeze=False).ravel()
+    strategies = _shown(plan)
+    n_columns = len(strategies) + 1 if len(sources) > 1 else (len(strategies) + 2) // 2
+    n_rows = len(sources) if len(sources) > 1 else 2
+    with picture((2.2 * n_columns, 2.45 * n_rows), path) as figure:
+        panels = figure.subplots(n_rows, n_columns, squeeze=False).ravel()
         # 2. Each mesh, then its agglomerations
         place = 0
         for source in sources:
             mesh = load(source)
             _panel(panels[place], mesh, None, f"{mesh.name}, {mesh.n_cells:,} cells")
-            for each in shown:
+            for strategy in strategies:
                 place += 1
-                _agglomerated(panels[place], mesh, each, source, convention)
+                _agglomerated(panels[place], mesh, strategy, source, convention)
             place += 1
         for axis in panels[place:]:
             axis.set_axis_off()
 
 
-def _agglomerated(axis: Any, mesh: Mesh, each: Strategy, source: str, convention: str) -> None:
+def _agglomerated(axis: Any, mesh: Mesh, strategy: Strategy, source: str, convention: str) -> None:
     try:
-        hierarchy = each.run(mesh, targets(mesh, source, convention))
+        hierarchy = strategy.run(mesh, targets(mesh, source, convention))
     except AggloError as error:
-        axis.set_title(f"{each.name}: {error!s:.30}…", fontsize=7)
+        axis.set_title(f"{strategy.name}: {error!s:.30}…", fontsize=7)
         axis.set_axis_off()
         return
-    _panel(axis, mesh, hierarchy, f"{each.name}, {hierarchy.parts[0]} parts")
+    _panel(axis, mesh, hierarchy, f"{strategy.name}, {hierarchy.parts[0]} parts")
 
 
 def _panel(axis: Any, mesh: Mesh, hierarchy: Hierarchy | None, title: str) -> None:
@@ -120,13 +120,13 @@ def _path(axis: Any, lines: Iterable[Float], rasterized: bool, **style: Any) -> 
 
 def draw_boxes(plan: Plan, results: Results, sources: Mapping[str, str], convention: str, path: Path) -> None:
     """Draw box plots of UF (above) and CRc (below), one panel per source (name to source)."""
-    shown = _shown(plan)
-    with picture((0.4 * len(shown) * len(sources) + 1.5, 5.0), path) as figure:
+    strategies = _shown(plan)
+    with picture((0.4 * len(strategies) * len(sources) + 1.5, 5.0), path) as figure:
         panels = figure.subplots(2, len(sources), squeeze=False, sharey=True)
         for column, (name, source) in enumerate(sources.items()):
             for axis, metric in zip(panels[:, column], ("UF", "CRc"), strict=True):
-                found = {s.name: _values(plan, results, s, source, convention, metric) for s in shown}
-                _boxes(axis, {label: values for label, values in found.items() if values})
+                data = {s.name: _values(plan, results, s, source, convention, metric) for s in strategies}
+                _boxes(axis, {label: values for label, values in data.items() if values})
                 axis.set_title(f"{name}: {metric}", fontsize=8)
 
 
@@ -140,14 +140,14 @@ def _values(
 
 
 def _boxes(axis: Any, values: Mapping[str, Sequence[float]]) -> None:
-    drawn = axis.boxplot(
+    artists = axis.boxplot(
         list(values.values()),
         widths=0.6,
         patch_artist=True,
         medianprops={"color": _INK, "linewidth": 1.2},
         flierprops={"marker": ".", "markersize": 2, "markeredgecolor": _FINE},
     )
-    for box, tone in zip(drawn["boxes"], PALETTE, strict=False):
+    for box, tone in zip(artists["boxes"], PALETTE, strict=False):
         box.set_facecolor(tone)
     axis.set_xticks(range(1, len(values) + 1), list(values), rotation=60, ha="right", fontsize=6)
     axis.set_ylim(-0.02, 1.02)
@@ -158,11 +158,11 @@ def _boxes(axis: Any, values: Mapping[str, Sequence[float]]) -> None:
 
 def draw_runtime(plan: Plan, results: Results, path: Path) -> None:
     """Draw CPU milliseconds by cell count, in log scales: one bisection, full recursion."""
-    both = {kind: curves(plan, results, kind) for kind in KINDS}
-    names = dict.fromkeys(name for lines in both.values() for name in lines if "whole" not in name)
+    curves_by_kind = {kind: curves(plan, results, kind) for kind in KINDS}
+    names = dict.fromkeys(name for lines in curves_by_kind.values() for name in lines if "whole" not in name)
     styles = {name: (f"C{k % 10}", ("-", "--")[k // 10 % 2]) for k, name in enumerate(names)}
     with picture((11, 4.8), path) as figure:
-        for axis, (kind, lines) in zip(figure.subplots(1, 2), both.items(), strict=True):
+        for axis, (kind, lines) in zip(figure.subplots(1, 2), curves_by_kind.items(), strict=True):
             for name in filter(lines.__contains__, names):
                 _curve(axis, name, lines[name], *styles[name])
             axis.set(xscale="log", yscale="log", title=kind, xlabel="cells", ylabel="CPU ms, one thread")

@@ -48,20 +48,22 @@ def build(
     # 1. Plan
     plan = (quick if quickly else full)(columns(chosen=bisectors))
     sources = ["brain", *([brain.source_of(mesh)] if mesh is not None else [])]
-    asked = [word for word in _TABLES if word in words or "all" in words]
-    shown = {"uf" if word == "cr" else word for word in asked}  # uf and cr share their figures
-    drawn = [word for word in _DRAWN if word in shown or "figures" in words]
+    tables = [word for word in _TABLES if word in words or "all" in words]
+    figure_tables = {"uf" if word == "cr" else word for word in tables}  # uf and cr share their figures
+    figure_words = [word for word in _DRAWN if word in figure_tables or "figures" in words]
     if "figures" in words and find_spec("matplotlib") is None:
         raise OptionError('figures need matplotlib: pip install "agglo[plot]"')
     # 2. Compute missing results
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        results = _computed(plan, dict.fromkeys([*asked, *drawn]), sources, Store(folder / "cache"), begin)
+        results = _computed(
+            plan, dict.fromkeys([*tables, *figure_words]), sources, Store(folder / "cache"), begin
+        )
         # 3. Draw the figures
         if find_spec("matplotlib") is not None:
-            _draw(plan, results, drawn, sources, folder)
+            _draw(plan, results, figure_words, sources, folder)
         # 4. Write the pages
-        pages = [page for word in asked for page in _pages(plan, results, word, sources)]
+        pages = [page for word in tables for page in _pages(plan, results, word, sources)]
         pages = [_finished(page, plan, results, folder, sources) for page in pages]
         pages = [_signed(page, quickly, mesh) for page in pages]
         for page in pages:
@@ -78,17 +80,19 @@ def build(
 def _finished(page: Page, plan: Plan, results: Results, folder: Path, sources: Sequence[str]) -> Page:
     """Complete a page with the existing figures and the failure messages."""
     word = next((w for w in _TABLES if w == page.name), "brain")
-    failed: dict[str, str] = {}
+    failures: dict[str, str] = {}
     for unit in _units(plan, word, sources):
         result = results[unit.key]
-        where = f"on {unit.settings.get('source', word)}"
+        place = f"on {unit.settings.get('source', word)}"
         if "error" in result:
-            who = unit.settings.get("strategy", {}).get("name", unit.work.__name__)
-            failed.setdefault(f"{who} {where}", result["error"])
-        for who, why in result.get("failures", {}).items():
-            failed.setdefault(f"{who} {where}", why)
+            method = unit.settings.get("strategy", {}).get("name", unit.work.__name__)
+            failures.setdefault(f"{method} {place}", result["error"])
+        for method, message in result.get("failures", {}).items():
+            failures.setdefault(f"{method} {place}", message)
     figures = {name: text for name, text in page.figures.items() if (folder / name).exists()}
-    return replace(page, figures=figures, failures=[f"{what}: {why}" for what, why in failed.items()])
+    return replace(
+        page, figures=figures, failures=[f"{label}: {message}" for label, message in failures.items()]
+    )
 
 
 def _signed(page: Page, quickly: bool, mesh: Path | None) -> Page:

@@ -30,42 +30,42 @@ def smaller(svg: str) -> str:
     # 1. Set images aside, with fewer colours
     pictures: list[str] = []
 
-    def keep(found: re.Match[str]) -> str:
-        pictures.append(found[1] + _few_colours(found[2]))
+    def keep(match: re.Match[str]) -> str:
+        pictures.append(match[1] + _few_colours(match[2]))
         return f"kept picture {len(pictures) - 1};"
 
     # 2. Round numbers, and shorten polylines and positions
-    bare = _TAG.sub(lambda tag: _NUMBER.sub(_hundredths, tag[0]), _PICTURE.sub(keep, svg))
-    bare = _POLYLINES.sub(_steps, _SPACES.sub("\n", bare))
-    bare = _PLACE.sub(lambda found: f"{float(found[0]):.1f}", bare)
+    text = _TAG.sub(lambda tag: _NUMBER.sub(_hundredths, tag[0]), _PICTURE.sub(keep, svg))
+    text = _POLYLINES.sub(_steps, _SPACES.sub("\n", text))
+    text = _PLACE.sub(lambda match: f"{float(match[0]):.1f}", text)
     # 3. Share clips, names and styles
-    bare = _shared_styles(_short_names(_joined_clips(bare)))
-    return re.sub(r"kept picture (\d+);", lambda found: pictures[int(found[1])], bare)
+    text = _shared_styles(_short_names(_joined_clips(text)))
+    return re.sub(r"kept picture (\d+);", lambda match: pictures[int(match[1])], text)
 
 
 def _hundredths(found: re.Match[str]) -> str:
     return f"{round(float(found[0]), 2) + 0.0:.2f}".rstrip("0").rstrip(".")
 
 
-def _steps(found: re.Match[str]) -> str:
+def _steps(match: re.Match[str]) -> str:
     """Shorten long polylines to relative steps, to a tenth of a point."""
-    words = found[2].split()
+    words = match[2].split()
     if len(words) < _MANY:
-        return found[0]
+        return match[0]
     short, at, first, place = "", (0, 0), (0, 0), 0
     while place < len(words):
         letter = words[place].lower()
         if letter == "z":
             short, at, place = short + "z", first, place + 1
             continue
-        here = round(10 * float(words[place + 1])), round(10 * float(words[place + 2]))
-        across, down = (_tenths(now - before) for now, before in zip(here, at, strict=True))
+        point = round(10 * float(words[place + 1])), round(10 * float(words[place + 2]))
+        dx, dy = (_tenths(now - before) for now, before in zip(point, at, strict=True))
         if letter == "l":  # no letter needed after a move or a line
-            short += _after(across) + _after(down)
-        elif here != at or short[-1:] in ("", "z"):  # skip moves to the current point
-            short += "m" + across + _after(down)
-        at, first, place = here, here if letter == "m" else first, place + 3
-    return f'{found[1]}{short}"'
+            short += _after(dx) + _after(dy)
+        elif point != at or short[-1:] in ("", "z"):  # skip moves to the current point
+            short += "m" + dx + _after(dy)
+        at, first, place = point, point if letter == "m" else first, place + 3
+    return f'{match[1]}{short}"'
 
 
 def _after(number: str) -> str:
@@ -100,12 +100,12 @@ def _joined_clips(svg: str) -> str:
     """Join adjacent groups with an equal clip path."""
     lines, last = [], ""
     for piece in re.split(r"(?=<g clip-path)", svg):
-        found = _CLIPPED.match(piece)
-        if found and found[1] == last and lines[-1].endswith("</g>\n"):
-            lines[-1] = lines[-1].removesuffix("</g>\n") + piece.removeprefix(found[1] + "\n")
+        match = _CLIPPED.match(piece)
+        if match and match[1] == last and lines[-1].endswith("</g>\n"):
+            lines[-1] = lines[-1].removesuffix("</g>\n") + piece.removeprefix(match[1] + "\n")
         else:
             lines.append(piece)
-        last = found[1] if found and found.end() == len(piece.rstrip("\n")) else ""
+        last = match[1] if match and match.end() == len(piece.rstrip("\n")) else ""
     return "".join(lines)
 
 

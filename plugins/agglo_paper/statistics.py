@@ -63,15 +63,15 @@ def sampled(plan: Plan, results: Results, strategy: Strategy, family: str, name:
     NaN means no value, ∞ no convergence. ``name`` is a key of :data:`MEASURES`, ``spread`` (of the counts
     over ℓ), or, for the strategy CG, ``1e-6`` or ``1e-8``.
     """
-    found = []
+    numbers = []
     for number in range(plan.fresh):
         if strategy.name == "CG":
             data = results[plain_fresh(family, number, plan.solver).key]
             values = data.get("iterations", [None, None])
-            found.append(values[("1e-6", "1e-8").index(name)])
+            numbers.append(values[("1e-6", "1e-8").index(name)])
         else:
-            found.append(_value(results[fresh_unit(family, number, strategy, plan.solver).key], name))
-    return np.array([np.nan if each is None else float(each) for each in found])
+            numbers.append(_value(results[fresh_unit(family, number, strategy, plan.solver).key], name))
+    return np.array([np.nan if x is None else float(x) for x in numbers])
 
 
 def _value(data: Data, name: str) -> float | None:
@@ -153,25 +153,29 @@ def same_sizes(plan: Plan) -> Strategy | None:
 def _means(plan: Plan, results: Results, name: str) -> Table:
     title, digits = MEASURES[name]
     rows = []
-    for each in plan.usable:
+    for strategy in plan.usable:
         cells: dict[str, Any] = {}
         for family in plan.families:
-            values = sampled(plan, results, each, family, name)
-            known = values[np.isfinite(values)]
-            lost = f" ({np.isinf(values).sum()} not converged)" if np.isinf(values).any() else ""
-            spread = f" ± {known.std(ddof=1):.{digits}f}" if len(known) > 1 else ""
-            cells[family] = f"{known.mean():.{digits}f}{spread}{lost}" if len(known) else f"–{lost}"
-        rows.append(Row(each.name, cells))
+            values = sampled(plan, results, strategy, family, name)
+            finite = values[np.isfinite(values)]
+            failure_text = f" ({np.isinf(values).sum()} not converged)" if np.isinf(values).any() else ""
+            spread = f" ± {finite.std(ddof=1):.{digits}f}" if len(finite) > 1 else ""
+            cells[family] = (
+                f"{finite.mean():.{digits}f}{spread}{failure_text}" if len(finite) else f"–{failure_text}"
+            )
+        rows.append(Row(strategy.name, cells))
     return Table(f"statistics-{name}", f"Mean {title}", rows, digits, "method")
 
 
 def _differences(plan: Plan, results: Results, rival: Strategy, name: str) -> Table:
     title, digits = MEASURES[name]
     rows = []
-    for each in plan.usable:
-        if each.name != rival.name:
-            compared = {f: paired(plan, results, each, rival, f, name).text(digits) for f in plan.families}
-            rows.append(Row(each.name, compared))
+    for strategy in plan.usable:
+        if strategy.name != rival.name:
+            compared = {
+                f: paired(plan, results, strategy, rival, f, name).text(digits) for f in plan.families
+            }
+            rows.append(Row(strategy.name, compared))
     key = f"statistics-{name}-{'by-count' if rival.by_count else 'same-sizes'}"
-    what = "METIS as the paper runs it" if rival.by_count else "METIS to the same diameters"
-    return Table(key, f"{title}: paired difference to {what}", rows, digits, "method")
+    rival_text = "METIS as the paper runs it" if rival.by_count else "METIS to the same diameters"
+    return Table(key, f"{title}: paired difference to {rival_text}", rows, digits, "method")

@@ -37,18 +37,22 @@ def authors_units(plan: Plan, source: str) -> Iterator[Unit]:
 
 def authors_table(plan: Plan, results: Results, source: str, name: str) -> Table:
     """Return K / UF / CR / CRc for the authors' files and for `gnn` in the default pipeline."""
-    ours, rows = _ours(plan), []
+    gnn, rows = _ours(plan), []
     for row, (key, mesh, convention) in _cases(source).items():
-        theirs = printed()["authors"][key]
+        authors = printed()["authors"][key]
         cells: dict[str, Cell | str] = {
-            f"authors' {who}": _words([numbers[m] for m in ("K", "UF", "CR", "CRc")])
-            for who, numbers in theirs.items()
+            f"authors' {method}": _words([numbers[m] for m in ("K", "UF", "CR", "CRc")])
+            for method, numbers in authors.items()
         }
-        if ours is not None:
-            found = [cell(plan, results, ours, mesh, convention, m).ours for m in ("K", "UF", "CR", "CRc")]
-            cells["gnn"] = _words(found)
-            other = key == "brain" and source == "brain"
-            rows.append(Row(row, cells, "another mesh" if other else _verdict(found, theirs["GNN"])))
+        if gnn is not None:
+            gnn_values = [
+                cell(plan, results, gnn, mesh, convention, m).ours for m in ("K", "UF", "CR", "CRc")
+            ]
+            cells["gnn"] = _words(gnn_values)
+            other_mesh = key == "brain" and source == "brain"
+            rows.append(
+                Row(row, cells, "another mesh" if other_mesh else _verdict(gnn_values, authors["GNN"]))
+            )
     note = "ahead: CR and CRc above the authors' GNN, UF no more than .03 below"
     return Table(f"{name}-authors", "gnn beside the authors' files: K / UF / CR / CRc", rows, 3, notes=[note])
 

@@ -74,12 +74,14 @@ def _as_printed(plan: Plan, results: Results, source: str, name: str) -> Table:
     for row, metric in (("UF", "UF"), ("CR", "CRc")):
         numbers, ratios = printed()["brain"][row], printed()["brain"][f"{row} relative"]
         direct = {
-            each.name: cell(plan, results, each, source, "brain", metric, number(numbers, each.name))
-            for each in plan.compared
+            strategy.name: cell(
+                plan, results, strategy, source, "brain", metric, number(numbers, strategy.name)
+            )
+            for strategy in plan.compared
         }
         relative = {
-            each.name: ratio(direct[each.name], direct[metis.name], number(ratios, each.name))
-            for each in learned
+            strategy.name: ratio(direct[strategy.name], direct[metis.name], number(ratios, strategy.name))
+            for strategy in learned
         }
         rows.append(judged("brain", row, direct, band(row.lower())))
         rows.append(judged("brain", f"{row} relative", relative, band("ratios")))
@@ -88,9 +90,9 @@ def _as_printed(plan: Plan, results: Results, source: str, name: str) -> Table:
 
 def _beyond(plan: Plan, results: Results, source: str, name: str) -> Table:
     rows = []
-    for each in plan.columns:
-        values = {metric: cell(plan, results, each, source, "brain", metric) for metric in METRICS}
-        K = cell(plan, results, each, source, "brain", "K")
-        size = cell(plan, results, each, source, "brain", "diameter")
-        rows.append(Row(each.name, {"K": K.text(0), **values, "mean diameter / h*": size}))
+    for strategy in plan.columns:
+        values = {metric: cell(plan, results, strategy, source, "brain", metric) for metric in METRICS}
+        K = cell(plan, results, strategy, source, "brain", "K")
+        size = cell(plan, results, strategy, source, "brain", "diameter")
+        rows.append(Row(strategy.name, {"K": K.text(0), **values, "mean diameter / h*": size}))
     return Table(f"{name}-ours", "Every installed bisector", rows, 3, "bisector")

@@ -70,17 +70,17 @@ def page(plan: Plan, results: Results, name: str) -> Page:
 
 
 def _table(plan: Plan, results: Results, name: str, as_printed: bool) -> Table:
-    title, varies, chosen = TABLES[name]
+    title, varies, indices = TABLES[name]
     rows = []
     # 1. A row per grid and setting
     for grid in plan.grids:
-        for index in chosen:
+        for index in indices:
             setting = SETTINGS[index]
             if setting.degree > plan.degrees:
                 continue
             label = f"{grid}, {_SIGNS[varies]} = {getattr(setting, varies)}"
             strategies = plan.compared if as_printed else plan.others
-            cells = {each.name: _cell(plan, results, grid, each, index) for each in strategies}
+            cells = {strategy.name: _cell(plan, results, grid, strategy, index) for strategy in strategies}
             if as_printed:
                 cells["CG"] = _plain(plan, results, grid, setting.degree)
                 row = judged(name, grid, cells, band("counts"), {"CG": band("cg")})
@@ -115,10 +115,10 @@ def _cell(plan: Plan, results: Results, grid: str, strategy: Strategy, index: in
 
 def _plain(plan: Plan, results: Results, grid: str, degree: int) -> Cell:
     paper = float(printed()["multigrid"][grid]["CG"][degree - 1])
-    found = results.get(plain_unit(plan, grid, degree).key, {"error": "no solver"})
-    if "error" in found:
+    result = results.get(plain_unit(plan, grid, degree).key, {"error": "no solver"})
+    if "error" in result:
         return Cell(None, paper)
-    first = found["iterations"][0]
+    first = result["iterations"][0]
     if first is None:
-        return Cell(float(found["smallest"]), paper, flag="\\*")
+        return Cell(float(result["smallest"]), paper, flag="\\*")
     return Cell(float(first), paper)

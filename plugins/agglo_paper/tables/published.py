@@ -90,10 +90,10 @@ def judged(
     deciding += [_first((EXACT, NEAR, NOT), networks)] if networks else []
     verdict = _first((NOT, NEAR, EXACT), deciding or verdicts.values())
     # 3. Deviating verdicts and reasons
-    rest = [f"{column} {each}" for column, each in verdicts.items() if each != verdict]
-    differing = [column for column, each in verdicts.items() if each != EXACT]
-    why = _reasons(table, name, differing)
-    return Row(name, cells, f"{verdict} ({', '.join(rest)})" if rest else verdict, why)
+    deviations = [f"{column} {v}" for column, v in verdicts.items() if v != verdict]
+    differing = [column for column, v in verdicts.items() if v != EXACT]
+    reasons = _reasons(table, name, differing)
+    return Row(name, cells, f"{verdict} ({', '.join(deviations)})" if deviations else verdict, reasons)
 
 
 def _first(order: Iterable[str], given: Iterable[str]) -> str:
@@ -102,11 +102,11 @@ def _first(order: Iterable[str], given: Iterable[str]) -> str:
 
 
 def _reasons(table: str, row: str, columns: Iterable[str]) -> list[str]:
-    asked = set(columns)
+    column_set = set(columns)
     return [
-        each["text"]
-        for each in printed()["reasons"]
-        if table in each.get("tables", [table])
-        and row in each.get("rows", [row])
-        and asked & set(each.get("columns", asked))
+        reason["text"]
+        for reason in printed()["reasons"]
+        if table in reason.get("tables", [table])
+        and row in reason.get("rows", [row])
+        and column_set & set(reason.get("columns", column_set))
     ]

@@ -30,10 +30,10 @@ class Cell:
 
     def text(self, digits: int) -> str:
         """Return ``paper / ours (low–high)``, or ``ours`` alone."""
-        ours = _number(self.ours, digits) + self.flag
+        number_text = _number(self.ours, digits) + self.flag
         if self.low is not None and self.high is not None and self.low < self.high:
-            ours += f" ({_number(self.low, digits)}–{_number(self.high, digits)})"
-        return ours if self.paper is None else f"{_number(self.paper, digits)} / {ours}"
+            number_text += f" ({_number(self.low, digits)}–{_number(self.high, digits)})"
+        return number_text if self.paper is None else f"{_number(self.paper, digits)} / {number_text}"
 
 
 @dataclass(frozen=True)
@@ -122,10 +122,10 @@ class Page:
 def _plain(value: Any) -> Any:
     """Return ``value`` with six decimals and without empty entries."""
     if isinstance(value, Mapping):
-        plain = {key: _plain(each) for key, each in value.items()}
-        return {key: each for key, each in plain.items() if each not in (None, "", [])}
+        entries = {key: _plain(item) for key, item in value.items()}
+        return {key: item for key, item in entries.items() if item not in (None, "", [])}
     if isinstance(value, list | tuple):
-        return [_plain(each) for each in value]
+        return [_plain(item) for item in value]
     if isinstance(value, float):
         return round(value, 6) if math.isfinite(value) else None
     return value

@@ -82,7 +82,7 @@ def _claim(plan: Plan, results: Results) -> Table:
     # 1. Median times at the largest size up to 5000 cells
     at = max(n for n in plan.cells if n <= _AT)
     lines = curves(plan, results, "bisection")
-    now = {name: cell.ours for name, line in lines.items() for n, cell in line if n == at}
+    times = {name: cell.ours for name, line in lines.items() for n, cell in line if n == at}
     rows = []
     # 2. Ratios to each network, beside the printed ones
     for fast in ("GNN, forward", "gnn_paper", "gnn"):
@@ -94,7 +94,7 @@ def _claim(plan: Plan, results: Results) -> Table:
         )
         cells = {}
         for head, slow, paper in pairs:
-            above, below = now.get(slow), now.get(fast)
+            above, below = times.get(slow), times.get(fast)
             quotient = above / below if above and below else None
             cells[head] = Cell(quotient, paper if fast == "GNN, forward" else None)
         rows.append(Row(fast, cells))

@@ -34,14 +34,14 @@ def load(source: str, numbering: int = 0) -> Mesh:
     numbering : int
         If positive, cells are renumbered at random from this seed.
     """
-    kind, _, rest = source.partition(":")
+    kind, _, name = source.partition(":")
     if kind == "paper":
-        mesh = samples.paper(rest)
+        mesh = samples.paper(name)
     elif kind == "fresh":
-        family, _, number = rest.rpartition(":")
+        family, _, number = name.rpartition(":")
         mesh = _fresh(family, int(number))
     elif kind == "file":
-        mesh = _from_file(Path(rest.partition(":")[2]))
+        mesh = _from_file(Path(name.partition(":")[2]))
     else:
         mesh = samples.brain()
     return _renumbered(mesh, numbering) if numbering else mesh

@@ -46,13 +46,13 @@ def measure(
 ) -> dict[str, Any]:
     """Measure the shapes on one level: K, mean diameter over h*, and UF, CR, CRc per agglomerate."""
     mesh = load(source, numbering)
-    asked = targets(mesh, source, convention)
-    labels = Strategy(**strategy).run(mesh, asked, seed).levels[0]
+    mesh_targets = targets(mesh, source, convention)
+    labels = Strategy(**strategy).run(mesh, mesh_targets, seed).levels[0]
     values = quality(mesh, labels, METRICS)
     diameters = mesh.coarsen(labels).cell_diameters
     return {
         "K": len(diameters),
-        "diameter": float(diameters.mean()) / asked.sizes[0],
+        "diameter": float(diameters.mean()) / mesh_targets.sizes[0],
         **{name: values[name].round(6).tolist() for name in METRICS},
     }
 
@@ -87,18 +87,18 @@ def count(
     """Count the iterations for some of :data:`SETTINGS`, with None and a reason for failures."""
     mesh = load(source, numbering)
     hierarchy = Strategy(**strategy).run(mesh, targets(mesh, source, "levels"), seed)
-    found: list[tuple[int, bool] | None] = []
+    outcomes: list[tuple[int, bool] | None] = []
     reasons = []
-    for each in settings:
+    for item in settings:
         try:
-            found.append(_iterations(hierarchy, SETTINGS[each]))
+            outcomes.append(_iterations(hierarchy, SETTINGS[item]))
         except OptionError as error:  # for example a level that does not coarsen
-            found.append(None)
+            outcomes.append(None)
             reasons.append(str(error))
     return {
         "parts": hierarchy.parts,
-        "iterations": [each and each[0] for each in found],
-        "converged": [bool(each and each[1]) for each in found],
+        "iterations": [item and item[0] for item in outcomes],
+        "converged": [bool(item and item[1]) for item in outcomes],
         "reasons": reasons,
     }
 

@@ -79,21 +79,21 @@ class Store:
         """
         self.folder.mkdir(parents=True, exist_ok=True)
         (self.folder / ".gitignore").write_text("*\n", encoding="utf-8")
-        found: dict[str, Data] = {}
+        data: dict[str, Data] = {}
         for unit in units:
-            if unit.key not in found:
-                found[unit.key], known = self._result(unit)
-                done(unit, known)
-        return found
+            if unit.key not in data:
+                data[unit.key], is_stored = self._result(unit)
+                done(unit, is_stored)
+        return data
 
     def _result(self, unit: Unit) -> tuple[Data, bool]:
         file = self.folder / f"{self._name(unit)}.json"
         try:
-            kept: Data = json.loads(file.read_text(encoding="utf-8"))["result"]
+            stored: Data = json.loads(file.read_text(encoding="utf-8"))["result"]
         except (OSError, ValueError, KeyError, TypeError, RecursionError):  # missing or damaged
-            kept = {}
-        if kept:
-            return kept, True
+            stored = {}
+        if stored:
+            return stored, True
         result = unit.run()
         if "error" not in result:
             text = json.dumps({"unit": json.loads(unit.key), "result": result})
@@ -116,13 +116,13 @@ class Store:
 @cache
 def versions() -> Mapping[str, str]:
     """Return the versions of Python and all relevant installed packages."""
-    found = {"python": platform.python_version()}
+    numbers = {"python": platform.python_version()}
     for project in _PROJECTS:
         try:
-            found[project] = metadata.version(project)
+            numbers[project] = metadata.version(project)
         except metadata.PackageNotFoundError:
             continue
-    return found
+    return numbers
 
 
 @cache

@@ -69,7 +69,9 @@ class Strategy:
 
     def run(self, mesh: Mesh, targets: Targets, seed: int = 0) -> Hierarchy:
         """Agglomerate a mesh to the targets, finest first."""
-        asked: dict[str, Any] = {"n_parts": targets.counts} if self.by_count else {"h_star": targets.sizes}
+        target_options: dict[str, Any] = (
+            {"n_parts": targets.counts} if self.by_count else {"h_star": targets.sizes}
+        )
         return agglomerate(
             mesh,
             bisector=(self.bisector, self.options),
@@ -78,7 +80,7 @@ class Strategy:
             refiners=None if self.refined else (),
             polish=False,
             seed=seed,
-            **asked,
+            **target_options,
         )
 
 
@@ -104,16 +106,17 @@ def columns(
     registry = default() if registry is None else registry
     # 1. Registered or chosen bisectors
     if chosen is None:
-        ours = [_offered(record, registry) for record in registry.list() if record.kind == "bisector"]
+        groups = [_offered(record, registry) for record in registry.list() if record.kind == "bisector"]
     else:
-        ours = [
+        groups = [
             _offered(registry.record("bisector", name), registry, head, options)
             for head, (name, options) in chosen.items()
         ]
     # 2. Add them to the paper's columns, without duplicates
-    mine = {each.bisector for each in paper_columns()[1:3]}  # shown already, with an equal pipeline
-    rest = [each for group in ours for each in group if each.name not in mine]
-    return [_checked(each, registry) for each in paper_columns()] + rest
+    # Bisectors of the paper are shown already, with an equal pipeline
+    paper_bisectors = {strategy.bisector for strategy in paper_columns()[1:3]}
+    extra = [strategy for group in groups for strategy in group if strategy.name not in paper_bisectors]
+    return [_checked(strategy, registry) for strategy in paper_columns()] + extra
 
 
 def _checked(strategy: Strategy, registry: Registry) -> Strategy:
@@ -125,19 +128,19 @@ def _checked(strategy: Strategy, registry: Registry) -> Strategy:
 
 
 def _offered(
-    record: Record, registry: Registry, head: str = "", given: Mapping[str, Any] | None = None
+    record: Record, registry: Registry, head: str = "", user_options: Mapping[str, Any] | None = None
 ) -> list[Strategy]:
     name = f"{record.plugin}/{record.name}" if record.state == "conflict" else record.name
-    head, options = head or name, dict(given or {})
+    head, options = head or name, dict(user_options or {})
     problem = "" if record.state == "conflict" else _problem(record)
-    one = Strategy(head, name, options, package=_package(record), problem=problem)
-    if one.problem:
-        return [one]
+    strategy = Strategy(head, name, options, package=_package(record), problem=problem)
+    if strategy.problem:
+        return [strategy]
     try:
         tool = registry.build("bisector", name, **options)
     except AggloError as error:
         return [Strategy(head, name, options, package=_package(record), problem=str(error))]
-    bisects = [one] if hasattr(tool, "bisect") or hasattr(tool, "bisect_level") else []
+    bisects = [strategy] if hasattr(tool, "bisect") or hasattr(tool, "bisect_level") else []
     if isinstance(tool, Partitioner):
         bisects.append(Strategy(f"{head} k-way", name, options, method="kway", package=_package(record)))
     return bisects

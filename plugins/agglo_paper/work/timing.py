@@ -29,32 +29,32 @@ def time_one(kind: str, cells: int, bisectors: Sequence[str], runs: int, seconds
     graph = mesh.graph.subgraph(curve_order(mesh.graph.centroids), [0, mesh.n_cells])
     whole = 2 if kind == "bisection" else max(2, cells // _CELLS_PER_PART)
     methods = _metis(graph, whole, kind == "bisection")
-    taken: dict[str, list[float]] = {}
+    times: dict[str, list[float]] = {}
     failures: dict[str, str] = {}
     # 2. Bisectors through a whole run, then the components alone
     for name in bisectors:
         run = partial(agglomerate, graph, bisector=name, n_parts=whole)
         try:
-            taken[f"{name}, whole" if kind == "bisection" else name] = _clocked(run, runs, seconds)
+            times[f"{name}, whole" if kind == "bisection" else name] = _clocked(run, runs, seconds)
         except AggloError as error:
             failures[name] = str(error)
         else:
             methods |= _alone(name, graph) if kind == "bisection" else {}
     # 3. Direct calls
-    taken |= {name: _clocked(call, runs, seconds) for name, call in methods.items()}
-    return {"seconds": taken, "failures": failures}
+    times |= {name: _clocked(call, runs, seconds) for name, call in methods.items()}
+    return {"seconds": times, "failures": failures}
 
 
 def _clocked(call: Call, runs: int, seconds: float) -> list[float]:
     start = time.process_time()
     call()
     least = 3 if time.process_time() - start < seconds else 1
-    taken: list[float] = []
-    while len(taken) < least or (len(taken) < runs and sum(taken) < seconds):
+    times: list[float] = []
+    while len(times) < least or (len(times) < runs and sum(times) < seconds):
         start = time.process_time()
         call()
-        taken.append(time.process_time() - start)
-    return taken
+        times.append(time.process_time() - start)
+    return times
 
 
 def _alone(name: str, graph: Graph) -> Mapping[str, Call]:
@@ -77,7 +77,7 @@ def _split(tool: Any, graph: Graph) -> Call:
     return lambda: tool.bisect(graph, np.random.default_rng(0))
 
 
-def _metis(graph: Graph, parts: int, once: bool) -> dict[str, Call]:
+def _metis(graph: Graph, parts: int, single_split: bool) -> dict[str, Call]:
     """Return direct METIS calls, if pymetis is installed."""
     if find_spec("pymetis") is None:
         return {}
@@ -86,7 +86,7 @@ def _metis(graph: Graph, parts: int, once: bool) -> dict[str, Call]:
     # 1. METIS on its CSR arrays
     adjacency = pymetis.CSRAdjacency(graph.indptr, graph.indices)
     recursive = partial(pymetis.part_graph, parts, adjacency, recursive=True)
-    if not once:
+    if not single_split:
         kway = partial(pymetis.part_graph, parts, adjacency, recursive=False)
         return {"METIS, raw": recursive, "METIS k-way, raw": kway}
     import networkx
