@@ -57,7 +57,7 @@ def _point(n, net, workspace, layer, outputs, scores, tilted_axes):
     """Evaluate the network: ``scores (3,)`` of the axes, and the direction for each, ``tilted_axes``.
 
     The direction of axis i is the axis plus multiples of the two others, its tilts. ``layer`` and ``outputs``
-    are the layers, ``workspace`` comes from ``moment_room`` with the frame and the moments of the piece.
+    receive the layers, ``workspace`` comes from ``moment_room`` with the frame and the moments of the piece.
     """
     weight1, bias1, weight2, bias2 = net
     t, _, _, even, odd, _ = workspace

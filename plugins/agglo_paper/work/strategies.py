@@ -112,8 +112,7 @@ def columns(
             _offered(registry.record("bisector", name), registry, head, options)
             for head, (name, options) in chosen.items()
         ]
-    # 2. Add them to the paper's columns, without duplicates
-    # Bisectors of the paper are shown already, with an equal pipeline
+    # 2. Add them to the paper's columns, without its own bisectors: they have an equal pipeline there
     paper_bisectors = {strategy.bisector for strategy in paper_columns()[1:3]}
     extra = [strategy for group in groups for strategy in group if strategy.name not in paper_bisectors]
     return [_checked(strategy, registry) for strategy in paper_columns()] + extra
