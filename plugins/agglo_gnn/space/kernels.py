@@ -53,8 +53,8 @@ class SpaceWork(NamedTuple):
 
 
 @helper
-def _point(n, net, workspace, layer, outputs, scores, tilted_axes):
-    """Evaluate the network: ``scores (3,)`` of the axes, and the direction for each, ``tilted_axes``.
+def _point(n, net, workspace, layer, outputs, scores, axes):
+    """Evaluate the network: ``scores (3,)`` of the axes, and the direction for each, ``axes``.
 
     The direction of axis i is the axis plus multiples of the two others, its tilts. ``layer`` and ``outputs``
     receive the layers, ``workspace`` comes from ``moment_room`` with the frame and the moments of the piece.
@@ -65,7 +65,7 @@ def _point(n, net, workspace, layer, outputs, scores, tilted_axes):
         # If the network returns 0, the score is the second moment: the longest axis wins, without tilt.
         scores[i] = PRIOR * t[9 + 4 * i]
         for m in range(3):
-            tilted_axes[i, m] = t[3 * i + m]
+            axes[i, m] = t[3 * i + m]
         for side in range(2):
             # Tilt towards each other axis j; k is the third. The network takes even features, and its
             # outputs multiply odd features: no direction depends on the signs of the axes, and both tilts
@@ -79,16 +79,16 @@ def _point(n, net, workspace, layer, outputs, scores, tilted_axes):
             for f in range(len(odd)):
                 tilt += outputs[1 + f] * odd[f]
             for m in range(3):
-                tilted_axes[i, m] += tilt * t[3 * j + m]
+                axes[i, m] += tilt * t[3 * j + m]
 
 
 @kernel
 def directions(n, local, shares, inertia, net):
     """Evaluate the network on a piece with n cells: axis scores ``(3,)`` and directions ``(3, 3)``."""
-    workspace, scores, tilted_axes = moment_room(), np.empty(3), np.empty((3, 3))
+    workspace, scores, axes = moment_room(), np.empty(3), np.empty((3, 3))
     frame_by_moments(n, local, shares, inertia, workspace)
-    _point(n, net, workspace, np.empty(len(net[1])), np.empty(len(net[3])), scores, tilted_axes)
-    return scores, tilted_axes
+    _point(n, net, workspace, np.empty(len(net[1])), np.empty(len(net[3])), scores, axes)
+    return scores, axes
 
 
 @helper(reorder_sums=True)
@@ -162,25 +162,21 @@ def _band_sweep(graph, pieces, lo, hi, work, std):
 @helper
 def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
     """Tag both sides of a loaded piece: the ``cut`` of ``piece_driver.split_pieces_by``."""
-    (local, shares, scales), (layer, outputs, scores, tilted_axes), score = (
-        work.points,
-        work.answers,
-        work.heights,
-    )
+    (local, shares, scales), (layer, outputs, scores, axes), score = work.points, work.answers, work.heights
     n, axis, best = hi - lo, sides.normal, (NO_CUT, 0, 0.0, 0.0)
     number_cells(pieces, lo, hi)
     axis[0], axis[1], axis[2] = 1.0, 0.0, 0.0
     if scales[1] > 1e-299:
         # 1. Score the principal axes by the network, and tilt each.
         frame_by_moments(n, local, shares, scales[1], work.moments)
-        _point(n, work.net, work.moments, layer, outputs, scores, tilted_axes)
+        _point(n, work.net, work.moments, layer, outputs, scores, axes)
         # 2. Sweep along the axes whose score is near the maximum.
         margin, best_axis, last = np.inf if n < _FEW else _MARGIN, 0, 0
         bar = max(scores[0], scores[1], scores[2]) - margin
         for i in range(3):
             if scores[i] < bar:
                 continue
-            last, row = i, tilted_axes[i]
+            last, row = i, axes[i]
             size = np.sqrt(row[0] * row[0] + row[1] * row[1] + row[2] * row[2])
             for m in range(3):
                 row[m] /= size
@@ -188,11 +184,7 @@ def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
             trial = _band_sweep(graph, pieces, lo, hi, work, std)
             if trial[0] < best[0] - 1e-9 * abs(best[0]):
                 best, best_axis = trial, i
-        axis[0], axis[1], axis[2] = (
-            tilted_axes[best_axis, 0],
-            tilted_axes[best_axis, 1],
-            tilted_axes[best_axis, 2],
-        )
+        axis[0], axis[1], axis[2] = axes[best_axis, 0], axes[best_axis, 1], axes[best_axis, 2]
         # Restore the heights of the best axis if another was swept last.
         if best_axis != last:
             _project(n, axis, local[0], local[1], local[2], shares, score)

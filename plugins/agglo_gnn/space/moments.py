@@ -25,8 +25,8 @@ def moment_room():
 
 
 @helper(reorder_sums=True)
-def _low_moments(n, x, y, z, w, sums):
-    """Write moments with order 2 and 3 to ``sums (125,)``, at ``25 a + 5 b + c`` for x^a y^b z^c."""
+def _low_moments(n, x, y, z, w, M):
+    """Write moments with order 2 and 3 to ``M (125,)``, at ``25 a + 5 b + c`` for x^a y^b z^c."""
     xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     xxx, xxy, xxz, xyy, xyz, xzz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     yyy, yyz, yzz, zzz = 0.0, 0.0, 0.0, 0.0
@@ -48,14 +48,14 @@ def _low_moments(n, x, y, z, w, sums):
         yyz += b * y[i] * z[i]
         yzz += c * y[i] * z[i]
         zzz += c * z[i] * z[i]
-    sums[50], sums[30], sums[26], sums[10], sums[6], sums[2] = xx, xy, xz, yy, yz, zz
-    sums[75], sums[55], sums[51], sums[35], sums[31], sums[27] = xxx, xxy, xxz, xyy, xyz, xzz
-    sums[15], sums[11], sums[7], sums[3] = yyy, yyz, yzz, zzz
+    M[50], M[30], M[26], M[10], M[6], M[2] = xx, xy, xz, yy, yz, zz
+    M[75], M[55], M[51], M[35], M[31], M[27] = xxx, xxy, xxz, xyy, xyz, xzz
+    M[15], M[11], M[7], M[3] = yyy, yyz, yzz, zzz
 
 
 @helper(reorder_sums=True)
-def _fourth_moments(n, x, y, z, w, sums):
-    """Write moments with order 4 to ``sums (125,)``, at ``25 a + 5 b + c`` for x^a y^b z^c."""
+def _fourth_moments(n, x, y, z, w, M):
+    """Write moments with order 4 to ``M (125,)``, at ``25 a + 5 b + c`` for x^a y^b z^c."""
     m400, m310, m301, m220, m211, m202, m130, m121 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     m112, m103, m040, m031, m022, m013, m004 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(n):
@@ -76,17 +76,9 @@ def _fourth_moments(n, x, y, z, w, sums):
         m022 += wyy * zz
         m013 += wzz * yz
         m004 += wzz * zz
-    sums[100], sums[80], sums[76], sums[60], sums[56], sums[52], sums[40] = (
-        m400,
-        m310,
-        m301,
-        m220,
-        m211,
-        m202,
-        m130,
-    )
-    sums[36], sums[32], sums[28], sums[20], sums[16] = m121, m112, m103, m040, m031
-    sums[12], sums[8], sums[4] = m022, m013, m004
+    M[100], M[80], M[76], M[60], M[56], M[52], M[40] = m400, m310, m301, m220, m211, m202, m130
+    M[36], M[32], M[28], M[20], M[16] = m121, m112, m103, m040, m031
+    M[12], M[8], M[4] = m022, m013, m004
 
 
 @helper

@@ -116,12 +116,9 @@ def corner_unknowns(offsets, faces, face_cells, ends, starts, coupling, stiffnes
                     corner, root = ends[f, side, k], _root(parents, ends[f, 1 - side, k])
                     # With a single group across the corner, second is 0 and the corner joins.
                     if join_pass:
-                        corner_root = _root(parents, corner)
-                        if corner_root != root and stiffness[c] * comparable >= second[corner]:
-                            parents[corner_root], strength[root] = (
-                                root,
-                                max(strength[corner_root], strength[root]),
-                            )
+                        group = _root(parents, corner)
+                        if group != root and stiffness[c] * comparable >= second[corner]:
+                            parents[group], strength[root] = root, max(strength[group], strength[root])
                     elif strength[root] > best[corner]:
                         strongest[corner], best[corner], second[corner] = root, strength[root], best[corner]
                     elif root != strongest[corner]:

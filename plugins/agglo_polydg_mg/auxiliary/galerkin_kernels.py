@@ -167,26 +167,22 @@ def thinned(rows, columns, values, vertices, small, small_bubbles, small_vertice
     # 3. Write both halves in sorted order, without a sort: two passes over the rows.
     for j in range(n):
         starts[j + 1] += starts[j]
-    places, sorted_columns, sorted_values = (
-        starts[:-1].copy(),
-        np.empty(starts[n], np.int32),
-        np.empty(starts[n]),
-    )
+    places, sorted_columns, data = starts[:-1].copy(), np.empty(starts[n], np.int32), np.empty(starts[n])
     for i in range(n):  # the part left of the diagonal comes sorted, as rows are visited in order
         for k in range(rows[i] + 1, rows[i + 1]):
             if keep[k]:
                 j = columns[k]
-                sorted_columns[places[j]], sorted_values[places[j]] = i, values[k]
+                sorted_columns[places[j]], data[places[j]] = i, values[k]
                 places[j] += 1
     for j in range(n):  # and so does its transpose
         diagonal = places[j]
-        sorted_columns[diagonal], sorted_values[diagonal] = j, values[rows[j]] + additions[j]
+        sorted_columns[diagonal], data[diagonal] = j, values[rows[j]] + additions[j]
         places[j] += 1
         for k in range(starts[j], diagonal):
             i = sorted_columns[k]
-            sorted_columns[places[i]], sorted_values[places[i]] = j, sorted_values[k]
+            sorted_columns[places[i]], data[places[i]] = j, data[k]
             places[i] += 1
-    return starts, sorted_columns, sorted_values
+    return starts, sorted_columns, data
 
 
 @helper

@@ -139,30 +139,25 @@ def _in_powers(box, scale, frame, table, powers, terms, lines, coefficients):
 
 
 @helper
-def _add_triangle(a, b, c, weighted, frame, rule, powers, axis_powers, local):
+def _add_triangle(a, b, c, weighted, frame, rule, powers, xi, local):
     """Add Σ_q weighted[q] ξ^powers over the points of a triangle to ``local``."""
-    most = axis_powers.shape[1] - 1
+    most = xi.shape[1] - 1
     for q in range(len(rule)):
         s, t = rule[q, 0], rule[q, 1]
         for d in range(3):
             # Powers 0, 1, ... of ξ_d = (x_d − centre) / half side at the point.
             x = (a[d] + s * (b[d] - a[d]) + t * (c[d] - a[d]) - frame[d]) / frame[3 + d]
-            axis_powers[d, 0] = 1.0
+            xi[d, 0] = 1.0
             for k in range(most):
-                axis_powers[d, k + 1] = axis_powers[d, k] * x
+                xi[d, k + 1] = xi[d, k] * x
         for k in range(len(local)):
-            local[k] += (
-                weighted[q]
-                * axis_powers[0, powers[k, 0]]
-                * axis_powers[1, powers[k, 1]]
-                * axis_powers[2, powers[k, 2]]
-            )
+            local[k] += weighted[q] * xi[0, powers[k, 0]] * xi[1, powers[k, 1]] * xi[2, powers[k, 2]]
 
 
 @helper
 def _add_face(
     points, face_offsets, face_vertices, f, vector, turned, sigma, kappa, inner, frame, rule, weights,
-    powers, axis_powers, weighted, local, stiff, normal,
+    powers, xi, weighted, local, stiff, normal,
 ):  # fmt: skip
     """Add ∫ γσ ξ^powers of a face to ``stiff``, and ∫ γ/2 n ξ^powers to ``normal``.
 
@@ -195,7 +190,7 @@ def _add_face(
         # 3. Integrals of the powers, once for both results. The unit normal points from the first cell of
         # the side to the second.
         local[:] = 0.0
-        _add_triangle(a, b, c, weighted, frame, rule, powers, axis_powers, local)
+        _add_triangle(a, b, c, weighted, frame, rule, powers, xi, local)
         size = -size if turned else size
         x, y, z = x / size, y / size, z / size
         for i in range(lower):
@@ -222,7 +217,7 @@ def _gradients(normal, frame, lowered, powers, gradients):
 
 
 @helper
-def _transformed(form, left_factor, right_factor, terms, workspace, product):
+def _transformed(form, L, R, terms, workspace, product):
     """Write (L form Rᵀ)ᵀ to ``product``, from the entries of L and R at ``terms``.
 
     Both products add rows to rows, with L form transposed between them, so that all loops run along rows.
@@ -232,7 +227,7 @@ def _transformed(form, left_factor, right_factor, terms, workspace, product):
     # 1. L form.
     first[:] = 0.0
     for t in range(len(terms)):
-        i, a, value = terms[t, 0], terms[t, 1], left_factor[t]
+        i, a, value = terms[t, 0], terms[t, 1], L[t]
         for b in range(n):
             first[i, b] += value * form[a, b]
     # 2. Its transpose, multiplied by R.
@@ -241,13 +236,13 @@ def _transformed(form, left_factor, right_factor, terms, workspace, product):
             second[b, i] = first[i, b]
     product[:] = 0.0
     for t in range(len(terms)):
-        j, b, value = terms[t, 0], terms[t, 1], right_factor[t]
+        j, b, value = terms[t, 0], terms[t, 1], R[t]
         for i in range(n):
             product[j, i] += value * second[b, i]
 
 
 @helper
-def _add_own(form, gradients, sign, sums, factor, terms, workspace, block):
+def _add_own(form, gradients, sign, sums, T, terms, workspace, block):
     """Add the form of a side on one cell's polynomials to its block, which stays symmetric.
 
     ``form`` contains the integrals of γσ ξ^powers; ``sign`` applies to the cell's values in the jump.
@@ -257,7 +252,7 @@ def _add_own(form, gradients, sign, sums, factor, terms, workspace, block):
     for a in range(n):
         for b in range(n):
             whole[a, b] = form[sums[a, b]] - sign * (gradients[a, b] + gradients[b, a])
-    _transformed(whole, factor, factor, terms, workspace, product)
+    _transformed(whole, T, T, terms, workspace, product)
     for i in range(n):
         for j in range(i):
             block[i, j] += product[i, j]
@@ -279,14 +274,10 @@ def side_blocks(
     """
     n, degree = blocks.shape[1], powers[len(powers) - 1, 2] // 2
     table, lines = recurrences(degree), np.zeros((3, degree + 1, degree + 1))
-    axis_powers, frame, weighted = np.empty((3, 2 * degree + 1)), np.empty(6), np.empty(len(weights))
+    xi, frame, weighted = np.empty((3, 2 * degree + 1)), np.empty(6), np.empty(len(weights))
     local, stiff = np.empty(len(powers)), np.empty(len(powers))
     normal, gradients = np.empty((3, len(powers) - (degree + 1) * (2 * degree + 1))), np.empty((n, n))
-    owner_factor, neighbour_factor, workspace = (
-        np.empty(len(terms)),
-        np.empty(len(terms)),
-        np.empty((4, n, n)),
-    )
+    owner_T, neighbour_T, workspace = np.empty(len(terms)), np.empty(len(terms)), np.empty((4, n, n))
     for s in sides:
         owner, neighbour = side_cells[s, 0], side_cells[s, 1]
         # 1. Moments of the side in its frame: m_α = ∫ γσ ξ^α for |α| ≤ 2p in stiff, n_α = ∫ γ/2 n ξ^α for
@@ -299,27 +290,27 @@ def side_blocks(
             if sigma[f] != 0.0:
                 _add_face(
                     points, face_offsets, face_vertices, f, vectors[f], face_cells[f, 0] != owner, sigma[f],
-                    kappa, neighbour >= 0, frame, rule, weights, powers, axis_powers, weighted, local, stiff,
+                    kappa, neighbour >= 0, frame, rule, weights, powers, xi, weighted, local, stiff,
                     normal,
                 )  # fmt: skip
         # 2. Transform the form on the powers, Q, to the polynomials: T Q Tᵀ with the coefficients T of the
         # owner, then of the neighbour, whose values have the minus sign in the jump.
         _gradients(normal, frame, lowered, powers, gradients)
-        _in_powers(boxes[owner], scale[owner], frame, table, powers, terms, lines, owner_factor)
+        _in_powers(boxes[owner], scale[owner], frame, table, powers, terms, lines, owner_T)
         if in_strip[owner]:
-            _add_own(stiff, gradients, 1.0, sums, owner_factor, terms, workspace, blocks[slots[s, 0, 0]])
+            _add_own(stiff, gradients, 1.0, sums, owner_T, terms, workspace, blocks[slots[s, 0, 0]])
         if neighbour < 0:
             continue
-        _in_powers(boxes[neighbour], scale[neighbour], frame, table, powers, terms, lines, neighbour_factor)
+        _in_powers(boxes[neighbour], scale[neighbour], frame, table, powers, terms, lines, neighbour_T)
         if in_strip[neighbour]:
-            _add_own(stiff, gradients, -1.0, sums, neighbour_factor, terms, workspace, blocks[slots[s, 1, 1]])
+            _add_own(stiff, gradients, -1.0, sums, neighbour_T, terms, workspace, blocks[slots[s, 1, 1]])
         # 3. The coupling: v of the neighbour and u of the owner, −γσ vu + γ/2 v ∂u/∂n − γ/2 u ∂v/∂n, and
         # its transpose.
         whole, product = workspace[2], workspace[3]
         for a in range(n):
             for b in range(n):
                 whole[a, b] = gradients[a, b] - gradients[b, a] - stiff[sums[a, b]]
-        _transformed(whole, neighbour_factor, owner_factor, terms, workspace, product)
+        _transformed(whole, neighbour_T, owner_T, terms, workspace, product)
         for j in range(n):
             for i in range(n):
                 if in_strip[neighbour]:

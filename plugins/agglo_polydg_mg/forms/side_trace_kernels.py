@@ -87,8 +87,8 @@ def _trace_face(
         row = f if kappa.shape[2] == 1 else first - 2 * f + k - first - 1
         for q in range(len(weights)):
             at = min(q, kappa.shape[2] - 1)
-            kappa_in, kappa_out = kappa[row, side, at], kappa[row, 1 - side, at]
-            share = kappa_in if outer else 0.5 * kappa_in * (kappa_out / (kappa_in + kappa_out))
+            kappa_0, kappa_1 = kappa[row, side, at], kappa[row, 1 - side, at]
+            share = kappa_0 if outer else 0.5 * kappa_0 * (kappa_1 / (kappa_0 + kappa_1))
             s, t = rule[q, 0], rule[q, 1]
             _normal_slopes(
                 (a[0] + s * (b[0] - a[0]) + t * (c[0] - a[0]) - box[0]) / box[3],

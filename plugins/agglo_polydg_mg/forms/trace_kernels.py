@@ -107,12 +107,8 @@ def _trace(
             #    inside, ωκ = κ κ' / (κ + κ'), and κ at the boundary.
             for q in range(len(nodes)):
                 at = min(q, kappa.shape[2] - 1)
-                kappa_in, kappa_out = kappa[f, side, at], kappa[f, 1 - side, at]
-                share = (
-                    kappa_in
-                    if face_cells[f, 1] < 0
-                    else 0.5 * kappa_in * (kappa_out / (kappa_in + kappa_out))
-                )
+                kappa_0, kappa_1 = kappa[f, side, at], kappa[f, 1 - side, at]
+                share = kappa_0 if face_cells[f, 1] < 0 else 0.5 * kappa_0 * (kappa_1 / (kappa_0 + kappa_1))
                 masses[q] = 0.5 * weights[q] * length * share
                 s = 0.5 * (1.0 + nodes[q])
                 x, y = ax + s * ex * wide, ay + s * ey * high
@@ -197,17 +193,6 @@ def scaled_penalties(
                 if neighbour >= 0:
                     shares[k] = 0.5 * kappa[neighbour] / (kappa[cell] + kappa[neighbour])
         balance(
-            offsets,
-            faces,
-            face_cells,
-            first_cell,
-            begin,
-            end,
-            forms,
-            0,
-            shares,
-            lengths,
-            n,
-            workspace,
+            offsets, faces, face_cells, first_cell, begin, end, forms, 0, shares, lengths, n, workspace,
             penalties,
-        )
+        )  # fmt: skip
