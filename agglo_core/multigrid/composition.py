@@ -144,7 +144,7 @@ class Composition:
         LinAlgError
             If a matrix is not positive definite. The message names the level.
         """
-        level_labels = _checked(labels, system.n_blocks, injected, rediscretised)
+        level_labels = _check_level_lists(labels, system.n_blocks, injected, rediscretised)
         offsets, near_null = system.block_offsets, system.near_null
         A = inherited = in_blocks(system.A, offsets)
         parts = frozen_int(np.arange(system.n_blocks))
@@ -158,7 +158,7 @@ class Composition:
             step = Coarsening(A, offsets, parts, coarse, parent_of, near_null, inject, rediscretise)
             try:
                 space = self._space(step)
-                A_next, blocks = self._matrix(step, space), _required(space.block_offsets)
+                A_next, blocks = self._matrix(step, space), _require_offsets(space.block_offsets)
                 is_galerkin = self.galerkin and inherited is A
                 inherited_next = A_next if is_galerkin else in_blocks(galerkin(inherited, space.P), blocks)
                 # Smoother, with the coarse correction and patches if needed.
@@ -175,10 +175,10 @@ class Composition:
 
     def _space(self, step: Coarsening) -> CoarseSpace:
         """Return the checked coarse space of a transfer, with its blocks."""
-        with _guarded(self.transfer):
+        with _attribute_errors(self.transfer):
             made = self.transfer.tool.prolongation(step)
             space = made if isinstance(made, CoarseSpace) else CoarseSpace(made)
-            P = _stored("prolongation", space.P, (step.A.shape[0], None))
+            P = _check_matrix("prolongation", space.P, (step.A.shape[0], None))
             parts, m, offsets = int(step.coarse_labels.max()) + 1, P.shape[1], space.block_offsets
             if offsets is None:
                 if m == 0 or m % parts:
@@ -195,21 +195,23 @@ class Composition:
     def _matrix(self, step: Coarsening, space: CoarseSpace) -> Any:
         """Return the coarse matrix in blocks."""
         m = space.P.shape[1]
-        with _guarded(self.coarse_operator):
+        with _attribute_errors(self.coarse_operator):
             made = self.coarse_operator.tool.coarse_matrix(step, space.P)
-            return in_blocks(_stored("coarse_matrix", made, (m, m)), _required(space.block_offsets))
+            return in_blocks(
+                _check_matrix("coarse_matrix", made, (m, m)), _require_offsets(space.block_offsets)
+            )
 
     def _smoother(self, level: MultigridLevel) -> LevelSmoother:
         tool = self.smoother.tool
         if isinstance(tool, GaussSeidel | BlockJacobi | Chebyshev):
             return tool.setup(level)
-        return adapted(tool, level, self.smoother.title, partial(_guarded, self.smoother))
+        return adapted(tool, level, self.smoother.title, partial(_attribute_errors, self.smoother))
 
     def _solver(self, A: Any) -> Solve:
         tool = self.coarse_solver.tool
         if isinstance(tool, Elimination | Dense | SparseLU):
             return tool.solver_for(A)
-        with _guarded(self.coarse_solver):
+        with _attribute_errors(self.coarse_solver):
             solve = tool.solver_for(A)
             if not callable(solve):
                 raise PluginError(f"solver_for returned {solve!r:.60}, expected a function of b")
@@ -219,7 +221,7 @@ class Composition:
 
 def _solution(member: Member, solve: Solve, b: Real) -> Real:
     """Return the checked result of a coarse-level solver."""
-    with _guarded(member):
+    with _attribute_errors(member):
         x: Real = np.asarray(solve(b))
         if x.shape != b.shape or x.dtype.kind != "f":
             raise PluginError(
@@ -236,12 +238,12 @@ def _title(kind: str, choice: Any) -> str:
     return f"{kind} {name if isinstance(name, str) else object_name}"
 
 
-def _guarded(member: Member) -> Any:
+def _attribute_errors(member: Member) -> Any:
     """Return a context manager that names the owner of errors, except for errors of agglo."""
     return attributed(member.title, spare=(AggloError, np.linalg.LinAlgError))
 
 
-def _checked(labels: Sequence[Int], n: int, *sequences: Sequence[Any] | None) -> list[Int]:
+def _check_level_lists(labels: Sequence[Int], n: int, *sequences: Sequence[Any] | None) -> list[Int]:
     arrays = [frozen_int(array) for array in labels]
     for k, array in enumerate(arrays):
         if array.shape != (n,) or array.min() < 0:
@@ -260,14 +262,14 @@ def _injection(parent_of: Int | None, offsets: Int) -> Any:
 
 def _correction(P: Any, solve: Solve) -> Callable[[Float], Float]:
     """Return the map P B⁻¹ Pᵀ, with ``solve`` for B⁻¹."""
-    return partial(_corrected, P, solve, sparse.csr_array(P.T))
+    return partial(_apply_correction, P, solve, sparse.csr_array(P.T))
 
 
-def _corrected(P: Any, solve: Solve, PT: Any, r: Float) -> Float:
+def _apply_correction(P: Any, solve: Solve, PT: Any, r: Float) -> Float:
     return np.asarray(P @ solve(PT @ r))
 
 
-def _stored(title: str, result: Any, shape: tuple[int, int | None]) -> Any:
+def _check_matrix(title: str, result: Any, shape: tuple[int, int | None]) -> Any:
     """Return a real sparse matrix by rows or in blocks, with any number of columns for None."""
     rows, columns = shape
     fits = sparse.issparse(result) and result.dtype.kind in "fiu" and result.shape[0] == rows
@@ -281,6 +283,6 @@ def _stored(title: str, result: Any, shape: tuple[int, int | None]) -> Any:
     return matrix
 
 
-def _required(offsets: Int | None) -> Int:
+def _require_offsets(offsets: Int | None) -> Int:
     assert offsets is not None  # made with the space
     return offsets

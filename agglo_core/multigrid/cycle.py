@@ -53,13 +53,13 @@ def cycle(stack: LevelStack, kind: Kind = "V") -> LinearOperator:
         raise OptionError(f"a cycle is one of {', '.join(_NEXT)}; given {kind!r}")
 
     n = stack.levels[0].A.shape[0]
-    applied: Callable[[Any], Any] = partial(_applied, stack, kind)
+    apply: Callable[[Any], Any] = partial(_apply_cycle, stack, kind)
     if stack.scaling is not None:
-        applied = partial(_between, _product(stack.scaling), _product(stack.scaling.T), applied)
-    return LinearOperator((n, n), matvec=applied, rmatvec=applied, dtype=np.float64)
+        apply = partial(_apply_scaled, _product(stack.scaling), _product(stack.scaling.T), apply)
+    return LinearOperator((n, n), matvec=apply, rmatvec=apply, dtype=np.float64)
 
 
-def _applied(stack: LevelStack, kind: Kind, r: Any) -> Any:
+def _apply_cycle(stack: LevelStack, kind: Kind, r: Any) -> Any:
     """Apply a cycle to a residual, scaled to a largest entry of 1 for stacks in single precision."""
     residual = np.asarray(r, dtype=np.float64).ravel()
     size = max(float(residual.max(initial=0.0)), -float(residual.min(initial=0.0)))
@@ -67,12 +67,12 @@ def _applied(stack: LevelStack, kind: Kind, r: Any) -> Any:
         return residual
     b = np.empty(len(residual), stack.dtype)
     np.divide(residual, size, out=b, casting="same_kind")
-    return np.multiply(_solved(stack, 0, b, kind), size, dtype=np.float64)
+    return np.multiply(_solve_level(stack, 0, b, kind), size, dtype=np.float64)
 
 
-def _between(forth: Any, back: Any, applied: Callable[[Any], Any], r: Any) -> Any:
+def _apply_scaled(forth: Any, back: Any, apply: Callable[[Any], Any], r: Any) -> Any:
     """Apply the cycle of a scaled matrix to the unscaled matrix."""
-    return back @ applied(forth @ np.asarray(r, dtype=np.float64).ravel())
+    return back @ apply(forth @ np.asarray(r, dtype=np.float64).ravel())
 
 
 def _product(T: Any) -> Any:
@@ -81,33 +81,33 @@ def _product(T: Any) -> Any:
     return sparse.csr_array(T) if ready is T else ready
 
 
-def _solved(stack: LevelStack, at: int, b: Real, kind: str) -> Real:
+def _solve_level(stack: LevelStack, at: int, b: Real, kind: str) -> Real:
     """Return an approximate solution of A x = b on a level."""
     level = stack.levels[at]
     if level.smoother is None:
         return stack.coarse(b)
     x, r = level.smoother.before(b)
-    x = level.prolonged(x, _corrected(stack, at + 1, level.restricted(r), kind))
+    x = level.prolonged(x, _coarse_correction(stack, at + 1, level.restricted(r), kind))
     return level.smoother.after(b, x)
 
 
-def _corrected(stack: LevelStack, at: int, b: Real, kind: str) -> Real:
+def _coarse_correction(stack: LevelStack, at: int, b: Real, kind: str) -> Real:
     """Return the coarse correction, by a cycle for each visit of the level."""
     level = stack.levels[at]
     if level.smoother is None:
         return stack.coarse(b)
-    solved = _two_steps if kind == "K" else _solved
+    solve = _two_steps if kind == "K" else _solve_level
     first, *rest = _NEXT[kind] * level.visits
-    x = solved(stack, at, b, first)
+    x = solve(stack, at, b, first)
     for again in rest:
-        x = x + solved(stack, at, b - level.A @ x, again)
+        x = x + solve(stack, at, b - level.A @ x, again)
     return x
 
 
 def _two_steps(stack: LevelStack, at: int, b: Real, kind: str) -> Real:
     """Take at most two steps of flexible conjugate gradients, preconditioned by the K-cycle."""
     A = stack.levels[at].A
-    p = _solved(stack, at, b, kind)
+    p = _solve_level(stack, at, b, kind)
     # First step along p.
     Ap = A @ p
     curvature, projection = p @ Ap, p @ b
@@ -117,7 +117,7 @@ def _two_steps(stack: LevelStack, at: int, b: Real, kind: str) -> Real:
     r = b - (projection / curvature) * Ap
     if r @ r <= 0.0625 * (b @ b):  # residual below a quarter: one step suffices
         return x
-    z = _solved(stack, at, r, kind)
+    z = _solve_level(stack, at, r, kind)
     # Second step along z, made conjugate to p.
     z = z - ((z @ Ap) / curvature) * p
     Az = A @ z

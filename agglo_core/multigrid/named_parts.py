@@ -104,7 +104,7 @@ def part(kind: str, given: Any, own: Mapping[str, Callable[[], Any]], registry: 
     if isinstance(given, str) and given in own:
         return Member(own[given](), f"{kind} {given}")
     if isinstance(given, str | tuple):
-        return _named(kind, given, own, default() if registry is None else registry)
+        return _assemble_by_name(kind, given, own, default() if registry is None else registry)
     if not isinstance(given, type):
         if callable(getattr(given, method, None)):
             return Member(given, f"{kind} {type(given).__name__}")
@@ -117,7 +117,7 @@ def part(kind: str, given: Any, own: Mapping[str, Callable[[], Any]], registry: 
     )
 
 
-def _named(
+def _assemble_by_name(
     kind: str, choice: str | tuple[Any, ...], builtin: Mapping[str, Callable[[], Any]], registry: Registry
 ) -> Member:
     name, options = (choice, {}) if isinstance(choice, str) else name_and_options(kind, choice)

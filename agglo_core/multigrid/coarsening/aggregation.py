@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.multigrid.coarse_solve import direct_solver
-from agglo_core.multigrid.coarsening.prolongation import Couplings, smoothed, tentative
+from agglo_core.multigrid.coarsening.prolongation import Couplings, smooth_tentative, tentative
 from agglo_core.multigrid.kernels.aggregates import greedy_aggregates, split_labels
-from agglo_core.multigrid.matrices.checks import checked_system
+from agglo_core.multigrid.matrices.checks import check_system
 from agglo_core.multigrid.matrices.galerkin import csr_galerkin, product_entries
 from agglo_core.multigrid.smoothers.level_smoothers import GaussSeidel
 from agglo_core.multigrid.smoothers.scalar_gauss_seidel import ScalarGaussSeidel
@@ -139,8 +139,8 @@ def aggregation_stack(
     >>> [level.A.shape[0] for level in aggregation_stack(A, coarsest=200).levels]
     [1000, 333, 111]
     """
-    matrix, offsets, B = checked_system(A, block_offsets, near_null)
-    level_labels = checked_labels(labels, len(offsets) - 1)
+    matrix, offsets, B = check_system(A, block_offsets, near_null)
+    level_labels = check_labels(labels, len(offsets) - 1)
     if not theta >= 0.0:
         raise OptionError(f"theta must be 0 or more; given {theta!r}")
     levels: list[Level] = []
@@ -151,7 +151,7 @@ def aggregation_stack(
         part_of = frozen_int(np.repeat(np.arange(len(offsets) - 1), np.diff(offsets)))
         strength, scalar = Couplings.of(matrix, offsets, part_of), matrix.shape[0] == len(offsets) - 1
         current_labels = (
-            _current(level_labels[len(levels)], holder, len(offsets) - 1)
+            _current_labels(level_labels[len(levels)], holder, len(offsets) - 1)
             if len(levels) < len(level_labels)
             else None
         )
@@ -160,7 +160,7 @@ def aggregation_stack(
             break
         # 2. Tentative prolongation, smoothed unless the coarse matrix would fill.
         start = tentative(aggregate_of[part_of], count, B)
-        P = smoothed(matrix, offsets, part_of, strength, start, B, weak)
+        P = smooth_tentative(matrix, offsets, part_of, strength, start, B, weak)
         if product_entries(matrix, P) > _FULL * min(finest, matrix.nnz):
             P = start.T
         # 3. Store the level and continue with the coarse matrix.
@@ -206,7 +206,7 @@ def _level(
     return Level(A.astype(dtype), offsets, P, smoother, frozen_int(holder))
 
 
-def _current(labels: Int, holder: Int, parts: int) -> Int:
+def _current_labels(labels: Int, holder: Int, parts: int) -> Int:
     """Return the label of each part on a level, taken from its first part of A."""
     inside = np.flatnonzero(holder >= 0)[::-1]
     found = np.zeros(parts, np.int64)
@@ -214,7 +214,7 @@ def _current(labels: Int, holder: Int, parts: int) -> Int:
     return found
 
 
-def checked_labels(labels: Sequence[ArrayLike] | None, parts: int) -> list[Int]:
+def check_labels(labels: Sequence[ArrayLike] | None, parts: int) -> list[Int]:
     """Return the labels of each level, or raise OptionError unless there is a label per part."""
     arrays = [frozen_int(array) for array in labels or ()]
     for k, array in enumerate(arrays):

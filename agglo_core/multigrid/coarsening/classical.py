@@ -11,7 +11,7 @@ from scipy import sparse
 
 from agglo_core.arrays import Float, Int, Mask, frozen, frozen_int
 from agglo_core.errors import OptionError
-from agglo_core.multigrid.coarsening.aggregation import aggregation_stack, checked_labels
+from agglo_core.multigrid.coarsening.aggregation import aggregation_stack, check_labels
 from agglo_core.multigrid.coarsening.near_null import smoothed_near_null
 from agglo_core.multigrid.coarsening.strong_groups import group_smoother
 from agglo_core.multigrid.kernels.coarse_points import (
@@ -20,7 +20,7 @@ from agglo_core.multigrid.kernels.coarse_points import (
     coarse_points,
     strong_entries,
 )
-from agglo_core.multigrid.matrices.checks import canonical, checked_system
+from agglo_core.multigrid.matrices.checks import canonical, check_system
 from agglo_core.multigrid.matrices.galerkin import csr_galerkin, product_entries
 from agglo_core.multigrid.smoothers.scalar_gauss_seidel import ScalarGaussSeidel
 from agglo_core.multigrid.stack import Level, LevelStack, Real
@@ -103,18 +103,18 @@ def classical_stack(
     >>> [level.A.shape[0] for level in classical_stack(A, coarsest=200).levels]
     [1000, 500, 250, 125]
     """
-    matrix, _, vectors = checked_system(A, None, near_null)
+    matrix, _, vectors = check_system(A, None, near_null)
     # 1. Scale the matrix by the near-null vector.
     scale = _scale(matrix, None if near_null is None else vectors)
     D = None if scale is None else sparse.diags_array(scale)
     matrix = matrix if D is None else canonical(D @ matrix @ D)
     if guide is not None:
-        guide, *_ = checked_system(guide, None, None)
+        guide, *_ = check_system(guide, None, None)
         if guide.shape != matrix.shape:
             raise OptionError(f"guide has shape {guide.shape}; expected that of A, {matrix.shape}")
         guide = guide if D is None else canonical(D @ guide @ D)
     # 2. Classical steps, until small enough or no longer efficient.
-    level_labels = checked_labels(labels, matrix.shape[0])
+    level_labels = check_labels(labels, matrix.shape[0])
     if not 0.0 < theta <= 1.0:
         raise OptionError(f"theta must be between 0 and 1; given {theta!r}")
     levels: list[Level] = []

@@ -109,7 +109,7 @@ def tentative(labels: Int, count: int, near_null: Float) -> Tentative:
     return Tentative(T, frozen_int(offsets), frozen_float(coarse), mask, labels, R)
 
 
-def smoothed(
+def smooth_tentative(
     A: Any,
     offsets: Int,
     part_of: Int,

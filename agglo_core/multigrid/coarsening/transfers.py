@@ -9,9 +9,9 @@ import numpy as np
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.multigrid.coarsening.near_null import smoothed_near_null
-from agglo_core.multigrid.coarsening.prolongation import Couplings, smoothed, tentative
+from agglo_core.multigrid.coarsening.prolongation import Couplings, smooth_tentative, tentative
 from agglo_core.multigrid.coarsening.smoothed import smoothed_prolongation
-from agglo_core.multigrid.matrices.checks import checked_system
+from agglo_core.multigrid.matrices.checks import check_system
 from agglo_core.problems import Coarsening, CoarseSpace
 
 
@@ -106,8 +106,10 @@ class Aggregation:
         near_null = step.near_null
         if near_null is None:
             near_null = smoothed_near_null(step.A, step.block_offsets)
-        matrix, offsets, B = checked_system(step.A, step.block_offsets, near_null)
+        matrix, offsets, B = check_system(step.A, step.block_offsets, near_null)
         part_of = frozen_int(np.repeat(np.arange(len(offsets) - 1), np.diff(offsets)))
         start = tentative(frozen_int(step.parents[part_of]), int(step.parents.max()) + 1, B)
-        P = smoothed(matrix, offsets, part_of, Couplings.of(matrix, offsets, part_of), start, B, self.weak)
+        P = smooth_tentative(
+            matrix, offsets, part_of, Couplings.of(matrix, offsets, part_of), start, B, self.weak
+        )
         return CoarseSpace(P, start.offsets, start.near_null)

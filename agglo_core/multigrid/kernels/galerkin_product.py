@@ -14,14 +14,14 @@ def galerkin_product(indptr, indices, data, graph, to, weight, columns):
     A ``(n, n)`` is symmetric, given as CSR ``indptr, indices, data``. P ``(n, columns)`` is
     ``graph, to, weight``.
     """
-    start, rows, weights = _transposed(graph, to, weight, columns)
+    start, rows, weights = _transpose_csr(graph, to, weight, columns)
     half, half_to, half_values = _product(indptr, indices, data, graph, to, weight, columns)
     out, out_to, values = _product(start, rows, weights, half, half_to, half_values, columns)
-    return _transposed(out, out_to, values, columns)  # the matrix itself, with sorted columns
+    return _transpose_csr(out, out_to, values, columns)  # the matrix itself, with sorted columns
 
 
 @helper(allocates=True)
-def _transposed(indptr, indices, data, columns):
+def _transpose_csr(indptr, indices, data, columns):
     """Return the transpose as CSR with sorted columns.
 
     Counting sort by column: rows are taken in order, so they ascend. Arrays may be longer than used.

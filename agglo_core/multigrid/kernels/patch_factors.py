@@ -125,7 +125,7 @@ def patch_factors(width: int) -> Any:
                 for r in range(n):
                     for q in range(n):
                         D[r, q] = W[a * most + a, r, q]
-                if not _inverted(D, n):
+                if not _invert_symmetric(D, n):
                     return i
                 for r in range(n):
                     for q in range(n):
@@ -157,7 +157,7 @@ def patch_factors(width: int) -> Any:
 
 
 @helper(reorder_sums=True)
-def _inverted(D, n):
+def _invert_symmetric(D, n):
     """Invert a symmetric matrix in place, and return True if positive definite.
 
     Gauss–Jordan without pivoting: the pivots are the squared Cholesky pivots, and must be positive.

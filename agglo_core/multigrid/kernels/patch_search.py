@@ -75,7 +75,7 @@ def parts_at_vertices(cell_offsets, cell_vertices, vertex_groups, labels, n_grou
 
 
 @helper
-def _before(parts, offsets, s, t):
+def _comes_before(parts, offsets, s, t):
     """Return True if a set comes before another in lexicographic order."""
     sizes = offsets[s + 1] - offsets[s], offsets[t + 1] - offsets[t]
     for k in range(min(sizes[0], sizes[1])):
@@ -134,7 +134,7 @@ def without_contained(offsets, parts, n_parts):
         # 3. Insert s into the ascending list for its smallest part.
         first = parts[offsets[s]]
         before, after = -1, first_of[first]
-        while after >= 0 and _before(parts, offsets, after, s):
+        while after >= 0 and _comes_before(parts, offsets, after, s):
             before, after = after, following[after]
         following[s] = after
         if before < 0:
@@ -169,7 +169,7 @@ def without_contained(offsets, parts, n_parts):
 
 
 @kernel
-def united(pairs, n_parts, most):
+def unite_pairs(pairs, n_parts, most):
     """Unite ``pairs (m, 2)`` in turn to sets of at most ``most`` parts.
 
     A pair with a larger union is skipped. Returns the sets as CSR, sorted by smallest part.

@@ -13,7 +13,15 @@ import numpy as np
 from agglo_core.arrays import Float, frozen_float
 from agglo_core.multigrid.krylov.lanczos import failure
 from agglo_core.multigrid.krylov.recursion import Recursion
-from agglo_core.multigrid.krylov.stopping import SAID, Iterate, Restarts, Rules, Steps, is_rounding, probed
+from agglo_core.multigrid.krylov.stopping import (
+    SAID,
+    Iterate,
+    Restarts,
+    Rules,
+    Steps,
+    is_rounding,
+    probe_ritz_value,
+)
 from agglo_core.problems.iteration_history import MET, TESTS, Ended, History
 from agglo_core.problems.residuals.sizes import Measure, size_ratio, two_norm
 
@@ -239,7 +247,7 @@ class Column:
             yield from self._compare()
             if self.rules.probe and self._probed_until < self.done and self._small():
                 self._probed_until = 2 * self.done
-                theta = yield from probed(len(self.b), self.done)
+                theta = yield from probe_ritz_value(len(self.b), self.done)
                 if not theta > 0.0:
                     self.ended = "indefinite preconditioner"
                     return

@@ -80,7 +80,7 @@ def conjugate_gradients(
     # 1. Start from 0, with the row weights as preconditioner.
     weights = _weights(A)
     cg = Recursion(np.zeros(len(b)), b.copy())
-    cg.precondition(_weighted(weights, cg.r))
+    cg.precondition(_weigh_residual(weights, cg.r))
     cg.restart()
     look_ahead = _LookAhead(
         A, b, weights, tolerance, measure or row_measure(A, b), energy or energy_of_solution(b)
@@ -95,7 +95,7 @@ def conjugate_gradients(
         if look_ahead.ended:
             break
         cg.move(Ap)
-        cg.precondition(_weighted(weights, cg.r))
+        cg.precondition(_weigh_residual(weights, cg.r))
         cg.turn()
         residuals.append(_length(cg, weights))
         gains.append(cg.gain)
@@ -209,7 +209,7 @@ class _LookAhead:
     def _restart(self, cg: Recursion, exact: Float) -> None:
         """Restart from b − A x, and end if the previous restart has gained nothing."""
         cg.r = exact
-        cg.precondition(_weighted(self.weights, exact))
+        cg.precondition(_weigh_residual(self.weights, exact))
         cg.restart()
         if self._restarts.add((self.measure(exact), cg.x, exact)):
             self.ended = "stagnation"
@@ -233,7 +233,7 @@ def _weights(A: Any) -> Float | None:
     return frozen_float(weights)
 
 
-def _weighted(weights: Float | None, r: Float) -> Float:
+def _weigh_residual(weights: Float | None, r: Float) -> Float:
     return r if weights is None else frozen_float(weights * r)
 
 

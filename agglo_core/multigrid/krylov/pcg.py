@@ -115,7 +115,7 @@ def pcg(
     start = np.zeros(len(whole)) if x0 is None else _numbers("x0", x0)
     _require_fit(A, M, whole, start)
     if measure is None and energy is None:
-        return _lifted_columns(A, whole[:, None], M, start[:, None], rules, tell)[0]
+        return _solve_lifted(A, whole[:, None], M, start[:, None], rules, tell)[0]
     column = Column(
         whole, start, rules, measure or row_measure(A, whole), energy or energy_of_solution(whole)
     )
@@ -158,10 +158,10 @@ def pcg_columns(
     rules = _rules(tolerance, most, beta, stop, probe, pace)
     start = np.zeros(whole.shape) if x0 is None else _numbers("x0", x0)
     _require_fit(A, M, whole, start)
-    return _lifted_columns(A, whole, M, start, rules, tell)
+    return _solve_lifted(A, whole, M, start, rules, tell)
 
 
-def _lifted_columns(A: Any, b: Float, M: Any, x0: Float, rules: Rules, tell: Tell) -> tuple[History, ...]:
+def _solve_lifted(A: Any, b: Float, M: Any, x0: Float, rules: Rules, tell: Tell) -> tuple[History, ...]:
     """Iterate on A x = b ``(n, k)`` after elimination of the values imposed by penalties."""
     rows = penalised_rows(A)
     offset, load = lifted(A, b, rows)
@@ -190,7 +190,7 @@ def _iterate(A: Any, M: Any, columns: Sequence[Column], tell: Tell) -> None:
     running: list[tuple[Column, Steps, Any]] = [(column, column.run(), None) for column in columns]
     # In each round, collect the requests of all columns, and answer them by operator.
     while running:
-        requests = [(column, steps, *_next(steps, answer)) for column, steps, answer in running]
+        requests = [(column, steps, *_next_request(steps, answer)) for column, steps, answer in running]
         running = []
         for kind, product in products.items():
             group = [entry for entry in requests if entry[2] == kind]
@@ -201,7 +201,7 @@ def _iterate(A: Any, M: Any, columns: Sequence[Column], tell: Tell) -> None:
             tell(*iterated(slowest.done, slowest.size, slowest.rules.tolerance))
 
 
-def _next(steps: Steps, answer: Any) -> Request | tuple[None, None]:
+def _next_request(steps: Steps, answer: Any) -> Request | tuple[None, None]:
     """Return the next request of an iteration, or None after its end."""
     try:
         return steps.send(answer)
@@ -214,18 +214,18 @@ def _product(name: str, operator: Any) -> Callable[[list[Float]], list[Float]]:
     if operator is None:
         return lambda vectors: vectors
     if not hasattr(operator, "shape"):
-        return lambda vectors: [_returned(name, operator(each), each) for each in vectors]
+        return lambda vectors: [_check_result(name, operator(each), each) for each in vectors]
 
     def together(vectors: list[Float]) -> list[Float]:
         if len(vectors) == 1:
-            return [_returned(name, operator @ vectors[0], vectors[0])]
+            return [_check_result(name, operator @ vectors[0], vectors[0])]
         found = np.asarray(operator @ np.stack(vectors, axis=1), dtype=np.float64)
         return list(np.ascontiguousarray(found.T))
 
     return together
 
 
-def _returned(name: str, value: Any, vector: Float) -> Float:
+def _check_result(name: str, value: Any, vector: Float) -> Float:
     result = np.asarray(value, dtype=np.float64)
     if result.shape != vector.shape:
         raise OptionError(f"{name} must map vectors {vector.shape} to such, given back {result.shape}")

@@ -110,7 +110,7 @@ _FALL = 1e-4
 """Reduction of z·r that ends a probe: then every mode with an average share has been seen."""
 
 
-def probed(n: int, done: int) -> Generator[Request, Float, float]:
+def probe_ritz_value(n: int, done: int) -> Generator[Request, Float, float]:
     """Estimate the smallest Ritz value of M A by steps from a random vector ``(n,)``.
 
     The number of steps is at most four plus twice the iterations ``done``, and much smaller for a good M. No

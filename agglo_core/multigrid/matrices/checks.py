@@ -26,7 +26,7 @@ def canonical(A: Any) -> Any:
     return rows
 
 
-def checked_system(
+def check_system(
     A: Any, block_offsets: ArrayLike | None, near_null: ArrayLike | None
 ) -> tuple[Any, Int, Float]:
     """Return matrix, block offsets and near-null vectors, or raise OptionError with the misfit."""

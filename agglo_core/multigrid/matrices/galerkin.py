@@ -215,7 +215,7 @@ def build_stack(
         level = MultigridLevel(A, A, offsets[k], level_labels, P, None, steps, groups)
         smooth = _set_up(setup, level, dtype, k)
         stored_labels = None if labels is None else level_labels
-        single = (in_precision(matrix, dtype) for matrix in (A, _stored(P)))
+        single = (in_precision(matrix, dtype) for matrix in (A, _to_bsr_or_csr(P)))
         # Store the level in the precision of the stack.
         levels.append(Level(next(single), offsets[k], next(single), smooth, stored_labels, groups))
         A = galerkin(A, P)
@@ -233,7 +233,7 @@ def _set_up(setup: SetUp, level: MultigridLevel, dtype: Any, k: int) -> LevelSmo
         raise np.linalg.LinAlgError(f"level {k}: {error}") from error
 
 
-def _stored(P: Any) -> Any:
+def _to_bsr_or_csr(P: Any) -> Any:
     return P if P.format in ("bsr", "csr") else sparse.csr_array(P)
 
 

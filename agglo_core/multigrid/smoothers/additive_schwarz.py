@@ -14,8 +14,8 @@ from scipy.sparse.linalg import LinearOperator
 from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.multigrid.coarse_solve import direct_solver
-from agglo_core.multigrid.coarsening.prolongation import Couplings, smoothed, tentative
-from agglo_core.multigrid.matrices.checks import checked_system
+from agglo_core.multigrid.coarsening.prolongation import Couplings, smooth_tentative, tentative
+from agglo_core.multigrid.matrices.checks import check_system
 from agglo_core.multigrid.stack import Solve
 
 _DENSE = 150
@@ -76,7 +76,7 @@ def additive_schwarz(
     >>> M @ np.ones(6)
     array([1.5, 2. , 1.5, 1.5, 2. , 1.5])
     """
-    matrix, offsets, B = checked_system(A, block_offsets, near_null)
+    matrix, offsets, B = check_system(A, block_offsets, near_null)
     domain = frozen_int(labels)
     if domain.shape != (len(offsets) - 1,) or (domain < 0).any():
         raise OptionError(f"labels must be {len(offsets) - 1} numbers from 0 on, one for each part of A")
@@ -90,11 +90,11 @@ def additive_schwarz(
     ]
     below = _coarse_level(matrix, offsets, part_of, strength, domain, B) if coarse else None
 
-    applied = partial(_applied, local, below)
-    return LinearOperator(matrix.shape, matvec=applied, rmatvec=applied, dtype=np.float64)
+    apply = partial(_sum_solutions, local, below)
+    return LinearOperator(matrix.shape, matvec=apply, rmatvec=apply, dtype=np.float64)
 
 
-def _applied(local: Sequence[tuple[Int, Solve]], below: tuple[Any, Any, Solve] | None, b: Any) -> Float:
+def _sum_solutions(local: Sequence[tuple[Int, Solve]], below: tuple[Any, Any, Solve] | None, b: Any) -> Float:
     """Return the sum of the solutions on subdomains and on the coarse level, if any."""
     b = np.asarray(b, dtype=np.float64).ravel()
     x = np.zeros(len(b))
@@ -131,6 +131,6 @@ def _coarse_level(
     start = tentative(domain[part_of], int(domain.max()) + 1, B)
     width = np.sqrt(len(domain) / (int(domain.max()) + 1))
     steps = int(np.clip(round(0.5 * width), 1, _MOST_STEPS))
-    P = smoothed(A, offsets, part_of, strength, start, B, weak=0.0, steps=steps)
+    P = smooth_tentative(A, offsets, part_of, strength, start, B, weak=0.0, steps=steps)
     PT = sparse.csr_array(P.T)
     return P, PT, direct_solver(PT @ A @ P)

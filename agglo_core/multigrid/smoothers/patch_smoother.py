@@ -34,7 +34,7 @@ class _Inverses:
     """Inverses of a block matrix on patches, as lower halves or in full."""
 
     def __init__(self, A: Any, patches: Patches, dtype: Any, *, half: bool, some: bool = False) -> None:
-        self.offsets, self.parts = _checked(A, patches, some)
+        self.offsets, self.parts = _check_patches(A, patches, some)
         self.width = int(A.blocksize[0])
         rows = np.diff(self.offsets) * self.width
         sizes = rows * (rows + 1) // 2 if half else rows**2
@@ -63,11 +63,11 @@ class _Groups:
         blocks, pattern = in_precision(A, dtype).data, _pattern(A)
         count = len(whole.offsets) - 1
         self.forwards, self.backwards = (
-            _ordered(whole, np.arange(count)[::step], *pattern, blocks) for step in (1, -1)
+            _order_groups(whole, np.arange(count)[::step], *pattern, blocks) for step in (1, -1)
         )
 
 
-def _ordered(whole: _Inverses, groups: Int, indptr: Int, indices: Any, blocks: Real) -> tuple[Any, ...]:
+def _order_groups(whole: _Inverses, groups: Int, indptr: Int, indices: Any, blocks: Real) -> tuple[Any, ...]:
     """Return groups in another order: offsets, parts, starts, inverses, and matrix rows (BSR)."""
     offsets, members = _slices(whole.offsets, groups)
     starts, values = _slices(whole.starts, groups)
@@ -89,7 +89,7 @@ class _Factors:
     """Factors of a block matrix on patches."""
 
     def __init__(self, A: Any, patches: Patches, dtype: Any, some: bool) -> None:
-        self.offsets, parts = _checked(A, patches, some)
+        self.offsets, parts = _check_patches(A, patches, some)
         width = int(A.blocksize[0])
         ordered, starts, below = patch_orders(self.offsets, parts, *_pattern(A))
         self.parts, self.starts, self.below = frozen_index(ordered), frozen_int(starts), frozen_index(below)
@@ -112,7 +112,7 @@ def _without_tiny(values: Real) -> Real:
     return frozen(values, values.dtype)
 
 
-def _checked(A: Any, patches: Patches, some: bool) -> tuple[Int, Any]:
+def _check_patches(A: Any, patches: Patches, some: bool) -> tuple[Int, Any]:
     """Return offsets and parts of patches, checked to cover all parts, or only ``some``, and no others."""
     offsets, parts, n_parts = (
         frozen_int(patches.offsets),
@@ -273,10 +273,10 @@ class PatchSmoother:
             )
         width = int(sizes[0])
         sweeps = VertexPatches(sparse.bsr_array(level.A, blocksize=(width, width)), level.patches)
-        return partial(_smoothed, sweeps, level.steps)
+        return partial(_sweep_both_ways, sweeps, level.steps)
 
 
-def _smoothed(sweeps: VertexPatches, steps: int, b: Float, x: Float) -> Float:
+def _sweep_both_ways(sweeps: VertexPatches, steps: int, b: Float, x: Float) -> Float:
     for _ in range(steps):
         x = np.asarray(sweeps.sweep(b, sweeps.sweep(b, x), back=True), dtype=np.float64)
     return x

@@ -7,7 +7,7 @@ import numpy as np
 from agglo_core.arrays import Index, Int, frozen_index, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
-from agglo_core.multigrid.kernels.patch_search import parts_at_vertices, united, without_contained
+from agglo_core.multigrid.kernels.patch_search import parts_at_vertices, unite_pairs, without_contained
 from agglo_core.problems import Patches
 
 _SHORT = 0.4
@@ -47,7 +47,7 @@ def vertex_patches(mesh: Mesh, labels: Int | None = None, *, most: int = _MOST) 
     """
     if labels is None:
         parts, n_parts = frozen_int(np.arange(mesh.n_cells)), mesh.n_cells
-        groups, n_groups = _joined_vertices(mesh, most)
+        groups, n_groups = _join_short_edges(mesh, most)
     else:
         parts = mesh.check_labels(labels)
         n_parts = int(parts.max(initial=-1)) + 1
@@ -57,7 +57,7 @@ def vertex_patches(mesh: Mesh, labels: Int | None = None, *, most: int = _MOST) 
     return Patches(frozen_int(offsets), frozen_int(members))
 
 
-def _joined_vertices(mesh: Mesh, most: int) -> tuple[Index, int]:
+def _join_short_edges(mesh: Mesh, most: int) -> tuple[Index, int]:
     """Return the group of each point ``(n_points,)`` after joining short edges, and the number of groups.
 
     Up to three points are joined, along the shortest edges. Points of too many cells are not joined, as the
@@ -120,5 +120,5 @@ def joined_patches(pairs: Int, n_parts: int, *, most: int = 8) -> Patches:
     pairs = frozen_int(pairs)
     if pairs.size and (pairs.min() < 0 or pairs.max() >= n_parts):
         raise OptionError(f"pairs hold {pairs.min()} to {pairs.max()}; there are parts 0 to {n_parts - 1}")
-    offsets, parts = united(pairs, n_parts, most)
+    offsets, parts = unite_pairs(pairs, n_parts, most)
     return Patches(frozen_int(offsets), frozen_int(parts))
