@@ -29,7 +29,7 @@ class Reduced(Protocol):
     def __call__(self, values: NDArray[Any], how: Literal["sum", "min", "max"], /) -> NDArray[Any]: ...
 
 
-def _alone(values: NDArray[Any], how: Literal["sum", "min", "max"], /) -> NDArray[Any]:
+def _reduce_on_one_rank(values: NDArray[Any], how: Literal["sum", "min", "max"], /) -> NDArray[Any]:
     """Return the values unchanged, as reduction on a single rank."""
     return values
 
@@ -53,7 +53,7 @@ def rank_of_block(block: Int, count: int, size: int) -> Int:
     return frozen_int(np.asarray(block) * size // count)
 
 
-def coordinate_blocks(points: Float, depth: int, reduced: Reduced = _alone) -> Int:
+def coordinate_blocks(points: Float, depth: int, reduced: Reduced = _reduce_on_one_rank) -> Int:
     """Assign each local point to a block ``(n,)``, one among ``2**depth``, by recursive halving.
 
     Each block is cut across the longest side of its box, at the coordinate that gives the most equal halves:

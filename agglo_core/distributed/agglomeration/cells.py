@@ -56,7 +56,7 @@ class Cells:
         return float(self.ranks.reduced(digits, "sum")[0]) * scale / _DIGITS
 
 
-def agreed(cells: Cells, forbidden: Mask) -> Mask:
+def agree_on_forbidden(cells: Cells, forbidden: Mask) -> Mask:
     """Return the forbidden entries, where an edge between ranks is forbidden if either side forbids it."""
     graph, rows, is_own = cells.graph, cells.rows, cells.own
     entry = np.flatnonzero(forbidden & is_own[rows] & ~is_own[graph.indices])
@@ -69,10 +69,10 @@ def agreed(cells: Cells, forbidden: Mask) -> Mask:
     if not messages:
         return forbidden
     pairs = np.searchsorted(cells.ids, np.concatenate(messages))
-    return forbidden | among(rows, graph.indices.astype(np.int64), frozen_int(pairs), graph.n)
+    return forbidden | mark_pairs(rows, graph.indices.astype(np.int64), frozen_int(pairs), graph.n)
 
 
-def among(row: Int, column: Int, pairs: Int, n: int) -> Mask:
+def mark_pairs(row: Int, column: Int, pairs: Int, n: int) -> Mask:
     """Mark graph entries (``n`` nodes) that join a pair in ``pairs (p, 2)``, in either direction."""
     if not len(pairs):
         return np.zeros(len(row), bool)

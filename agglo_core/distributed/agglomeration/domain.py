@@ -141,7 +141,7 @@ class Domain:
         return replace(self, graph=own.with_loads(self.graph.loads))
 
 
-def joined(
+def join_pieces(
     pieces: Sequence[Domain], number: int, renumbered: Callable[[Int], Int]
 ) -> tuple[Domain, list[Int]]:
     """Join pieces to one domain. Return the domain and each piece's node positions.
@@ -172,7 +172,7 @@ def joined(
     barriers = [position[piece.barriers] for position, piece in zip(places, pieces, strict=True)]
     barriers.append(np.sort(ends[inside.barrier], axis=1))
     return Domain(
-        _joined_graphs([piece.graph for piece in pieces], places, order, inside, ends),
+        _join_graphs([piece.graph for piece in pieces], places, order, inside, ends),
         frozen_int(ids),
         frozen_int(np.concatenate([piece.cells for piece in pieces])[order]),
         frozen_float(np.concatenate([piece.weights for piece in pieces])[order]),
@@ -181,7 +181,7 @@ def joined(
     ), places
 
 
-def _joined_graphs(graphs: list[Graph], places: list[Int], order: Int, inside: Links, ends: Int) -> Graph:
+def _join_graphs(graphs: list[Graph], places: list[Int], order: Int, inside: Links, ends: Int) -> Graph:
     """Join the graphs. Links ``inside`` with ``ends (e, 2)`` become edges unless barred."""
     from agglo_core.compiled.graphs import take_rows
 

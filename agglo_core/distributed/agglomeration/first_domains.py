@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from agglo_core.arrays import Int, frozen_float, frozen_int
-from agglo_core.distributed.agglomeration.cells import Cells, among
+from agglo_core.distributed.agglomeration.cells import Cells, mark_pairs
 from agglo_core.distributed.agglomeration.domain import Domain, Links
 from agglo_core.distributed.agglomeration.rules import Kept
 
@@ -39,7 +39,7 @@ def first_domains(cells: Cells, kept: Kept, block: Int, ours: Iterable[int]) -> 
         frozen_int(block[column]),
         frozen_float(graph.interface[beyond]),
         kept.forbidden[beyond],
-        among(row, column, pairs, graph.n),
+        mark_pairs(row, column, pairs, graph.n),
     )
     # Assemble the domain of each block.
     domains = []

@@ -91,11 +91,11 @@ def ready_goals(goals: Sequence[Goal], census: Census) -> list[list[Goal]]:
             least = _shares(goal.parts, census, least)
             shares.append([replace(goal, parts=int(share)) for share in least])
         else:
-            shares.append([_at_least(goal, int(fewest)) for fewest in census.fewest])
+            shares.append([_raise_to_fewest(goal, int(fewest)) for fewest in census.fewest])
     return [list(each) for each in zip(*reversed(shares), strict=True)] if shares else [[]] * count
 
 
-def _at_least(goal: Goal, fewest: int) -> Goal:
+def _raise_to_fewest(goal: Goal, fewest: int) -> Goal:
     """Return a goal by mean size with at least the parts that a domain needs."""
     if isinstance(goal, SizeGoal) or goal.exact:
         return goal

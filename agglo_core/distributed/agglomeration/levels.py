@@ -43,7 +43,7 @@ class Level:
         return replace(self, ids=ids, sent=self.sent + (sent or Traffic()))
 
 
-def made_levels(
+def build_levels(
     stage: Stage, goals: Sequence[Goal], maker: DomainRun, turn: int = 0, told: Tell | None = None
 ) -> list[Level]:
     """Build levels for all goals, finest first.
@@ -60,14 +60,14 @@ def made_levels(
     census = census_of(stage.of_all(lambda domain: row_of(domain, goals, maker.kept.bounds)))
     shares = ready_goals(goals, census)
     if shares[0]:
-        return _agglomerated(stage, goals, shares, maker, turn, told)
+        return _build_feasible_levels(stage, goals, shares, maker, turn, told)
     # Case 2: shrink the domains by an intermediate level first.
-    middle_goal = _between(census, goals[0])
+    middle_goal = _middle_goal(census, goals[0])
     if middle_goal is not None:
-        return _through(stage, middle_goal, goals, maker, turn, told)
+        return _build_by_middle_level(stage, middle_goal, goals, maker, turn, told)
     # Case 3: join pairs of domains, and bring the levels back.
     fewer, way = stage.halved()
-    levels = made_levels(fewer, goals, maker, turn + 1, told)
+    levels = build_levels(fewer, goals, maker, turn + 1, told)
     numbers = sorted(stage.domains)
     stage_levels = []
     for level in levels:
@@ -76,7 +76,7 @@ def made_levels(
     return stage_levels
 
 
-def _agglomerated(
+def _build_feasible_levels(
     stage: Stage,
     goals: Sequence[Goal],
     shares: Sequence[Sequence[Goal]],
@@ -99,10 +99,10 @@ def _agglomerated(
     coarser_goals = goals[len(levels) :]
     if not coarser_goals:
         return levels
-    return levels + _above(stage, level_labels, numbering, coarser_goals, maker, turn, tell)
+    return levels + _build_above(stage, level_labels, numbering, coarser_goals, maker, turn, tell)
 
 
-def _through(
+def _build_by_middle_level(
     stage: Stage,
     middle_goal: Goal,
     goals: Sequence[Goal],
@@ -117,10 +117,10 @@ def _through(
             number: maker.intermediate(domain, _share(domain, middle_goal, total), number, turn)
             for number, domain in stage.domains.items()
         }
-    return _above(stage, labels, stage.numbered(labels), goals, maker, turn, tell)
+    return _build_above(stage, labels, stage.numbered(labels), goals, maker, turn, tell)
 
 
-def _above(
+def _build_above(
     stage: Stage,
     labels: Mapping[int, Int],
     numbering: Numbering,
@@ -131,14 +131,14 @@ def _above(
 ) -> list[Level]:
     """Build levels on the agglomerates ``labels``, with ids brought back to their nodes."""
     coarse = stage.coarsened(labels, numbering)
-    levels = made_levels(coarse, goals, maker, turn + 1, tell)
+    levels = build_levels(coarse, goals, maker, turn + 1, tell)
     return [
         level.with_ids({number: frozen_int(level.ids[number][labels[number]]) for number in labels})
         for level in levels
     ]
 
 
-def _between(census: Census, goal: Goal) -> Goal | None:
+def _middle_goal(census: Census, goal: Goal) -> Goal | None:
     """Return an intermediate goal before joining domains, or None for few nodes in total or per part."""
     total = int(census.nodes.sum())
     expected = max(census.expected(goal, 0), 1.0)

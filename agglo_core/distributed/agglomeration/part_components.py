@@ -25,12 +25,12 @@ def components_of_parts(mesh: DistributedMesh, labels: Int, bounds: Int) -> Int:
         Rank r owns the parts ``bounds[r]:bounds[r + 1]``.
     """
     ranks = mesh.ranks
-    contacts = _touching(mesh, mesh.local.graph, labels)[1]
+    contacts = _find_contacts(mesh, mesh.local.graph, labels)[1]
     owner = np.searchsorted(bounds, contacts[:, 0], side="right") - 1
     parcels = {rank: contacts[owner == rank] for rank in np.unique(owner).tolist()}
     part_contacts = np.concatenate([np.empty((0, 3), np.int64), *ranks.exchanged(parcels).values()])
     first, count = int(bounds[ranks.rank]), int(bounds[ranks.rank + 1] - bounds[ranks.rank])
-    component, ends = _joined(part_contacts[:, 1:])
+    component, ends = _connect_pieces(part_contacts[:, 1:])
     of_parts = np.unique(np.stack((part_contacts[:, 0], component[ends[:, 0]]), axis=1), axis=0)
     return frozen_int(np.bincount(of_parts[:, 0] - first, minlength=count))
 
@@ -38,11 +38,11 @@ def components_of_parts(mesh: DistributedMesh, labels: Int, bounds: Int) -> Int:
 def first_cells(mesh: DistributedMesh) -> Int:
     """Return for each own cell ``(n_own,)`` the first cell in its domain component. Collective."""
     ranks, own_ids = mesh.ranks, mesh.global_ids[mesh.own]
-    names, contacts = _touching(mesh, mesh.local.graph, frozen_int(np.zeros(len(own_ids))))
+    names, contacts = _find_contacts(mesh, mesh.local.graph, frozen_int(np.zeros(len(own_ids))))
     pieces, place, piece_of = np.unique(names, return_index=True, return_inverse=True)
     pairs = np.concatenate(ranks.gathered(contacts[:, 1:]))
     first = np.concatenate(ranks.gathered(np.stack((pieces, own_ids[place]), axis=1)))
-    component, _ = _joined(pairs)
+    component, _ = _connect_pieces(pairs)
     all_pieces = np.unique(pairs)
     least = np.full(component.max(initial=-1) + 1, np.iinfo(np.int64).max)
     np.minimum.at(least, component[np.searchsorted(all_pieces, first[:, 0])], first[:, 1])
@@ -62,7 +62,7 @@ def component_sizes(mesh: DistributedMesh, forbidden: Mask) -> Int:
     with ranks.together():
         graph = mesh.local.graph.without_edges(forbidden)
     # Components within ranks, and edges between components on different ranks.
-    names, contacts = _touching(mesh, graph, frozen_int(np.zeros(len(mesh.own))))
+    names, contacts = _find_contacts(mesh, graph, frozen_int(np.zeros(len(mesh.own))))
     edges = contacts[contacts[:, 1] != contacts[:, 2], 1:]
     pieces, sizes = np.unique(names, return_counts=True)
     beyond = np.isin(pieces, edges)  # components that continue on other ranks
@@ -73,11 +73,11 @@ def component_sizes(mesh: DistributedMesh, forbidden: Mask) -> Int:
     of_whole = np.repeat(inner_sizes[0], inner_sizes[1])
     if not edges.size:
         return frozen_int(of_whole)
-    component = _joined(edges.T)[0][np.searchsorted(np.unique(edges), edge_pieces[0])]
+    component = _connect_pieces(edges.T)[0][np.searchsorted(np.unique(edges), edge_pieces[0])]
     return frozen_int(np.concatenate((np.bincount(component, edge_pieces[1]), of_whole)))
 
 
-def _touching(mesh: DistributedMesh, graph: Graph, labels: Int) -> tuple[Int, Int]:
+def _find_contacts(mesh: DistributedMesh, graph: Graph, labels: Int) -> tuple[Int, Int]:
     """Return a piece per own cell ``(n_own,)``, and rows ``(e, 3)``: a part and two touching pieces.
 
     A piece is a connected component of a part on a rank, in the local ``graph``. Each piece touches
@@ -88,7 +88,7 @@ def _touching(mesh: DistributedMesh, graph: Graph, labels: Int) -> tuple[Int, In
     # Number the pieces uniquely across ranks, also on ghosts.
     with ranks.together():
         own = graph.subgraph(mesh.own, [0, len(mesh.own)])
-        component = own.components(_numbered(labels)) if own.n else np.empty(0, np.int64)
+        component = own.components(_number_labels(labels)) if own.n else np.empty(0, np.int64)
     names = np.zeros(len(part), np.int64)
     names[mesh.own] = component * ranks.size + ranks.rank  # unique over all ranks
     names = np.asarray(mesh.exchange(frozen_int(names[mesh.own])))
@@ -101,11 +101,11 @@ def _touching(mesh: DistributedMesh, graph: Graph, labels: Int) -> tuple[Int, In
     return frozen_int(names[mesh.own]), frozen_int(np.unique(np.concatenate((alone, edges)), axis=0))
 
 
-def _numbered(labels: Int) -> Int:
+def _number_labels(labels: Int) -> Int:
     return frozen_int(np.unique(labels, return_inverse=True)[1])
 
 
-def _joined(edges: Int) -> tuple[Int, Int]:
+def _connect_pieces(edges: Int) -> tuple[Int, Int]:
     """Return a component per piece, sorted by name, and end positions for ``edges (e, 2)``."""
     names, place = np.unique(edges, return_inverse=True)
     ends = place.reshape(-1, 2)

@@ -20,7 +20,7 @@ from agglo_core.agglomeration.rules.members import Rules
 from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
 from agglo_core.constraints.barriers import Barriers
 from agglo_core.constraints.bounds import Bounds
-from agglo_core.distributed.agglomeration.cells import Cells, agreed
+from agglo_core.distributed.agglomeration.cells import Cells, agree_on_forbidden
 from agglo_core.distributed.communication import Ranks
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
@@ -70,8 +70,10 @@ def kept_rules(cells: Cells, pipeline: Pipeline, mesh: Mesh, registry: Registry)
     with ranks.together():
         pipeline.cell_weights(graph)  # may raise on a single rank
     # Evaluate each rule on all ranks.
-    asked = (_asked(ranks, rule, mesh, graph, registry) for rule in _single_rules(pipeline))
-    members = [member for found in asked for member in found]
+    members_per_rule = (
+        _collect_members(ranks, rule, mesh, graph, registry) for rule in _single_rules(pipeline)
+    )
+    members = [member for found in members_per_rule for member in found]
     forbidden, pairs, bounds = np.zeros(len(graph.indices), bool), [], []
     # Collect barriers, bounds and forbidden edges.
     with ranks.together():
@@ -91,7 +93,9 @@ def kept_rules(cells: Cells, pipeline: Pipeline, mesh: Mesh, registry: Registry)
         for column, member in enumerate(bounds):
             weights[:, column] = member.tool.weights(graph)
     barriers = np.concatenate([np.empty((0, 2), np.int64), *pairs])
-    return Kept(agreed(cells, forbidden), frozen_int(barriers), bounds, frozen_float(weights), members)
+    return Kept(
+        agree_on_forbidden(cells, forbidden), frozen_int(barriers), bounds, frozen_float(weights), members
+    )
 
 
 def _single_rules(pipeline: Pipeline) -> Iterator[Rules]:
@@ -106,7 +110,7 @@ def _single_rules(pipeline: Pipeline) -> Iterator[Rules]:
         yield replace(Rules(), **bounds, weights=pipeline.weights)
 
 
-def _asked(ranks: Ranks, rule: Rules, mesh: Mesh, graph: Graph, registry: Registry) -> list[Member]:
+def _collect_members(ranks: Ranks, rule: Rules, mesh: Mesh, graph: Graph, registry: Registry) -> list[Member]:
     """Return a rule's constraints on this rank, or raise an error if it fits on no rank."""
     refusal: OptionError | None = None
     members: list[Member] = []

@@ -10,7 +10,7 @@ from agglo_core.agglomeration.levels.recursion import warn_of_large_cells
 from agglo_core.agglomeration.run import Run, Statistics
 from agglo_core.distributed.agglomeration.domain_run import DomainRun
 from agglo_core.distributed.agglomeration.hierarchy import DistributedHierarchy
-from agglo_core.distributed.agglomeration.levels import made_levels
+from agglo_core.distributed.agglomeration.levels import build_levels
 from agglo_core.distributed.agglomeration.start import started
 from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
@@ -83,7 +83,9 @@ def agglomerate(
             run = new_run(options, active_registry)
         with phase(listen, "agglomerating") as tell:
             ranks.since_last()
-            levels = made_levels(beginning.stage, start.goals, DomainRun(options, run, start.kept), told=tell)
+            levels = build_levels(
+                beginning.stage, start.goals, DomainRun(options, run, start.kept), told=tell
+            )
         labels = [beginning.of_own_cells(level.ids) for level in levels]
     # Collect statistics of all ranks.
     statistics = _of_all_ranks(ranks, run)

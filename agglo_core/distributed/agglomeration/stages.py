@@ -13,7 +13,7 @@ import numpy as np
 
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.distributed.agglomeration.blocks_by_coordinates import rank_of_block
-from agglo_core.distributed.agglomeration.domain import Domain, joined
+from agglo_core.distributed.agglomeration.domain import Domain, join_pieces
 from agglo_core.distributed.communication import Ranks
 
 
@@ -112,7 +112,7 @@ class Stage:
     def halved(self) -> tuple[Stage, Return]:
         """Join pairs of neighbour domains: half as many domains, on half the ranks if each has one."""
         pieces = [(number // 2, domain) for number, domain in sorted(self.domains.items())]
-        return moved(self.ranks, pieces, (self.count + 1) // 2, lambda numbers: numbers // 2)
+        return move_pieces(self.ranks, pieces, (self.count + 1) // 2, lambda numbers: numbers // 2)
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ class Return:
         return [array for _, array in sorted(pairs, key=lambda pair: pair[0])]
 
 
-def moved(
+def move_pieces(
     ranks: Ranks, pieces: Sequence[tuple[int, Domain]], count: int, renumbered: Callable[[Int], Int]
 ) -> tuple[Stage, Return]:
     """Send pieces to their domains' ranks, and join each domain's pieces there.
@@ -176,7 +176,9 @@ def moved(
     for number, piece in (item for parcel in arrived.values() for item in parcel):
         pieces_of.setdefault(number, []).append(piece)
     with ranks.together():
-        results = {number: joined(item, number, renumbered) for number, item in sorted(pieces_of.items())}
+        results = {
+            number: join_pieces(item, number, renumbered) for number, item in sorted(pieces_of.items())
+        }
     # Remember the origin of each piece for the way back.
     iterators = {number: iter(places) for number, (_, places) in results.items()}
     received = {

@@ -21,7 +21,7 @@ from agglo_core.distributed.agglomeration.domain import Domain
 from agglo_core.distributed.agglomeration.first_domains import first_domains
 from agglo_core.distributed.agglomeration.part_components import component_sizes
 from agglo_core.distributed.agglomeration.rules import Kept, kept_rules, with_ghosts
-from agglo_core.distributed.agglomeration.stages import Return, Stage, moved
+from agglo_core.distributed.agglomeration.stages import Return, Stage, move_pieces
 from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
 from agglo_core.registry import Registry
 
@@ -66,7 +66,7 @@ class Start:
             pieces = first_domains(self.cells, self.kept, block, ours.tolist())
         if there:
             return Beginning(self.cells, Stage(ranks, count, dict(pieces)), pieces, None, in_blocks=True)
-        stage, way = moved(ranks, pieces, count, lambda numbers: numbers)
+        stage, way = move_pieces(ranks, pieces, count, lambda numbers: numbers)
         return Beginning(self.cells, stage, pieces, way, in_blocks=True)
 
 

@@ -33,7 +33,7 @@ def write_pieces(
 ) -> None:
     """Write ``STEM.pvtu``, and each rank's own cells to ``STEM/`` with data ``(n_own,)``."""
     ranks = mesh.ranks
-    share = Share(mesh.own, frozen_int(mesh.global_ids[mesh.own]), mesh.point_ids, _usual(mesh))
+    share = Share(mesh.own, frozen_int(mesh.global_ids[mesh.own]), mesh.point_ids, _usual_tags(mesh))
     with ranks.together():
         piece = piece_of(mesh.local, face_stream, tags, derived, share)
     write_agreed(folder, stem, _with_loops(piece, mesh), ranks, compress=compress)
@@ -55,7 +55,7 @@ def write_agreed(folder: Path, stem: str, piece: Piece, ranks: Ranks, *, compres
             (folder / f"{stem}.pvtu").write_bytes(pvtu_list(piece, sources))
 
 
-def _usual(mesh: DistributedMesh) -> dict[str, int]:
+def _usual_tags(mesh: DistributedMesh) -> dict[str, int]:
     """Return the face tag values to omit: the most common values on the first rank with cells."""
     with mesh.ranks.together():
         own = usual_values(mesh.local) if len(mesh.own) else None

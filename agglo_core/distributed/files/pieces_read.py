@@ -13,7 +13,7 @@ from agglo_core.arrays import Int, frozen_int, trusted_copy
 from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
 from agglo_core.distributed.mesh.halo import own_cells, part_of_whole
-from agglo_core.distributed.mesh.joining_ranks import joined_across
+from agglo_core.distributed.mesh.joining_ranks import join_across_ranks
 from agglo_core.distributed.mesh.touching_ranks import outer_faces_touch
 from agglo_core.distributed.mesh.whole_cells import WholeCells
 from agglo_core.errors import FileError, MeshError
@@ -57,8 +57,8 @@ def mesh_of_pieces(stored: Stored, file: Path, ranks: Ranks, *, allow_gaps: bool
     # Join by point ids if all pieces have point ids, else by coordinates.
     tags = [name for name in facts[0].cell_tags if all(name in fact.cell_tags for fact in facts)]
     with ranks.together(), naming(file):
-        usual = _common(facts)
-        arguments = _given(own_piece, facts, tags, usual)
+        usual = _common_tags(facts)
+        arguments = _local_arguments(own_piece, facts, tags, usual)
     if all(fact.point_ids for fact in facts):
         return _with_usual(DistributedMesh.from_local(ranks, **arguments, allow_gaps=allow_gaps), usual)
     del arguments["point_ids"]
@@ -77,11 +77,11 @@ def _whole_own(mesh: DistributedMesh) -> WholeCells:
 def _without_gaps(mesh: DistributedMesh) -> DistributedMesh:
     """Return the mesh with outer faces joined across ranks where they lie on each other."""
     ranks, whole = mesh.ranks, _whole_own(mesh)
-    alone = joined_across(whole, ranks, mesh.local.name)
+    alone = join_across_ranks(whole, ranks, mesh.local.name)
     piece = None if alone is None else _Own(alone, None, whole.cells)
     facts = [fact for fact in ranks.gathered(None if piece is None else _facts(piece)) if fact is not None]
     with ranks.together():
-        arguments = _given(piece, facts, facts[0].cell_tags, dict.fromkeys(facts[0].usual, 0))
+        arguments = _local_arguments(piece, facts, facts[0].cell_tags, dict.fromkeys(facts[0].usual, 0))
     del arguments["point_ids"]
     return DistributedMesh.from_pieces(ranks, **arguments)
 
@@ -136,7 +136,7 @@ def _of_used_points(soup: Soup, mesh: Mesh) -> Int:
     return frozen_int(soup.point_ids[places])
 
 
-def _common(facts: list[_Facts]) -> dict[str, int]:
+def _common_tags(facts: list[_Facts]) -> dict[str, int]:
     """Return a default value per face tag: the most common value on the first rank with the tag."""
     common: dict[str, int] = {}
     for each in facts:
@@ -144,7 +144,7 @@ def _common(facts: list[_Facts]) -> dict[str, int]:
     return common
 
 
-def _given(
+def _local_arguments(
     piece: _Own | None, facts: list[_Facts], tags: list[str], usual: Mapping[str, int]
 ) -> dict[str, Any]:
     """Return this rank's arguments for :meth:`DistributedMesh.from_local`."""
@@ -158,13 +158,13 @@ def _given(
         "point_ids": piece.point_ids,
         "cell_ids": piece.cell_ids if all(fact.cell_ids for fact in facts) else None,
         "cell_tags": {name: mesh.cell_tags[name] for name in tags},
-        "face_tags": {name: _listed(mesh, name, value) for name, value in usual.items()},
+        "face_tags": {name: _list_unusual_faces(mesh, name, value) for name, value in usual.items()},
         "weak": bool((loops > 1).any()),
         "name": mesh.name,
     }
 
 
-def _listed(mesh: Mesh, name: str, usual: int) -> tuple[tuple[Int, Int], Int]:
+def _list_unusual_faces(mesh: Mesh, name: str, usual: int) -> tuple[tuple[Int, Int], Int]:
     """List the faces with an unusual tag value by points, with the differences to the usual value.
 
     Where no lower-dimensional cell sets the tag, its value is -1, also on ranks without such cells.

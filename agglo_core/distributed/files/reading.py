@@ -69,14 +69,14 @@ def read(
     if not pieces:
         return DistributedMesh.scatter(whole, ranks)
     with ranks.together(), naming(file):
-        shares = _shared_out(file, ranks.size) if ranks.rank == 0 else []
+        shares = _share_pieces(file, ranks.size) if ranks.rank == 0 else []
     own = ranks.from_first(shares)[ranks.rank]
     with ranks.together(), naming(file):
         stored = stored_together([stored_piece(file.parent, source) for source in own])
     return mesh_of_pieces(stored, file, ranks, allow_gaps=allow_gaps)
 
 
-def _shared_out(file: Path, size: int) -> list[list[str]]:
+def _share_pieces(file: Path, size: int) -> list[list[str]]:
     """Return the pieces per rank."""
     sources = sources_of(file_bytes(file))
     if not sources:

@@ -40,14 +40,14 @@ def shared_staging(path: Path, ranks: Ranks) -> Iterator[Path]:
             if not folder.is_dir():
                 raise FileError("the folder is not that of rank 0: all ranks write to one file system")
         if ranks.rank > 0:
-            stages.enter_context(_removed_if_it_fails(folder))
+            stages.enter_context(_remove_if_interrupted(folder))
         yield folder
         with ranks.together(), naming(path):
             stages.close()
 
 
 @contextmanager
-def _removed_if_it_fails(folder: Path) -> Iterator[None]:
+def _remove_if_interrupted(folder: Path) -> Iterator[None]:
     """Remove the folder if this rank is interrupted, because rank 0 may still wait for this rank."""
     try:
         yield

@@ -9,7 +9,7 @@ from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.meeting import refuse_all
 from agglo_core.distributed.mesh.halo import LocalMesh, ghosts, local_mesh
 from agglo_core.distributed.mesh.shared import check_ids
-from agglo_core.distributed.mesh.whole_cells import WholeCells, distinct, joined, taken
+from agglo_core.distributed.mesh.whole_cells import WholeCells, distinct, merge_cells, take_cells
 
 
 def check_laws(own: WholeCells, known: Int, owners: Int, held: LocalMesh, n_cells: int, ranks: Ranks) -> None:
@@ -42,7 +42,7 @@ def check_laws(own: WholeCells, known: Int, owners: Int, held: LocalMesh, n_cell
     faults += [f"rank {rank} does not know that its cells have neighbours there" for rank in silent]
     refuse_all(ranks, next((f"{rank_name}: {fault}" for fault in faults if fault), None))
     # Ghosts are the true neighbours, with the geometry and tags of their owners.
-    whole = joined([own, *parts])
+    whole = merge_cells([own, *parts])
     fault = _same_cells(known, owners, whole)
     refuse_all(ranks, f"{rank_name}: {fault}" if fault else None)
     fault = _same_mesh(held, local_mesh(whole, held.mesh.origin, ""), known)
@@ -52,8 +52,8 @@ def check_laws(own: WholeCells, known: Int, owners: Int, held: LocalMesh, n_cell
 def _border(cells: WholeCells, part: WholeCells, sender: int, rank: int) -> str | None:
     """Return the fault at the faces between this rank and another, the sender of ``part``, or None."""
     none = frozen_int([])
-    own_side = taken(cells, none, frozen_int(np.flatnonzero((cells.face_owners == sender).any(axis=1))))
-    other_side = taken(part, none, frozen_int(np.flatnonzero((part.face_owners == rank).any(axis=1))))
+    own_side = take_cells(cells, none, frozen_int(np.flatnonzero((cells.face_owners == sender).any(axis=1))))
+    other_side = take_cells(part, none, frozen_int(np.flatnonzero((part.face_owners == rank).any(axis=1))))
     unmatched = np.setxor1d(own_side.faces, other_side.faces)
     if len(unmatched):
         side, elsewhere = (own_side, sender) if unmatched[0] in own_side.faces else (other_side, rank)

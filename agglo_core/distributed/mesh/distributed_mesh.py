@@ -16,10 +16,10 @@ from agglo_core.distributed.mesh.checks import check_laws
 from agglo_core.distributed.mesh.given_cells import given_cells
 from agglo_core.distributed.mesh.halo import LocalMesh, common_origin, ghosts, local_mesh, own_cells
 from agglo_core.distributed.mesh.local_cells import FaceTags, across_ranks
-from agglo_core.distributed.mesh.moving import check_bounds, check_destinations, moved
-from agglo_core.distributed.mesh.sharing import scattered
+from agglo_core.distributed.mesh.moving import check_bounds, check_destinations, move_cells
+from agglo_core.distributed.mesh.sharing import scatter_cells
 from agglo_core.distributed.mesh.touching_ranks import refuse_hanging_vertices
-from agglo_core.distributed.mesh.whole_cells import WholeCells, joined
+from agglo_core.distributed.mesh.whole_cells import WholeCells, merge_cells
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.checks import whole_numbers
@@ -109,7 +109,7 @@ class DistributedMesh(CellValues):
         """
         ranks = ranks or Ranks()
         name = ranks.from_first(mesh.name if mesh is not None and ranks.rank == 0 else "")
-        return cls._with_ghosts(ranks, scattered(mesh, ranks, method, block_cells), name)
+        return cls._with_ghosts(ranks, scatter_cells(mesh, ranks, method, block_cells), name)
 
     @classmethod
     def from_local(
@@ -208,7 +208,7 @@ class DistributedMesh(CellValues):
 
     @classmethod
     def _with_ghosts(cls, ranks: Ranks, own_cells: WholeCells, name: str) -> DistributedMesh:
-        whole = joined([own_cells, *ghosts(own_cells, ranks)])
+        whole = merge_cells([own_cells, *ghosts(own_cells, ranks)])
         origin = common_origin(own_cells, ranks)
         n_cells = sum(ranks.gathered(len(own_cells.cells)))
         with ranks.together():
@@ -292,7 +292,7 @@ class DistributedMesh(CellValues):
         return self._moved(self.global_ids, self.exchange(frozen_int(to)))
 
     def _moved(self, number: Int, to: Int) -> DistributedMesh:
-        whole = moved(self._own_cells(), self.global_ids, number, to, self.ranks)
+        whole = move_cells(self._own_cells(), self.global_ids, number, to, self.ranks)
         return DistributedMesh._with_ghosts(self.ranks, whole, self.local.name)
 
     def _own_cells(self) -> WholeCells:

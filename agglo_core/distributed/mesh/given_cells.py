@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int, trusted
 from agglo_core.distributed.communication import Ranks
-from agglo_core.distributed.mesh.shared import check_ids, numbered_by_place
+from agglo_core.distributed.mesh.shared import check_ids, number_by_place
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.checks import (
@@ -91,15 +91,17 @@ def given_cells(
     """
     # Dimension and tag names must agree on all ranks with cells.
     with ranks.together():
-        lists = _listed(points, cells, point_ids)
-    dim = _agreed([each or None for each in ranks.gathered(lists.dim)], "a mesh in {} dimensions", ranks)
+        lists = _check_lists(points, cells, point_ids)
+    dim = _require_agreement(
+        [each or None for each in ranks.gathered(lists.dim)], "a mesh in {} dimensions", ranks
+    )
     if not lists.n_cells:
         lists = lists._replace(points=np.empty((0, dim)), offsets=(frozen_int([0]),) * (dim - 1))
     if point_ids is None:
-        lists = lists._replace(point_ids=numbered_by_place(lists.points, ranks))
+        lists = lists._replace(point_ids=number_by_place(lists.points, ranks))
     counts = ranks.gathered(lists.n_cells)
     tagged = ranks.gathered(sorted(cell_tags or {}) if lists.n_cells else None)
-    names = _agreed(tagged, "cell tags {}", ranks)
+    names = _require_agreement(tagged, "cell tags {}", ranks)
     # Cell ids must be a permutation of 0..n_cells−1 over all ranks.
     with ranks.together():
         ids = _ids(cell_ids, counts, ranks.rank)
@@ -121,7 +123,7 @@ def given_cells(
     return GivenCells(mesh, ids[order], used_ids, numbers)
 
 
-def _listed(points: ArrayLike, cells: Any, point_ids: ArrayLike | None) -> _Lists:
+def _check_lists(points: ArrayLike, cells: Any, point_ids: ArrayLike | None) -> _Lists:
     if not len(cells) or (isinstance(cells, tuple) and len(cells[0]) < 2):
         return _Lists(np.empty((0, 0)), frozen_int([]), (frozen_int([0]),), frozen_int([]))
     coordinates = check_points(points)
@@ -137,7 +139,7 @@ def _listed(points: ArrayLike, cells: Any, point_ids: ArrayLike | None) -> _List
     return _Lists(coordinates, ids, tuple(offsets), vertices)
 
 
-def _agreed(values: list[Any], template: str, ranks: Ranks) -> Any:
+def _require_agreement(values: list[Any], template: str, ranks: Ranks) -> Any:
     """Return the value that all ranks with cells agree on, or raise MeshError on all ranks."""
     answers = [(rank, value) for rank, value in enumerate(values) if value is not None]
     if not answers:

@@ -8,7 +8,7 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, Mask, frozen, frozen_float, frozen_int, trusted
 from agglo_core.distributed.communication import Ranks
-from agglo_core.distributed.mesh.whole_cells import WholeCells, distinct, parcels, places, taken
+from agglo_core.distributed.mesh.whole_cells import WholeCells, distinct, parcels, places, take_cells
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import gather
 
@@ -29,7 +29,7 @@ def ghosts(own: WholeCells, ranks: Ranks) -> list[WholeCells]:
     border = np.flatnonzero(((sides != ranks.rank) & (sides >= 0)).any(axis=1))
     own_side = (sides[border, 1] == ranks.rank).astype(np.int64)  # the side of border faces that is own
     cells = places(own.face_cells[border, own_side], own.cells)
-    near = _near(own, distinct(cells))
+    near = _restrict_to_cells(own, distinct(cells))
     to, positions = sides[border, 1 - own_side], places(own.cells[cells], near.cells)
     rows, ends = faces_of(near)
     offsets, entries = gather(ends, positions)
@@ -37,12 +37,12 @@ def ghosts(own: WholeCells, ranks: Ranks) -> list[WholeCells]:
     return list(ranks.exchanged(parcels(near, (to, positions), faces)).values())
 
 
-def _near(whole: WholeCells, cells: Int) -> WholeCells:
+def _restrict_to_cells(whole: WholeCells, cells: Int) -> WholeCells:
     """Return the part with only the cells at the given positions."""
     chosen = np.zeros(len(whole.cells) + 1, bool)
     chosen[cells] = True
     faces = chosen[places(whole.face_cells, whole.cells)].any(axis=1)
-    return taken(whole, cells, frozen_int(np.flatnonzero(faces)))
+    return take_cells(whole, cells, frozen_int(np.flatnonzero(faces)))
 
 
 def faces_of(whole: WholeCells) -> tuple[Int, Int]:
@@ -60,7 +60,7 @@ def own_cells(
     everything = all_cells(mesh, global_ids, owners, point_ids, face_ids)
     cells = np.flatnonzero(owners == rank)
     faces = np.flatnonzero((everything.face_owners == rank).any(axis=1))
-    return taken(everything, frozen_int(cells), frozen_int(faces))
+    return take_cells(everything, frozen_int(cells), frozen_int(faces))
 
 
 def all_cells(mesh: Mesh, global_ids: Int, owners: Int, point_ids: Int, face_ids: Int) -> WholeCells:
@@ -97,7 +97,7 @@ def local_mesh(whole: WholeCells, origin: Float, name: str) -> LocalMesh:
         Mesh,
         whole.coordinates,
         whole.face_offsets,
-        _turned(whole.face_offsets, whole.face_vertices, turned),
+        _turn_faces(whole.face_offsets, whole.face_vertices, turned),
         frozen_int(np.where(turned[:, None], sides[:, ::-1], sides)),
         cell_tags=whole.cell_tags,
         face_tags={key: np.where(is_hidden, 0, values) for key, values in whole.face_tags.items()},
@@ -117,7 +117,7 @@ def part_of_whole(mesh: Mesh, origin: Float, hidden: Mask) -> Mesh:
     return mesh
 
 
-def _turned(offsets: Int, vertices: Int, turned: Mask) -> Int:
+def _turn_faces(offsets: Int, vertices: Int, turned: Mask) -> Int:
     if not turned.any():
         return vertices
     sizes = np.diff(offsets)

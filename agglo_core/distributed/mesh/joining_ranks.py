@@ -12,14 +12,14 @@ from agglo_core.arrays import Int, Mask, frozen_int, trusted_copy
 from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.mesh.halo import common_origin, local_mesh
 from agglo_core.distributed.mesh.touching_ranks import cells_near
-from agglo_core.distributed.mesh.whole_cells import WholeCells, joined, taken
+from agglo_core.distributed.mesh.whole_cells import WholeCells, merge_cells, take_cells
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.construction.conforming import TOLERANCE, reach
 from agglo_core.mesh.construction.touching import facing_pairs, find_contacts, outer_faces
 
 
-def joined_across(own: WholeCells, ranks: Ranks, name: str) -> Mesh | None:
+def join_across_ranks(own: WholeCells, ranks: Ranks, name: str) -> Mesh | None:
     """Return own cells with all hanging points on their faces, as a mesh that ends at other ranks.
 
     Parameters
@@ -45,12 +45,12 @@ def joined_across(own: WholeCells, ranks: Ranks, name: str) -> Mesh | None:
         if not len(own.cells):
             return None
         # Close all faces that another rank has to treat, then join the rest.
-        whole = joined([own, near])
+        whole = merge_cells([own, near])
         mesh, is_hidden = local_mesh(whole, origin, name)
         is_own = whole.owners == ranks.rank
-        shut = is_hidden | _not_ours(mesh, is_hidden, is_own)
+        shut = is_hidden | _foreign_faces(mesh, is_hidden, is_own)
         try:
-            together = _shut(trusted_copy(mesh, cell_tags={}), shut).conforming(merge_points=True)
+            together = _close_faces(trusted_copy(mesh, cell_tags={}), shut).conforming(merge_points=True)
         except MeshError as error:
             raise MeshError(
                 f"{error} (cells are counted on this rank, with those of others beside)"
@@ -58,14 +58,14 @@ def joined_across(own: WholeCells, ranks: Ranks, name: str) -> Mesh | None:
         return _cells_of(together, own, whole, is_own)
 
 
-def _shut(mesh: Mesh, faces: Mask) -> Mesh:
+def _close_faces(mesh: Mesh, faces: Mask) -> Mesh:
     """Put a dummy cell behind the given outer faces, so that they become inner faces."""
     sides = mesh.face_cells.copy()
     sides[faces, 1] = mesh.n_cells
     return trusted_copy(mesh, face_cells=frozen_int(sides))
 
 
-def _not_ours(mesh: Mesh, is_hidden: Mask, is_own: Mask) -> Mask:
+def _foreign_faces(mesh: Mesh, is_hidden: Mask, is_own: Mask) -> Mask:
     """Return foreign outer faces in 3-D that neither tile nor equal an own face.
 
     Only the owner can split a large face, because some faces on top may be missing here. In 2-D each edge is
@@ -74,7 +74,7 @@ def _not_ours(mesh: Mesh, is_hidden: Mask, is_own: Mask) -> Mask:
     shut = np.zeros(mesh.n_faces, bool)
     if mesh.dim == 2:
         return shut
-    outer = outer_faces(_shut(mesh, is_hidden))
+    outer = outer_faces(_close_faces(mesh, is_hidden))
     owner = mesh.face_cells[outer.faces, 0]
     pairs = facing_pairs(outer)
     pairs = frozen_int(pairs[is_own[owner[pairs]].sum(axis=1) == 1])
@@ -103,7 +103,7 @@ def _cells_of(mesh: Mesh, own_cells: WholeCells, whole: WholeCells, is_own: Mask
         mesh.points,
     )
     faces = frozen_int(np.flatnonzero((sides >= 0).any(axis=1)))
-    return local_mesh(taken(alone, alone.cells, faces), mesh.origin, mesh.name).mesh
+    return local_mesh(take_cells(alone, alone.cells, faces), mesh.origin, mesh.name).mesh
 
 
 def _numbers(n: int) -> Int:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.mesh.given_cells import GivenCells
-from agglo_core.distributed.mesh.shared import Beyond, FaceKeys, cells_beyond, face_keys, shared_points
+from agglo_core.distributed.mesh.shared import Beyond, FaceKeys, cells_beyond, face_keys, mark_shared_points
 from agglo_core.distributed.mesh.whole_cells import WholeCells, distinct, places
 from agglo_core.errors import MeshError
 from agglo_core.mesh.checks import check_offsets, whole_numbers
@@ -32,10 +32,10 @@ def across_ranks(given: GivenCells, face_tags: FaceTags | None, ranks: Ranks) ->
     vertices = given.points[mesh.face_vertices]
     names = sorted(set().union(*ranks.gathered(set(face_tags or {}))))
     with ranks.together():
-        tags = _listed_tags(face_tags or {}, names, given, vertices)
+        tags = _collect_tags(face_tags or {}, names, given, vertices)
     # Faces with all points on several ranks may have a cell on another rank.
     cells = np.append(given.cells, -1)[mesh.face_cells]
-    shared = shared_points(given.points, mesh.points, ranks)[mesh.face_vertices]
+    shared = mark_shared_points(given.points, mesh.points, ranks)[mesh.face_vertices]
     if mesh.n_faces:  # a face between ranks has only shared points
         shared = np.logical_and.reduceat(shared, offsets[:-1])
     near = frozen_int(np.flatnonzero(shared))
@@ -49,7 +49,7 @@ def across_ranks(given: GivenCells, face_tags: FaceTags | None, ranks: Ranks) ->
     # The smaller cell id owns a border face. Owners number and orient the faces.
     is_owned = np.ones(mesh.n_faces, bool)
     is_owned[border] = cells[border, 0] < beyond.cells
-    faces = _numbered(cells[:, 0], is_owned, ranks)
+    faces = _number_faces(cells[:, 0], is_owned, ranks)
     faces, vertices = _from_owners(faces, is_owned, offsets, vertices, border, beyond, ranks)
     sides, owners = _sides(cells, border, beyond, ranks.rank)
     # Sort faces by their global number.
@@ -70,7 +70,7 @@ def across_ranks(given: GivenCells, face_tags: FaceTags | None, ranks: Ranks) ->
     )
 
 
-def _listed_tags(
+def _collect_tags(
     face_tags: FaceTags, names: list[str], cells: GivenCells, vertices: Int
 ) -> NDArray[np.int64]:
     """Return face tags ``(n_faces, len(names))`` from faces listed by points, 0 elsewhere."""
@@ -80,7 +80,7 @@ def _listed_tags(
     keys = face_keys(vertices, cells.mesh.face_offsets)
     for name, (faces, values) in face_tags.items():
         column = tags[:, names.index(name)]
-        positions = _listed(f"face tag {name!r}", faces, cells, keys)
+        positions = _find_listed_faces(f"face tag {name!r}", faces, cells, keys)
         tag_values = whole_numbers(values, f"face tag {name!r}")
         if len(tag_values) != len(positions):
             raise MeshError(f"face tag {name!r} lists {len(positions)} faces, but {len(tag_values)} values")
@@ -90,7 +90,7 @@ def _listed_tags(
     return tags
 
 
-def _listed(title: str, faces: Any, cells: GivenCells, keys: FaceKeys) -> Int:
+def _find_listed_faces(title: str, faces: Any, cells: GivenCells, keys: FaceKeys) -> Int:
     """Return the numbers for faces listed by points, or raise MeshError for an unknown face."""
     offsets, points = loops_as_csr(faces)
     check_offsets(offsets, len(points), "face")
@@ -98,7 +98,7 @@ def _listed(title: str, faces: Any, cells: GivenCells, keys: FaceKeys) -> Int:
     is_known[is_known] = cells.numbers[points[is_known]] >= 0
     if not is_known.all():
         raise MeshError(f"{title}: no cell of this rank has point {points[np.argmin(is_known)]}")
-    face_numbers = _found(face_keys(cells.points[cells.numbers[points]], offsets), keys)
+    face_numbers = _look_up_faces(face_keys(cells.points[cells.numbers[points]], offsets), keys)
     if len(face_numbers) and face_numbers.min() < 0:
         row = int(np.argmin(face_numbers))
         loop = points[offsets[row] : offsets[row + 1]].tolist()
@@ -106,7 +106,7 @@ def _listed(title: str, faces: Any, cells: GivenCells, keys: FaceKeys) -> Int:
     return face_numbers
 
 
-def _found(sought: FaceKeys, keys: FaceKeys) -> Int:
+def _look_up_faces(sought: FaceKeys, keys: FaceKeys) -> Int:
     """Look up each sought face among the keys, with -1 if missing."""
     if not len(sought.low):
         return frozen_int([])
@@ -120,7 +120,7 @@ def _found(sought: FaceKeys, keys: FaceKeys) -> Int:
     return frozen_int(found[len(keys.low) :])
 
 
-def _numbered(owner: Int, is_owned: NDArray[np.bool_], ranks: Ranks) -> Int:
+def _number_faces(owner: Int, is_owned: NDArray[np.bool_], ranks: Ranks) -> Int:
     """Number the faces that belong to own cells in cell order, with -1 for other faces."""
     owner_cells = owner[is_owned]
     rank = np.arange(len(owner_cells)) - np.searchsorted(owner_cells, owner_cells)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.distributed.communication import Ranks
-from agglo_core.distributed.mesh.whole_cells import WholeCells, joined, parcels, places
+from agglo_core.distributed.mesh.whole_cells import WholeCells, merge_cells, parcels, places
 from agglo_core.errors import MeshError
 from agglo_core.mesh.elements import gather
 
@@ -52,7 +52,7 @@ def _check_integers(name: str, values: NDArray[Any]) -> None:
         )
 
 
-def moved(own: WholeCells, known: Int, number: Int, to: Int, ranks: Ranks) -> WholeCells:
+def move_cells(own: WholeCells, known: Int, number: Int, to: Int, ranks: Ranks) -> WholeCells:
     """Return the local cells after moving, where cells with equal new number become one cell.
 
     Faces inside a joined cell vanish. A cell tag survives if constant for each number.
@@ -88,18 +88,18 @@ def moved(own: WholeCells, known: Int, number: Int, to: Int, ranks: Ranks) -> Wh
     sent = parcels(whole, (whole.owners, frozen_int(np.arange(len(cells)))), faces, [ranks.rank])
     arrived = list(ranks.exchanged(sent).values())
     # Keep a cell tag only if constant on each new cell, on all ranks.
-    agreed = _constant(number[at], own.cell_tags) & _constant(
+    agreed = _constant_tags(number[at], own.cell_tags) & _constant_tags(
         np.concatenate([part.cells for part in arrived]),
         {name: np.concatenate([part.cell_tags[name] for part in arrived]) for name in own.cell_tags},
     )
     agreed = set.intersection(*ranks.gathered(agreed))
-    result = joined(arrived)
+    result = merge_cells(arrived)
     return result._replace(
         cell_tags={name: values for name, values in result.cell_tags.items() if name in agreed}
     )
 
 
-def _constant(cells: Int, tags: Mapping[str, Int]) -> set[str]:
+def _constant_tags(cells: Int, tags: Mapping[str, Int]) -> set[str]:
     """Return tag names with equal values wherever a cell is listed repeatedly."""
     _, first, cell = np.unique(cells, return_index=True, return_inverse=True)
     return {name for name, values in tags.items() if (values[first][cell] == values).all()}

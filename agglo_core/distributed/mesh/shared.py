@@ -31,7 +31,7 @@ def check_ids(ids: Int, n: int, ranks: Ranks) -> None:
     refuse_all(ranks, fault)
 
 
-def shared_points(ids: Int, points: Float, ranks: Ranks) -> Mask:
+def mark_shared_points(ids: Int, points: Float, ranks: Ranks) -> Mask:
     """Mark the local points ``(n, d)`` (each listed once) that other ranks have, too.
 
     Raises
@@ -59,7 +59,7 @@ def shared_points(ids: Int, points: Float, ranks: Ranks) -> Mask:
     return meeting.answered(shared)[0]
 
 
-def numbered_by_place(points: Float, ranks: Ranks) -> Int:
+def number_by_place(points: Float, ranks: Ranks) -> Int:
     """Number points ``(n, d)`` globally, with equal ids ``(n,)`` for exactly equal coordinates.
 
     The ids do not depend on how points are distributed over the ranks.

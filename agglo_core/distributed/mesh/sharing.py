@@ -55,7 +55,7 @@ def _in_boxes(centroids: Float, size: int) -> Int:
     return frozen_int(rank)
 
 
-def scattered(mesh: Mesh | None, ranks: Ranks, method: str, block_cells: int | None) -> WholeCells:
+def scatter_cells(mesh: Mesh | None, ranks: Ranks, method: str, block_cells: int | None) -> WholeCells:
     """Return the local cells, sent by rank 0.
 
     Raises

@@ -12,7 +12,7 @@ from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
 from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.meeting import refuse_all
 from agglo_core.distributed.mesh.halo import faces_of, local_mesh
-from agglo_core.distributed.mesh.whole_cells import WholeCells, joined, parcels, places, taken
+from agglo_core.distributed.mesh.whole_cells import WholeCells, merge_cells, parcels, places, take_cells
 from agglo_core.mesh.construction.conforming import TOLERANCE, reach
 from agglo_core.mesh.construction.touching import facing_pairs, find_contacts, outer_faces
 from agglo_core.mesh.elements import gather
@@ -50,7 +50,7 @@ def refuse_hanging_vertices(own: WholeCells, ranks: Ranks) -> None:
     with ranks.together():
         pairs, hang = _contacts(near)
         if hang.any():
-            told = " and ".join(_named(near, cell) for cell in pairs[np.argmax(hang)])
+            told = " and ".join(_describe_cell(near, cell) for cell in pairs[np.argmax(hang)])
             fault = (
                 f"faces of {told} lie on one another, but are not the same, so that the cells would be no "
                 "neighbours: give both cells all points that lie on a face between them, or say "
@@ -63,7 +63,7 @@ def refuse_hanging_vertices(own: WholeCells, ranks: Ranks) -> None:
         _log.warning(
             "outer faces, such as of %s, lie on one another with points of their own and are left apart: "
             "the domain has a gap there. allow_gaps=True says that it is meant",
-            " and ".join(_named(near, cell) for cell in pairs[0]),
+            " and ".join(_describe_cell(near, cell) for cell in pairs[0]),
         )
 
 
@@ -75,7 +75,7 @@ def outer_faces_touch(own: WholeCells, ranks: Ranks) -> bool:
     return any(ranks.gathered(found))
 
 
-def _named(near: WholeCells, cell: int) -> str:
+def _describe_cell(near: WholeCells, cell: int) -> str:
     return f"cell {near.cells[cell]} (rank {near.owners[cell]})"
 
 
@@ -87,7 +87,9 @@ def cells_near(own: WholeCells, ranks: Ranks) -> WholeCells:
     boxes = ranks.gathered(box)
     with ranks.together():
         sent = _parcels(own, rim, boxes, ranks.rank)
-    return joined(list(ranks.exchanged(sent).values()) or [taken(own, frozen_int([]), frozen_int([]))])
+    return merge_cells(
+        list(ranks.exchanged(sent).values()) or [take_cells(own, frozen_int([]), frozen_int([]))]
+    )
 
 
 def _rim(whole: WholeCells) -> _Rim:
@@ -138,10 +140,10 @@ def _contacts(near: WholeCells) -> tuple[Int, Mask]:
     pairs = facing_pairs(outer)
     pairs = pairs[(owner[pairs[:, 0]] != owner[pairs[:, 1]]) & ~is_hidden[outer.faces[pairs]].any(axis=1)]
     contacts = find_contacts(outer, frozen_int(pairs), reach(mesh, outer, frozen_int(pairs), TOLERANCE)).pairs
-    return frozen_int(owner[contacts]), _sharing(outer.offsets, outer.vertices, contacts)
+    return frozen_int(owner[contacts]), _share_points(outer.offsets, outer.vertices, contacts)
 
 
-def _sharing(offsets: Int, vertices: Int, pairs: Int) -> Mask:
+def _share_points(offsets: Int, vertices: Int, pairs: Int) -> Mask:
     """Mark face pairs with a shared point."""
     (a, first), (b, second) = (gather(offsets, frozen_int(column)) for column in pairs.T)
     n = int(vertices.max(initial=0)) + 1

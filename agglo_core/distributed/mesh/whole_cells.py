@@ -51,7 +51,7 @@ def distinct(values: NDArray[np.int64]) -> Int:
     return frozen_int(ordered[new])
 
 
-def taken(whole: WholeCells, cells: Int, faces: Int) -> WholeCells:
+def take_cells(whole: WholeCells, cells: Int, faces: Int) -> WholeCells:
     """Select cells and faces at the given positions (increasing), with their points."""
     offsets, entries = gather(whole.face_offsets, faces)
     vertices = whole.face_vertices[entries]
@@ -75,14 +75,14 @@ def taken(whole: WholeCells, cells: Int, faces: Int) -> WholeCells:
     )
 
 
-def joined(parts: Sequence[WholeCells]) -> WholeCells:
+def merge_cells(parts: Sequence[WholeCells]) -> WholeCells:
     """Merge cells, faces and points from all parts, where the first occurrence wins."""
     if len(parts) == 1:
         return parts[0]
     # Merge the global numbers, keeping first occurrences.
-    _, cells = _merged([part.cells for part in parts])
-    _, faces = _merged([part.faces for part in parts])
-    points, first = _merged([part.points for part in parts])
+    _, cells = _merge_numbers([part.cells for part in parts])
+    _, faces = _merge_numbers([part.faces for part in parts])
+    points, first = _merge_numbers([part.points for part in parts])
     # Faces and their vertices by the merged numbers.
     sizes = np.concatenate([np.diff(part.face_offsets) for part in parts])
     offsets, entries = gather(frozen_int(np.concatenate(([0], np.cumsum(sizes)))), faces)
@@ -94,25 +94,25 @@ def joined(parts: Sequence[WholeCells]) -> WholeCells:
     return WholeCells(
         frozen_int(column("cells", cells)),
         frozen_int(column("owners", cells)),
-        _joined_tags([part.cell_tags for part in parts], cells),
+        _merge_tags([part.cell_tags for part in parts], cells),
         frozen_int(column("faces", faces)),
         offsets,
         frozen_int(vertices[entries]),
         frozen_int(column("face_cells", faces)),
         frozen_int(column("face_owners", faces)),
-        _joined_tags([part.face_tags for part in parts], faces),
+        _merge_tags([part.face_tags for part in parts], faces),
         points,
         frozen_float(np.concatenate([part.coordinates for part in parts])[first]),
     )
 
 
-def _merged(numbers: Sequence[Int]) -> tuple[Int, Int]:
+def _merge_numbers(numbers: Sequence[Int]) -> tuple[Int, Int]:
     """Return the distinct numbers, increasing, with first positions in all lists combined."""
     different, first = np.unique(np.concatenate(numbers), return_index=True)
     return frozen_int(different), frozen_int(first)
 
 
-def _joined_tags(parts: Sequence[Mapping[str, Int]], rows: Int) -> dict[str, Int]:
+def _merge_tags(parts: Sequence[Mapping[str, Int]], rows: Int) -> dict[str, Int]:
     return {name: frozen_int(np.concatenate([part[name] for part in parts])[rows]) for name in parts[0]}
 
 
@@ -132,7 +132,7 @@ def parcels(
     by_cell, by_face = _by_rank(*cells, len(whole.cells)), _by_rank(*faces, len(whole.faces))
     none = frozen_int([])
     return {
-        rank: taken(whole, by_cell.get(rank, none), by_face.get(rank, none))
+        rank: take_cells(whole, by_cell.get(rank, none), by_face.get(rank, none))
         for rank in sorted({*by_cell, *by_face, *always})
     }
 

@@ -60,12 +60,12 @@ def error_norms(
         everything = np.zeros((len(ids), values.shape[1]))
         everything[np.searchsorted(ids, mesh.global_ids)] = values
         is_own = np.isin(ids, mesh.global_ids[mesh.own])
-        norms = _measured(problem, wide, how, everything.ravel(), is_own) if is_own.any() else None
+        norms = _measure_errors(problem, wide, how, everything.ravel(), is_own) if is_own.any() else None
     rank_norms = [record for record in ranks.gathered(norms) if record is not None]
     names = [name for name in rank_norms[0] if all(name in record for record in rank_norms)]
     return {name: math.hypot(*(record[name] for record in rank_norms)) for name in names}
 
 
-def _measured(problem: Problem, wide: Any, how: Discretisation, x: Any, mine: Any) -> dict[str, float]:
+def _measure_errors(problem: Problem, wide: Any, how: Discretisation, x: Any, mine: Any) -> dict[str, float]:
     errors_in = getattr(how, "errors_in", None)
     return {} if errors_in is None else dict(errors_in(problem, wide, x, mine))

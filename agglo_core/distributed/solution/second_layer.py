@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from agglo_core.arrays import Int, Mask, frozen_int
 from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
 from agglo_core.distributed.mesh.halo import all_cells, local_mesh, part_of_whole
-from agglo_core.distributed.mesh.whole_cells import WholeCells, joined, places, taken
+from agglo_core.distributed.mesh.whole_cells import WholeCells, merge_cells, places, take_cells
 from agglo_core.distributed.solution.kinds_of_all import kinds_of_all
 from agglo_core.mesh import Mesh
 
@@ -42,15 +42,18 @@ def with_second_layer(mesh: DistributedMesh) -> tuple[Mesh, Int]:
         view = _Seen(
             all_cells(local, mesh.global_ids, mesh.owners, mesh.point_ids, mesh.face_ids), mesh.hidden
         )
-        parcels = {rank: _around(view, mesh.own[cells]) for rank, cells in mesh.ghosts_elsewhere.items()}
+        parcels = {
+            rank: _add_neighbours(view, mesh.own[cells]) for rank, cells in mesh.ghosts_elsewhere.items()
+        }
     views, kinds = [view, *ranks.exchanged(parcels).values()], kinds_of_all(mesh)
     with ranks.together():
         # prefer the copy of a face from a rank with both of its sides
         whole = [
-            taken(cells, frozen_int(np.arange(len(cells.cells))), _where(~hidden)) for cells, hidden in views
+            take_cells(cells, frozen_int(np.arange(len(cells.cells))), _positions(~hidden))
+            for cells, hidden in views
         ]
-        faces = [taken(cells, frozen_int([]), _where(hidden)) for cells, hidden in views]
-        every = joined(whole + faces)
+        faces = [take_cells(cells, frozen_int([]), _positions(hidden)) for cells, hidden in views]
+        every = merge_cells(whole + faces)
         union_mesh, cut = local_mesh(every, local.origin, local.name)
         # Faces known from one side only are hidden.
         is_whole = np.isin(every.faces, np.concatenate([piece.faces for piece in whole]))
@@ -59,16 +62,16 @@ def with_second_layer(mesh: DistributedMesh) -> tuple[Mesh, Int]:
         return part, every.cells
 
 
-def _around(view: _Seen, cells: Int) -> _Seen:
+def _add_neighbours(view: _Seen, cells: Int) -> _Seen:
     """Return the given cells with their neighbours."""
     sides = places(view.cells.face_cells, view.cells.cells)
     chosen, near = np.zeros((2, len(view.cells.cells) + 1), bool)
     chosen[cells] = True
     near[sides[chosen[sides].any(axis=1)]] = True
     near[-1] = False  # cells outside
-    faces = _where(near[sides].any(axis=1))
-    return _Seen(taken(view.cells, _where(near[:-1]), faces), view.hidden[faces])
+    faces = _positions(near[sides].any(axis=1))
+    return _Seen(take_cells(view.cells, _positions(near[:-1]), faces), view.hidden[faces])
 
 
-def _where(mask: NDArray[Any] | np.bool_) -> Int:
+def _positions(mask: NDArray[Any] | np.bool_) -> Int:
     return frozen_int(np.flatnonzero(mask))
