@@ -153,7 +153,7 @@ def compact_points(points: Float, vertices: Int, merge: bool) -> tuple[Int, Int,
 def merge_equal(points: Float, vertices: Int) -> tuple[Int, int]:
     """Renumber the vertices so that equal points coincide, and return the number of superfluous points."""
     points = points + 0.0  # -0.0 equals 0.0
-    some = _perhaps_equal(points)
+    some = _points_with_equal_hash(points)
     if not len(some):
         return vertices, 0
     # Sort the candidates and map each class of equal points to its smallest number.
@@ -167,7 +167,7 @@ def merge_equal(points: Float, vertices: Int) -> tuple[Int, int]:
     return frozen_int(target[vertices]), len(some) - len(first)
 
 
-def _perhaps_equal(points: Float) -> Int:
+def _points_with_equal_hash(points: Float) -> Int:
     """Return the points whose hash occurs twice: all equal points, and rarely others."""
     bits = np.ascontiguousarray(points).view(np.uint64)
     key = bits[:, 0]

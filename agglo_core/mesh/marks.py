@@ -50,12 +50,12 @@ def marked(word: str, given: Any, tags: Mapping[str, NDArray[Any]], n: int, what
         For an unknown tag, or an unsuitable array.
     """
     if isinstance(given, str):
-        return _by_name(word, given, tags, n, what)
+        return _mask_of_name(word, given, tags, n, what)
     if isinstance(given, Mapping):
         masks = [np.isin(values_of(word, name, tags, n, what), values) for name, values in given.items()]
-        return _any(masks, n)
+        return _union(masks, n)
     if isinstance(given, Sequence) and given and all(isinstance(name, str) for name in given):
-        return _any([_by_name(word, name, tags, n, what) for name in given], n)
+        return _union([_mask_of_name(word, name, tags, n, what) for name in given], n)
     mask = plain_array(given, word, OptionError)
     if mask.shape != (n,) or mask.dtype != bool:
         raise OptionError(
@@ -97,7 +97,7 @@ def weights_of(given: Any, data: Mapping[str, NDArray[Any]], n: int) -> Float:
     return frozen_float(weights)
 
 
-def _by_name(word: str, text: str, tags: Mapping[str, NDArray[Any]], n: int, kind: str) -> Mask:
+def _mask_of_name(word: str, text: str, tags: Mapping[str, NDArray[Any]], n: int, kind: str) -> Mask:
     name, equals, value = text.rpartition("=")
     if not equals or text in tags:
         return in_group(values_of(word, text, tags, n, kind))
@@ -109,7 +109,7 @@ def _by_name(word: str, text: str, tags: Mapping[str, NDArray[Any]], n: int, kin
     return mask
 
 
-def _any(masks: Sequence[Mask], n: int) -> Mask:
+def _union(masks: Sequence[Mask], n: int) -> Mask:
     """Return the union of the masks."""
     result = np.zeros(n, bool)
     for mask in masks:

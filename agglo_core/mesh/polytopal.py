@@ -27,7 +27,7 @@ from agglo_core.mesh.elsewhere import made_by
 from agglo_core.mesh.renumbering import renumbered_arrays
 from agglo_core.mesh.simplify.edges import MAX_TOLERANCE, fewer_edges
 from agglo_core.mesh.simplify.patches import fewer_faces
-from agglo_core.mesh.simplify.record import Simplification, recorded
+from agglo_core.mesh.simplify.record import Simplification, record_simplification
 from agglo_core.mesh.tagging import Tagged
 
 if TYPE_CHECKING:
@@ -321,7 +321,7 @@ class Mesh(FieldState, Derived, Tagged):
         mesh = trusted(
             Mesh, self.points[reduction.points], *faces, self.cell_tags, tags, all_repairs, self.name
         )
-        return trusted_copy(mesh, simplification=recorded(self, mesh, reduction, tolerance))
+        return trusted_copy(mesh, simplification=record_simplification(self, mesh, reduction, tolerance))
 
     def renumbered(self, cells: ArrayLike) -> Mesh:
         """Return this mesh with another cell order.

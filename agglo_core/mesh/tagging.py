@@ -106,7 +106,7 @@ class Tagged:
         >>> mesh.cell_tags["left"].tolist(), mesh.cell_tags["rock"].tolist()
         ([1, 0, 1, 0], [7, 7, 8, 8])
         """
-        new_tags = _evaluated("cell", tags, self.cell_centroids)
+        new_tags = _evaluate_tags("cell", tags, self.cell_centroids)
         return trusted_copy(self, cell_tags={**self.cell_tags, **new_tags})
 
     def with_face_tags(self, /, **tags: TagValues) -> Self:
@@ -132,11 +132,11 @@ class Tagged:
         >>> int(mesh.face_tags["wall"].sum())
         2
         """
-        new_tags = _evaluated("face", tags, self.face_centroids)
+        new_tags = _evaluate_tags("face", tags, self.face_centroids)
         return trusted_copy(self, face_tags={**self.face_tags, **new_tags})
 
 
-def _evaluated(kind: str, tags: Mapping[str, TagValues], points: Float) -> dict[str, Int]:
+def _evaluate_tags(kind: str, tags: Mapping[str, TagValues], points: Float) -> dict[str, Int]:
     """Return the values per tag as ``(n,)`` integers, or raise MeshError with the tag name."""
     arrays = {}
     for name, values in tags.items():

@@ -51,10 +51,10 @@ def _solid(mesh: Derived) -> tuple[Int, Int]:
     used = np.zeros(mesh.n_points, bool)
     used[mesh.face_vertices] = True
     check_extent(mesh.points if used.all() else mesh.points[used])
-    return _gaping(mesh), frozen_int(np.arange(mesh.n_cells))
+    return _find_open_cells(mesh), frozen_int(np.arange(mesh.n_cells))
 
 
-def _gaping(mesh: Derived) -> Int:
+def _find_open_cells(mesh: Derived) -> Int:
     """Return the 3-D cells whose outward area vectors do not sum to zero."""
     owner, neighbour = mesh.face_cells.T
     inner = neighbour >= 0

@@ -72,16 +72,20 @@ def join_outer_faces(mesh: Derived, tolerance: float, merge: bool) -> Joined | N
         return None
     owner = frozen_int(mesh.face_cells[outer.faces, 0])
     place = _places(len(outer.used), contacts.same)
-    pieces = _cut(outer, contacts, place, owner, merge) if mesh.dim == 2 else _tiled(outer, contacts, merge)
+    pieces = (
+        _cut_edges(outer, contacts, place, owner, merge)
+        if mesh.dim == 2
+        else _split_tiled_faces(outer, contacts, merge)
+    )
     # Report contacts without a joined piece.
     inner = np.flatnonzero(pieces.partner >= 0)
     joined_pairs = np.stack((pieces.face[inner], pieces.face[pieces.partner[inner]]), axis=1)
-    is_unjoined = ~_among(contacts.pairs, joined_pairs, len(outer.faces))
+    is_unjoined = ~_mark_common_pairs(contacts.pairs, joined_pairs, len(outer.faces))
     if mesh.dim == 2:  # edges shorter than the tolerance have become points
         ends = place[outer.vertices].reshape(-1, 2)
         is_unjoined &= (ends[:, 0] != ends[:, 1])[contacts.pairs].all(axis=1)
     if is_unjoined.any():
-        detail = _in_words(owner[contacts.pairs[is_unjoined]])
+        detail = _describe_pairs(owner[contacts.pairs[is_unjoined]])
         if mesh.dim == 3 and not contacts.alike[is_unjoined].all():
             raise MeshError(
                 f"{detail} in part, so that the cells would be no neighbours. Give both sides the same faces "
@@ -89,14 +93,14 @@ def join_outer_faces(mesh: Derived, tolerance: float, merge: bool) -> Joined | N
                 "gap is meant (a fracture, bodies that touch)"
             )
         _log.warning("%s and were left apart: the domain has a gap there. %s", detail, _WAYS_OUT)
-    return _joined(mesh, outer, pieces, place, int(is_unjoined.sum()))
+    return _build_mesh(mesh, outer, pieces, place, int(is_unjoined.sum()))
 
 
 def warn_of_gaps(mesh: Derived) -> None:
     """Log a warning if an immutable mesh has coincident outer faces."""
     outer, contacts = _contacts(mesh, TOLERANCE)
     if len(contacts.pairs):
-        found = _in_words(mesh.face_cells[outer.faces[contacts.pairs], 0])
+        found = _describe_pairs(mesh.face_cells[outer.faces[contacts.pairs], 0])
         _log.warning("%s: the domain has a gap there. mesh.conforming() joins them", found)
 
 
@@ -109,13 +113,13 @@ def _contacts(mesh: Derived, tolerance: float) -> tuple[Outer, Contacts]:
     contacts = find_contacts(outer, pairs, reach(mesh, outer, pairs, tolerance))
     if len(pairs) and tolerance < _NEAR:
         near = find_contacts(outer, pairs, reach(mesh, outer, pairs, _NEAR)).pairs
-        near = near[~_among(near, contacts.pairs, len(owner))]
+        near = near[~_mark_common_pairs(near, contacts.pairs, len(owner))]
         if len(near):
-            _log.warning("%s almost: the domain has a gap there. %s", _in_words(owner[near]), _NARROW)
+            _log.warning("%s almost: the domain has a gap there. %s", _describe_pairs(owner[near]), _NARROW)
     return outer, contacts
 
 
-def _in_words(cells: Int) -> str:
+def _describe_pairs(cells: Int) -> str:
     """Return a message about coincident outer faces for cell pairs ``(k, 2)``."""
     first, second = np.sort(cells[0]).tolist()
     return f"{len(cells)} pairs of outer faces, such as of cells {first} and {second}, lie on one another"
@@ -143,7 +147,7 @@ def _places(n: int, pairs: Int) -> Int:
     return frozen_int(np.unique(group, return_index=True)[1][group])
 
 
-def _cut(outer: Outer, contacts: Contacts, place: Int, owner: Int, merge: bool) -> _Pieces:
+def _cut_edges(outer: Outer, contacts: Contacts, place: Int, owner: Int, merge: bool) -> _Pieces:
     """Cut edges at the points inside them, and join opposite pieces in pairs."""
     ends = outer.vertices.reshape(-1, 2)
     # Keep each cut point once per edge, in order along the edge.
@@ -159,7 +163,7 @@ def _cut(outer: Outer, contacts: Contacts, place: Int, owner: Int, merge: bool) 
     tails = np.insert(ends[:, 0], edge + 1, point)
     heads = np.insert(ends[:, 1], edge, point)
     # Join pieces; without merging only those with identical points.
-    partner = _opposite(place[tails], place[heads], owner[face])
+    partner = _opposite_pieces(place[tails], place[heads], owner[face])
     if not merge:
         own = partner < 0
         match = (tails == heads[partner]) & (heads == tails[partner])
@@ -173,7 +177,7 @@ def _cut(outer: Outer, contacts: Contacts, place: Int, owner: Int, merge: bool) 
     )
 
 
-def _opposite(tails: Int, heads: Int, owner: Int) -> Int:
+def _opposite_pieces(tails: Int, heads: Int, owner: Int) -> Int:
     """Return for each piece its single counterpart with reversed direction, or −1."""
     order = np.lexsort((np.maximum(tails, heads), np.minimum(tails, heads)))
     ends = np.sort(np.stack((tails, heads))[:, order], axis=0)
@@ -186,7 +190,7 @@ def _opposite(tails: Int, heads: Int, owner: Int) -> Int:
     return frozen_int(partner)
 
 
-def _tiled(outer: Outer, contacts: Contacts, merge: bool) -> _Pieces:
+def _split_tiled_faces(outer: Outer, contacts: Contacts, merge: bool) -> _Pieces:
     """Join faces with equal vertices in pairs, and split faces that other faces tile."""
     n = len(outer.faces)
     fits = merge | ~contacts.distinct
@@ -229,7 +233,7 @@ def _tiles(outer: Outer, contacts: Contacts, fits: Mask, times: Int) -> tuple[In
     return frozen_int(large[full[large]]), frozen_int(small[full[large]])
 
 
-def _joined(mesh: Derived, outer: Outer, pieces: _Pieces, place: Int, n_unjoined: int) -> Joined:
+def _build_mesh(mesh: Derived, outer: Outer, pieces: _Pieces, place: Int, n_unjoined: int) -> Joined:
     """Build the mesh in which the outer faces with a joined piece are replaced by their pieces."""
     inner = pieces.partner >= 0
     split = np.zeros(len(outer.faces), bool)
@@ -247,7 +251,7 @@ def _joined(mesh: Derived, outer: Outer, pieces: _Pieces, place: Int, n_unjoined
     # Sort by original face number and renumber the points.
     order = np.argsort(np.concatenate((old, sources[:, 0])), kind="stable")
     piece_counts = np.bincount(pieces.face)[split]
-    point, remaining_points = _renumbered(mesh.n_points, outer, pieces, place)
+    point, remaining_points = _merge_points(mesh.n_points, outer, pieces, place)
     (a, at_old), (b, at_new) = (
         gather(mesh.face_offsets, frozen_int(old)),
         gather(pieces.offsets, frozen_int(new)),
@@ -270,7 +274,7 @@ def _joined(mesh: Derived, outer: Outer, pieces: _Pieces, place: Int, n_unjoined
     )
 
 
-def _renumbered(n: int, outer: Outer, pieces: _Pieces, place: Int) -> tuple[Int, Int]:
+def _merge_points(n: int, outer: Outer, pieces: _Pieces, place: Int) -> tuple[Int, Int]:
     """Merge coincident points of joined pieces.
 
     Return new numbers for all n points, and the kept points.
@@ -286,7 +290,7 @@ def _renumbered(n: int, outer: Outer, pieces: _Pieces, place: Int) -> tuple[Int,
     return frozen_int(number[target]), frozen_int(remaining_points)
 
 
-def _among(pairs: Int, others: Int, n: int) -> Mask:
+def _mark_common_pairs(pairs: Int, others: Int, n: int) -> Mask:
     """Return the mask of pairs (numbers below n) that occur among the others, in either order."""
     key, known = (np.sort(each, axis=1) @ [n, 1] for each in (pairs, others))
     return np.isin(key, known)

@@ -69,7 +69,7 @@ def _covers_twice(points: Float, faces: Int) -> bool:
         return False
 
     # Cracks are no boundary of the covered region.
-    merged, boundary = _without_cracks(points, faces)
+    merged, boundary = _remove_cracks(points, faces)
     if len(boundary) < len(faces):
         return _covers_twice(merged, boundary)
 
@@ -112,7 +112,7 @@ def _nest_twice(regions: Any, measure: Float, slack: Float) -> bool:
     return bool((turns[measure > 0] > 0).any())
 
 
-def _without_cracks(points: Float, faces: Int) -> tuple[Float, Int]:
+def _remove_cracks(points: Float, faces: Int) -> tuple[Float, Int]:
     """Remove pairs of faces that run in opposite directions between equal points."""
     used, ends = np.unique(faces, return_inverse=True)
     points = frozen_float(points[used])

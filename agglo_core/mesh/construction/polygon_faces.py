@@ -90,11 +90,11 @@ def plain_faces(offsets: Int, vertices: Int, n_points: int) -> tuple[Int, Int] |
     n = len(vertices)
     if n > np.iinfo(np.int32).max:
         return None
-    beyond = _beyond(offsets, vertices, n_points)
-    return None if beyond is None else _numbered(offsets, vertices, beyond)
+    beyond = _cells_across(offsets, vertices, n_points)
+    return None if beyond is None else _collect_faces(offsets, vertices, beyond)
 
 
-def _beyond(offsets: Int, vertices: Int, n_points: int) -> Index | None:
+def _cells_across(offsets: Int, vertices: Int, n_points: int) -> Index | None:
     """Return the cell across each half-edge: −1 outside, −2 at the second half-edge of a face."""
     from agglo_core.mesh.kernels.pairing import BITS, pair_half_edges, to_buckets
 
@@ -111,7 +111,7 @@ def _beyond(offsets: Int, vertices: Int, n_points: int) -> Index | None:
     return None if min(over_ranges(pairs, buckets, few=_FEW_BUCKETS)) < 0 else beyond
 
 
-def _numbered(offsets: Int, vertices: Int, beyond: Index) -> tuple[Int, Int]:
+def _collect_faces(offsets: Int, vertices: Int, beyond: Index) -> tuple[Int, Int]:
     """Return face vertices and face cells."""
     from agglo_core.mesh.kernels.pairing import number_faces
 

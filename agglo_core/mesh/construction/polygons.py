@@ -64,7 +64,7 @@ def loops_as_csr(cells: Any) -> tuple[Int, Int]:
         return frozen_int(np.arange(n + 1) * k), whole_numbers(cells.ravel(), "cells")
     # A sequence of loops.
     try:
-        loops = [without_padding(loop) for loop in cells]
+        loops = [drop_padding(loop) for loop in cells]
         sizes = [len(loop) for loop in loops]
         flat: Any
         if loops and isinstance(loops[0], np.ndarray):
@@ -76,7 +76,7 @@ def loops_as_csr(cells: Any) -> tuple[Int, Int]:
     return frozen_int(np.concatenate(([0], np.cumsum(sizes, dtype=np.int64)))), whole_numbers(flat, "cells")
 
 
-def without_padding(loop: Any) -> Any:
+def drop_padding(loop: Any) -> Any:
     """Return a loop without masked vertices at its end.
 
     Raises MeshError for other masked vertices.
@@ -130,7 +130,7 @@ def build_polygons(
     used_points, vertices, repairs = compact_points(points, vertices, merge_points)
     points = _plane(points if len(used_points) == len(points) else frozen_float(points[used_points]))
     check_extent(points)
-    cell_numbers, offsets, vertices, simplified, reversed_ = _oriented(
+    cell_numbers, offsets, vertices, simplified, reversed_ = _orient_loops(
         points, offsets, vertices, weak, drop_flat
     )
     repairs["cells with repeated vertices simplified"] = simplified
@@ -184,7 +184,7 @@ def kept_cells(flat: Mask, measure: str, drop_flat: bool, own: Int | None = None
     return frozen_int(np.flatnonzero(~flat))
 
 
-def _oriented(
+def _orient_loops(
     points: Float, offsets: Int, vertices: Int, weak: bool, drop_flat: bool
 ) -> tuple[Int, Int, Int, int, int]:
     """Orient the loops counter-clockwise and remove cells without area.
@@ -229,7 +229,7 @@ def _check_coverage(points: Float, offsets: Int, vertices: Int, cell_numbers: In
 
     centre = box_centre(points)
     rings = shapely.linearrings(
-        (points - centre)[_closed(offsets, vertices)],
+        (points - centre)[_close_loops(offsets, vertices)],
         indices=np.repeat(np.arange(len(offsets) - 1), np.diff(offsets) + 1),
     )
     wrong = shapely.coverage_invalid_edges(shapely.polygons(rings))
@@ -242,6 +242,6 @@ def _check_coverage(points: Float, offsets: Int, vertices: Int, cell_numbers: In
         )
 
 
-def _closed(offsets: Int, vertices: Int) -> Int:
+def _close_loops(offsets: Int, vertices: Int) -> Int:
     """Return the loop vertices, with each first vertex repeated at the end."""
     return frozen_int(np.insert(vertices, offsets[1:], vertices[offsets[:-1]]))

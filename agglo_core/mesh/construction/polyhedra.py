@@ -23,7 +23,7 @@ from agglo_core.mesh.checks import (
     note_repairs,
     whole_numbers,
 )
-from agglo_core.mesh.construction.polygons import Faces, kept_cells, without_padding
+from agglo_core.mesh.construction.polygons import Faces, drop_padding, kept_cells
 from agglo_core.mesh.construction.repeated_vertices import simple_solids
 from agglo_core.mesh.construction.shells import outward_signs
 from agglo_core.mesh.elements import Polyhedra, take_cells
@@ -57,7 +57,7 @@ def build_polyhedra(
     )
     points = frozen_float(points[used_points])
     check_extent(points)
-    cell_numbers, solids, vector, sign = _oriented(points, solids, drop_flat)
+    cell_numbers, solids, vector, sign = _orient_half_faces(points, solids, drop_flat)
     repairs["cells without volume dropped"] = n - len(cell_numbers)
     repairs["faces turned outward"] = int((sign < 0).sum())
     # Pair the half-faces.
@@ -76,7 +76,9 @@ def build_polyhedra(
     return Faces(points, keep_offsets, keep_vertices, face_cells, note_repairs(repairs)), cell_numbers, n
 
 
-def _oriented(points: Float, solids: Polyhedra, drop_flat: bool) -> tuple[Int, Polyhedra, Float, Float]:
+def _orient_half_faces(
+    points: Float, solids: Polyhedra, drop_flat: bool
+) -> tuple[Int, Polyhedra, Float, Float]:
     """Return cells with volume, their half-faces, area vectors, and the signs that turn these outward."""
     cell_numbers = kept_cells(np.diff(solids.cell_offsets) == 0, "volume", drop_flat)
     if len(cell_numbers) < len(solids.cell_offsets) - 1:
@@ -117,12 +119,12 @@ def _simple(solids: Polyhedra, n_points: int) -> tuple[Polyhedra, int]:
 
     Raises MeshError for a face that returns to a vertex.
     """
-    from agglo_core.mesh.kernels.face_loops import repeated_points
+    from agglo_core.mesh.kernels.face_loops import loops_with_repeats
 
-    if not repeated_points(solids.loop_offsets, solids.vertices, n_points).any():
+    if not loops_with_repeats(solids.loop_offsets, solids.vertices, n_points).any():
         return solids, 0
     simple = simple_solids(solids)
-    repeated = repeated_points(simple.loop_offsets, simple.vertices, n_points)
+    repeated = loops_with_repeats(simple.loop_offsets, simple.vertices, n_points)
     if repeated.any():
         cells = np.searchsorted(simple.cell_offsets, np.flatnonzero(repeated), side="right") - 1
         raise MeshError(f"{name_cells(np.unique(cells))}: a face with a repeated vertex")
@@ -137,7 +139,7 @@ def solids_as_csr(cells: Any) -> tuple[Int, Int, Int]:
         return whole_numbers(a, "cell offsets"), whole_numbers(b, "face offsets"), whole_numbers(c, "cells")
     try:
         solids = [list(cell) for cell in cells]
-        loops = [list(without_padding(loop)) for cell in solids for loop in cell]
+        loops = [list(drop_padding(loop)) for cell in solids for loop in cell]
         flat = [vertex for loop in loops for vertex in loop]
     except (TypeError, ValueError) as error:
         raise MeshError(f"cells must be lists of faces, each a vertex loop of integers: {error}") from None
@@ -181,14 +183,14 @@ def _match(cell_of: Int, loop_offsets: Int, vertices: Int, used_points: Int) -> 
     owner = np.flatnonzero(partners >= -1)
     partner = partners[owner]
     if not len(partners):
-        owner, partner = _sorted_pairs(cell_of, loop_offsets, vertices, used_points)
+        owner, partner = _pair_by_sorting(cell_of, loop_offsets, vertices, used_points)
     doubled = np.flatnonzero((partner >= 0) & (cell_of[owner] == cell_of[partner]))
     if len(doubled):
         raise MeshError(f"{name_cells(np.unique(cell_of[owner[doubled]]))}: the same face twice")
     return frozen_int(owner), frozen_int(partner)
 
 
-def _sorted_pairs(cell_of: Int, loop_offsets: Int, vertices: Int, used_points: Int) -> tuple[Int, Int]:
+def _pair_by_sorting(cell_of: Int, loop_offsets: Int, vertices: Int, used_points: Int) -> tuple[Int, Int]:
     """Pair half-faces by sorting, as a replacement for the kernel in case of errors.
 
     Raises MeshError with the reason if three half-faces have equal vertices.

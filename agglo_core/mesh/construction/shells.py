@@ -86,7 +86,7 @@ def outward_signs(
     sign = np.ones(len(cell_of))
     if len(doubtful):
         loops, places = gather(loop_offsets, doubtful)
-        sign[doubtful] = _by_shells(
+        sign[doubtful] = _orient_shells(
             frozen_int(cell_of[doubtful]),
             loops,
             frozen_int(vertices[places]),
@@ -139,7 +139,7 @@ def _turns(offsets: Int, vertices: Int, projections: Float, loops: Int, eyes: Fl
     return frozen_int(np.bincount(around[right], way[right], len(loops)))
 
 
-def _by_shells(
+def _orient_shells(
     cell_of: Int, loop_offsets: Int, vertices: Int, points: Float, vector: Float, centre: Float
 ) -> Float:
     """Return half-face signs that turn each shell away from its interior."""
@@ -248,7 +248,7 @@ def _depths(surface: _Surface, shell: Int, cells: Int) -> Float:
     """
     offsets, vertices, points, vector, centre, side = surface
     test = _test_points(surface, shell, len(cells))
-    inner, face = _in_line(surface, test, shell, cells)
+    inner, face = _faces_in_line(surface, test, shell, cells)
     turns = _turns(offsets, vertices, points @ _PLANE, face, (test @ _PLANE)[inner])
     met = np.flatnonzero(turns)
     inner, face = inner[met], face[met]
@@ -259,7 +259,7 @@ def _depths(surface: _Surface, shell: Int, cells: Int) -> Float:
     return frozen_float(depth)
 
 
-def _in_line(surface: _Surface, test: Float, shell: Int, cells: Int) -> tuple[Int, Int]:
+def _faces_in_line(surface: _Surface, test: Float, shell: Int, cells: Int) -> tuple[Int, Int]:
     """Return (shell, face) pairs: faces of the cell's other shells whose box meets the shell's line."""
     import shapely
 

@@ -130,7 +130,7 @@ def _edges(outer: Outer, pairs: Int, reach: Float) -> Contacts:
     # Common stretch in the coordinates of the first edge, and the gap at its ends.
     ends = outer.vertices.reshape(-1, 2)
     i, j = pairs.T
-    position, offset = _beside(outer, i, ends[j][:, ::-1])
+    position, offset = _coordinates_along_edges(outer, i, ends[j][:, ::-1])
     low, high = np.maximum(position[:, 0], 0), np.minimum(position[:, 1], outer.measure[i])
     length = position[:, 1] - position[:, 0]
     slope = (offset[:, 1] - offset[:, 0]) / np.where(length > 0, length, 1)
@@ -140,7 +140,7 @@ def _edges(outer: Outer, pairs: Int, reach: Float) -> Contacts:
     # End points of each edge: at an end of the other edge, or in its interior.
     coincident, inside, inside_positions = [], [], []
     for edge, partner in (pairs.T, pairs.T[::-1]):
-        position, offset = _beside(outer, edge, ends[partner])
+        position, offset = _coordinates_along_edges(outer, edge, ends[partner])
         size = outer.measure[edge]
         for k in range(2):
             at, is_near = position[:, k], np.abs(offset[:, k]) <= reach
@@ -162,7 +162,7 @@ def _edges(outer: Outer, pairs: Int, reach: Float) -> Contacts:
     )
 
 
-def _beside(outer: Outer, edge: Int, vertices: Int) -> tuple[Float, Float]:
+def _coordinates_along_edges(outer: Outer, edge: Int, vertices: Int) -> tuple[Float, Float]:
     """Return coordinates of the points ``vertices (k, n)`` along each edge, and distances from its line."""
     normal = outer.normal[edge][:, None]
     step = outer.points[vertices] - outer.points[outer.vertices[2 * edge]][:, None]

@@ -119,13 +119,13 @@ def wide_parts(
         offsets, shape = frozen_int(starts), (vertex_offsets, vertices, points)
         if points.shape[1] == 2:
             centres = frozen_float(least[near, :2] + 0.5 * extents[near, :2])
-            wide[near] = _wider(offsets, frozen_index(listed), *shape, centres, limit)
+            wide[near] = _mark_wide_blocks(offsets, frozen_index(listed), *shape, centres, limit)
         else:  # a vertex belongs to many cells and should be visited once
             wide[near] = diameters_of(offsets, frozen_int(listed), *shape) > limit
     return np.asarray(wide)
 
 
-def _wider(
+def _mark_wide_blocks(
     offsets: Int,
     cells: Index,
     vertex_offsets: Int,

@@ -60,10 +60,10 @@ def loops_of_cells(points: Float, offsets: Int, faces: Int, face_pairs: Int, fac
     cells, loops, loop_vertices = zip(*results, strict=True)
     if sum(map(len, loop_vertices)) < len(vertices):  # some face has one cell on both sides
         vertices = np.concatenate(loop_vertices)
-    return Loops(_joined(cells), _joined(loops), frozen_int(vertices))
+    return Loops(_join_offsets(cells), _join_offsets(loops), frozen_int(vertices))
 
 
-def _joined(offsets: Sequence[Int]) -> Int:
+def _join_offsets(offsets: Sequence[Int]) -> Int:
     """Join the offsets of consecutive lists."""
     before = np.cumsum([0, *(part[-1] for part in offsets)])
     later = [part[1:] + start for part, start in zip(offsets[1:], before[1:], strict=False)]

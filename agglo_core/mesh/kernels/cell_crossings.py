@@ -30,7 +30,7 @@ def _same_way(points, a, b, c):
 
 
 @helper
-def _between(points, a, b, c):
+def _is_between(points, a, b, c):
     """Return True if c, on the line ab, lies between a and b."""
     ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
     along = ux * (points[c, 0] - points[a, 0]) + uy * (points[c, 1] - points[a, 1])
@@ -56,10 +56,10 @@ def _meet(points, a, b, c, d):
     if sides[0] * sides[1] < 0 and sides[2] * sides[3] < 0:
         return True
     return (
-        (sides[0] == 0 and _between(points, a, b, c))
-        or (sides[1] == 0 and _between(points, a, b, d))
-        or (sides[2] == 0 and _between(points, c, d, a))
-        or (sides[3] == 0 and _between(points, c, d, b))
+        (sides[0] == 0 and _is_between(points, a, b, c))
+        or (sides[1] == 0 and _is_between(points, a, b, d))
+        or (sides[2] == 0 and _is_between(points, c, d, a))
+        or (sides[3] == 0 and _is_between(points, c, d, b))
     )
 
 
@@ -70,7 +70,7 @@ def _row(y, low, height, n_rows):
 
 
 @helper(allocates=True)
-def _in_rows(points, tails, heads, begin, end):
+def _sort_into_rows(points, tails, heads, begin, end):
     """Return a cell's segments per row as CSR, and its lowest coordinate and height.
 
     n segments use √n rows (one row for few segments), so that rows of short segments have about √n entries.
@@ -102,7 +102,7 @@ def _in_rows(points, tails, heads, begin, end):
 
 
 @helper
-def _winding(points, tails, heads, members, begin, end, segment):
+def _winding_number(points, tails, heads, members, begin, end, segment):
     """Return the boundary's winding number around points just left of the midpoint of ``segment``.
 
     It counts crossings of a ray to the right, +1 upwards and −1 downwards, among the segments
@@ -135,12 +135,12 @@ def _winding(points, tails, heads, members, begin, end, segment):
 
 
 @helper(allocates=True)
-def _turned(points, tails, heads, begin, end):
+def _is_inverted(points, tails, heads, begin, end):
     """Return True unless the boundary winds exactly once around the points on its left."""
-    starts, members, low, height = _in_rows(points, tails, heads, begin, end)
+    starts, members, low, height = _sort_into_rows(points, tails, heads, begin, end)
     for k in range(begin, end):
         row = _row(0.5 * (points[tails[k], 1] + points[heads[k], 1]), low, height, len(starts) - 1)
-        if _winding(points, tails, heads, members, starts[row], starts[row + 1], k) != 1:
+        if _winding_number(points, tails, heads, members, starts[row], starts[row + 1], k) != 1:
             return True
     return False
 
@@ -172,6 +172,6 @@ def mark_crossings(points, offsets, tails, heads, chains, cells, bad):
                     bad[chains[j]] = True
                     crossed = True
         # 2. Loops without crossings may still have a wrong orientation or a wrong nesting.
-        if not crossed and _turned(points, tails, heads, begin, end):
+        if not crossed and _is_inverted(points, tails, heads, begin, end):
             for k in range(begin, end):
                 bad[chains[k]] = True

@@ -25,7 +25,7 @@ def _other_end(ends, e, v):
 
 
 @helper
-def _sharpest(points, ends, at, e, v):
+def _sharpest_turn(points, ends, at, e, v):
     """Return the vertex with the sharpest turn on a closed chain that leaves v by edge e."""
     # ``at[w]`` are the two edges at w: the edge other than e continues the chain.
     first, best, least = e, v, 2.0
@@ -82,7 +82,7 @@ def walk_chains(points, ends, joint, at):
             # thinning keeps this vertex.
             v = second if joint[first] and not joint[second] else first
             if is_closed == 1:
-                v = _sharpest(points, ends, at, e, first)
+                v = _sharpest_turn(points, ends, at, e, first)
                 e = at[v, 0]
             n_edges = _walk(ends, at, joint, e, v, visited, edges, vertices, n_edges, n_chains)
             n_chains += 1
@@ -107,7 +107,7 @@ def _distance(points, p, a, b):
 
 
 @helper
-def _farthest(points, vertices, i, j):
+def _farthest_vertex(points, vertices, i, j):
     """Return position and squared distance of the vertex between i and j farthest from the segment."""
     place, most = -1, -1.0
     for k in range(i + 1, j):
@@ -128,7 +128,7 @@ def _split(points, vertices, i, j, limit, keep, stack):
     while size > 0:
         size -= 1
         i, j = stack[size, 0], stack[size, 1]
-        k, most = _farthest(points, vertices, i, j)
+        k, most = _farthest_vertex(points, vertices, i, j)
         if most > limit:
             keep[k] = True
             stack[size, 0], stack[size, 1] = i, k
@@ -146,7 +146,7 @@ def _sweep(points, vertices, i, j, limit, keep):
     for k in range(i + 1, j + 1):
         if keep[k]:
             if candidate >= 0:
-                if _farthest(points, vertices, before, k)[1] <= limit:
+                if _farthest_vertex(points, vertices, before, k)[1] <= limit:
                     keep[candidate] = False
                 else:
                     before = candidate
@@ -154,7 +154,7 @@ def _sweep(points, vertices, i, j, limit, keep):
 
 
 @helper
-def _without(points, vertices, i, j, position, limit, keep):
+def _remove_if_superfluous(points, vertices, i, j, position, limit, keep):
     """Remove the vertex at ``position`` of a closed chain if it is superfluous and three vertices remain."""
     before, after, count = position - 1, position + 1, 0
     while not keep[before]:
@@ -163,12 +163,12 @@ def _without(points, vertices, i, j, position, limit, keep):
         after += 1
     for k in range(i, j):
         count += keep[k]
-    if count > 3 and _farthest(points, vertices, before, after)[1] <= limit:
+    if count > 3 and _farthest_vertex(points, vertices, before, after)[1] <= limit:
         keep[position] = False
 
 
 @kernel
-def thinned(points, offsets, vertices, limits, chains, keep):
+def thin_chains(points, offsets, vertices, limits, chains, keep):
     """Mark in ``keep`` the vertices that chains need to stay within ``limits`` of all their vertices.
 
     The vertices of chain c are at ``offsets[c] + c`` to ``offsets[c + 1] + c``. A closed chain keeps at least
@@ -196,9 +196,9 @@ def thinned(points, offsets, vertices, limits, chains, keep):
         # 2. A closed chain has three corners: its first vertex, the vertex farthest from it, and the vertex
         #    farthest from the segments between these two. The three pieces between corners are treated like
         #    open chains.
-        middle = _farthest(points, vertices, i, j)[0]
-        a, first = _farthest(points, vertices, i, middle)
-        b, second = _farthest(points, vertices, middle, j)
+        middle = _farthest_vertex(points, vertices, i, j)[0]
+        a, first = _farthest_vertex(points, vertices, i, middle)
+        b, second = _farthest_vertex(points, vertices, middle, j)
         third = a if first > second else b
         low, high = min(middle, third), max(middle, third)
         keep[low], keep[high] = True, True
@@ -206,4 +206,4 @@ def thinned(points, offsets, vertices, limits, chains, keep):
             _split(points, vertices, start, stop, limit, keep, stack)
             _sweep(points, vertices, start, stop, limit, keep)
         # 3. The third corner was kept to prevent a collapse of the loop; it may be superfluous.
-        _without(points, vertices, i, j, third, limit, keep)
+        _remove_if_superfluous(points, vertices, i, j, third, limit, keep)

@@ -57,7 +57,7 @@ def loop_moments(points, offsets, vertices):
 
 
 @kernel
-def repeated_points(offsets, vertices, n_points):
+def loops_with_repeats(offsets, vertices, n_points):
     """Return the mask of loops that repeat a point."""
     latest = np.full(n_points, -1, np.int64)  # last loop with this point
     repeated = np.zeros(len(offsets) - 1, np.bool_)

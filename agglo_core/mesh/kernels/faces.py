@@ -115,7 +115,7 @@ def _next_edge(points, start, end, first, link, visited, h, seed):
 
 
 @helper
-def _around(start, end, size, walk):
+def _follow_loop(start, end, size, walk):
     """Return True if the edges are one loop without repeated vertices, and write its vertices."""
     h = 0
     for k in range(size):
@@ -158,7 +158,7 @@ def chain_loops(points, offsets, faces, face_vertices, face_cells, first_cell, l
             start[h], end[h] = face_vertices[f, flip], face_vertices[f, 1 - flip]
             visited[h] = False
         # 2. Most cells have few edges that form one simple loop.
-        if size <= FEW and _around(start, end, size, walk):
+        if size <= FEW and _follow_loop(start, end, size, walk):
             for k in range(size):
                 loops[filled + k] = walk[k]
             filled += size

@@ -39,9 +39,9 @@ class Chains(NamedTuple):
 
     def thin(self, points: Float, limits: Float, chains: Int, keep: Mask) -> None:
         """Mark the vertices that chains need to stay within ``limits (n,)`` of their removed vertices."""
-        from agglo_core.mesh.kernels.edge_chains import thinned
+        from agglo_core.mesh.kernels.edge_chains import thin_chains
 
-        thinned(points, self.offsets, self.vertices, frozen_float(limits), frozen_int(chains), keep)
+        thin_chains(points, self.offsets, self.vertices, frozen_float(limits), frozen_int(chains), keep)
 
     def runs(self, keep: Mask) -> Int:
         """Return for each position in ``edges`` the number of its new edge after vertices are removed."""

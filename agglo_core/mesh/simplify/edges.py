@@ -10,7 +10,7 @@ from agglo_core.arrays import Float, Int, Mask, frozen_int
 from agglo_core.mesh.derived import Derived
 from agglo_core.mesh.geometry.loops import faces_of_cells
 from agglo_core.mesh.simplify.chains import Chains, chains_of, ends_at
-from agglo_core.mesh.simplify.record import Fewer, packed, rounding_of
+from agglo_core.mesh.simplify.record import Fewer, assemble_faces, rounding_of
 
 MAX_TOLERANCE = 0.5
 """Largest tolerance, relative to the cell diameter; beyond it almost no interface keeps a vertex."""
@@ -26,7 +26,7 @@ def fewer_edges(mesh: Derived, tags: Mapping[str, Int], tolerance: float) -> Few
     where they are straight, others within the tolerance times the diameter of the smaller cell.
     """
     # Chains between two cells, thinned exactly, then within the tolerance.
-    tails, heads = _directed(mesh)
+    tails, heads = _directed_edges(mesh)
     joint, at = _joints(mesh, tails, heads, tags)
     chains = chains_of(mesh.local_points, mesh.face_pairs, joint, at)
     limits = np.full(chains.n, rounding_of(mesh))
@@ -42,10 +42,10 @@ def fewer_edges(mesh: Derived, tags: Mapping[str, Int], tolerance: float) -> Few
     forward[chains.edges] = mesh.face_pairs[chains.edges, 0] == chains.vertices[chains.before]
     ends = np.stack(_ends(chains, keep), axis=1)
     pairs = np.where(forward[lead][:, None], ends, ends[:, ::-1])
-    return packed(np.full(len(pairs), 2), frozen_int(pairs.ravel()), frozen_int(faces), held_back)
+    return assemble_faces(np.full(len(pairs), 2), frozen_int(pairs.ravel()), frozen_int(faces), held_back)
 
 
-def _directed(mesh: Derived) -> tuple[Int, Int]:
+def _directed_edges(mesh: Derived) -> tuple[Int, Int]:
     """Return edge tails and heads such that the cell with the larger number is on the left."""
     owner, other = mesh.face_cells.T
     pairs = np.where((owner > other)[:, None], mesh.face_pairs, mesh.face_pairs[:, ::-1])
@@ -92,13 +92,13 @@ def _thin_within(
         limits = np.maximum(width * np.take(_STEPS, step), exact)
         chains.thin(mesh.local_points, limits, frozen_int(changed), keep)
         doubtful = frozen_int(np.setdiff1d(cells[changed], [-1]))
-        bad = _in_bad_cells(mesh, chains, keep, tails, doubtful)
+        bad = _chains_of_invalid_cells(mesh, chains, keep, tails, doubtful)
         changed = np.flatnonzero(bad & (step < len(_STEPS) - 1))
         step[changed] += 1
     return int(np.count_nonzero(inner & (step > 0)))
 
 
-def _in_bad_cells(mesh: Derived, chains: Chains, keep: Mask, tails: Int, doubtful: Int) -> Mask:
+def _chains_of_invalid_cells(mesh: Derived, chains: Chains, keep: Mask, tails: Int, doubtful: Int) -> Mask:
     """Return the mask of chains that make a cell invalid.
 
     Invalid cells cross themselves, are inverted, or have less than half their measure.

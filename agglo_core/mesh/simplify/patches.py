@@ -11,7 +11,7 @@ from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
 from agglo_core.mesh.derived import Derived
 from agglo_core.mesh.geometry.solid_cells import sum_by
 from agglo_core.mesh.simplify.chains import chains_of, ends_at
-from agglo_core.mesh.simplify.record import Fewer, packed, rounding_of
+from agglo_core.mesh.simplify.record import Fewer, assemble_faces, rounding_of
 
 _SLACK = 4.0  # tolerance of planes through rounded points, in units of rounding
 
@@ -32,10 +32,10 @@ def fewer_faces(mesh: Derived, tags: Mapping[str, Int]) -> Fewer:
 
     Patches with holes and self-touching patches are not merged, because faces are single loops.
     """
-    loops = _merged(mesh, tags)
+    loops = _merge_patches(mesh, tags)
     keep = _bends(mesh, loops)[loops.vertices]
     sizes = np.add.reduceat(keep.astype(np.int64), loops.offsets[:-1])
-    return packed(frozen_int(sizes), frozen_int(loops.vertices[keep]), loops.faces)
+    return assemble_faces(frozen_int(sizes), frozen_int(loops.vertices[keep]), loops.faces)
 
 
 def _heads(offsets: Int, vertices: Int) -> Int:
@@ -45,7 +45,7 @@ def _heads(offsets: Int, vertices: Int) -> Int:
     return frozen_int(heads)
 
 
-def _merged(mesh: Derived, tags: Mapping[str, Int]) -> _Loops:
+def _merge_patches(mesh: Derived, tags: Mapping[str, Int]) -> _Loops:
     """Return patches as loops where possible, and all other faces."""
     from agglo_core.mesh.kernels.patch_loops import outlines
 
@@ -68,7 +68,7 @@ def _merged(mesh: Derived, tags: Mapping[str, Int]) -> _Loops:
     around = frozen_int(np.concatenate(([0], np.cumsum(counts))))
     of_edges = frozen_int(tails[outer]), frozen_int(heads[outer])
     outline, whole = outlines(around, *of_edges, mesh.n_points)
-    return _put_together(mesh, frozen_int(patch), around, outline, whole)
+    return _join_outlines(mesh, frozen_int(patch), around, outline, whole)
 
 
 def _twins(tails: Int, heads: Int, n_points: int) -> tuple[Int, Int]:
@@ -80,7 +80,7 @@ def _twins(tails: Int, heads: Int, n_points: int) -> tuple[Int, Int]:
     return frozen_int(order[pairs]), frozen_int(order[pairs + 1])
 
 
-def _put_together(mesh: Derived, patch: Int, around: Int, outline: Int, whole: Mask) -> _Loops:
+def _join_outlines(mesh: Derived, patch: Int, around: Int, outline: Int, whole: Mask) -> _Loops:
     """Join the outlines of merged patches and all other faces."""
     alone = np.flatnonzero(~whole[patch])
     sizes = np.diff(mesh.face_offsets)
@@ -120,15 +120,15 @@ def _patches(mesh: Derived, tags: Mapping[str, Int], f: Int, g: Int, ways: Mask)
     vector, centre = mesh.face_normals, _centres(mesh)
     same_owner = mesh.face_cells[f, 0] == mesh.face_cells[g, 0]
     facing = (vector[f] * vector[g]).sum(axis=1) * np.where(same_owner, 1.0, -1.0) > 0.5
-    flat = facing & (_off(mesh, g, vector[f], centre[f]) <= slack)
-    flat &= _off(mesh, f, vector[f], centre[f]) <= slack
+    flat = facing & (_distances_from_planes(mesh, g, vector[f], centre[f]) <= slack)
+    flat &= _distances_from_planes(mesh, f, vector[f], centre[f]) <= slack
     f, g = f[flat], g[flat]
     links = coo_array((np.ones(len(f)), (f, g)), shape=(mesh.n_faces, mesh.n_faces))
     patch = connected_components(links, directed=False)[1].astype(np.int64)
-    return _flat_ones(mesh, frozen_int(patch), slack)
+    return _split_bent_patches(mesh, frozen_int(patch), slack)
 
 
-def _flat_ones(mesh: Derived, patch: Int, slack: float) -> Int:
+def _split_bent_patches(mesh: Derived, patch: Int, slack: float) -> Int:
     """Split patches that bend gradually into their faces.
 
     Return all patches.
@@ -143,7 +143,7 @@ def _flat_ones(mesh: Derived, patch: Int, slack: float) -> Int:
     normal, centre = total / safe, sum_by(patch, _centres(mesh) * weight[:, None], n) / safe
     # Split patches with a vertex off this plane.
     every = np.arange(mesh.n_faces)
-    off = _off(mesh, every, normal[patch], centre[patch])
+    off = _distances_from_planes(mesh, every, normal[patch], centre[patch])
     wrong = np.zeros(n, bool)
     wrong[patch[off > slack]] = True
     wrong &= np.bincount(patch, minlength=n) > 1
@@ -157,7 +157,7 @@ def _centres(mesh: Derived) -> Float:
     return frozen_float(sum_by(face, mesh.local_points[mesh.face_vertices], mesh.n_faces) / sizes[:, None])
 
 
-def _off(mesh: Derived, faces: Int, normals: Float, centres: Float) -> Float:
+def _distances_from_planes(mesh: Derived, faces: Int, normals: Float, centres: Float) -> Float:
     """Return each face's largest vertex distance from the given plane."""
     sizes = np.diff(mesh.face_offsets)[faces]
     row = np.repeat(np.arange(len(faces)), sizes)

@@ -68,7 +68,7 @@ def rounding_of(mesh: Derived) -> float:
     return _ROUNDING * float(np.spacing(np.abs(mesh.points[mesh.face_vertices]).max()))
 
 
-def packed(sizes: Int, vertices: Int, faces: Int, held_back: int = 0) -> Fewer:
+def assemble_faces(sizes: Int, vertices: Int, faces: Int, held_back: int = 0) -> Fewer:
     """Assemble faces with ``sizes`` vertices each, sorted by their first old face.
 
     Parameters
@@ -92,7 +92,7 @@ def packed(sizes: Int, vertices: Int, faces: Int, held_back: int = 0) -> Fewer:
     return Fewer(points, offsets, renumbered, leads, faces, held_back)
 
 
-def recorded(mesh: Derived, after: Derived, fewer: Fewer, tolerance: float) -> Simplification:
+def record_simplification(mesh: Derived, after: Derived, fewer: Fewer, tolerance: float) -> Simplification:
     """Create the record for the simplified mesh ``after``."""
     n_used = len(np.unique(mesh.face_vertices))
     return Simplification(

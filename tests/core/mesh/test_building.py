@@ -10,7 +10,7 @@ import pytest
 from agglo_core import Mesh, agglomerate, samples
 from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.mesh.construction.polygon_faces import plain_faces
-from agglo_core.mesh.kernels.face_loops import loop_moments, repeated_points
+from agglo_core.mesh.kernels.face_loops import loop_moments, loops_with_repeats
 from agglo_core.mesh.kernels.faces import match_half_edges
 from agglo_core.threads import using_threads
 
@@ -148,7 +148,7 @@ def test_moments_of_faces_are_sums_over_fans_of_triangles() -> None:
 def test_loops_that_meet_a_point_twice_are_found() -> None:
     loops = [[0, 1, 2], [2, 1, 3, 2], [3, 4, 0], [4, 3, 4], [0, 1, 2, 3, 4]]
     offsets = frozen_int(np.cumsum([0, *map(len, loops)]))
-    found = repeated_points(offsets, frozen_int(np.concatenate(loops)), 5)
+    found = loops_with_repeats(offsets, frozen_int(np.concatenate(loops)), 5)
     assert found.tolist() == [len(set(loop)) < len(loop) for loop in loops]
 
 

@@ -13,7 +13,7 @@ from agglo_core import Diffusion, Hierarchy, Mesh, OptionError, Registry, agglom
 from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.hierarchy import by_first_cell
 from agglo_core.mesh.kernels.cell_crossings import mark_crossings
-from agglo_core.mesh.kernels.edge_chains import thinned
+from agglo_core.mesh.kernels.edge_chains import thin_chains
 from agglo_core.mesh.kernels.patch_loops import outlines
 
 
@@ -305,7 +305,9 @@ def test_thinned_chains_stay_within_the_limit(n: int, seed: int, limit: float, d
     vertices = np.append(np.arange(n), 0) if closed else np.arange(n)
     keep = np.zeros(len(vertices), bool)
     offsets = frozen_int([0, len(vertices) - 1])
-    thinned(frozen_float(points), offsets, frozen_int(vertices), frozen_float([limit]), frozen_int([0]), keep)
+    thin_chains(
+        frozen_float(points), offsets, frozen_int(vertices), frozen_float([limit]), frozen_int([0]), keep
+    )
     kept = np.flatnonzero(keep)
     assert kept[0] == 0
     assert kept[-1] == len(vertices) - 1
@@ -339,7 +341,7 @@ def test_straight_runs_lose_their_middle_whatever_is_seen_first(
     vertices = [*range(len(points)), *([0] if closed else [])]
     keep = np.zeros(len(vertices), bool)
     arrays = frozen_float(points), frozen_int([0, len(vertices) - 1]), frozen_int(vertices)
-    thinned(*arrays, frozen_float([1e-13]), frozen_int([0]), keep)
+    thin_chains(*arrays, frozen_float([1e-13]), frozen_int([0]), keep)
     assert np.flatnonzero(keep).tolist() == kept
 
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings, strategies as st
 from agglo_core import Mesh, MeshError, samples
 from agglo_core.arrays import frozen_int
 from agglo_core.io.vtk.cells import _turns
-from agglo_core.mesh.construction.polyhedra import _sorted_pairs
+from agglo_core.mesh.construction.polyhedra import _pair_by_sorting
 from agglo_core.mesh.elements import turns_as_listed
 from agglo_core.mesh.kernels.solid_cells import pair_half_faces, surfaces, vertices_of_solids
 
@@ -55,7 +55,7 @@ def test_half_faces_are_paired_as_by_sorting(seed: int) -> None:
     mesh = samples.tetrahedra(2) if seed % 2 else samples.boxes(3)
     cell_of, offsets, vertices = half_faces(mesh)
     found = pair_half_faces(offsets, frozen_int(vertices), mesh.n_points)
-    owner, partner = _sorted_pairs(
+    owner, partner = _pair_by_sorting(
         frozen_int(cell_of), offsets, frozen_int(vertices), np.arange(mesh.n_points)
     )
     assert np.flatnonzero(found >= -1).tolist() == owner.tolist()
