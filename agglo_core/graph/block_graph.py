@@ -131,7 +131,7 @@ class BlockGraph(FieldState, Loaded):
         whole, places = self.__dict__.get("_whole", (self, None))
         rows, (centroids, measures, nodes_of_whole) = together(
             len(order),
-            lambda: _permuted(*edges, order, blocks),
+            lambda: _permute_nodes(*edges, order, blocks),
             # take is ten times faster than indexing for rows
             lambda: (
                 frozen_float(self.centroids.take(order, axis=0)),
@@ -245,7 +245,7 @@ class BlockGraph(FieldState, Loaded):
         return frozen_int(component)
 
 
-def _permuted(
+def _permute_nodes(
     indptr: Int, indices: Index, interface: Float, order: Int, offsets: Int
 ) -> tuple[Int, Index, Float]:
     """Return the CSR of the nodes ``order``, cut into blocks, see ``permute_graph``.

@@ -104,8 +104,10 @@ def principal_frames(level: Graph) -> tuple[Float, Float]:
     values, vectors = np.linalg.eigh(moments)
     values, frames = values[:, ::-1], np.swapaxes(vectors[:, :, ::-1], 1, 2)
     # Resolve nearly equal moments, then sort the axes and fix their signs.
-    frames = _turned(level, weights, local, values, frames)
-    coordinates = np.stack([_along(frames[:, k], blocks, local.T) for k in range(level.dim)], axis=1)
+    frames = _rotate_frames(level, weights, local, values, frames)
+    coordinates = np.stack(
+        [_coordinates_along(frames[:, k], blocks, local.T) for k in range(level.dim)], axis=1
+    )
     seconds = block_sums(level, weights[:, None] * coordinates**2)
     order = np.argsort(-seconds, axis=1, kind="stable")
     signs = np.where(block_sums(level, weights[:, None] * coordinates**3) < 0, -1.0, 1.0)
@@ -223,7 +225,7 @@ def integer_shares(values: Float, blocks: Int) -> Int:
     return integers
 
 
-def _turned(level: Graph, weights: Float, local: Float, moments: Float, frames: Float) -> Float:
+def _rotate_frames(level: Graph, weights: Float, local: Float, moments: Float, frames: Float) -> Float:
     """Rotate frames to the smallest fourth moments, in planes with nearly equal second moments.
 
     With z = x + iy, a rotation by θ gives x⁴ + y⁴ = (3|z|⁴ + Re z⁴ exp(−4iθ)) / 4, hence a closed formula for
@@ -239,7 +241,7 @@ def _turned(level: Graph, weights: Float, local: Float, moments: Float, frames: 
             planes.append((i, j, isotropic, level.block_ids[nodes], columns, weights[nodes]))
     for _ in range(1 if level.dim == 2 else 6):
         for i, j, isotropic, blocks, columns, mass in planes:
-            x, y = (_along(frames[:, k], blocks, columns) for k in (i, j))
+            x, y = (_coordinates_along(frames[:, k], blocks, columns) for k in (i, j))
             real, imaginary = x * x - y * y, 2.0 * (x * y)  # z²
             fourth = real * real - imaginary * imaginary, 2.0 * (real * imaginary)
             one, two = (np.bincount(blocks, mass * part, level.n_blocks) for part in fourth)
@@ -252,7 +254,7 @@ def _turned(level: Graph, weights: Float, local: Float, moments: Float, frames: 
     return frames
 
 
-def _along(axes: Float, blocks: Int, columns: Float) -> Float:
+def _coordinates_along(axes: Float, blocks: Int, columns: Float) -> Float:
     """Return each node's coordinate ``(n,)`` along its block axis ``(B, d)``, from ``columns (d, n)``."""
     coordinates: Float = axes[:, 0].take(blocks) * columns[0]
     for k in range(1, len(columns)):

@@ -25,7 +25,7 @@ from agglo_core.arrays import (
 from agglo_core.errors import MeshError
 from agglo_core.graph.block_graph import BlockGraph
 from agglo_core.graph.quotient import quotient
-from agglo_core.graph.validation import check_graph, copied
+from agglo_core.graph.validation import check_graph, immutable_array
 from agglo_core.mesh import Mesh, check_labels
 
 _DTYPES = {
@@ -126,12 +126,12 @@ class Graph(BlockGraph):
             If shapes disagree, an index is out of range, a value is masked, not finite or negative, or
             the CSR is not symmetric or has a self-loop.
         """
-        centre: Float = copied("centroids", centroids, np.float64)
+        centre: Float = immutable_array("centroids", centroids, np.float64)
         if centre.ndim != 2 or centre.shape[1] not in (2, 3):
             raise MeshError(f"centroids must have shape (n, 2) or (n, 3), not {centre.shape}")
         n = len(centre)
         origin = 0.5 * (centre.min(axis=0) + centre.max(axis=0)) if n else np.zeros(centre.shape[1])
-        columns: Index = copied("indices", indices, np.int32)
+        columns: Index = immutable_array("indices", indices, np.int32)
         size = np.ones(n) if measures is None else measures
         return cls(
             indptr=indptr,  # type: ignore[arg-type]  # checked by the constructor
@@ -154,7 +154,7 @@ class Graph(BlockGraph):
         for name, dtype in _DTYPES.items():
             array = getattr(self, name)
             if id(array) not in copies:
-                copies[id(array)] = copied(name, array, dtype)
+                copies[id(array)] = immutable_array(name, array, dtype)
             self.__dict__[name] = copies[id(array)]
         data = {key: plain_array(values, f"data {key!r}") for key, values in self.data.items()}
         self.__dict__["data"] = {key: owned(frozen(values, values.dtype)) for key, values in data.items()}

@@ -65,7 +65,7 @@ def part_cuts(graph: Graph, labels: ArrayLike, *, edge_weights: Float | None = N
     >>> agglo.functionals.part_cuts(graph, np.array([0, 0, 1, 1]))
     array([2., 2.])
     """
-    parts = _checked_labels(graph, labels)
+    parts = _check_labels(graph, labels)
     rows = np.repeat(parts, np.diff(graph.indptr))
     weights = (rows != parts[graph.indices]) * _edge_weights(graph, edge_weights)
     return _sums(rows, weights, int(parts.max()) + 1)
@@ -86,7 +86,7 @@ def part_volumes(
     >>> agglo.functionals.part_volumes(graph, np.array([0, 0, 1, 1]))
     array([4., 4.])
     """
-    parts = _checked_labels(graph, labels)
+    parts = _check_labels(graph, labels)
     weights = degrees(graph, edge_weights=edge_weights) if node_weights is None else node_weights
     return _sums(parts, weights, int(parts.max()) + 1)
 
@@ -140,7 +140,7 @@ def expected_cuts(graph: Graph, Y: ArrayLike, *, edge_weights: Float | None = No
     >>> expected_cuts(graph, [[0.5, 0.5]] * 4)  # each edge with probability 1/2
     array([2., 2.])
     """
-    probabilities = _checked_probabilities(graph, Y)
+    probabilities = _check_probabilities(graph, Y)
     adjacency = _adjacency(graph, edge_weights)
     degree = np.asarray(adjacency.sum(axis=1), dtype=float)
     return np.asarray((probabilities * (degree[:, None] - adjacency @ probabilities)).sum(axis=0))
@@ -159,7 +159,7 @@ def expected_volumes(
     array([4., 4.])
     """
     weights = degrees(graph, edge_weights=edge_weights) if node_weights is None else node_weights
-    return _checked_probabilities(graph, Y).T @ weights
+    return _check_probabilities(graph, Y).T @ weights
 
 
 def expected_normalised_cut(
@@ -207,14 +207,14 @@ def _adjacency(graph: Graph, edge_weights: Float | None) -> sparse.csr_array[Any
     return sparse.csr_array((weights, graph.indices, graph.indptr), shape=(graph.n, graph.n))
 
 
-def _checked_labels(graph: Graph, labels: ArrayLike) -> Int:
+def _check_labels(graph: Graph, labels: ArrayLike) -> Int:
     array = plain_array(labels, "labels", OptionError)
     if array.shape != (graph.n,) or array.dtype.kind not in "iu" or array.min() < 0:
         raise OptionError(f"labels must be ({graph.n},) integers >= 0; given {array.shape}, {array.dtype}")
     return array
 
 
-def _checked_probabilities(graph: Graph, Y: ArrayLike) -> Float:
+def _check_probabilities(graph: Graph, Y: ArrayLike) -> Float:
     array = exact_cast(plain_array(Y, "Y", OptionError), np.float64, "Y", OptionError)
     if array.ndim != 2 or len(array) != graph.n:
         raise OptionError(f"Y must have shape ({graph.n}, M), one row per node; given {array.shape}")

@@ -39,9 +39,9 @@ def quotient(labels: Int, fine: BlockGraph) -> Quotient:
         return frozen_float(np.bincount(labels, weights=values, minlength=k))
 
     rows, columns, values = quotient_edges(part, k, fine.indptr, fine.indices, fine.interface)
-    edges = _sorted_rows(rows, columns, values, k)
+    edges = _sort_rows(rows, columns, values, k)
     offsets, vertices = union_of_rows(part, k, fine.vertex_offsets, fine.vertices, len(fine.points))
-    corners = _sorted_rows(offsets, vertices, np.zeros(len(vertices), bool), len(fine.points))
+    corners = _sort_rows(offsets, vertices, np.zeros(len(vertices), bool), len(fine.points))
     # Without measure in some part, the centroid is the mean over its nodes.
     total = sum_parts(fine.measures)
     mass = fine.measures if (total > 0).all() else frozen_float(np.ones(len(labels)))
@@ -59,7 +59,7 @@ def quotient(labels: Int, fine: BlockGraph) -> Quotient:
     )
 
 
-def _sorted_rows(
+def _sort_rows(
     offsets: Int, columns: Index, values: NDArray[Any], n_columns: int
 ) -> sparse.csr_array[Any, Any]:
     """Return a CSR with the columns of every row in ascending order."""

@@ -42,7 +42,7 @@ class GraphArrays(Protocol):
     def to_scipy(self) -> sparse.csr_array[Any, Any]: ...
 
 
-def copied(name: str, values: ArrayLike, dtype: Any) -> NDArray[Any]:
+def immutable_array(name: str, values: ArrayLike, dtype: Any) -> NDArray[Any]:
     """Return values as immutable ``dtype`` numbers.
 
     Integer types require integer input.
