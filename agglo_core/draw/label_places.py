@@ -36,7 +36,7 @@ def label_places(dots: Float, sizes: Float, frame: Float, gap: float, lines: Flo
     """
     least, best = np.inf, np.zeros((len(dots), 2))
     for order in _orders(dots):
-        found, shared = _one_by_one(order, dots, sizes, np.asarray(frame), gap, lines)
+        found, shared = _place_in_order(order, dots, sizes, np.asarray(frame), gap, lines)
         if shared < least or not np.isfinite(least):
             least, best = shared, found
         if least == 0.0:
@@ -87,7 +87,7 @@ def _orders(dots: Float) -> Iterator[Int]:
         yield rng.permutation(first)
 
 
-def _one_by_one(
+def _place_in_order(
     order: Int, dots: Float, sizes: Float, frame: Float, gap: float, lines: Float | None
 ) -> tuple[Float, float]:
     """Place labels in the given order. Return the places and the total overlap."""

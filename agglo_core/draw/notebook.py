@@ -103,7 +103,7 @@ def mesh_html(mesh: Mesh) -> str:
     ]
     title = f"Mesh {mesh.name!r}" if mesh.name else "Mesh"
     table = _table(("", ""), rows)
-    picture, note = _drawn(mesh, "mesh.plot()", [lambda axis, panels: panels.fine(axis)])
+    picture, note = _draw_picture(mesh, "mesh.plot()", [lambda axis, panels: panels.fine(axis)])
     return _page(f"{title}, {mesh.dim}-D", picture, table, note)
 
 
@@ -122,7 +122,7 @@ def hierarchy_html(hierarchy: Hierarchy) -> str:
     if hierarchy.fine is None:
         return _page(title, "", table, "; ".join(filter(None, (remark, "of a graph: nothing to draw"))))
     at = _spread(len(hierarchy.levels))
-    picture, note = _drawn(
+    picture, note = _draw_picture(
         hierarchy.fine, "hierarchy.plot(level)", [_panel(hierarchy, level) for level in at]
     )
     return _page(title, picture, table, "; ".join(filter(None, (remark, note))))
@@ -174,7 +174,7 @@ def solution_html(solution: Solution) -> str:
     return _page(f"Solution, {solution.outcome}: {solution.reason}", picture, table, "; ".join(notes))
 
 
-def _drawn(mesh: Mesh, instead: str, draw: Sequence[Callable[[Any, Any], None]]) -> tuple[str, str]:
+def _draw_picture(mesh: Mesh, instead: str, draw: Sequence[Callable[[Any, Any], None]]) -> tuple[str, str]:
     """Return a picture with mesh panels, or the reason for its absence."""
     if mesh.n_cells > _MOST:
         return "", f"{mesh.n_cells:,} cells: no picture by itself above {_MOST:,}; {instead} draws one"

@@ -42,10 +42,10 @@ def plot_mesh(
             raise OptionError(f"no cell tag {values!r}; {mesh!r} has {', '.join(mesh.cell_tags) or 'none'}")
         paint = by_tag(mesh.cell_tags[values], values, cmap)
     elif values is not None:
-        paint = by_number(_one_for_each(values, mesh.n_cells, "cell"), "", cmap)
+        paint = by_number(_check_values(values, mesh.n_cells, "cell"), "", cmap)
     ax = new_axes() if ax is None else ax
     panels.fine(ax, paint)
-    return _finished(ax, mesh, paint)
+    return _finish_axes(ax, mesh, paint)
 
 
 def plot_level(
@@ -70,10 +70,10 @@ def plot_level(
     if isinstance(values, str):
         paint = by_number(quality(mesh, labels, (values,), registry)[values], values, cmap)
     elif values is not None:
-        paint = by_number(_one_for_each(values, hierarchy.parts[level], "agglomerate"), "", cmap)
+        paint = by_number(_check_values(values, hierarchy.parts[level], "agglomerate"), "", cmap)
     ax = new_axes() if ax is None else ax
     panels.level(ax, labels, paint)
-    return _finished(ax, mesh, paint)
+    return _finish_axes(ax, mesh, paint)
 
 
 def plot_samples(samples: Samples, ax: Any = None, *, across: str = "z", cmap: str = "viridis") -> Any:
@@ -139,7 +139,7 @@ def new_axes() -> Any:
     return pyplot.figure(layout="constrained").add_subplot()
 
 
-def _one_for_each(values: ArrayLike, count: int, entity: str) -> Any:
+def _check_values(values: ArrayLike, count: int, entity: str) -> Any:
     """Return values as numbers ``(count,)`` with NaN for masked values, or raise OptionError."""
     if is_masked_array(values):
         values = np.ma.filled(np.ma.asarray(values, dtype=np.float64), np.nan)  # drawn in grey, like NaN
@@ -150,7 +150,7 @@ def _one_for_each(values: ArrayLike, count: int, entity: str) -> Any:
     return numbers
 
 
-def _finished(ax: Any, mesh: Mesh, paint: Paint | None) -> Any:
+def _finish_axes(ax: Any, mesh: Mesh, paint: Paint | None) -> Any:
     if mesh.dim == 3:  # solids are images, and pixel coordinates have no meaning
         ax.set_axis_off()
     if paint is not None:

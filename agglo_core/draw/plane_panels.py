@@ -60,7 +60,7 @@ class PlanePanels:
 
 def fine_edges(axis: Any, mesh: Mesh) -> None:
     """Draw faint cell edges above filled cells, unless cells are too small."""
-    if _across(axis, mesh.n_cells) >= _SEEN:
+    if _cell_size(axis, mesh.n_cells) >= _SEEN:
         _edges(axis, mesh, FINE, 0.5 * _line_width(axis, mesh.n_cells, 0.6), alpha=0.35)
 
 
@@ -112,16 +112,16 @@ def _edges(axis: Any, mesh: Mesh, colour: str, width: float, alpha: float = 1.0)
 
 def _line_width(axis: Any, n_cells: int, most: float) -> float:
     """Return a line width in points that leaves cells visible, 0 for tiny cells."""
-    cell = _across(axis, n_cells)
+    cell = _cell_size(axis, n_cells)
     return 0.0 if cell < 0.7 else float(min(most, 0.08 * cell + 0.05))
 
 
-def _across(axis: Any, n_cells: int) -> float:
+def _cell_size(axis: Any, n_cells: int) -> float:
     """Return the approximate cell size in points, for this number of cells."""
-    return float(72.0 * inches_across(axis) / np.sqrt(n_cells))
+    return float(72.0 * width_in_inches(axis) / np.sqrt(n_cells))
 
 
-def inches_across(axis: Any) -> float:
+def width_in_inches(axis: Any) -> float:
     """Return the width of axes in their figure, before legends or bars are added."""
     grid, whole = axis.get_gridspec(), axis.figure.bbox.width / axis.figure.dpi
     return float(whole * axis.get_position().width if grid is None else whole / grid.ncols)

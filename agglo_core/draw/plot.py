@@ -97,7 +97,7 @@ def draw(
             above = "" if fine else f"{short_name(name)}\n"
             if fine:
                 panels.fine(row[0])
-                _entitle(row[0], f"{short_name(name)}\n{_about(mesh)}")
+                _entitle(row[0], f"{short_name(name)}\n{_describe_mesh(mesh)}")
             measured = (levels or {}).get(name) or measure_levels(mesh, hierarchy, registry, title_metrics)
             for number, (axis, level) in enumerate(zip(row[int(fine) :], measured, strict=False)):
                 part(run_progress, fine + number, columns, f"level {number}")
@@ -136,7 +136,7 @@ def draw_mesh(mesh: Mesh, path: str | os.PathLike[str], section: Sequence[float]
     panels = panels_of(mesh, section=section)
     figure, axes = _panels(panels, 1, 1, 8.0)
     panels.fine(axes[0, 0])
-    _entitle(axes[0, 0], _about(mesh))
+    _entitle(axes[0, 0], _describe_mesh(mesh))
     save_figure(figure, Path(path), palette=True)
 
 
@@ -178,7 +178,7 @@ def panels_of(
     return PlanePanels(mesh)
 
 
-def _about(mesh: Mesh) -> str:
+def _describe_mesh(mesh: Mesh) -> str:
     return f"{short_name(mesh.name or 'mesh', 40)}, {mesh.n_cells:,} cells"
 
 

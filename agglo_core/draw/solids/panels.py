@@ -9,9 +9,15 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int
 from agglo_core.draw.colours import Paint, blank, by_neighbours
-from agglo_core.draw.plane_panels import inches_across
-from agglo_core.draw.solids.shading import shaded
-from agglo_core.draw.solids.surfaces import Surface, beyond, check_explode, outer_faces, seen
+from agglo_core.draw.plane_panels import width_in_inches
+from agglo_core.draw.solids.shading import shade_faces
+from agglo_core.draw.solids.surfaces import (
+    Surface,
+    check_explode,
+    mark_cells_beyond,
+    outer_faces,
+    project_surface,
+)
 from agglo_core.mesh import Mesh
 
 _FINE = 2
@@ -38,9 +44,9 @@ class SolidPanels:
 
     def __init__(self, mesh: Mesh, explode: float, section: Sequence[float] | None = None) -> None:
         self.mesh, self.explode = mesh, check_explode(explode)
-        self.kept = None if section is None else ~beyond(mesh, section)
+        self.kept = None if section is None else ~mark_cells_beyond(mesh, section)
         self.whole = outer_faces(mesh, np.zeros(mesh.n_cells, np.int64), kept=self.kept)
-        height, width = seen(self.whole, pixels=200).faces.shape
+        height, width = project_surface(self.whole, pixels=200).faces.shape
         self.ratio = height / width
         """Ratio of height to width."""
 
@@ -56,5 +62,5 @@ class SolidPanels:
         self._show(axis, surface, rows[surface.parts])
 
     def _show(self, axis: Any, surface: Surface, colours: Float) -> None:
-        pixels = _FINE * inches_across(axis) * axis.figure.dpi * max(1.0, self.ratio)
-        axis.imshow(shaded(surface, seen(surface, pixels=int(pixels)), colours, _FINE))
+        pixels = _FINE * width_in_inches(axis) * axis.figure.dpi * max(1.0, self.ratio)
+        axis.imshow(shade_faces(surface, project_surface(surface, pixels=int(pixels)), colours, _FINE))

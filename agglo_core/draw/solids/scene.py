@@ -12,7 +12,7 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int
 from agglo_core.draw.colours import PALETTE, colouring, rgb
-from agglo_core.draw.solids.surfaces import SIDE, axes_of, beyond, check_explode, outer_faces
+from agglo_core.draw.solids.surfaces import SIDE, axes_of, check_explode, mark_cells_beyond, outer_faces
 from agglo_core.errors import FileError, MeshError, OptionError
 from agglo_core.interchange.pyvista_grids import to_pyvista
 from agglo_core.mesh import Mesh
@@ -74,13 +74,13 @@ def view(
     labels = hierarchy.levels[level]
     explode = check_explode(explode)
     if section is not None:
-        beyond(mesh, section)
+        mark_cells_beyond(mesh, section)
         if explode:
             raise OptionError("a section goes through the mesh in one piece: give explode or section")
-    plotter = _plotter(None if path is None else _checked(Path(path)))
+    plotter = _plotter(None if path is None else _check_suffix(Path(path)))
     # Fill the scene.
     if section is not None:
-        _cut(plotter, mesh, labels, np.array(section, dtype=float), moves=path is None)
+        _add_cut_mesh(plotter, mesh, labels, np.array(section, dtype=float), moves=path is None)
     else:
         _parts(plotter, mesh, labels, explode)
         if path is None:
@@ -102,7 +102,7 @@ def _solid(hierarchy: Hierarchy) -> Mesh:
     return hierarchy.fine
 
 
-def _checked(path: Path) -> Path:
+def _check_suffix(path: Path) -> Path:
     if path.suffix.lower() not in _PICTURES:
         raise FileError(f"{path}: pictures of a view end in {', '.join(_PICTURES)}, not {path.suffix!r}")
     return path
@@ -139,7 +139,7 @@ def _parts(plotter: Any, mesh: Mesh, labels: Int, explode: float) -> None:
     plotter.add_mesh(shown, name="parts", **_STYLE)
 
 
-def _cut(plotter: Any, mesh: Mesh, labels: Int, normal: Float, *, moves: bool) -> None:
+def _add_cut_mesh(plotter: Any, mesh: Mesh, labels: Int, normal: Float, *, moves: bool) -> None:
     """Add the mesh cut by a plane to the scene, with a handle if the plane moves."""
     grid = to_pyvista(mesh)
     grid.cell_data["colour"] = _tones(mesh, labels)[labels]

@@ -24,7 +24,7 @@ def brightness(surface: Surface, sight: Sight) -> Float:
     return bright
 
 
-def shaded(surface: Surface, sight: Sight, colours: Float, fine: int = 1) -> NDArray[np.uint8]:
+def shade_faces(surface: Surface, sight: Sight, colours: Float, fine: int = 1) -> NDArray[np.uint8]:
     """Return a picture ``(height, width, 4)`` of faces in ``colours (f, 3)``: red, green, blue, opacity.
 
     Parts have dark outlines, edges and steps of a part lighter lines, and cells faint lines if large enough.
@@ -32,7 +32,7 @@ def shaded(surface: Surface, sight: Sight, colours: Float, fine: int = 1) -> NDA
     """
     faces, is_covered = sight.faces, sight.faces >= 0
     picture: Float = (colours * brightness(surface, sight)[:, None])[faces]
-    outlines = _wider(_changes(np.append(surface.parts, -1)[faces]), fine)
+    outlines = _widen_lines(_changes(np.append(surface.parts, -1)[faces]), fine)
     if np.sqrt(is_covered.sum() / max(1, len(np.unique(faces)))) > _ROOM * fine:
         picture[_changes(faces) & is_covered] *= 0.8
     picture[_steps(surface, sight) & is_covered] *= 0.6
@@ -67,7 +67,7 @@ def _steps(surface: Surface, sight: Sight) -> Mask:
     return steps
 
 
-def _wider(lines: Mask, width: int) -> Mask:
+def _widen_lines(lines: Mask, width: int) -> Mask:
     """Widen lines of one pixel to ``width`` pixels."""
     wide = lines.copy()
     for k in range(1, width):

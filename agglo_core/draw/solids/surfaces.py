@@ -111,7 +111,7 @@ def _part_centres(mesh: Mesh, labels: Int) -> Float:
     return centres - np.average(centres, axis=0, weights=volume)
 
 
-def beyond(mesh: Mesh, normal: Sequence[float]) -> Mask:
+def mark_cells_beyond(mesh: Mesh, normal: Sequence[float]) -> Mask:
     """Mark cells with centroid beyond the plane with this normal through the centre of the bounding box.
 
     Raises OptionError if the normal is not a direction, or no cell is left.
@@ -133,7 +133,7 @@ def axes_of(azimuth: float, elevation: float) -> Float:
     return np.stack((right, np.cross(eye, right), eye))
 
 
-def seen(surface: Surface, side: tuple[float, float] = SIDE, pixels: int = 800) -> Sight:
+def project_surface(surface: Surface, side: tuple[float, float] = SIDE, pixels: int = 800) -> Sight:
     """Return the parallel view of a surface, with a longer side of ``pixels`` pixels.
 
     Faces seen from inside or edge-on are hidden.

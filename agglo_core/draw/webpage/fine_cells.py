@@ -8,7 +8,7 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int
 from agglo_core.draw.colours import PALETTE
-from agglo_core.draw.webpage.packing import bytes_apart, differences, integers, reals
+from agglo_core.draw.webpage.packing import differences, integers, reals, separate_bytes
 from agglo_core.graph.ordering import curve_order
 from agglo_core.mesh import Mesh
 
@@ -20,7 +20,7 @@ _TINY: Final = 1.0
 _STEPS: Final = 16.0  # grid steps per face length
 
 
-def along_curve(mesh: Mesh) -> Int:
+def order_along_curve(mesh: Mesh) -> Int:
     """Return the cells ``(n_cells,)`` in the order of a space-filling curve.
 
     In this order, labels form long runs of equal numbers and faces join cells with near numbers, whatever the
@@ -53,18 +53,18 @@ def plane_faces(mesh: Mesh, order: Int) -> dict[str, Any]:
     number[by_use] = np.arange(len(used_points))
     ends = number[point.ravel()]
     newest = np.maximum.accumulate(np.append(-1, ends[:-1])) + 1
-    grid, step = _on_grid(mesh.local_points[used_points[by_use]], ends)
+    grid, step = _round_to_grid(mesh.local_points[used_points[by_use]], ends)
     return {
         "low": differences(left),
-        "gap": bytes_apart(np.where(right < 0, 0, right - left)),
-        "ends": bytes_apart(newest - ends),
+        "gap": separate_bytes(np.where(right < 0, 0, right - left)),
+        "ends": separate_bytes(newest - ends),
         "x": differences(grid[:, 0]),
         "y": differences(grid[:, 1]),
         "step": step,
     }
 
 
-def _on_grid(points: Float, ends: Int) -> tuple[Int, float]:
+def _round_to_grid(points: Float, ends: Int) -> tuple[Int, float]:
     """Return points as integers in a step that resolves all but the very shortest faces."""
     low, extent = points.min(axis=0), float(np.ptp(points, axis=0).max())
     lengths = np.linalg.norm(np.diff(points[ends.reshape(-1, 2)], axis=1)[:, 0], axis=1)

@@ -19,13 +19,13 @@ _EFFORT: Final = 5
 
 def integers(values: ArrayLike) -> dict[str, Any]:
     """Pack integers from 0 to 2³² − 1."""
-    name, array = _smallest(values)
-    return _packed(name, array.tobytes())
+    name, array = _shrink_type(values)
+    return _compress(name, array.tobytes())
 
 
-def bytes_apart(values: ArrayLike) -> dict[str, Any]:
+def separate_bytes(values: ArrayLike) -> dict[str, Any]:
     """Pack integers with mostly equal high bytes: all lowest bytes first, then the next bytes, …"""
-    return _apart(*_smallest(values))
+    return _separate_bytes(*_shrink_type(values))
 
 
 def differences(values: ArrayLike) -> dict[str, Any]:
@@ -35,25 +35,25 @@ def differences(values: ArrayLike) -> dict[str, Any]:
     """
     steps = np.array(values, dtype=np.int64)
     steps[1:] -= steps[:-1].copy()
-    return bytes_apart((steps << 1) ^ (steps >> 63)) | {"differences": True}
+    return separate_bytes((steps << 1) ^ (steps >> 63)) | {"differences": True}
 
 
 def reals(values: ArrayLike) -> dict[str, Any]:
-    """Pack real numbers with seven digits, byte by byte as :func:`bytes_apart`."""
-    return _apart("Float32", np.asarray(values).astype("<f4"))
+    """Pack real numbers with seven digits, byte by byte as :func:`separate_bytes`."""
+    return _separate_bytes("Float32", np.asarray(values).astype("<f4"))
 
 
-def _smallest(values: ArrayLike) -> tuple[str, NDArray[np.generic]]:
+def _shrink_type(values: ArrayLike) -> tuple[str, NDArray[np.generic]]:
     array = np.asarray(values)
     largest = int(array.max(initial=0))
     name, kind = next(pair for pair in _INTEGERS if largest <= np.iinfo(pair[1]).max)
     return name, array.astype(kind)
 
 
-def _apart(name: str, array: NDArray[np.generic]) -> dict[str, Any]:
+def _separate_bytes(name: str, array: NDArray[np.generic]) -> dict[str, Any]:
     planes = np.ascontiguousarray(array).view(np.uint8).reshape(-1, array.itemsize).T
-    return _packed(name, planes.tobytes()) | {"apart": True}
+    return _compress(name, planes.tobytes()) | {"apart": True}
 
 
-def _packed(name: str, raw: bytes) -> dict[str, Any]:
+def _compress(name: str, raw: bytes) -> dict[str, Any]:
     return {"type": name, "data": base64.b64encode(zlib.compress(raw, _EFFORT)).decode("ascii")}

@@ -9,9 +9,9 @@ import numpy as np
 
 from agglo_core.arrays import Int
 from agglo_core.draw.colours import PALETTE, colouring
-from agglo_core.draw.webpage.fine_cells import along_curve, plane_faces, tags
+from agglo_core.draw.webpage.fine_cells import order_along_curve, plane_faces, tags
 from agglo_core.draw.webpage.packing import differences, integers, reals
-from agglo_core.draw.webpage.stills import apart, stills
+from agglo_core.draw.webpage.stills import exploded_still, stills
 from agglo_core.errors import OptionError
 from agglo_core.measure.agglomerates import Level
 from agglo_core.measure.comparison import RunResult, wanted
@@ -29,7 +29,7 @@ def payload(mesh: Mesh, runs: Sequence[RunResult], note: str = "") -> dict[str, 
     """
     if all(run.hierarchy is None for run in runs):
         raise OptionError("nothing to report: there is no run, or none came to an end")
-    order = along_curve(mesh)
+    order = order_along_curve(mesh)
     return {
         "version": version_of("agglo"),
         "name": mesh.name or "mesh",
@@ -71,7 +71,7 @@ def _run(run: RunResult, mesh: Mesh, order: Int) -> dict[str, Any]:
     levels = [_level(level, order) for level in run.levels]
     if mesh.dim == 3:
         for made, level in zip(levels, run.levels, strict=True):
-            made["apart"] = apart(mesh, level.labels, order)
+            made["apart"] = exploded_still(mesh, level.labels, order)
     return {"name": run.name, "seconds": run.seconds, "error": run.error, "levels": levels}
 
 

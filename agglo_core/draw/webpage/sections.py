@@ -29,10 +29,10 @@ def sections_of_plugins(mesh: Mesh, runs: Sequence[RunResult], registry: Registr
     Titles are escaped, fragments are kept unchanged. Empty fragments make no section. A failing section
     becomes a note in its place and a warning in the log, both with the plugin's name.
     """
-    return "\n".join(_theirs(mesh, runs, registry))
+    return "\n".join(_render_sections(mesh, runs, registry))
 
 
-def _theirs(mesh: Mesh, runs: Sequence[RunResult], registry: Registry) -> Iterator[str]:
+def _render_sections(mesh: Mesh, runs: Sequence[RunResult], registry: Registry) -> Iterator[str]:
     for record in registry.list():
         if record.kind != "section" or record.state != "ok":
             continue

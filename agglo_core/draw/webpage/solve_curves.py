@@ -38,7 +38,7 @@ def history_picture(solves: Mapping[str, Mapping[str, Any]]) -> str:
     for place, curve in enumerate(curves.values()):
         colour = LINES[place % len(LINES)]
         inside += [*frame.curve(curve.errors, colour, dashed=True), *frame.curve(curve.residuals, colour)]
-    label = "; ".join(f"{name}: {_said(data)}" for name, data in solves.items())
+    label = "; ".join(f"{name}: {_describe_run(data)}" for name, data in solves.items())
     legend = "".join(
         f'<span><i style="color:{LINES[place % len(LINES)]}">●</i> '
         f"{escape(name + _contraction(curve))}</span>"
@@ -53,7 +53,7 @@ def _curves(data: Mapping[str, Any]) -> Curves:
     return Curves.made(*(data[key] for key in keys))
 
 
-def _said(data: Mapping[str, Any]) -> str:
+def _describe_run(data: Mapping[str, Any]) -> str:
     return f"{data['iterations']} iterations to a relative residual of {data['relative_residual']:.1e}"
 
 

@@ -51,13 +51,13 @@ def _summary(solves: Mapping[str, Mapping[str, Any]]) -> str:
         rows.append(
             [
                 name,
-                _whole(data["dofs"]),
-                _whole(data["iterations"]),
+                _whole_number(data["dofs"]),
+                _whole_number(data["iterations"]),
                 "yes" if data["converged"] else "no",
-                _short(data["contraction"]),
-                _fixed(data["operator_complexity"]),
+                _three_digits(data["contraction"]),
+                _two_decimals(data["operator_complexity"]),
                 _megabytes(data["memory"]),
-                *(_fixed(spent.get(key)) for key in _PHASES),
+                *(_two_decimals(spent.get(key)) for key in _PHASES),
             ]
         )
     hint = "Seconds are those of the processor; of the clock where a solver does not tell them."
@@ -94,19 +94,19 @@ def _facts(data: Mapping[str, Any]) -> str:
         if name.startswith("error_")
     }
     facts = {
-        "relative residual": _power(data["relative_residual"]),
-        "energy error, estimated": _power(data["energy_error"]),
-        "tolerance": _power(data["tolerance"]),
-        "contraction, mean": _short(data["contraction"]),
-        "contraction, latter half": _short(data["asymptotic_contraction"]),
-        "operator complexity": _fixed(data["operator_complexity"]),
-        "grid complexity": _fixed(data["grid_complexity"]),
+        "relative residual": _scientific_notation(data["relative_residual"]),
+        "energy error, estimated": _scientific_notation(data["energy_error"]),
+        "tolerance": _scientific_notation(data["tolerance"]),
+        "contraction, mean": _three_digits(data["contraction"]),
+        "contraction, latter half": _three_digits(data["asymptotic_contraction"]),
+        "operator complexity": _two_decimals(data["operator_complexity"]),
+        "grid complexity": _two_decimals(data["grid_complexity"]),
         "memory of the levels": "" if data["memory"] is None else f"{_megabytes(data['memory'])} MB",
         "plain conjugate gradients": ""
         if data["cg_iterations"] is None
         else f"{data['cg_iterations']:,} iterations",
         "energy fᵀu": f"{data['energy']:.8g}",
-        **{name: "" if value is None else _power(value) for name, value in errors.items()},
+        **{name: "" if value is None else _scientific_notation(value) for name, value in errors.items()},
     }
     pairs = (
         f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>"
@@ -120,9 +120,9 @@ def _levels(levels: Sequence[Mapping[str, Any]]) -> str:
     rows = [
         [
             "mesh" if not place else str(place),
-            _whole(level["dofs"]),
-            _whole(level["nonzeros"]),
-            _whole(level["cells"]),
+            _whole_number(level["dofs"]),
+            _whole_number(level["nonzeros"]),
+            _whole_number(level["cells"]),
         ]
         for place, level in enumerate(levels)
     ]
@@ -137,9 +137,10 @@ def _seconds(data: Mapping[str, Any]) -> str:
     told = dict.fromkeys(phase for clock in clocks.values() for phase in clock)
     phases = [*(each for each in _PHASES if each in told), *(each for each in told if each not in _PHASES)]
     rows = [
-        [_PHASES.get(each, each), *(_fixed(clock.get(each)) for clock in clocks.values())] for each in phases
+        [_PHASES.get(each, each), *(_two_decimals(clock.get(each)) for clock in clocks.values())]
+        for each in phases
     ]
-    rows.append(["together", *(_fixed(sum(clock.values())) for clock in clocks.values())])
+    rows.append(["together", *(_two_decimals(sum(clock.values())) for clock in clocks.values())])
     return _table(["phase", *clocks], rows)
 
 
@@ -152,19 +153,19 @@ def _table(columns: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
     return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
 
 
-def _whole(value: int | None) -> str:
+def _whole_number(value: int | None) -> str:
     return _MISSING if value is None else f"{value:,}"
 
 
-def _short(value: float | None) -> str:
+def _three_digits(value: float | None) -> str:
     return _MISSING if value is None else f"{value:.3g}"
 
 
-def _fixed(value: float | None) -> str:
+def _two_decimals(value: float | None) -> str:
     return _MISSING if value is None else f"{value:.2f}"
 
 
-def _power(value: float | None) -> str:
+def _scientific_notation(value: float | None) -> str:
     return _MISSING if value is None else f"{value:.2e}"
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from agglo_core.arrays import Int
 from agglo_core.draw.solids.shading import brightness
-from agglo_core.draw.solids.surfaces import SIDE, Surface, beyond, outer_faces, seen
+from agglo_core.draw.solids.surfaces import SIDE, Surface, mark_cells_beyond, outer_faces, project_surface
 from agglo_core.draw.webpage.packing import integers
 from agglo_core.mesh import Mesh
 
@@ -40,12 +40,14 @@ def stills(mesh: Mesh, order: Int) -> list[dict[str, Any]]:
     pictures = [_still(name, whole, side, _PIXELS, places) for name, side in _SIDES.items()]
     for name, (normal, side) in _CUTS.items():
         pictures.append(
-            _still(name, outer_faces(mesh, labels, kept=~beyond(mesh, normal)), side, _PIXELS, places)
+            _still(
+                name, outer_faces(mesh, labels, kept=~mark_cells_beyond(mesh, normal)), side, _PIXELS, places
+            )
         )
     return pictures
 
 
-def apart(mesh: Mesh, labels: Int, order: Int) -> dict[str, Any]:
+def exploded_still(mesh: Mesh, labels: Int, order: Int) -> dict[str, Any]:
     """Return a still with parts moved apart."""
     faces = outer_faces(mesh, labels, _EXPLODE)
     return _still("moved apart", faces, SIDE, _PIXELS_APART, _places(order))
@@ -64,7 +66,7 @@ def _still(
 
     For face number k + 1, entry k of ``cells`` and ``bright`` is its cell and brightness (255 is full).
     """
-    sight = seen(surface, side, pixels)
+    sight = project_surface(surface, side, pixels)
     faces, numbers = np.unique(np.append(sight.faces.ravel(), -1), return_inverse=True)
     numbers = numbers[:-1]  # face −1, always present, became 0
     starts = np.flatnonzero(np.append(True, numbers[1:] != numbers[:-1]))

@@ -19,7 +19,7 @@ from report_data import EVIL, data_of, faces_of, made, named_ring, sectors, two_
 from agglo_core import samples
 from agglo_core.draw.colours import PALETTE, colouring
 from agglo_core.draw.webpage import write_page
-from agglo_core.draw.webpage.packing import bytes_apart, differences, integers, reals
+from agglo_core.draw.webpage.packing import differences, integers, reals, separate_bytes
 from agglo_core.draw.webpage.sections import OWN
 from agglo_core.errors import FileError, OptionError
 from agglo_core.hierarchy import Hierarchy
@@ -129,7 +129,7 @@ def test_labels_are_short_however_cells_are_numbered(tmp_path: Path) -> None:
 
 @given(st.lists(st.integers(0, 2**31 - 1), max_size=40))
 def test_what_is_packed_comes_back(values: list[int]) -> None:
-    for packed in (integers(values), bytes_apart(values), differences(values)):
+    for packed in (integers(values), separate_bytes(values), differences(values)):
         assert unpacked(packed).tolist() == values
     np.testing.assert_array_equal(unpacked(reals(values)), np.float32(values))
 

@@ -13,8 +13,8 @@ from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.draw.colours import rgb
 from agglo_core.draw.plot import draw
 from agglo_core.draw.solids.depth_buffer import nearest_faces
-from agglo_core.draw.solids.shading import brightness, shaded
-from agglo_core.draw.solids.surfaces import SIDE, axes_of, beyond, outer_faces, seen
+from agglo_core.draw.solids.shading import brightness, shade_faces
+from agglo_core.draw.solids.surfaces import SIDE, axes_of, mark_cells_beyond, outer_faces, project_surface
 from agglo_core.errors import OptionError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
@@ -30,15 +30,15 @@ def inside(point: np.ndarray, loop: np.ndarray) -> bool:
 
 def slow_twin(loops: list[np.ndarray], planes: np.ndarray, width: int, height: int) -> np.ndarray:
     """The nearest face at each pixel, pixel by pixel and face by face."""
-    seen, depth = np.full((height, width), -1), np.full((height, width), -np.inf)
+    nearest, depth = np.full((height, width), -1), np.full((height, width), -np.inf)
     for row in range(height):
         for column in range(width):
             point = np.array([column + 0.5, row + 0.5])
             for face, (loop, plane) in enumerate(zip(loops, planes, strict=True)):
                 z = np.clip(plane @ [1.0, *point], loop[:, 2].min(), loop[:, 2].max())
                 if inside(point, loop[:, :2]) and z > depth[row, column]:
-                    seen[row, column], depth[row, column] = face, z
-    return seen
+                    nearest[row, column], depth[row, column] = face, z
+    return nearest
 
 
 def star(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -86,7 +86,7 @@ def test_faces_that_are_not_convex_hide_no_more_than_they_are() -> None:
     assert np.diff(simple.face_offsets).max() > 4
     fine, coarse = outer_faces(mesh, labels), outer_faces(simple, np.arange(2))
     above = (-90.0, 89.9)
-    seen_fine, seen_coarse = seen(fine, above, 200), seen(coarse, above, 200)
+    seen_fine, seen_coarse = project_surface(fine, above, 200), project_surface(coarse, above, 200)
     parts = [
         np.append(each.parts, -1)[sight.faces] for each, sight in ((fine, seen_fine), (coarse, seen_coarse))
     ]
@@ -100,7 +100,7 @@ def test_outer_faces_of_parts_are_those_between_them() -> None:
     assert len(outer_faces(mesh, np.zeros(8, int)).parts) == 24
     halves = outer_faces(mesh, (mesh.cell_centroids[:, 0] > 0.5).astype(int))
     np.testing.assert_array_equal(np.bincount(halves.parts), [16, 16])
-    half = outer_faces(mesh, np.zeros(8, int), kept=~beyond(mesh, (1.0, 0.0, 0.0)))
+    half = outer_faces(mesh, np.zeros(8, int), kept=~mark_cells_beyond(mesh, (1.0, 0.0, 0.0)))
     assert len(half.parts) == 16
     assert half.corners[:, 0].max() == 0.0
     assert (mesh.cell_centroids[half.cells, 0] < 0.5).all()
@@ -129,7 +129,7 @@ def test_normals_point_out_of_the_parts() -> None:
 
 def test_three_sides_of_a_cube_are_seen_in_their_proportions() -> None:
     surface = outer_faces(samples.boxes(1), np.zeros(1, int))
-    sight = seen(surface, SIDE, 400)
+    sight = project_surface(surface, SIDE, 400)
     numbers, pixels = np.unique(sight.faces[sight.faces >= 0], return_counts=True)
     facing = surface.normals @ axes_of(*SIDE)[2]
     np.testing.assert_array_equal(numbers, np.flatnonzero(facing > 1e-9))
@@ -137,13 +137,16 @@ def test_three_sides_of_a_cube_are_seen_in_their_proportions() -> None:
     assert max(sight.faces.shape) == 400
     top = surface.normals[sight.faces[20, sight.faces.shape[1] // 2]]
     np.testing.assert_allclose(top, [0, 0, 1], atol=1e-12)  # row 0 is above
-    assert seen(surface, (0.0, 0.0), 50).faces.max() == seen(surface, (0.0, 0.0), 50).faces[25, 25]
+    assert (
+        project_surface(surface, (0.0, 0.0), 50).faces.max()
+        == project_surface(surface, (0.0, 0.0), 50).faces[25, 25]
+    )
 
 
 def test_what_is_behind_is_hidden() -> None:
     mesh = samples.boxes(3)
     surface = outer_faces(mesh, np.arange(27), 0.5)
-    sight = seen(surface, (0.0, 0.0), 300)
+    sight = project_surface(surface, (0.0, 0.0), 300)
     front = surface.parts[np.unique(sight.faces[sight.faces >= 0])]
     assert (mesh.cell_centroids[front, 0] > 0.7).all()
     assert len(np.unique(front)) == 9
@@ -152,11 +155,11 @@ def test_what_is_behind_is_hidden() -> None:
 def test_lights_and_lines(tmp_path: Path) -> None:
     mesh = samples.boxes(2)
     surface = outer_faces(mesh, (mesh.cell_centroids[:, 2] > 0.5).astype(int))
-    sight = seen(surface, SIDE, 300)
+    sight = project_surface(surface, SIDE, 300)
     bright = brightness(surface, sight)
     assert 0.5 <= bright.min() < bright.max() <= 1.0
     tones = np.array([rgb("#ff0000"), rgb("#0000ff")])
-    picture = shaded(surface, sight, tones[surface.parts], 2)
+    picture = shade_faces(surface, sight, tones[surface.parts], 2)
     assert picture.shape == (*sight.faces.shape, 4)
     assert picture.dtype == np.uint8
     there = sight.faces >= 0

@@ -12,7 +12,7 @@ from report_data import data_of, unpacked
 
 from agglo_core import agglomerate, samples
 from agglo_core.draw.colours import PALETTE, colouring
-from agglo_core.draw.solids.surfaces import SIDE, beyond, outer_faces, seen
+from agglo_core.draw.solids.surfaces import SIDE, mark_cells_beyond, outer_faces, project_surface
 from agglo_core.draw.webpage import write_page
 from agglo_core.measure.agglomerates import measure_levels
 from agglo_core.measure.comparison import RunResult
@@ -48,7 +48,7 @@ def test_stills_hold_the_cells_that_are_seen(page: Path, mesh: Mesh, run: RunRes
     data = data_of(page)
     one = np.zeros(mesh.n_cells, int)
     surface = outer_faces(mesh, one)
-    sight = seen(surface, SIDE, 720)
+    sight = project_surface(surface, SIDE, 720)
     order = unpacked(data["order"])
     first = pixels_of(data["stills"][0], order)
     np.testing.assert_array_equal(first, np.append(surface.cells, -1)[sight.faces])
@@ -57,7 +57,7 @@ def test_stills_hold_the_cells_that_are_seen(page: Path, mesh: Mesh, run: RunRes
     ] + ["cut open"] * 3
     for still, normal in zip(data["stills"][5:], ((1, 0, 0), (0, -1, 0), (0, 0, 1)), strict=True):
         shown = np.unique(pixels_of(still, order))[1:]
-        assert not beyond(mesh, normal)[shown].any()
+        assert not mark_cells_beyond(mesh, normal)[shown].any()
         inner = mesh.local_centroids[shown] @ np.array(normal, float) > -1 / 6
         assert inner.sum() == 36  # the whole section
     for level, shown_level in zip(run.levels, data["runs"][0]["levels"], strict=True):
@@ -115,7 +115,7 @@ def test_pointing_finds_the_agglomerate_and_colours_are_right(page: Path, mesh: 
 
 def test_views_zoom_and_say_what_they_hide(page: Path, run: RunResult) -> None:
     data = data_of(page)
-    seen = run.levels[0].labels[np.unique(pixels_of(data["stills"][6], unpacked(data["order"])))[1:]]
+    visible_parts = run.levels[0].labels[np.unique(pixels_of(data["stills"][6], unpacked(data["order"])))[1:]]
     script = """
       const text = (id) => document.getElementById(id).textContent, pick = document.getElementById("pick");
       const hints = Array.from({ length: 27 }, (_, part) => {
@@ -137,8 +137,10 @@ def test_views_zoom_and_say_what_they_hide(page: Path, run: RunResult) -> None:
         before = tab.run(pictures)
         tab.press("+")
         after = tab.run(pictures)
-    assert [hint.startswith("Point at") for hint in found["hints"]] == [part in seen for part in range(27)]
-    assert 0 < len(set(seen)) < 27
+    assert [hint.startswith("Point at") for hint in found["hints"]] == [
+        part in visible_parts for part in range(27)
+    ]
+    assert 0 < len(set(visible_parts)) < 27
     assert len(found["names"]) == 9
     assert "view=-1" in found["hash"]
     assert before[0] == before[1]  # there is but one run
