@@ -65,10 +65,14 @@ def named_problem(
     registry = default() if registry is None else registry
     if Path(name).suffix.lower() == ".toml" or not _is_declared(name, registry):
         if options:
-            raise OptionError(f"no problem is named {name!r} ({_known(registry)}), and files take no options")
+            raise OptionError(
+                f"no problem is named {name!r} ({_list_problems(registry)}), and files take no options"
+            )
         problem = read_problem(Path(name), mesh, registry, allow_code=allow_code)
     else:
-        problem = _checked(registry.build(_KIND, name, **options), describe(registry.record(_KIND, name)))
+        problem = _check_problem(
+            registry.build(_KIND, name, **options), describe(registry.record(_KIND, name))
+        )
     posed_on = getattr(problem, "posed_on", None)
     return problem if posed_on is None else posed_on(mesh)
 
@@ -95,7 +99,7 @@ def read_problem(
     """
     registry = default() if registry is None else registry
     if not os.path.exists(path) or path.is_dir():  # False for an invalid file name
-        raise FileError(f"{path}: {_no_file(path, registry)}")
+        raise FileError(f"{path}: {_describe_missing_file(path, registry)}")
     table = read_toml(path)
     kind = table.pop("kind", "diffusion")
     table = table if allow_code else written(table)
@@ -103,7 +107,7 @@ def read_problem(
         from_table, title = _reader_of(kind, registry)
         with attributed(title, spare=(AggloError, OSError, MemoryError)):
             problem = from_table(table, mesh, path.parent)
-        return _checked(problem, f"{title}: from_table")
+        return _check_problem(problem, f"{title}: from_table")
     except (AggloError, OSError, MemoryError) as error:
         raise FileError(f"{path}: {str(error) or repr(error)}") from error
 
@@ -165,7 +169,7 @@ def _is_declared(name: str, registry: Registry) -> bool:
     return True
 
 
-def _checked(problem: Any, maker: str) -> Problem:
+def _check_problem(problem: Any, maker: str) -> Problem:
     if not isinstance(getattr(problem, "kind", None), str):
         raise PluginError(f"{maker} made {shown(problem)}, expected a problem, whose kind is its name")
     return problem  # type: ignore[no-any-return]
@@ -187,11 +191,11 @@ def _reader_of(kind: Any, registry: Registry) -> tuple[Any, str]:
     return from_table, describe(record)
 
 
-def _no_file(path: Path, registry: Registry) -> str:
+def _describe_missing_file(path: Path, registry: Registry) -> str:
     if os.path.isdir(path):
-        return f"a folder; a problem is a .toml file or a name ({_known(registry)})"
-    return f"no such file, and no problem of that name ({_known(registry)})"
+        return f"a folder; a problem is a .toml file or a name ({_list_problems(registry)})"
+    return f"no such file, and no problem of that name ({_list_problems(registry)})"
 
 
-def _known(registry: Registry) -> str:
+def _list_problems(registry: Registry) -> str:
     return ", ".join(sorted({r.name for r in registry.list() if r.kind == _KIND and r.state == "ok"}))

@@ -33,7 +33,7 @@ Ended = Literal[
 _BY_PRECONDITIONER = ("indefinite preconditioner", "loss of conjugacy", "preconditioner not finite")
 
 
-def untold() -> Float:
+def empty_array() -> Float:
     """Return an empty array ``(0,)``, for data that a method does not report."""
     return frozen_float([])
 
@@ -73,7 +73,7 @@ class History:
     tests: tuple[str, ...] = ()
     ended: Ended = ""
     relative_residual: float | None = None
-    gains: Float = field(default_factory=untold)
+    gains: Float = field(default_factory=empty_array)
     energy_norm: float = 0.0
     backward_error: float | None = None
     correction: Float | None = None
@@ -86,7 +86,7 @@ class History:
         for conjugate gradients with any preconditioner, because exact steps along any direction preserve it.
         """
         if self.energy_error is None or len(self.gains) != self.iterations or not self.energy_norm > 0.0:
-            return untold()
+            return empty_array()
         parts = np.append(np.sqrt(np.maximum(self.gains, 0.0)) / self.energy_norm, self.energy_error)
         return frozen_float(np.sqrt(np.cumsum(parts[::-1] ** 2)[::-1]))
 

@@ -37,8 +37,8 @@ from agglo_core.files.stored_matrices import (
 )
 from agglo_core.mesh import Mesh
 from agglo_core.problems.real_arrays import (
-    kept,
-    kept_matrix,
+    canonical_matrix,
+    protect_array,
     real_array,
     real_matrix,
     require_finite,
@@ -95,9 +95,9 @@ class Linear:
         for name in ("A", "b", "block_offsets", "near_null"):
             value = getattr(self, name)
             if isinstance(value, np.ndarray):
-                object.__setattr__(self, name, kept(value))
+                object.__setattr__(self, name, protect_array(value))
         if sparse.issparse(self.A):
-            object.__setattr__(self, "A", kept_matrix(self.A))
+            object.__setattr__(self, "A", canonical_matrix(self.A))
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any], mesh: Mesh, folder: Path) -> Self:
@@ -114,13 +114,13 @@ class Linear:
         require_keys(table, _KEYS)
         # Read matrix and right-hand side.
         matrix, rhs = _file("matrix", table, folder), _file("rhs", table, folder)
-        with _reading("matrix", matrix, MATRIX_SUFFIXES):
+        with _guard_reading("matrix", matrix, MATRIX_SUFFIXES):
             A = real_matrix(read_matrix(matrix))
             _require_finite(A.data)
         n = A.shape[0]
         if A.shape != (n, n):
             raise OptionError(f"matrix: {matrix} must be square, given {A.shape[0]} x {A.shape[1]}")
-        with _reading("rhs", rhs, VECTOR_SUFFIXES):
+        with _guard_reading("rhs", rhs, VECTOR_SUFFIXES):
             b = read_vectors(rhs, "b", n)
             _require_finite(b)
         if b.size != n:
@@ -151,7 +151,7 @@ def _file(key: str, table: Mapping[str, Any], folder: Path) -> Path:
 
 
 @contextmanager
-def _reading(key: str, path: Path, suffixes: Sequence[str]) -> Iterator[None]:
+def _guard_reading(key: str, path: Path, suffixes: Sequence[str]) -> Iterator[None]:
     """Check the suffix of a file, and convert reader errors to FileErrors that name the file."""
     if path.suffix.lower() not in suffixes:
         raise OptionError(f"{key} must end in {', '.join(suffixes)}, given {path.name!r}")
@@ -177,9 +177,9 @@ def _near_null(table: Mapping[str, Any], matrix: Path, n: int, folder: Path) -> 
     path = matrix
     if "near_null" in table:
         path = _file("near_null", table, folder)
-    elif not _has(matrix, "near_null"):
+    elif not _has_array(matrix, "near_null"):
         return None
-    with _reading("near_null", path, VECTOR_SUFFIXES):
+    with _guard_reading("near_null", path, VECTOR_SUFFIXES):
         vectors = read_vectors(path, "near_null", n)
         _require_finite(vectors)
     if vectors.ndim not in (1, 2) or len(vectors) != n or not vectors.size:
@@ -187,17 +187,17 @@ def _near_null(table: Mapping[str, Any], matrix: Path, n: int, folder: Path) -> 
     return frozen_float(vectors.reshape(n, -1))
 
 
-def _has(path: Path, name: str) -> bool:
+def _has_array(path: Path, name: str) -> bool:
     """Return True if a matrix file contains another array with this name."""
-    with _reading("matrix", path, MATRIX_SUFFIXES):
+    with _guard_reading("matrix", path, MATRIX_SUFFIXES):
         return path.suffix.lower() == ".npz" and name in matrix_archive(path).members
 
 
 def _stored_offsets(matrix: Path, n: int, mesh: Mesh) -> Int | None:
     """Return ``block_offsets`` from a matrix file, or None."""
-    if not _has(matrix, "block_offsets"):
+    if not _has_array(matrix, "block_offsets"):
         return None
-    with _reading("matrix", matrix, MATRIX_SUFFIXES):
+    with _guard_reading("matrix", matrix, MATRIX_SUFFIXES):
         offsets = matrix_archive(matrix).integers("block_offsets", (None,))
     if (
         len(offsets) != mesh.n_cells + 1

@@ -19,7 +19,7 @@ _PARTS = ("data", "indices", "indptr")
 
 
 def real_matrix(given: Any) -> Any:
-    """Return a matrix as :func:`kept_matrix` in float64.
+    """Return a matrix as :func:`canonical_matrix` in float64.
 
     Raises
     ------
@@ -30,17 +30,17 @@ def real_matrix(given: Any) -> Any:
     if sparse.issparse(given):
         if given.dtype.kind not in "biuf":
             raise OptionError(f"A holds {given.dtype}; expected real numbers")
-        return kept_matrix(given)
+        return canonical_matrix(given)
     values = None if hasattr(given, "matvec") else real_array("A", given)
     if values is None or values.ndim != 2:
         raise OptionError(
             f"A must be a sparse or dense matrix with entries, given {type(given).__name__}: multigrid "
             "makes coarse matrices of them"
         )
-    return kept_matrix(sparse.csr_array(values))
+    return canonical_matrix(sparse.csr_array(values))
 
 
-def kept_matrix(A: Any) -> Any:
+def canonical_matrix(A: Any) -> Any:
     """Return a sparse matrix in canonical form, with protected read-only arrays.
 
     The format is CSR, or BSR if given as BSR: sorted rows and columns, no duplicates, float64 or complex128.
@@ -56,7 +56,7 @@ def kept_matrix(A: Any) -> Any:
     if A.format not in _COMPRESSED:
         A = _coordinates(A).tocsr()
         for name in _PARTS:  # own arrays need no copy
-            _read_only(getattr(A, name))
+            _freeze(getattr(A, name))
     input_arrays = [getattr(A, name) for name in _PARTS]
     rows = _COMPRESSED[A.format](_sound_parts(A), shape=A.shape)
     if A.format == "csc":
@@ -65,20 +65,20 @@ def kept_matrix(A: Any) -> Any:
         rows = _canonical(rows)
     for name, old in zip(_PARTS, input_arrays, strict=True):
         values = getattr(rows, name)
-        setattr(rows, name, kept(values) if np.may_share_memory(values, old) else _read_only(values))
+        setattr(rows, name, protect_array(values) if np.may_share_memory(values, old) else _freeze(values))
     return rows
 
 
-def kept(values: NDArray[Any]) -> NDArray[Any]:
+def protect_array(values: NDArray[Any]) -> NDArray[Any]:
     """Return a protected read-only array, copied unless already protected."""
     base: Any = values
     while isinstance(base, np.ndarray) and not base.flags.writeable and base.base is not None:
         base = base.base
     owned = isinstance(base, np.ndarray) and not base.flags.writeable
-    return values if owned else _read_only(values.copy())
+    return values if owned else _freeze(values.copy())
 
 
-def _read_only(values: NDArray[Any]) -> NDArray[Any]:
+def _freeze(values: NDArray[Any]) -> NDArray[Any]:
     """Protect an own array and its base arrays."""
     base: Any = values
     while isinstance(base, np.ndarray):

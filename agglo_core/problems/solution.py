@@ -11,7 +11,7 @@ from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elsewhere import made_by
 from agglo_core.problems.discretisation import Discretisation, Samples
-from agglo_core.problems.iteration_history import mean_contraction, untold
+from agglo_core.problems.iteration_history import empty_array, mean_contraction
 from agglo_core.problems.multigrid_level import LevelTable
 
 _Record = TypeVar("_Record")
@@ -163,7 +163,7 @@ class Solution:
     choice: str = ""
     advice: str = ""
     tolerance: float | None = None
-    energy_errors: Float = field(default_factory=untold)
+    energy_errors: Float = field(default_factory=empty_array)
     backward_error: float | None = None
     rounding_limited: bool = False
     discretisation: Discretisation | None = None

@@ -55,7 +55,7 @@ def cell_values(key: str, given: Any, mesh: Mesh) -> float | Float:
     kinds = mesh.cell_kinds
     if tag not in kinds:
         raise OptionError(f"{key}.{tag}: the tag has too many values for a table on several ranks")
-    by_value = _by_whole(f"{key}.{tag}", values, _named(kinds[tag], kinds))
+    by_value = _numbers_by_tag(f"{key}.{tag}", values, _values_by_name(kinds[tag], kinds))
     present = np.unique(kinds[tag])
     lacking = [int(tag_value) for tag_value in present if int(tag_value) not in by_value]
     if lacking:
@@ -86,7 +86,7 @@ def boundary_values(key: str, given: Any, mesh: Mesh, face_tag: str) -> dict[int
     kinds = mesh.boundary_kinds
     tags = kinds.tags.get(face_tag, np.zeros_like(kinds.component))
     present = np.unique(tags).tolist()
-    values = _by_whole(key, given, _named(tags, kinds.tags))
+    values = _numbers_by_tag(key, given, _values_by_name(tags, kinds.tags))
     for tag in values:
         if tag not in present:
             choices = f"{', '.join(map(str, present))} ({_tags_of(mesh)})"
@@ -98,7 +98,7 @@ def _tags_of(mesh: Mesh) -> str:
     return f"it has the face tags: {', '.join(mesh.face_tags) or 'none'}"
 
 
-def _named(values: Int, marks: Mapping[str, Int]) -> dict[str, int]:
+def _values_by_name(values: Int, marks: Mapping[str, Int]) -> dict[str, int]:
     """Return the value for each name that marks exactly the entries with this value."""
     names: dict[str, int] = {}
     for name, marked in marks.items():
@@ -109,18 +109,18 @@ def _named(values: Int, marks: Mapping[str, Int]) -> dict[str, int]:
     return names
 
 
-def _by_whole(key: str, table: Mapping[str, Any], names: Mapping[str, int]) -> dict[int, float]:
+def _numbers_by_tag(key: str, table: Mapping[str, Any], names: Mapping[str, int]) -> dict[int, float]:
     """Return numbers by tag value, given by value or name, each at most once."""
     values: dict[int, float] = {}
     for name, value in table.items():
-        tag = names[name] if name in names else _whole(key, name, names)
+        tag = names[name] if name in names else _tag_value(key, name, names)
         if tag in values:
             raise OptionError(f"{key} gives tag {tag} twice")
         values[tag] = number(f"{key}.{name}", value)
     return values
 
 
-def _whole(key: str, name: str, names: Mapping[str, int]) -> int:
+def _tag_value(key: str, name: str, names: Mapping[str, int]) -> int:
     try:
         return int(name)
     except ValueError:

@@ -131,14 +131,14 @@ def lifted(A: Any, b: Float, rows: Int | None = None) -> tuple[Float, Float]:
     if not is_known(A):
         return frozen_float(offset), b
     if not b[rows].any():
-        return _without_spring_loads(A, frozen_float(offset), b)
+        return _remove_spring_loads(A, frozen_float(offset), b)
     offset[rows] = (b[rows].T / A.diagonal()[rows]).T
     load = b - A @ offset
     load[rows] = 0.0 - _rows_without_diagonal(A, rows) @ offset
-    return _without_spring_loads(A, frozen_float(offset), frozen_float(load))
+    return _remove_spring_loads(A, frozen_float(offset), frozen_float(load))
 
 
-def _without_spring_loads(A: Any, offset: Float, b: Float) -> tuple[Float, Float]:
+def _remove_spring_loads(A: Any, offset: Float, b: Float) -> tuple[Float, Float]:
     """Add the differences imposed across springs to an offset. Return offset and remaining load."""
     sizes = row_sizes(A)
     imposed = [imposed_differences(A, column, sizes) for column in np.atleast_2d(b.T)]

@@ -97,7 +97,7 @@ def imposed_differences(A: Any, b: Float, sizes: Float) -> Imposed | None:
     # Solve the member rows of each cluster.
     root = np.empty(len(b), np.int64)
     root[order] = roots[np.cumsum(first) - 1]
-    values, forces, stiffness = _solved(sparse.csr_array(A), b, members, root, label)
+    values, forces, stiffness = _solve_members(sparse.csr_array(A), b, members, root, label)
     # Discard clusters that are held otherwise.
     is_held = stiffness > _WEAK * sizes
     in_cluster = ~is_held[root[members]]
@@ -161,7 +161,7 @@ def _entries(A: Any, rows: Any) -> tuple[Int, Int, Float]:
     return np.repeat(np.flatnonzero(rows), lengths[rows]), A.indices[some], A.data[some]
 
 
-def _solved(rows: Any, b: Float, members: Int, root: Int, label: Int) -> tuple[Float, Float, Float]:
+def _solve_members(rows: Any, b: Float, members: Int, root: Int, label: Int) -> tuple[Float, Float, Float]:
     """Solve the member rows, with all other unknowns 0.
 
     Returns
