@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final, Literal
 
-from agglo_core.solvers.backends import AUTO, PACKAGES, available_backends, chosen_backend
+from agglo_core.solvers.backends import AUTO, PACKAGES, available_backends, choose_backend
 
 Kind = Literal["cells", "groups", "solids", "linear"]
 """Single cells of at most four faces, polygons or cells smoothed in groups, polyhedra, linear systems."""
@@ -75,7 +75,7 @@ def advice_of_multigrid(A: Any, kind: Kind, count: int = 1, penalty: float | str
         way = "take the solver" if count == 1 else "the inverse, for all columns, is the aspreconditioner of"
         return (
             f"{_TITLES[backend]} usually takes less time {size}: {way} {_spec(backend, penalty)}"
-            f"{_missing(backend)}"
+            f"{_suggest_pardiso(backend)}"
         )
     return ""
 
@@ -87,7 +87,7 @@ def advice_of_direct(A: Any, kind: Kind, backend: str) -> str:
         return ""
     return (
         f"multigrid usually takes less time than {_TITLES[backend]} from about {_unknowns(A, limits.other)} "
-        f"unknowns of this kind: take the solver polydg_mg{_missing(backend)}"
+        f"unknowns of this kind: take the solver polydg_mg{_suggest_pardiso(backend)}"
     )
 
 
@@ -99,11 +99,11 @@ def _unknowns(A: Any, entries: float) -> str:
 def _spec(backend: str, penalty: float | str) -> str:
     """Return ``direct`` with options in command-line notation."""
     options = [] if penalty in (_PENALTY, "paper") else [f"penalty={penalty}"]
-    options += [] if chosen_backend(AUTO) == backend else [f"backend={backend}"]
+    options += [] if choose_backend(AUTO) == backend else [f"backend={backend}"]
     return ":".join(filter(None, ("direct", ",".join(options))))
 
 
-def _missing(backend: str) -> str:
+def _suggest_pardiso(backend: str) -> str:
     """Return a hint at PARDISO if only SuperLU is installed, else an empty text."""
     if backend != "superlu" or "pardiso" in available_backends():
         return ""

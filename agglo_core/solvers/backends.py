@@ -112,7 +112,7 @@ PACKAGES: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
 """Module and pip name for each solver's package."""
 
 
-def chosen_backend(name: str) -> str:
+def choose_backend(name: str) -> str:
     """Return the name of an installed solver: the given name, or the first for ``"auto"``.
 
     Raises
@@ -131,10 +131,10 @@ def chosen_backend(name: str) -> str:
 
 def available_backends() -> tuple[str, ...]:
     """Return the names of installed solvers, fastest first."""
-    return tuple(each for each in BACKENDS if _installed(each))
+    return tuple(each for each in BACKENDS if _is_installed(each))
 
 
-def _installed(name: str) -> bool:
+def _is_installed(name: str) -> bool:
     try:
         return name not in PACKAGES or bool(_package(name))
     except OptionError as missing:
@@ -160,7 +160,7 @@ def _path_of_mkl() -> Iterator[None]:
     Without the variable, pypardiso searches the whole environment on import and again for each solver. A
     search takes a third of a second, far longer than factorising a small matrix.
     """
-    variable, path = "PYPARDISO_MKL_RT", _installed_mkl()
+    variable, path = "PYPARDISO_MKL_RT", _mkl_from_package()
     if path is None or variable in os.environ:
         yield
         return
@@ -172,7 +172,7 @@ def _path_of_mkl() -> Iterator[None]:
 
 
 @cache
-def _installed_mkl() -> str | None:
+def _mkl_from_package() -> str | None:
     """Return the path of MKL's runtime library from the file list in the distribution ``mkl``."""
     try:
         files = metadata.files("mkl") or []

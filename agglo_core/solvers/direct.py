@@ -18,7 +18,7 @@ from agglo_core.problems.residuals.sizes import size_ratio, two_norm
 from agglo_core.progress import Listener, phase
 from agglo_core.registry import Registry
 from agglo_core.solvers.advice import Kind, advice_of_direct
-from agglo_core.solvers.backends import AUTO, BACKENDS, Solves, chosen_backend
+from agglo_core.solvers.backends import AUTO, BACKENDS, Solves, choose_backend
 from agglo_core.solvers.fine_system import FineSystem, discretisation, fine_system
 from agglo_core.solvers.option_checks import require_count, require_fraction, show_options
 from agglo_core.solvers.stopwatch import Stopwatch
@@ -70,7 +70,7 @@ class Direct:
     ) -> None:
         require_fraction("tolerance", tolerance)
         require_count("max_refinements", max_refinements, 0)
-        chosen_backend(backend)
+        choose_backend(backend)
         self.discretisation = discretisation(
             "polydg", registry, degree=degree, penalty=penalty, scaled_basis=scaled_basis
         )
@@ -92,12 +92,12 @@ class Direct:
         watch = Stopwatch()
         with watch("assemble"), phase(progress, "assembling"):
             fine = fine_system(problem, hierarchy, self.discretisation)
-        backend = chosen_backend(self.backend)
+        backend = choose_backend(self.backend)
         try:
             with watch("setup"), phase(progress, "factorising", backend):
                 solves = BACKENDS[backend](fine.A)
             with watch("solve"), phase(progress, "solving"):
-                history = _refined(fine, solves, self.tolerance, self.max_refinements)
+                history = _solve_and_refine(fine, solves, self.tolerance, self.max_refinements)
         except np.linalg.LinAlgError as failure:
             history = unsolved(fine.b, str(failure))
         solution = fine.solution(history, [(fine.A, None)], watch, self.tolerance)
@@ -119,7 +119,7 @@ class Direct:
         """
         fine = fine_system(problem, hierarchy, self.discretisation)
         try:
-            solves = BACKENDS[chosen_backend(self.backend)](fine.A)
+            solves = BACKENDS[choose_backend(self.backend)](fine.A)
         except np.linalg.LinAlgError as failure:
             raise OptionError(f"the matrix has no inverse to precondition with: {failure}") from failure
         inverse = LinearOperator(
@@ -128,7 +128,7 @@ class Direct:
         return fine.preconditioner(inverse)
 
 
-def _refined(fine: FineSystem, solves: Solves, tolerance: float, most: int) -> History:
+def _solve_and_refine(fine: FineSystem, solves: Solves, tolerance: float, most: int) -> History:
     """Solve, then refine at most ``most`` times until residual and error pass."""
     b = fine.b
     x, residuals = np.zeros(len(b)), [two_norm(b)]

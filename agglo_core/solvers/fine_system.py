@@ -119,7 +119,7 @@ def fine_system(problem: Problem, hierarchy: Hierarchy, how: Any) -> FineSystem:
         values are not finite. Further errors as :func:`~agglo_core.problems.linear.symmetric_system`.
     """
     if isinstance(problem, Linear):
-        return _given(problem, hierarchy.graph.n)
+        return _system_of_problem(problem, hierarchy.graph.n)
     if how is None:
         raise OptionError(
             f"a problem of kind {problem.kind} must be discretised, and no installed plugin offers that: "
@@ -131,7 +131,7 @@ def fine_system(problem: Problem, hierarchy: Hierarchy, how: Any) -> FineSystem:
     return system
 
 
-def _given(problem: Linear, n: int) -> FineSystem:
+def _system_of_problem(problem: Linear, n: int) -> FineSystem:
     width = _width(problem, n)
     matrix, full = symmetric_system(problem)
     factor, factor_of_matrix = factor_for(float(np.abs(full).max(initial=0.0))), matrix_factor(matrix)

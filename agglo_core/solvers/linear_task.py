@@ -76,7 +76,7 @@ class LinearTask:
         self._classical = is_classical(self.system)
         labelled = recipe == "agglomerates" or not self._classical
         self._labels = (
-            [_numbered(array[block_cells]) for array in _levels(hierarchy, count)] if labelled else []
+            [_renumber_labels(array[block_cells]) for array in _levels(hierarchy, count)] if labelled else []
         )
         self.cycle: Any = "V" if cycle == "auto" else cycle
         self.dtype: Any = np.float32 if precision == "single" else np.float64
@@ -232,5 +232,5 @@ def _levels(hierarchy: Hierarchy, count: int | None) -> list[Int]:
     return chosen_levels(hierarchy, count) if hierarchy.levels else []
 
 
-def _numbered(labels: Int) -> Int:
+def _renumber_labels(labels: Int) -> Int:
     return frozen_int(np.unique(labels, return_inverse=True)[1])

@@ -64,7 +64,7 @@ def report(
     dofs = [A.shape[0] for A in matrices]
     sizes = zip(_parts(mesh, solution, dofs), dofs, map(_entries, matrices), strict=True)
     # Residual measure, errors and energy, from the discretisation if available.
-    x_rest, b = _solved(solution)
+    x_rest, b = _solved_system(solution)
     measure = how.residual_measure(problem, mesh, b) if how else row_measure(solution.A, b)
     with phase(progress, "measuring", "errors"):
         norms = how.errors(problem, mesh, solution.x) if how else {}
@@ -83,11 +83,11 @@ def report(
         "residuals": np.asarray(solution.residuals).tolist(),
         **error_entries(norms),
         "energy": energy,
-        "operator_complexity": _known(solution.operator_complexity, operator_complexity(solution)),
+        "operator_complexity": _prefer_reported(solution.operator_complexity, operator_complexity(solution)),
         "cg_iterations": _plain_cg(solution, cg_tolerance, measure, progress),
         "seconds": dict(solution.seconds),
         "cpu_seconds": dict(solution.cpu_seconds),
-        "grid_complexity": _known(solution.grid_complexity, float(sum(dofs) / dofs[0])),
+        "grid_complexity": _prefer_reported(solution.grid_complexity, float(sum(dofs) / dofs[0])),
         "contraction": solution.contraction,
         "asymptotic_contraction": solution.asymptotic_contraction,
         "memory": solution.memory,
@@ -121,8 +121,8 @@ def _parts(mesh: Mesh, solution: Solution, dofs: list[int]) -> list[int | None]:
     return [None if rest else count for count, rest in counts]
 
 
-def _known(told: float | None, found: float | None) -> float | None:
-    return found if told is None else told
+def _prefer_reported(reported: float | None, computed: float | None) -> float | None:
+    return computed if reported is None else reported
 
 
 def _entries(A: Any) -> int | None:
@@ -134,7 +134,7 @@ def _matrices(solution: Solution) -> list[Any]:
     return [A for A, _ in solution.operators] or [solution.A]
 
 
-def _solved(solution: Solution) -> tuple[Float, Float]:
+def _solved_system(solution: Solution) -> tuple[Float, Float]:
     """Return unknowns and right-hand side in the solved system, without an offset."""
     lifting = solution.lifting
     return (solution.x, solution.b) if lifting is None else (lifting.rest, lifting.load)
@@ -148,7 +148,7 @@ def _plain_cg(
 ) -> int | None:
     if tolerance is None:
         return None
-    b, energy = _solved(solution)[1], getattr(measure, "energy", None)
+    b, energy = _solved_system(solution)[1], getattr(measure, "energy", None)
     with phase(progress, "counting iterations of plain CG") as tell:
         history = conjugate_gradients(solution.A, b, tolerance, measure=measure, energy=energy, tell=tell)
     return history.iterations if history.converged else None
@@ -185,7 +185,7 @@ def text(title: str, data: Mapping[str, Any], columns: int = _COLUMNS) -> str:
         if data[key]
     ]
     lines += [f"advice: {data['advice']}"] if data["advice"] else []
-    return "\n".join(_wrapped(line, columns) for line in lines)
+    return "\n".join(_wrap_line(line, columns) for line in lines)
 
 
 def _levels(levels: Sequence[Mapping[str, Any]]) -> str:
@@ -215,7 +215,7 @@ def _seconds(seconds: Mapping[str, float]) -> str:
     return ", ".join(f"{name}{_TIE}{value:.2f}{_TIE}s" for name, value in seconds.items())
 
 
-def _wrapped(line: str, columns: int) -> str:
+def _wrap_line(line: str, columns: int) -> str:
     folded = textwrap.fill(
         line, columns, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
     )

@@ -35,7 +35,7 @@ def installed(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -
     """Direct solvers taken to be installed."""
     names: tuple[str, ...] = request.param
     monkeypatch.setattr(advice, "available_backends", lambda: names)
-    monkeypatch.setattr(advice, "chosen_backend", lambda _: names[0])
+    monkeypatch.setattr(advice, "choose_backend", lambda _: names[0])
     return names
 
 

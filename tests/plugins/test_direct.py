@@ -19,7 +19,7 @@ from scipy.sparse.linalg import cg, spsolve
 from agglo_core import OptionError, agglomerate, samples
 from agglo_core.problems import Diffusion, Linear
 from agglo_core.solvers import backends as direct_backends
-from agglo_core.solvers.backends import BACKENDS, chosen_backend, superlu
+from agglo_core.solvers.backends import BACKENDS, choose_backend, superlu
 from agglo_core.solvers.direct import Direct
 from agglo_polydg_mg.paper.paper_multigrid import PaperMultigrid
 from agglo_polydg_mg.plain_cg import PlainCG
@@ -199,7 +199,7 @@ def test_pypardiso_is_given_the_path_of_mkl(monkeypatch: pytest.MonkeyPatch, tmp
 
 @pytest.mark.usefixtures("_nothing_installed")
 def test_what_is_not_installed_is_named() -> None:
-    assert chosen_backend("auto") == "superlu"
+    assert choose_backend("auto") == "superlu"
     with pytest.raises(OptionError, match=r"backend 'pardiso' needs pypardiso: pip install pypardiso"):
         Direct(backend="pardiso")
     with pytest.raises(OptionError, match=r"needs scikit-sparse: pip install scikit-sparse"):
@@ -213,7 +213,7 @@ def test_what_is_not_installed_is_named() -> None:
 def test_the_fastest_that_is_installed_is_taken(backend: str, monkeypatch: pytest.MonkeyPatch) -> None:
     kept = {"pardiso": "pypardiso", "cholmod": "sksparse", "superlu": ""}[backend]
     _uninstall(monkeypatch, *({"pypardiso", "sksparse"} - {kept}))
-    assert chosen_backend("auto") == backend
+    assert choose_backend("auto") == backend
 
 
 def rough(A: sparse.csr_array) -> object:
