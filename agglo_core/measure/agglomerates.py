@@ -145,7 +145,7 @@ def quality(
         followed(progress, verbose) as listen,
         phase(listen, "measuring") as tell,
     ):
-        return Quality(_measured(mesh, mesh.coarsen(labels), labels, members, tell))
+        return Quality(_evaluate_metrics(mesh, mesh.coarsen(labels), labels, members, tell))
 
 
 def measure_levels(
@@ -202,7 +202,7 @@ def measure_levels(
                 "cells": np.bincount(labels).astype(float),
                 "diameter": coarse.cell_diameters,
                 "measure": coarse.cell_measures,
-                **_measured(mesh, coarse, labels, members, level_progress),
+                **_evaluate_metrics(mesh, coarse, labels, members, level_progress),
             }
             objectives = {
                 objective.name: objective.value(hierarchy.graph, labels) for objective in selection.objectives
@@ -234,7 +234,7 @@ def summary(
     return [level.line for level in measure_levels(mesh, hierarchy, registry, metrics)]
 
 
-def _measured(
+def _evaluate_metrics(
     mesh: Mesh, coarse: Mesh, labels: Int, metrics: Mapping[str, Member], tell: Tell
 ) -> dict[str, Float]:
     """Return metric values by name.

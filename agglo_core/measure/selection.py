@@ -44,7 +44,7 @@ def select(chosen: Iterable[Metric], registry: Registry | None = None) -> Select
     """
     # 1. Separate objectives from metrics; a metric takes precedence.
     source = default() if registry is None else registry
-    items = _listed(chosen)
+    items = _check_list(chosen)
     metric_names = {record.name for record in source.list() if record.kind == "metric"}
     names = [
         item for item in items if isinstance(item, str) and item in OBJECTIVES and item not in metric_names
@@ -52,7 +52,7 @@ def select(chosen: Iterable[Metric], registry: Registry | None = None) -> Select
     metric_items = [item for item in items if item not in names]
     for item in metric_items:
         if isinstance(item, str) and "/" not in item and item not in metric_names:
-            raise PluginError(_unknown(item, sorted(metric_names)))
+            raise PluginError(_describe_unknown_name(item, sorted(metric_names)))
     # 2. Build the metrics, and check the names.
     metrics = built_metrics(metric_items, source)
     for name in metrics:
@@ -68,7 +68,7 @@ def built_metrics(chosen: Iterable[Metric], registry: Registry | None = None) ->
     """Return metric objects by name, with their titles for error messages."""
     source = default() if registry is None else registry
     built: dict[str, Member] = {}
-    for metric in _listed(chosen):
+    for metric in _check_list(chosen):
         # 1. Build the metric, or use the object.
         name, options = name_and_options("metric", metric) if isinstance(metric, tuple) else (metric, {})
         if isinstance(name, str):
@@ -89,7 +89,7 @@ def built_metrics(chosen: Iterable[Metric], registry: Registry | None = None) ->
     return built
 
 
-def _unknown(name: str, metrics: Sequence[str]) -> str:
+def _describe_unknown_name(name: str, metrics: Sequence[str]) -> str:
     close = difflib.get_close_matches(name, [*metrics, *OBJECTIVES], n=1)
     hint = f" (did you mean {close[0]!r}?)" if close else ""
     return (
@@ -98,7 +98,7 @@ def _unknown(name: str, metrics: Sequence[str]) -> str:
     )
 
 
-def _listed(metrics: Iterable[Metric]) -> list[Metric]:
+def _check_list(metrics: Iterable[Metric]) -> list[Metric]:
     if isinstance(metrics, str):
         raise OptionError(f"metrics must be a list or tuple of names, not the text {metrics!r}")
     if not isinstance(metrics, Iterable):
