@@ -46,8 +46,8 @@ def brain3d(mm: float = 4.0) -> Mesh:
     # 1. Load the voxels, and resample them.
     with as_file(files("agglo_core.samples") / "data" / "brain3d.npz") as path, np.load(path) as data:
         fine, low = data["tissue"], data["low"]
-    tissue, first = _resampled(fine, low, float(mm))
-    tissue = _without_specks(_one_piece(tissue))
+    tissue, first = _resample_tissue(fine, low, float(mm))
+    tissue = _replace_specks(_largest_piece(tissue))
     # 2. Build one hexahedron per filled voxel.
     voxels = np.argwhere(tissue)
     points, cells = _cubes(voxels)
@@ -59,7 +59,7 @@ def brain3d(mm: float = 4.0) -> Mesh:
     )
 
 
-def _resampled(fine: Int, low: Float, mm: float) -> tuple[Int, Float]:
+def _resample_tissue(fine: Int, low: Float, mm: float) -> tuple[Int, Float]:
     """Resample the tissue to voxels with edge ``mm``, by volume shares.
 
     Also returns the grid origin in units of ``mm``. One voxel lies across the middle plane, about which the
@@ -81,7 +81,7 @@ def _overlaps(start: float, n: int, mm: float) -> tuple[Float, float]:
     return np.clip(high - low, 0.0, None), float(edges[0])
 
 
-def _without_specks(tissue: Int) -> Int:
+def _replace_specks(tissue: Int) -> Int:
     """Replace small tissue pieces by the predominant tissue of the adjacent voxels."""
     from scipy.ndimage import convolve, label
 
@@ -100,7 +100,7 @@ def _without_specks(tissue: Int) -> Int:
     return np.where(specks & (votes.sum(axis=0) > 0), 1 + votes.argmax(axis=0), tissue)
 
 
-def _one_piece(tissue: Int) -> Int:
+def _largest_piece(tissue: Int) -> Int:
     """Return the largest connected piece of the filled voxels."""
     from scipy.ndimage import label
 

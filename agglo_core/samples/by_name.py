@@ -68,7 +68,7 @@ def from_spec(spec: str, registry: Registry | None = None) -> Mesh:
     target = resolve(record)
     accepted = options_of(target) or ()
     try:
-        options = checked_options(record, target, _given(spec, option_text, accepted))
+        options = checked_options(record, target, _parse_options(spec, option_text, accepted))
     except OptionError as error:
         raise OptionError(f"{error}; {_usage(record, accepted)}") from error
     # 3. Create the mesh.
@@ -78,7 +78,7 @@ def from_spec(spec: str, registry: Registry | None = None) -> Mesh:
     return mesh
 
 
-def _given(spec: str, option_text: str, accepted: Sequence[Option]) -> dict[str, Text]:
+def _parse_options(spec: str, option_text: str, accepted: Sequence[Option]) -> dict[str, Text]:
     """Return the options of a text as typed."""
     options: dict[str, Text] = {}
     items = [item.strip() for item in option_text.split(",") if item.strip()]

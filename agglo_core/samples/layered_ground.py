@@ -42,18 +42,18 @@ def layered(n: int = 24) -> Mesh:
     # 2. Material by height before the drop.
     depth = (k + 0.5) / counts[2] + np.where(dropped, max(1, round(_THROW * counts[2])) / counts[2], 0.0)
     mesh = Mesh.from_polyhedra(
-        _bent(counts),
+        _bend_grid(counts),
         polyhedra_from_elements({"hexahedron": _corners(counts, i, j, k)}),
         cell_tags={"material": 1 + np.searchsorted(_TOPS, depth)},
         name=f"layered {'x'.join(map(str, counts))}",
     )
     # 3. Tags of the sides and faults.
-    ends = [_on_planes(mesh, counts, axis, [0, counts[axis]]) for axis in range(3)]
+    ends = [_plane_numbers(mesh, counts, axis, [0, counts[axis]]) for axis in range(3)]
     side = sum(np.where(end > 0, end + 2 * axis, 0) for axis, end in enumerate(ends))
-    return mesh.with_face_tags(fault=_on_planes(mesh, counts, 0, at), side=side)
+    return mesh.with_face_tags(fault=_plane_numbers(mesh, counts, 0, at), side=side)
 
 
-def _bent(counts: tuple[int, ...]) -> Float:
+def _bend_grid(counts: tuple[int, ...]) -> Float:
     """Return the points of the bent grid, x fastest.
 
     Lines along z lean like the faults. The lift is a function of x plus a function of y, so all faces are
@@ -75,7 +75,7 @@ def _corners(counts: tuple[int, ...], i: Int, j: Int, k: Int) -> Int:
     return corners
 
 
-def _on_planes(mesh: Mesh, counts: tuple[int, ...], axis: int, places: list[int]) -> Int:
+def _plane_numbers(mesh: Mesh, counts: tuple[int, ...], axis: int, places: list[int]) -> Int:
     """Return 1 for faces on the first of these grid planes, 2 on the second, else 0."""
     place: Int = np.unravel_index(mesh.face_vertices.reshape(-1, 4), [n + 1 for n in reversed(counts)])[
         2 - axis

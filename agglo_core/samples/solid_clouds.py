@@ -46,7 +46,7 @@ def random_tetrahedra(n: int, seed: int = 0) -> Mesh:
     outside = (grid + np.where((grid == 0) | (grid == per_edge), 0.0, moves)) / per_edge
     # 2. Random points inside, at a minimum distance.
     away = 0.5 * _APART / per_edge
-    inside = _spread(rng.uniform(away, 1 - away, (n, 3)), _APART / per_edge)
+    inside = _drop_close_points(rng.uniform(away, 1 - away, (n, 3)), _APART / per_edge)
     points = np.concatenate([inside, outside])
     # 3. Triangulate, orient the tetrahedra, and drop flat ones.
     cells = Delaunay(points).simplices
@@ -100,7 +100,7 @@ def voronoi3d(n: int, seed: int = 0) -> Mesh:
             if cell < n:
                 cells[cell].append(loop if outward else loop[::-1])
     # 3. Drop unused points, and snap corners to the sides.
-    used_points, loops = _used(cells)
+    used_points, loops = _drop_unused_points(cells)
     corners = points[used_points]
     for side in (0.0, 1.0):
         corners[np.abs(corners - side) < _SNAP] = side
@@ -114,14 +114,14 @@ def _turn(loop: Float) -> Float:
     return vector
 
 
-def _used(cells: list[list[list[int]]]) -> tuple[Int, list[list[list[int]]]]:
+def _drop_unused_points(cells: list[list[list[int]]]) -> tuple[Int, list[list[list[int]]]]:
     """Return the points used by cells, and the cells with renumbered points."""
     used = np.unique([v for cell in cells for loop in cell for v in loop])
     place = dict(zip(used.tolist(), range(len(used)), strict=True))
     return used, [[[place[v] for v in loop] for loop in cell] for cell in cells]
 
 
-def _spread(points: Float, distance: float) -> Float:
+def _drop_close_points(points: Float, distance: float) -> Float:
     """Drop points that are too close to an earlier kept point."""
     from scipy.spatial import cKDTree
 
