@@ -104,7 +104,7 @@ class Archive:
         """
         if name not in self.members:
             raise FileError(f"array {name!r} is missing; found {', '.join(list(self.members)[:20])}")
-        with _naming(name), zipfile.ZipFile(self._path) as archive:
+        with _name_array_in_errors(name), zipfile.ZipFile(self._path) as archive:
             info = self._checked(name)
             with archive.open(info) as stream:
                 header = _header(stream, info.file_size)
@@ -150,14 +150,14 @@ def read_npy(path: Path, kinds: str) -> NDArray[Any]:
     FileError
         If it is corrupt, or the kind of its dtype is not in ``kinds``.
     """
-    with _naming(path.stem), path.open("rb") as stream:
+    with _name_array_in_errors(path.stem), path.open("rb") as stream:
         header = _header(stream, path.stat().st_size)
         _check(path.stem, header, kinds, None, None)
         return _values(stream, header)
 
 
 @contextmanager
-def _naming(name: str) -> Iterator[None]:
+def _name_array_in_errors(name: str) -> Iterator[None]:
     """Convert the errors of zipfile and numpy to a FileError with the array name."""
     try:
         yield

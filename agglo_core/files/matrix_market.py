@@ -118,11 +118,11 @@ def _entries(content: bytes, header: _Header) -> sparse.coo_array:
     i, j = (places[:, axis].astype(index) - 1 for axis in (0, 1))
     values = table[:, 2].copy() if header.field != "pattern" else np.ones(count)
     if header.symmetry != "general":
-        i, j, values = _mirrored(i, j, values, header.symmetry)
+        i, j, values = _mirror_entries(i, j, values, header.symmetry)
     return sparse.coo_array((values, (i, j)), shape=(n, m))
 
 
-def _mirrored(
+def _mirror_entries(
     i: NDArray[Any], j: NDArray[Any], values: NDArray[Any], symmetry: str
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
     """Mirror all off-diagonal entries.

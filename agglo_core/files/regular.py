@@ -25,9 +25,9 @@ def file_bytes(path: Path) -> bytes:
 
 def text_bytes(path: Path) -> bytes:
     """Read a regular file without its UTF-8 byte order mark. Raises FileError or OSError."""
-    return without_mark(file_bytes(path))
+    return strip_mark(file_bytes(path))
 
 
-def without_mark(content: bytes) -> bytes:
+def strip_mark(content: bytes) -> bytes:
     """Return text without a leading byte order mark."""
     return content.removeprefix(codecs.BOM_UTF8)

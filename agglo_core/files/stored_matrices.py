@@ -70,11 +70,11 @@ def stored_matrix(arrays: Archive) -> Any:
     form = _format(arrays)
     try:
         if form in _COMPRESSED:
-            return _compressed(arrays, form)
+            return _read_compressed(arrays, form)
         if form == "coo":
-            return _coordinates(arrays)
+            return _read_coordinates(arrays)
         if form == "dia":
-            return _diagonals(arrays)
+            return _read_diagonals(arrays)
     except FileError:
         raise
     except (ValueError, OverflowError) as error:  # scipy's error for inconsistent lengths
@@ -97,7 +97,7 @@ def _shape(arrays: Archive, entries: int) -> tuple[int, int]:
     return n, m
 
 
-def _compressed(arrays: Archive, form: str) -> Any:
+def _read_compressed(arrays: Archive, form: str) -> Any:
     indptr, indices = arrays.integers("indptr", (None,)), arrays.integers("indices", (None,))
     data = arrays.take("data", REAL, (len(indices), *([None] * 2 if form == "bsr" else [])))
     n = len(indptr) - 1
@@ -107,7 +107,7 @@ def _compressed(arrays: Archive, form: str) -> Any:
     return _COMPRESSED[form]((data, indices, indptr), shape=shape)
 
 
-def _coordinates(arrays: Archive) -> Any:
+def _read_coordinates(arrays: Archive) -> Any:
     if "coords" in arrays.members:
         i, j = arrays.integers("coords", (2, None))
     else:
@@ -115,7 +115,7 @@ def _coordinates(arrays: Archive) -> Any:
     return sparse.coo_array((arrays.take("data", REAL, (len(i),)), (i, j)), shape=_shape(arrays, len(i)))
 
 
-def _diagonals(arrays: Archive) -> Any:
+def _read_diagonals(arrays: Archive) -> Any:
     offsets = arrays.integers("offsets", (None,))
     data = arrays.take("data", REAL, (len(offsets), None))
     return sparse.dia_array((data, offsets), shape=_shape(arrays, data.size))

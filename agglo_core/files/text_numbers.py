@@ -29,7 +29,7 @@ def reals(content: bytes, start: int = 0, stop: int | None = None) -> Float:
     FileError
         With the line of the first invalid word.
     """
-    return frozen_float(_converted(content, start, stop, np.float64))
+    return frozen_float(_parse_range(content, start, stop, np.float64))
 
 
 def integers(content: bytes, start: int = 0, stop: int | None = None) -> Int:
@@ -37,7 +37,7 @@ def integers(content: bytes, start: int = 0, stop: int | None = None) -> Int:
 
     Raises FileError as :func:`reals`.
     """
-    values = _converted(content, start, stop, np.int64)
+    values = _parse_range(content, start, stop, np.int64)
     if values.size and (values.max() == _LARGEST or values.min() == -_LARGEST - 1):  # saturation
         raise FileError("it holds a number that an int64 cannot")
     return frozen_int(values)
@@ -108,7 +108,7 @@ def line_of(content: bytes, place: int) -> int:
     return content.count(b"\n", 0, place) + 1
 
 
-def _converted(content: bytes, start: int, stop: int | None, dtype: type) -> NDArray[Any]:
+def _parse_range(content: bytes, start: int, stop: int | None, dtype: type) -> NDArray[Any]:
     stop = len(content) if stop is None else stop
     text = content[start:stop] if (start, stop) != (0, len(content)) else content
     if not text or text.isspace():

@@ -14,7 +14,7 @@ from agglo_core.arrays import plain_array
 from agglo_core.errors import MeshError, OptionError
 from agglo_core.interchange.shapely_in import mesh_from_shapely
 from agglo_core.interchange.shapely_out import mesh_to_shapely
-from agglo_core.io.levels import about_agglomerates, check_belongs, under_free_names
+from agglo_core.io.levels import check_belongs, coarse_cell_data, under_free_names
 from agglo_core.io.tags import cell_data, is_level
 from agglo_core.mesh import Mesh
 
@@ -92,7 +92,7 @@ def _agglomerates(hierarchy: Hierarchy | None, level: int) -> tuple[Mesh, dict[s
         raise OptionError(f"to_geojson: level {level!r} of a hierarchy of {count} levels")
     coarse = hierarchy.mesh(level)
     tags = {name: values for name, values in coarse.cell_tags.items() if not is_level(name)}
-    data = about_agglomerates(hierarchy.levels, level, coarse, {})
+    data = coarse_cell_data(hierarchy.levels, level, coarse, {})
     return coarse, {**tags, **under_free_names(data, tags)}
 
 

@@ -95,7 +95,7 @@ def mesh_from_shapely(
     >>> agglo.interchange.mesh_from_shapely([box(0, 0, 1, 1), box(1, 0, 2, 1)])
     Mesh(2-D, 2 cells, 7 faces, 6 points)
     """
-    items = _checked_items(polygons)
+    items = _check_items(polygons)
     # Rings of points; nearly equal points merge, hanging vertices are inserted.
     points, rings = _rings(items)
     reach = max(float(tolerance), 16 * float(np.spacing(np.abs(points).max())))
@@ -131,7 +131,7 @@ def mesh_from_shapely(
     return mesh
 
 
-def _checked_items(polygons: Any) -> NDArray[np.object_]:
+def _check_items(polygons: Any) -> NDArray[np.object_]:
     """Return the polygons as an object array, or raise MeshError with the first invalid item."""
     import shapely
 

@@ -45,7 +45,7 @@ def mesh_to_shapely(mesh: Mesh) -> Geometries:
     order = np.lexsort((hole, shell))  # each shell, followed by its holes
     number = np.cumsum(~hole) - 1
     parts = shapely.polygons(rings[order], indices=number[shell[order]])
-    return _by_cell(parts, cell[~hole], mesh.n_cells)
+    return _group_by_cell(parts, cell[~hole], mesh.n_cells)
 
 
 def _linear_rings(mesh: Mesh, loops: Loops) -> Geometries:
@@ -81,7 +81,7 @@ def _shell_of(rings: Geometries, hole: NDArray[np.bool_], cell: Int, n_cells: in
     return frozen_int(shell)
 
 
-def _by_cell(parts: Geometries, cell: Int, n_cells: int) -> Geometries:
+def _group_by_cell(parts: Geometries, cell: Int, n_cells: int) -> Geometries:
     """Group polygons by cell (ascending): single polygons unchanged, several as a MultiPolygon."""
     import shapely
 

@@ -107,7 +107,7 @@ def read(
     >>> agglo.read("grid.vtu")
     Mesh('grid', 2-D, 16 cells, 40 faces, 25 points)
     """
-    source = _existing(path)
+    source = _check_source(path)
     options = {} if merge_points else {"merge_points": False}
     if allow_gaps:
         options["allow_gaps"] = True
@@ -146,7 +146,7 @@ def read_hierarchy(
     >>> hierarchy.parts
     [4]
     """
-    source = _existing(path)
+    source = _check_source(path)
     with naming(source):
         formats = _formats(registry, {"allow_gaps": True} if allow_gaps else {})
         return formats.first_accepted(source, read_hierarchy_by)
@@ -210,7 +210,7 @@ def write(
     >>> agglo.read("squares.vtu").n_cells
     16
     """
-    target = _checked_path("write", path)
+    target = _check_path("write", path)
     _check_written(mesh, hierarchy)
     with followed(progress, verbose) as followers, unwrapped(followers) as listen, naming(target):
         file_format = _writer(target, registry, {"compress": True} if compress else {})
@@ -240,7 +240,7 @@ def check_writable(path: str | PathLike[str], *, registry: Registry | None = Non
         ...
     agglo_core.errors.FileError: nowhere/out.vtu: the folder nowhere does not exist
     """
-    target = _checked_path("write", path)
+    target = _check_path("write", path)
     with naming(target):
         _writer(target, registry, {})
 
@@ -262,19 +262,19 @@ def _writer(target: Path, registry: Registry | None, options: dict[str, bool]) -
     return file_format
 
 
-def _existing(path: object) -> Path:
+def _check_source(path: object) -> Path:
     """Return the path of a regular file or a folder.
 
     Raises FileError or OptionError otherwise.
     """
-    source = _checked_path("read", path)
+    source = _check_path("read", path)
     with naming(source):
         if not source.is_dir():  # some formats read folders
             check_regular(source)
     return source
 
 
-def _checked_path(function: str, path: object) -> Path:
+def _check_path(function: str, path: object) -> Path:
     """Return the path if its name can be encoded.
 
     Raises FileError or OptionError otherwise.

@@ -69,7 +69,7 @@ def staging(path: Path) -> Iterator[Path]:
                 (file, check_replaceable(path.parent / file.relative_to(stage))) for file in inner + lists
             ]
             # Copy across file systems before the first target changes.
-            replacements = [(_beside(target, file, elsewhere), target) for file, target in moves]
+            replacements = [(_bring_beside(target, file, elsewhere), target) for file, target in moves]
             for file, target in replacements:
                 if target.exists():
                     shutil.copymode(target, file)
@@ -128,7 +128,7 @@ def check_replaceable(target: Path) -> Path:
     return place
 
 
-def _beside(target: Path, file: Path, elsewhere: ExitStack) -> Path:
+def _bring_beside(target: Path, file: Path, elsewhere: ExitStack) -> Path:
     """Return the file, or a copy beside the target if it lies on another file system.
 
     A file can only be renamed within its file system.

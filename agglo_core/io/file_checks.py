@@ -39,7 +39,7 @@ def read_by(known: KnownFormat, path: Path) -> Mesh:
     _check_content(known, path)
     with attributed(known.title, spare=_ON_PURPOSE):
         mesh = known.tool.read(path)
-    return _checked_mesh(known, "read", mesh)
+    return _check_mesh(known, "read", mesh)
 
 
 def read_hierarchy_by(known: KnownFormat, path: Path) -> tuple[Mesh, Hierarchy | None]:
@@ -47,7 +47,9 @@ def read_hierarchy_by(known: KnownFormat, path: Path) -> tuple[Mesh, Hierarchy |
 
     Raises as :func:`read_by`.
     """
-    mesh, hierarchy = _stored(known, path) if known.has("read_hierarchy") else (read_by(known, path), None)
+    mesh, hierarchy = (
+        _read_with_hierarchy(known, path) if known.has("read_hierarchy") else (read_by(known, path), None)
+    )
     if hierarchy is not None:
         return mesh, hierarchy
     from agglo_core.io.levels import split_levels
@@ -109,7 +111,7 @@ def _check_content(file_format: KnownFormat, path: Path) -> None:
         raise FileError("is empty")
 
 
-def _stored(file_format: KnownFormat, path: Path) -> tuple[Mesh, Hierarchy | None]:
+def _read_with_hierarchy(file_format: KnownFormat, path: Path) -> tuple[Mesh, Hierarchy | None]:
     """Read mesh and hierarchy with a format that stores hierarchies."""
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.io.levels import check_belongs
@@ -120,7 +122,7 @@ def _stored(file_format: KnownFormat, path: Path) -> tuple[Mesh, Hierarchy | Non
     if not isinstance(pair, tuple) or len(pair) != 2:
         raise PluginError(f"{file_format.title}: read_hierarchy() returned {shown(pair)}, expected a pair")
     # Check the types, then that the hierarchy belongs to the mesh.
-    mesh, hierarchy = _checked_mesh(file_format, "read_hierarchy", pair[0]), pair[1]
+    mesh, hierarchy = _check_mesh(file_format, "read_hierarchy", pair[0]), pair[1]
     if hierarchy is None:
         return mesh, None
     if not isinstance(hierarchy, Hierarchy):
@@ -137,16 +139,16 @@ def _stored(file_format: KnownFormat, path: Path) -> tuple[Mesh, Hierarchy | Non
     return mesh, hierarchy
 
 
-def _checked_mesh(file_format: KnownFormat, method: str, mesh: Any) -> Mesh:
+def _check_mesh(file_format: KnownFormat, method: str, mesh: Any) -> Mesh:
     from agglo_core.mesh import Mesh
 
     if not isinstance(mesh, Mesh):
         raise PluginError(f"{file_format.title}: {method}() returned {shown(mesh)}, expected a Mesh")
-    name = _readable(mesh.name)
+    name = _replace_surrogates(mesh.name)
     return mesh if name == mesh.name else replace(mesh, name=name)
 
 
-def _readable(name: str) -> str:
+def _replace_surrogates(name: str) -> str:
     """Return the name without lone surrogates (bytes of a file name outside the locale's encoding)."""
     try:
         return name.encode(errors="surrogateescape").decode(errors="replace")

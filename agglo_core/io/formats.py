@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from agglo_core.errors import AggloError, FileError, PluginError
-from agglo_core.files.regular import without_mark
+from agglo_core.files.regular import strip_mark
 from agglo_core.io.foreign.unread import why_unread
 from agglo_core.registry import Record, Registry, describe
 from agglo_core.registry.attribution import attributed
@@ -139,7 +139,7 @@ class Formats:
     def _recognising(self, path: Path) -> Iterator[KnownFormat]:
         """Yield the formats that recognise the first bytes of a file without claiming its name."""
         with open(path, "rb") as stream:
-            head = without_mark(stream.read(_HEAD))
+            head = strip_mark(stream.read(_HEAD))
         for record in self._records() if head else ():
             declared = bool(_declared_suffixes(record))
             if declared and not _has_magic(record, head):

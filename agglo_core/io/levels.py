@@ -68,7 +68,7 @@ def check_belongs(mesh: Mesh, hierarchy: Hierarchy) -> None:
             )
 
 
-def about_agglomerates(
+def coarse_cell_data(
     levels: Sequence[Int], level: int, coarse: Mesh, values: Mapping[str, Float]
 ) -> dict[str, NDArray[Any]]:
     """Return the cell data ``(k,)`` of the coarse mesh on a level.

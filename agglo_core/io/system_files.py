@@ -50,7 +50,7 @@ def write_system(path: str | PathLike[str], system: System) -> None:
     >>> write_system("poisson.mtx", system)  # doctest: +SKIP
     """
     target = Path(path)
-    write = _chosen(target, {".npz": _write_npz, ".mtx": _write_market})
+    write = _choose_by_suffix(target, {".npz": _write_npz, ".mtx": _write_market})
     try:
         with staging(target) as folder:
             write(folder / target.name, system)
@@ -83,8 +83,8 @@ def read_system(path: str | PathLike[str], mesh: Mesh | None = None) -> System:
            [0., 4.]])
     """
     source = Path(path)
-    read = _chosen(source, {".npz": _read_npz, ".mtx": _read_market})
-    with _naming(source):
+    read = _choose_by_suffix(source, {".npz": _read_npz, ".mtx": _read_market})
+    with _name_in_errors(source):
         _require_file(source)
         arrays = read(source)
         A = real_matrix(arrays["A"])
@@ -94,7 +94,7 @@ def read_system(path: str | PathLike[str], mesh: Mesh | None = None) -> System:
         raise OptionError(f"{source}: {error}") from error
 
 
-def _chosen(path: Path, by_suffix: Mapping[str, Callable[..., Any]]) -> Callable[..., Any]:
+def _choose_by_suffix(path: Path, by_suffix: Mapping[str, Callable[..., Any]]) -> Callable[..., Any]:
     if path.suffix.lower() not in by_suffix:
         raise FileError(f"{path}: a system is read and written as {', '.join(by_suffix)}")
     return by_suffix[path.suffix.lower()]
@@ -123,7 +123,7 @@ def _read_npz(path: Path) -> dict[str, Any]:
     return arrays
 
 
-def _beside(path: Path, name: str) -> Path:
+def _companion_path(path: Path, name: str) -> Path:
     return path.with_name(f"{path.stem}_{name}{path.suffix}")
 
 
@@ -132,7 +132,7 @@ def _write_market(path: Path, system: System) -> None:
 
     matrices = {path: sparse.coo_array(system.A)}
     for name, values in _arrays(system).items():
-        matrices[_beside(path, name)] = values if values.ndim == 2 else values[:, None]
+        matrices[_companion_path(path, name)] = values if values.ndim == 2 else values[:, None]
     for target, matrix in matrices.items():
         with target.open("wb") as stream:
             mmwrite(stream, matrix, precision=_DIGITS, symmetry="general")
@@ -142,9 +142,9 @@ def _read_market(path: Path) -> dict[str, Any]:
     A = read_matrix(path)
     arrays = {"A": A}
     for name in _BESIDE:
-        file = _beside(path, name)
+        file = _companion_path(path, name)
         if name == "b" or file.exists():
-            with _naming(file.name):
+            with _name_in_errors(file.name):
                 _require_file(file)
                 arrays[name] = (
                     _offsets(file) if name == "block_offsets" else read_vectors(file, name, A.shape[0])
@@ -167,7 +167,7 @@ def _require_file(path: Path) -> None:
 
 
 @contextmanager
-def _naming(name: object) -> Iterator[None]:
+def _name_in_errors(name: object) -> Iterator[None]:
     """Prefix the file name to any error message in the block."""
     try:
         yield

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from agglo_core.arrays import Int, frozen_float, frozen_int, trusted_copy
 from agglo_core.errors import AggloError, FileError
-from agglo_core.files.regular import text_bytes, without_mark
+from agglo_core.files.regular import strip_mark, text_bytes
 from agglo_core.io.atomic import staging
 from agglo_core.io.foreign.unread import why_unread
 from agglo_core.io.gmsh.read import soup_of_gmsh
@@ -32,7 +32,7 @@ from agglo_core.io.gmsh.write import RESERVED, write_gmsh
 from agglo_core.io.tags import cell_data, check_names, note_left_out
 from agglo_core.io.to_mesh.options import Reading, ReadOptions
 from agglo_core.io.to_mesh.soup import Soup, mesh_from_soup
-from agglo_core.io.vtk.legacy import legacy_kind, stored_legacy
+from agglo_core.io.vtk.legacy import legacy_kind, read_legacy
 from agglo_core.io.vtk.pieces import mesh_from_pieces
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import Polyhedra, gather
@@ -105,23 +105,23 @@ class Meshlane(Reading):
         check_names(tags)
         with staging(path) as folder:
             target = folder / path.name
-            (write_gmsh if path.suffix.lower() == ".msh" else _silently)(target, mesh, tags)
+            (write_gmsh if path.suffix.lower() == ".msh" else _write_silently)(target, mesh, tags)
             _check_whole(target, mesh, tags)
 
 
 def _read(path: Path, options: ReadOptions) -> Mesh:
     if legacy_kind(path):
-        return mesh_from_pieces(stored_legacy(path), **options, name=path.stem)
+        return mesh_from_pieces(read_legacy(path), **options, name=path.stem)
     soup, sets, skipped_names = soup_of_gmsh(text_bytes(path)) if _is_gmsh(path) else _soup(path)
     mesh = mesh_from_soup(soup, weak=False, name=path.stem, **options)
-    mesh = _without_empty_sets(mesh, sets)
+    mesh = _drop_empty_sets(mesh, sets)
     _note_sets(mesh, sets)
     return note_left_out(mesh, skipped_names)
 
 
 def _is_gmsh(path: Path) -> bool:
     with open(path, "rb") as file:
-        return without_mark(file.read(64)).lstrip().startswith((b"$MeshFormat", b"$Comments"))
+        return strip_mark(file.read(64)).lstrip().startswith((b"$MeshFormat", b"$Comments"))
 
 
 def _soup(path: Path) -> tuple[Soup, set[str], list[str]]:
@@ -138,7 +138,7 @@ def _soup(path: Path) -> tuple[Soup, set[str], list[str]]:
         # The child process limits itself; the timeout only covers a blocked process.
         try:
             process = subprocess.run(
-                [*command, str(_without_marks(path.absolute(), folder)), target, str(seconds), str(memory)],
+                [*command, str(_copy_unmarked(path.absolute(), folder)), target, str(seconds), str(memory)],
                 env={**os.environ, "PYTHONPATH": search, "OPENBLAS_NUM_THREADS": "1"},
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
@@ -159,14 +159,14 @@ def _soup(path: Path) -> tuple[Soup, set[str], list[str]]:
         return _load(target)
 
 
-def _without_marks(path: Path, folder: str) -> Path:
+def _copy_unmarked(path: Path, folder: str) -> Path:
     """Return the path, or a copy in ``folder`` if the file begins with a byte order mark.
 
     XML parsers accept the mark, so XML files are not copied. TetGen's pair of files is copied together.
     """
     with open(path, "rb") as file:
         head = file.read(64)
-    if without_mark(head) == head or without_mark(head).lstrip().startswith(b"<"):
+    if strip_mark(head) == head or strip_mark(head).lstrip().startswith(b"<"):
         return path
     pair = (".ele", ".node") if path.suffix.lower() in (".ele", ".node") else (path.suffix,)
     for suffix in pair:
@@ -198,7 +198,7 @@ def _note_sets(mesh: Mesh, sets: set[str]) -> None:
             _log.info("%s by name: %s", entity, ", ".join(descriptions))
 
 
-def _without_empty_sets(mesh: Mesh, names: set[str]) -> Mesh:
+def _drop_empty_sets(mesh: Mesh, names: set[str]) -> Mesh:
     """Remove tags of sets without a cell or face, and face tags that are −1 everywhere.
 
     A set has cells of one dimension, so most sets are empty in the other. Sets that are empty in both cause a
@@ -215,7 +215,7 @@ def _without_empty_sets(mesh: Mesh, names: set[str]) -> Mesh:
     return trusted_copy(mesh, cell_tags=cell_tags, face_tags=face_tags)
 
 
-def _silently(target: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
+def _write_silently(target: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
     """Write through meshlane with its output discarded.
 
     Any exception becomes a FileError.

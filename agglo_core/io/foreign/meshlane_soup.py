@@ -59,7 +59,7 @@ def main(source: str, target: str, seconds: int, memory: int) -> int:
 
             _limit(seconds, memory)
             _refuse_links(source)
-            with _only_regular_files(source):
+            with _refuse_special_files(source):
                 mesh = meshlane.read(source)
             sets = sorted({*mesh.cell_sets, *_families(mesh)})
             _save(soup_from_meshlane(mesh), sets, list(mesh.cell_data), target)
@@ -74,7 +74,7 @@ def main(source: str, target: str, seconds: int, memory: int) -> int:
 
 
 @contextmanager
-def _only_regular_files(source: str) -> Iterator[None]:
+def _refuse_special_files(source: str) -> Iterator[None]:
     """Reject pipes and devices that meshlane opens beside the first file, because they may never end."""
     active = True
 
@@ -244,14 +244,14 @@ def _data_tags(mesh: Any, counts: list[int]) -> dict[str, Int]:
         arrays = [np.asarray(block) for block in blocks]
         arrays = [array.ravel() if array.shape[1:] == (1,) else array for array in arrays]
         if real:
-            arrays = _as_whole(arrays)
+            arrays = _convert_whole(arrays)
         whole = all(a.shape == (n,) and a.dtype.kind in "iu" for a, n in zip(arrays, counts, strict=True))
         if whole and arrays:
             tags[name] = tag_values(name, np.concatenate(arrays))
     return tags
 
 
-def _as_whole(arrays: list[Any]) -> list[Any]:
+def _convert_whole(arrays: list[Any]) -> list[Any]:
     """Convert real arrays to integers if all their values are whole."""
     real = [array for array in arrays if array.dtype.kind == "f"]
     whole = all((np.abs(array) < 2**53).all() and (array == np.floor(array)).all() for array in real)

@@ -156,11 +156,11 @@ def read_elements(numbers: Numbers, entities: Entities) -> Elements:
     Raises FileError if damaged.
     """
     if numbers.header.version != "2":
-        parts = list(_by_entity(numbers, entities))
+        parts = list(_read_by_entity(numbers, entities))
     elif numbers.header.order:
-        parts = list(_by_header(numbers, numbers.line_count()))
+        parts = list(_read_by_header(numbers, numbers.line_count()))
     else:
-        parts = [_one_by_one(numbers, numbers.line_count())]
+        parts = [_read_one_by_one(numbers, numbers.line_count())]
     # Join the blocks; element indices in the memberships are shifted by the block starts.
     starts = np.cumsum([0, *(len(part.types) for part in parts)])
     sizes = np.concatenate([np.empty(0, np.int64), *(np.diff(part.offsets) for part in parts)])
@@ -176,7 +176,7 @@ def read_elements(numbers: Numbers, entities: Entities) -> Elements:
     )
 
 
-def _by_entity(numbers: Numbers, entities: Entities) -> Iterator[Elements]:
+def _read_by_entity(numbers: Numbers, entities: Entities) -> Iterator[Elements]:
     """Yield the blocks of versions 4.0 and 4.1: elements with one type on one entity."""
     newer = numbers.header.version == "4.1"
     memberships = 0
@@ -201,7 +201,7 @@ def _by_entity(numbers: Numbers, entities: Entities) -> Iterator[Elements]:
         )
 
 
-def _by_header(numbers: Numbers, n_elements: int) -> Iterator[Elements]:
+def _read_by_header(numbers: Numbers, n_elements: int) -> Iterator[Elements]:
     """Yield the blocks of binary version 2 files: elements with the same type and number of tags."""
     n_read = 0
     while n_read < n_elements:
@@ -211,11 +211,11 @@ def _by_header(numbers: Numbers, n_elements: int) -> Iterator[Elements]:
         width = 1 + n_tags + _node_count_of(kind)
         stream = numbers.ints(n * width)
         starts = np.arange(0, n * width, width)
-        yield _with_tags(stream, stream[starts], np.full(n, kind), starts + 1, np.full(n, n_tags))
+        yield _build_elements(stream, stream[starts], np.full(n, kind), starts + 1, np.full(n, n_tags))
         n_read += n
 
 
-def _one_by_one(numbers: Numbers, n_elements: int) -> Elements:
+def _read_one_by_one(numbers: Numbers, n_elements: int) -> Elements:
     """Read elements from version 2 text: number, type, number of tags, tags, nodes."""
     stream = numbers.rest()
 
@@ -232,10 +232,10 @@ def _one_by_one(numbers: Numbers, n_elements: int) -> Elements:
         _node_count_of(kind)
     if n_tags.min(initial=0) < 0:
         raise FileError(f"$Elements: an element has {n_tags.min()} tags")
-    return _with_tags(stream, stream[starts], kinds, starts + 3, n_tags)
+    return _build_elements(stream, stream[starts], kinds, starts + 3, n_tags)
 
 
-def _with_tags(stream: Int, numbers: Int, kinds: Int, first: Int, n_tags: Int) -> Elements:
+def _build_elements(stream: Int, numbers: Int, kinds: Int, first: Int, n_tags: Int) -> Elements:
     """Build version 2 elements from a stream with tags at ``first``, followed by the nodes.
 
     Tags are the physical group, the geometrical entity, the number of partitions and the partitions; versions

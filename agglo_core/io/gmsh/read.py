@@ -21,7 +21,7 @@ from agglo_core.io.gmsh.elements import (
     read_entities,
     read_nodes,
 )
-from agglo_core.io.gmsh.sections import Numbers, decoded, gmsh_header, sections
+from agglo_core.io.gmsh.sections import Numbers, decode_name, gmsh_header, sections
 from agglo_core.io.to_mesh.soup import Soup
 from agglo_core.mesh.elements import concatenate, gather
 
@@ -107,7 +107,7 @@ def _group_names(body: bytes) -> dict[str, list[tuple[int, int]]]:
     """Return dimension and number of the groups with each name."""
     names: dict[str, list[tuple[int, int]]] = {}
     for dim, number, name in _NAME.findall(body.partition(b"\n")[2]):
-        names.setdefault(decoded(name), []).append((int(dim), abs(int(number))))
+        names.setdefault(decode_name(name), []).append((int(dim), abs(int(number))))
     return names
 
 
@@ -150,7 +150,7 @@ def _element_data(numbers: Numbers) -> _Data:
     if not titles or len(counts) < 3:
         raise FileError("$ElementData has no name, or does not give its components and values")
     number, values = numbers.rows(counts[2], counts[1])
-    return _Data(decoded(titles[0]), counts[0], number, values)
+    return _Data(decode_name(titles[0]), counts[0], number, values)
 
 
 def _data_tags(

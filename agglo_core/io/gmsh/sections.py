@@ -83,7 +83,7 @@ def gmsh_header(body: bytes, nodes: bytes) -> Header:
     return Header(version, orders[tail[:4]] if words[1] == "1" else "", int(words[2]))
 
 
-def decoded(name: bytes) -> str:
+def decode_name(name: bytes) -> str:
     """Decode a name as UTF-8, or as Latin-1 for older programs."""
     try:
         return name.decode("utf-8")

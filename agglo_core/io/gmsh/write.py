@@ -98,7 +98,7 @@ def _cells(mesh: Mesh, number: Int | None, groups: Mapping[str, Int]) -> _Elemen
     kinds = cells.types.tolist() if mesh.dim == 3 else sizes.tolist()
     types = [(_SOLIDS if mesh.dim == 3 else _TYPES)[kind] for kind in kinds]
     return _Elements(
-        mesh.dim, frozen_int(types), cells.offsets, _from_one(frozen_int(vertices), number), groups
+        mesh.dim, frozen_int(types), cells.offsets, _number_from_one(frozen_int(vertices), number), groups
     )
 
 
@@ -118,11 +118,11 @@ def _faces(mesh: Mesh, number: Int | None) -> _Elements:
     offsets, places = gather(mesh.face_offsets, faces)
     types = [_TYPES[size] for size in sizes[faces].tolist()]
     face_groups = {name: frozen_int(values[faces]) for name, values in groups.items()}
-    nodes = _from_one(frozen_int(mesh.face_vertices[places]), number)
+    nodes = _number_from_one(frozen_int(mesh.face_vertices[places]), number)
     return _Elements(mesh.dim - 1, frozen_int(types), offsets, nodes, face_groups)
 
 
-def _from_one(vertices: Int, number: Int | None) -> Int:
+def _number_from_one(vertices: Int, number: Int | None) -> Int:
     return frozen_int((vertices if number is None else number[vertices]) + 1)
 
 

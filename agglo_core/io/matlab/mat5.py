@@ -21,7 +21,7 @@ from agglo_core.io.matlab.mat5_cells import (
     MATRIX,
     NUMBERS,
     TYPES,
-    gathered_lists,
+    gather_lists,
     matrix_ends,
     matrix_heads,
     whole_values,
@@ -99,19 +99,19 @@ class Variable(NamedTuple):
         # Names have a fixed width.
         raw = self.words.reshape(-1).view(np.uint8)
         width = int(raw[place : place + 4].view(f"{self.order}i4")[0]) if size == 4 else 0
-        row = _after(self.words, self.start)
+        row = _next_row(self.words, self.start)
         _, place, size = _element(self.words, row, self.stop, self.name)
         if not 0 < width <= 64 or size % width:
             raise FileError(f"{self.name}: the names of its fields are damaged")
         names = [raw[i : i + width].tobytes() for i in range(place, place + size, width)]
         # The values follow in the same order; unsupported classes are skipped.
-        row, by_name = _after(self.words, row), {}
+        row, by_name = _next_row(self.words, row), {}
         for raw_name in names:
             name = f"{self.name}.{raw_name.partition(bytes(1))[0].decode('ascii', 'replace')}"
             _element(self.words, row, self.stop, name)
             with suppress(_Other):
                 by_name[name.rpartition(".")[2]] = _matrix(self.words, self.order, row, name)
-            row = _after(self.words, row)
+            row = _next_row(self.words, row)
         return by_name
 
     def lists(self) -> tuple[Int, Int]:
@@ -119,7 +119,7 @@ class Variable(NamedTuple):
 
         Raises FileError if damaged.
         """
-        return gathered_lists(self.words, self.order, self._children(), self.name)
+        return gather_lists(self.words, self.order, self._children(), self.name)
 
     def nested_lists(self) -> tuple[Int, Int, Int]:
         """Return nested cell arrays of lists as cell offsets, loop offsets and values.
@@ -141,7 +141,7 @@ class Variable(NamedTuple):
             inner_rows[outer + shift] = False
         places = np.flatnonzero(inner_rows)
         inner, _ = record_starts(self.words[places], int(cell_offsets[-1]), matrix_ends)
-        loop_offsets, values = gathered_lists(self.words, self.order, frozen_int(places[inner]), self.name)
+        loop_offsets, values = gather_lists(self.words, self.order, frozen_int(places[inner]), self.name)
         return frozen_int(cell_offsets), loop_offsets, values
 
     def _children(self) -> Int:
@@ -194,7 +194,7 @@ def _elements(content: bytes, order: Literal["<", ">"]) -> Iterator[NDArray[Any]
                 f"truncated: a variable of {size} bytes is declared, {len(content) - place - 8} follow"
             )
         if kind == _COMPRESSED:
-            data = _inflated(content[place + 8 : place + 8 + size], order, free_bytes)
+            data = _inflate_variable(content[place + 8 : place + 8 + size], order, free_bytes)
             free_bytes -= len(data)
             yield _rows(data, order, 0, len(data))
         elif kind == MATRIX:
@@ -211,7 +211,7 @@ def _rows(data: bytes, order: Literal["<", ">"], place: int, size: int) -> NDArr
     return np.frombuffer(data, f"{order}i4", -(-size // 8) * 2, place).reshape(-1, 2)
 
 
-def _inflated(data: bytes, order: str, max_bytes: int) -> bytes:
+def _inflate_variable(data: bytes, order: str, max_bytes: int) -> bytes:
     """Inflate a compressed variable to its declared size."""
     codec = zlib.decompressobj()
     try:
@@ -243,7 +243,7 @@ def _element(words: NDArray[Any], row: int, stop: int, name: str) -> tuple[int, 
     return kind, place, size
 
 
-def _after(words: NDArray[Any], row: int) -> int:
+def _next_row(words: NDArray[Any], row: int) -> int:
     """Return the row after the element at ``row``."""
     kind, size = (int(word) for word in words[row])
     return row + 1 if kind >> 16 else row + 1 + -(-size // 8)
@@ -271,9 +271,9 @@ def _matrix(words: NDArray[Any], order: str, row: int, name: str) -> Variable:
     if min(shape) < 0:
         raise FileError(f"{name or 'a variable'} has the dimensions {shape}")
     # Name, after which the data begin.
-    row = _after(words, row)
+    row = _next_row(words, row)
     _, place, size = _element(words, row, stop, name or "a variable")
     stored_name = raw[place : place + size].tobytes().decode("ascii", "replace")
     if flags & 0x800:
         raise FileError(f"{name or stored_name} holds complex numbers")
-    return Variable(name or stored_name, kind, shape, words, order, _after(words, row), stop)
+    return Variable(name or stored_name, kind, shape, words, order, _next_row(words, row), stop)

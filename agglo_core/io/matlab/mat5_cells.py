@@ -49,7 +49,7 @@ def matrix_heads(words: NDArray[Any], starts: Int, name: str) -> tuple[Int, Int,
     return frozen_int(rows + 1 + INSIDE), frozen_int(kinds), frozen_int(sides[:, 0] * sides[:, 1])
 
 
-def gathered_lists(words: NDArray[Any], order: str, starts: Int, name: str) -> tuple[Int, Int]:
+def gather_lists(words: NDArray[Any], order: str, starts: Int, name: str) -> tuple[Int, Int]:
     """Return the integers of consecutive nameless matrices as offsets and values."""
     if not len(starts):
         return frozen_int([0]), frozen_int([])

@@ -70,7 +70,7 @@ def structure(name: str, fields: Mapping[str, bytes]) -> bytes:
 
 
 def cell_array(name: str, shape: tuple[int, int], cells: Words) -> bytes:
-    """Create a cell array from the result of :func:`lists`, :func:`matrices` or :func:`nested`."""
+    """Create a cell array from the result of :func:`lists`, :func:`matrices` or :func:`nested_lists`."""
     return _matrix(name, _CELL, shape, cells.tobytes())
 
 
@@ -98,7 +98,7 @@ def matrices(offsets: Int, rows: Float) -> Words:
     return words
 
 
-def nested(cell_offsets: Int, loop_offsets: Int, values: Int) -> Words:
+def nested_lists(cell_offsets: Int, loop_offsets: Int, values: Int) -> Words:
     """Create a column with row vectors for each nested CSR cell."""
     inner = lists(loop_offsets, values)
     rows = np.concatenate(([0], np.cumsum(1 + _HEAD + (np.diff(loop_offsets) + 1) // 2)))[cell_offsets]

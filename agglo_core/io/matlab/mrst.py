@@ -53,7 +53,9 @@ def mesh_of_grid(grid: Variable) -> Mesh:
     mesh = Mesh(
         frozen_float(points[has_face]),
         frozen_int(offsets),
-        _turned(frozen_int(offsets), frozen_int((np.cumsum(has_face) - 1)[vertices]), frozen_int(turned)),
+        _reverse_loops(
+            frozen_int(offsets), frozen_int((np.cumsum(has_face) - 1)[vertices]), frozen_int(turned)
+        ),
         frozen_int(np.where(turned[:, None], cells[:, ::-1], cells)),
     )
     check_directions(mesh)
@@ -70,7 +72,7 @@ def _fields(parts: Mapping[str, Variable], name: str, names: tuple[str, ...]) ->
     return fields
 
 
-def _turned(offsets: Int, vertices: Int, mask: Int) -> Int:
+def _reverse_loops(offsets: Int, vertices: Int, mask: Int) -> Int:
     """Reverse the vertices of the faces marked in ``mask``."""
     sizes = np.diff(offsets)
     place = np.arange(len(vertices))

@@ -86,7 +86,7 @@ def read_matlab(path: Path, *, merge_points: bool, allow_gaps: bool, drop_flat: 
         name=path.stem,
     )
     # Gaps stay open until the boundary edges are tagged by their points.
-    mesh = _with_boundary(mesh, cells.points, fields)
+    mesh = _add_boundary_tags(mesh, cells.points, fields)
     return mesh if allow_gaps else mesh.conforming(merge_points=merge_points)
 
 
@@ -96,7 +96,7 @@ def _region(fields: Mapping[str, Variable]) -> _Cells:
         if name not in fields:
             raise FileError(f"region has no field {name!r}; it has {', '.join(fields) or 'none'}")
     points = _points(fields["coord"])
-    plane = _numbered(fields["connectivity"].lists(), len(points), "region.connectivity")
+    plane = _number_from_zero(fields["connectivity"].lists(), len(points), "region.connectivity")
     count = len(plane[0]) - 1
     ids = fields.get("id")
     tags = (
@@ -116,11 +116,11 @@ def _lists(contents: Mapping[str, Variable]) -> _Cells:
     points, cells = _points(contents[names[0]]), contents[names[1]]
     if points.shape[1] == 2:
         lists = cells.lists() if cells.is_cell else _rows(cells)
-        return _Cells(points, _numbered(lists, len(points), names[1]), None, {})
+        return _Cells(points, _number_from_zero(lists, len(points), names[1]), None, {})
     if not cells.is_cell:
         return _Cells(points, _NONE, _elements(cells, len(points)), {})
     cell_offsets, loop_offsets, values = cells.nested_lists()
-    _, vertices = _numbered((loop_offsets, values), len(points), names[1])
+    _, vertices = _number_from_zero((loop_offsets, values), len(points), names[1])
     return _Cells(points, _NONE, Polyhedra(cell_offsets, loop_offsets, vertices), {})
 
 
@@ -156,14 +156,14 @@ def _rows(variable: Variable) -> tuple[Int, Int]:
 def _elements(variable: Variable, n_points: int) -> Polyhedra:
     """Read tetrahedra or hexahedra as array rows."""
     kinds = {4: "tetra", 8: "hexahedron"}
-    rows = _numbered(_rows(variable), n_points, variable.name)[1]
+    rows = _number_from_zero(_rows(variable), n_points, variable.name)[1]
     width = variable.shape[1]
     if width not in kinds or rows.size != np.prod(variable.shape):
         raise FileError(f"{variable.name} has rows of {width}, expected 4 (tetrahedra), 8, or a cell array")
     return polyhedra_from_elements({kinds[width]: rows.reshape(-1, width)})
 
 
-def _numbered(lists: tuple[Int, Int], n_points: int, name: str) -> tuple[Int, Int]:
+def _number_from_zero(lists: tuple[Int, Int], n_points: int, name: str) -> tuple[Int, Int]:
     """Check the point numbers and shift them to start from 0."""
     offsets, values = lists
     if values.min(initial=1) < 1 or values.max(initial=1) > n_points:
@@ -211,7 +211,7 @@ def _own_names(variable: Variable) -> dict[str, str]:
     return names
 
 
-def _with_boundary(mesh: Mesh, points: Float, fields: Mapping[str, Variable]) -> Mesh:
+def _add_boundary_tags(mesh: Mesh, points: Float, fields: Mapping[str, Variable]) -> Mesh:
     """Add lymph's tags of outer edges as the face tag ``bc_tag``."""
     if "connectivity_bc" not in fields or "bc_tag" not in fields:
         return mesh
@@ -220,12 +220,12 @@ def _with_boundary(mesh: Mesh, points: Float, fields: Mapping[str, Variable]) ->
         raise FileError(
             f"region.connectivity_bc has the shape {ends.shape} for {len(values)} values of bc_tag"
         )
-    pairs = _numbered((frozen_int([0, 2 * len(values)]), ends.integers()), len(points), ends.name)[1]
-    tag = _tagged_outside(mesh, points, frozen_int(pairs.reshape(2, -1).T), values)
+    pairs = _number_from_zero((frozen_int([0, 2 * len(values)]), ends.integers()), len(points), ends.name)[1]
+    tag = _tag_outer_edges(mesh, points, frozen_int(pairs.reshape(2, -1).T), values)
     return trusted_copy(mesh, face_tags={**mesh.face_tags, "bc_tag": tag})
 
 
-def _tagged_outside(mesh: Mesh, points: Float, pairs: Int, values: Int) -> Int:
+def _tag_outer_edges(mesh: Mesh, points: Float, pairs: Int, values: Int) -> Int:
     """Return a tag ``(n_faces,)`` of the outer edges in 2-D, −1 on all other edges.
 
     Parameters
@@ -241,8 +241,8 @@ def _tagged_outside(mesh: Mesh, points: Float, pairs: Int, values: Int) -> Int:
     tag = np.full(mesh.n_faces, -1)
     outer = np.flatnonzero(mesh.face_cells[:, 1] < 0)
     # Match edges by the coordinates of their ends.
-    mesh_ends = _ordered(mesh.points[mesh.face_pairs[outer]])
-    file_ends = _ordered(points[pairs])
+    mesh_ends = _order_ends(mesh.points[mesh.face_pairs[outer]])
+    file_ends = _order_ends(points[pairs])
     order = np.lexsort(mesh_ends.T)
     rows = np.concatenate((mesh_ends[order], file_ends))
     number = np.unique(rows, axis=0, return_inverse=True)[1].ravel()
@@ -253,7 +253,7 @@ def _tagged_outside(mesh: Mesh, points: Float, pairs: Int, values: Int) -> Int:
     return frozen_int(tag)
 
 
-def _ordered(ends: Float) -> Float:
+def _order_ends(ends: Float) -> Float:
     """Return the end coordinates of edges ``(k, 4)``, with the smaller point (by x, then y) first."""
     first, second = ends[:, 0] + 0.0, ends[:, 1] + 0.0
     swap = (first[:, 0] > second[:, 0]) | ((first[:, 0] == second[:, 0]) & (first[:, 1] > second[:, 1]))

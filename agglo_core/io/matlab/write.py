@@ -16,7 +16,7 @@ from agglo_core.io.matlab.mat5_write import (
     cell_array,
     lists,
     matrices,
-    nested,
+    nested_lists,
     numbers,
     structure,
     write_variables,
@@ -70,7 +70,7 @@ def _coarse_grids(mesh: Mesh, tags: Mapping[str, Int]) -> Iterator[bytes]:
 def _solid(mesh: Mesh) -> Iterator[bytes]:
     points, solids = solids_of(mesh, ".mat")
     yield numbers("node3", points)
-    cells = nested(solids.cell_offsets, solids.loop_offsets, frozen_int(solids.vertices + 1))
+    cells = nested_lists(solids.cell_offsets, solids.loop_offsets, frozen_int(solids.vertices + 1))
     yield cell_array("elem3", (mesh.n_cells, 1), cells)
 
 

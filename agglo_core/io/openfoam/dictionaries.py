@@ -70,7 +70,9 @@ class FoamParser:
         word = match[0] if match is not None else b""
         if mark != b'"' and (b"(" in word or b")" in word):
             count = _COUNT.match(word)
-            word = count[0] if count and word[count.end() :].startswith((b"(", b")")) else _balanced(word)
+            word = (
+                count[0] if count and word[count.end() :].startswith((b"(", b")")) else _trim_brackets(word)
+            )
         self.place += len(word)
         return word
 
@@ -234,7 +236,7 @@ def _is_word(part: Any) -> bool:
     return isinstance(part, bytes)
 
 
-def _balanced(word: bytes) -> bytes:
+def _trim_brackets(word: bytes) -> bytes:
     """Return a word up to its first unmatched closing bracket, such as ``wall(1)`` for ``wall(1))``."""
     depth = 0
     for match in re.finditer(rb"[()]", word):

@@ -11,10 +11,10 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
-from agglo_core.files.regular import without_mark
+from agglo_core.files.regular import strip_mark
 from agglo_core.files.text_numbers import integers, reals
 from agglo_core.io.openfoam.dictionaries import COMMENT, SPACE, FoamParser, word_in
-from agglo_core.io.text.counted_lists import counted_lists
+from agglo_core.io.text.counted_lists import locate_lists
 
 _LIST = re.compile(SPACE + rb"(\d{1,18})" + SPACE + rb"([({]?)")
 _COMMENT = re.compile(COMMENT)
@@ -48,10 +48,10 @@ def open_foam(folder: Path, name: str) -> FoamFile:
     if path.is_file():
         content = path.read_bytes()
     elif packed_path.is_file():
-        content = _inflated(packed_path.read_bytes(), packed_path.name)
+        content = _inflate_file(packed_path.read_bytes(), packed_path.name)
     else:
         raise FileError(f"there is no file {path}, nor {packed_path.name}; blockMesh makes one")
-    content = without_mark(content)
+    content = strip_mark(content)
     header = FoamParser(name, content)
     if header.token() != b"FoamFile" or header.token() != b"{":
         raise FileError(f"{name}: there is no header FoamFile")
@@ -78,7 +78,7 @@ def points_of(file: FoamFile) -> Float:
 
     Raises FileError if damaged.
     """
-    n, start, _ = _declared(file, file.start)
+    n, start, _ = _read_list_head(file, file.start)
     if file.binary:
         values, _ = _raw(file, start, 3 * n, file.scalar)
         return frozen_float(values.reshape(-1, 3))
@@ -95,7 +95,7 @@ def labels_of(file: FoamFile, most: int) -> Int:
 
     ``most`` bounds the number of labels, because a list of equal labels stores only its length and one label.
     """
-    n, start, bracket = _declared(file, file.start, most)
+    n, start, bracket = _read_list_head(file, file.start, most)
     if not bracket:
         return frozen_int([])
     if bracket == b"{":
@@ -117,11 +117,11 @@ def faces_of(file: FoamFile) -> tuple[Int, Int]:
 
     Raises FileError if damaged.
     """
-    n, start, _ = _declared(file, file.start)
+    n, start, _ = _read_list_head(file, file.start)
     if not file.binary:
         content, first, last = _text(file, start)
         stream = integers(content, first, last)
-        offsets, places, length = counted_lists(stream, n)
+        offsets, places, length = locate_lists(stream, n)
         if length != len(stream):
             raise FileError(f"{file.name}: {n} faces take {length} numbers, but {len(stream)} follow")
         return offsets, frozen_int(stream[places])
@@ -132,13 +132,13 @@ def faces_of(file: FoamFile) -> tuple[Int, Int]:
     starts, stop = _raw(file, start, n, file.label)
     if not n or starts[0] != 0 or (np.diff(starts) < 0).any():
         raise FileError(f"{file.name}: the places of the faces do not rise from 0")
-    count, start, _ = _declared(file, stop)
+    count, start, _ = _read_list_head(file, stop)
     if count != starts[-1]:
         raise FileError(f"{file.name}: the faces end at {starts[-1]} of {count} points")
     return frozen_int(starts), frozen_int(_raw(file, start, count, file.label)[0])
 
 
-def _declared(file: FoamFile, place: int, most: int | None = None) -> tuple[int, int, bytes]:
+def _read_list_head(file: FoamFile, place: int, most: int | None = None) -> tuple[int, int, bytes]:
     """Return length, position after the bracket, and bracket of a list.
 
     An empty list may lack the bracket.
@@ -180,7 +180,7 @@ def _text(file: FoamFile, start: int, stop: int | None = None) -> tuple[bytes, i
     return text, 0, last if stop is None else len(text)
 
 
-def _inflated(data: bytes, name: str) -> bytes:
+def _inflate_file(data: bytes, name: str) -> bytes:
     """Inflate a gzipped file, with a size limit in proportion to the compressed size."""
     free_bytes, parts = _ROOM + _EXPANSION * len(data), []
     try:

@@ -51,7 +51,7 @@ def read_part(poly: Path) -> FoamPart:
     sides[: len(neighbour), 1] = neighbour
     n_cells = int(sides.max(initial=-1)) + 1
     part = FoamPart(points, offsets, vertices, frozen_int(sides), n_cells, {}, _zones(poly, n_cells), {}, {})
-    return _with_patches(part, dict(_unique("boundary", parser_of(open_foam(poly, "boundary"), 0))))
+    return _add_patches(part, dict(_unique_entries("boundary", parser_of(open_foam(poly, "boundary"), 0))))
 
 
 def _check_ranges(offsets: Int, vertices: Int, n_points: int, owner: Int, neighbour: Int) -> None:
@@ -69,7 +69,7 @@ def _check_ranges(offsets: Int, vertices: Int, n_points: int, owner: Int, neighb
         raise FileError(
             f"owner and neighbour name cells from {owner.min()} to {n_cells - 1} beside {len(owner)} faces"
         )
-    repeats = _repeated(offsets, vertices)
+    repeats = _faces_with_repeats(offsets, vertices)
     if len(repeats):
         raise FileError(f"faces: face {repeats[0]} has a repeated point")
     violations = np.flatnonzero(
@@ -79,7 +79,7 @@ def _check_ranges(offsets: Int, vertices: Int, n_points: int, owner: Int, neighb
         raise FileError(f"{name_cells(violations)}: fewer than 4 faces")
 
 
-def _repeated(offsets: Int, vertices: Int) -> Int:
+def _faces_with_repeats(offsets: Int, vertices: Int) -> Int:
     """Return the faces with a repeated point."""
     sizes = np.diff(offsets)
     repeats = [np.empty(0, np.int64)]
@@ -97,7 +97,7 @@ def _repeated(offsets: Int, vertices: Int) -> Int:
     return frozen_int(np.sort(np.concatenate(repeats)))
 
 
-def _unique(file: str, parser: FoamParser) -> Iterator[tuple[str, Table]]:
+def _unique_entries(file: str, parser: FoamParser) -> Iterator[tuple[str, Table]]:
     """Yield the entries in a list of dictionaries.
 
     Duplicate names raise FileError.
@@ -110,7 +110,7 @@ def _unique(file: str, parser: FoamParser) -> Iterator[tuple[str, Table]]:
         yield name, table
 
 
-def _with_patches(part: FoamPart, tables: Mapping[str, Table]) -> FoamPart:
+def _add_patches(part: FoamPart, tables: Mapping[str, Table]) -> FoamPart:
     """Add the faces of the patches, which must lie on the boundary."""
     patches, processors, whole = dict[str, Int](), dict[int, Int](), dict[str, str]()
     n_faces = len(part.sides)
@@ -136,7 +136,7 @@ def _zones(poly: Path, n_cells: int) -> dict[str, Int]:
     zones: dict[str, Int] = {}
     if not has_foam(poly, "cellZones"):
         return zones
-    for name, table in _unique("cellZones", parser_of(open_foam(poly, "cellZones"), n_cells)):
+    for name, table in _unique_entries("cellZones", parser_of(open_foam(poly, "cellZones"), n_cells)):
         cells = labels_in(table, "cellLabels")
         if cells is None:
             raise FileError(f"cellZones: {name!r} has no list of cells cellLabels")

@@ -44,9 +44,9 @@ def read_processors(folders: Sequence[Path]) -> tuple[FoamPart, Int]:
     parts = [_read_named(folder) for folder in folders]
     number = _cell_numbers(folders, parts)
     # Concatenate the parts, then identify points and faces across processors.
-    union = _side_by_side(parts)
+    union = _concatenate_parts(parts)
     lower_faces, upper_faces = _pairs(parts)
-    vertex = _merged(union, lower_faces, upper_faces)
+    vertex = _merge_points(union, lower_faces, upper_faces)
     sides = np.where(union.sides >= 0, number[union.sides], -1)
     sides[lower_faces, 1] = sides[upper_faces, 0]
     # Keep the face of the lower processor in each pair.
@@ -67,7 +67,7 @@ def read_processors(folders: Sequence[Path]) -> tuple[FoamPart, Int]:
     return joined_part, frozen_int(processor)
 
 
-def _side_by_side(parts: Sequence[FoamPart]) -> FoamPart:
+def _concatenate_parts(parts: Sequence[FoamPart]) -> FoamPart:
     """Concatenate the arrays of all parts, without the patches between processors."""
     # Offsets of points, cells and faces in the joined numbering.
     first_point, first_cell = (
@@ -76,7 +76,7 @@ def _side_by_side(parts: Sequence[FoamPart]) -> FoamPart:
     first_face = _first_faces(parts)
     sizes = np.concatenate([np.diff(part.offsets) for part in parts])
     # Pieces of periodic patches get the name of the whole patch.
-    patches = _joined(
+    patches = _join_groups(
         (part.whole.get(name, name), faces + start)
         for part, start in zip(parts, first_face, strict=False)
         for name, faces in part.patches.items()
@@ -98,7 +98,7 @@ def _side_by_side(parts: Sequence[FoamPart]) -> FoamPart:
         ),
         int(first_cell[-1]),
         patches,
-        _joined(
+        _join_groups(
             (name, cells + start)
             for part, start in zip(parts, first_cell, strict=False)
             for name, cells in part.zones.items()
@@ -140,7 +140,7 @@ def _pairs(parts: Sequence[FoamPart]) -> tuple[Int, Int]:
     return frozen_int(np.concatenate(lower_faces)), frozen_int(np.concatenate(upper_faces))
 
 
-def _merged(union: FoamPart, lower_faces: Int, upper_faces: Int) -> Int:
+def _merge_points(union: FoamPart, lower_faces: Int, upper_faces: Int) -> Int:
     """Return new point numbers after the faces in each pair are merged.
 
     Both loops begin at the same point and run in opposite directions.
@@ -184,7 +184,7 @@ def _cell_numbers(folders: Sequence[Path], parts: Sequence[FoamPart]) -> Int:
     return frozen_int(numbers)
 
 
-def _joined(groups: Iterable[tuple[str, Int]]) -> dict[str, Int]:
+def _join_groups(groups: Iterable[tuple[str, Int]]) -> dict[str, Int]:
     """Concatenate groups with equal names."""
     members: dict[str, list[Int]] = {}
     for name, indices in groups:

@@ -16,7 +16,7 @@ from agglo_core.io.openfoam.files import labels_of, open_foam
 from agglo_core.io.openfoam.parts import FoamPart, read_part
 from agglo_core.io.openfoam.processors import read_processors
 from agglo_core.io.to_mesh.array_checks import check_directions
-from agglo_core.io.to_mesh.soup import with_repairs
+from agglo_core.io.to_mesh.soup import record_repairs
 from agglo_core.mesh import Mesh
 
 PATCH = "patch"
@@ -73,7 +73,7 @@ def read_foam(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
     patches = dict(_patch_tags(part))
     face_tags = {**patches, PATCH: _numbers(patches, mesh)} if patches and PATCH not in patches else patches
     for zone, cells in part.zones.items():
-        cell_tags[zone] = _inside(cells, mesh.n_cells)
+        cell_tags[zone] = _indicator(cells, mesh.n_cells)
     cell_tags |= dict(_own_tags(poly.parent / OWN, mesh.n_cells))
     for entity, tags in (("faces", patches), ("cells", cell_tags)):
         descriptions = [f"{name} ({int((values == 1).sum()):,})" for name, values in tags.items()]
@@ -136,7 +136,7 @@ def _mesh(part: FoamPart, name: str) -> Mesh:
     flat = np.flatnonzero(mesh.face_measures == 0)
     if len(flat):
         raise FileError(f"faces: face {flat[0]} has no area")
-    return with_repairs(mesh, {"orphan points dropped": orphans})
+    return record_repairs(mesh, {"orphan points dropped": orphans})
 
 
 def _patch_tags(part: FoamPart) -> Iterator[tuple[str, Int]]:
@@ -151,7 +151,7 @@ def _patch_tags(part: FoamPart) -> Iterator[tuple[str, Int]]:
             yield name, frozen_int(tag)
 
 
-def _inside(cells: Int, n_cells: int) -> Int:
+def _indicator(cells: Int, n_cells: int) -> Int:
     """Return a tag that is 1 in these cells and 0 elsewhere."""
     tag = np.zeros(n_cells, np.int64)
     tag[cells] = 1

@@ -63,7 +63,7 @@ def write_foam(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compress:
     tags = cell_data(mesh, hierarchy)
     check_names(tags)
     # Prepare the text of all files.
-    faces = _sorted(mesh)
+    faces = _sort_faces(mesh)
     levels = [f"level_{i}" for i in range(len(hierarchy.levels) if hierarchy is not None else 0)]
     case = path.parent
     tag_files = {quote(name, safe=""): _labels(values, OWN) for name, values in tags.items()}
@@ -185,7 +185,7 @@ def _entries(faces: _Faces) -> Iterator[str]:
         yield f"    {name}\n    {{\n{rows}    }}\n"
 
 
-def _sorted(mesh: Mesh) -> _Faces:
+def _sort_faces(mesh: Mesh) -> _Faces:
     owner, neighbour = mesh.face_cells.T
     inner = np.flatnonzero(neighbour >= 0)
     low, high = np.minimum(owner, neighbour)[inner], np.maximum(owner, neighbour)[inner]

@@ -20,7 +20,7 @@ _WINDOW = 1 << 15  # numbers per window
 _NEVER = 1 << 60  # end of a record with an invalid length
 
 
-def counted_lists(stream: Int, n: int, ahead: int = 0, behind: int = 0) -> tuple[Int, Int, int]:
+def locate_lists(stream: Int, n: int, ahead: int = 0, behind: int = 0) -> tuple[Int, Int, int]:
     """Locate the lists ``k, v1, …, vk`` in a stream.
 
     Parameters
@@ -58,7 +58,7 @@ def counted_lists(stream: Int, n: int, ahead: int = 0, behind: int = 0) -> tuple
     return frozen_int(offsets), frozen_int(places), length
 
 
-def counted_solids(stream: Int, n: int, ahead: int) -> tuple[Int, Int, Int, int]:
+def locate_solids(stream: Int, n: int, ahead: int) -> tuple[Int, Int, Int, int]:
     """Locate nested lists: ``f``, then f lists ``k, v1, …, vk``.
 
     Each f and k follows ``ahead`` other values.
@@ -75,7 +75,7 @@ def counted_solids(stream: Int, n: int, ahead: int) -> tuple[Int, Int, Int, int]
     Raises
     ------
     FileError
-        As :func:`counted_lists`.
+        As :func:`locate_lists`.
     """
 
     def ends(window: Int) -> Int:
@@ -88,7 +88,7 @@ def counted_solids(stream: Int, n: int, ahead: int) -> tuple[Int, Int, Int, int]
     for shift in range(ahead + 1):
         heads[starts + shift] = True
     inner_places = np.flatnonzero(~heads)
-    loop_offsets, places, _ = counted_lists(frozen_int(stream[inner_places]), int(cell_offsets[-1]), ahead)
+    loop_offsets, places, _ = locate_lists(frozen_int(stream[inner_places]), int(cell_offsets[-1]), ahead)
     return frozen_int(cell_offsets), loop_offsets, frozen_int(inner_places[places]), length
 
 

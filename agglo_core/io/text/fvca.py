@@ -17,7 +17,7 @@ from agglo_core.errors import FileError
 from agglo_core.files.regular import text_bytes
 from agglo_core.files.text_numbers import integer_lines, integers, line_of, real_lines, reals
 from agglo_core.io.text.cell_lines import find_tags, tag_lines, tags_begin
-from agglo_core.io.text.counted_lists import counted_lists
+from agglo_core.io.text.counted_lists import locate_lists
 from agglo_core.io.to_mesh.options import Reading
 from agglo_core.io.to_mesh.plain_cells import loops_of, write_levels
 from agglo_core.mesh import Mesh
@@ -62,7 +62,7 @@ class Fvca(Reading):
         FileError, MeshError
             For a broken file or mesh.
         """
-        points, (offsets, vertices), tags = _parsed(text_bytes(path))
+        points, (offsets, vertices), tags = _parse_file(text_bytes(path))
         return Mesh.from_polygons(
             points,
             (offsets, vertices),
@@ -86,7 +86,7 @@ class Fvca(Reading):
         write_levels(path, mesh, hierarchy, _write)
 
 
-def _parsed(content: bytes) -> tuple[Float, tuple[Int, Int], dict[str, Int]]:
+def _parse_file(content: bytes) -> tuple[Float, tuple[Int, Int], dict[str, Int]]:
     """Return points, cells as a CSR, and tags."""
     sections = _sections(content)
     points = _points(content, sections)
@@ -175,7 +175,7 @@ def _cells(content: bytes, section: _Section, n_points: int) -> tuple[Int, Int] 
 
 def _lists(rows: Int, n: int, section: _Section) -> tuple[Int, Int, int]:
     try:
-        offsets, places, length = counted_lists(rows, n)
+        offsets, places, length = locate_lists(rows, n)
     except FileError as error:
         raise FileError(f"line {section.line}: {error}") from None
     return offsets, frozen_int(rows[places]), length

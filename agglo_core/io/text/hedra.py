@@ -13,7 +13,7 @@ from agglo_core.errors import FileError
 from agglo_core.files.regular import text_bytes
 from agglo_core.files.text_numbers import integer_lines, real_lines, reals
 from agglo_core.io.text.cell_lines import find_tags, tag_lines, tags_begin
-from agglo_core.io.text.counted_lists import counted_lists
+from agglo_core.io.text.counted_lists import locate_lists
 from agglo_core.io.to_mesh.options import Reading
 from agglo_core.io.to_mesh.plain_cells import used_points, write_levels
 from agglo_core.mesh import Mesh
@@ -83,7 +83,7 @@ class Hedra(Reading):
 def _lists(stream: Int, n: int, most: int, title: str, item: str) -> tuple[Int, Int, int]:
     """Read lists of numbers from 1, without their signs, and shift them to start from 0."""
     try:
-        offsets, places, length = counted_lists(stream, n)
+        offsets, places, length = locate_lists(stream, n)
     except FileError as error:
         raise FileError(f"{title}: {error}") from None
     values = np.abs(stream[places]) - 1

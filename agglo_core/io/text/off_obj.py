@@ -14,7 +14,7 @@ from agglo_core.errors import FileError
 from agglo_core.files.regular import text_bytes
 from agglo_core.files.text_numbers import integer_lines, integers, real_lines, reals, words_per_line
 from agglo_core.io.text.cell_lines import find_tags, tag_lines
-from agglo_core.io.text.counted_lists import counted_lists
+from agglo_core.io.text.counted_lists import locate_lists
 from agglo_core.io.to_mesh.options import Reading, ReadOptions
 from agglo_core.io.to_mesh.plain_cells import loops_of, write_levels
 from agglo_core.mesh import Mesh
@@ -107,7 +107,7 @@ def _off_stream(numbers: Float, n_points: int, n_faces: int) -> tuple[Float, tup
     if len(rows) != 3 * n_points:
         raise FileError(f"{n_points} points are declared, {len(rows)} coordinates follow")
     stream = _whole(face_numbers)
-    offsets, places, length = counted_lists(stream, n_faces)
+    offsets, places, length = locate_lists(stream, n_faces)
     if length != len(stream):
         raise FileError(f"{n_faces} faces take {length} numbers, but {len(stream)} follow")
     return frozen_float(rows.reshape(-1, 3)), (offsets, frozen_int(stream[places]))

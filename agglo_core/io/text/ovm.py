@@ -18,7 +18,7 @@ from agglo_core.errors import FileError
 from agglo_core.files.regular import text_bytes
 from agglo_core.files.text_numbers import integer_lines, integers, line_of, real_lines, reals
 from agglo_core.io.text.cell_lines import find_tags, tag_lines
-from agglo_core.io.text.counted_lists import counted_lists
+from agglo_core.io.text.counted_lists import locate_lists
 from agglo_core.io.to_mesh.options import Reading
 from agglo_core.io.to_mesh.plain_cells import used_points, write_levels
 from agglo_core.mesh import Mesh
@@ -139,7 +139,7 @@ def _edges(content: bytes, section: _Section, n_points: int) -> Int:
 def _lists(content: bytes, section: _Section, most: int) -> tuple[Int, Int]:
     count, stream = _whole(content, section)
     try:
-        offsets, places, length = counted_lists(stream, count)
+        offsets, places, length = locate_lists(stream, count)
     except FileError as error:
         raise FileError(f"line {section.line}: {section.title}: {error}") from None
     if length != len(stream):

@@ -16,7 +16,7 @@ from agglo_core.errors import FileError
 from agglo_core.files.regular import text_bytes
 from agglo_core.files.text_numbers import integer_lines, real_lines, reals
 from agglo_core.io.tags import note_left_out
-from agglo_core.io.text.counted_lists import counted_lists, record_starts
+from agglo_core.io.text.counted_lists import locate_lists, record_starts
 from agglo_core.io.to_mesh.options import Reading
 from agglo_core.io.to_mesh.plain_cells import loops_of, write_levels
 from agglo_core.mesh import Mesh
@@ -97,20 +97,20 @@ def _text(numbers: NDArray[Any], _: str, element: Element) -> tuple[Rows, int]:
         if length > len(numbers):
             raise _short(element)
         table = numbers[:length].reshape(-1, len(before))
-        return Rows(_typed(before, table), "", frozen_int([0]), frozen_int([])), length
+        return Rows(_convert_columns(before, table), "", frozen_int([0]), frozen_int([])), length
     stream = np.where(np.abs(numbers) < 2**53, numbers, -1).astype(np.int64)
     stream[stream != numbers] = -1
     # Locate the lists, then the fixed columns before and after each list.
-    offsets, places, length = counted_lists(frozen_int(stream), element.n, len(before), len(after))
+    offsets, places, length = locate_lists(frozen_int(stream), element.n, len(before), len(after))
     width = len(before) + 1 + len(after)
     starts = offsets[:-1] + width * np.arange(element.n)
-    values = _typed(before, numbers[starts[:, None] + np.arange(len(before))])
+    values = _convert_columns(before, numbers[starts[:, None] + np.arange(len(before))])
     ends = starts + width + np.diff(offsets)
-    values |= _typed(after, numbers[ends[:, None] - np.arange(len(after), 0, -1)])
+    values |= _convert_columns(after, numbers[ends[:, None] - np.arange(len(after), 0, -1)])
     return Rows(values, listed[0].name, offsets, frozen_int(stream[places])), length
 
 
-def _typed(properties: list[Property], table: NDArray[Any]) -> dict[str, NDArray[Any]]:
+def _convert_columns(properties: list[Property], table: NDArray[Any]) -> dict[str, NDArray[Any]]:
     values: dict[str, NDArray[Any]] = {}
     for prop, column in zip(properties, table.T, strict=True):
         whole = prop.type[0] != "f"
@@ -137,7 +137,7 @@ def _binary(data: NDArray[Any], order: str, element: Element) -> tuple[Rows, int
     fixed = head.itemsize + length.itemsize + tail.itemsize
 
     def ends(window: NDArray[Any]) -> Int:
-        counts = _at(
+        counts = _read_at(
             window, np.arange(max(len(window) - fixed + tail.itemsize + 1, 0)) + head.itemsize, length
         )
         stops = np.full(len(window), len(window) + 1)
@@ -146,17 +146,18 @@ def _binary(data: NDArray[Any], order: str, element: Element) -> tuple[Rows, int
         return frozen_int(stops)
 
     starts, n_bytes = record_starts(data, element.n, ends)
-    counts = _at(data, starts + head.itemsize, length)
+    counts = _read_at(data, starts + head.itemsize, length)
     offsets = np.concatenate(([0], np.cumsum(counts)))
     first = starts + head.itemsize + length.itemsize
     places = np.repeat(first - item.itemsize * offsets[:-1], counts) + item.itemsize * np.arange(offsets[-1])
-    values = _fields(before, _at(data, starts, head)) | _fields(
-        after, _at(data, first + item.itemsize * counts, tail)
+    values = _fields(before, _read_at(data, starts, head)) | _fields(
+        after, _read_at(data, first + item.itemsize * counts, tail)
     )
-    return Rows(values, listed[0].name, frozen_int(offsets), frozen_int(_at(data, places, item))), n_bytes
+    entries = frozen_int(_read_at(data, places, item))
+    return Rows(values, listed[0].name, frozen_int(offsets), entries), n_bytes
 
 
-def _at(data: NDArray[Any], places: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
+def _read_at(data: NDArray[Any], places: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
     """Return values of a type at byte positions, integers as int64."""
     if not dtype.itemsize:
         return np.empty(len(places), dtype)

@@ -20,7 +20,7 @@ from agglo_core.files.regular import text_bytes
 from agglo_core.files.text_numbers import integer_lines, integers, real_lines, reals
 from agglo_core.io.tags import note_left_out
 from agglo_core.io.text.cell_lines import find_tags, tag_lines
-from agglo_core.io.text.counted_lists import counted_solids
+from agglo_core.io.text.counted_lists import locate_solids
 from agglo_core.io.to_mesh.options import Reading
 from agglo_core.io.to_mesh.plain_cells import solids_of, write_levels
 from agglo_core.io.to_mesh.soup import Soup, mesh_from_soup
@@ -178,7 +178,7 @@ def _solids(body: bytes, head: Int, first: int, n_points: int, name: str) -> Pol
         raise FileError(f"{name}.ele: {head[1]} attributes of each cell are declared, which are not read")
     try:
         stream = integers(body)
-        cell_offsets, loop_offsets, places, length = counted_solids(stream, int(head[0]), 1)
+        cell_offsets, loop_offsets, places, length = locate_solids(stream, int(head[0]), 1)
     except FileError as error:
         raise FileError(f"{name}.ele: {error}") from None
     if length != len(stream):

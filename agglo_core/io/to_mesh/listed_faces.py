@@ -91,7 +91,7 @@ def _smaller_among(mesh: Mesh, cells: Int) -> Int:
     return frozen_int(np.where(smaller < len(cells), smaller, -1))
 
 
-def listed_faces(fields: Mapping[str, NDArray[Any]], n_points: int, n_cells: int) -> ListedFaces | None:
+def parse_listed_faces(fields: Mapping[str, NDArray[Any]], n_points: int, n_cells: int) -> ListedFaces | None:
     """Parse the arrays of :func:`face_fields`.
 
     Return None if there are none.
@@ -122,7 +122,7 @@ def listed_faces(fields: Mapping[str, NDArray[Any]], n_points: int, n_cells: int
     return ListedFaces(cells, offsets, vertices, tags)
 
 
-def joined_faces(listed: Sequence[ListedFaces | None], cells: Int, points: Int) -> ListedFaces | None:
+def join_listed_faces(listed: Sequence[ListedFaces | None], cells: Int, points: Int) -> ListedFaces | None:
     """Join the listed faces of pieces, with offsets of cells and points.
 
     Return None if the pieces disagree.

@@ -87,11 +87,11 @@ def half_faces(mesh: Mesh) -> Polyhedra:
         stop = min(start + _CHUNK, mesh.n_cells)
         cells = np.repeat(np.arange(start, stop), np.diff(offsets[start : stop + 1]))
         first, last = loop_offsets[offsets[[start, stop]]]
-        vertices[first:last] = _seen_from(mesh, cells, faces[offsets[start] : offsets[stop]])
+        vertices[first:last] = _orient_outwards(mesh, cells, faces[offsets[start] : offsets[stop]])
     return Polyhedra(offsets, frozen_int(loop_offsets), frozen_int(vertices))
 
 
-def _seen_from(mesh: Mesh, cells: Int, faces: Int) -> Int:
+def _orient_outwards(mesh: Mesh, cells: Int, faces: Int) -> Int:
     """Concatenate the vertices of the faces, each counter-clockwise from outside its cell."""
     loop_offsets, places = gather(mesh.face_offsets, faces)
     sizes = np.diff(loop_offsets)

@@ -132,11 +132,11 @@ def mesh_from_soup(
         "lower-dimensional cells dropped": len(soup.types) - len(cells) - n_tagged,
         "lower-dimensional cells kept as face tags": n_tagged,
     }
-    mesh = with_repairs(trusted_copy(mesh, face_tags=check_tags("face", face_tags, mesh.n_faces)), repairs)
+    mesh = record_repairs(trusted_copy(mesh, face_tags=check_tags("face", face_tags, mesh.n_faces)), repairs)
     return mesh if allow_gaps else mesh.conforming(merge_points=merge_points)  # after the face tags
 
 
-def with_repairs(mesh: Mesh, repairs: Mapping[str, int]) -> Mesh:
+def record_repairs(mesh: Mesh, repairs: Mapping[str, int]) -> Mesh:
     """Record and log additional repairs with a positive count."""
     counts = {text: count for text, count in repairs.items() if count}
     for text, count in counts.items():

@@ -69,10 +69,12 @@ def cells_of(mesh: Mesh) -> Cells:
     solids = half_faces(mesh)
     offsets, cell_vertices = mesh.cell_vertices
     types, vertices = np.full(mesh.n_cells, POLYHEDRON, np.uint8), np.array(cell_vertices, np.int64)
-    has_bent_face = np.logical_or.reduceat(_bent(mesh)[mesh.cell_faces[1]], solids.cell_offsets[:-1])
+    has_bent_face = np.logical_or.reduceat(
+        _nonconvex_quads(mesh)[mesh.cell_faces[1]], solids.cell_offsets[:-1]
+    )
     # Test candidates by counts first, then by topology.
     for kind, element in _ELEMENTS.items():
-        candidates = np.flatnonzero(_may_be(kind, solids, offsets) & ~has_bent_face)
+        candidates = np.flatnonzero(_matches_counts(kind, solids, offsets) & ~has_bent_face)
         for start in range(0, len(candidates), _CHUNK):
             cells, corners = _elements(mesh, solids, kind, candidates[start : start + _CHUNK])
             types[cells] = element.number
@@ -80,7 +82,7 @@ def cells_of(mesh: Mesh) -> Cells:
     return Cells(types, offsets, frozen_int(vertices), solids, frozen_int(np.ones(mesh.n_cells)))
 
 
-def these_cells(cells: Cells, chosen: Int) -> Cells:
+def select_cells(cells: Cells, chosen: Int) -> Cells:
     """Return some of the cells, in the given order."""
     offsets, places = gather(cells.offsets, chosen)
     solid = len(cells.solids.cell_offsets) > 1
@@ -98,13 +100,13 @@ def _plane(mesh: Mesh) -> Cells:
     sizes = np.diff(offsets)
     types = np.where(sizes == 3, _TRIANGLE, _POLYGON).astype(np.uint8)
     quads = np.flatnonzero(sizes == 4)
-    convex = _convex(mesh.local_points[vertices[offsets[quads][:, None] + np.arange(4)]])
+    convex = _is_convex(mesh.local_points[vertices[offsets[quads][:, None] + np.arange(4)]])
     types[quads[convex]] = _QUAD
     none = frozen_int([0])
     return Cells(types, offsets, vertices, Polyhedra(none, none, none[:0]), loops)
 
 
-def _convex(corners: Float) -> Mask:
+def _is_convex(corners: Float) -> Mask:
     """Return the mask of quadrilaterals ``(q, 4, d)`` that are convex with respect to their area vector."""
     a, b, c, d = (corners[:, k] for k in range(4))
     area = _cross(c - a, d - b)
@@ -122,16 +124,16 @@ def _cross(u: Float, v: Float) -> Float:
     return (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])[:, None]
 
 
-def _bent(mesh: Mesh) -> Mask:
+def _nonconvex_quads(mesh: Mesh) -> Mask:
     """Return the mask of non-convex quadrilateral faces in a 3-D mesh."""
     is_nonconvex = np.zeros(mesh.n_faces, bool)
     quads = np.flatnonzero(np.diff(mesh.face_offsets) == 4)
     corners = mesh.face_vertices[mesh.face_offsets[quads][:, None] + np.arange(4)]
-    is_nonconvex[quads] = ~_convex(mesh.local_points[corners])
+    is_nonconvex[quads] = ~_is_convex(mesh.local_points[corners])
     return is_nonconvex
 
 
-def _may_be(kind: str, solids: Polyhedra, vertex_offsets: Int) -> Mask:
+def _matches_counts(kind: str, solids: Polyhedra, vertex_offsets: Int) -> Mask:
     """Return the mask of cells whose numbers of vertices, faces and face corners match the element."""
     sizes = _ELEMENTS[kind].sizes
     corners = np.diff(solids.loop_offsets[solids.cell_offsets])
@@ -162,7 +164,7 @@ def _elements(mesh: Mesh, solids: Polyhedra, kind: str, cells: Int) -> tuple[Int
     expected = _triples(reference, frozen_int([range(CORNERS[kind])]), sizes)
     is_element = (_triples(around, corners, sizes) == expected).all(axis=1)
     element_cells, corners = frozen_int(cells[is_element]), frozen_int(corners[is_element])
-    return element_cells, _as_they_were(mesh, kind, element_cells, corners)
+    return element_cells, _rotate_corners(mesh, kind, element_cells, corners)
 
 
 @cache
@@ -207,7 +209,7 @@ def _local(vertices: Int, corners: Int) -> Int:
     return frozen_int(local)
 
 
-def _as_they_were(mesh: Mesh, kind: str, cells: Int, corners: Int) -> Int:
+def _rotate_corners(mesh: Mesh, kind: str, cells: Int, corners: Int) -> Int:
     """Rotate the corners so that the faces read back with the same sequence and first vertex.
 
     A mesh of elements then survives a round trip bit by bit. Without such a rotation the corners are

@@ -15,14 +15,14 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.io.atomic import staging
 from agglo_core.io.levels import (
     LevelValues,
-    about_agglomerates,
     check_level_values,
+    coarse_cell_data,
     under_free_names,
 )
 from agglo_core.io.tags import BRIDGES, cell_data, check_names, is_level
 from agglo_core.io.to_mesh.listed_faces import face_fields
 from agglo_core.io.to_mesh.plain_cells import used_points
-from agglo_core.io.vtk.cells import POLYHEDRON, Cells, cells_of, these_cells
+from agglo_core.io.vtk.cells import POLYHEDRON, Cells, cells_of, select_cells
 from agglo_core.io.vtk.xml_read import DERIVED
 from agglo_core.io.vtk.xml_write import Piece
 from agglo_core.mesh import Mesh
@@ -64,7 +64,7 @@ def piece_of(
     share: Share | None = None,
 ) -> Piece:
     """Return a piece with the cells, tags and derived data of a mesh, or of a share."""
-    cells = cells_of(mesh) if share is None else these_cells(cells_of(mesh), share.cells)
+    cells = cells_of(mesh) if share is None else select_cells(cells_of(mesh), share.cells)
     data = dict(tags)
     if (cells.loops > 1).any():
         data[BRIDGES] = cells.loops
@@ -80,7 +80,7 @@ def piece_of(
         )
         fields = face_fields(mesh, number, share.cells, share.usual)
     faces = faces_of(cells, number) if (cells.types == POLYHEDRON).any() else {}
-    corners = {"connectivity": numbered(cells.vertices, number), "offsets": cells.offsets[1:]}
+    corners = {"connectivity": renumber_vertices(cells.vertices, number), "offsets": cells.offsets[1:]}
     arrays: dict[str, NDArray[Any]] = {**corners, "types": cells.types, **faces}
     piece = Piece(points, arrays, {}, data, derived, DERIVED, fields)
     return piece._replace(point_ids=ids[0], cell_ids=ids[1])
@@ -93,7 +93,7 @@ def _points_of(cells: Cells, n_points: int) -> tuple[Int, Int]:
     return frozen_int(np.flatnonzero(is_used)), frozen_int(np.cumsum(is_used) - 1)
 
 
-def numbered(vertices: Int, number: Int | None) -> Int:
+def renumber_vertices(vertices: Int, number: Int | None) -> Int:
     """Convert vertices to point numbers in the file."""
     return vertices if number is None else frozen_int(number[vertices])
 
@@ -213,5 +213,5 @@ def _coarse_piece(
     reserved_names: Collection[str],
 ) -> Piece:
     tags = {key: array for key, array in coarse.cell_tags.items() if not is_level(key)}
-    data = about_agglomerates(levels, level, coarse, values)
+    data = coarse_cell_data(levels, level, coarse, values)
     return piece_of(coarse, storage.faces, tags, under_free_names(data, reserved_names))

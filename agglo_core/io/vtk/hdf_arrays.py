@@ -53,7 +53,7 @@ def member(group: Any, name: str) -> Any:
     FileError
         For a link to another location or file, external storage, or non-numeric data.
     """
-    dataset = _stored_here(group, name, "dataset")
+    dataset = _follow_hard_link(group, name, "dataset")
     if dataset is None:
         return None
     if not isinstance(dataset, hdf5().Dataset) or dataset.is_virtual or dataset.external:
@@ -68,7 +68,7 @@ def subgroup(group: Any, name: str) -> Any:
 
     Raises FileError for other members.
     """
-    child = _stored_here(group, name, "group")
+    child = _follow_hard_link(group, name, "group")
     if child is not None and not isinstance(child, hdf5().Group):
         raise FileError(f"{name!r} is not a group")
     return child
@@ -79,11 +79,11 @@ def datasets(group: Any) -> dict[str, Any]:
 
     Raises FileError for links.
     """
-    members = {} if group is None else {name: _stored_here(group, name, "dataset") for name in group}
+    members = {} if group is None else {name: _follow_hard_link(group, name, "dataset") for name in group}
     return {name: child for name, child in members.items() if isinstance(child, hdf5().Dataset)}
 
 
-def _stored_here(group: Any, name: str, kind: str) -> Any:
+def _follow_hard_link(group: Any, name: str, kind: str) -> Any:
     """Return a member behind a hard link.
 
     Soft and external links may lead to other files.

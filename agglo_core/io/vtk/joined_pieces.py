@@ -8,7 +8,7 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
 from agglo_core.errors import FileError
-from agglo_core.io.to_mesh.listed_faces import joined_faces
+from agglo_core.io.to_mesh.listed_faces import join_listed_faces
 from agglo_core.io.to_mesh.soup import Soup
 from agglo_core.mesh.elements import concatenate, gather, take_cells
 
@@ -16,15 +16,15 @@ _GHOST = 1 | 32  # vtkGhostType bits: the cell belongs to another piece; the cel
 _SOLID = 42
 
 
-def without_ghosts(soup: Soup) -> tuple[Soup, int]:
+def drop_ghosts(soup: Soup) -> tuple[Soup, int]:
     """Drop the cells that other pieces repeat, and return their number."""
     tags = dict(soup.tags)
     ghost = tags.pop("vtkGhostType", frozen_int(np.zeros(len(soup.types)))) & _GHOST != 0
     soup = soup._replace(tags=tags)
-    return (_taken(soup, frozen_int(np.flatnonzero(~ghost))) if ghost.any() else soup), int(ghost.sum())
+    return (_pick_cells(soup, frozen_int(np.flatnonzero(~ghost))) if ghost.any() else soup), int(ghost.sum())
 
 
-def _taken(soup: Soup, cells: Int) -> Soup:
+def _pick_cells(soup: Soup, cells: Int) -> Soup:
     """Return some cells in the given order.
 
     Listed faces are kept only with all cells.
@@ -50,7 +50,7 @@ def _taken(soup: Soup, cells: Int) -> Soup:
     )
 
 
-def joined(pieces: Sequence[Soup]) -> Soup:
+def join_pieces(pieces: Sequence[Soup]) -> Soup:
     """Concatenate all pieces with cells.
 
     Tags missing in some piece are dropped.
@@ -76,13 +76,13 @@ def joined(pieces: Sequence[Soup]) -> Soup:
         frozen_int(np.concatenate([p.vertices + s for p, s in zip(pieces, shift, strict=True)])),
         concatenate(solids),
         {key: frozen_int(np.concatenate([piece.tags[key] for piece in pieces])) for key in common},
-        joined_faces([piece.listed for piece in pieces], cells, shift),
-        _all_or_none([piece.point_ids for piece in pieces]),
-        _all_or_none([piece.cell_ids for piece in pieces]),
+        join_listed_faces([piece.listed for piece in pieces], cells, shift),
+        _concatenate_if_all([piece.point_ids for piece in pieces]),
+        _concatenate_if_all([piece.cell_ids for piece in pieces]),
     )
 
 
-def _all_or_none(arrays: Sequence[Int | None]) -> Int | None:
+def _concatenate_if_all(arrays: Sequence[Int | None]) -> Int | None:
     present = [array for array in arrays if array is not None]
     return frozen_int(np.concatenate(present)) if len(present) == len(arrays) else None
 
@@ -95,7 +95,7 @@ def in_global_order(soup: Soup) -> Soup:
     Cells and points without ids are unchanged.
     """
     if soup.point_ids is not None:
-        soup = _each_point_once(soup, soup.point_ids)
+        soup = _merge_points(soup, soup.point_ids)
     if soup.cell_ids is None:
         return soup
     order = np.argsort(soup.cell_ids, kind="stable")
@@ -103,10 +103,10 @@ def in_global_order(soup: Soup) -> Soup:
     repeats = np.flatnonzero(ids[1:] == ids[:-1])
     if len(repeats):
         raise FileError(f"cell {ids[repeats[0]]} is in several pieces, by its GlobalCellIds")
-    return _taken(soup, frozen_int(order))
+    return _pick_cells(soup, frozen_int(order))
 
 
-def _each_point_once(soup: Soup, point_ids: Int) -> Soup:
+def _merge_points(soup: Soup, point_ids: Int) -> Soup:
     """Keep one point per global id.
 
     Raises FileError if its coordinates differ.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
 from agglo_core.io.tags import tag_values
-from agglo_core.io.text.counted_lists import counted_lists
+from agglo_core.io.text.counted_lists import locate_lists
 from agglo_core.io.vtk.pieces import Stored, StoredArrays, check_counts, polydata_cells, soup_of_piece
 
 _DATASETS = ("UNSTRUCTURED_GRID", "POLYDATA")
@@ -51,7 +51,7 @@ def legacy_kind(path: Path) -> str:
     return kind if kind in _DATASETS else ""
 
 
-def stored_legacy(path: Path) -> Stored:
+def read_legacy(path: Path) -> Stored:
     """Read the cells of a file and their integer data.
 
     Raises
@@ -184,7 +184,7 @@ class _Reader:
         if words[:1] != ["OFFSETS"]:
             self.file.seek(place)
             stream = frozen_int(self._array("int", size))
-            offsets, places, length = counted_lists(stream, n)
+            offsets, places, length = locate_lists(stream, n)
             if length != size:
                 raise FileError(f"{n} lists take {length} numbers, {size} are declared")
             return frozen_int(offsets[1:]), frozen_int(stream[places])

@@ -11,8 +11,8 @@ from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.errors import FileError
 from agglo_core.io.tags import BRIDGES, note_left_out
 from agglo_core.io.to_mesh.options import ReadOptions
-from agglo_core.io.to_mesh.soup import Soup, mesh_from_soup, with_repairs
-from agglo_core.io.vtk.joined_pieces import in_global_order, joined, without_ghosts
+from agglo_core.io.to_mesh.soup import Soup, mesh_from_soup, record_repairs
+from agglo_core.io.vtk.joined_pieces import drop_ghosts, in_global_order, join_pieces
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import Polyhedra, concatenate, gather
 
@@ -195,8 +195,8 @@ def soup_of_pieces(pieces: Sequence[Soup]) -> tuple[Soup, int]:
 
     Return them and the number of dropped ghosts. Raises FileError.
     """
-    pairs = [without_ghosts(piece) for piece in pieces]
-    return joined([piece for piece, _ in pairs]), sum(count for _, count in pairs)
+    pairs = [drop_ghosts(piece) for piece in pieces]
+    return join_pieces([piece for piece, _ in pairs]), sum(count for _, count in pairs)
 
 
 def mesh_of_soup(
@@ -210,5 +210,5 @@ def mesh_of_soup(
     if weak:
         soup = soup._replace(tags={key: values for key, values in soup.tags.items() if key != BRIDGES})
     mesh = mesh_from_soup(soup, weak=weak, name=name, **options)
-    mesh = with_repairs(mesh, {"ghost cells dropped": ghosts})
+    mesh = record_repairs(mesh, {"ghost cells dropped": ghosts})
     return note_left_out(mesh, left_out)

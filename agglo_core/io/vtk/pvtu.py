@@ -11,7 +11,7 @@ from agglo_core.errors import FileError
 from agglo_core.files.regular import file_bytes
 from agglo_core.io.to_mesh.options import Reading
 from agglo_core.io.vtk.pieces import Stored, mesh_from_pieces
-from agglo_core.io.vtk.vtu import stored_pieces
+from agglo_core.io.vtk.vtu import read_pieces
 from agglo_core.io.vtk.xml_read import vtk_root
 from agglo_core.io.vtk.xml_write import Piece, global_ids, stored_arrays
 from agglo_core.mesh import Mesh
@@ -82,7 +82,7 @@ def stored_piece(folder: Path, source: str) -> Stored:
     except OSError as error:
         raise FileError(f"piece {source!r}: {error.strerror or error}") from error
     try:
-        return stored_pieces(content)
+        return read_pieces(content)
     except FileError as error:
         raise FileError(f"piece {source!r}: {error}") from error.__cause__
 

@@ -13,11 +13,11 @@ from agglo_core.arrays import Int, fits_in_index, frozen_float, frozen_int
 from agglo_core.errors import AggloError, FileError
 from agglo_core.io.levels import LevelValues
 from agglo_core.io.tags import tag_values
-from agglo_core.io.to_mesh.listed_faces import listed_faces
+from agglo_core.io.to_mesh.listed_faces import parse_listed_faces
 from agglo_core.io.to_mesh.options import Compressing
 from agglo_core.io.to_mesh.soup import Soup
 from agglo_core.io.vtk.cells import POLYHEDRON, Cells
-from agglo_core.io.vtk.grids import Storage, numbered, write_grids
+from agglo_core.io.vtk.grids import Storage, renumber_vertices, write_grids
 from agglo_core.io.vtk.hdf_arrays import (
     COUNTS,
     DERIVED,
@@ -62,7 +62,7 @@ class VtkHdf(Compressing):
         h5py = hdf5()
         try:
             with h5py.File(path, "r") as file:
-                stored = _stored(file, _SPARE + _EXPANSION * path.stat().st_size)
+                stored = _read_group(file, _SPARE + _EXPANSION * path.stat().st_size)
         except AggloError:
             raise
         except (OSError, RuntimeError, ValueError, KeyError, TypeError, OverflowError, MemoryError) as error:
@@ -90,7 +90,7 @@ class VtkHdf(Compressing):
         )
 
 
-def _stored(file: Any, max_bytes: int) -> Stored:
+def _read_group(file: Any, max_bytes: int) -> Stored:
     group = subgroup(file, GROUP)
     if group is None:
         raise FileError(f"is an HDF5 file without the group {GROUP!r}")
@@ -105,7 +105,7 @@ def _stored(file: Any, max_bytes: int) -> Stored:
     pieces = list(_pieces(group, tags))
     if len(pieces) == 1 and "agglo" in group.attrs:
         n_points, n = len(pieces[0].points), len(pieces[0].types)
-        pieces = [pieces[0]._replace(listed=listed_faces(_fields(group), n_points, n))]
+        pieces = [pieces[0]._replace(listed=parse_listed_faces(_fields(group), n_points, n))]
     return Stored(pieces, skipped_names)
 
 
@@ -196,7 +196,7 @@ def _faces(cells: Cells, number: Int | None) -> dict[str, NDArray[Any]]:
     counts = np.zeros(len(is_polyhedron), np.int64)
     counts[is_polyhedron] = np.diff(offsets)
     return {
-        "face_connectivity": numbered(vertices, number),
+        "face_connectivity": renumber_vertices(vertices, number),
         "face_offsets": loop_offsets[1:],
         "polyhedron_to_faces": np.arange(len(loop_offsets) - 1),
         "polyhedron_offsets": np.cumsum(counts),

@@ -16,11 +16,11 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
 from agglo_core.io.levels import LevelValues
 from agglo_core.io.tags import tag_values
-from agglo_core.io.to_mesh.listed_faces import ListedFaces, listed_faces
+from agglo_core.io.to_mesh.listed_faces import ListedFaces, parse_listed_faces
 from agglo_core.io.to_mesh.options import Compressing, Reading
 from agglo_core.io.to_mesh.soup import Soup
 from agglo_core.io.vtk.cells import POLYHEDRON, Cells
-from agglo_core.io.vtk.grids import Storage, numbered, write_grids
+from agglo_core.io.vtk.grids import Storage, renumber_vertices, write_grids
 from agglo_core.io.vtk.pieces import (
     KINDS,
     CellArrays,
@@ -80,7 +80,7 @@ class Vtu(Compressing):
         FileError, MeshError
             For a broken file or mesh.
         """
-        return mesh_from_pieces(stored_pieces(path.read_bytes()), **self.reading, name=path.stem)
+        return mesh_from_pieces(read_pieces(path.read_bytes()), **self.reading, name=path.stem)
 
     def write(
         self,
@@ -111,10 +111,10 @@ class Vtp(Reading):
 
         Raises as :meth:`Vtu.read`.
         """
-        return mesh_from_pieces(stored_pieces(path.read_bytes(), "PolyData"), **self.reading, name=path.stem)
+        return mesh_from_pieces(read_pieces(path.read_bytes(), "PolyData"), **self.reading, name=path.stem)
 
 
-def stored_pieces(content: bytes, kind: str = "UnstructuredGrid") -> Stored:
+def read_pieces(content: bytes, kind: str = "UnstructuredGrid") -> Stored:
     """Read the pieces in a file of this type.
 
     Raises FileError if damaged.
@@ -129,15 +129,15 @@ def stored_pieces(content: bytes, kind: str = "UnstructuredGrid") -> Stored:
     pieces = [_piece(document, piece) for piece in grid.findall("Piece")]
     is_agglo_file = document.root.get("agglo") == "mesh"
     if len(pieces) == 1 and is_agglo_file:  # files of other programs may contain outdated lists
-        pieces = [pieces[0]._replace(listed=_listed(document, grid, pieces[0]))]
+        pieces = [pieces[0]._replace(listed=_read_listed_faces(document, grid, pieces[0]))]
     return Stored(pieces, skipped_names, is_agglo_file)
 
 
-def _listed(document: Document, grid: ElementTree.Element, piece: Soup) -> ListedFaces | None:
+def _read_listed_faces(document: Document, grid: ElementTree.Element, piece: Soup) -> ListedFaces | None:
     """Return the tagged faces from the field data."""
     n, elements = len(piece.types), grid.findall("FieldData/DataArray")
     fields = {element.get("Name", ""): document.array(element, _FACES * n) for element in elements}
-    return listed_faces(fields, len(piece.points), n)
+    return parse_listed_faces(fields, len(piece.points), n)
 
 
 def _check_places(elements: Iterable[ElementTree.Element]) -> None:
@@ -292,7 +292,7 @@ def face_stream(cells: Cells, number: Int | None) -> dict[str, NDArray[Any]]:
     stream = np.empty(starts[-1], np.int64)
     is_vertex = np.ones(len(stream), bool)
     is_vertex[starts[:-1]] = is_vertex[loops] = False
-    stream[starts[:-1]], stream[loops], stream[is_vertex] = counts, sizes, numbered(vertices, number)
+    stream[starts[:-1]], stream[loops], stream[is_vertex] = counts, sizes, renumber_vertices(vertices, number)
     ends = np.full(len(cells.types), -1)
     ends[polyhedra] = starts[1:]
     return {"faces": stream, "faceoffsets": ends}

@@ -21,7 +21,7 @@ from agglo_core import (
     write,
 )
 from agglo_core.files.text_numbers import integers, reals
-from agglo_core.io.text.counted_lists import counted_lists, counted_solids
+from agglo_core.io.text.counted_lists import locate_lists, locate_solids
 
 POINTS = "Vertices\n6\n0 0\n1 0\n1 1\n0 1\n2 0\n2 1\n"
 TYP2 = POINTS + "cells\n2\n4 1 2 3 4\n4 2 5 6 3\n"
@@ -147,7 +147,7 @@ def test_broken_tags_are_refused(tmp_path: Path) -> None:
 @given(st.lists(st.lists(st.integers(0, 99), min_size=1, max_size=70), max_size=60), st.integers(0, 2))
 def test_lists_are_found_as_one_by_one(lists: list[list[int]], ahead: int) -> None:
     stream = np.array([word for row in lists for word in (*([7] * ahead), len(row), *row)], np.int64)
-    offsets, places, used = counted_lists(stream, len(lists), ahead)
+    offsets, places, used = locate_lists(stream, len(lists), ahead)
     assert used == len(stream)
     assert [stream[places[a:b]].tolist() for a, b in pairwise(offsets)] == lists
 
@@ -158,12 +158,12 @@ def test_lists_are_found_across_windows(longest: int) -> None:
     sizes = rng.integers(1, longest + 1, 400)
     rows = [rng.integers(0, 10**6, size) for size in sizes]
     stream = np.concatenate([part for row in rows for part in ([len(row)], row)])
-    offsets, places, used = counted_lists(stream, 400)
+    offsets, places, used = locate_lists(stream, 400)
     assert np.diff(offsets).tolist() == sizes.tolist()
     assert np.array_equal(stream[places], np.concatenate(rows))
     with pytest.raises(FileError, match=r"cell 399 \(of 400"):
-        counted_lists(stream[:-1], 400)
-    assert counted_lists(stream, 399)[2] == used - 1 - sizes[-1]
+        locate_lists(stream[:-1], 400)
+    assert locate_lists(stream, 399)[2] == used - 1 - sizes[-1]
 
 
 @pytest.mark.parametrize("ahead", [0, 1])
@@ -178,14 +178,14 @@ def test_lists_of_lists_are_found_as_one_by_one(n: int, ahead: int) -> None:
     stream = np.array(
         [w for cell in cells for w in (*head, len(cell), *(v for f in cell for v in (*head, len(f), *f)))]
     )
-    cell_offsets, loop_offsets, places, used = counted_solids(stream, n, ahead)
+    cell_offsets, loop_offsets, places, used = locate_solids(stream, n, ahead)
     assert used == len(stream)
     assert np.diff(cell_offsets).tolist() == [len(cell) for cell in cells]
     assert np.diff(loop_offsets).tolist() == [len(face) for cell in cells for face in cell]
     assert stream[places].tolist() == [v for cell in cells for face in cell for v in face]
     for cut in (1, 2, 5):
         with pytest.raises(FileError, match=rf"cell {n - 1} \(of {n}"):
-            counted_solids(stream[:-cut], n, ahead)
+            locate_solids(stream[:-cut], n, ahead)
 
 
 def test_numbers_of_a_part_of_a_text() -> None:
