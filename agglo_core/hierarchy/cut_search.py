@@ -31,14 +31,14 @@ def best_nodes(
     if n_parts < forest.n_roots:
         raise OptionError(f"no cut has {n_parts} parts: the coarsest level has {forest.n_roots}")
     check_grade(grade)
-    value = forest.sums(_checked(indicator, graph))
+    value = forest.sums(_check_indicator(indicator, graph))
     if objective == "squares":
         return _least_squares(forest, value, n_parts, grade)
     node_of = refine_largest(*_shape(forest, graph, grade), value, forest.n_roots, n_parts)
     return frozen_int(np.unique(node_of))
 
 
-def graded(forest: Forest, graph: Graph, nodes: Int, grade: int) -> Int:
+def grade_cut(forest: Forest, graph: Graph, nodes: Int, grade: int) -> Int:
     """Return the coarsest refinement of a cut in which adjacent levels differ by at most ``grade``."""
     from agglo_core.hierarchy.tree_cuts import make_graded
 
@@ -84,7 +84,7 @@ def _shape(forest: Forest, graph: Graph, grade: int | None) -> tuple[Any, Any, i
     return trees, (graph.indptr, graph.indices), -1 if grade is None else int(grade)
 
 
-def _checked(indicator: ArrayLike | None, graph: Graph) -> Float:
+def _check_indicator(indicator: ArrayLike | None, graph: Graph) -> Float:
     """Return the checked indicator ``(n,)``, by default the measures.
 
     It must be finite and non-negative.

@@ -22,7 +22,7 @@ from agglo_core.arrays import (
 )
 from agglo_core.errors import MeshError, OptionError
 from agglo_core.graph import Graph
-from agglo_core.hierarchy.cut_search import graded
+from agglo_core.hierarchy.cut_search import grade_cut
 from agglo_core.hierarchy.forest import Forest
 from agglo_core.mesh import Mesh
 
@@ -183,7 +183,7 @@ class Cut:
 
     def _changed(self, nodes: Int) -> Change:
         if self.grade is not None:
-            nodes = graded(self.forest, self.graph, frozen_int(nodes), self.grade)
+            nodes = grade_cut(self.forest, self.graph, frozen_int(nodes), self.grade)
         new = Cut(self.fine, self.graph, self.forest, frozen_int(nodes), self.grade)
         number = np.full(len(self.forest.parent), -1)
         number[new.nodes] = np.arange(new.n_parts)
