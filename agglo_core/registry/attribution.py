@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from agglo_core.errors import AggloError, FileError, MeshError, OptionError, PluginError
-from agglo_core.registry.containment import PLUGIN_FAILURES, folder_kept, raised
+from agglo_core.registry.containment import PLUGIN_FAILURES, raised, restore_folder
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def attributed(owner: str, *, spare: tuple[type[Exception], ...] = ()) -> Iterat
     agglo_core.errors.PluginError: bisector 'mine' raised ZeroDivisionError: division by zero
     """
     try:
-        with folder_kept(owner):
+        with restore_folder(owner):
             yield
     except PluginError as error:
         raise PluginError(f"{owner}: {error}") from error

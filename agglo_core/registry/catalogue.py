@@ -19,9 +19,9 @@ import pluggy
 
 from agglo_core.errors import PluginError
 from agglo_core.registry.construct import construct
-from agglo_core.registry.containment import LoadingError, loading
-from agglo_core.registry.declarations import Command, Component, Hooks, faults, made_plain
-from agglo_core.registry.discovery import Found, attach, detach, installed
+from agglo_core.registry.containment import LoadingError, contain_loading
+from agglo_core.registry.declarations import Command, Component, Hooks, faults, make_plain
+from agglo_core.registry.discovery import Found, attach, detach, find_entry_points
 from agglo_core.registry.kinds import KINDS
 from agglo_core.registry.records import Installed, Record, describe, with_conflicts, with_requirements
 
@@ -188,7 +188,7 @@ class Registry:
         self._manager.trace.root.get("level")(dict(info))
         for watcher in self.hook.agglo_level_done.get_hookimpls():
             try:
-                with loading(f"plugin {watcher.plugin_name!r}"):
+                with contain_loading(f"plugin {watcher.plugin_name!r}"):
                     watcher.function(*(info for _ in watcher.argnames))
             except LoadingError as error:
                 message = "plugin %r stopped watching: agglo_level_done() raised %s"
@@ -201,7 +201,7 @@ class Registry:
             self._manager.trace.root.setwriter(sys.stderr.write)
             self._manager.enable_tracing()
         blocked, only = _names(environ, "AGGLO_BLOCK"), _names(environ, "AGGLO_ONLY")
-        entries = list(installed())
+        entries = list(find_entry_points())
         names = {entry.name for entry in entries}
         for unknown in sorted((blocked | only) - names):
             logging.getLogger("agglo").warning(
@@ -231,7 +231,7 @@ class Registry:
             return
         key, start = f"{entry.name} ({entry.distribution})", time.perf_counter()
         try:
-            with loading(f"plugin {key}"):
+            with contain_loading(f"plugin {key}"):
                 plugin = point.load()
         except LoadingError as error:
             trace.get("failed")(traceback.format_exc())
@@ -248,7 +248,7 @@ class Registry:
         """
         all_faults = [list(faults(item)) for item in declared]
         sound = [
-            made_plain(item) if item_faults else item
+            make_plain(item) if item_faults else item
             for item, item_faults in zip(declared, all_faults, strict=True)
         ]
         records = [_of(origin, item) for item in sound]

@@ -10,7 +10,14 @@ from importlib import import_module
 from typing import Any
 
 from agglo_core.errors import AggloError, OptionError, PluginError
-from agglo_core.registry.containment import PLUGIN_FAILURES, LoadingError, folder_kept, loading, raised, shown
+from agglo_core.registry.containment import (
+    PLUGIN_FAILURES,
+    LoadingError,
+    contain_loading,
+    raised,
+    restore_folder,
+    shown,
+)
 from agglo_core.registry.kinds import KINDS
 from agglo_core.registry.option_types import Text, parse_value
 from agglo_core.registry.options import convert, options_of, wants_registry
@@ -35,7 +42,7 @@ def resolve(record: Record) -> Any:
     if target is not None:  # usually already imported: no plugin code runs
         return target
     try:
-        with loading(describe(record)):
+        with contain_loading(describe(record)):
             return reduce(getattr, attribute.split("."), import_module(module))
     except LoadingError as error:
         raise PluginError(
@@ -60,7 +67,7 @@ def construct(record: Record, options: Mapping[str, Any], registry: object = Non
         raise PluginError(f"{describe(record)}: its target is {shown(target)}, expected a class or a factory")
     arguments = checked_options(record, target, options)
     try:
-        with folder_kept(describe(record)):
+        with restore_folder(describe(record)):
             built = target(**arguments, **({"registry": registry} if wants_registry(target) else {}))
     except AggloError:
         raise

@@ -11,9 +11,9 @@ from contextlib import contextmanager, redirect_stdout
 PLUGIN_FAILURES = (Exception, SystemExit)
 """Exceptions that a component may raise without ending the program.
 
-While a plugin is loaded, all exceptions except KeyboardInterrupt are contained, see :func:`loading`. During a
-run, other BaseExceptions stop the program (cancelled tasks, alarms), because they are not failures of a
-component.
+While a plugin is loaded, all exceptions except KeyboardInterrupt are contained, see :func:`contain_loading`.
+During a run, other BaseExceptions stop the program (cancelled tasks, alarms), because they are not failures
+of a component.
 """
 
 
@@ -25,7 +25,7 @@ class LoadingError(Exception):
 
 
 @contextmanager
-def loading(what: str) -> Iterator[None]:
+def contain_loading(what: str) -> Iterator[None]:
     """Run plugin code at import or in a hook: failures become LoadingErrors, and stdout stays clean.
 
     Its output goes to stderr, or to the current redirection of stdout.
@@ -39,7 +39,7 @@ def loading(what: str) -> Iterator[None]:
     """
     elsewhere = sys.stderr if sys.stdout is sys.__stdout__ else sys.stdout
     try:
-        with redirect_stdout(elsewhere), folder_kept(what):
+        with redirect_stdout(elsewhere), restore_folder(what):
             yield
     except KeyboardInterrupt as interrupt:
         interrupt.add_note(f"while loading {what}")
@@ -49,7 +49,7 @@ def loading(what: str) -> Iterator[None]:
 
 
 @contextmanager
-def folder_kept(what: str) -> Iterator[None]:
+def restore_folder(what: str) -> Iterator[None]:
     """Restore the current folder if the code in the block changes it, with a warning that names ``what``."""
     home = _folder()
     try:
@@ -91,10 +91,10 @@ def printable(text: str) -> str:
     """
     if text.isprintable():
         return text
-    return "".join(map(_visible, text))
+    return "".join(map(_escape_character, text))
 
 
-def _visible(character: str) -> str:
+def _escape_character(character: str) -> str:
     if character == "\n" or character.isprintable() or "\ud800" <= character <= "\udfff":
         return character
     return " " if character.isspace() else character.encode("unicode_escape").decode()

@@ -194,7 +194,7 @@ def is_suffix(suffix: object) -> bool:
     return isinstance(suffix, str) and suffix[:1] == "." and len(suffix) > 1 and suffix == suffix.lower()
 
 
-def made_plain(declared: Component | Command) -> Component | Command:
+def make_plain(declared: Component | Command) -> Component | Command:
     """Convert the texts of a faulty declaration to plain strings for the listing."""
     name, target, summary = map(_text, (declared.name, declared.target, declared.summary))
     if isinstance(declared, Command):

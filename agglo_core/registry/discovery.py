@@ -13,7 +13,7 @@ from importlib import metadata
 
 import pluggy
 
-from agglo_core.registry.containment import LoadingError, loading, printable, shown
+from agglo_core.registry.containment import LoadingError, contain_loading, printable, shown
 from agglo_core.registry.declarations import Command, Component, Hooks
 
 GROUP = "agglo"
@@ -30,7 +30,7 @@ class Found:
     version: str
 
 
-def installed() -> Iterator[Found]:
+def find_entry_points() -> Iterator[Found]:
     """Yield the entry points of the group ``agglo``, each distribution once, in the order of sys.path.
 
     ``importlib.metadata.entry_points`` would raise for a malformed file of any distribution.
@@ -74,8 +74,8 @@ def attach(manager: pluggy.PluginManager, plugin: object, key: str) -> tuple[lis
     if manager.is_registered(plugin):
         return [], f"it is the same object as plugin {manager.get_name(plugin)!r}"
     try:
-        with loading(f"plugin {key}"):
-            problem = _misnamed(manager, plugin)
+        with contain_loading(f"plugin {key}"):
+            problem = _find_hook_fault(manager, plugin)
             if not problem:
                 manager.register(plugin, key)
     except LoadingError as error:
@@ -83,7 +83,7 @@ def attach(manager: pluggy.PluginManager, plugin: object, key: str) -> tuple[lis
         return [], f"its hooks cannot be registered: {error}"
     if problem:
         return [], problem
-    declared, problem = _declared(manager, plugin, key)
+    declared, problem = _collect_declarations(manager, plugin, key)
     if problem:
         detach(manager, plugin)
     return declared, problem
@@ -95,7 +95,7 @@ def detach(manager: pluggy.PluginManager, plugin: object) -> None:
         manager.unregister(plugin)
 
 
-def _misnamed(manager: pluggy.PluginManager, plugin: object) -> str:
+def _find_hook_fault(manager: pluggy.PluginManager, plugin: object) -> str:
     """Return the reason why a hook would never be called (misspelt, unmarked, none at all), or ``""``."""
     n_hooks = 0
     for name in dir(plugin):
@@ -113,7 +113,7 @@ def _misnamed(manager: pluggy.PluginManager, plugin: object) -> str:
     return "" if n_hooks else f"it implements no hook; accepted: {', '.join(_HOOKS)}"
 
 
-def _declared(
+def _collect_declarations(
     manager: pluggy.PluginManager, plugin: object, key: str
 ) -> tuple[list[Component | Command], str]:
     """Call the hooks of a plugin.
@@ -126,7 +126,7 @@ def _declared(
             if implementation.plugin is not plugin:
                 continue
             try:
-                with loading(f"plugin {key}"):
+                with contain_loading(f"plugin {key}"):
                     answer = implementation.function()
             except LoadingError as error:
                 return declarations, f"{hook}() raised {error}"

@@ -75,7 +75,7 @@ def _options_of(target: Callable[..., Any]) -> tuple[Option, ...] | None:
     if any(p.kind is p.VAR_KEYWORD for p in parameters):
         return None
     handed = {"registry"} if wants_registry(target) else set()
-    about = _described(target)
+    about = _describe_parameters(target)
     return tuple(
         Option(p.name, _with_default(_annotation(target, p), p.default), p.default, about.get(p.name, ""))
         for p in parameters
@@ -168,7 +168,7 @@ def _with_default(annotation: Any, default: Any) -> Any:
     return Optional[annotation]  # noqa: UP045 - None | None is an error
 
 
-def _described(target: Callable[..., Any]) -> dict[str, str]:
+def _describe_parameters(target: Callable[..., Any]) -> dict[str, str]:
     """Return the first sentence on each parameter or attribute in numpydoc docstrings, bases included."""
     about: dict[str, str] = {}
     bases = inspect.getmro(target) if isinstance(target, type) else (target,)

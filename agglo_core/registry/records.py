@@ -120,7 +120,7 @@ class Installed:
         """Return True if a module can be found, without importing it."""
         top = name.partition(".")[0]  # find_spec would import the package of a submodule
         if top not in self._modules:
-            self._modules[top] = _found(top)
+            self._modules[top] = _is_importable(top)
         return self._modules[top]
 
     def extras(self, distribution: str) -> dict[str, set[str]]:
@@ -145,7 +145,7 @@ def with_requirements(record: Record, installed: Installed) -> Record:
     return replace(record, state="needs", reason=reason, missing=missing)
 
 
-def _found(module: str) -> bool:
+def _is_importable(module: str) -> bool:
     try:
         return find_spec(module) is not None
     except (ImportError, ValueError):
@@ -185,10 +185,10 @@ def with_conflicts(records: Sequence[Record]) -> list[Record]:
     for record in records:
         if record.declared:
             rivals[record.kind, record.name].append(record)
-    return [_resolved(r, rivals[r.kind, r.name]) if r.declared else r for r in records]
+    return [_resolve_conflict(r, rivals[r.kind, r.name]) if r.declared else r for r in records]
 
 
-def _resolved(record: Record, rivals: list[Record]) -> Record:
+def _resolve_conflict(record: Record, rivals: list[Record]) -> Record:
     """Resolve name conflicts: built-in components keep their names, equal names of plugins conflict."""
     if len(rivals) == 1 and record.command is None:
         return record
