@@ -43,7 +43,7 @@ def shown(*, lines: bool = True) -> Iterator[Listener | None]:
         with notebook_line() as listen:
             yield listen
     else:
-        yield _in_lines() if lines else None
+        yield _line_listener() if lines else None
 
 
 @contextmanager
@@ -81,7 +81,7 @@ def _on_terminal() -> bool:
     return sys.stderr is not None and sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
 
 
-def _in_lines() -> Listener:
+def _line_listener() -> Listener:
     previous, last_time = Progress("", 1.0), 0.0
 
     def listen(report: Progress) -> None:
