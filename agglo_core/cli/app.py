@@ -24,8 +24,8 @@ from agglo_core.cli.commands.solve import solve
 from agglo_core.cli.options.completion import completion
 from agglo_core.cli.output.console import notices, say
 from agglo_core.cli.output.encoding import readable_output
-from agglo_core.cli.ranks.launch import launched, on_all_ranks, refuse_on_ranks
-from agglo_core.cli.stopping import Terminated, stopped_by, terminations
+from agglo_core.cli.ranks.launch import find_launch, on_all_ranks, refuse_on_ranks
+from agglo_core.cli.stopping import Terminated, find_interrupt, terminations
 from agglo_core.errors import AggloError, PluginError
 from agglo_core.registry import CORE_COMMANDS, Record, default, describe
 from agglo_core.registry.construct import resolve
@@ -119,7 +119,7 @@ def main(args: Sequence[str] | None = None) -> NoReturn:
 
     Errors raised on purpose are printed as one line, bugs with a traceback.
     """
-    launch = launched()
+    launch = find_launch()
     sys.exit(_main(args) if launch is None else on_all_ranks(lambda: _main(args), launch))
 
 
@@ -135,9 +135,9 @@ def _run(args: Sequence[str] | None) -> int:
             sys.stdout.flush()
     except (AggloError, click.Abort, SystemError) as error:
         # Interrupts may be wrapped in other errors.
-        stop = stopped_by(error)
+        stop = find_interrupt(error)
         if stop is not None or isinstance(error, click.Abort):
-            return _stopped(143 if isinstance(stop, Terminated) else 130, stop)
+            return _report_stop(143 if isinstance(stop, Terminated) else 130, stop)
         if isinstance(error, SystemError):
             raise
         return _fail(str(error))
@@ -173,7 +173,7 @@ def _fail(message: str) -> int:
     return 2
 
 
-def _stopped(code: int, stop: BaseException | None) -> int:
+def _report_stop(code: int, stop: BaseException | None) -> int:
     location = ", ".join(getattr(stop, "__notes__", ()))
     with suppress(OSError):
         click.echo(f"{'interrupted' if code == 130 else 'terminated'} {location}".rstrip(), err=True)

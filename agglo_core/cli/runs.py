@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from agglo_core.agglomeration.keywords import COUNTS, RULES, TARGETS
 from agglo_core.cli.output.console import number
 from agglo_core.cli.output.tables import print_lines, print_table
-from agglo_core.cli.stopping import stopped_by
+from agglo_core.cli.stopping import find_interrupt
 from agglo_core.errors import AggloError, OptionError
 from agglo_core.progress import Listener, labelled, phase, shown
 from agglo_core.registry.containment import PLUGIN_FAILURES
@@ -25,7 +25,7 @@ Metrics = list[Any] | None
 _RATIO = "mean diam/h*"
 
 
-def watched(quiet: bool = False) -> AbstractContextManager[Listener | None]:
+def show_progress(quiet: bool = False) -> AbstractContextManager[Listener | None]:
     """Return a context with a progress bar on stderr, without bar if quiet or not on a terminal."""
     return nullcontext() if quiet else shown(lines=False)
 
@@ -57,7 +57,7 @@ def execute(
     try:
         result = timed_run(mesh, name, build_hierarchy, metrics, progress=listen)
     except PLUGIN_FAILURES as error:
-        if save is not None and hierarchies and stopped_by(error) is None:
+        if save is not None and hierarchies and find_interrupt(error) is None:
             save(hierarchies[0], ())
         raise
     if save is not None:
@@ -78,7 +78,7 @@ def attempt(
     try:
         return execute(mesh, name, given, metrics, progress)
     except AggloError as error:
-        if stopped_by(error) is not None:
+        if find_interrupt(error) is not None:
             raise
         return RunResult(name, None, error=str(error))
 
@@ -93,7 +93,7 @@ def warm_up(given: Mapping[str, Any]) -> None:
     try:
         agglomerate(samples.squares(4), **options, **({"n_parts": 4} if counts else {"h_factor": 2.0}))
     except AggloError as error:
-        if stopped_by(error) is not None:
+        if find_interrupt(error) is not None:
             raise
         # otherwise the run itself reports the error
 
@@ -171,10 +171,12 @@ def show(title: str, runs: Sequence[RunResult], only_finest: bool = False) -> No
     spare = ["connected", "seconds", "isoperimetric", _RATIO]
     print_table(title, ["bisector", *heads], rows, spare=spare, fold={"bisector": 8})
     print_lines("\n".join(f"{run.name}: {run.error}" for run in runs if run.error))
-    print_lines("\n".join(f"{run.name}: {_limited(run)}" for run in runs if _limited(run)))
+    print_lines(
+        "\n".join(f"{run.name}: {_describe_time_limits(run)}" for run in runs if _describe_time_limits(run))
+    )
 
 
-def _limited(run: RunResult) -> str:
+def _describe_time_limits(run: RunResult) -> str:
     """Return a remark on searches stopped by the time limit, or an empty text."""
     count = run.hierarchy.statistics.get("time_limits", 0) if run.hierarchy else 0
     searches = "a search" if count == 1 else f"{count:,} searches"
@@ -193,10 +195,10 @@ def _cells(level: Level, columns: Iterable[str]) -> list[str]:
 
     line = {**level.line, **level.objectives}
     line["connected"] = f"{number(100.0 * line['connected'])} %"
-    return [wanted(level.target), *(short(line[key]) + undefined(level, key) for key in columns)]
+    return [wanted(level.target), *(short(line[key]) + describe_undefined(level, key) for key in columns)]
 
 
-def undefined(level: Level, name: str) -> str:
+def describe_undefined(level: Level, name: str) -> str:
     """Return a remark on the number of agglomerates without a value."""
     count = level.undefined.get(name, 0)
     return f" ({count} undefined)" if count else ""

@@ -34,7 +34,7 @@ def _terminate(number: int, frame: FrameType | None) -> None:
     raise Terminated
 
 
-def stopped_by(error: BaseException | None) -> KeyboardInterrupt | None:
+def find_interrupt(error: BaseException | None) -> KeyboardInterrupt | None:
     """Return the interrupt that caused an error, or None. In kernels an interrupt becomes a SystemError."""
     chain = list[BaseException]()  # plugin errors may form a cycle
     while error is not None and not isinstance(error, KeyboardInterrupt):

@@ -19,8 +19,8 @@ import pytest
 
 import agglo_core as agglo
 from agglo_core import Diffusion, Progress, samples
-from agglo_core.cli.runs import watched
-from agglo_core.cli.stopping import stopped_by
+from agglo_core.cli.runs import show_progress
+from agglo_core.cli.stopping import find_interrupt
 from agglo_core.errors import FileError, OptionError
 from agglo_core.measure import measure_levels
 from agglo_core.mesh import Mesh
@@ -202,7 +202,7 @@ def test_a_component_cannot_hide_that_it_was_cancelled(work: Callable[[Listener 
     with pytest.raises(Stop) as caught, unwrapped(at("mine", stop)) as listen:
         work(listen)
     assert caught.value is stop
-    assert stopped_by(stop) is None  # the way back from one error to another has an end
+    assert find_interrupt(stop) is None  # the way back from one error to another has an end
     with unwrapped(None) as listen:
         work(listen)
     with pytest.raises(KeyError), unwrapped(lambda now: None):
@@ -371,5 +371,5 @@ def test_a_terminal_shows_phase_and_percent(tmp_path: Path) -> None:
     for name in ("reading", "agglomerating", "measuring", "writing"):
         assert re.search(rf"{name} +\S+ +\d+%", text), name
     assert text.index("measuring") < text.index("writing") < text.index("wrote a.vtu")
-    with watched(quiet=True) as listen:
+    with show_progress(quiet=True) as listen:
         assert listen is None

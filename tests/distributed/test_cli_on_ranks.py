@@ -13,7 +13,7 @@ from command_line import Agglo
 from on_ranks import Ended, by_open_mpi, ended, launch, started
 
 from agglo_core import quality, read, read_hierarchy
-from agglo_core.cli.ranks.launch import Launched, launched
+from agglo_core.cli.ranks.launch import Launched, find_launch
 
 RUN = ("run", "voronoi:n=200,seed=2", "--bisector", "coordinate", "--no-polish")
 
@@ -61,11 +61,11 @@ def left(folder: Path) -> list[str]:
 
 
 def test_launchers_say_how_many_ranks_there_are() -> None:
-    assert launched({}) is None
-    assert launched({"PMI_RANK": "0", "PMI_SIZE": "1"}) is None
-    assert launched({"PMI_RANK": "2", "PMI_SIZE": "4"}) == Launched(2, 4)
-    assert launched({"OMPI_COMM_WORLD_RANK": "0", "OMPI_COMM_WORLD_SIZE": "3"}) == Launched(0, 3)
-    assert launched({"SLURM_PROCID": "0", "SLURM_NTASKS": "3"}) is None  # a script that runs no srun
+    assert find_launch({}) is None
+    assert find_launch({"PMI_RANK": "0", "PMI_SIZE": "1"}) is None
+    assert find_launch({"PMI_RANK": "2", "PMI_SIZE": "4"}) == Launched(2, 4)
+    assert find_launch({"OMPI_COMM_WORLD_RANK": "0", "OMPI_COMM_WORLD_SIZE": "3"}) == Launched(0, 3)
+    assert find_launch({"SLURM_PROCID": "0", "SLURM_NTASKS": "3"}) is None  # a script that runs no srun
 
 
 def test_a_run_on_three_ranks_prints_one_table_and_writes_its_levels(tmp_path: Path) -> None:

@@ -22,9 +22,17 @@ from agglo_core.cli.output.files import (
     weigh_runs,
 )
 from agglo_core.cli.output.stdout import OwnCommand
-from agglo_core.cli.runs import attempt, data, refuse_all_failed, refuse_metrics, run_data, show, watched
-from agglo_core.cli.solving.choice import DEFAULT_SOLVER, built_solver, posed_by
-from agglo_core.cli.solving.runs import Solved, reported, show_solved, solve_runs
+from agglo_core.cli.runs import (
+    attempt,
+    data,
+    refuse_all_failed,
+    refuse_metrics,
+    run_data,
+    show,
+    show_progress,
+)
+from agglo_core.cli.solving.choice import DEFAULT_SOLVER, build_solver, pose_problem
+from agglo_core.cli.solving.runs import Solved, collect_reports, show_solved, solve_runs
 from agglo_core.progress import phase
 from agglo_core.registry import default
 
@@ -103,18 +111,18 @@ def compare(
     plans = _plans(bisectors or all_bisectors(), methods or [_configured_method(agglomeration)])
     if problem is not None and solver is None:
         raise click.UsageError("--problem is for --solve, which is not given")
-    tool = None if solver is None else built_solver(solver, {}, "--solve")
+    tool = None if solver is None else build_solver(solver, {}, "--solve")
     check_outputs(None, None, report, ())
     if pareto is not None:
         check_picture(pareto, "--pareto")
-    with watched(quiet) as progress:
+    with show_progress(quiet) as progress:
         # Read, run and solve.
         with phase(progress, "reading", source):
             mesh = load_mesh(source)
         refuse_metrics(mesh, metrics)
         trusted = bool(agglomeration.get("allow_code"))
         problem_name = problem or "constant"
-        posed = None if solver is None else posed_by(problem_name, mesh, tool, solver, allow_code=trusted)
+        posed = None if solver is None else pose_problem(problem_name, mesh, tool, solver, allow_code=trusted)
         if not quiet:
             explain_compilation()
         runs = [_carry_out(mesh, plan, agglomeration, metrics, progress) for plan in plans]
@@ -136,8 +144,8 @@ def compare(
     outputs = Outputs()
     if pareto is not None:
         weigh_runs(outputs, mesh, runs, pareto)
-    with watched(quiet) as progress:
-        draw_runs(outputs, mesh, runs, None, report, metrics, progress, reported(runs, solved))
+    with show_progress(quiet) as progress:
+        draw_runs(outputs, mesh, runs, None, report, metrics, progress, collect_reports(runs, solved))
     any_failed = any(run.error and not plan.lacks for plan, run in zip(plans, runs, strict=True))
     any_unsolved = any(
         not solution.converged and not plan.lacks for plan, solution in zip(plans, solved, strict=False)
@@ -166,14 +174,14 @@ def _plans(specs: Sequence[str], methods: Sequence[str]) -> list[_Plan]:
     """
     plans = []
     for spec in specs:
-        lacking = _lacking(spec)
+        lacking = _unimplemented_methods(spec)
         for method in methods:
             name = spec if len(methods) == 1 else f"{spec} {method}"
             plans.append(_Plan(name, spec, method, lacking.get(method, "")))
     return plans
 
 
-def _lacking(spec: str) -> dict[str, str]:
+def _unimplemented_methods(spec: str) -> dict[str, str]:
     """Return a reason for each method that the bisector does not implement."""
     from agglo_core.protocols import Bisector, LevelBisector, Partitioner
 

@@ -19,7 +19,7 @@ from agglo_core.cli.output.console import explain_compilation, number, print_jso
 from agglo_core.cli.output.files import Outputs, as_file_name
 from agglo_core.cli.output.stdout import OwnCommand
 from agglo_core.cli.output.tables import print_lines
-from agglo_core.cli.runs import attempt, data, refuse_all_failed, run_data, show, watched
+from agglo_core.cli.runs import attempt, data, refuse_all_failed, run_data, show, show_progress
 from agglo_core.errors import FileError, PluginError
 from agglo_core.progress import phase
 from agglo_core.registry import Record, default
@@ -74,7 +74,7 @@ def demo(
     # Three sizes, smaller than the mesh.
     factors = [factor * times for times in (1, 2, 4) if times == 1 or factor * times < 1.0]
     sizes = tuple(diameter * fraction for fraction in factors)
-    with watched(quiet) as progress:
+    with show_progress(quiet) as progress:
         runs = [
             attempt(mesh, spec, {"bisector": bisector, "h_star": sizes, **rules}, progress=progress)
             for spec, bisector in bisector_choices.items()

@@ -12,7 +12,7 @@ from agglo_core.cli.options.shared import threads_option
 from agglo_core.cli.output.console import quieten
 from agglo_core.cli.output.stdout import OwnCommand
 from agglo_core.cli.output.tables import print_lines
-from agglo_core.cli.runs import watched
+from agglo_core.cli.runs import show_progress
 from agglo_core.progress import phase
 
 
@@ -33,7 +33,7 @@ def mesh(sample: str, output: Path, quiet: bool) -> None:
             f"{sample} is a file already, and this command writes samples; to convert it, in Python: "
             f"agglo.write({str(output)!r}, agglo.read({sample!r}))"
         )
-    with watched(quiet) as progress:
+    with show_progress(quiet) as progress:
         with phase(progress, "making the mesh", sample):
             sample_mesh = samples.from_spec(sample)
         io.write(output, sample_mesh, progress=progress)

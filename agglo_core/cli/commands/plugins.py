@@ -35,7 +35,7 @@ def plugins(name: str | None, verbose: bool, as_json: bool) -> None:
     declaration. AGGLO_TRACE=1 shows each call.
     """
     registry = default()
-    records = registry.records() if name is None else _named(registry, name)
+    records = registry.records() if name is None else _find_records(registry, name)
     if as_json:
         print_json([_data(record) | (_options_data(record) if name else {}) for record in records])
     elif name is None:
@@ -47,7 +47,7 @@ def plugins(name: str | None, verbose: bool, as_json: bool) -> None:
             print_lines("\n".join(_card(record)))
 
 
-def _named(registry: Registry, text: str) -> list[Record]:
+def _find_records(registry: Registry, text: str) -> list[Record]:
     """Return the records for ``name``, ``kind:name`` or ``plugin/name``, several if kinds share the name.
 
     Raises

@@ -12,7 +12,7 @@ from agglo_core.cli.options.shared import metrics_option, threads_option
 from agglo_core.cli.output.console import number, print_json, quieten
 from agglo_core.cli.output.stdout import OwnCommand
 from agglo_core.cli.output.tables import print_table
-from agglo_core.cli.runs import level_data, single_level, undefined, watched
+from agglo_core.cli.runs import describe_undefined, level_data, show_progress, single_level
 from agglo_core.progress import phase
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def quality(file: Path, metrics: list[Any] | None, as_json: bool, quiet: bool) -
     from agglo_core.io import read_hierarchy
     from agglo_core.measure.agglomerates import measure_levels
 
-    with watched(quiet) as progress:
+    with show_progress(quiet) as progress:
         with phase(progress, "reading", file.name):
             mesh, stored = read_hierarchy(file)
         names, hierarchy = _levels(mesh, stored)
@@ -55,7 +55,7 @@ def quality(file: Path, metrics: list[Any] | None, as_json: bool, quiet: bool) -
         columns = _columns(levels)
         flat = [row | row.get("objectives", {}) for row in rows]
         table_rows = [
-            [number(row[key]) + undefined(level, key) for key in columns]
+            [number(row[key]) + describe_undefined(level, key) for key in columns]
             for level, row in zip(levels, flat, strict=True)
         ]
         print_table(title, columns, table_rows, spare=["connected", "max_diameter", "isoperimetric"])

@@ -21,7 +21,7 @@ from agglo_core.cli.output.files import Outputs, check_outputs, draw_runs
 from agglo_core.cli.output.stdout import OwnCommand
 from agglo_core.cli.ranks.launch import refuse_files
 from agglo_core.cli.ranks.run import is_of_ranks, run_on_ranks
-from agglo_core.cli.runs import data, execute, level_data, refuse_metrics, show, watched
+from agglo_core.cli.runs import data, execute, level_data, refuse_metrics, show, show_progress
 from agglo_core.progress import phase
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def run(
     files = check_outputs(output, plot, report, bisectors)
     plans = {spec: {"bisector": choice("bisector", spec)} for spec in bisectors} or {"": {}}
     outputs = Outputs()
-    with watched(quiet) as progress:
+    with show_progress(quiet) as progress:
         with phase(progress, "reading", source):
             mesh = load_mesh(source)
         if explode is not None and mesh.dim == 2:
@@ -108,7 +108,7 @@ def run(
         print_json(data(mesh, source, [_plain(r) for r in runs]))
     elif not quiet:
         show(f"{mesh.name or source}: {mesh.n_cells:,} cells, h0 = {number(mesh.h)}", runs)
-    with watched(quiet) as progress:
+    with show_progress(quiet) as progress:
         draw_runs(outputs, mesh, runs, plot, report, metrics, progress, explode=explode)
     return outputs.finish(listed=not (as_json or quiet))
 

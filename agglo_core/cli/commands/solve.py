@@ -19,10 +19,10 @@ from agglo_core.cli.output.console import explain_compilation, print_json
 from agglo_core.cli.output.files import Outputs, check_picture
 from agglo_core.cli.output.stdout import OwnCommand, terminal_columns
 from agglo_core.cli.output.tables import print_lines
-from agglo_core.cli.ranks.launch import launched, refuse_files, refuse_on_ranks
+from agglo_core.cli.ranks.launch import find_launch, refuse_files, refuse_on_ranks
 from agglo_core.cli.ranks.solve import NOT_CONVERGED, solve_on_ranks, solves_across
-from agglo_core.cli.runs import watched
-from agglo_core.cli.solving.choice import DEFAULT_SOLVER, Posed, built_solver, posed_by, solver_title
+from agglo_core.cli.runs import show_progress
+from agglo_core.cli.solving.choice import DEFAULT_SOLVER, Posed, build_solver, pose_problem, solver_title
 from agglo_core.cli.solving.outputs import (
     check_more,
     draw_history,
@@ -104,7 +104,7 @@ def solve(
     code 3: not converged, or no picture.
     """
     options = {"levels": levels, "degree": degree, "smoothing_steps": smoothing_steps, "tolerance": tolerance}
-    tool = built_solver(solver, _given(options))
+    tool = build_solver(solver, _drop_unset_options(options))
     files = {"--plot": plot, "--plot-convergence": history, "--report": report, "--write-system": system_file}
     _refuse_one_process(tool, solver, files if solves_across(tool) else {"-o": output} | files)
     if solves_across(tool):
@@ -114,7 +114,7 @@ def solve(
     explain_compilation()
     # Read, agglomerate, solve, write the solution.
     outputs = Outputs()
-    with watched() as progress:
+    with show_progress() as progress:
         sampled_for = "-o and --plot are" if output or plot else ""
         task = _task(source, problem, tool, solver, agglomeration, sampled_for, progress)
         if system_file is not None:
@@ -128,7 +128,7 @@ def solve(
         # Print the report, then make the pictures.
         data["cg_iterations"] = solution.iterations
     _show(task, data, as_json=as_json)
-    with watched() as progress:
+    with show_progress() as progress:
         if plot is not None:
             _draw(outputs, plot, sampled, progress)
         if history is not None:
@@ -203,7 +203,7 @@ def _task(
     with phase(progress, "reading", source):
         mesh = load_mesh(source)
     trusted = bool(agglomeration.get("allow_code"))
-    posed = posed_by(problem, mesh, tool, solver, allow_code=trusted)
+    posed = pose_problem(problem, mesh, tool, solver, allow_code=trusted)
     if sampled_for:
         posed.refuse_without_meaning(sampled_for)
     # Solvers may not need levels, but requested levels are always built.
@@ -231,14 +231,14 @@ def _show(task: _Task, data: dict[str, Any], *, as_json: bool) -> None:
 
 def _refuse_one_process(tool: object, solver: str, files: Mapping[str, Path | None]) -> None:
     """Refuse several ranks for a solver without distributed solves, and files not made on ranks."""
-    if launched() is None:
+    if find_launch() is None:
         return
     if getattr(tool, "ranks", "one") != "world" and not solves_across(tool):
         refuse_on_ranks(f"the solver {solver}", "petsc_mg shares meshes out among processes")
     refuse_files(files, "solve in one process for it")
 
 
-def _given(options: Mapping[str, Any]) -> dict[str, Any]:
+def _drop_unset_options(options: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in options.items() if value is not None}
 
 

@@ -218,7 +218,7 @@ def agglomeration_options(
     {'refiners': (), 'n_parts': (8, 2)}
     """
     if command is not None:
-        return _gathering(command, [_REFINER, _FIXER, *_TARGET_OPTIONS], _BARE)
+        return _gather_options(command, [_REFINER, _FIXER, *_TARGET_OPTIONS], _BARE)
     usual = "all" if method == "several" else "kmeans"
     several = bisectors_option(f"How a piece is split (default {usual}); several are compared.")
     bisector_option = several if bisector == "several" else _ONE_BISECTOR
@@ -226,10 +226,10 @@ def agglomeration_options(
     options = [bisector_option, methods, _NESTED, _REFINER, _FIXER, *_LAST_STEPS, *_TARGET_OPTIONS]
     options += [*_RULE_OPTIONS, *_CONFIG]
     options.append(threads_option)
-    return lambda inner: _gathering(inner, options, _ALL)
+    return lambda inner: _gather_options(inner, options, _ALL)
 
 
-def _gathering(command: Command, options: Sequence[Decorator], names: Sequence[str]) -> Command:
+def _gather_options(command: Command, options: Sequence[Decorator], names: Sequence[str]) -> Command:
     """Add options to a command, and collect the named options in one argument ``agglomeration``."""
 
     @wraps(command)

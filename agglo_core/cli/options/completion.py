@@ -40,7 +40,10 @@ def names(*kinds: str, several: bool = False, also: tuple[str, ...] = ()) -> Off
     """
 
     def offer(_: click.Context, __: click.Parameter, typed: str) -> list[CompletionItem]:
-        return [CompletionItem(text, help=about) for text, about in _continued(kinds, typed, several, also)]
+        return [
+            CompletionItem(text, help=about)
+            for text, about in _find_continuations(kinds, typed, several, also)
+        ]
 
     return offer
 
@@ -63,7 +66,7 @@ def meshes(context: click.Context, parameter: click.Parameter, typed: str) -> li
     return samples(context, parameter, typed) or [CompletionItem(typed, type="file")]
 
 
-def _continued(
+def _find_continuations(
     kinds: tuple[str, ...], typed: str, several: bool, also: tuple[str, ...]
 ) -> Iterator[tuple[str, str]]:
     """Yield the possible continuations, each including the typed text, with a description.

@@ -80,14 +80,14 @@ def readable_output() -> Iterator[None]:
         with ExitStack() as stack:
             for stream in (sys.stdout, sys.stderr):
                 if isinstance(stream, io.TextIOWrapper):
-                    stack.enter_context(_replacing(stream))
+                    stack.enter_context(_reconfigure_temporarily(stream))
             yield
     finally:
         codecs.unregister(_ascii_by_another_name)
 
 
 @contextmanager
-def _replacing(stream: io.TextIOWrapper) -> Iterator[None]:
+def _reconfigure_temporarily(stream: io.TextIOWrapper) -> Iterator[None]:
     encoding, errors = stream.encoding, stream.errors
     is_ascii = codecs.lookup(encoding).name == "ascii"
     stream.reconfigure(encoding=_ASCII if is_ascii else encoding, errors=_ERRORS)
@@ -98,7 +98,7 @@ def _replacing(stream: io.TextIOWrapper) -> Iterator[None]:
             stream.reconfigure(encoding=encoding, errors=errors)
 
 
-def shown(text: str, stream: TextIO | None = None) -> str:
+def replace_unencodable(text: str, stream: TextIO | None = None) -> str:
     """Return the text as shown by a stream (default: stdout), with replacements of their real width."""
     stream = stdout() if stream is None else stream
     encoding = getattr(stream, "encoding", None) or "utf-8"
@@ -107,4 +107,4 @@ def shown(text: str, stream: TextIO | None = None) -> str:
 
 def can_show(text: str, stream: TextIO | None = None) -> bool:
     """Return True if a stream (default: stdout) shows the text unchanged."""
-    return shown(text, stream) == text
+    return replace_unencodable(text, stream) == text

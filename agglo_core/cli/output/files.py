@@ -17,7 +17,7 @@ import click
 
 from agglo_core.cli.output.console import say
 from agglo_core.cli.output.tables import print_lines
-from agglo_core.cli.stopping import stopped_by
+from agglo_core.cli.stopping import find_interrupt
 from agglo_core.errors import AggloError, FileError
 from agglo_core.progress import Listener, phase
 from agglo_core.registry.containment import PLUGIN_FAILURES, printable, raised
@@ -61,7 +61,7 @@ class Outputs:
         try:
             make()
         except PLUGIN_FAILURES as error:
-            if stopped_by(error) is not None:
+            if find_interrupt(error) is not None:
                 raise
             self.failures.append((path, error))
             self.code = min(code, self.code or code)

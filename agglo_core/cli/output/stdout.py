@@ -26,7 +26,7 @@ class OwnCommand(click.Command):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command with :func:`stdout` as its output stream."""
-        with _kept(quiet=bool(ctx.params.get("quiet"))) as stream:
+        with _reserve_stdout(quiet=bool(ctx.params.get("quiet"))) as stream:
             ctx.meta[_KEY] = stream
             return super().invoke(ctx)
 
@@ -55,21 +55,21 @@ def terminal_columns(stream: TextIO | None = None) -> int | None:
 
 
 @contextmanager
-def _kept(*, quiet: bool) -> Iterator[TextIO]:
+def _reserve_stdout(*, quiet: bool) -> Iterator[TextIO]:
     with ExitStack() as stack:
         stray = stack.enter_context(open(os.devnull, "w")) if quiet else sys.stderr
         stream = sys.stdout
         if stream is None:  # closed by the caller: command output must not go to stderr instead
             stream = stack.enter_context(open(os.devnull, "w"))
         if _descriptor(stream) == 1 and _descriptor(stray) is not None:
-            stream = stack.enter_context(_moved(stream, stray))
+            stream = stack.enter_context(_redirect_descriptor(stream, stray))
         stack.enter_context(redirect_stdout(stray))
         yield stream
         stream.flush()
 
 
 @contextmanager
-def _moved(stream: TextIO, stray: TextIO) -> Iterator[TextIO]:
+def _redirect_descriptor(stream: TextIO, stray: TextIO) -> Iterator[TextIO]:
     """Provide the original target of descriptor 1, and redirect the descriptor to ``stray`` meanwhile."""
     stream.flush()
     buffering = 1 if stream.isatty() else -1

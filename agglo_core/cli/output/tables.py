@@ -15,7 +15,7 @@ from types import MappingProxyType
 
 import click
 
-from agglo_core.cli.output.encoding import can_show, shown
+from agglo_core.cli.output.encoding import can_show, replace_unencodable
 from agglo_core.cli.output.stdout import stdout, terminal_columns
 
 _PIPE = 200  # width for folding if the output is not a terminal
@@ -112,15 +112,15 @@ def print_table(
     metis        16
     """
     table = Table(
-        list(map(shown, columns)),
-        [list(map(shown, row)) for row in rows],
-        list(map(shown, spare)),
-        {shown(name): least for name, least in fold.items()},
+        list(map(replace_unencodable, columns)),
+        [list(map(replace_unencodable, row)) for row in rows],
+        list(map(replace_unencodable, spare)),
+        {replace_unencodable(name): least for name, least in fold.items()},
     )
     if title:
         print_lines(title)
     boxed = boxed and can_show(_FRAME)
-    click.echo("\n".join(laid_out(table, terminal_columns(), boxed=boxed)), file=stdout())
+    click.echo("\n".join(lay_out_table(table, terminal_columns(), boxed=boxed)), file=stdout())
 
 
 def print_lines(text: str) -> None:
@@ -134,17 +134,17 @@ def print_lines(text: str) -> None:
     2 parts
     """
     width = terminal_columns()
-    for line in shown(text).split("\n") if text else ():
+    for line in replace_unencodable(text).split("\n") if text else ():
         click.echo(line_for(width, line), file=stdout())
 
 
 def line_for(width: int | None, line: str) -> str:
     """Return a line, folded at spaces only to the given terminal width."""
     indent = " " * (len(line) - len(line.lstrip()) + 2)
-    return line if width is None else "\n".join(folded(line, width, indent, _SPACES))
+    return line if width is None else "\n".join(fold_text(line, width, indent, _SPACES))
 
 
-def laid_out(table: Table, width: int | None, *, boxed: bool) -> list[str]:
+def lay_out_table(table: Table, width: int | None, *, boxed: bool) -> list[str]:
     """Return the lines of a table within ``width`` columns, or in full width for None."""
     count = len(table.columns)
     frame, gaps = 3 * count + 1, _GAP * (count - 1)
@@ -152,7 +152,7 @@ def laid_out(table: Table, width: int | None, *, boxed: bool) -> list[str]:
     if width is None:
         width = max(_PIPE, sum(table.least(whole_heads=True)) + frame)
     if boxed and (widths := table.widths(width - frame, whole_heads=True)) is not None:
-        return _drawn(table, widths, boxed=True)
+        return _draw_grid(table, widths, boxed=True)
     # Then without frame, dropping spare columns one by one.
     for n_omitted in range(len(table.spare) + 1):
         omitted_columns = [name for name in table.columns if name in table.spare[:n_omitted]]
@@ -161,19 +161,19 @@ def laid_out(table: Table, width: int | None, *, boxed: bool) -> list[str]:
         if widths is not None:
             full_width = sum(table.least(whole_heads=False)) + gaps
             return [
-                *_drawn(narrow_table, widths, boxed=False),
-                *(_left_out(omitted_columns, width, full_width) if omitted_columns else ()),
+                *_draw_grid(narrow_table, widths, boxed=False),
+                *(_describe_omission(omitted_columns, width, full_width) if omitted_columns else ()),
             ]
     # Last resort: a block of lines per row.
-    return list(_stacked(table, width))
+    return list(_stack_rows(table, width))
 
 
-def _left_out(names: Sequence[str], width: int, full_width: int) -> list[str]:
+def _describe_omission(names: Sequence[str], width: int, full_width: int) -> list[str]:
     text = f"left out: {', '.join(names)}; a terminal of {full_width} columns, or --json, shows all"
-    return list(folded(text, width, "  "))
+    return list(fold_text(text, width, "  "))
 
 
-def _drawn(table: Table, widths: Sequence[int], *, boxed: bool) -> list[str]:
+def _draw_grid(table: Table, widths: Sequence[int], *, boxed: bool) -> list[str]:
     """Return the table lines drawn by rich with the given column widths."""
     from rich.box import HEAVY_HEAD
     from rich.console import Console
@@ -192,7 +192,7 @@ def _drawn(table: Table, widths: Sequence[int], *, boxed: bool) -> list[str]:
         grid.add_column(Text(name), width=width, justify="right" if numeric else "left")
     heads = () if boxed else (table.columns, ["-" * width for width in widths])  # rich would align to the top
     for row in (*heads, *table.rows):
-        cells = (folded(cell, width) for cell, width in zip(row, widths, strict=True))
+        cells = (fold_text(cell, width) for cell, width in zip(row, widths, strict=True))
         grid.add_row(*(Text("\n".join(lines)) for lines in cells))
     page_width = sum(widths) + 4 * len(widths) + 1
     # Draw on an own stream.
@@ -201,7 +201,7 @@ def _drawn(table: Table, widths: Sequence[int], *, boxed: bool) -> list[str]:
     return [line.rstrip() for line in page.getvalue().removesuffix("\n").split("\n")]
 
 
-def _stacked(table: Table, width: int) -> Iterator[str]:
+def _stack_rows(table: Table, width: int) -> Iterator[str]:
     """Yield a block per row. A row with an empty first cell continues the previous block."""
     margin = max(map(_width, table.columns), default=0) + _GAP
     for number, row in enumerate(table.rows):
@@ -209,10 +209,10 @@ def _stacked(table: Table, width: int) -> Iterator[str]:
             yield ""
         for name, cell in zip(table.columns, row, strict=True):
             if cell:
-                yield from folded(name + " " * (margin - _width(name)) + cell, width, " " * _GAP)
+                yield from fold_text(name + " " * (margin - _width(name)) + cell, width, " " * _GAP)
 
 
-def folded(text: str, width: int, indent: str = "", breaks: re.Pattern[str] = _BREAKS) -> Iterator[str]:
+def fold_text(text: str, width: int, indent: str = "", breaks: re.Pattern[str] = _BREAKS) -> Iterator[str]:
     """Yield lines, broken between words and after ``, : = _ -`` before a letter, never in a number.
 
     Continuation lines begin with ``indent``. A word wider than ``width`` stays whole.

@@ -42,7 +42,7 @@ class Launched(NamedTuple):
     size: int
 
 
-def launched(environment: Mapping[str, str] | None = None) -> Launched | None:
+def find_launch(environment: Mapping[str, str] | None = None) -> Launched | None:
     """Return rank and number of the processes launched together, or None for a single process."""
     variables = os.environ if environment is None else environment
     for names in _LAUNCHERS:
@@ -54,7 +54,7 @@ def launched(environment: Mapping[str, str] | None = None) -> Launched | None:
 
 def refuse_on_ranks(what: str, instead: str) -> None:
     """Raise OptionError if this process is one of several, all of which would do equal work."""
-    launch = launched()
+    launch = find_launch()
     if launch is not None:
         raise OptionError(
             f"{what} works in one process, but {launch.size} were started, each of which would do all of it: "
@@ -91,7 +91,7 @@ def on_all_ranks(command: Callable[[], int], here: Launched) -> int:
         if here.rank > 0:
             stack.enter_context(redirect_stdout(stack.enter_context(open(os.devnull, "w"))))
             stack.enter_context(redirect_stderr(stderr_buffer))
-        code = _carried_out(command)
+        code = _run_command(command)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt must not break the exchange
     codes = _codes_of_all(comm, code)
     failed_ranks = [rank for rank, exit_code in enumerate(codes or ()) if exit_code]
@@ -103,7 +103,7 @@ def on_all_ranks(command: Callable[[], int], here: Launched) -> int:
     return codes[failed_ranks[0]] if codes is not None and failed_ranks else code
 
 
-def _carried_out(command: Callable[[], int]) -> int:
+def _run_command(command: Callable[[], int]) -> int:
     try:
         return command()
     except SystemExit as stop:

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 from agglo_core.cli.options.specs import choice, load_mesh
 from agglo_core.cli.output.console import number, print_json
 from agglo_core.cli.output.tables import print_lines
-from agglo_core.cli.ranks.launch import launched
-from agglo_core.cli.runs import level_data, show, warm_up, watched
+from agglo_core.cli.ranks.launch import find_launch
+from agglo_core.cli.runs import level_data, show, show_progress, warm_up
 from agglo_core.errors import OptionError
 from agglo_core.progress import phase
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 def is_of_ranks(output: Path | None, independent: bool) -> bool:
     """Return True for a run on several ranks, or on one rank by the distributed method."""
     pieces = output is not None and output.suffix.lower() == ".pvtu"
-    return launched() is not None or pieces or independent
+    return find_launch() is not None or pieces or independent
 
 
 @dataclass(frozen=True)
@@ -83,12 +83,12 @@ def run_on_ranks(
             check_parallel_target(output)
     first = ranks.rank == 0
     # Read, warm up, agglomerate, measure and write on all ranks.
-    with watched(quiet or not first) as progress:
+    with show_progress(quiet or not first) as progress:
         with phase(progress, "reading", source):
-            mesh = shared_mesh(source, ranks)
+            mesh = read_shared_mesh(source, ranks)
         with phase(progress, "loading"):
             warm_up_in_turn(arguments, ranks)
-        hierarchy, seconds = agglomerated(mesh, arguments, independent, progress)
+        hierarchy, seconds = agglomerate_on_ranks(mesh, arguments, independent, progress)
         with phase(progress, "measuring"):
             _ = mesh.h  # computed by all ranks, reported by rank 0
             levels = _levels(hierarchy, RATIOS if metrics is None else metrics)
@@ -103,7 +103,7 @@ def run_on_ranks(
     return 0
 
 
-def shared_mesh(source: str, ranks: Ranks) -> DistributedMesh:
+def read_shared_mesh(source: str, ranks: Ranks) -> DistributedMesh:
     """Read a distributed mesh: pieces by their ranks, any other file or a sample by rank 0."""
     from agglo_core.distributed import DistributedMesh, read
 
@@ -126,7 +126,7 @@ def warm_up_in_turn(given: Mapping[str, Any], ranks: Ranks) -> None:
             warm_up(given)
 
 
-def agglomerated(
+def agglomerate_on_ranks(
     mesh: DistributedMesh, given: Mapping[str, Any], independent: bool, progress: Any
 ) -> tuple[DistributedHierarchy, float]:
     """Return the hierarchy, and the seconds until the last rank has finished."""

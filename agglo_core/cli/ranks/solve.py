@@ -14,10 +14,10 @@ from agglo_core.cli.output.console import print_json
 from agglo_core.cli.output.files import Outputs
 from agglo_core.cli.output.stdout import terminal_columns
 from agglo_core.cli.output.tables import print_lines
-from agglo_core.cli.ranks.launch import launched
-from agglo_core.cli.ranks.run import agglomerated, shared_mesh, warm_up_in_turn
-from agglo_core.cli.runs import watched
-from agglo_core.cli.solving.choice import posed_by, solver_title
+from agglo_core.cli.ranks.launch import find_launch
+from agglo_core.cli.ranks.run import agglomerate_on_ranks, read_shared_mesh, warm_up_in_turn
+from agglo_core.cli.runs import show_progress
+from agglo_core.cli.solving.choice import pose_problem, solver_title
 from agglo_core.errors import AggloError, OptionError
 from agglo_core.progress import phase
 from agglo_core.registry.attribution import attributed
@@ -32,7 +32,7 @@ _COLUMNS = 80  # maximum width of the text
 def solves_across(tool: object) -> bool:
     """Return True if this process is one of several and the solver supports distributed meshes."""
     shares = hasattr(tool, "solve_across") and getattr(tool, "ranks", "one") == "one"
-    return launched() is not None and shares
+    return find_launch() is not None and shares
 
 
 def solve_on_ranks(
@@ -64,18 +64,18 @@ def solve_on_ranks(
             check_parallel_target(output)
     first, outputs = ranks.rank == 0, Outputs()
     # Read, pose the problem, agglomerate, solve, write and measure on all ranks.
-    with watched(not first) as progress:
+    with show_progress(not first) as progress:
         with phase(progress, "reading", source):
-            mesh = shared_mesh(source, ranks)
+            mesh = read_shared_mesh(source, ranks)
         # Rows are assembled on the mesh with a second layer, so cell values refer to it.
         assembly_mesh, _ = with_second_layer(mesh)
         trusted = bool(agglomeration.get("allow_code"))
         with ranks.together():
-            posed = posed_by(problem, assembly_mesh, tool, solver, allow_code=trusted)
+            posed = pose_problem(problem, assembly_mesh, tool, solver, allow_code=trusted)
             if output is not None:
                 posed.refuse_without_meaning("-o is")
         warm_up_in_turn(agglomeration, ranks)
-        hierarchy, seconds = agglomerated(mesh, agglomeration, False, progress)
+        hierarchy, seconds = agglomerate_on_ranks(mesh, agglomeration, False, progress)
         with attributed(title, spare=(AggloError,)):
             solution = tool.solve_across(posed.problem, hierarchy, progress if first else None)
         if output is not None:

@@ -65,7 +65,7 @@ def solver_title(spec: str) -> str:
     return describe(default().record("solver", as_typed(spec)[0]))
 
 
-def built_solver(spec: str, given: Mapping[str, Any], flag: str = "--solver") -> Any:
+def build_solver(spec: str, given: Mapping[str, Any], flag: str = "--solver") -> Any:
     """Build the solver as typed, with further options from own flags.
 
     Raises
@@ -87,7 +87,7 @@ def built_solver(spec: str, given: Mapping[str, Any], flag: str = "--solver") ->
         raise PluginError(f"{error}; choose another one by {flag}") from error
 
 
-def posed_by(text: str, mesh: Mesh, tool: object, solver: str, *, allow_code: bool) -> Posed:
+def pose_problem(text: str, mesh: Mesh, tool: object, solver: str, *, allow_code: bool) -> Posed:
     """Build the problem for a name or file, and check that the solver accepts it.
 
     Raises

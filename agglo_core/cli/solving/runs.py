@@ -12,7 +12,7 @@ from agglo_core.cli.output.tables import print_lines, print_table
 from agglo_core.cli.runs import short
 from agglo_core.cli.solving.choice import Posed, solver_title
 from agglo_core.cli.solving.outputs import with_hierarchy
-from agglo_core.cli.stopping import stopped_by
+from agglo_core.cli.stopping import find_interrupt
 from agglo_core.errors import AggloError
 from agglo_core.progress import Listener, Progress, labelled
 from agglo_core.registry.attribution import Member, attributed
@@ -104,7 +104,7 @@ def solve_runs(
     return [_attempt(solver, posed, run, labelled(progress, run.name), detailed) for run in runs]
 
 
-def reported(runs: Sequence[RunResult], solved: Sequence[Solved]) -> dict[str, Mapping[str, Any]]:
+def collect_reports(runs: Sequence[RunResult], solved: Sequence[Solved]) -> dict[str, Mapping[str, Any]]:
     """Return the report data of each solved run by run name."""
     pairs = zip(runs, solved, strict=False)
     return {run.name: result.details or {"error": result.error} for run, result in pairs if not run.error}
@@ -121,7 +121,7 @@ def _attempt(
     try:
         solution = solved_by(solver, posed.problem, run.hierarchy, clock)
     except AggloError as error:
-        if stopped_by(error) is not None:
+        if find_interrupt(error) is not None:
             raise
         return Solved(error=str(error))
     # Without progress reports, set-up and solve cannot be separated.
@@ -151,7 +151,7 @@ def _details(
         with attributed(solver.title, spare=(AggloError,)):  # the report calls the discretisation
             return report(posed.mesh, posed.problem, whole, posed.how, progress=progress)
     except AggloError as error:
-        if stopped_by(error) is not None:
+        if find_interrupt(error) is not None:
             raise
         return {"error": str(error)}
 
@@ -169,14 +169,14 @@ def _warm_up(solver: Member, posed: Posed) -> None:
 
     for small in (samples.squares(8), samples.voronoi(64)):  # recipes differ for squares and polygons
         try:
-            solved_by(solver, type(posed.problem).example(small), _halved(small))  # type: ignore[attr-defined]
+            solved_by(solver, type(posed.problem).example(small), _agglomerate_small_mesh(small))  # type: ignore[attr-defined]
         except (AggloError, AttributeError) as error:
-            if isinstance(error, AggloError) and stopped_by(error) is not None:
+            if isinstance(error, AggloError) and find_interrupt(error) is not None:
                 raise
             # otherwise the solution itself reports the error
 
 
-def _halved(mesh: Any) -> Hierarchy:
+def _agglomerate_small_mesh(mesh: Any) -> Hierarchy:
     from agglo_core.agglomeration import agglomerate
 
     return agglomerate(mesh, n_parts=(16, 4))

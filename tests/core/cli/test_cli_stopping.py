@@ -15,7 +15,7 @@ import pytest
 
 from agglo_core.cli import main
 from agglo_core.cli.runs import attempt
-from agglo_core.cli.stopping import Terminated, stopped_by, terminations
+from agglo_core.cli.stopping import Terminated, find_interrupt, terminations
 from agglo_core.errors import OptionError, PluginError
 from agglo_core.registry import Command, default as default_registry, hookimpl
 
@@ -112,7 +112,7 @@ def test_interrupts_are_found_behind_other_errors(fail: Fail) -> None:
         kernel = SystemError("returned a result with an exception set")
         assert fail(caused(kernel, interrupt)) == answer
         assert fail(caused(PluginError("kmeans raised SystemError"), kernel, interrupt)) == answer
-    assert stopped_by(caused(PluginError(), ValueError())) is None
+    assert find_interrupt(caused(PluginError(), ValueError())) is None
     assert fail(caused(PluginError("it failed"), ValueError()))[0] == 2
 
 
@@ -163,6 +163,6 @@ def test_sigterm_is_handled_only_where_nobody_else_does() -> None:
 def test_errors_that_go_back_to_one_another_are_no_interrupt() -> None:
     first, second = ValueError("first"), ValueError("second")
     first.__cause__, second.__context__ = second, first
-    assert stopped_by(first) is None
+    assert find_interrupt(first) is None
     second.__context__ = KeyboardInterrupt()
-    assert stopped_by(first) is second.__context__
+    assert find_interrupt(first) is second.__context__

@@ -16,7 +16,7 @@ import pytest
 from command_line import Agglo
 
 from agglo_core.cli import main
-from agglo_core.cli.output.encoding import can_show, readable_output, shown
+from agglo_core.cli.output.encoding import can_show, readable_output, replace_unencodable
 from agglo_core.registry.containment import printable
 
 ENCODINGS = ("ascii", "cp1252", "latin-1", "cp437", "koi8-r", "utf-8")
@@ -107,7 +107,7 @@ def test_names_that_are_no_text_are_shown(agglo: Agglo) -> None:
     ],
 )
 def test_replacements_can_be_read(text: str, wanted: str) -> None:
-    assert shown(text, io.TextIOWrapper(io.BytesIO(), encoding="ascii")) == wanted
+    assert replace_unencodable(text, io.TextIOWrapper(io.BytesIO(), encoding="ascii")) == wanted
 
 
 def test_control_characters_are_shown_not_sent(agglo: Agglo) -> None:

@@ -20,7 +20,7 @@ from terminal import Screen, set_width, terminal
 
 from agglo_core import samples
 from agglo_core.cli import main
-from agglo_core.cli.output.tables import Table, folded, laid_out
+from agglo_core.cli.output.tables import Table, fold_text, lay_out_table
 from agglo_core.conformance import Result
 
 WIDTHS = (80, 60, 40)
@@ -203,7 +203,7 @@ def test_any_table_at_any_width(seed: int) -> None:
     table = a_table(random.Random(seed))
     for width in range(20, 200, 7):
         for boxed in (True, False):
-            lines = laid_out(table, width, boxed=boxed)
+            lines = lay_out_table(table, width, boxed=boxed)
             text = "\n".join(lines)
             assert width < 45 or max(map(len, lines)) <= width
             for row in table.rows:
@@ -214,13 +214,13 @@ def test_any_table_at_any_width(seed: int) -> None:
 
 def test_pipes_are_as_wide_as_the_table() -> None:
     table = Table([f"column {i}" for i in range(60)], [[str(10**i) for i in range(60)]], ["column 3"], {})
-    (row,) = laid_out(table, None, boxed=True)[3:-1]
+    (row,) = lay_out_table(table, None, boxed=True)[3:-1]
     assert [cell.strip() for cell in row.strip("│").split("│")] == [str(10**i) for i in range(60)]
 
 
 def test_wide_letters_take_two_columns() -> None:
     rows = [["網格", "1"], ["e\u0301te\u0301", "22"]]
-    lines = laid_out(Table(["name", "K"], rows, (), {}), 40, boxed=True)
+    lines = lay_out_table(Table(["name", "K"], rows, (), {}), 40, boxed=True)
     assert lines[3:5] == ["│ 網格 │  1 │", "│ e\u0301te\u0301  │ 22 │"]
 
 
@@ -235,4 +235,4 @@ def test_wide_letters_take_two_columns() -> None:
     ],
 )
 def test_words_are_folded(text: str, width: int, wanted: list[str]) -> None:
-    assert list(folded(text, width)) == wanted
+    assert list(fold_text(text, width)) == wanted
