@@ -45,7 +45,7 @@ def test_meshes() -> None:
     np.testing.assert_allclose(meshes["mixed polygons with hanging nodes"].cell_measures.sum(), 48)
     assert np.bincount(small_meshes.apart().graph.components()).tolist() == [6, 6]
     assert small_meshes.boxes().n_cells == 30
-    assert small_meshes.changed(meshes["strip"], "scaled by 1e7")[0].h == pytest.approx(1e7 * np.sqrt(2))
+    assert small_meshes.change_mesh(meshes["strip"], "scaled by 1e7")[0].h == pytest.approx(1e7 * np.sqrt(2))
 
 
 def test_a_level_has_blocks_of_extreme_sizes() -> None:

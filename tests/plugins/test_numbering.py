@@ -14,7 +14,7 @@ from scipy.sparse.linalg import cg
 from agglo_core import Hierarchy, Mesh, agglomerate, samples
 from agglo_core.arrays import trusted_copy
 from agglo_core.authoring import curve_order
-from agglo_core.conformance.inputs.mesh_changes import renumbered
+from agglo_core.conformance.inputs.mesh_changes import renumber_mesh
 from agglo_core.errors import AggloError
 from agglo_core.problems import Diffusion, Linear, Solution
 from agglo_core.problems.solution import Deferred
@@ -30,7 +30,7 @@ def bare(mesh: Mesh) -> Hierarchy:
 
 def scattered(mesh: Mesh) -> Mesh:
     """The mesh in random order, with the side of the unit square that a face of the boundary is on as tag."""
-    there = renumbered(mesh, SEED)[0]
+    there = renumber_mesh(mesh, SEED)[0]
     middle = there.points[there.face_pairs].mean(axis=1)
     side = np.select([middle[:, 0] < 1e-6, middle[:, 0] > 1 - 1e-6, middle[:, 1] < 1e-6], [1, 2, 3], 4)
     return replace(there, face_tags={"boundary": side, "walls": side % 2})
@@ -118,7 +118,7 @@ def test_given_levels_and_levels_made_here(solve, mesh: Mesh, recipe: str) -> No
 
 
 def test_components_of_the_domain(solve) -> None:
-    parts = renumbered(samples.disconnected(14), SEED)[0]
+    parts = renumber_mesh(samples.disconnected(14), SEED)[0]
     require_same(*solve(Diffusion(np.random.default_rng(SEED).uniform(1, 9, parts.n_cells)), bare(parts)))
 
 
@@ -203,7 +203,7 @@ def test_errors_name_the_users_cells(monkeypatch, mesh: Mesh, change, said: str)
 
 def test_a_hierarchy_of_another_mesh_is_refused(monkeypatch, mesh: Mesh) -> None:
     monkeypatch.setattr(numbering, "FEW", {2: 1})
-    for other in (samples.squares(20), renumbered(mesh, 3)[0]):
+    for other in (samples.squares(20), renumber_mesh(mesh, 3)[0]):
         with pytest.raises(AggloError, match="belongs to another mesh"):
             PolyDGMultigrid().solve(Diffusion(), trusted_copy(bare(mesh), fine=other))
 

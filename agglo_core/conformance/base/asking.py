@@ -29,11 +29,11 @@ def ask(kind: str, tool: Any, case: Case) -> Any:
     special: dict[str, Callable[..., Any]] = {
         "bisector": _sides,
         "format": _read_back,
-        "smoother": _smoothed,
-        "coarse_solver": _solved_exactly,
+        "smoother": _smooth,
+        "coarse_solver": _solve_exactly,
         "constraint": _masks,
-        "solver": _solved,
-        "discretisation": _assembled,
+        "solver": _solve,
+        "discretisation": _assemble,
     }
     if kind in special:
         return special[kind](tool, *case.given)
@@ -101,21 +101,21 @@ def _read_back(tool: Any, mesh: Mesh, suffix: str) -> Any:
             ) from None
 
 
-def _smoothed(tool: Any, level: MultigridLevel, b: Float, x: Float) -> Any:
+def _smooth(tool: Any, level: MultigridLevel, b: Float, x: Float) -> Any:
     return tool.setup(level)(b, x)
 
 
-def _solved_exactly(tool: Any, A: Any, b: Float) -> Any:
+def _solve_exactly(tool: Any, A: Any, b: Float) -> Any:
     return tool.solver_for(A)(b)
 
 
-def _solved(tool: Any, problem: Problem, hierarchy: Hierarchy) -> Any:
+def _solve(tool: Any, problem: Problem, hierarchy: Hierarchy) -> Any:
     """Solve a problem, unless ``accepts`` does not list its kind (as in ``agglo solve``)."""
     require_accepted(tool, problem)
     return tool.solve(problem, hierarchy)
 
 
-def _assembled(tool: Any, problem: Problem, mesh: Mesh) -> Any:
+def _assemble(tool: Any, problem: Problem, mesh: Mesh) -> Any:
     require_accepted(tool, problem)
     return tool.assemble(problem, mesh)
 

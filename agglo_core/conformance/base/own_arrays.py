@@ -52,7 +52,7 @@ def home(kind: str, tool: Any) -> Path | None:
     return None if code is None else Path(code.co_filename).parent
 
 
-def written_meanwhile(call: Callable[[], Any], folder: Path, watched: Sequence[NDArray[Any]]) -> int | None:
+def find_writing_line(call: Callable[[], Any], folder: Path, watched: Sequence[NDArray[Any]]) -> int | None:
     """Return the first line number in ``folder`` at which a watched array has changed.
 
     The call runs in a traced thread, and the arrays are compared before each line in ``folder``. Return

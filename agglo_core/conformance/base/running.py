@@ -31,7 +31,7 @@ def runs_with(subject: Subject) -> Iterator[tuple[str, Hierarchy]]:
     """
     from agglo_core.agglomeration.one_call import agglomerate
 
-    choice, registry = _chosen(subject)
+    choice, registry = _choose_component(subject)
     for mesh in _meshes(subject):
         for roles in _roles(subject, choice):
             for target in _TARGETS:
@@ -111,17 +111,17 @@ class _Declares:
         return list(self.components)
 
 
-def _chosen(subject: Subject) -> tuple[Any, Registry]:
+def _choose_component(subject: Subject) -> tuple[Any, Registry]:
     """Return the component as an argument of ``agglomerate``, and a registry with its name and fallback."""
     record = subject.record
     if record is None or record.component is None:
         return subject.build(), own_components()
     name = f"{record.distribution or record.plugin}/{record.name}"
     choice = (name, subject.options) if subject.options else name
-    return choice, subject.lookup if _registered(record, name, subject.lookup) else _with(record)
+    return choice, subject.lookup if _is_registered(record, name, subject.lookup) else _with(record)
 
 
-def _registered(record: Record, name: str, registry: Registry) -> bool:
+def _is_registered(record: Record, name: str, registry: Registry) -> bool:
     try:
         return registry.record(record.kind, name).component is record.component
     except AggloError:

@@ -182,11 +182,11 @@ def subject_of(
         record = find(component, kind, registry)
         if record.state != "ok":
             raise PluginError(f"{describe(record)} cannot be used: {unusable(record)}")
-        return _declared(record, option_values, promises, registry)
+        return _subject_for_record(record, option_values, promises, registry)
     if isinstance(component, Component):
         if wrong := "; ".join(faults(component)):
             raise PluginError(f"{component.kind} {component.name!r} is not declared well: {wrong}")
-        return _declared(Record(component, component.name), option_values, promises, registry)
+        return _subject_for_record(Record(component, component.name), option_values, promises, registry)
     sort = kind or _kind_of(component)
     subject = Subject(
         sort, f"{sort} {_title(component)}", None, component, option_values, promises or {}, registry
@@ -223,7 +223,7 @@ def find(text: str, kind: str | None = None, registry: Registry | None = None) -
     )
 
 
-def _declared(
+def _subject_for_record(
     record: Record,
     options: Mapping[str, Any],
     promises: Mapping[str, bool | float] | None,

@@ -47,7 +47,7 @@ def _builtins() -> dict[str, int]:
     return {name: id(value) for name, value in vars(builtins).items() if name != "_"}  # set by the prompt
 
 
-def _logging() -> list[Any]:
+def _logging_state() -> list[Any]:
     loggers = (logging.getLogger(), logging.getLogger("agglo"))
     return [(logger.level, logger.disabled, len(logger.handlers), logger.propagate) for logger in loggers] + [
         logging.root.manager.disable
@@ -84,7 +84,7 @@ _SETTINGS: Mapping[str, _Setting] = {
     "the limit of recursion": _Setting(sys.getrecursionlimit, sys.setrecursionlimit),
     "the switching of threads": _Setting(sys.getswitchinterval, sys.setswitchinterval),
     "the garbage collector": _Setting(lambda: (gc.isenabled(), gc.get_threshold())),
-    "logging": _Setting(_logging, by_imports=True),
+    "logging": _Setting(_logging_state, by_imports=True),
     "sys.path": _Setting(lambda: tuple(sys.path), by_imports=True),
     "the streams and hooks of sys": _Setting(
         lambda: [id(each) for each in (sys.stdout, sys.stderr, sys.excepthook, sys.displayhook)]

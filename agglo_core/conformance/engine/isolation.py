@@ -58,12 +58,12 @@ def judge_apart(subject: Subject, timeout: float) -> list[Result]:
                     pending_laws = pending_laws[1:]
             return results
         except _Stopped as stopped:
-            results.append(_failed(pending_laws[0] if pending_laws else "builds", str(stopped)))
+            results.append(_failed_result(pending_laws[0] if pending_laws else "builds", str(stopped)))
             pending_laws = pending_laws[1:]
             if not pending_laws:
                 return results
     return results + [
-        _failed(name, "not run: the component had to be stopped twice") for name in pending_laws
+        _failed_result(name, "not run: the component had to be stopped twice") for name in pending_laws
     ]
 
 
@@ -136,7 +136,7 @@ def _read(stream: IO[str], lines: queue.Queue[str]) -> None:
     lines.put("")
 
 
-def _failed(name: str, message: str) -> Result:
+def _failed_result(name: str, message: str) -> Result:
     law = next(law for law in all_laws() if law.name == name)
     return Result(law.name, law.sentence, False, message, 0.0, law.promise)
 

@@ -14,7 +14,7 @@ from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.inputs import small_meshes
 from agglo_core.conformance.inputs.mesh_cases import in_space, of_one_cell, on_meshes
 from agglo_core.conformance.inputs.multigrid_cases import PARTS, coarsenings, levels, one_part, single_unknown
-from agglo_core.conformance.inputs.unusual_graphs import fresh, level_in_space, ragged_in_space, tower
+from agglo_core.conformance.inputs.unusual_graphs import fresh, level_in_space, ragged_level_in_space, tower
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
@@ -42,9 +42,9 @@ def cases(kind: str, seed: int = 0) -> list[Case]:
     if kind == "metric":
         return [Case(mesh.name, (mesh, stripes(mesh.graph, 3))) for mesh in [*meshes, small_meshes.apart()]]
     return [
-        asked(kind, mesh.graph, mesh.name, labels(mesh.graph), target, seed)
+        labelled_case(kind, mesh.graph, mesh.name, labels(mesh.graph), target, seed)
         for mesh in meshes
-        for labels, target in ((_halves, "count"), (_quarters, "size"), (_scattered, "both"))
+        for labels, target in ((_halves, "count"), (_quarters, "size"), (_scatter_labels, "both"))
     ]
 
 
@@ -74,12 +74,12 @@ def cases_in_3d(kind: str) -> list[Case]:
         return [
             Case("3-D boxes", (problem, hierarchy)) for problem in (Diffusion(), laplacian(mesh.graph, 1))
         ]
-    ragged, labels = ragged_in_space()
+    ragged, labels = ragged_level_in_space()
     return [
-        asked(kind, graph, name, labelled(graph), target)
+        labelled_case(kind, graph, name, labelled(graph), target)
         for name, graph in graphs.items()
-        for labelled, target in ((_halves, "size"), (_scattered, "count"))
-    ] + [asked(kind, ragged, "a level of pieces of tetrahedra", labels, "both")]
+        for labelled, target in ((_halves, "size"), (_scatter_labels, "count"))
+    ] + [labelled_case(kind, ragged, "a level of pieces of tetrahedra", labels, "both")]
 
 
 def tiny(kind: str) -> list[Case]:
@@ -100,7 +100,8 @@ def tiny(kind: str) -> list[Case]:
             Case("one cell", (small_meshes.grid(1, 1), frozen_int([0]))),
             Case("every cell alone", (small_meshes.grid(3, 2), frozen_int(np.arange(6)))),
             Case(
-                "all cells in one", (small_meshes.mixed(), frozen_int(np.zeros(small_meshes.mixed().n_cells)))
+                "all cells in one",
+                (small_meshes.mixed_polygons(), frozen_int(np.zeros(small_meshes.mixed_polygons().n_cells))),
             ),
         ]
     # Bisectors, refiners and fixers: short chains, coincident cells, interfaces without measure.
@@ -114,7 +115,8 @@ def tiny(kind: str) -> list[Case]:
     if kind == "bisector":
         return [Case(name, (graph, seeds_for(1))) for name, graph in graphs.items()]
     return [
-        asked(kind, graph, name, frozen_int(np.arange(graph.n) % 2), "both") for name, graph in graphs.items()
+        labelled_case(kind, graph, name, frozen_int(np.arange(graph.n) % 2), "both")
+        for name, graph in graphs.items()
     ]
 
 
@@ -133,7 +135,7 @@ def level_case(kind: str) -> Case:
         ]
     )
     labels[: level.offsets[1]] = np.arange(level.offsets[1]) // 80 % 7 % 3
-    return asked(kind, level, "a level", frozen_int(labels), "count")
+    return labelled_case(kind, level, "a level", frozen_int(labels), "count")
 
 
 def part_of_level(case: Case, blocks: ArrayLike) -> Case:
@@ -185,7 +187,7 @@ def with_problem(case: Case, **changes: Any) -> Case:
     return replace(case, given=(replace(problem, **changes), hierarchy))
 
 
-def asked(kind: str, graph: Graph, name: str, labels: Int, told: str, seed: int = 0) -> Case:
+def labelled_case(kind: str, graph: Graph, name: str, labels: Int, told: str, seed: int = 0) -> Case:
     """Return a case for a refiner or fixer.
 
     ``told`` selects the target: "count", "size" or "both". As in runs, the number of parts refers to the
@@ -201,18 +203,18 @@ def asked(kind: str, graph: Graph, name: str, labels: Int, told: str, seed: int 
 
 
 def _halves(graph: Graph) -> Int:
-    return _striped_blocks(graph, 2)
+    return _stripe_blocks(graph, 2)
 
 
 def _quarters(graph: Graph) -> Int:
-    return _striped_blocks(graph, 4)
+    return _stripe_blocks(graph, 4)
 
 
-def _striped_blocks(graph: Graph, parts: int) -> Int:
+def _stripe_blocks(graph: Graph, parts: int) -> Int:
     return frozen_int(np.concatenate([stripes(graph[b], parts) for b in range(graph.n_blocks)]))
 
 
-def _scattered(graph: Graph) -> Int:
+def _scatter_labels(graph: Graph) -> Int:
     """Return labels 0, 1, 2 in disconnected pieces.
 
     The first cells of each block ensure that each label occurs.

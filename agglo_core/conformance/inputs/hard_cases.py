@@ -10,9 +10,9 @@ import numpy as np
 from agglo_core.arrays import Int, frozen_float, frozen_int
 from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.inputs import small_meshes, unusual_graphs
-from agglo_core.conformance.inputs.cases import asked, laplacian, seeds_for, stripes
+from agglo_core.conformance.inputs.cases import labelled_case, laplacian, seeds_for, stripes
 from agglo_core.conformance.inputs.multigrid_cases import multigrid_level, question
-from agglo_core.conformance.inputs.unusual_graphs import clumps, fresh, ragged
+from agglo_core.conformance.inputs.unusual_graphs import clumps, fresh, ragged_levels
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
@@ -40,8 +40,8 @@ def unusual_cases(kind: str) -> list[Case]:
     # Clumps with stray cells, and two stripes, on each graph.
     label_cases = []
     for name, graph in graphs.items():
-        label_cases.append(asked(kind, graph, name, clumps(graph, 5, strays=0.1), "size"))
-        label_cases.append(asked(kind, graph, f"{name}, in two parts", stripes(graph, 2), "count"))
+        label_cases.append(labelled_case(kind, graph, name, clumps(graph, 5, strays=0.1), "size"))
+        label_cases.append(labelled_case(kind, graph, f"{name}, in two parts", stripes(graph, 2), "count"))
     # Many parts on few cells: pairs, single cells, a single part, and parts in pieces.
     graph = graphs["600 cells"]
     hundreds = {
@@ -51,7 +51,7 @@ def unusual_cases(kind: str) -> list[Case]:
         "600 cells in 150 parts in pieces": clumps(graph, 150, strays=0.2),
     }
     return label_cases + [
-        asked(kind, graph, name, frozen_int(labels), "both") for name, labels in hundreds.items()
+        labelled_case(kind, graph, name, frozen_int(labels), "both") for name, labels in hundreds.items()
     ]
 
 
@@ -65,10 +65,10 @@ def large_case(kind: str, seed: int = 0) -> list[Case]:
     graph = fresh(unusual_graphs.large())
     if kind == "bisector":
         return [Case("2000 cells", (graph, seeds_for(1, seed)))]
-    return [asked(kind, graph, "2000 cells", clumps(graph, 20, strays=0.02), "both", seed)]
+    return [labelled_case(kind, graph, "2000 cells", clumps(graph, 20, strays=0.02), "both", seed)]
 
 
-def crowded(kind: str, blocks: int = 300) -> Case:
+def crowd_case(kind: str, blocks: int = 300) -> Case:
     """Return a level with many small blocks and a large block, and 1 to 4 parts per block.
 
     Parts are in pieces in every other block. The level carries data with block-dependent magnitude; for
@@ -97,7 +97,7 @@ def crowded(kind: str, blocks: int = 300) -> Case:
         measures=frozen_float(level.measures * small),
         weights=frozen_float(level.weights * small),
     )
-    return asked(kind, level, name, frozen_int(labels), "both")
+    return labelled_case(kind, level, name, frozen_int(labels), "both")
 
 
 def many_parts(kind: str) -> Case:
@@ -112,7 +112,7 @@ def many_parts(kind: str) -> Case:
         return Case(name, (level, seeds_for(level.n_blocks, 3)))
     place = np.arange(level.n) - level.offsets[level.block_ids]
     labels = np.where(level.block_ids % 3 == 1, place % 2, place)
-    return asked(kind, level, name, frozen_int(labels), "both")
+    return labelled_case(kind, level, name, frozen_int(labels), "both")
 
 
 def as_many_components(kind: str) -> Case:
@@ -121,14 +121,16 @@ def as_many_components(kind: str) -> Case:
     Each block has three connected components.
     """
     level = fresh(small_meshes.line(24).subgraph(np.arange(24), [0, 12, 24]))
-    return asked(
+    return labelled_case(
         kind, level, "blocks of two and three parts", frozen_int(np.repeat([0, 1, 0, 0, 1, 2], 4)), "both"
     )
 
 
 def ragged_cases(kind: str) -> list[Case]:
     """Return refiner and fixer cases on levels of pieces from real meshes, with ragged parts."""
-    return [asked(kind, graph, name, labels, "both") for name, (graph, labels) in ragged().items()]
+    return [
+        labelled_case(kind, graph, name, labels, "both") for name, (graph, labels) in ragged_levels().items()
+    ]
 
 
 def partitions(seed: int = 0) -> list[Case]:
@@ -154,10 +156,10 @@ def siblings(kind: str, *, partition: bool = False) -> Iterator[Case]:
         for place, graph in enumerate(_graphs()):
             for parts in (3, 4 - place % 2):
                 labels = clumps(graph, parts, strays=0.1 * (1 + place))
-                yield asked(kind, graph, f"63 cells ({place})", labels, "both", seed=place)
+                yield labelled_case(kind, graph, f"63 cells ({place})", labels, "both", seed=place)
         for graph in _graphs():
             labels = np.random.default_rng(6).integers(3, size=graph.n)
-            yield asked(kind, graph, "63 cells with the same labels", frozen_int(labels), "both")
+            yield labelled_case(kind, graph, "63 cells with the same labels", frozen_int(labels), "both")
     elif kind == "metric":
         for make in _MESHES:
             for labels in (np.arange(63) // 16, np.arange(63) % 9 // 3):
@@ -186,26 +188,26 @@ def _of_bisectors(partition: bool) -> Iterator[Case]:
 def _graphs() -> Iterator[Graph]:
     for make in _MESHES:
         yield make().graph
-    graph = _wide().graph
+    graph = _wide_grid().graph
     yield replace(graph, weights=frozen_float(graph.measures * np.linspace(0.1, 4.0, graph.n)))
 
 
-def _wide() -> Mesh:
+def _wide_grid() -> Mesh:
     return small_meshes.grid(9, 7, width=3.0, jitter=0.2)
 
 
-def _high() -> Mesh:
-    """Return a mesh with the connectivity of ``_wide``, but higher than wide, and then turned."""
+def _high_grid() -> Mesh:
+    """Return a mesh with the connectivity of ``_wide_grid``, but higher than wide, and then turned."""
     quarter = np.array([[0.0, 1.0], [-1.0, 0.0]])
     high = small_meshes.grid(9, 7, height=3.0, jitter=0.2)
-    return unusual_graphs.mapped(high, lambda points: points @ quarter)
+    return unusual_graphs.map_points(high, lambda points: points @ quarter)
 
 
-def _turned() -> Mesh:
+def _turned_grid() -> Mesh:
     return replace(small_meshes.grid(7, 9, width=3.0, jitter=0.2), name="9 by 7 grid")
 
 
-_MESHES: Sequence[Callable[[], Mesh]] = (_wide, _high, _turned)
+_MESHES: Sequence[Callable[[], Mesh]] = (_wide_grid, _high_grid, _turned_grid)
 
 
 def _in_parts(name: str, graph: Graph, parts: int, seed: int = 0) -> Case:

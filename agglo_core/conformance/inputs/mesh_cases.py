@@ -33,16 +33,19 @@ def on_meshes(kind: str) -> list[Case]:
         return [Case(mesh.name, (mesh,)) for mesh in small_meshes.plane_meshes()]
     if kind == "constraint":
         meshes = [*small_meshes.plane_meshes(), small_meshes.apart()]
-        return [Case(mesh.name, (marked(mesh), bands(mesh, 3))) for mesh in meshes]
+        return [Case(mesh.name, (tag_cells_and_faces(mesh), bands(mesh, 3))) for mesh in meshes]
     if kind == "section":
-        return [_reported(small_meshes.grid(6, 4)), _reported(replace(small_meshes.mixed(), name=UNSAFE))]
+        return [
+            _report_case(small_meshes.grid(6, 4)),
+            _report_case(replace(small_meshes.mixed_polygons(), name=UNSAFE)),
+        ]
     # Formats: triangles, tagged quadrilaterals, mixed polygons, and a cell with a hole.
     around = np.ones((5, 5), int)
     around[1:4, 1:4] = 0
     meshes = [
         replace(small_meshes.halved_squares(), name="triangles"),
-        tagged(small_meshes.grid(6, 4, jitter=0.2)),
-        small_meshes.mixed(),
+        tag_cells(small_meshes.grid(6, 4, jitter=0.2)),
+        small_meshes.mixed_polygons(),
         replace(small_meshes.grid(5, 5).coarsen(frozen_int(around.ravel())), name="a cell with a hole"),
     ]
     return [Case(mesh.name, (mesh, "")) for mesh in meshes]
@@ -70,17 +73,17 @@ def bands(mesh: Mesh, parts: int) -> Int:
     return frozen_int(rank * min(parts, mesh.n_cells) // mesh.n_cells)
 
 
-def tagged(mesh: Mesh) -> Mesh:
+def tag_cells(mesh: Mesh) -> Mesh:
     """Return the mesh with the cell tag :data:`TAG`."""
     return replace(mesh, cell_tags={TAG: 1 + bands(mesh, 2)})
 
 
-def marked(mesh: Mesh) -> Mesh:
+def tag_cells_and_faces(mesh: Mesh) -> Mesh:
     """Return the mesh with :data:`TAG` on cells and faces.
 
     Faces have tag 1 between the halves, and 2 or 3 on the boundary.
     """
-    mesh = tagged(mesh)
+    mesh = tag_cells(mesh)
     halves, (owner, neighbour) = mesh.cell_tags[TAG], mesh.face_cells.T
     faces = np.where(neighbour < 0, 1 + halves[owner], halves[owner] != halves[neighbour])
     return replace(mesh, face_tags={TAG: faces})
@@ -91,15 +94,15 @@ def _about(kind: str, mesh: Mesh) -> Case:
     if kind == "format":
         arguments = (mesh, "")
     elif kind == "constraint":
-        arguments = (marked(mesh), bands(mesh, 3))
+        arguments = (tag_cells_and_faces(mesh), bands(mesh, 3))
     elif kind == "discretisation":
         arguments = (Diffusion(source=lambda x: 1.0 + x[:, 0]), mesh)
     elif kind == "section":
-        return _reported(mesh)
+        return _report_case(mesh)
     return Case(mesh.name, tuple(arguments))
 
 
-def _reported(mesh: Mesh) -> Case:
+def _report_case(mesh: Mesh) -> Case:
     """Return a report case with two runs: two levels of labels, and a failed run."""
     levels = [bands(mesh, 4), bands(mesh, 4) // 2]
     targets = [{"n_parts": int(labels.max()) + 1} for labels in levels]

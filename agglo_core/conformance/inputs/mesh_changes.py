@@ -60,22 +60,22 @@ MOTIONS: Mapping[str, Change] = {
 """Rigid motions by name."""
 
 
-def moved(mesh: Mesh, change: Change) -> Mesh:
+def transform_mesh(mesh: Mesh, change: Change) -> Mesh:
     """Return the transformed mesh.
 
     Cells and points keep their numbers and tags.
     """
     moved_mesh = trusted_copy(mesh, points=change.points(mesh))  # inside out until the faces are reversed
-    return mirrored(moved_mesh) if change.mirror else moved_mesh
+    return reverse_faces(moved_mesh) if change.mirror else moved_mesh
 
 
-def mirrored(mesh: Mesh) -> Mesh:
+def reverse_faces(mesh: Mesh) -> Mesh:
     """Return the mesh with reversed vertex order in each face, as required after a reflection."""
     backwards = [face[::-1] for face in np.split(mesh.face_vertices, mesh.face_offsets[1:-1])]
     return replace(mesh, face_vertices=np.concatenate(backwards))
 
 
-def renumbered(mesh: Mesh, seed: int = 5) -> tuple[Mesh, Int]:
+def renumber_mesh(mesh: Mesh, seed: int = 5) -> tuple[Mesh, Int]:
     """Permute cells, faces and points at random.
 
     Return the mesh and the old index of each cell.
@@ -98,7 +98,7 @@ def renumbered(mesh: Mesh, seed: int = 5) -> tuple[Mesh, Int]:
     return renumbered_mesh, frozen_int(cells)
 
 
-def turned_over(mesh: Mesh, seed: int = 7) -> Mesh:
+def turn_inner_faces(mesh: Mesh, seed: int = 7) -> Mesh:
     """Return the mesh with about half of its inner faces reversed, together with their two cells."""
     inner = mesh.face_cells[:, 1] >= 0
     turned = inner & (np.random.default_rng(seed).random(mesh.n_faces) < 0.5)

@@ -12,7 +12,7 @@ import numpy as np
 from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.inputs import small_meshes
-from agglo_core.conformance.inputs.mesh_changes import Change, moved, renumbered, turned_over
+from agglo_core.conformance.inputs.mesh_changes import Change, renumber_mesh, transform_mesh, turn_inner_faces
 from agglo_core.mesh import Mesh
 
 _OWN: Final[Mapping[str, Sequence[Sequence[float]]]] = {
@@ -109,7 +109,7 @@ def bodies() -> list[Case]:
     box_row = small_meshes.boxes(5, 1, 1, without=(2,))
     return [
         Case("a globe", (_globe(8, 16), frozen_int([0]))),
-        Case("a needle and a plate", (_flattened(), frozen_int([0, 0, 1, 1]))),
+        Case("a needle and a plate", (_thin_boxes(), frozen_int([0, 0, 1, 1]))),
         Case("a shell around a box", (small_meshes.boxes(3, 3, 3), frozen_int(shell))),
         Case("boxes in two components, one a part", (box_row, frozen_int([0, 0, 1, 2]))),
         Case("boxes in two components, each a part", (box_row, frozen_int([0, 0, 1, 1]))),
@@ -117,7 +117,7 @@ def bodies() -> list[Case]:
     ]
 
 
-def ringed() -> Case:
+def ring_case() -> Case:
     """Return a part close to a disc, inside a part that is a thin ring."""
     return Case("a disc in a thin ring", _disc(24))
 
@@ -198,7 +198,7 @@ def _globe(rows: int, around: int) -> Mesh:
     return Mesh.from_polyhedra(points, [faces], name="a globe")
 
 
-def _flattened() -> Mesh:
+def _thin_boxes() -> Mesh:
     """Return four boxes in a row, stretched by 1000 along x and by 0.001 along z."""
     mesh = small_meshes.boxes(4, 1, 1)
     return replace(mesh, points=mesh.points * np.array([1e3, 1.0, 1e-3]), name="thin boxes")
@@ -219,7 +219,7 @@ def by_hand() -> list[Case]:
     ]
 
 
-def holed() -> list[Case]:
+def topology_cases() -> list[Case]:
     """Return agglomerates with a hole, a point contact, a closed ring, and loose pieces."""
     around = np.ones((5, 5), int)
     around[1:4, 1:4] = 0
@@ -242,11 +242,11 @@ def various() -> list[Case]:
     i, j = np.divmod(np.arange(63), 7)
     crooked_labels = np.array([0, 1, 1, 0, 2, 2, 0])[(i + j // 2) % 7] + 3 * (i > 6)
     return [
-        Case("tagged cells of unequal sizes", (_graded(), _shuffled(np.arange(63) * 11 // 63))),
-        Case("295 parts, most of one cell", (grid, _shuffled(grid_labels))),
+        Case("tagged cells of unequal sizes", (_graded_mesh(), _shuffle_labels(np.arange(63) * 11 // 63))),
+        Case("295 parts, most of one cell", (grid, _shuffle_labels(grid_labels))),
         Case("a long part beside fifty cells", (strip, frozen_int(strip_labels))),
-        Case("crooked parts", (small_meshes.grid(7, 9, jitter=0.2), _shuffled(crooked_labels))),
-        *(case for case in holed() if "point" not in case.name),
+        Case("crooked parts", (small_meshes.grid(7, 9, jitter=0.2), _shuffle_labels(crooked_labels))),
+        *(case for case in topology_cases() if "point" not in case.name),
     ]
 
 
@@ -257,13 +257,13 @@ def solids() -> list[Case]:
     slabs = np.arange(30) // 6
     crooked = np.concatenate([[0, 1, 2], rng.integers(3, size=27)])
     return [
-        Case("slabs of 3-D boxes", (mesh, _shuffled(slabs))),
+        Case("slabs of 3-D boxes", (mesh, _shuffle_labels(slabs))),
         Case("crooked parts of 3-D boxes", (mesh, frozen_int(crooked))),
-        Case("3-D boxes, each alone", (mesh, _shuffled(np.arange(30)))),
+        Case("3-D boxes, each alone", (mesh, _shuffle_labels(np.arange(30)))),
     ]
 
 
-def changed(case: Case, change: Change | None) -> tuple[Case, Int]:
+def transform_case(case: Case, change: Change | None) -> tuple[Case, Int]:
     """Return the case on the transformed mesh, and the old index of each cell.
 
     If ``change`` is None, cells, faces and points are renumbered, and about half of the inner faces are
@@ -271,9 +271,10 @@ def changed(case: Case, change: Change | None) -> tuple[Case, Int]:
     """
     mesh, labels = case.given
     if change is not None:
-        return replace(case, given=(moved(mesh, change), labels)), frozen_int(np.arange(mesh.n_cells))
-    new_mesh, order = renumbered(mesh)
-    new_mesh = turned_over(new_mesh)
+        transformed_case = replace(case, given=(transform_mesh(mesh, change), labels))
+        return transformed_case, frozen_int(np.arange(mesh.n_cells))
+    new_mesh, order = renumber_mesh(mesh)
+    new_mesh = turn_inner_faces(new_mesh)
     return replace(case, given=(new_mesh, frozen_int(labels[order]))), order
 
 
@@ -328,7 +329,7 @@ def layouts(framed: bool) -> tuple[Case, list[Case]]:
     return squares, [case(name, labels) for name, labels in worse.items()]
 
 
-def _graded() -> Mesh:
+def _graded_mesh() -> Mesh:
     """Return quadrilaterals that grow along the diagonal, with cell and face tags."""
     mesh = small_meshes.grid(9, 7, jitter=0.2)
     graded_mesh = replace(mesh, points=mesh.points * (1.0 + 0.3 * mesh.points), name="graded quadrilaterals")
@@ -336,7 +337,7 @@ def _graded() -> Mesh:
     return replace(graded_mesh, cell_tags={"region": np.arange(63) // 20}, face_tags={"boundary": sides})
 
 
-def _shuffled(labels: np.ndarray) -> Int:
+def _shuffle_labels(labels: np.ndarray) -> Int:
     """Return the labels under permuted names, so that they do not increase with the cell index."""
     names = np.random.default_rng(len(labels)).permutation(int(labels.max()) + 1)
     return frozen_int(names[labels])

@@ -10,7 +10,7 @@ import numpy as np
 from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.inputs import small_meshes
-from agglo_core.conformance.inputs.cases import asked, seeds_for
+from agglo_core.conformance.inputs.cases import labelled_case, seeds_for
 from agglo_core.conformance.inputs.solver_cases import on_levels
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
@@ -32,10 +32,10 @@ def with_tags(kind: str) -> list[Case]:
 
     Smoothers get none.
     """
-    return [] if kind == "smoother" else [_about(kind, _tagged(names)) for names in _NAMES]
+    return [] if kind == "smoother" else [_about(kind, _mesh_with_tags(names)) for names in _NAMES]
 
 
-def _tagged(names: Sequence[str]) -> Mesh:
+def _mesh_with_tags(names: Sequence[str]) -> Mesh:
     mesh, rng = small_meshes.grid(5, 4, jitter=0.2), np.random.default_rng(12)
     outside = mesh.face_cells[:, 1] < 0
     return replace(
@@ -59,4 +59,4 @@ def _about(kind: str, mesh: Mesh) -> Case:
     graph = replace(graph, data=carried)
     if kind == "bisector":
         return Case(mesh.name, (graph, seeds_for(1)))
-    return asked(kind, graph, mesh.name, halves, "both")
+    return labelled_case(kind, graph, mesh.name, halves, "both")

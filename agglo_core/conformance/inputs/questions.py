@@ -22,7 +22,7 @@ from agglo_core.conformance.base.verdict import Broken
 from agglo_core.conformance.inputs.cases import cases, cases_in_3d, level_case
 from agglo_core.conformance.inputs.hard_cases import (
     as_many_components,
-    crowded,
+    crowd_case,
     large_case,
     many_parts,
     partitions,
@@ -77,8 +77,10 @@ def questions(subject: Subject, seed: int = 0) -> list[Case]:
     """
     extra_cases = partitions(seed) if subject.partitions else _further_problems(subject)
     large = bearable(subject, large_case(subject.kind, seed))
-    accepted_cases = taken(subject, [*cases(subject.kind, seed), *large, *extra_cases])
-    return accepted_cases if accepted_cases or subject.kind != "format" else taken(subject, in_space(subject))
+    accepted_cases = select_accepted(subject, [*cases(subject.kind, seed), *large, *extra_cases])
+    if accepted_cases or subject.kind != "format":
+        return accepted_cases
+    return select_accepted(subject, in_space(subject))
 
 
 def every_graph(subject: Subject) -> list[Case]:
@@ -92,9 +94,9 @@ def every_graph(subject: Subject) -> list[Case]:
     ordinary = [*cases(kind), *unusual_cases(kind), level_case(kind)]
     if kind == "bisector":
         if not subject.has("bisect_level"):
-            return [*ordinary, crowded(kind, 40)]
-        return [*ordinary, crowded(kind), *([] if subject.fallback else [many_parts(kind)])]
-    levels = [as_many_components(kind), crowded(kind), *ragged_cases(kind), many_parts(kind)]
+            return [*ordinary, crowd_case(kind, 40)]
+        return [*ordinary, crowd_case(kind), *([] if subject.fallback else [many_parts(kind)])]
+    levels = [as_many_components(kind), crowd_case(kind), *ragged_cases(kind), many_parts(kind)]
     return bearable(subject, [*ordinary, *levels])
 
 
@@ -103,7 +105,7 @@ def in_space(subject: Subject) -> list[Case]:
     return cases_in_3d(subject.kind) if subject.promised("3d") else []
 
 
-def taken(subject: Subject, asked: list[Case]) -> list[Case]:
+def select_accepted(subject: Subject, test_cases: list[Case]) -> list[Case]:
     """Return the cases that the component accepts.
 
     A solver may refuse a category (see :attr:`Case.sort`) with an AggloError on its first case; otherwise
@@ -111,17 +113,17 @@ def taken(subject: Subject, asked: list[Case]) -> list[Case]:
     constraint may refuse graphs without the required data.
     """
     if subject.kind not in _CHOOSY:
-        return asked
+        return test_cases
     if subject.kind == "format":
-        asked = with_suffix(subject, asked)
+        test_cases = with_suffix(subject, test_cases)
     # Find the first case of each category, and drop the refused categories.
     first: dict[str, Case] = {}
     posed = subject.kind in ("solver", "discretisation")
-    by_sort = [*cases(subject.kind), *_further_problems(subject)] if posed else asked
+    by_sort = [*cases(subject.kind), *_further_problems(subject)] if posed else test_cases
     for case in by_sort:
         first.setdefault(case.sort, case)
     refused = {sort for sort, case in first.items() if refuses(subject, case)}
-    return [case for case in asked if case.sort not in refused]
+    return [case for case in test_cases if case.sort not in refused]
 
 
 def with_suffix(subject: Subject, asked: list[Case]) -> list[Case]:

@@ -60,7 +60,7 @@ def ring(n: int) -> Mesh:
     return Mesh.from_polygons(np.concatenate((circle, 2 * circle)), cells, name="ring")
 
 
-def mixed() -> Mesh:
+def mixed_polygons() -> Mesh:
     """Return squares, triangles and pentagons with hanging nodes: a coarse half next to a fine half."""
     x, y = np.meshgrid(np.arange(9.0), np.arange(7.0))
     points = np.stack((x.ravel(), y.ravel()), axis=1)
@@ -146,7 +146,7 @@ def plane_meshes() -> list[Mesh]:
         hexagons(5, 4),
         ring(24),
         replace(grid(9, 7, jitter=0.25), name="jittered grid"),
-        mixed(),
+        mixed_polygons(),
         comb(),
     ]
 
@@ -170,7 +170,7 @@ def level() -> Graph:
     return graph
 
 
-def changed(mesh: Mesh, change: str) -> tuple[Mesh, Int]:
+def change_mesh(mesh: Mesh, change: str) -> tuple[Mesh, Int]:
     """Apply one of :data:`CHANGES`.
 
     Return the mesh and the old index of each cell.
@@ -179,12 +179,12 @@ def changed(mesh: Mesh, change: str) -> tuple[Mesh, Int]:
     cells: Sequence[Int] = np.split(loops.vertices, loops.loop_offsets[1:-1])
     rng = np.random.default_rng(5)
     order = rng.permutation(mesh.n_cells) if change == "renumbered" else np.arange(mesh.n_cells)
-    points = _moved(mesh.points, change)
+    points = _move_points(mesh.points, change)
     moved = Mesh.from_polygons(points, [cells[i] for i in order], name=f"{mesh.name}, {change}")
     return moved, frozen_int(order)
 
 
-def _moved(points: Float, change: str) -> Float:
+def _move_points(points: Float, change: str) -> Float:
     diameter = float(np.linalg.norm(np.ptp(points, axis=0)))
     cos, sin = np.cos(0.7), np.sin(0.7)
     if change == "rotated":

@@ -13,7 +13,7 @@ from agglo_core.arrays import Float
 from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import Broken, require
-from agglo_core.conformance.inputs.questions import answer, in_space, questions, taken
+from agglo_core.conformance.inputs.questions import answer, in_space, questions, select_accepted
 from agglo_core.errors import AggloError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.problems import Diffusion, Linear, Problem, Solution
@@ -47,7 +47,7 @@ def first_case(subject: Subject, sort: type[Diffusion] | type[Linear]) -> list[C
 
 def everywhere(subject: Subject) -> list[Case]:
     """Return the ordinary cases, and the 3-D cases of a solver that promises 3-D."""
-    return [*questions(subject), *taken(subject, in_space(subject))]
+    return [*questions(subject), *select_accepted(subject, in_space(subject))]
 
 
 def matrix_of(A: Any) -> Any:

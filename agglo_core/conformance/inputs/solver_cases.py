@@ -11,7 +11,7 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.inputs import small_meshes
 from agglo_core.conformance.inputs.cases import laplacian
-from agglo_core.conformance.inputs.mesh_changes import Change, moved, renumbered
+from agglo_core.conformance.inputs.mesh_changes import Change, renumber_mesh, transform_mesh
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
@@ -65,9 +65,9 @@ def elsewhere(hierarchy: Hierarchy, change: Change | None) -> tuple[Hierarchy, I
     """
     assert hierarchy.fine is not None
     if change is not None:
-        mesh, order = moved(hierarchy.fine, change), frozen_int(np.arange(hierarchy.graph.n))
+        mesh, order = transform_mesh(hierarchy.fine, change), frozen_int(np.arange(hierarchy.graph.n))
     else:
-        mesh, order = renumbered(hierarchy.fine)
+        mesh, order = renumber_mesh(hierarchy.fine)
     return on_levels(mesh, *(frozen_int(labels[order]) for labels in hierarchy.levels)), order
 
 
@@ -133,7 +133,7 @@ def unlike_diffusion() -> list[Case]:
         "a matrix of whole numbers, by columns": replace(
             base, A=sparse.csc_array(np.rint(base.A.toarray()).astype(np.int64))
         ),
-        "a matrix with entries stored twice, in any order": replace(base, A=_stored_twice(base.A)),
+        "a matrix with entries stored twice, in any order": replace(base, A=_split_entries(base.A)),
     }
     return [*definite(), *(Case(name, (system, hierarchy)) for name, system in systems.items())]
 
@@ -152,7 +152,7 @@ def definite() -> list[Case]:
     systems = {
         "strong positive couplings": replace(base, A=sparse.csr_array(base.A + 1e3 * (groups @ groups.T))),
         "couplings from 1e-8 to 1e8": replace(base, A=sparse.csr_array(contrast)),
-        "unknowns in different units": rising(hierarchy),
+        "unknowns in different units": rising_residual_system(hierarchy),
         "an ill-conditioned matrix": ill_conditioned(hierarchy),
     }
     return [Case(name, (system, hierarchy)) for name, system in systems.items()]
@@ -166,7 +166,7 @@ def ill_conditioned(hierarchy: Hierarchy) -> Linear:
     return laplacian(hierarchy.graph, 1, shift=1e-10)
 
 
-def rising(hierarchy: Hierarchy) -> Linear:
+def rising_residual_system(hierarchy: Hierarchy) -> Linear:
     """Return a system for which the 2-norm of the residual increases before it decreases."""
     base = uneven(hierarchy.graph, 1, seed=2)
     n = len(base.b)
@@ -206,7 +206,7 @@ def _of_unequal_cells(scalar: Linear) -> Linear:
     return Linear(A, b, frozen_int(np.concatenate([[0], np.cumsum(widths)])))
 
 
-def _stored_twice(A: sparse.csr_array) -> sparse.csr_array:
+def _split_entries(A: sparse.csr_array) -> sparse.csr_array:
     """Return an equal matrix with each entry stored as the sum of two separate entries."""
     n = A.shape[0]
     parts = [np.split(array, A.indptr[1:-1]) for array in (A.indices, A.data)]

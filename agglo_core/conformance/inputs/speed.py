@@ -9,7 +9,7 @@ from agglo_core.conformance.base.asking import ask
 from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.inputs import small_meshes
-from agglo_core.conformance.inputs.cases import asked, level_case
+from agglo_core.conformance.inputs.cases import labelled_case, level_case
 from agglo_core.conformance.inputs.unusual_graphs import clumps
 from agglo_core.registry.containment import PLUGIN_FAILURES
 
@@ -39,18 +39,18 @@ def too_slow(subject: Subject) -> Slow | None:
     if subject.kind not in _TIMED:
         return None
     if not subject.pace:
-        subject.pace.append(_measured(subject))
+        subject.pace.append(_measure_pace(subject))
     result: Slow | None = subject.pace[0]
     return result
 
 
-def bearable(subject: Subject, asked: list[Case]) -> list[Case]:
+def bearable(subject: Subject, test_cases: list[Case]) -> list[Case]:
     """Return the cases that do not take too long."""
     slow = too_slow(subject)
-    return asked if slow is None else [case for case in asked if case.given[0].n <= slow.most]
+    return test_cases if slow is None else [case for case in test_cases if case.given[0].n <= slow.most]
 
 
-def _measured(subject: Subject) -> Slow | None:
+def _measure_pace(subject: Subject) -> Slow | None:
     most = 0
     _seconds(subject, _case(subject.kind, *_SIZES[0]))  # compile kernels off the clock
     for place in range(len(_SIZES) + 1):
@@ -74,4 +74,4 @@ def _seconds(subject: Subject, case: Case) -> float:
 
 def _case(kind: str, nx: int, ny: int) -> Case:
     graph = small_meshes.grid(nx, ny, jitter=0.2).graph
-    return asked(kind, graph, f"{graph.n} cells", clumps(graph, graph.n // 16, strays=0.02), "both")
+    return labelled_case(kind, graph, f"{graph.n} cells", clumps(graph, graph.n // 16, strays=0.02), "both")

@@ -26,7 +26,7 @@ def unusual() -> dict[str, Graph]:
     """Return connected graphs with one block by description, with new arrays in each call."""
     builders: dict[str, Callable[[], Graph]] = {
         "cells whose weights are not their measures": _uneven,
-        "cells whose measures differ a million times": _graded,
+        "cells whose measures differ a million times": _graded_rectangles,
         "cells without weight": _weightless,
         "interfaces of which a third have no measure": _thin,
         "a cell with 300 neighbours": _hub,
@@ -35,10 +35,10 @@ def unusual() -> dict[str, Graph]:
         "600 cells": _six_hundred,
         "a chain of 2000 cells": _chain,
         "cells whose weights differ a trillion times": _steep,
-        "cells that weigh a trillionth": lambda: _weighing(1e-12),
-        "cells that weigh a trillion": lambda: _weighing(1e12),
-        "cells of a size of 1e-8": lambda: _sized(1e-8),
-        "cells of a size of 1e8": lambda: _sized(1e8),
+        "cells that weigh a trillionth": lambda: _grid_of_weight(1e-12),
+        "cells that weigh a trillion": lambda: _grid_of_weight(1e12),
+        "cells of a size of 1e-8": lambda: _grid_of_size(1e-8),
+        "cells of a size of 1e8": lambda: _grid_of_size(1e8),
         "cells far from the origin": _far,
     }
     return {name: fresh(build()) for name, build in builders.items()}
@@ -121,7 +121,7 @@ def clumps(graph: Graph, parts: int, strays: float = 0.0) -> Int:
 @cache
 def _uneven() -> Graph:
     mesh = small_meshes.grid(12, 10, jitter=0.2)
-    shifted_mesh = mapped(mesh, lambda points: points + np.array([-4e5, -7e5]))
+    shifted_mesh = map_points(mesh, lambda points: points + np.array([-4e5, -7e5]))
     rng = np.random.default_rng(2)
     east = shifted_mesh.local_centroids[:, 0] / np.ptp(shifted_mesh.local_centroids[:, 0])
     weights = np.exp(4.0 * east) * 10.0 ** rng.uniform(-3, 0, mesh.n_cells)
@@ -132,9 +132,9 @@ def _uneven() -> Graph:
 
 
 @cache
-def _graded() -> Graph:
+def _graded_rectangles() -> Graph:
     """Return rectangles that grow geometrically along both axes."""
-    graph: Graph = mapped(small_meshes.grid(14, 14), lambda points: 1600.0 ** (points / 14)).graph
+    graph: Graph = map_points(small_meshes.grid(14, 14), lambda points: 1600.0 ** (points / 14)).graph
     return graph
 
 
@@ -151,14 +151,14 @@ def _steep() -> Graph:
 
 
 @cache
-def _weighing(weight: float) -> Graph:
+def _grid_of_weight(weight: float) -> Graph:
     graph: Graph = small_meshes.grid(8, 7, jitter=0.2).graph
     return replace(graph, weights=weight * np.random.default_rng(9).uniform(1, 2, graph.n))
 
 
 @cache
-def _sized(size: float) -> Graph:
-    graph: Graph = mapped(small_meshes.grid(9, 8, jitter=0.2), lambda points: size * points).graph
+def _grid_of_size(size: float) -> Graph:
+    graph: Graph = map_points(small_meshes.grid(9, 8, jitter=0.2), lambda points: size * points).graph
     return graph
 
 
@@ -216,7 +216,7 @@ def _chain() -> Graph:
     return small_meshes.line(2000)
 
 
-def mapped(mesh: Mesh, move: Callable[[Float], Float]) -> Mesh:
+def map_points(mesh: Mesh, move: Callable[[Float], Float]) -> Mesh:
     """Return a mesh with its points ``(p, 2)`` transformed."""
     loops = mesh.boundary_loops
     cells = np.split(loops.vertices, loops.loop_offsets[1:-1])
@@ -228,7 +228,7 @@ _RAGGED = 1.5  # standard deviation of the log travel time between adjacent cell
 _NOISE = 0.2  # fraction of border cells in every other block that get a neighbour's label
 
 
-def ragged() -> dict[str, tuple[Graph, Int]]:
+def ragged_levels() -> dict[str, tuple[Graph, Int]]:
     """Return 2-D levels by mesh name, with labels of 2 to 5 ragged parts in each block."""
     meshes = {"Voronoi cells": _voronoi, "triangles": _triangles, "hexagons": _hexagons}
     levels = {f"a level of pieces of {name}": _afresh(make) for name, make in meshes.items()}
@@ -238,12 +238,12 @@ def ragged() -> dict[str, tuple[Graph, Int]]:
     return levels | uneven
 
 
-def ragged_in_space() -> tuple[Graph, Int]:
+def ragged_level_in_space() -> tuple[Graph, Int]:
     """Return a level of pieces of tetrahedra, with labels of 2 to 5 ragged parts in each block."""
     return _afresh(_tetrahedra)
 
 
-def grown(graph: Graph, seeds: Int, rng: np.random.Generator) -> Int:
+def grow_regions(graph: Graph, seeds: Int, rng: np.random.Generator) -> Int:
     """Return the seed that reaches each node first ``(n,)``, at random speeds (first-passage growth).
 
     The regions are ragged but connected. Every block needs a seed.
@@ -278,13 +278,13 @@ def _level_of(make: Callable[[], Mesh]) -> tuple[Graph, Int]:
     graph: Graph = make().graph
     # Grow pieces from random cells of the mesh, which become the blocks.
     pieces = np.sort(rng.choice(graph.n, graph.n // _PIECE, replace=False))
-    level = graph.split(grown(graph, frozen_int(pieces), rng))[0]
+    level = graph.split(grow_regions(graph, frozen_int(pieces), rng))[0]
     # Draw 2 to 5 seed cells in each block and grow parts from them.
     parts = np.minimum(2 + np.arange(level.n_blocks) % 4, level.sizes)
     order = np.lexsort((rng.random(level.n), level.block_ids))
     place = np.arange(level.n) - level.offsets[level.block_ids]
     seeds = np.sort(order[place < parts[level.block_ids]])
-    part = grown(level, frozen_int(seeds), rng)
+    part = grow_regions(level, frozen_int(seeds), rng)
     # Number the parts of each block from 0, then add noise.
     first = np.concatenate(([0], np.cumsum(parts)[:-1]))
     labels = part - first[level.block_ids]

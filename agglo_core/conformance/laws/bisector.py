@@ -19,9 +19,9 @@ from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import require
 from agglo_core.conformance.inputs import small_meshes
 from agglo_core.conformance.inputs.cases import cases, seeds_for
-from agglo_core.conformance.inputs.hard_cases import crowded, unusual_cases
+from agglo_core.conformance.inputs.hard_cases import crowd_case, unusual_cases
 from agglo_core.conformance.inputs.questions import answer, as_array, every_graph, in_words, plain, same
-from agglo_core.conformance.process.fresh_import import imported_again
+from agglo_core.conformance.process.fresh_import import import_again
 from agglo_core.errors import AggloError
 from agglo_core.graph import Graph
 from agglo_core.protocols import Target
@@ -40,7 +40,7 @@ def one_sided(graph: Graph, sides: NDArray[Any]) -> Int:
     return alike[graph.sizes[alike] > 1]
 
 
-def told(subject: Subject) -> bool:
+def has_for_target(subject: Subject) -> bool:
     """Return True for a bisector with a method ``for_target``."""
     return _bisects(subject) and subject.has("for_target")
 
@@ -80,22 +80,22 @@ def side_values(subject: Subject) -> None:
         )
 
 
-@law("bisector", when=told)
+@law("bisector", when=has_for_target)
 def told_the_target(subject: Subject) -> None:
     """The result of for_target splits pieces in two, and requests for other targets change nothing."""
     # Expected answers: from a freshly imported component for each target.
-    test_cases = [_long_piece(), unusual_cases("bisector")[0], crowded("bisector", 40)]
+    test_cases = [_long_piece(), unusual_cases("bisector")[0], crowd_case("bisector", 40)]
     expected = {}
     for target in _targets_taken(subject):
-        with imported_again(subject) as unused:
+        with import_again(subject) as unused:
             tool = for_target(unused.build(), target)
             expected[target] = [_both_sides(subject, tool, case, target) for case in test_cases]
     # Compare with the answers of a single object, for both orders of the targets.
     for order in (list(expected), list(reversed(expected))):
-        _told_in_turn(subject, test_cases, {target: expected[target] for target in order})
+        _require_independent_targets(subject, test_cases, {target: expected[target] for target in order})
 
 
-def _told_in_turn(
+def _require_independent_targets(
     subject: Subject, test_cases: list[Case], expected: dict[Target, list[NDArray[Any]]]
 ) -> None:
     """Require that one object serves all targets, without side effects between them or on the object."""

@@ -23,13 +23,13 @@ from numpy.typing import ArrayLike
 from agglo_core.arrays import Float, frozen_float
 from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.base.law import law
-from agglo_core.conformance.base.own_arrays import arrays_in, home, in_own_arrays, written_meanwhile
+from agglo_core.conformance.base.own_arrays import arrays_in, find_writing_line, home, in_own_arrays
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.surroundings import Snapshot, elsewhere, stdout_of_process
 from agglo_core.conformance.base.verdict import Broken, require
 from agglo_core.conformance.inputs.cases import cases, level_case, part_of_level
 from agglo_core.conformance.inputs.early_ends import early_ends
-from agglo_core.conformance.inputs.hard_cases import SIBLINGS, crowded, many_parts, siblings, unusual_cases
+from agglo_core.conformance.inputs.hard_cases import SIBLINGS, crowd_case, many_parts, siblings, unusual_cases
 from agglo_core.conformance.inputs.multigrid_cases import PARTS
 from agglo_core.conformance.inputs.questions import (
     answer,
@@ -40,10 +40,10 @@ from agglo_core.conformance.inputs.questions import (
     plain,
     questions,
     same,
-    taken,
+    select_accepted,
 )
 from agglo_core.conformance.inputs.speed import bearable, too_slow
-from agglo_core.conformance.process.fresh_import import imported_again
+from agglo_core.conformance.process.fresh_import import import_again
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
 from agglo_core.problems import Linear, Solution
@@ -72,7 +72,7 @@ def nothing_carried_over(subject: Subject) -> None:
     names = [case.name for case in _few(subject)]
     expected = []
     for place in range(len(names)):
-        with imported_again(subject) as unused, global_random(1):
+        with import_again(subject) as unused, global_random(1):
             expected.append(plain(unused, unused.build(), _few(subject)[place]))
     # A single object must give these answers, in several rounds over all cases.
     tool = subject.build()
@@ -92,7 +92,7 @@ def _each(subject: Subject) -> Iterator[Case]:
     """Yield the cases one at a time, so that each may reuse the memory of the previous case."""
     none = True
     for case in siblings(subject.kind, partition=subject.partitions):
-        if taken(subject, [case]):
+        if select_accepted(subject, [case]):
             none = False
             yield case
     if none:
@@ -122,12 +122,12 @@ def in_two_threads(subject: Subject) -> None:
     # Count the lines of the first call, and choose some at which the second call starts.
     home = getattr(sys.modules.get(type(subject.build()).__module__), "__file__", None)
     lines = _Stepper(home, 0, lambda: None)
-    first = lines.run(lambda: _seeded(subject, subject.build(), few_cases[0]))
+    first = lines.run(lambda: _copy_answer(subject, subject.build(), few_cases[0]))
     stops = sorted({int(line) for line in np.linspace(1, lines.count, _STOPS)} - {0})
     for meanwhile in few_cases[1:2] + few_cases[-1:]:
-        expected = [first, _seeded(subject, subject.build(), meanwhile)]
+        expected = [first, _copy_answer(subject, subject.build(), meanwhile)]
         for stop in stops:
-            answers = _interrupted(subject, (few_cases[0], meanwhile), home, stop)
+            answers = _nest_calls(subject, (few_cases[0], meanwhile), home, stop)
             require(
                 all(map(same, answers, expected)),
                 f"on {few_cases[0].name}: it answers otherwise if another call begins meanwhile: pass what a "
@@ -135,17 +135,17 @@ def in_two_threads(subject: Subject) -> None:
             )
 
 
-def _interrupted(subject: Subject, case_pair: Sequence[Case], file: str | None, stop: int) -> list[Any]:
+def _nest_calls(subject: Subject, case_pair: Sequence[Case], file: str | None, stop: int) -> list[Any]:
     """Return the answers of one object to two cases.
 
     The second call starts while the first call is at line number ``stop`` of a file.
     """
     tool, inner = subject.build(), list[Any]()
-    stepper = _Stepper(file, stop, lambda: inner.append(_seeded(subject, tool, case_pair[1])))
-    return [stepper.run(lambda: _seeded(subject, tool, case_pair[0])), *inner]
+    stepper = _Stepper(file, stop, lambda: inner.append(_copy_answer(subject, tool, case_pair[1])))
+    return [stepper.run(lambda: _copy_answer(subject, tool, case_pair[0])), *inner]
 
 
-def _seeded(subject: Subject, tool: Any, case: Case) -> Any:
+def _copy_answer(subject: Subject, tool: Any, case: Case) -> Any:
     return np.array(plain(subject, tool, case), copy=True)
 
 
@@ -210,23 +210,23 @@ def lets_go(subject: Subject) -> None:
     gc.freeze()  # so that later collections only visit objects of the calls
     try:
         # Objects: weak references to the input of several calls must expire.
-        references = [_given_once(subject, tool) for _ in range(_CALLS + 2)]
+        references = [_call_for_references(subject, tool) for _ in range(_CALLS + 2)]
         gc.collect()
         alive = [
             any(reference() is not None for reference in call_references) for call_references in references
         ]
-        usage = _held(subject, tool)
+        usage = _measure_usage(subject, tool)
     finally:
         gc.unfreeze()
     require(not all(alive), f"what it was given in {len(alive)} calls is still in memory: {remedy}")
     # Resources: the smallest growth over the rounds must be negligible.
-    growth = _grown(usage).min(axis=0)
+    growth = _growth_per_call(usage).min(axis=0)
     require(growth[0] <= _KEPT_BYTES, f"each call leaves {growth[0]:.0f} bytes behind: {remedy}")
     require(growth[1] < 1, f"each call leaves {growth[1]:.0f} files open: use with open(…)")
     require(growth[2] < 1, f"each call leaves {growth[2]:.0f} threads running: {remedy}")
 
 
-def _held(subject: Subject, tool: Any) -> Float:
+def _measure_usage(subject: Subject, tool: Any) -> Float:
     """Return bytes, open files and threads after each round of a repeated case.
 
     The rounds end when a round adds nothing. Free lists and bounded caches fill during the first rounds,
@@ -236,7 +236,7 @@ def _held(subject: Subject, tool: Any) -> Float:
     case, usage = next(iter(sizable or _each(subject))), list[tuple[int, int, int]]()
     tracemalloc.start()
     try:
-        while len(usage) < 3 or (len(usage) < _MOST_ROUNDS and not _settled(usage)):
+        while len(usage) < 3 or (len(usage) < _MOST_ROUNDS and not _has_settled(usage)):
             for _ in range(_CALLS):
                 answer(subject, tool, case)
             gc.collect()
@@ -246,17 +246,17 @@ def _held(subject: Subject, tool: Any) -> Float:
     return np.array(usage, float)
 
 
-def _grown(usage: ArrayLike) -> Float:
+def _growth_per_call(usage: ArrayLike) -> Float:
     """Return the growth per call in each round except the first."""
     return np.diff(usage, axis=0)[1:] / _CALLS
 
 
-def _settled(usage: ArrayLike) -> bool:
+def _has_settled(usage: ArrayLike) -> bool:
     """Return True if the growth in the last round is negligible."""
-    return bool((_grown(usage)[-1] <= (_KEPT_BYTES, 0, 0)).all())
+    return bool((_growth_per_call(usage)[-1] <= (_KEPT_BYTES, 0, 0)).all())
 
 
-def _given_once(subject: Subject, tool: Any) -> list[Any]:
+def _call_for_references(subject: Subject, tool: Any) -> list[Any]:
     """Call the component, and return weak references to the input and its arrays."""
     case = next(_each(subject))
     answer(subject, tool, case)
@@ -278,7 +278,7 @@ def a_level_is_its_blocks(subject: Subject) -> None:
     """The result of a block does not depend on other blocks, their sizes or their order."""
     levels = [
         (level_case(subject.kind), (0, 1, 2, 30, 60)),
-        (crowded(subject.kind, 40), (0, 3, 9, 20, 21, 39)),
+        (crowd_case(subject.kind, 40), (0, 3, 9, 20, 21, 39)),
     ]
     if subject.kind == "bisector" and subject.has("bisect_level"):
         levels.append((many_parts(subject.kind), (3, 0, 255, 4095, 4097, 4999)))
@@ -337,7 +337,7 @@ _OWNED = ("refiner", "fixer", "metric", "solver", "smoother")
 _FEW = 200  # maximum number of values in a case; larger cases test nothing new
 
 
-def _asked(subject: Subject) -> list[Case]:
+def _small_cases(subject: Subject) -> list[Case]:
     ordinary = {case.name for case in cases(subject.kind)}
     test_cases = [case for case in questions(subject) if case.name in ordinary and (case.size or 0) <= _FEW]
     return [copy for case in test_cases[::-1] if arrays_in(copy := in_own_arrays(case))][:4]
@@ -346,12 +346,12 @@ def _asked(subject: Subject) -> list[Case]:
 @law(*_OWNED)
 def never_written(subject: Subject) -> None:
     """Given arrays are never changed, not even temporarily: other threads may read them."""
-    for case in _asked(subject):
+    for case in _small_cases(subject):
         tool = subject.build()
         folder = home(subject.kind, tool)
         if folder is None:
             return
-        line = written_meanwhile(partial(answer, subject, tool, case), folder, arrays_in(case))
+        line = find_writing_line(partial(answer, subject, tool, case), folder, arrays_in(case))
         require(
             line is None,
             f"on {case.name}: the arrays given, or the matrix, are changed for a while (line {line}): "
@@ -362,7 +362,7 @@ def never_written(subject: Subject) -> None:
 @law(*_OWNED)
 def read_anew(subject: Subject) -> None:
     """Arrays overwritten by the caller since the last call are read again."""
-    for case in _asked(subject):
+    for case in _small_cases(subject):
         tool = subject.build()
         for _ in range(3):
             with global_random(1):

@@ -11,7 +11,7 @@ from agglo_core.conformance.base.own_components import own_components
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import Broken, require
 from agglo_core.conformance.inputs import small_meshes
-from agglo_core.conformance.inputs.mesh_cases import bands, marked
+from agglo_core.conformance.inputs.mesh_cases import bands, tag_cells_and_faces
 from agglo_core.conformance.inputs.questions import answer, in_words, questions
 from agglo_core.errors import AggloError
 from agglo_core.graph import Graph
@@ -51,14 +51,14 @@ def both_directions(subject: Subject) -> None:
 @law("constraint")
 def numbering_ignored(subject: Subject) -> None:
     """Renumbering the cells changes nothing."""
-    for mesh in (small_meshes.grid(9, 7, jitter=0.25), small_meshes.mixed()):
-        marked_mesh = marked(mesh)
-        renumbered_mesh, order = small_meshes.changed(marked_mesh, "renumbered")
+    for mesh in (small_meshes.grid(9, 7, jitter=0.25), small_meshes.mixed_polygons()):
+        marked_mesh = tag_cells_and_faces(mesh)
+        renumbered_mesh, order = small_meshes.change_mesh(marked_mesh, "renumbered")
         labels = bands(mesh, 4)
         original_case = Case(mesh.name, (marked_mesh, labels))
         renumbered_case = Case(f"{mesh.name}, renumbered", (renumbered_mesh, frozen_int(labels[order])))
         original_masks, renumbered_masks = (
-            _taken(subject, case) for case in (original_case, renumbered_case)
+            _answer_unless_refused(subject, case) for case in (original_case, renumbered_case)
         )
         for method in original_masks.keys() & renumbered_masks.keys():
             equal = np.array_equal(original_masks[method], renumbered_masks[method])
@@ -80,7 +80,7 @@ def constraint_kept(subject: Subject) -> None:
     """In a run with the constraint every part is connected without the forbidden edges."""
     from agglo_core.agglomeration.one_call import agglomerate
 
-    mesh = marked(small_meshes.grid(9, 7, jitter=0.2))
+    mesh = tag_cells_and_faces(small_meshes.grid(9, 7, jitter=0.2))
     tool = subject.build()
     try:
         options = {"bisector": "inertial", "constraints": [tool], "registry": own_components()}
@@ -130,7 +130,7 @@ def parts_admissible(subject: Subject) -> None:
     """In a run with the constraint every part is admissible."""
     from agglo_core.agglomeration.one_call import agglomerate
 
-    mesh = marked(small_meshes.grid(9, 7, jitter=0.2))
+    mesh = tag_cells_and_faces(small_meshes.grid(9, 7, jitter=0.2))
     tool = subject.build()
     try:
         labels = agglomerate(
@@ -152,7 +152,7 @@ def _pairs(graph: Graph, mask: Mask) -> Int:
     return matrix
 
 
-def _taken(subject: Subject, case: Case) -> dict[str, Mask]:
+def _answer_unless_refused(subject: Subject, case: Case) -> dict[str, Mask]:
     """Return the answer, or an empty dictionary if the case is refused."""
     try:
         return dict(answer(subject, subject.build(), case))

@@ -22,16 +22,16 @@ from agglo_core.conformance.inputs.metric_cases import (
     bodies,
     by_hand,
     cells_renumbered,
-    changed,
     cut_finer,
     cut_finer_in_space,
     far_from_each_other,
-    holed,
     layouts,
     many_alone,
-    ringed,
+    ring_case,
     shapes,
     solids,
+    topology_cases,
+    transform_case,
     various,
 )
 from agglo_core.conformance.inputs.questions import answer, as_array, in_words, plain
@@ -99,14 +99,14 @@ def within_bounds(subject: Subject) -> None:
         require_bounds(subject, case)
     for case in [*by_hand()[:3], *various()[:4]]:
         for scale in _SCALES:
-            scaled, _ = changed(case, Change(scale=scale))
+            scaled, _ = transform_case(case, Change(scale=scale))
             require_bounds(subject, replace(scaled, name=f"{case.name} scaled by {scale:g}"))
 
 
 @law("metric")
 def holes(subject: Subject) -> None:
     """Agglomerates with holes, pinches or loose pieces get finite values within the bounds."""
-    for case in [*holed(), ringed()]:
+    for case in [*topology_cases(), ring_case()]:
         _require_finite(
             subject, case, "an agglomerate has no single outer loop; see mesh.coarsen(labels).boundary_loops"
         )  # fmt: skip
@@ -130,19 +130,19 @@ def hand_values(subject: Subject) -> None:
 @law("metric", when=lambda subject: subject.has("measure") and _says(subject, "shape_only"))
 def shape_only_is_true(subject: Subject) -> None:
     """If ``shape_only`` is set, values do not depend on the cells inside agglomerates or along outlines."""
-    pairs = [(case, _joined(case)) for case in cases("metric")]
+    pairs = [(case, _coarsen_case(case)) for case in cases("metric")]
     pairs += [(case, cut_finer(case)) for case in cases("metric")[2:]]
     if subject.promised("3d"):
-        pairs += [cut_finer_in_space(), *((case, _joined(case)) for case in solids()[:2])]
+        pairs += [cut_finer_in_space(), *((case, _coarsen_case(case)) for case in solids()[:2])]
     for case, variant in pairs:
         require_close(
             plain(subject, subject.build(), variant), plain(subject, subject.build(), case),
             f"on {variant.name}", "look at the outline alone, whatever edges it is cut in, or drop "
-            "shape_only = True", 2e-4, rounding(subject, case, 1e-5),
+            "shape_only = True", 2e-4, allowed_rounding(subject, case, 1e-5),
         )  # fmt: skip
 
 
-def _joined(case: Case) -> Case:
+def _coarsen_case(case: Case) -> Case:
     """Return the case on the coarse mesh, whose cells are the parts."""
     mesh, labels = case.given
     coarse = mesh.coarsen(labels)
@@ -183,7 +183,7 @@ def require_bounds(subject: Subject, case: Case) -> None:
     )
 
 
-def rounding(subject: Subject, case: Case, share: float) -> float:
+def allowed_rounding(subject: Subject, case: Case, share: float) -> float:
     """Return the rounding error allowed for a value of 0.
 
     The error is ``share`` times the unit given by the cell size.
@@ -229,7 +229,7 @@ def changes_add_up(subject: Subject) -> None:
         cells, parts = _moves(mesh, labels, _MOVES if mesh.n_cells < 1000 else 3)
         tool = subject.build()
         weights = frozen_float(1.0 + np.arange(mesh.n_cells) % 3)  # user weights, unlike the measures
-        changes = _told(case.name, tool, replace(mesh.graph, weights=weights), labels, cells, parts)
+        changes = _ask_changes(case.name, tool, replace(mesh.graph, weights=weights), labels, cells, parts)
         before, sums = plain(subject, tool, case).sum(), []
         # Move the cells one at a time and measure again.
         for cell, part in zip(cells, parts, strict=True):
@@ -256,8 +256,10 @@ def changes_of_these_labels(subject: Subject) -> None:
             cells, parts = _moves(mesh, current_labels)
             if not len(cells):
                 break
-            changes = _told(case.name, tool, mesh.graph, current_labels, cells, parts)
-            expected = _told(case.name, subject.build(), mesh.graph, frozen_int(current_labels), cells, parts)
+            changes = _ask_changes(case.name, tool, mesh.graph, current_labels, cells, parts)
+            expected = _ask_changes(
+                case.name, subject.build(), mesh.graph, frozen_int(current_labels), cells, parts
+            )
             require(
                 bool(np.allclose(changes, expected, rtol=1e-9, atol=1e-9 * (1 + np.abs(expected).max()))),
                 f"on {case.name}, after a cell was moved in the same array: changes says {changes[:3]}, a "
@@ -267,7 +269,7 @@ def changes_of_these_labels(subject: Subject) -> None:
             current_labels[cells[-1]] = parts[-1]
 
 
-def _told(name: str, tool: Any, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
+def _ask_changes(name: str, tool: Any, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
     changes = np.asarray(tool.changes(graph, labels, cells, parts))
     require(
         changes.shape == cells.shape,
@@ -309,11 +311,11 @@ def homogeneous(subject: Subject) -> None:
         before = _values(subject, case)
         for scale in _SCALES:
             require_close(
-                _values(subject, changed(case, Change(scale=scale))[0]), before * scale**power,
+                _values(subject, transform_case(case, Change(scale=scale))[0]), before * scale**power,
                 f"on {case.name} scaled by {scale:g}",
                 f"homogeneity {power} is declared: divide by a length, declare the true power, and add no "
                 "small constant nor round to decimals: both mean something else on a small mesh",
-                floor=rounding(subject, case, 1e-7) * scale**power,
+                floor=allowed_rounding(subject, case, 1e-7) * scale**power,
             )  # fmt: skip
 
 
@@ -338,7 +340,7 @@ def renaming(subject: Subject) -> None:
         remedy = "entry i must belong to label i, whatever the order of the cells"
         require_close(
             _values(subject, renamed)[names], before, f"on {case.name} with labels renamed", remedy,
-            floor=rounding(subject, case, 1e-7),
+            floor=allowed_rounding(subject, case, 1e-7),
         )  # fmt: skip
         _require_same_renumbered(subject, case, remedy)
 
@@ -353,10 +355,10 @@ def unmoved_in_space(subject: Subject) -> None:
         before = _values(subject, case)
         require_bounds(subject, case)
         for scale in _SCALES:
-            scaled_case, _ = changed(case, Change(scale=scale))
+            scaled_case, _ = transform_case(case, Change(scale=scale))
             require_bounds(subject, replace(scaled_case, name=f"{case.name} scaled by {scale:g}"))
             scaled = _values(subject, scaled_case)
-            powers = {power for power in powers if _scaled_by(scaled, before, scale ** int(power))}
+            powers = {power for power in powers if _is_scaled_by(scaled, before, scale ** int(power))}
             require(
                 bool(powers),
                 f"on {case.name} scaled by {scale:g}: values {before[:3]} became {scaled[:3]}, with "
@@ -390,7 +392,7 @@ def each_call_alone(subject: Subject) -> None:
             plain(subject, tool, variant), _values(subject, variant),
             f"on {variant.name}, after other questions",
             "keep nothing between calls: neither counts and points of a mesh nor its name say which it is",
-            floor=rounding(subject, variant, 1e-7),
+            floor=allowed_rounding(subject, variant, 1e-7),
         )  # fmt: skip
 
 
@@ -403,7 +405,7 @@ def far_parts_do_not_matter(subject: Subject) -> None:
         require_close(
             _values(subject, variant)[:6], before, f"on {variant.name}, at the other end",
             "a value that is compared with those of all parts, as diam(P) / h is, says relative = True", 1e-8,
-            rounding(subject, case, 1e-8),
+            allowed_rounding(subject, case, 1e-8),
         )  # fmt: skip
 
 
@@ -442,7 +444,7 @@ def _worst_of_all(means: list[float]) -> bool:
     return bool(np.all(others >= squares - slack) and np.count_nonzero(others > squares + slack) > 1)
 
 
-def _scaled_by(large: np.ndarray, before: np.ndarray, factor: float) -> bool:
+def _is_scaled_by(large: np.ndarray, before: np.ndarray, factor: float) -> bool:
     floor = 1e-6 * factor * float(np.nanmax(np.abs(before), initial=0.0)) + 1e-7 * factor
     return bool(np.allclose(large, before * factor, rtol=0.0, atol=floor, equal_nan=True))
 
@@ -453,16 +455,16 @@ def _require_unmoved(subject: Subject, case: Case) -> None:
     for name, change in MOTIONS.items():
         if not (directional and (change.turned or change.mirror)):
             require_close(
-                _values(subject, changed(case, change)[0]), before, f"on {case.name} {name}",
+                _values(subject, transform_case(case, change)[0]), before, f"on {case.name} {name}",
                 "measure lengths and angles, not coordinates (or say directional = True if the axes are what "
                 "it is about); mesh.local_points keeps digits far from 0", _ROUNDED,
-                rounding(subject, case, 1e-5),
+                allowed_rounding(subject, case, 1e-5),
             )  # fmt: skip
 
 
 def _require_same_renumbered(subject: Subject, case: Case, remedy: str) -> None:
     require_close(
-        _values(subject, changed(case, None)[0]), _values(subject, case),
+        _values(subject, transform_case(case, None)[0]), _values(subject, case),
         f"on {case.name} with cells, faces, their two sides and points renumbered", remedy, _ROUNDED,
-        rounding(subject, case, 1e-5),
+        allowed_rounding(subject, case, 1e-5),
     )  # fmt: skip

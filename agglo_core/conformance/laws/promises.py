@@ -16,7 +16,7 @@ from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import Broken, require
 from agglo_core.conformance.inputs import small_meshes
 from agglo_core.conformance.inputs.cases import cases_in_3d, seeds_for
-from agglo_core.conformance.inputs.mesh_changes import MOTIONS, Change, moved, renumbered
+from agglo_core.conformance.inputs.mesh_changes import MOTIONS, Change, renumber_mesh, transform_mesh
 from agglo_core.conformance.inputs.questions import (
     answer,
     chunks,
@@ -27,11 +27,11 @@ from agglo_core.conformance.inputs.questions import (
     questions,
     same,
     same_labelling,
-    taken,
+    select_accepted,
 )
 from agglo_core.conformance.inputs.speed import too_slow
 from agglo_core.conformance.laws import laws_of
-from agglo_core.conformance.laws.bisector import one_sided, told
+from agglo_core.conformance.laws.bisector import has_for_target, one_sided
 from agglo_core.conformance.laws.parts import in_more_pieces, loose_parts, same_parts
 from agglo_core.errors import AggloError
 from agglo_core.mesh import Mesh
@@ -42,7 +42,7 @@ from agglo_core.registry.containment import PLUGIN_FAILURES
 _IN_SPACE = {**MOTIONS, "scaled by 1e-7": Change(scale=1e-7), "scaled by 1e7": Change(scale=1e7)}
 
 
-def _promising(promise: str) -> tuple[str, ...]:
+def _kinds_with_promise(promise: str) -> tuple[str, ...]:
     """Return the kinds that may make a promise and are called by the suite."""
     return tuple(kind for kind in ASKED if promise in KINDS[kind].promises)
 
@@ -59,7 +59,7 @@ def kway_declared(subject: Subject) -> None:
     require(subject.promised("kway"), "it has a method partition: promise it, {'kway': True}")
 
 
-@law(*_promising("deterministic"), promise="deterministic")
+@law(*_kinds_with_promise("deterministic"), promise="deterministic")
 def deterministic(subject: Subject) -> None:
     """The answer depends only on the input, not on the seed or on other calls."""
     tool = subject.build()
@@ -124,7 +124,7 @@ def invariant(subject: Subject) -> None:
     for mesh, changes in mesh_changes:
         before = [plain(subject, subject.build(), case) for case in _on(subject.kind, mesh, mesh, None)]
         for change in changes:
-            changed_mesh, order = small_meshes.changed(mesh, change)
+            changed_mesh, order = small_meshes.change_mesh(mesh, change)
             for case, expected in zip(_on(subject.kind, mesh, changed_mesh, order), before, strict=True):
                 result = plain(subject, subject.build(), case)
                 require(
@@ -138,8 +138,8 @@ def invariant(subject: Subject) -> None:
 def _require_unmoved_in_space(subject: Subject) -> None:
     for solid in small_meshes.solids():
         before = [plain(subject, subject.build(), case) for case in _on(subject.kind, solid, solid, None)]
-        changes = {name: (moved(solid, motion), None) for name, motion in _IN_SPACE.items()}
-        for name, (mesh, order) in {**changes, "renumbered": renumbered(solid)}.items():
+        changes = {name: (transform_mesh(solid, motion), None) for name, motion in _IN_SPACE.items()}
+        for name, (mesh, order) in {**changes, "renumbered": renumber_mesh(solid)}.items():
             for case, values in zip(_on(subject.kind, solid, mesh, order), before, strict=True):
                 expected, after = (
                     values if order is None else values[order],
@@ -152,12 +152,12 @@ def _require_unmoved_in_space(subject: Subject) -> None:
                 )
 
 
-@law(*_promising("3d"), promise="3d")
+@law(*_kinds_with_promise("3d"), promise="3d")
 def space(subject: Subject) -> None:
     """In 3-D the answer is as good as in 2-D: full length, finite, both sides, all parts."""
     test_cases = cases_in_3d(subject.kind)
     if subject.kind in ("solver", "format"):
-        test_cases = taken(subject, test_cases)
+        test_cases = select_accepted(subject, test_cases)
         require(test_cases or not subject.has("write"), "it refuses every 3-D mesh: drop the promise 3d")
     # One object answers a 2-D case first, to detect a stored dimension.
     tool = subject.build()
@@ -182,17 +182,18 @@ def space(subject: Subject) -> None:
             require(not worse, f"on {case.name}: {len(worse)} parts are in more pieces than they may be")
 
 
-@law(*_promising("pickles"), promise="pickles")
+@law(*_kinds_with_promise("pickles"), promise="pickles")
 def pickles(subject: Subject) -> None:
     """The component can be pickled, for use in another process."""
     tool = subject.build()
     if subject.kind == "problem":
         for example in (answer(subject, tool, case) for case in questions(subject)):
             require(
-                same(digest(_pickled(example)), digest(example)), "the pickled example is another problem"
+                same(digest(_copy_by_pickle(example)), digest(example)),
+                "the pickled example is another problem",
             )
         return
-    copy = _pickled(tool)
+    copy = _copy_by_pickle(tool)
     for case in questions(subject):
         require(
             same(plain(subject, tool, case), plain(subject, copy, case)),
@@ -200,7 +201,7 @@ def pickles(subject: Subject) -> None:
         )
 
 
-def _pickled(thing: Any) -> Any:
+def _copy_by_pickle(thing: Any) -> Any:
     try:
         return pickle.loads(pickle.dumps(thing))
     except PLUGIN_FAILURES as error:
@@ -248,7 +249,7 @@ _JUDGED = (
 )
 
 
-@law("bisector", when=told)
+@law("bisector", when=has_for_target)
 def told_keeps_promises(subject: Subject) -> None:
     """The result of for_target obeys the laws for bisectors, and keeps the promises of the original."""
     rules = [rule for rule in laws_of("bisector") if rule.name in _JUDGED and rule.applies(subject)]

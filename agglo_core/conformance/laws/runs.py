@@ -17,13 +17,13 @@ from agglo_core.conformance.base.running import runs_both_ways, runs_with
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import Broken, require
 from agglo_core.conformance.inputs import small_meshes
-from agglo_core.conformance.inputs.cases import asked, seeds_for, stripes
+from agglo_core.conformance.inputs.cases import labelled_case, seeds_for, stripes
 from agglo_core.conformance.inputs.hard_cases import SIBLINGS
 from agglo_core.conformance.inputs.questions import answer, global_random, plain, same
 from agglo_core.conformance.inputs.unusual_graphs import clumps
 from agglo_core.conformance.laws.bisector import one_sided
 from agglo_core.conformance.laws.parts import in_more_pieces, same_parts
-from agglo_core.conformance.process.new_process import answers_elsewhere, asked_elsewhere, can_be_sent
+from agglo_core.conformance.process.new_process import answers_elsewhere, can_be_sent, cases_elsewhere
 from agglo_core.errors import AggloError
 from agglo_core.graph import Graph, functionals
 from agglo_core.measure.agglomerates import quality
@@ -77,7 +77,7 @@ def grows_alike(subject: Subject) -> None:
 @law(*SIBLINGS, when=can_be_sent)
 def same_in_another_process(subject: Subject) -> None:
     """Another process with other hash values and another current folder gives equal answers."""
-    test_cases, tool = asked_elsewhere(subject), subject.build()
+    test_cases, tool = cases_elsewhere(subject), subject.build()
     with global_random(1):
         expected = [plain(subject, tool, case) for case in test_cases]
     remedy = {
@@ -98,11 +98,11 @@ _STEEP = 1.7  # exponent of the cell count; n log n is about 1.1, quadratic is 2
 _NOTICEABLE = 0.5  # CPU seconds on the larger mesh; faster components always pass
 
 
-def _wanted(subject: Subject) -> bool:
+def _is_thorough(subject: Subject) -> bool:
     return subject.thorough
 
 
-@law("bisector", "refiner", "fixer", when=_wanted)
+@law("bisector", "refiner", "fixer", when=_is_thorough)
 def large_meshes(subject: Subject) -> None:
     """On 50,000 cells the answer is as good as on few: both sides, all parts, none in more pieces."""
     case = _case(subject.kind, _HUGE)
@@ -118,7 +118,7 @@ def large_meshes(subject: Subject) -> None:
     require(not worse, f"on {case.name}: {len(worse)} parts are in more pieces than they may be")
 
 
-@law("refiner", "fixer", when=_wanted)
+@law("refiner", "fixer", when=_is_thorough)
 def time_grows_with_the_mesh(subject: Subject) -> None:
     """Four times as many cells take far less than sixteen times as long."""
     answer(subject, subject.build(), _case(subject.kind, (12, 10)))  # compile kernels off the clock
@@ -136,7 +136,7 @@ def _case(kind: str, size: tuple[int, int]) -> Case:
     name = f"{graph.n} cells"
     if kind == "bisector":
         return Case(name, (graph, seeds_for(1)))
-    return asked(kind, graph, name, clumps(graph, min(graph.n // 100, 80), strays=0.02), "both")
+    return labelled_case(kind, graph, name, clumps(graph, min(graph.n // 100, 80), strays=0.02), "both")
 
 
 def _seconds(subject: Subject, case: Case) -> float:

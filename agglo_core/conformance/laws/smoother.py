@@ -41,7 +41,7 @@ def nothing_from_nothing(subject: Subject) -> None:
     """The result for b = 0 and x = 0 is 0."""
     for case in questions(subject):
         zero = np.zeros(case.size or 0)
-        result = smoothed(subject, case, zero, zero)
+        result = apply_smoother(subject, case, zero, zero)
         require(
             not np.any(result != 0),
             f"on {case.name}: it made {result[:3]} from zeros: only b − A x may enter",
@@ -53,7 +53,7 @@ def solution_kept(subject: Subject) -> None:
     """The exact solution stays unchanged."""
     for case in questions(subject):
         level, _, x = case.given
-        moved = np.abs(smoothed(subject, case, level.A @ x, x) - x).max()
+        moved = np.abs(apply_smoother(subject, case, level.A @ x, x) - x).max()
         require(
             moved <= _EXACT * np.abs(x).max(),
             f"on {case.name}: it moved the exact solution by {moved:.1e}: add a correction that is made of "
@@ -86,7 +86,7 @@ def rough_error_damped(subject: Subject) -> None:
             half = len(A) // 2
             smooth, rough = (
                 _energy(A, _error_left(subject, case, error)) / _energy(A, error)
-                for error in (_mixed(modes[:, :half]), _mixed(modes[:, half:]))
+                for error in (_combine_modes(modes[:, :half]), _combine_modes(modes[:, half:]))
             )
             require(
                 rough <= max(_SHARE * smooth, 1e-8),
@@ -124,13 +124,13 @@ def _uneven() -> Case:
     return replace(case, name="an uneven matrix", given=(replace(level, A=A, inherited=A), *case.given[1:]))
 
 
-def _mixed(modes: Float) -> Float:
+def _combine_modes(modes: Float) -> Float:
     """Return the sum of modes ``(n, k)`` with random signs."""
     signs = np.random.default_rng(1).choice([-1.0, 1.0], modes.shape[1])
     return np.asarray(modes @ signs)
 
 
-def smoothed(subject: Subject, case: Case, b: Float, x: Float) -> Float:
+def apply_smoother(subject: Subject, case: Case, b: Float, x: Float) -> Float:
     """Apply a smoother to a right-hand side and an x ``(n,)``."""
     new_case = Case(case.name, (case.given[0], frozen_float(b), frozen_float(x)))
     return plain(subject, subject.build(), new_case)
@@ -141,7 +141,7 @@ def _error_left(subject: Subject, case: Case, error: Float) -> Float:
 
     The exact solution is 0.
     """
-    return smoothed(subject, case, np.zeros(len(error)), error)
+    return apply_smoother(subject, case, np.zeros(len(error)), error)
 
 
 def _energy(A: Any, x: Float) -> float:
@@ -235,17 +235,17 @@ def _pair(case: Case) -> tuple[Float, Float]:
 
 
 def _before(subject: Subject, case: Case, b: Float) -> tuple[Any, Any]:
-    pair = _asked(subject, case, "before", b)
+    pair = _call_method(subject, case, "before", b)
     if not isinstance(pair, tuple) or len(pair) != 2:
         raise Broken(f"on {case.name}: before(b) returned {in_words(pair)}, expected the pair (x, b − A x)")
     return pair
 
 
 def _after(subject: Subject, case: Case, b: Float, x: Float) -> Any:
-    return _asked(subject, case, "after", b, np.array(x))  # x may be changed
+    return _call_method(subject, case, "after", b, np.array(x))  # x may be changed
 
 
-def _asked(subject: Subject, case: Case, method: str, *arguments: Float) -> Any:
+def _call_method(subject: Subject, case: Case, method: str, *arguments: Float) -> Any:
     """Call a method of a newly set up smoother."""
     try:
         side = getattr(subject.build().setup(case.given[0]), method, None)
@@ -267,12 +267,13 @@ def unit_of_the_matrix(subject: Subject) -> None:
     for case in questions(subject):
         level, b, x = case.given
         if level.coarse is None:
-            before = smoothed(subject, case, b, x)
+            before = apply_smoother(subject, case, b, x)
             for factor in _FACTORS:
                 A = factor * level.A
                 scaled = replace(case, given=(replace(level, A=A, inherited=A), b, x))
                 change = (
-                    np.abs(smoothed(subject, scaled, factor * b, x) - before).max() / np.abs(before).max()
+                    np.abs(apply_smoother(subject, scaled, factor * b, x) - before).max()
+                    / np.abs(before).max()
                 )
                 require(
                     change <= 1e-6,
@@ -287,7 +288,7 @@ def levels_apart(subject: Subject) -> None:
     tool, test_cases = subject.build(), questions(subject)
     smoothers = [(case, _set_up(tool, case)) for case in test_cases]
     for case, smooth in [*smoothers, *smoothers[::-1]]:
-        shared = _applied(smooth, case)
+        shared = _call_smooth(smooth, case)
         alone = plain(subject, subject.build(), case)
         require(
             shared.shape == alone.shape and np.allclose(shared, alone, rtol=1e-9, atol=1e-12),
@@ -304,7 +305,7 @@ def _set_up(tool: Any, case: Case) -> Callable[[Float, Float], Any]:
     return smooth
 
 
-def _applied(smooth: Callable[[Float, Float], Any], case: Case) -> Float:
+def _call_smooth(smooth: Callable[[Float, Float], Any], case: Case) -> Float:
     try:
         return np.asarray(smooth(*case.given[1:]))
     except PLUGIN_FAILURES as error:

@@ -21,7 +21,7 @@ from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import Broken, require
 from agglo_core.conformance.inputs import small_meshes
 from agglo_core.conformance.inputs.cases import cases, laplacian, with_problem
-from agglo_core.conformance.inputs.questions import plain, taken
+from agglo_core.conformance.inputs.questions import plain, select_accepted
 from agglo_core.conformance.inputs.solver_answers import (
     direct,
     everywhere,
@@ -38,7 +38,7 @@ from agglo_core.conformance.inputs.solver_cases import (
     halves,
     ill_conditioned,
     plate,
-    rising,
+    rising_residual_system,
     uneven,
     unlike_diffusion,
 )
@@ -213,7 +213,7 @@ def disconnected_solved(subject: Subject) -> None:
     test_cases = [
         Case("two components", (problem, hierarchy)) for problem in (Diffusion(), laplacian(mesh.graph, 1))
     ]
-    for case in taken(subject, test_cases):
+    for case in select_accepted(subject, test_cases):
         it = solve(subject, case)
         require(it.converged, f"on two components: not converged ({it.reason})")
 
@@ -270,7 +270,7 @@ _WRONG = 1e-2  # looser than any sensible tolerance
 _NOISE = 1e-9  # relative to the first residual; rounding dominates below
 
 
-def _asked(subject: Subject) -> list[Case]:
+def _basic_cases(subject: Subject) -> list[Case]:
     """Return a diffusion problem and an uneven linear system, if the solver accepts them."""
     test_cases = first_case(subject, Diffusion)
     for case in first_case(subject, Linear):
@@ -280,9 +280,12 @@ def _asked(subject: Subject) -> list[Case]:
     return test_cases
 
 
-def _hard(subject: Subject) -> list[Case]:
+def _hard_cases(subject: Subject) -> list[Case]:
     """Return systems whose residual first increases, or cannot become small."""
-    hard = {"unknowns in different units": rising, "an ill-conditioned matrix": ill_conditioned}
+    hard = {
+        "unknowns in different units": rising_residual_system,
+        "an ill-conditioned matrix": ill_conditioned,
+    }
     return [
         Case(name, (make(case.given[1]), case.given[1]))
         for case in first_case(subject, Linear)
@@ -291,7 +294,7 @@ def _hard(subject: Subject) -> list[Case]:
     ]
 
 
-def _multiplied(case: Case, matrix: float, data: float) -> Case:
+def _scale_system(case: Case, matrix: float, data: float) -> Case:
     """Return the case with matrix and right-hand side multiplied."""
     problem = case.given[0]
     if isinstance(problem, Linear):
@@ -302,10 +305,10 @@ def _multiplied(case: Case, matrix: float, data: float) -> Case:
 @law("solver")
 def scales_with_the_system(subject: Subject) -> None:
     """Scaling the data by a power of two scales the solution and every residual of the history."""
-    for case in _asked(subject):
+    for case in _basic_cases(subject):
         unscaled = solve(subject, case)
         for matrix, data in ((1.0, 2.0**20), (1.0, 2.0**-20), (2.0**8, 2.0**8)):
-            it = solve(subject, _multiplied(case, matrix, data))
+            it = solve(subject, _scale_system(case, matrix, data))
             description = (
                 f"on {case.name} with the matrix times {matrix:g}, the right-hand side times {data:g}"
             )
@@ -333,7 +336,7 @@ def _require_same_history(residuals: Any, expected: Any, description: str) -> No
 @law("solver")
 def zero_from_zero(subject: Subject) -> None:
     """Zero data give the solution 0 with converged=True."""
-    for case in _asked(subject):
+    for case in _basic_cases(subject):
         problem = case.given[0]
         none = {"b": 0 * problem.b} if isinstance(problem, Linear) else {"source": 0.0}
         it = solve(subject, with_problem(case, **none))
@@ -348,7 +351,7 @@ def zero_from_zero(subject: Subject) -> None:
 def tolerance_met(subject: Subject) -> None:
     """A tolerance of 1e-4 or 1e-10 is met by every converged solution, and the histories agree."""
     name = str(option_named(subject, *_TOLERANCE))
-    for case in [*_asked(subject), *_hard(subject)]:
+    for case in [*_basic_cases(subject), *_hard_cases(subject)]:
         runs = {tolerance: _with_option(subject, case, name, tolerance) for tolerance in (1e-4, 1e-10)}
         for tolerance, it in runs.items():
             if it is not None and it.converged:
@@ -373,7 +376,7 @@ def too_few_iterations_said(subject: Subject) -> None:
     """After 1 to 5 iterations convergence is not claimed falsely, and the residual of x is reported."""
     name = str(option_named(subject, *_MOST))
     for most in _FEW:
-        for case in [*_asked(subject), *_hard(subject)]:
+        for case in [*_basic_cases(subject), *_hard_cases(subject)]:
             it = _with_option(subject, case, name, most)
             if it is not None:
                 _require_honest(f"{case.name} with {name}={most}", it, most)
@@ -407,12 +410,12 @@ def claims_hold(subject: Subject) -> None:
 @law("solver")
 def each_solve_alone(subject: Subject) -> None:
     """Earlier solves do not change the result, even on the same hierarchy."""
-    test_cases = [*_asked(subject)]
+    test_cases = [*_basic_cases(subject)]
     for case in first_case(subject, Diffusion):
         hierarchy = plate()
         for kappa in (halves(hierarchy, 1.0, 9.0), halves(hierarchy, 9.0, 1.0)):
             test_cases.append(replace(case, name="a plate", given=(Diffusion(kappa), hierarchy)))
-    test_cases += [_multiplied(case, 3.0, 2.0) for case in test_cases[:2]] + test_cases[:1]
+    test_cases += [_scale_system(case, 3.0, 2.0) for case in test_cases[:2]] + test_cases[:1]
     tool = subject.build()
     for case in test_cases:
         fresh_solution = solve_unless_refused(subject, case.name, *case.given)

@@ -163,7 +163,7 @@ def finer_is_closer(subject: Subject) -> None:
     errors = []
     for n in (6, 12):
         hierarchy = plate(n, n)
-        samples = _found(subject, hierarchy, problem)
+        samples = _sample_solution(subject, hierarchy, problem)
         if samples is None:
             return
         points, u = samples
@@ -204,13 +204,13 @@ def place_and_size(subject: Subject) -> None:
     """Position and numbering of the mesh do not matter, and scaling by s scales the solution by s²."""
     hierarchy = plate()
     kappa = halves(hierarchy, 1.0, 5.0)
-    before = _found(subject, hierarchy, Diffusion(kappa, 2.0))
+    before = _sample_solution(subject, hierarchy, Diffusion(kappa, 2.0))
     if before is None:
         return
     for name, change in _CHANGES.items():
         changed_hierarchy, order = elsewhere(hierarchy, change)
         scale = change.scale if change else 1.0
-        after = _found(subject, changed_hierarchy, Diffusion(kappa[order], 2.0))
+        after = _sample_solution(subject, changed_hierarchy, Diffusion(kappa[order], 2.0))
         if after is not None:
             error = gap(after[1] / scale**2, before[1][order])
             require(
@@ -220,7 +220,9 @@ def place_and_size(subject: Subject) -> None:
             )
 
 
-def _found(subject: Subject, hierarchy: Hierarchy, problem: Diffusion) -> tuple[Float, Float] | None:
+def _sample_solution(
+    subject: Subject, hierarchy: Hierarchy, problem: Diffusion
+) -> tuple[Float, Float] | None:
     """Return points and solution values, or None if refused or if the meaning of x is unknown."""
     constant = _one(subject, hierarchy, problem.boundary)
     x = _unknowns(subject, problem, hierarchy)
@@ -239,7 +241,7 @@ def _require_found(
     description: str,
     remedy: str,
 ) -> None:
-    samples = _found(subject, hierarchy, problem)
+    samples = _sample_solution(subject, hierarchy, problem)
     if samples is not None:
         points, u = samples
         expected = exact(points)

@@ -22,7 +22,7 @@ from agglo_core.conformance.inputs.questions import (
     plain,
     questions,
     same,
-    taken,
+    select_accepted,
     with_suffix,
 )
 from agglo_core.conformance.laws.bisector import one_sided
@@ -86,7 +86,7 @@ def says_nothing(subject: Subject) -> None:
 @law(*ASKED)
 def survives(subject: Subject) -> None:
     """Degenerate input is accepted: one to three cells, coincident cells, interfaces without measure."""
-    for case in taken(subject, tiny(subject.kind)):
+    for case in select_accepted(subject, tiny(subject.kind)):
         values = plain(subject, subject.build(), case)
         if subject.kind == "bisector" and len(values) > 1 and not subject.fallback:
             partition_only = not (subject.has("bisect") or subject.has("bisect_level"))

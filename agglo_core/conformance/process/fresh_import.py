@@ -13,7 +13,7 @@ from agglo_core.registry.containment import PLUGIN_FAILURES
 
 
 @contextmanager
-def imported_again(subject: Subject) -> Iterator[Subject]:
+def import_again(subject: Subject) -> Iterator[Subject]:
     """Yield the subject with its module imported again, without caches and changed class attributes.
 
     The subject itself is yielded for objects, and for modules that cannot be imported twice.

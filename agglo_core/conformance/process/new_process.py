@@ -24,7 +24,7 @@ from agglo_core.conformance.base.handing_over import environment, subject_from, 
 from agglo_core.conformance.base.subject import Subject
 from agglo_core.conformance.base.verdict import Broken
 from agglo_core.conformance.inputs.named_tags import with_tags
-from agglo_core.conformance.inputs.questions import plain, questions, taken
+from agglo_core.conformance.inputs.questions import plain, questions, select_accepted
 from agglo_core.errors import AggloError
 from agglo_core.registry.options import wants_registry
 
@@ -45,9 +45,9 @@ def can_be_sent(subject: Subject) -> bool:
         return False
 
 
-def asked_elsewhere(subject: Subject) -> list[Case]:
+def cases_elsewhere(subject: Subject) -> list[Case]:
     """Return the cases for the child process: the ordinary cases, and meshes with several tags."""
-    return [*questions(subject), *taken(subject, with_tags(subject.kind))]
+    return [*questions(subject), *select_accepted(subject, with_tags(subject.kind))]
 
 
 def answers_elsewhere(subject: Subject) -> dict[str, list[NDArray[Any]]]:
@@ -113,4 +113,4 @@ def main() -> None:
 
 def _answers(subject: Subject) -> list[NDArray[Any]]:
     tool = subject.build()
-    return [plain(subject, tool, case) for case in asked_elsewhere(subject)]
+    return [plain(subject, tool, case) for case in cases_elsewhere(subject)]
