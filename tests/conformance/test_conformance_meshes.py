@@ -43,7 +43,7 @@ def test_meshes() -> None:
     assert [meshes[name].n_cells for name in ("two cells", "strip", "square grid", "ring")] == [2, 9, 36, 24]
     np.testing.assert_allclose(meshes["hexagons"].cell_measures, 1.5 * np.sqrt(3))
     np.testing.assert_allclose(meshes["mixed polygons with hanging nodes"].cell_measures.sum(), 48)
-    assert np.bincount(small_meshes.apart().graph.components()).tolist() == [6, 6]
+    assert np.bincount(small_meshes.two_grids().graph.components()).tolist() == [6, 6]
     assert small_meshes.boxes().n_cells == 30
     assert small_meshes.change_mesh(meshes["strip"], "scaled by 1e7")[0].h == pytest.approx(1e7 * np.sqrt(2))
 

@@ -123,7 +123,7 @@ class Snapshot:
 
 
 @contextmanager
-def elsewhere() -> Iterator[Path]:
+def enter_empty_folder() -> Iterator[Path]:
     """Change to an empty temporary folder.
 
     Yields the path as reported by the system, without symbolic links.

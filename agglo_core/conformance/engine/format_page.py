@@ -103,12 +103,12 @@ def round_trips(suffix: str) -> dict[str, str] | None:
     to files of their own; the labels hold the same information.
     """
     # Write every shape, then test tags, labels and digits on the richest shape that came back.
-    shapes = {shape: _became(partial(_shape, mesh, suffix)) for shape, mesh in _shapes().items()}
+    shapes = {shape: _try_trip(partial(_shape, mesh, suffix)) for shape, mesh in _shapes().items()}
     intact_shapes = [shape for shape, answer in shapes.items() if answer == "yes"]
     if not intact_shapes:
         return None
     mesh = _shapes()[max(intact_shapes, key=_RICH.index)]
-    answers = {name: _became(partial(trait, mesh, suffix)) for name, trait in _TRAITS.items()}
+    answers = {name: _try_trip(partial(trait, mesh, suffix)) for name, trait in _TRAITS.items()}
     answers["holes"] = shapes["holes"]
     for column, (whole, *parts) in _CLASSES.items():
         some = ", ".join(part for part in parts if part in intact_shapes)
@@ -118,7 +118,7 @@ def round_trips(suffix: str) -> dict[str, str] | None:
     return answers
 
 
-def _became(trip: Callable[[], bool]) -> str:
+def _try_trip(trip: Callable[[], bool]) -> str:
     try:
         return "yes" if trip() else "lost"
     except PluginError:
@@ -145,7 +145,7 @@ def _shapes() -> dict[str, Mesh]:
     }
 
 
-def _back(mesh: Mesh, suffix: str) -> Mesh:
+def _read_back(mesh: Mesh, suffix: str) -> Mesh:
     with TemporaryDirectory() as folder:
         file = Path(folder) / f"m{suffix}"
         write(file, mesh)
@@ -153,7 +153,7 @@ def _back(mesh: Mesh, suffix: str) -> Mesh:
 
 
 def _shape(mesh: Mesh, suffix: str) -> bool:
-    back = _back(mesh, suffix)
+    back = _read_back(mesh, suffix)
     if (back.dim, back.n_cells) != (mesh.dim, mesh.n_cells):
         return False
     links = abs(back.graph.to_scipy() - mesh.graph.to_scipy())
@@ -162,20 +162,22 @@ def _shape(mesh: Mesh, suffix: str) -> bool:
 
 
 def _digits(mesh: Mesh, suffix: str) -> bool:
-    points_before, points_after = (m.points[np.unique(m.face_vertices)] for m in (mesh, _back(mesh, suffix)))
+    points_before, points_after = (
+        m.points[np.unique(m.face_vertices)] for m in (mesh, _read_back(mesh, suffix))
+    )
     return np.array_equal(
         points_before[np.lexsort(points_before.T)], points_after[np.lexsort(points_after.T)]
     )
 
 
 def _numbering(mesh: Mesh, suffix: str) -> bool:
-    back = _back(mesh, suffix)
+    back = _read_back(mesh, suffix)
     return all(np.array_equal(getattr(mesh, name), getattr(back, name)) for name in _ARRAYS)
 
 
 def _tags(name: str, mesh: Mesh, suffix: str) -> bool:
     values = np.arange(mesh.n_cells) % 3 - 1
-    cell_tags = _back(replace(mesh, cell_tags={name: values}), suffix).cell_tags
+    cell_tags = _read_back(replace(mesh, cell_tags={name: values}), suffix).cell_tags
     return name in cell_tags and np.array_equal(cell_tags[name], values)
 
 
@@ -188,7 +190,7 @@ def _faces(outer: bool, mesh: Mesh, suffix: str) -> bool:
     tag = np.zeros(mesh.n_faces, np.int64)
     tag[tagged_faces] = 1
     mesh = replace(mesh, face_tags={"inlet": tag})
-    back = _back(mesh, suffix)
+    back = _read_back(mesh, suffix)
     if "inlet" not in back.face_tags:
         return False
     centroids_before, centroids_after = (m.face_centroids[m.face_tags["inlet"] == 1] for m in (mesh, back))

@@ -40,7 +40,9 @@ def cases(kind: str, seed: int = 0) -> list[Case]:
     if kind == "bisector":
         return [Case(mesh.name, (mesh.graph, seeds_for(1, seed))) for mesh in meshes]
     if kind == "metric":
-        return [Case(mesh.name, (mesh, stripes(mesh.graph, 3))) for mesh in [*meshes, small_meshes.apart()]]
+        return [
+            Case(mesh.name, (mesh, stripes(mesh.graph, 3))) for mesh in [*meshes, small_meshes.two_grids()]
+        ]
     return [
         labelled_case(kind, mesh.graph, mesh.name, labels(mesh.graph), target, seed)
         for mesh in meshes

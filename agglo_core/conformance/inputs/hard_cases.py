@@ -30,7 +30,7 @@ def unusual_cases(kind: str) -> list[Case]:
 
     The list is empty for kinds without graph.
     """
-    graphs = unusual_graphs.unusual()
+    graphs = unusual_graphs.graphs_by_description()
     if kind == "bisector":
         return [
             Case(name, (graph, seeds_for(1, place))) for place, (name, graph) in enumerate(graphs.items())

@@ -32,7 +32,7 @@ def on_meshes(kind: str) -> list[Case]:
     if kind == "problem":
         return [Case(mesh.name, (mesh,)) for mesh in small_meshes.plane_meshes()]
     if kind == "constraint":
-        meshes = [*small_meshes.plane_meshes(), small_meshes.apart()]
+        meshes = [*small_meshes.plane_meshes(), small_meshes.two_grids()]
         return [Case(mesh.name, (tag_cells_and_faces(mesh), bands(mesh, 3))) for mesh in meshes]
     if kind == "section":
         return [

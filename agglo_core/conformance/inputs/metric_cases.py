@@ -89,7 +89,7 @@ form one part; two parts, each of two squares that touch in a point.
 
 def shapes() -> list[Case]:
     """Return extreme part shapes (round, thin, pointed) and parts that are whole components."""
-    two_grids = small_meshes.apart()
+    two_grids = small_meshes.two_grids()
     component = two_grids.graph.components()
     second = component == component[-1]
     cut = np.where(second, 1 + (np.cumsum(second) > np.count_nonzero(second) // 2), 0)
@@ -232,7 +232,7 @@ def topology_cases() -> list[Case]:
     ]
 
 
-def various() -> list[Case]:
+def various_cases() -> list[Case]:
     """Return tagged cells of unequal sizes, many parts, single cells, many neighbours, irregular parts."""
     grid = small_meshes.grid(20, 20, jitter=0.2)
     row, column = np.divmod(np.arange(grid.n_cells), 20)

@@ -86,7 +86,7 @@ def comb() -> Mesh:
     )
 
 
-def apart() -> Mesh:
+def two_grids() -> Mesh:
     """Return two grids that do not touch."""
     mesh = grid(3, 2)
     loops = mesh.boundary_loops.vertices.reshape(-1, 4)

@@ -45,7 +45,7 @@ def first_case(subject: Subject, sort: type[Diffusion] | type[Linear]) -> list[C
     return [case for case in questions(subject) if isinstance(case.given[0], sort)][:1]
 
 
-def everywhere(subject: Subject) -> list[Case]:
+def cases_with_3d(subject: Subject) -> list[Case]:
     """Return the ordinary cases, and the 3-D cases of a solver that promises 3-D."""
     return [*questions(subject), *select_accepted(subject, in_space(subject))]
 

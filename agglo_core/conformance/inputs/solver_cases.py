@@ -58,7 +58,7 @@ def on_levels(mesh: Mesh, *levels: Int) -> Hierarchy:
     return Hierarchy(mesh, mesh.graph, list(levels), targets, nested=True)
 
 
-def elsewhere(hierarchy: Hierarchy, change: Change | None) -> tuple[Hierarchy, Int]:
+def transform_hierarchy(hierarchy: Hierarchy, change: Change | None) -> tuple[Hierarchy, Int]:
     """Return the hierarchy on the transformed mesh, and the old index of each cell.
 
     If ``change`` is None, the mesh is renumbered.
@@ -84,7 +84,7 @@ def uneven(graph: Graph, per_cell: int, seed: int = 0) -> Linear:
     )
 
 
-def awkward() -> list[Case]:
+def awkward_cases() -> list[Case]:
     """Return cases with rough coefficients, one part, three levels, disconnected parts, or no mesh."""
     mesh = small_meshes.grid(8, 8)
     row, column = np.divmod(np.arange(64), 8)

@@ -22,7 +22,7 @@ _LARGE = 2000
 """Size of the large block in the middle of a crowd."""
 
 
-def unusual() -> dict[str, Graph]:
+def graphs_by_description() -> dict[str, Graph]:
     """Return connected graphs with one block by description, with new arrays in each call."""
     builders: dict[str, Callable[[], Graph]] = {
         "cells whose weights are not their measures": _uneven,

@@ -105,18 +105,22 @@ def _require_independent_targets(
     for target, answers in expected.items():
         tools.append(for_target(tool, target))
         require(
-            _as_before(subject, tools[-1], test_cases, answers),
+            _answers_as_before(subject, tools[-1], test_cases, answers),
             f"for {target} it answers otherwise once for_target was called for another target: what it keeps "
             "must be keyed by the whole target",
         )
     require(
-        all(map(_as_before, repeat(subject), tools, repeat(test_cases), [before, *expected.values()])),
+        all(
+            map(_answers_as_before, repeat(subject), tools, repeat(test_cases), [before, *expected.values()])
+        ),
         "it answers otherwise after for_target was called for another target: return a new object, and "
         "leave self as it is",
     )
 
 
-def _as_before(subject: Subject, tool: Any, test_cases: list[Case], answers: list[NDArray[Any]]) -> bool:
+def _answers_as_before(
+    subject: Subject, tool: Any, test_cases: list[Case], answers: list[NDArray[Any]]
+) -> bool:
     return all(
         same(plain(subject, tool, case), expected) for case, expected in zip(test_cases, answers, strict=True)
     )

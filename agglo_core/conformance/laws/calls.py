@@ -25,7 +25,7 @@ from agglo_core.conformance.base.case import Case
 from agglo_core.conformance.base.law import law
 from agglo_core.conformance.base.own_arrays import arrays_in, find_writing_line, home, in_own_arrays
 from agglo_core.conformance.base.subject import Subject
-from agglo_core.conformance.base.surroundings import Snapshot, elsewhere, stdout_of_process
+from agglo_core.conformance.base.surroundings import Snapshot, enter_empty_folder, stdout_of_process
 from agglo_core.conformance.base.verdict import Broken, require
 from agglo_core.conformance.inputs.cases import cases, level_case, part_of_level
 from agglo_core.conformance.inputs.early_ends import early_ends
@@ -284,10 +284,10 @@ def a_level_is_its_blocks(subject: Subject) -> None:
         levels.append((many_parts(subject.kind), (3, 0, 255, 4095, 4097, 4999)))
     levels += [(case, (0, 1, 2)) for case in in_space(subject) if case.given[0].n_blocks == 3]
     for case, blocks in levels if too_slow(subject) is None else [_few_blocks(levels[0][0])]:
-        _same_in_any_company(subject, case, blocks)
+        _require_independent_blocks(subject, case, blocks)
 
 
-def _without_others(case: Case) -> Case:
+def _move_other_points(case: Case) -> Case:
     """Return the case with points of other blocks moved onto a point of its own.
 
     The graph still holds the points of the whole level.
@@ -304,7 +304,7 @@ def _few_blocks(level: Case) -> tuple[Case, Sequence[int]]:
     return part_of_level(level, np.arange(1, 13)), (0, 3, 11)
 
 
-def _same_in_any_company(subject: Subject, case: Case, blocks: Sequence[int]) -> None:
+def _require_independent_blocks(subject: Subject, case: Case, blocks: Sequence[int]) -> None:
     """Require equal results for the chosen blocks alone, and for up to 21 blocks in another order."""
     graph = case.given[0]
     remedy = (
@@ -315,7 +315,7 @@ def _same_in_any_company(subject: Subject, case: Case, blocks: Sequence[int]) ->
     tool = subject.build()
     together = chunks(graph, plain(subject, tool, case))
     for block in blocks:
-        alone = plain(subject, subject.build(), _without_others(part_of_level(case, [block])))
+        alone = plain(subject, subject.build(), _move_other_points(part_of_level(case, [block])))
         require(
             same(alone, together[block]),
             f"a block of {len(alone)} cells has another result alone than in a level: {remedy}",
@@ -400,7 +400,11 @@ def ends_early_without_trace(subject: Subject) -> None:
     remedy = "a with block (np.errstate) or finally puts things back on every way out"
     for case in early_ends(subject.kind):
         digests, before, printed = dict(fingerprints(case.given)), Snapshot(), io.StringIO()
-        with elsewhere() as folder, stdout_of_process() as read_output, contextlib.redirect_stdout(printed):
+        with (
+            enter_empty_folder() as folder,
+            stdout_of_process() as read_output,
+            contextlib.redirect_stdout(printed),
+        ):
             with global_random(1) as unmoved:
                 with contextlib.suppress(Broken):
                     answer(subject, subject.build(), case)

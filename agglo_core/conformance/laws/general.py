@@ -7,7 +7,7 @@ from pathlib import Path
 
 from agglo_core.conformance.base.law import ASKED, law
 from agglo_core.conformance.base.subject import Subject
-from agglo_core.conformance.base.surroundings import Snapshot, elsewhere
+from agglo_core.conformance.base.surroundings import Snapshot, enter_empty_folder
 from agglo_core.conformance.base.verdict import Broken, require
 from agglo_core.conformance.inputs.mesh_cases import TAG
 from agglo_core.conformance.inputs.questions import answer, fingerprints, questions
@@ -76,7 +76,7 @@ def surroundings_kept(subject: Subject) -> None:
     require(not subject.disturbed, f"building it changed {', '.join(subject.disturbed)}: {remedy}")
     tool, before = subject.build(), Snapshot()
     for tools in ((tool,), ()):  # the first round may import modules
-        with elsewhere() as folder:
+        with enter_empty_folder() as folder:
             for case in questions(subject):
                 with suppress(Broken):  # judged by the next law
                     answer(subject, *tools or (subject.build(),), case)

@@ -32,7 +32,7 @@ from agglo_core.conformance.inputs.metric_cases import (
     solids,
     topology_cases,
     transform_case,
-    various,
+    various_cases,
 )
 from agglo_core.conformance.inputs.questions import answer, as_array, in_words, plain
 from agglo_core.graph import Graph
@@ -64,7 +64,7 @@ def declares_itself(subject: Subject) -> None:
 @law("metric")
 def value_array(subject: Subject) -> None:
     """Values form an array of shape (k,), with one number per agglomerate."""
-    for case in [*cases("metric"), *various(), many_alone()]:
+    for case in [*cases("metric"), *various_cases(), many_alone()]:
         result = answer(subject, subject.build(), case)
         values = as_array(result)
         require(
@@ -97,7 +97,7 @@ def within_bounds(subject: Subject) -> None:
     """Values lie within the declared bounds, for round, thin or pointed parts and any mesh size."""
     for case in _every_shape(subject):
         require_bounds(subject, case)
-    for case in [*by_hand()[:3], *various()[:4]]:
+    for case in [*by_hand()[:3], *various_cases()[:4]]:
         for scale in _SCALES:
             scaled, _ = transform_case(case, Change(scale=scale))
             require_bounds(subject, replace(scaled, name=f"{case.name} scaled by {scale:g}"))
@@ -150,7 +150,7 @@ def _coarsen_case(case: Case) -> Case:
 
 
 def _every_shape(subject: Subject) -> list[Case]:
-    plane = [*cases("metric"), *tiny("metric"), *by_hand()[:3], *various()[:4], *shapes()]
+    plane = [*cases("metric"), *tiny("metric"), *by_hand()[:3], *various_cases()[:4], *shapes()]
     return [*plane, *solids(), *bodies()] if subject.promised("3d") else plane
 
 
@@ -224,7 +224,7 @@ _MOVES = 12  # number of moves per case; each is measured twice
 def changes_add_up(subject: Subject) -> None:
     """The values of ``changes`` equal the effect of moving one cell on the sum of all values."""
     space = solids()[:2] if subject.promised("3d") else []
-    for case in [*cases("metric"), *by_hand()[:3], *various()[:2], _many(), *space]:
+    for case in [*cases("metric"), *by_hand()[:3], *various_cases()[:2], _many(), *space]:
         mesh, labels = case.given
         cells, parts = _moves(mesh, labels, _MOVES if mesh.n_cells < 1000 else 3)
         tool = subject.build()
@@ -307,7 +307,7 @@ def _values(subject: Subject, case: Case) -> np.ndarray:
 def homogeneous(subject: Subject) -> None:
     """Scaling the mesh by s scales the values by s to the power of the declared homogeneity."""
     power = subject.build().homogeneity
-    for case in [*cases("metric"), *various()]:
+    for case in [*cases("metric"), *various_cases()]:
         before = _values(subject, case)
         for scale in _SCALES:
             require_close(
@@ -322,7 +322,7 @@ def homogeneous(subject: Subject) -> None:
 @law("metric")
 def rigid_motion(subject: Subject) -> None:
     """Translations change no value, nor do rotations and reflections unless ``directional`` is set."""
-    for case in [*cases("metric"), *various()]:
+    for case in [*cases("metric"), *various_cases()]:
         _require_unmoved(subject, case)
 
 
@@ -330,7 +330,7 @@ def rigid_motion(subject: Subject) -> None:
 def renaming(subject: Subject) -> None:
     """Values follow the agglomerate labels and do not depend on the numbering of the mesh."""
     space = solids() if subject.promised("3d") else []
-    for case in [*cases("metric"), *various(), many_alone(), *space]:
+    for case in [*cases("metric"), *various_cases(), many_alone(), *space]:
         mesh, labels = case.given
         # Renamed labels permute the values; two parts are always swapped.
         before = _values(subject, case)

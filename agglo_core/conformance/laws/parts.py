@@ -218,7 +218,7 @@ def fixed_once(subject: Subject) -> None:
 @law("fixer")
 def disconnected_block_refused(subject: Subject) -> None:
     """A disconnected block is refused with a ValueError, because no labels can fix it."""
-    graph = small_meshes.apart().graph
+    graph = small_meshes.two_grids().graph
     case = replace(cases("fixer")[0], name="two components", given=(graph, frozen_int(np.zeros(graph.n))))
     try:
         plain(subject, subject.build(), case)

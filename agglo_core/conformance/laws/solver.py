@@ -23,8 +23,8 @@ from agglo_core.conformance.inputs import small_meshes
 from agglo_core.conformance.inputs.cases import cases, laplacian, with_problem
 from agglo_core.conformance.inputs.questions import plain, select_accepted
 from agglo_core.conformance.inputs.solver_answers import (
+    cases_with_3d,
     direct,
-    everywhere,
     first_case,
     gap,
     matrix_of,
@@ -33,7 +33,7 @@ from agglo_core.conformance.inputs.solver_answers import (
     solve_unless_refused,
 )
 from agglo_core.conformance.inputs.solver_cases import (
-    awkward,
+    awkward_cases,
     definite,
     halves,
     ill_conditioned,
@@ -53,7 +53,7 @@ _CLOSE = 1e-4  # distinguishes wrong from unfinished: each solver stops at a tol
 @law("solver")
 def solution_record(subject: Subject) -> None:
     """The Solution has x and b of one length, a square A, and iterations + 1 residuals."""
-    for case in everywhere(subject):
+    for case in cases_with_3d(subject):
         it = solve(subject, case)
         # Shapes, types and number of residuals, in this order.
         n = len(it.x)
@@ -83,7 +83,7 @@ def solution_record(subject: Subject) -> None:
 @law("solver")
 def solves(subject: Subject) -> None:
     """Small problems converge to the direct solution of the returned system."""
-    for case in everywhere(subject):
+    for case in cases_with_3d(subject):
         it = solve(subject, case)
         require(it.converged, f"on {case.name}: not converged ({it.reason}) on a tiny problem")
         error = gap(it.x, direct(it))
@@ -97,7 +97,7 @@ def solves(subject: Subject) -> None:
 @law("solver")
 def own_system_kept(subject: Subject) -> None:
     """A linear system is solved as given: x, A and b of the Solution fit the given A and b."""
-    for case in everywhere(subject):
+    for case in cases_with_3d(subject):
         problem = case.given[0]
         if isinstance(problem, Linear):
             it = solve(subject, case)
@@ -119,7 +119,7 @@ def own_system_kept(subject: Subject) -> None:
 @law("solver")
 def true_residual(subject: Subject) -> None:
     """The last residual is the 2-norm of b − A x."""
-    for case in everywhere(subject):
+    for case in cases_with_3d(subject):
         it = solve(subject, case)
         size = float(np.linalg.norm(it.b))
         true = float(np.linalg.norm(it.b - it.A @ it.x))
@@ -159,7 +159,7 @@ def failure_flagged(subject: Subject) -> None:
 @law("solver")
 def operators_chain(subject: Subject) -> None:
     """Operators, if any, are pairs (A, P) finest first, where P leads from the next level (last: None)."""
-    for case in everywhere(subject):
+    for case in cases_with_3d(subject):
         it = solve(subject, case)
         for level, (A, P) in enumerate(it.operators):
             rows = np.shape(A)[0]
@@ -207,7 +207,7 @@ def disconnected_solved(subject: Subject) -> None:
     """A mesh with two components is solved."""
     from agglo_core.hierarchy import Hierarchy
 
-    mesh = small_meshes.apart()
+    mesh = small_meshes.two_grids()
     labels = mesh.graph.components()
     hierarchy = Hierarchy(mesh, mesh.graph, [labels], [{"n_parts": 2}], nested=True)
     test_cases = [
@@ -399,7 +399,7 @@ def _require_honest(name: str, it: Solution, most: int) -> None:
 @law("solver")
 def claims_hold(subject: Subject) -> None:
     """Claimed convergence is true for rough coefficients, one part, three levels or loose parts."""
-    for case in awkward():
+    for case in awkward_cases():
         plain_sort = not isinstance(case.given[0], Linear) or case.sort == "linear"
         if plain_sort or first_case(subject, Linear):
             it = solve_unless_refused(subject, case.name, *case.given)
@@ -456,7 +456,7 @@ _ROUNDING = 1e-10  # relative to the solution; the direct solution is no more ac
 @law("solver")
 def told_error_holds(subject: Subject) -> None:
     """Any reported energy error, stopping tests and rounding limit are true for x."""
-    for case in everywhere(subject):
+    for case in cases_with_3d(subject):
         it = solve(subject, case)
         require(
             set(it.tests) <= set(TESTS),
@@ -494,7 +494,7 @@ def _energy_error(it: Solution) -> float:
 def preconditioner_linear(subject: Subject) -> None:
     """The preconditioner M is linear: M (2 u − 3 v) = 2 M u − 3 M v, whatever the sizes of u and v."""
     tool, rng = subject.build(), np.random.default_rng(5)
-    for case in everywhere(subject):
+    for case in cases_with_3d(subject):
         M = tool.aspreconditioner(*case.given)
         u, v = rng.standard_normal((2, M.shape[0]))
         v *= 1e3
@@ -516,10 +516,10 @@ _LEVEL_ROUNDING = 1e-8
 @law("solver", when=lambda subject: getattr(subject.build(), "galerkin", True))
 def coarse_operators_inherited(subject: Subject) -> None:
     """The matrix of each coarser level is Pᵀ A P, including small entries, unless galerkin = False."""
-    for case in [*everywhere(subject), *awkward(), *unlike_diffusion()]:
+    for case in [*cases_with_3d(subject), *awkward_cases(), *unlike_diffusion()]:
         it = solve_unless_refused(subject, case.name, *case.given)
         for level, ((A, P), (coarse, _)) in enumerate(pairwise([] if it is None else it.operators)):
-            error = _off(matrix_of(A), matrix_of(P), matrix_of(coarse))
+            error = _galerkin_error(matrix_of(A), matrix_of(P), matrix_of(coarse))
             require(
                 error <= _LEVEL_ROUNDING,
                 f"on {case.name}: the matrix of level {level + 1} is not Pᵀ A P, off by {error:.1e}: "
@@ -528,7 +528,7 @@ def coarse_operators_inherited(subject: Subject) -> None:
             )
 
 
-def _off(A: Any, P: Any, coarse: Any) -> float:
+def _galerkin_error(A: Any, P: Any, coarse: Any) -> float:
     """Return the largest entry of Pᵀ A P minus the coarse matrix, relative to its diagonals."""
     galerkin, sizes = P.T @ A @ P, abs(P).T @ abs(A) @ abs(P)
     unit = np.sqrt(np.maximum(sizes.diagonal(), 1e-300))
@@ -546,7 +546,7 @@ def symmetric(subject: Subject) -> None:
         "scipy.sparse.linalg.LinearOperator",
     )
     rng = np.random.default_rng(0)
-    for case in everywhere(subject):
+    for case in cases_with_3d(subject):
         n = len(plain(subject, tool, case))
         operator = tool.aspreconditioner(*case.given)
         u, v = rng.standard_normal((2, n))

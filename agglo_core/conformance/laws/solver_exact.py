@@ -22,7 +22,7 @@ from agglo_core.conformance.inputs.solver_answers import (
     solve_unless_refused,
     values,
 )
-from agglo_core.conformance.inputs.solver_cases import SIDES, block, elsewhere, halves, plate
+from agglo_core.conformance.inputs.solver_cases import SIDES, block, halves, plate, transform_hierarchy
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.problems import Diffusion
 
@@ -208,7 +208,7 @@ def place_and_size(subject: Subject) -> None:
     if before is None:
         return
     for name, change in _CHANGES.items():
-        changed_hierarchy, order = elsewhere(hierarchy, change)
+        changed_hierarchy, order = transform_hierarchy(hierarchy, change)
         scale = change.scale if change else 1.0
         after = _sample_solution(subject, changed_hierarchy, Diffusion(kappa[order], 2.0))
         if after is not None:

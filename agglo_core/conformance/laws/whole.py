@@ -36,7 +36,7 @@ _SEES_SPACE = tuple(kind for kind in ASKED if kind not in ("smoother", *PARTS))
 def same_seed_same_result(subject: Subject) -> None:
     """Two objects with equal options give equal answers to equal calls with the same seed."""
     for case in questions(subject):
-        first, second = (_repeatably(subject, case) for _ in range(2))
+        first, second = (_answer_repeatably(subject, case) for _ in range(2))
         require(
             same(first, second),
             f"on {case.name}: the same seed gave two results: take all random numbers from the rng or the "
@@ -49,7 +49,7 @@ def no_memory(subject: Subject) -> None:
     """A repeated call on one object gives an equal answer."""
     for case in questions(subject):
         tool = subject.build()
-        first, second = (_repeatably(subject, case, tool) for _ in range(2))
+        first, second = (_answer_repeatably(subject, case, tool) for _ in range(2))
         require(
             same(first, second),
             f"on {case.name}: asked twice, it answered differently: keep nothing between calls in self",
@@ -111,7 +111,7 @@ def space_served_or_refused(subject: Subject) -> None:
                 ) from error
 
 
-def _repeatably(subject: Subject, case: Case, tool: Any = None) -> NDArray[Any]:
+def _answer_repeatably(subject: Subject, case: Case, tool: Any = None) -> NDArray[Any]:
     """Return the answer of ``tool`` or of a new object, with a fixed global random state.
 
     The use of the global state is judged by another law.
