@@ -105,7 +105,7 @@ def run(
             outputs.finish(listed=False)  # also report files that could not be written
             raise
     if as_json:
-        print_json(data(mesh, source, [_plain(r) for r in runs]))
+        print_json(data(mesh, source, [_plain_data(r) for r in runs]))
     elif not quiet:
         show(f"{mesh.name or source}: {mesh.n_cells:,} cells, h0 = {number(mesh.h)}", runs)
     with show_progress(quiet) as progress:
@@ -142,7 +142,7 @@ def _carry_out(
     )
 
 
-def _plain(run: RunResult) -> dict[str, Any]:
+def _plain_data(run: RunResult) -> dict[str, Any]:
     levels = [level_data(level) for level in run.levels]
     statistics = run.hierarchy.statistics if run.hierarchy else {}
     return {"bisector": run.name, "levels": levels, "seconds": run.seconds, "statistics": statistics}
