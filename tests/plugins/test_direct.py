@@ -175,7 +175,7 @@ def test_pypardiso_is_given_the_path_of_mkl(monkeypatch: pytest.MonkeyPatch, tmp
     (metadata / "RECORD").write_text("lib/libmkl_core.so.3,,\nlib/libmkl_rt.so.3,,\n")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delenv("PYPARDISO_MKL_RT", raising=False)
-    direct_backends._installed_mkl.cache_clear()
+    direct_backends._mkl_from_package.cache_clear()
     paths: list[str | None] = []
 
     class Searching(FakePardiso):
@@ -194,7 +194,7 @@ def test_pypardiso_is_given_the_path_of_mkl(monkeypatch: pytest.MonkeyPatch, tmp
         BACKENDS["pardiso"](definite(8))
         assert paths[1] == os.environ["PYPARDISO_MKL_RT"] == "the user's"
     finally:
-        direct_backends._installed_mkl.cache_clear()
+        direct_backends._mkl_from_package.cache_clear()
 
 
 @pytest.mark.usefixtures("_nothing_installed")

@@ -192,7 +192,10 @@ def test_a_picture_of_a_solid_that_fails_costs_no_result(
     agglo: Agglo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("matplotlib")
-    for made in ("agglo_core.draw.solids.panels.seen", "agglo_core.draw.webpage.stills.seen"):
+    for made in (
+        "agglo_core.draw.solids.panels.project_surface",
+        "agglo_core.draw.webpage.stills.project_surface",
+    ):
         monkeypatch.setattr(made, raising(MemoryError("so many pixels")))
     wanted = ["-o", "a.npz", "--plot", "a.png", "--report", "a.html", "--parts", "3"]
     code, out, err = agglo("run", "boxes:n=3", "--bisector", "inertial", *wanted)
