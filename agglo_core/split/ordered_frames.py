@@ -16,8 +16,10 @@ import numpy as np
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.split.piece_frames import diagonalise
 
-_ISOTROPIC = 0.9  # ratio of second moments above which principal axes are ill-defined
-_TURNS = 6  # maximum number of rounds over the three planes, in 3-D
+# Ratio of second moments above which principal axes are ill-defined, and fourth moments define them. A larger
+# value leaves nearly round blocks with arbitrary axes (benchmarks/roads.py, bisector inertial).
+_ISOTROPIC = 0.9
+_TURNS = 6  # maximum number of rounds over the three planes, in 3-D (benchmarks/solid_parts.py)
 _TURNED = 1e-9  # rotation angle in radians below which further rotations are rounding
 _EPS = 2.0**-53  # unit roundoff, as in LAPACK
 

@@ -40,7 +40,7 @@ WHOLE, APART = 1, 2
 """Marks of finished pieces at their first cell. APART means disconnected, and is only tested for tiny pieces.
 """
 
-_ROUNDING = 1e-12  # relative to the extent: bound on the rounding error of heights, with a margin
+_ROUNDING = 1e-12  # relative to the extent of the piece: bound on the rounding error of heights, with margin
 
 
 class Lists(NamedTuple):

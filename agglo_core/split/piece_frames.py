@@ -11,8 +11,10 @@ import numpy as np
 from agglo_core.compiled.compiling import helper
 from agglo_core.compiled.frames import centre_points, planar_frame
 
-_ISOTROPIC = 0.9  # ratio of second moments above which principal axes are ill-defined
-_TURNS = 6  # maximum number of rounds over the three planes
+# Ratio of second moments above which principal axes are ill-defined, and fourth moments define them. A larger
+# value leaves nearly round pieces with arbitrary axes (benchmarks/solid_parts.py).
+_ISOTROPIC = 0.9
+_TURNS = 6  # maximum number of rounds over the three planes (benchmarks/solid_parts.py)
 _TIE = 1e-9  # smallest rotation angle in radians, and relative tolerance between second moments
 
 

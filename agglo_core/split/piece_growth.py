@@ -19,22 +19,31 @@ if TYPE_CHECKING:
     from agglo_core.split.piece_splits import CellVertices
 
 _WORK = 4_000_000
-"""Number of cells, counted once per split, between two progress reports: about 0.1 s."""
+"""Number of cells, counted once per split, between two progress reports: about 0.1 s.
+
+A smaller value costs kernel calls (benchmarks/partition.py, with a million cells).
+"""
 
 _SMALL = 16_384
-"""Approximate cell count of the pieces distributed to threads."""
+"""Approximate cell count of the pieces distributed to threads (benchmarks/threads.py).
+
+Larger pieces are split one after the other, smaller pieces cost more calls.
+"""
 
 _TINY = 512
-"""Pieces with at most this many cells are split completely before connectivity tests."""
+"""Pieces with at most this many cells are split completely before connectivity tests.
+
+A larger value saves tests, but more splits are repeated if a part is disconnected (benchmarks/partition.py).
+"""
 
 _PART = 16.0
 """Approximate cell count of a finished piece, for the estimate of progress."""
 
 _ROOM = 256
-"""Minimum number of rows by which lists of pieces grow."""
+"""Minimum number of rows by which lists of pieces grow. Fewer rows cost more kernel calls."""
 
 _LAST_STAMP = 2**30
-"""Beyond this stamp the 32-bit marks of the cells are reset."""
+"""Beyond this stamp the 32-bit marks of the cells are reset, well before they overflow."""
 
 _AT_ONCE = 2**24
 """Above this cell count, the work is split into shares, as the marks could overflow within one call."""
@@ -43,7 +52,7 @@ _COLUMNS = 5
 """Columns in lists of pieces: ``COLUMNS`` in ``piece_driver``, which is imported late because of numba."""
 
 _DEPTHS = 256
-"""Number of counted depths. Long chains may be deeper."""
+"""Number of counted depths. Long chains may be deeper: these splits count for the last depth."""
 
 
 class PieceGrowth:

@@ -12,7 +12,9 @@ from agglo_core.compiled.compiling import ONE, helper
 from agglo_core.compiled.ring_search import keeps_whole
 from agglo_core.compiled.sorting import sort_by_keys
 
-_SWEEPS = 10  # maximum; each sweep only visits cells changed by the previous sweep
+# Maximum number of sweeps. Each sweep only visits cells whose neighbourhood has changed in the previous
+# sweep, so late sweeps cost little (benchmarks/partition.py).
+_SWEEPS = 10
 _SEEN, _LISTED = np.int64(2), np.int64(3)  # columns of the marks; bare numbers are separate numba types
 _TIE = 1e-9  # relative to the cell's interface: smaller gains are rounding
 

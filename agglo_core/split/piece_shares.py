@@ -14,9 +14,13 @@ from agglo_core.split.piece_splits import PieceGraph, Pieces, Units, new_sides, 
 
 _SHARE = 2.0**40  # scale of integer weight shares, whose sums do not depend on the order
 _TIE = 1e-7  # relative to the extent: tolerance for equal values, as in ``graph.blocks``
-_BINS = 256  # bins per round in the search for a median
-_FEW = 64  # number of values up to which they are sorted
-_NEAR = 0.051  # relative to the share: cuts within this tolerance stay
+# Bins per round in the search for a median. More bins need fewer rounds, but each costs more
+# (benchmarks/partition.py, coordinate bisection).
+_BINS = 256
+_FEW = 64  # values: up to this number they are sorted instead (benchmarks/partition.py, coordinate bisection)
+# Relative to the mass share of the lighter side: cuts within this tolerance stay. A larger value saves
+# shifted cuts, but parts become less equal (benchmarks/interfaces.py, row kmeans).
+_NEAR = 0.051
 
 
 class OrderWorkspace(NamedTuple):

@@ -18,15 +18,19 @@ from agglo_core.compiled.compiling import ONE, helper, kernel
 from agglo_core.compiled.geometry import box, octagon
 from agglo_core.compiled.ring_search import connected
 
-HEAVY = 4.0  # in mean weights: heavier cells are in every sample, and represent only themselves
-# One over the fraction of cells chosen for a sample. A larger value saves time, but the cut may differ more
-# from the cut with all cells.
+# In mean weights: heavier cells are in every sample, and represent only themselves. A smaller value makes
+# samples larger, a larger value makes them less accurate (benchmarks/partition.py).
+HEAVY = 4.0
+# One over the fraction of cells chosen for a sample, a power of two. A larger value saves time, but the cut
+# may differ more from the cut with all cells (benchmarks/partition.py).
 SAMPLED = np.int64(8)
 _ABOVE, _LEAST = np.float32(1.0001), np.float32(1e-18)  # single-precision rounding, with a margin
-_RUN = 64  # run length: about an eighth of so many successive cells should be chosen
+# Run length in cells, of which about an eighth should be chosen. Shorter runs are uneven by chance more
+# often, longer runs hide uneven regions (benchmarks/partition.py).
+_RUN = 64
 # Number of weight bands up to the mean weight, every eighth of which is chosen. Cells whose weights differ by
 # more than 1.2 % of the mean lie in different bands. Not an integer, so that rounding does not decide for the
-# mean weight itself.
+# mean weight itself. Fewer bands choose cells of similar weight together (benchmarks/partition.py).
 _BANDS = 87.7
 
 

@@ -8,7 +8,10 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.graph.dual import Graph
 
 _MANY = 16
-"""Quota from which equal halves suffice: with one part more or less on a side, parts differ by at most 1/8.
+"""Quota, in parts, from which equal halves suffice: with one part more or less on a side, parts differ by at
+most 1/8.
+
+A larger value makes parts more equal, but more cuts are shifted (benchmarks/interfaces.py, row kmeans).
 """
 
 
