@@ -17,7 +17,9 @@ from agglo_core.compiled.ring_search import CROWD, connected
 from agglo_core.compiled.sorting import put_in, take_out
 from agglo_core.refine.compactness.reach import part_lists
 
-_TRIES = 6  # maximum number of paths per part; each costs a search over parts and its moves
+# Maximum number of paths per part. Each costs a search over parts and its moves, but more paths leave fewer
+# parts out of balance (benchmarks/interfaces.py, row balance).
+_TRIES = 6
 
 
 class Parts(NamedTuple):

@@ -17,7 +17,10 @@ from agglo_core.registry import Registry
 
 _FLOOR = 0.85
 """Smallest allowed measure of a part, relative to its measure at entry (for two parts: to the smaller
-part's)."""
+part's).
+
+A larger value keeps parts more equal, but forbids more moves.
+"""
 _NOISE = 1e-9
 """Relative tolerance: changes below this fraction of the block's largest change count as rounding."""
 

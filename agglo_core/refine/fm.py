@@ -13,7 +13,7 @@ from agglo_core.protocols import Target
 from agglo_core.refine.part_sizes import block_sizes, checked_size, checked_tolerance, refined_blocks
 
 _OBJECTIVES = ("interface", "cut")
-_CELL = 1.000001  # size tolerance in cells: one cell plus a margin for rounding
+_CELL = 1.000001  # size tolerance in mean cells: one cell plus a margin for rounding
 
 
 class FMRefiner:

@@ -9,8 +9,10 @@ import numpy as np
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.compiled.ring_search import keeps_whole
 
-_MANY = 16  # neighbours above which interface lengths are summed for all parts at once, not part by part
-_SWEEPS = 10  # maximum per block; sweeps stop earlier if no move pays
+# Number of neighbours above which interface lengths are summed for all parts at once, not part by part in
+# quadratic time (benchmarks/pathologies.py, hub).
+_MANY = 16
+_SWEEPS = 10  # maximum per block; sweeps stop earlier if no move pays (benchmarks/gnn.py, table bisection)
 _TIE = 1e-9  # relative to the cell's total interface: smaller savings are rounding
 
 

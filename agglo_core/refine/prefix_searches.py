@@ -16,7 +16,7 @@ from agglo_core.compiled.ring_search import keeps_whole
 from agglo_core.compiled.sorting import put_in, take_out
 
 _TIE = 1e-9  # relative to the seed's interface: a better prefix must gain more than rounding
-_NONE = np.int64(-1)
+_NONE = np.int64(-1)  # instead of a part: no admissible move
 
 
 @helper

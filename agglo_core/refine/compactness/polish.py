@@ -14,10 +14,14 @@ from agglo_core.refine.compactness.strips import slices, strip_order
 from agglo_core.threads import mapped, thread_count
 
 _SWEEPS = 12
-"""Maximum number of sweeps. Blocks with little gain stop earlier (``listed_cells`` in ``state.py``)."""
+"""Maximum number of sweeps. Blocks with little gain stop earlier (``listed_cells`` in ``state.py``).
+
+More sweeps leave parts more compact, and take longer (benchmarks/polish.py).
+"""
 
 _FEW = 2_000
-"""Number of cells up to which a sweep runs faster in one thread than in several."""
+"""Number of listed cells up to which a sweep runs faster in one thread than in several
+(benchmarks/threads.py)."""
 
 
 def swept(graph: Graph, labels: Int, block: Int, alpha: float, floor: float, limit: float) -> Int:

@@ -10,9 +10,11 @@ import numpy as np
 
 from agglo_core.compiled.compiling import ONE, helper, kernel
 
-_ABOVE = 1.0 + 1e-12  # a rounded extent beyond this multiple of the limit is beyond the limit
-_BELOW = 1.0 - 1e-9  # rounded distances below this multiple of the limit are below the limit
-_WALKS = 16  # full walks over a part's cells before its extents are computed: they only pay after many tests
+_ABOVE = 1.0 + 1e-12  # relative to the width limit: a rounded extent beyond this multiple is beyond the limit
+_BELOW = 1.0 - 1e-9  # relative to the width limit: rounded distances below this multiple are below the limit
+# Full walks over a part's cells before its extents are computed, because they only pay after many tests
+# (benchmarks/partition.py, row h* 2, 4, 8).
+_WALKS = 16
 
 
 class Corners(NamedTuple):

@@ -18,10 +18,11 @@ _LITTLE = 5e-4
 """Relative gain: a sweep that lowers a block's objective by less than this fraction is the block's last
 sweep.
 
-A smaller value costs sweeps with almost no change, a larger value leaves parts less compact.
+A smaller value costs sweeps with almost no change, a larger value leaves parts less compact
+(benchmarks/polish.py).
 """
 
-_COLUMNS = 8  # columns of part sums: one cache line
+_COLUMNS = 8  # columns of part sums: 64 bytes, one cache line
 MASS, CENTRE, CELLS, ROOM, FLOOR = 0, 1, 4, 5, 6
 """Columns of the part sums ``tally (k, 8)``, most frequently read first.
 

@@ -10,10 +10,17 @@ import numpy as np
 from agglo_core.arrays import Float, Int, frozen_int
 
 _WIDTH = 8.0
-"""Approximate number of parts side by side in a slice."""
+"""Approximate width of a slice, in parts.
+
+Narrower slices share the work more evenly, but more parts cannot trade cells with a neighbour in the next
+slice (benchmarks/threads.py).
+"""
 
 _MANY = 16_384
-"""Number of parts whose cells exceed the cache. With fewer parts, strips save less time than they cost."""
+"""Number of parts whose cells exceed the cache (benchmarks/partition.py, with a million cells).
+
+With fewer parts, strips save less time than they cost.
+"""
 
 
 def strip_order(tally: Float, block: Int, axes: Float, places: Float, dim: int) -> Int:

@@ -21,10 +21,14 @@ from agglo_core.refine.compactness.state import CELLS, CENTRE, FLOOR, MASS, ROOM
 _TIE = 1e-9  # relative to the terms of a change, for rounding; ties go to the lower part number
 
 _CACHED = 40_000
-"""Number of cells up to which all data stay in the cache, so that prefetching would only cost time."""
+"""Number of cells up to which all data stay in the cache, so that prefetching would only cost time
+(benchmarks/partition.py)."""
 
 _AHEAD = np.int64(64)
-"""Number of cells prefetched at a time, so that their memory latencies overlap."""
+"""Number of cells prefetched at a time, so that their memory latencies overlap (benchmarks/partition.py).
+
+With more cells, the first may leave the cache before they are used.
+"""
 
 
 @helper
