@@ -15,13 +15,18 @@ from agglo_core.progress import TimeLimit
 
 _RATIO = 0.95
 """Dimensionless: radius of a disc or ball over its dimension times measure over surface. Reduced from 1, so
-that typical parts, which are rugged, get about the ratio of their inscribed circle."""
+that typical parts, which are rugged, get about the ratio of their inscribed circle (benchmarks/roundness.py).
+"""
 
 _BENT = 0.01
-"""Largest relative difference between outlines from corners and face measures."""
+"""Largest relative difference between the total outline length from corners and from face measures.
+
+Beyond it, interfaces are bent, as between pieces of many cells, and the true circles of parts are not used
+(benchmarks/roundness.py, brain).
+"""
 
 ROUNDING = 1e-9
-"""Relative tolerance for widths above the largest admissible width."""
+"""Relative to the largest admissible width: wider parts within this tolerance are admissible (rounding)."""
 
 
 class Weights(NamedTuple):

@@ -34,11 +34,15 @@ from agglo_core.compiled.compiling import helper, kernel
 _GROWTH = 1.3
 """Upper bound, almost always valid, on the growth factor of a circle radius when one cell joins.
 
-A smaller factor rejects good moves unseen, a larger factor leads to more unsuccessful circle searches.
+A smaller factor rejects good moves unseen, a larger factor leads to more unsuccessful circle searches
+(benchmarks/roundness.py).
 """
 
 _WIDEST = 0.47
-"""Upper bound, almost always valid, on the circle radius over the diameter (0.5 for a disc)."""
+"""Upper bound, almost always valid, on the circle radius over the diameter (0.5 for a disc).
+
+A smaller bound rejects good moves unseen, a larger bound costs more tests (benchmarks/roundness.py).
+"""
 
 
 @helper

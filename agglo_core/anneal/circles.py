@@ -15,15 +15,28 @@ RADIUS, ACROSS, CENTRED, MOMENT = 0, 1, 3, 4
 """Columns per part: radius and centre of its circle, radius of the circle about the centroid, first moments.
 """
 
-_STEPS = 10  # steps of an ascent; the last step is 0.075 times the first
+# Steps of an ascent; the last step is 0.075 times the first. More steps find larger circles, and take longer
+# (benchmarks/roundness.py).
+_STEPS = 10
 _SHRINK, _START, _BACK = 0.75, 0.35, 0.9
 """Ascent parameters: factor between steps, first step over first radius, and fraction of the best radius
-below which the ascent returns to the best point. This fraction of the radius also limits each step."""
+below which the ascent returns to the best point. This fraction of the radius also limits each step.
+
+A smaller factor and more returns take fewer detours, but may stop short of the largest circle
+(benchmarks/roundness.py).
+"""
 _DEEP = 0.5
-"""Depth of a cell centroid over the largest radius found, above which it starts a circle search."""
+"""Depth of a cell centroid over the largest radius found, above which it starts a circle search.
+
+A smaller value starts more searches, and misses fewer circles (benchmarks/roundness.py).
+"""
 
 _APART = 0.02
-"""Squared centroid distance over squared radius, above which the centroid also starts a circle search."""
+"""Squared distance from part centroid to circle centre, over squared radius, above which the centroid also
+starts a circle search.
+
+A smaller value starts more searches, and misses fewer circles (benchmarks/roundness.py).
+"""
 
 
 class Circles(NamedTuple):

@@ -17,10 +17,24 @@ from agglo_core.progress import TimeLimit, checked_seconds
 from agglo_core.protocols import Target
 
 _RAMPS = Ramps(0.1, 1e-3, 160.0, 400.0)
+"""For round parts: temperatures in units of the part score, penalties in scores per excess width over size.
+
+A hotter start loses the shapes of the given parts, a colder start moves few cells
+(benchmarks/round_solids.py).
+"""
+
 _FOR_SOLVERS = Ramps(2.0, 0.02)
+"""For solvers: temperatures relative to the change of the objective by a cell of mean size, no penalty."""
+
 _NEVER = 1e7
+"""Penalty, in scores per excess width over size, that prevents all violating moves."""
+
 _FILLED = {2: 0.38, 3: 0.13}
-"""Part measure over its largest width to the power of the dimension, for annealed parts."""
+"""Part measure over its largest width to the power of the dimension, for annealed parts.
+
+From it follows the expected width for a number of parts: a larger value penalises wide parts more
+(benchmarks/round_solids.py).
+"""
 
 
 class AnnealRefiner:

@@ -16,21 +16,33 @@ from agglo_core.protocols import Target
 
 _FILLED = {2: (0.40, 0.44), 3: (0.12, 0.14)}
 """Part measure over size to the power of the dimension, by dimension: for parts with few cells, and with
-many."""
+many.
+
+From it follows the initial number of parts for a size: a larger value starts with fewer parts, more of which
+are then too wide and cut (benchmarks/roundness.py, in 3-D benchmarks/round_solids.py).
+"""
 
 _COUNTED = {2: (0.38, 0.42), 3: (0.12, 0.14)}
-"""Ratios for a given number of parts, which determines the size. Other sizes are tried by a factor."""
+"""Ratios for a given number of parts, which determines the size. Other sizes are tried by a factor
+(benchmarks/roundness.py, in 3-D benchmarks/round_solids.py)."""
 
-_FACTOR = 1.06
+_FACTOR = 1.06  # ratio of successive sizes tried for a count: larger explores more (benchmarks/roundness.py)
 _WEIGHTS = {
     "size": (Weights(1.0, 1.05, 0.35), Weights(0.69, 1.0, 0.3)),
     "count": (Weights(1.12, 1.05, 0.35), Weights(0.85, 1.0, 0.3)),
 }
-"""Weights for parts with few cells, and with many cells, which fill a size easily."""
+"""Weights for parts with few cells, and with many cells, which fill a size easily.
+
+More evenness costs round shapes (benchmarks/roundness.py).
+"""
 
 _MANY = 100
+"""Mean number of cells per part above which parts are found on a graph of pieces first, which is faster but
+leaves parts less round (benchmarks/roundness.py, brain with 40 parts)."""
+
 _PIECES = 40
-"""Pieces per part: parts with more than ``_MANY`` cells are found on a graph of pieces first."""
+"""Pieces per part in this graph: more pieces allow rounder parts, and take longer (benchmarks/roundness.py,
+brain with 40 parts)."""
 
 
 def round_parts(

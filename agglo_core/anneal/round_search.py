@@ -36,31 +36,56 @@ class Effort:
 
 
 EFFORTS = {"fast": Effort(250, 30), "good": Effort(1200, 300, 4, 3), "best": Effort(3000, 1500, 16, 5)}
-"""By name: below 0.02 s, about 0.1 s and below 1 s for 300 cells."""
+"""By name: below 0.02 s, about 0.1 s and below 1 s for 300 cells (benchmarks/roundness.py)."""
 
 _FIRST = Ramps(0.5, 1e-3, 40.0, 400.0)
-"""A hot start with a stiff penalty, so that few parts fit. A cold or soft start gets stuck."""
+"""Temperatures, in units of the part score, and penalties, in scores per excess width over size.
+
+A hot start with a stiff penalty, so that few parts fit. A cold or soft start gets stuck
+(benchmarks/roundness.py).
+"""
 
 _AGAIN = Ramps(0.1, 1e-3, 160.0, 400.0)
+"""After parts were cut or dissolved, or found on a graph of pieces: warm enough for these parts and their
+neighbours to change, too cold to lose the other parts (benchmarks/roundness.py)."""
+
 _LAST = Ramps(0.02, 1e-3, 400.0, 400.0)
+"""In the polish: almost only moves that improve the parts (benchmarks/roundness.py)."""
+
 _NEVER = 1e7
-"""Penalty that prevents all violating moves."""
+"""Penalty, in scores per excess width over size, that prevents all violating moves."""
 
 _TAIL = 0.35
-"""Fraction of the draws after parts were cut or dissolved."""
+"""Fraction of the draws after parts were cut or dissolved: more give rounder parts, and take longer
+(benchmarks/roundness.py)."""
 
 _NEAR = 24
-"""Number of parts per simultaneously dissolved part, on larger meshes."""
+"""Number of parts per simultaneously dissolved part, on larger meshes.
+
+With fewer parts, more are dissolved per round, but their shares have less room (benchmarks/roundness.py,
+meshes with 4,000 cells).
+"""
 
 _MANY = 1536
+"""Number of cells above which a mesh is larger: parts are dissolved in shares, and draws per cell decrease,
+which takes less time and leaves parts less round (benchmarks/roundness.py, meshes with 4,000 cells)."""
+
 _FEWER = 0.25
-"""Exponent: on meshes with more than ``_MANY`` cells, draws per cell decrease by this power of the ratio."""
+"""Exponent: on larger meshes, draws per cell decrease by this power of the ratio of ``_MANY`` to the cells.
+Larger is faster, with less round parts (benchmarks/roundness.py --large)."""
 
 _POLISH = 350
-"""Maximum number of draws per cell in the polish on larger meshes, before this decrease."""
+"""Maximum number of draws per cell in the polish on larger meshes, before this decrease
+(benchmarks/roundness.py, meshes with 4,000 cells)."""
 
 _ROUNDS, _LATE_ROUNDS = 6, 2
+"""Maximum number of times that wide parts are cut and annealed, on small and on larger meshes.
+
+More rounds leave fewer parts to be cut in the polish, and take longer (benchmarks/roundness.py).
+"""
+
 _CUTS = 60
+"""Maximum number of times that wide parts are halved before the polish, a safeguard."""
 
 
 class Search:

@@ -14,22 +14,35 @@ from agglo_core.progress import TimeLimit
 from agglo_core.threads import mapped, thread_count
 
 _CELLS, _PARTS = 1536, 64
-"""Minimum number of cells, and of parts, in a share."""
+"""Minimum number of cells, and of parts, in a share.
+
+Smaller shares keep more threads busy, but more parts cannot trade cells with a neighbour in another share
+(benchmarks/roundness.py --large).
+"""
 
 _ROUNDS = 80
-"""Maximum number of temperatures."""
+"""Maximum number of temperatures. More cool more evenly, with fewer draws at each (benchmarks/roundness.py).
+"""
 
 _DRAWS = 300_000
-"""Number of draws between two divisions into shares, or two time checks."""
+"""Number of draws between two divisions into shares, or two time checks.
+
+Fewer draws cost more divisions, more draws exceed a time limit further (benchmarks/roundness.py --large).
+"""
 
 _PAUSES = 4
-"""Number of time checks when parts stay in their shares, which then stay in the cache."""
+"""Number of time checks when parts stay in their shares, which then stay in the cache. More are slower
+(benchmarks/roundness.py --large)."""
 
 _SHARINGS = 10
-"""Minimum number of divisions into shares."""
+"""Minimum number of divisions into shares. Fewer leave the borders of shares visible in the parts
+(benchmarks/roundness.py --large)."""
 
 _LAST_ROUNDS, _LAST_DRAWS = 8, 4.0
-"""Rounds, and draws per cell, after the time limit."""
+"""Maximum number of rounds, and of draws per cell and round, after the time limit.
+
+More bring the parts closer to rest, and exceed the limit further.
+"""
 
 _Make = Callable[[Any, Any, int, int, Float, Any, int], object]
 """Makes draws: workspace, shares, first share and last share plus 1, rounds, seed and stamp."""
@@ -60,7 +73,8 @@ class Ramps(NamedTuple):
 
 
 _USUAL = 14.0
-"""Cells per part for which the temperatures are tuned. In larger parts a single cell changes less."""
+"""Cells per part for which the temperatures are tuned. In larger parts a single cell changes less
+(benchmarks/roundness.py, brain)."""
 
 
 def rooms_of(room: Any) -> list[Any]:

@@ -84,11 +84,14 @@ class Effort(NamedTuple):
 
 
 EFFORTS = {"fast": Effort(300), "good": Effort(3000), "best": Effort(10_000, 3)}
-"""By name: about 8, 80 and 800 µs per cell."""
+"""By name: about 8, 80 and 800 µs per cell (benchmarks/solver_shapes.py --times)."""
 
 _RAMPS, _BALANCED = Ramps(2.0, 0.05, 0.0, 0.0), Ramps(2.0, 0.05, 0.3, 3.0)
-"""Temperatures and penalties, dimensionless. At first the initial parts hardly matter, at last almost no move
-worsens the parts. Penalties apply to the squared excess beyond the bounds, in cells."""
+"""Temperatures and penalties, relative to the change of the objective by a cell of mean size.
+
+At first the initial parts hardly matter, at last almost no move worsens the parts. Penalties apply to the
+squared excess beyond the bounds, in cells (benchmarks/solver_shapes.py, penalties with --balance).
+"""
 
 
 def solver_parts(

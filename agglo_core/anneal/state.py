@@ -11,7 +11,7 @@ import numpy as np
 from agglo_core.compiled.compiling import ONE, helper
 from agglo_core.compiled.ring_search import CROWD, REACH, connected
 
-COLUMNS = 4
+COLUMNS = 4  # number of columns of part sums
 MEASURE, SURFACE, DIAMETER, COUNT = 0, 1, 2, 3
 """Columns of part sums: measure, measure of the faces, diameter, cell count."""
 
@@ -117,10 +117,12 @@ class Shares(NamedTuple):
     of_part: Any
 
 
+# Increment and multipliers of the random number generator splitmix64.
 _STEP, _MIX, _LAST = (np.uint64(c) for c in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
-_HALF, _MIDDLE, _SHORT = np.uint64(30), np.uint64(27), np.uint64(31)
+_HALF, _MIDDLE, _SHORT = np.uint64(30), np.uint64(27), np.uint64(31)  # shifts of splitmix64, in bits
+# Mask and length of the lower half of the 64 bits, and number of bits dropped to leave 53 for a fraction.
 _LOW, _WORD, _ROUGH = np.uint64(0xFFFFFFFF), np.uint64(32), np.uint64(11)
-_UNIT = 2.0**-53
+_UNIT = 2.0**-53  # scales integers of 53 bits to the interval from 0 to 1
 
 
 @helper
