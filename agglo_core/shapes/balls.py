@@ -29,9 +29,13 @@ from agglo_core.shapes.inscribed_3d import (
 )
 from agglo_core.shapes.solid_triangles import most_triangles, surface
 
-_ACCURACY = 1e-3  # relative to the radius: boxes with less possible gain are dropped
-_PATIENCE = 20_000  # number of boxes after which the accuracy doubles; bounds the time for thin plates
+# Relative to the radius: boxes with less possible gain are dropped. Smaller is more exact, and slower
+# (benchmarks/solid_metrics.py, CR).
+_ACCURACY = 1e-3
+_PATIENCE = 20_000  # number of boxes after which this tolerance doubles; bounds the time for thin plates
 _FINEST = 1e-9  # relative to the diameter: smallest gain searched for, and radius that counts as zero
+# Bounds by planes save boxes, but cost time: they only pay in small or thin boxes, and the test for convexity
+# only for few triangles (all: benchmarks/solid_metrics.py, CR).
 _CONVEX = 64  # number of triangles up to which convexity is tested, in quadratic time
 _LARGE = 0.4  # half diagonal of a box over the best radius, above which planes are tried only if thin
 _THIN = 2.2  # ratio of the longest to the shortest box side, above which planes are tried at any size

@@ -14,7 +14,7 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper
 
-WIDTH = 10  # numbers per row
+WIDTH = 10  # numbers per row, see above
 
 
 @helper

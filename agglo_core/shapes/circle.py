@@ -33,7 +33,7 @@ from agglo_core.shapes.inscribed_2d import (
 )
 
 # Straightening chains reduces the time to a third for a crescent with many edges, trapezoids reduce it to a
-# sixth for cells stretched a thousandfold.
+# sixth for cells stretched a thousandfold (all: benchmarks/pathologies.py, rows of quality).
 _MANY = 256  # number of edges above which nearly straight chains are replaced by single edges
 _SAG = 4e-5  # relative to half the shorter bounding-box side: largest deviation of a chain from its edge
 _CONVEX = 32  # number of edges up to which convexity is tested, in quadratic time

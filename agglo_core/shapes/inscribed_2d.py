@@ -186,7 +186,7 @@ def shortened(edges, start, stop, limit, top):
     return edges, top, end
 
 
-_STEPS = 40  # maximum number of pivots in a linear program; more than ten are rare
+_STEPS = 40  # maximum number of pivots in a linear program, a safeguard; more than ten are rare
 
 
 @helper
@@ -333,7 +333,9 @@ def largest_in_box(edges, start, stop, nearest, sx, sy, enough, tiny, some, weig
     return px, py, radius
 
 
-_CROWD = 24  # average number of edges crossed by a slab, above which trapezoids cost more than boxes
+# Average number of edges crossed by a slab, above which trapezoids cost more than boxes
+# (benchmarks/pathologies.py, quality of the crescent and of stretched cells).
+_CROWD = 24
 
 
 @helper

@@ -14,11 +14,13 @@ from agglo_core.compiled.compiling import helper
 # c, and the unit normal n. Rows: 0 to 8 are u, f and n; 9 to 11 the coordinates of a in this frame; 12 is |b
 # - a|; 13 and 14 are c relative to a along u and f; 15 and 16 are 1 / |c - a|² and 1 / |c - b|², 17 and 18
 # their square roots; 19 is the group of coplanar triangles, -1 if alone; 20 a value (squared distance, or
-# plane height) for all triangles; 21 to 24 a plane, its value at a point and its gradient.
+# plane height) for all triangles; 21 to 24 a plane, its value at a point and its gradient. More lanes fill
+# longer vector registers, fewer waste less on the last block (benchmarks/solid_metrics.py, CR).
 LANES = 8
+# Offsets of rows 19, 20, 21 and 22 within a block, and its length.
 GROUP, VALUES, DISTANCE, SLOPE, BLOCK = 19 * LANES, 20 * LANES, 21 * LANES, 22 * LANES, 25 * LANES
 ROW = tuple(np.uint64(k * LANES) for k in range(25))  # unsigned, like the indices in hot loops
-_SWEEPS = 5  # sweeps of Jacobi's method; three already converge
+_SWEEPS = 5  # sweeps of Jacobi's method, with a margin: three already converge
 
 
 @helper
@@ -383,7 +385,7 @@ def shorter_list(table, start, stop, limit, top):
     return table, top, fill(table, count)
 
 
-_STEPS = 60  # maximum number of pivots in a linear program; more than fifteen are rare
+_STEPS = 60  # maximum number of pivots in a linear program, a safeguard; more than fifteen are rare
 
 
 @helper

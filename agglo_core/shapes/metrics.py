@@ -23,7 +23,9 @@ from agglo_core.mesh import Mesh
 from agglo_core.shapes.solid_shapes import ball_radii
 from agglo_core.threads import over_ranges
 
-_FEW = 500  # number of agglomerates whose circles take one thread some ten milliseconds
+# Minimum number of agglomerates for a thread: their circles take some ten milliseconds
+# (benchmarks/threads.py).
+_FEW = 500
 
 Better = Literal["high", "low"]
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-_TIE = 1e-9  # relative difference below which two widths count as equal, well above rounding
+_TIE = 1e-9  # relative to a width: two widths this close count as equal, well above rounding
 _SHORT = 1e-8  # relative to the extent: shorter edges are rounding
 
 

@@ -19,7 +19,7 @@ from agglo_core.threads import over_ranges
 
 _STRAIGHT = 1e-8  # radians; rounding of coordinates bends collinear edges by less
 
-_FEW = 2_000  # number of agglomerates that take one thread some milliseconds
+_FEW = 2_000  # minimum number of agglomerates for a thread, which take some milliseconds
 
 Better = Literal["high", "low"]
 

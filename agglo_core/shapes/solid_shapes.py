@@ -12,7 +12,7 @@ from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
 from agglo_core.threads import over_ranges
 
-_FEW_BALLS = 200  # number of agglomerates that take one thread some ten milliseconds
+_FEW_BALLS = 200  # minimum number of agglomerates for a thread: their balls take some ten milliseconds
 
 
 def ball_radii(mesh: Mesh, anywhere: bool) -> Float:
@@ -49,7 +49,7 @@ def _triangles(mesh: Mesh) -> tuple[Int, Index]:
 
 _Hulls = tuple[Float, Int, Index, Index]
 
-_FEW_HULLS = 500  # number of agglomerates that take one thread some milliseconds
+_FEW_HULLS = 500  # minimum number of agglomerates for a thread: their hulls take some milliseconds
 
 
 def hull_volumes(mesh: Mesh) -> Float:
