@@ -18,7 +18,9 @@ from typing import Any, NamedTuple
 import numba.types
 
 LISTED = Path(__file__).with_name("ahead_of_time.txt")
-_MOST_WORKERS = 16  # maximum number of processes, each of which loads numba
+# Maximum number of processes: more compile in parallel, but each loads numba, which costs time and memory
+# (benchmarks/first_run.py --wheel).
+_MOST_WORKERS = 16
 
 
 class Signature(NamedTuple):

@@ -6,7 +6,10 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper
 
-_ROUND = 0.8  # ratio of the smaller to the larger principal moment, above which no axis stands out
+# Ratio of the smaller to the larger principal moment, above which no axis stands out, and fourth moments
+# define the frame. A larger value leaves nearly round blocks with arbitrary axes (benchmarks/quality.py,
+# bisector sweep).
+_ROUND = 0.8
 
 
 @helper(reorder_sums=True)
@@ -85,8 +88,11 @@ def turned(a, b, p, q):
     return a * p - b * q, b * p + a * q
 
 
-_COMPACT = 15.0  # smallest weight of the inertia: larger favours compact halves, smaller favours short cuts
-_GROWTH = 4.0  # times √n: weight of the inertia in large blocks, above 15 from n = 15 on
+# Smallest weight of the inertia relative to the cut, dimensionless: larger favours compact halves, smaller
+# favours short cuts (benchmarks/quality.py, bisector sweep).
+_COMPACT = 15.0
+# Times √n: this weight in blocks of n cells, above 15 from n = 15 on (benchmarks/gnn.py, bisector sweep).
+_GROWTH = 4.0
 
 
 @helper

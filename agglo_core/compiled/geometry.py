@@ -6,9 +6,12 @@ import numpy as np
 
 from agglo_core.compiled.compiling import ONE, helper, kernel
 
-_FEW = 12  # vertex count up to which all pairs are compared directly
+# Vertex count up to which all pairs are compared directly, because a search for fewer pairs would cost more
+# (benchmarks/partition.py, row h* 2, 4, 8).
+_FEW = 12
 MANY = 64
-"""Vertex count above which vertices are sorted to find the farthest pair. Below it all pairs are compared."""
+"""Vertex count above which vertices are sorted to find the farthest pair. Below it all pairs are compared, in
+quadratic time (benchmarks/pathologies.py, h of the hub)."""
 
 
 @helper

@@ -28,9 +28,9 @@ INSTALLED = Path(__file__).with_name("machine_code")
 
 _log = logging.getLogger("agglo")
 _HERE = Path(__file__).parent
-_CORE = Path(__file__).parents[1]
+_CORE = Path(__file__).parents[1]  # the folder of the package
 _COMPILER = Path(__file__).with_name("self_contained.py")
-_HASH = 32  # length in bytes
+_HASH = 32  # length of a SHA-256 digest in bytes
 _IMPORT = re.compile(r"^from ([\w.]+) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
 
 

@@ -12,10 +12,12 @@ from agglo_core.compiled.compiling import ONE, helper, kernel
 from agglo_core.compiled.graphs import flood
 
 _TOGETHER = np.int64(1024)
-"""Number of cells listed at a time, so that their data are still in the cache when read again."""
+"""Number of cells listed at a time, so that their data are still in the cache when read again
+(benchmarks/partition.py)."""
 
 _CROWD = np.uint64(16)
-"""Neighbour count from which the neighbours of a cell are not read, as each neighbour would read all."""
+"""Neighbour count from which the neighbours of a cell are not read, as each neighbour would read all:
+quadratic time around such a cell (benchmarks/pathologies.py, hub)."""
 
 
 @helper

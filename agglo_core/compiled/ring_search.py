@@ -6,8 +6,12 @@ import numpy as np
 
 from agglo_core.compiled.compiling import ONE, helper
 
-REACH = np.int64(64)  # visited cells after which neighbours count as locally disconnected
-CROWD = np.int64(256)  # neighbour count above which rings do not grow: too many would read them
+# Visited cells after which neighbours count as locally disconnected, so that a cell may not leave its part.
+# Larger allows more moves, and costs longer searches (benchmarks/polish.py).
+REACH = np.int64(64)
+# Neighbour count above which rings do not grow, because too many searches would read them: quadratic time
+# around such a cell (benchmarks/pathologies.py, hub).
+CROWD = np.int64(256)
 
 
 @helper

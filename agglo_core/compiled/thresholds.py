@@ -8,10 +8,16 @@ from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.compiled.frames import centre_block, half_circle, halvings, planar_frame, turned
 
 NO_CUT = 1e300  # cost without a valid threshold; finite, because differences are computed
-_BINS = 32  # number of bins, even, so that the middle of a symmetric score is a threshold; more cost time
+# Number of bins, even, so that the middle of a symmetric score is a threshold. More bins find shorter cuts,
+# and cost time (benchmarks/gnn.py, bisector sweep in table bisection).
+_BINS = 32
 _TIE = 1e-6  # relative to a bin: values this close to a threshold count as below it
-_CLIP = 2.0  # largest distance of thresholds from the mean, in standard deviations
-_LONG = 0.5  # ratio of principal moments below which a block is long
+# Largest distance of thresholds from the mean, in standard deviations. Larger makes bins wider, smaller
+# misses necks near an end (benchmarks/quality.py, bisector sweep).
+_CLIP = 2.0
+# Ratio of principal moments below which a block is long, and is not cut lengthwise. A smaller value tries
+# more axes (benchmarks/quality.py, bisector sweep).
+_LONG = 0.5
 
 
 @helper(allocates=True)
