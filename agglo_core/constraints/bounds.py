@@ -14,8 +14,8 @@ from agglo_core.graph import Graph
 from agglo_core.mesh.marks import weights_of
 from agglo_core.refine.part_sizes import block_sizes
 
-_ROUNDING = 1e-9
-_NO_LIMITS = 0.0, np.inf
+_ROUNDING = 1e-9  # relative to a bound: sums of sizes within this tolerance meet it
+_NO_LIMITS = 0.0, np.inf  # lower and upper bound of an unbounded quantity
 
 
 class Bounds:

@@ -16,7 +16,7 @@ from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
 
-_SYMMETRY = 1e-9
+_SYMMETRY = 1e-9  # relative to the largest entry of a tensor: largest difference of transposed entries
 
 
 def in_metric(mesh: Mesh | Graph, graph: Graph, metric: ArrayLike) -> Graph:
