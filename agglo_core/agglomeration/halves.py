@@ -10,7 +10,9 @@ from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.compiled.graphs import flood
 from agglo_core.compiled.ring_search import connected
 
-_THIN = 4  # blocks with fewer than this many nodes per cut node are flooded as a whole
+# Nodes per cut node below which a block is flooded as a whole, instead of searched from its cut nodes. Larger
+# floods more blocks, smaller starts more searches (benchmarks/pathologies.py, bisector metis).
+_THIN = 4
 
 
 @helper

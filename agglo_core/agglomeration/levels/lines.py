@@ -22,7 +22,10 @@ from agglo_core.graph import Graph
 from agglo_core.hierarchy import by_first_cell
 
 STRONG = 4.0
-"""Dimensionless ratio: couplings at least this many times the weakest coupling of both cells form lines."""
+"""Dimensionless ratio: couplings at least this many times the weakest coupling of both cells form lines.
+
+A larger value forms fewer and shorter lines, only where cells are thinner.
+"""
 
 
 def line_levels(

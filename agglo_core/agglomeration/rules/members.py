@@ -22,8 +22,8 @@ from agglo_core.registry import Registry
 from agglo_core.registry.attribution import Member, attributed
 
 _TIE = 1e-4
-"""Weight of the measure in masses. If two sides have equally many cells, the side of larger measure counts as
-larger, independent of the axes."""
+"""Weight of the measure in masses, relative to the total mass. If two sides have equally many cells, the side
+of larger measure counts as larger, independent of the axes."""
 
 
 @dataclass(frozen=True)

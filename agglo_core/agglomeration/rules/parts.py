@@ -118,7 +118,10 @@ def _numbers(pairs: Int, count: int) -> Int:
 
 
 _ROUNDS = 8
-"""Maximum number of rounds of splitting and joining to meet a count."""
+"""Maximum number of rounds of splitting and joining to meet a count.
+
+With more rounds fewer counts are missed, but a count that the rules forbid takes longer to fail.
+"""
 
 _STAGE = 1 << 20
 """Offset of the stage of a level, so that its seeds are distinct."""
