@@ -20,7 +20,7 @@ Real = NDArray[np.floating[Any]]
 """Vector in single or double precision."""
 
 _UNROLLED = 6
-"""Maximum block height with a separate kernel."""
+"""Maximum block height with a separate kernel. Larger: more kernels to compile (benchmarks/solve.py)."""
 
 Solve = Callable[[Real], Real]
 """Maps a right-hand side ``(n,)`` to a solution."""

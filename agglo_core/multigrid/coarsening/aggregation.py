@@ -24,19 +24,40 @@ MakeSmoother = Callable[[Any, Int, Any], LevelSmoother]
 """Builds a level smoother from matrix, block offsets and precision."""
 
 _LEAST_NEIGHBOURS = 6.0
-"""Minimum number of neighbours for the coupling strength, used on sparser graphs."""
+"""Minimum number of neighbours per part for the coupling strength, used on sparser graphs.
+
+Larger: more couplings of sparse graphs are strong (benchmarks/linear.py).
+"""
 _LENIENT = 0.25
-"""Labels are split at couplings below this fraction of a strong coupling: at jumps, not at thin faces."""
+"""Labels are split at couplings below this fraction of a strong coupling: at jumps, not at thin faces.
+
+Larger: more pieces (benchmarks/linear.py, column ``labels``).
+"""
 _PIECES = 2.0
-"""Mean number of pieces per label above which labels do not suit the matrix."""
+"""Mean number of pieces per label above which labels do not suit the matrix, and its graph replaces them.
+
+Larger: labels are kept although jumps divide more of them (benchmarks/linear.py, column ``labels``).
+"""
 _NEEDLESS = 0.1
-"""A part with a coupling sum of at most this fraction of its size needs no coarse unknown."""
+"""A part with a coupling sum of at most this fraction of its size needs no coarse unknown.
+
+Larger: smaller coarse matrices, but more error is left to the smoother.
+"""
 _HALVED = 0.5
-"""Bound for single unknowns: a sweep at least halves their error (as at Dirichlet boundaries)."""
+"""Fraction for single unknowns: a sweep at least halves their error (as at Dirichlet boundaries).
+
+Larger: fewer coarse unknowns (benchmarks/linear.py).
+"""
 _SLOW = 0.7
-"""Maximum number of aggregates, relative to the number of parts, for a worthwhile level."""
+"""Maximum number of aggregates, relative to the number of parts, for a worthwhile level.
+
+Smaller: weak couplings join parts more often (benchmarks/linear.py).
+"""
 _FULL = 2.5
-"""Smoothing is omitted if the coarse matrix would have more entries than this times A, or its level."""
+"""Smoothing is omitted if the coarse matrix would have more entries than this times A, or its level.
+
+Larger: fewer iterations, but more memory and time per iteration.
+"""
 
 
 def pointwise(A: Any, block_offsets: Int, dtype: Any) -> LevelSmoother:

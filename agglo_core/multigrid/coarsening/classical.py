@@ -26,15 +26,21 @@ from agglo_core.multigrid.smoothers.scalar_gauss_seidel import ScalarGaussSeidel
 from agglo_core.multigrid.stack import Level, LevelStack, Real
 
 _NEEDLESS = 0.1
-"""An unknown with a coupling sum of at most this fraction of its diagonal entry needs no coarse level."""
+"""An unknown with a coupling sum of at most this fraction of its diagonal entry needs no coarse level.
+
+Larger: smaller coarse matrices, but more error is left to the smoother (benchmarks/linear.py).
+"""
 _SLOW = 0.9
-"""Maximum fraction of unknowns kept on the coarse level, for a worthwhile level."""
+"""Maximum fraction of unknowns kept on the coarse level. Above, smoothed aggregation continues."""
 _FULL = 2.5
-"""Maximum entries of a coarse matrix relative to the next finer matrix and to A."""
+"""Maximum entries of a coarse matrix relative to the next finer matrix and to A.
+
+Above, smoothed aggregation continues. Larger: fewer iterations, but more memory and time per iteration.
+"""
 _NEGATIVE = 0.1
 """A row is negative if its sum is below minus this fraction of its diagonal entry."""
 _MANY = 0.01
-"""Fraction of negative rows above which constants are not near-null vectors of A."""
+"""Fraction of negative rows above which constants are not near-null, and are smoothed first."""
 
 
 def classical_stack(

@@ -13,7 +13,10 @@ from agglo_core.multigrid.smoothers.patches import joined_patches
 from agglo_core.problems import Patches
 
 _STRONG = 0.1
-"""Minimum coupling relative to (a_ii a_jj)^½ that joins two unknowns."""
+"""Minimum coupling relative to (a_ii a_jj)^½ that joins two unknowns.
+
+Smaller: larger groups, which cost more time and memory per sweep (benchmarks/solve.py, mesh ``layers``).
+"""
 _RAISED = 1e-6
 """Relative increase of the diagonal, because A may be semidefinite, and singular on a group."""
 

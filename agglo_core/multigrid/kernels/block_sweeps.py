@@ -16,7 +16,10 @@ from agglo_core.compiled.compiling import kernel
 from agglo_core.multigrid.kernels.block_vectors import add_dots, add_product
 
 UNROLLED = 16
-"""Maximum block size with a separate kernel, 1.5 to 3 times as fast as the common kernel."""
+"""Maximum block size with a separate kernel, 1.5 to 3 times as fast as the common kernel.
+
+A larger value means more kernels to compile (benchmarks/solve.py).
+"""
 
 Sweep = Callable[..., Any]
 

@@ -13,7 +13,7 @@ from agglo_core.compiled.compiling import helper, kernel
 UNROLLED = 6
 """Maximum block size with a separate kernel. Larger blocks share a kernel.
 
-A larger value means more kernels to compile.
+A larger value means more kernels to compile (benchmarks/solve.py, meshes ``graded`` and ``layers``).
 """
 
 Sweep = Callable[..., Any]

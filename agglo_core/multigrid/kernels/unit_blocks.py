@@ -11,7 +11,10 @@ from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.multigrid.kernels.block_vectors import add_product
 
 _UNROLLED = 16
-"""Maximum block size with a separate kernel by vector instructions. Larger blocks share a kernel."""
+"""Maximum block size with a separate kernel by vector instructions. Larger blocks share a kernel.
+
+A larger value means more kernels to compile (benchmarks/solve.py).
+"""
 
 
 @cache

@@ -28,7 +28,7 @@ from agglo_core.problems.residuals.sizes import Measure, size_ratio, two_norm
 _CONJUGATE = 0.3
 """Bound of |zᵢ₊₁·rᵢ| / zᵢ₊₁·rᵢ₊₁, which is 0 for linear symmetric M. Above, a step is lost."""
 _LOST = 4
-"""Number of lost steps that ends the iteration."""
+"""Number of lost steps, in total, that ends the iteration."""
 _DIGIT = 0.01
 """A step that reduces z·r below this factor, a digit of the error, is never lost."""
 _DRIFT = 0.1
@@ -36,7 +36,7 @@ _DRIFT = 0.1
 _LUCK = 2.0
 """Sizes above this factor times the tolerance cannot pass the tests by a different rounding of x."""
 _STILL = 3
-"""Number of steps below rounding of x that ends the iteration."""
+"""Number of successive steps below rounding of x that ends the iteration."""
 _KNOWN = ("met", "most iterations", "stagnation")
 """Ends for which the coefficients give the error."""
 

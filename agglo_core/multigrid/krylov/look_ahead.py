@@ -19,7 +19,10 @@ from agglo_core.progress import Tell, to_nobody
 
 _ILL_CONDITIONED = "the matrix is singular, or nearly so: "
 _AHEAD = 10
-"""Minimum look-ahead in iterations, and divisor of the iteration number for larger look-aheads."""
+"""Minimum look-ahead in iterations, and divisor of the iteration number for larger look-aheads.
+
+A longer look-ahead gives a sharper estimate of the energy error, for more iterations.
+"""
 
 
 def conjugate_gradients(

@@ -17,7 +17,10 @@ from agglo_core.problems.residuals.backward_error import LIMIT
 from agglo_core.problems.residuals.sizes import two_norm
 
 TRIAL = 5
-"""Number of iterations before the pace is judged."""
+"""Number of iterations before the pace is judged.
+
+Larger: surer, but more iterations are lost before slow levels are replaced (benchmarks/time_steps.py).
+"""
 
 Beta = Literal["flexible", "fletcher-reeves"]
 Stop = Literal["energy", "residual", "both"]
@@ -107,7 +110,10 @@ class Restarts:
 _MORE = 4
 """Maximum steps of a probe beyond twice the iterations done."""
 _FALL = 1e-4
-"""Reduction of z·r that ends a probe: then every mode with an average share has been seen."""
+"""Reduction of z·r that ends a probe: then every mode with an average share has been seen.
+
+Smaller: a more reliable eigenvalue, for more steps.
+"""
 
 
 def probe_ritz_value(n: int, done: int) -> Generator[Request, Float, float]:

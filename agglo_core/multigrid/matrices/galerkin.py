@@ -20,7 +20,10 @@ from agglo_core.multigrid.stack import Level, LevelSmoother, LevelStack, Solve
 from agglo_core.problems import MultigridLevel, Patches
 
 _SAMPLE = 64
-"""Number of sampled product columns to estimate the number of entries."""
+"""Number of sampled product columns to estimate the number of entries.
+
+Larger: a better estimate, and a longer set-up (benchmarks/linear.py).
+"""
 
 
 def csr_galerkin(A: Any, P: Any) -> Any:

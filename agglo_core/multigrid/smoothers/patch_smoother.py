@@ -27,7 +27,10 @@ from agglo_core.problems import MultigridLevel, Patches
 
 _TINY = 1e-22  # relative to the largest value: smaller values become 0 in single precision
 _CUBICS = 10
-"""Block size of cubics, where overlapping patches are most useful: factors are compiled for this size."""
+"""Block size of cubics, where overlapping patches are most useful: factors are compiled for this size.
+
+Other sizes share a kernel (benchmarks/solve.py).
+"""
 
 
 class _Inverses:

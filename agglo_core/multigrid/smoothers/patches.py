@@ -11,9 +11,13 @@ from agglo_core.multigrid.kernels.patch_search import parts_at_vertices, unite_p
 from agglo_core.problems import Patches
 
 _SHORT = 0.4
-"""Maximum length of a short edge, relative to the diameter of an adjacent cell."""
-_JOINED = 3  # maximum number of vertices joined along short edges
-_MOST = 64  # default maximum number of parts per vertex patch
+"""Maximum length of a short edge, relative to the diameter of an adjacent cell.
+
+Larger: fewer but larger patches (benchmarks/solve.py).
+"""
+_JOINED = 3  # maximum number of vertices joined along short edges; more: larger patches (benchmarks/solve.py)
+# default maximum number of parts per vertex patch; larger: more memory (benchmarks/solve.py --meshes slivers)
+_MOST = 64
 
 
 def vertex_patches(mesh: Mesh, labels: Int | None = None, *, most: int = _MOST) -> Patches:

@@ -9,7 +9,7 @@ import numpy as np
 from agglo_core.multigrid.krylov.lanczos import ritz_value
 from agglo_core.multigrid.stack import Solve
 
-_STEPS = 12  # default number of Lanczos steps
+_STEPS = 12  # default number of Lanczos steps; more: sharper, slower set-up (benchmarks/solid_ratios.py)
 
 
 def largest_eigenvalue(A: Any, precondition: Solve, steps: int = _STEPS) -> float:
