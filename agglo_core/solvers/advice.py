@@ -18,9 +18,9 @@ Kind = Literal["cells", "groups", "solids", "linear"]
 """Single cells of at most four faces, polygons or cells smoothed in groups, polyhedra, linear systems."""
 
 _PENALTY: Final = 10.0
-"""Default penalty of ``direct``."""
+"""Default penalty constant of ``direct``, without unit."""
 MANY: Final = 10
-"""Minimum number of right-hand sides for the table ``_SEVERAL``."""
+"""Minimum number of right-hand sides for the table ``_SEVERAL`` (benchmarks/break_even.py --many)."""
 _TITLES: Final[Mapping[str, str]] = MappingProxyType({"pardiso": "PARDISO", "superlu": "SuperLU"})
 
 
@@ -43,14 +43,20 @@ _ONE: Final[Mapping[tuple[str, Kind], _Range]] = MappingProxyType(
         ("superlu", "linear"): _Range(0.0, 1e5, float("inf")),
     }
 )
-"""One right-hand side. Linear systems may be of any kind, so none is referred to multigrid."""
+"""One right-hand side, sizes in matrix entries (benchmarks/break_even.py).
+
+Linear systems may be of any kind, so none is referred to multigrid.
+"""
 _SEVERAL: Final[Mapping[tuple[str, Kind], _Range]] = MappingProxyType(
     {
         ("pardiso", "linear"): _Range(0.0, 4e5, float("inf")),
         ("superlu", "linear"): _Range(0.0, 4e5, float("inf")),
     }
 )
-"""Ten right-hand sides of a linear system. With more, the advantage of direct solvers only grows."""
+"""Ten right-hand sides of a linear system, sizes in matrix entries (benchmarks/break_even.py).
+
+With more, the advantage of direct solvers only grows.
+"""
 
 
 def advice_of_multigrid(A: Any, kind: Kind, count: int = 1, penalty: float | str = _PENALTY) -> str:

@@ -16,7 +16,7 @@ from agglo_core.problems.residuals.row_scales import row_measure
 from agglo_core.problems.solution import Solution
 from agglo_core.progress import Listener, phase
 
-_COLUMNS = 80  # default width of the text
+_COLUMNS = 80  # default width of the text, in characters
 _TIE = "\N{NO-BREAK SPACE}"
 _USUAL_ERRORS = ("error_l2", "error_dg")
 
