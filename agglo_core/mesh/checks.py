@@ -14,7 +14,7 @@ from agglo_core.errors import MeshError
 
 _log = logging.getLogger("agglo")
 
-_SMALLEST, _LARGEST = 1e-50, 1e50  # fifth powers of lengths (moments of volume) are exact in this range
+_SMALLEST, _LARGEST = 1e-50, 1e50  # extents of meshes: fifth powers (moments of volume) keep all digits
 
 
 def box_centre(points: Float) -> Float:

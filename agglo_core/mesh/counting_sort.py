@@ -9,7 +9,8 @@ import numpy as np
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.threads import mapped, ranges
 
-_FEW = 20_000  # items that a thread places in a millisecond
+# minimum items per range of a thread, about a millisecond of work (benchmarks/threads.py --cells 50000)
+_FEW = 20_000
 
 
 def counting_sort(put: Callable[[int, int, Int, bool], None], n: int, rows: int, *, shares: int = 4) -> Int:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from agglo_core.arrays import Int, Mask, frozen_int
 from agglo_core.errors import MeshError
 
+# vertices of each face, as positions among the nodes of the element
 _FACES: Mapping[str, tuple[tuple[int, ...], ...]] = {
     "tetra": ((0, 1, 3), (1, 2, 3), (2, 0, 3), (0, 2, 1)),
     "hexahedron": ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7)),
@@ -25,6 +26,7 @@ _FACES: Mapping[str, tuple[tuple[int, ...], ...]] = {
         (4, 5, 11, 10), (5, 0, 6, 11),
     ),
 }  # fmt: skip
+# number of nodes per element
 CORNERS: Mapping[str, int] = {
     "tetra": 4,
     "hexahedron": 8,

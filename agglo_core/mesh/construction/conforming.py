@@ -18,8 +18,9 @@ _log = logging.getLogger("agglo")
 
 TOLERANCE = 1e-6  # relative to the cells: above rounding, below intended gaps
 _NEAR = 1e-2  # tolerance up to which unjoined faces cause a warning
-_ROUNDING = 8  # units in the last place of the largest coordinate
+_ROUNDING = 8  # rounding of points, in units in the last place of the largest coordinate
 
+# name of the repair, by dimension
 _CUT = {2: "hanging vertices inserted", 3: "faces split like those of neighbours"}
 _WAYS_OUT = (
     "merge_points=True joins faces that only have points of their own; allow_gaps=True says that it is meant"

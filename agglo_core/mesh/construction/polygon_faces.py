@@ -13,7 +13,8 @@ from agglo_core.mesh.checks import warn_of_overlaps
 from agglo_core.mesh.counting_sort import counting_sort
 from agglo_core.threads import mapped, over_ranges, ranges
 
-_FEW_BUCKETS = 10  # buckets of about 2,000 points, below which one thread is used
+# minimum buckets per range of a thread, of about 2,000 points each (benchmarks/threads.py --cells 50000)
+_FEW_BUCKETS = 10
 
 
 def polygon_faces(

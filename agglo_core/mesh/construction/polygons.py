@@ -27,6 +27,7 @@ from agglo_core.mesh.construction.repeated_vertices import simple_loops
 from agglo_core.mesh.elements import gather
 
 _REPEATED, _ZERO = 1, 2  # codes of kernels.polygon_faults
+# descriptions of faults, by the codes of kernels.polygon_faults
 _FAULTS = {
     _REPEATED: "a repeated vertex",
     3: "a boundary that crosses itself (bow-tie)",

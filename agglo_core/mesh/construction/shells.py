@@ -10,7 +10,7 @@ from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
 from agglo_core.mesh.elements import gather
 
 _CLOSED = 1e-9  # sum of the area vectors of a closed cell, relative to its surface
-_SLIT = 1e-4  # the same for cells that are small relative to the rounding of their coordinates
+_SLIT = 1e-4  # maximum of this tolerance, where it grows for cells small relative to the rounding of points
 _FLAT = 3e-15  # volume of a flat cell, relative to its surface to the power 3/2
 _INSET = 1e-3  # distance of a test point from the edge of its face, relative to the height of the face
 _TOUCH = 1e-12  # distance of a test point from a face that contains it, relative to the mesh
@@ -20,7 +20,7 @@ TWO_SHELLS = 8
 
 # a generic direction, and two directions that span the plane across it (a right-handed frame)
 _PLANE = np.array([[0.9, -0.22], [0.36, 0.85], [-0.24, 0.48]])
-_PLANE = np.linalg.qr(_PLANE)[0]
+_PLANE = np.linalg.qr(_PLANE)[0]  # orthonormal columns
 _LINE = np.cross(*_PLANE.T)
 
 

@@ -13,7 +13,7 @@ from agglo_core.mesh.derived import Derived
 from agglo_core.mesh.elements import gather
 from agglo_core.mesh.geometry.solid_cells import face_moments
 
-_CHUNK = 50_000  # faces per chunk of candidates
+_CHUNK = 50_000  # faces per chunk of candidates; larger: more memory, fewer trees
 _OVERLAP = 1e-6  # share of the smaller face: minimum overlap, and tolerance for containment
 _BESIDE = 8, 1e-3  # tolerance in units of reach over size of the smaller face, and its maximum
 _LIFT = 0.3  # relative to the smaller radius: distance of a centre from the other plane (warped faces)

@@ -7,7 +7,8 @@ import numpy as np
 from agglo_core.arrays import Float, Index, Int, Mask, frozen_float, frozen_index, frozen_int
 from agglo_core.threads import over_ranges
 
-_FEW = 2_000  # blocks that a thread processes in some milliseconds
+# minimum blocks per range of a thread, some milliseconds of work (benchmarks/threads.py --cells 50000)
+_FEW = 2_000
 _NEAR = 1e-12  # relative distance from a limit within which bounds may be wrong by rounding
 
 

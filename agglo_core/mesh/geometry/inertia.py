@@ -8,7 +8,7 @@ from agglo_core.arrays import Float, Int, frozen_float
 from agglo_core.threads import mapped
 
 _CELLS = 4096
-"""Cells per chunk, so that temporary arrays stay in the cache."""
+"""Cells per chunk and call of a thread: temporary arrays stay in the cache (benchmarks/threads.py)."""
 
 
 def plane_inertias(

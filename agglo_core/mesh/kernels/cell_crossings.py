@@ -6,7 +6,9 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-_FEW = 64  # segments; cells with fewer segments have one row, so that all pairs are compared
+# segments per cell below which all pairs are compared; from there on, pairs in a common row
+# (benchmarks/simplified.py)
+_FEW = 64
 _FLAT = 1e-12  # relative to the product of two lengths: tolerance for zero area
 
 

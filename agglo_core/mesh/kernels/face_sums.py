@@ -6,8 +6,9 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
+# increment and multipliers of SplitMix64
 _STEP, _MIX, _LAST = (np.uint64(c) for c in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
-_SHIFT_1, _SHIFT_2, _SHIFT_3 = np.uint64(30), np.uint64(27), np.uint64(31)
+_SHIFT_1, _SHIFT_2, _SHIFT_3 = np.uint64(30), np.uint64(27), np.uint64(31)  # shifts of SplitMix64
 
 
 @helper

@@ -6,7 +6,8 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 
-FEW = 24  # edges per cell up to which the next edge is found by linear search
+# edges per cell up to which the next edge is found by linear search; above, by lists (benchmarks/threads.py)
+FEW = 24
 
 
 @kernel

@@ -12,7 +12,9 @@ import numpy as np
 from agglo_core.compiled.compiling import kernel
 
 BITS = 11
-"""Number of points per bucket, as a power of two; larger buckets exceed the cache, smaller buckets are more.
+"""Number of points per bucket, as a power of two.
+
+Larger buckets exceed the cache, smaller buckets are more (benchmarks/building.py).
 """
 
 

@@ -10,8 +10,10 @@ import numpy as np
 
 from agglo_core.compiled.compiling import kernel
 
-_ROOM = 1024  # half-edges whose points are fetched together (32 KiB), so that cache misses overlap
-_SHORT = 16  # edges per cell up to which neighbours are compared one by one; above, a table is used
+# half-edges whose points are fetched together (32 KiB), so that cache misses overlap (benchmarks/building.py)
+_ROOM = 1024
+# edges per cell up to which neighbours are compared one by one; above, by a table (benchmarks/threads.py)
+_SHORT = 16
 
 
 @kernel

@@ -10,7 +10,7 @@ from agglo_core.threads import over_ranges
 
 # Faults: repeated vertex, zero area, crossing edges, edge that folds back onto the previous edge.
 OK, REPEATED, ZERO, CROSSED, FOLDED = 0, 1, 2, 3, 4
-_BENT, _BENT_ZERO = 5, 6  # non-convex, still to be examined; the same with zero area
+_BENT, _BENT_ZERO = 5, 6  # non-convex, still to be examined, with and without area
 
 
 @helper

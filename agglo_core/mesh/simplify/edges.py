@@ -15,8 +15,10 @@ from agglo_core.mesh.simplify.record import Fewer, assemble_faces, rounding_of
 MAX_TOLERANCE = 0.5
 """Largest tolerance, relative to the cell diameter; beyond it almost no interface keeps a vertex."""
 
-_STEPS = (1.0, 0.5, 0.25, 0.125, 0.0)  # fractions of the tolerance, tried in turn if cells become invalid
-_LEAST = 0.5  # fraction of its measure that a cell keeps
+# fractions of the tolerance, tried in turn if cells become invalid; more: fewer faces, slower
+# (benchmarks/simplified.py)
+_STEPS = (1.0, 0.5, 0.25, 0.125, 0.0)
+_LEAST = 0.5  # fraction of its measure that a cell keeps; smaller: fewer faces (benchmarks/simplified.py)
 
 
 def fewer_edges(mesh: Derived, tags: Mapping[str, Int], tolerance: float) -> Fewer:

@@ -10,7 +10,7 @@ import numpy as np
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.mesh.derived import Derived
 
-_ROUNDING = 8  # units in the last place of the largest coordinate
+_ROUNDING = 8  # rounding of points, in units in the last place of the largest coordinate
 
 
 @dataclass(frozen=True, eq=False)
