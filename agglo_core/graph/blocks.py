@@ -19,7 +19,9 @@ TIE = 1e-7
 noise.
 """
 
-_ISOTROPIC = 0.9  # ratio of second moments above which principal axes carry little shape information
+# ratio of second moments above which fourth moments determine the axes: principal axes carry little shape
+# information there (benchmarks/roads.py)
+_ISOTROPIC = 0.9
 _SHARE_BITS = 40  # bits of integer shares: the sum over 2**23 blocks fits into int64
 
 

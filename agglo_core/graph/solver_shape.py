@@ -15,7 +15,11 @@ from agglo_core.graph.functionals import part_cuts
 from agglo_core.graph.moves import mass_centres, part_sums
 
 INTERFACE_WEIGHT = 0.2
-"""Weight of the interface; docs/reference/annealing.md reports the measurements."""
+"""Weight of the interface relative to the inertia.
+
+Larger: better conditioned, but less accurate (benchmarks/solver_shapes.py). The measurements are reported in
+docs/reference/annealing.md.
+"""
 
 _HEXAGON = {2: (5.0 / (18.0 * 3.0**0.5), (2.0 * 3.0**0.5) ** 0.5), 3: (0.2356299, 2.6573970)}
 """Moment of inertia about the centre, and half the surface, of such a cell with measure 1, by dimension."""

@@ -12,6 +12,7 @@ from scipy import sparse
 from agglo_core.arrays import Float, Index, Int, exact_cast, frozen, owned, plain_array
 from agglo_core.errors import MeshError
 
+# number of axes per array
 _DIMENSIONS = {
     **dict.fromkeys(("indptr", "indices", "measures", "vertex_offsets", "vertices", "offsets"), 1),
     "points": 2,
