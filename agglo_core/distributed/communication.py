@@ -20,7 +20,9 @@ from agglo_core.errors import AggloError, OptionError
 
 T = TypeVar("T")
 
-_PAUSE, _LONGEST = 2e-5, 0.002  # first and longest poll interval of ``meet``, seconds
+# first and longest poll interval of ``meet``, in seconds; longer: less processor time, longer waits
+# (benchmarks/distributed_mesh.py)
+_PAUSE, _LONGEST = 2e-5, 0.002
 _TAG = 7411  # message tag, unlike tags of other users of the communicator
 
 

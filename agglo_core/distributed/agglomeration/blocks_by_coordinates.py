@@ -13,14 +13,15 @@ from agglo_core.errors import OptionError
 BLOCK_CELLS = {2: 16_384, 3: 131_072}
 """Approximate maximum number of cells in a separate block, in 2-D and 3-D.
 
-In 3-D a larger share of a block's parts lies at its border, where shapes are worse.
+In 3-D a larger share of a block's parts lies at its border, where shapes are worse. Larger blocks have better
+shapes, but occupy fewer ranks (benchmarks/scale.py).
 """
 
 _BITS = 32
 """Bits per integer coordinate: rounding errors along a row of cells are far below one step."""
 
 _DIGIT = 4
-"""Bits per median step: more bits mean fewer exchanges, but more counts in each."""
+"""Bits per median step: more bits mean fewer exchanges, but more counts in each (benchmarks/scale.py)."""
 
 
 class Reduced(Protocol):

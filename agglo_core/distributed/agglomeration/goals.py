@@ -14,7 +14,10 @@ from agglo_core.distributed.agglomeration.domain import Domain
 from agglo_core.registry.attribution import Member
 
 LEAST_PARTS = 16
-"""Minimum mean number of parts per domain. Coarser levels use fewer domains, as parts end at borders."""
+"""Minimum mean number of parts per domain. Coarser levels use fewer domains, as parts end at borders.
+
+Larger: better shapes on coarse levels, with fewer ranks at work (benchmarks/scale.py).
+"""
 
 
 class Census(NamedTuple):

@@ -18,7 +18,7 @@ _NODES_PER_PART = 32
 """Minimum number of nodes per part of larger domains. Fewer nodes degrade shapes."""
 
 _CELLS_PER_NODE = 16
-"""Maximum number of nodes per intermediate agglomerate."""
+"""Maximum number of nodes per intermediate agglomerate. Larger: less to send, but worse shapes."""
 
 _FEWEST_CELLS = 4
 """Minimum number of nodes per intermediate agglomerate. Below, an intermediate level does not pay."""
@@ -27,7 +27,10 @@ _SIZES_PER_PART = 4.0
 """Intermediate agglomerates that fit in a row into a part at the target size. No node exceeds its part."""
 
 _FEW_NODES = 4096
-"""Number of nodes per domain up to which nodes are sent without intermediate agglomeration."""
+"""Number of nodes per domain up to which nodes are sent without intermediate agglomeration.
+
+Larger: better shapes, but more to send.
+"""
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,10 @@ from agglo_core.mesh import Mesh
 _METHODS = ("coordinates", "curve")
 
 _LARGEST_SHARE = 1.6
-"""Maximum cells per rank over the mean, for whole blocks. Four blocks on three ranks have 1.5."""
+"""Maximum cells per rank over the mean, for whole blocks. Four blocks on three ranks have 1.5.
+
+Above, blocks are cut, and labels depend on the number of ranks (benchmarks/scale.py tetrahedra).
+"""
 
 
 def _along_curve(centroids: Float, size: int) -> Int:

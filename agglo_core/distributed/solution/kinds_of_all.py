@@ -13,7 +13,10 @@ from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
 from agglo_core.mesh.tagging import BoundaryKinds, distinct
 
 _MOST = 1_000
-"""Maximum number of values per cell tag. Tags with more values on a rank, such as ids, are ignored."""
+"""Maximum number of values per cell tag. Tags with more values on a rank, such as ids, are ignored.
+
+Larger: more values to exchange.
+"""
 
 
 def kinds_of_all(mesh: DistributedMesh) -> tuple[Mapping[str, Int], BoundaryKinds]:
