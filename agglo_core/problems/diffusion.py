@@ -36,7 +36,7 @@ from agglo_core.problems.table import boundary_values, cell_values, face_tag, re
 
 _KEYS = ("boundary", "kappa", "source", "dirichlet", "neumann")
 _BOUNDARY = "boundary"
-_ZERO = 1e-9  # maximum |u| that counts as 0 on the boundary
+_ZERO = 1e-9  # maximum |u| that counts as 0 on the boundary, in the unit of u
 _log = logging.getLogger("agglo")
 
 

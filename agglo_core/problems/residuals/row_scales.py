@@ -12,10 +12,10 @@ from agglo_core.problems.residuals.backward_error import is_known
 from agglo_core.problems.residuals.sizes import Measure, relative_to
 from agglo_core.problems.residuals.stiff_springs import imposed_differences
 
+#: Maximum ratio of row sizes up to which residuals are measured by the 2-norm alone.
 _ALIKE = 100.0
-#: Maximum ratio of diagonal entries up to which rows are compared by the 2-norm alone.
+#: Minimum ratio of a penalty to the other entries in its row, and to the smallest row size.
 _PENALTY = 1e3
-#: Minimum ratio of a penalty to the other entries in its row, and to the least diagonal entry.
 
 
 def row_sizes(A: Any) -> Float:

@@ -12,7 +12,7 @@ Measure = Callable[[Float], float]
 """Maps a vector ``(n,)`` to its size."""
 
 _SMALL = 1e-140
-"""Limit below which squares lose digits."""
+"""Norms below this limit, or above its inverse, come from scaled entries, because squares lose digits."""
 
 
 def two_norm(r: Float) -> float:

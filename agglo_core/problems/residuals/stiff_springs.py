@@ -11,22 +11,22 @@ from scipy.sparse.linalg import splu
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 
-_STIFF = 1e3
 #: Minimum ratio of a stiff entry to the usual entries (their lower quartile).
-_STEP = 10.0
+_STIFF = 1e3
 #: Growth factor for this ratio where components are not weakly held.
-_WEAK = 0.1
+_STEP = 10.0
 #: Maximum outer coupling of an unknown in a cluster, relative to its diagonal entry.
-_LEFT = 0.01
+_WEAK = 0.1
 #: Maximum share of b·D⁻¹b left without loads across springs. A larger rest is not hidden by spring energy.
-_MOST = 10_000
+_LEFT = 0.01
 #: Maximum unknowns per cluster. Springs are factorised, which is slow for large 3-D bodies.
-_FEW = 64
+_MOST = 10_000
 #: Maximum unknowns per cluster that does not move freely by constants (scaled unknowns, signs).
+_FEW = 64
+#: Number of sampled entries for the estimate of the usual entry size.
 _SAMPLE = 4096
-#: Sample size for the estimate of the usual entry size.
-_HIDDEN = 1e8
 #: Minimum stiffness, relative to the usual entries, to be named as a reason: half of the digits.
+_HIDDEN = 1e8
 
 
 class Imposed(NamedTuple):
