@@ -19,19 +19,31 @@ from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.gauss_points import gauss
 
 _SHORT = 0.5
-"""Fraction of |K| / diam K below which a face is short: its ends share an unknown, and it has no bubbles."""
+"""Fraction of |K| / diam K below which a face is short: its ends share an unknown, and it has no bubbles.
+
+A larger value gives fewer unknowns and a coarser space (benchmarks/solve.py --meshes voronoi).
+"""
 _WEAK = 10.0
-"""A face is weak if a unit jump costs less than 1 / this factor of the maximum in either cell."""
+"""A face is weak if a unit jump costs less than 1 / this factor of the maximum in either cell. A larger
+value couples more cells (benchmarks/solve.py --meshes graded layers)."""
 _COMPARABLE = 3.0
-"""A cell unites two groups if the second group's stiffness is at most this multiple of its own."""
+"""A cell unites two groups if the second group's stiffness is at most this multiple of its own. A
+larger value couples more groups (benchmarks/solve.py --meshes jumps checks)."""
 _SQUARES = 6
-"""Grid size: cells with more corners than its square depend on only one corner per grid square."""
+"""Grid size, in squares per side: cells with more corners than its square depend on only one corner per grid
+square. A larger value follows the trace of such cells better, at more time and memory."""
 _UNROLLED = 10
-"""Block sizes up to this limit have a specialised kernel for PᵀAP."""
+"""Largest block size, in unknowns per cell, with a specialised kernel for PᵀAP: p = 3 in 2-D, p = 2 in 3-D. A
+kernel of fixed size is faster, but takes a compilation for each size (benchmarks/solve.py)."""
 _REGULARISATION = 1e-4
-"""Factor of the squared degree: limits polynomials that vanish on the boundary."""
+"""Weight of the squared degree in the fit, relative to the squared trace on a box scaled to a square.
+
+It limits polynomials that vanish on the boundary; a larger value fits the trace less closely
+(benchmarks/solve.py --degrees 2 3).
+"""
 _DIRECTION = (1.0, 0.618)
-"""Reference direction: the sign of odd bubbles follows faces in this direction."""
+"""Reference direction: the sign of odd bubbles follows faces in this direction. Any direction serves that is
+not normal to many faces, where rounding would decide the sign."""
 
 
 @dataclass(frozen=True, eq=False)

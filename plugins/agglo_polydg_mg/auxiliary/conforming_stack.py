@@ -22,28 +22,32 @@ from agglo_polydg_mg.space.basis import Basis
 
 _SMALL = 1e-5
 """Entries of the matrix with bubbles up to this multiple of the geometric mean of both diagonal entries are
-dropped."""
+dropped. A larger value makes cycles cheaper and weaker (benchmarks/solve.py --degrees 2 3)."""
 _SMALL_BUBBLES = 0.03
-"""Drop limit between two bubbles: on squares and triangles it halves the matrix and costs no iteration."""
+"""Drop limit between two bubbles: on squares and triangles it halves the matrix and costs no iteration
+(benchmarks/solve.py --meshes squares triangles)."""
 _SMALLEST_KAPPA = 0.01
 """The drop limit is at most this factor times κ_min / κ_max: vertex groups with large κ are coupled by
-entries as small as its jumps."""
+entries as small as its jumps. It is below _SMALL if κ spans more than three decades."""
 _ROUNDING = 1e-13
-"""Drop limit without bubbles, and lower bound of the drop limit for any κ."""
+"""Drop limit without bubbles, and lower bound of the drop limit for any κ: relative rounding of a Galerkin
+product in double precision, with a margin."""
 _SMALL_VERTICES = 0.01
 """Limit for positive entries that move to the diagonal, if single cells are smoothed, κ is nearly constant
 and there are no bubbles: a quarter of the entries on polygons. In 3-D there are so many that iterations
-would rise by half."""
+would rise by half (benchmarks/solve.py --meshes voronoi)."""
 _WEAK = 0.05
 """Vertex couplings up to this fraction of the diagonal do not smooth the prolongation of aggregates: four
-fifths of the couplings on squares, which cost more in coarse matrices than they save in iterations."""
+fifths of the couplings on squares, which cost more in coarse matrices than they save in iterations
+(benchmarks/solve.py --meshes squares)."""
 _GROUPS = 64
-"""Largest group of strongly coupled unknowns smoothed together on classical levels in layers."""
+"""Largest group of strongly coupled unknowns smoothed together on classical levels in layers. Larger groups
+smooth better, and each sweep takes longer (benchmarks/solve.py --meshes layers)."""
 _SWEEPS = 2
 """Sweeps for linear tetrahedra: they have so few vertices that a second sweep costs less than the
-iterations it saves, a quarter."""
+iterations it saves, a quarter (benchmarks/solid_ratios.py)."""
 _ONE_SIZE = 4.0
-"""Ratio κ_max / κ_min up to which κ counts as nearly constant."""
+"""Ratio κ_max / κ_min up to which κ counts as nearly constant (benchmarks/time_steps.py, at ratio 7)."""
 
 
 def conforming_stack(

@@ -17,7 +17,8 @@ from agglo_core.authoring import Float, Int, Mesh, frozen_int
 from agglo_polydg_mg.auxiliary.conforming_space import ConformingSpace
 
 _HELD = 2.0
-"""An unknown is held if its boundary jump costs more than this multiple of its couplings."""
+"""An unknown is held if its boundary jump costs more than this multiple of its couplings. Held unknowns are
+not interpolated from (benchmarks/solve.py --meshes layers)."""
 
 Edges = tuple[Any, Any, Any]
 """Unknowns at both ends, and conductances."""

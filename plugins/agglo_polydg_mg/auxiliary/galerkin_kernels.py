@@ -17,7 +17,7 @@ from agglo_core.authoring import helper, kernel
 _MOST_ADDED = 0.25
 """A row keeps its small entries if their sum exceeds this fraction of its diagonal entry.
 
-A larger value drops more entries and moves more weight to the diagonal.
+A larger value drops more entries and moves more weight to the diagonal (benchmarks/solve.py).
 """
 
 

@@ -18,10 +18,12 @@ from agglo_polydg_mg.auxiliary.strong_faces import strong_pairs
 from agglo_polydg_mg.space.basis import Basis
 
 _SMALL = 0.25
-"""Entry ratio up to which a level is visited twice below patches. Patches leave so little error that a
-single visit would limit convergence."""
+"""Entries of a level's matrix over those of the level above, up to which the level is visited twice below
+patches. Patches leave so little error that a single visit would limit convergence (benchmarks/solve.py
+--meshes voronoi --degrees 3)."""
 _SMALL_GIVEN = 0.7
-"""Entry ratio for given agglomerates, which leave more error than classical levels."""
+"""Entry ratio for given agglomerates, which leave more error than classical levels (benchmarks/solve.py
+--hierarchy kmeans --meshes voronoi --degrees 3)."""
 
 
 def grouped_stack(

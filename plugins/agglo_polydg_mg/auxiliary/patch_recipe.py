@@ -21,6 +21,8 @@ from agglo_polydg_mg.auxiliary.transfer import block_matrix
 from agglo_polydg_mg.space.basis import Basis
 
 _DENSE = 1500
+"""Number of unknowns up to which a level is the coarsest, and inverted. A larger value gives fewer levels,
+but the time of the inverse grows with its cube (benchmarks/solid_ratios.py --meshes solids)."""
 
 
 def patch_stack(

@@ -42,7 +42,7 @@ from agglo_polydg_mg.space.basis import Basis, stiffness
 from agglo_polydg_mg.space.gauss_points import gauss
 from agglo_polydg_mg.space.quadrature import per_cell, sample, weighted_moments
 
-_FEW = 4_000  # cells; one thread adds up their blocks in some ten milliseconds
+_FEW = 4_000  # minimum cells per thread: one thread adds up their blocks in some ten milliseconds
 
 
 def discretise(

@@ -11,7 +11,7 @@ from agglo_polydg_mg.space.gauss_points import gauss, simplex_rule
 from agglo_polydg_mg.space.quadrature import per_cell, sample
 from agglo_polydg_mg.space.solid_geometry import triangles_of_faces
 
-_INTO = 1e-7  # shift relative to the face size
+_INTO = 1e-7  # shift into a cell, relative to the face size: more than rounding, less than any detail of κ
 
 
 class FaceRule(NamedTuple):

@@ -15,7 +15,7 @@ from agglo_polydg_mg.space.legendre_kernels import LANES
 
 # Number of squarings in the eigenvalue bound. The bound exceeds the eigenvalue by a factor n^(1/64) at
 # most: 5 % for n = 27, 1 % for n = 2. One more squaring costs a matrix product for each cell and weighting,
-# and halves the excess; one less doubles it.
+# and halves the excess; one less doubles it (benchmarks/penalty.py).
 SQUARINGS = 5
 
 

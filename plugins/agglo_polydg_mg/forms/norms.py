@@ -17,7 +17,7 @@ from agglo_polydg_mg.forms.penalty import PAPER, Penalty
 from agglo_polydg_mg.space.basis import Basis, stiffness
 from agglo_polydg_mg.space.quadrature import Batch, inside, sample
 
-_FACES = 20_000  # per batch
+_FACES = 20_000  # faces per batch: limits the memory for the traces at their quadrature points
 
 Outside = Callable[[Int, Float], Float]
 """Outer values ``(t, q)`` on boundary faces ``(t,)`` at points ``(t, q, d)`` relative to the origin."""

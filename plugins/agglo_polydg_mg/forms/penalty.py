@@ -25,10 +25,10 @@ from agglo_core.authoring import (
 )
 from agglo_polydg_mg.space.solid_geometry import require_convex, solid_heights
 
-_FEW = 10_000  # cells; one thread takes some milliseconds for them
+_FEW = 10_000  # minimum cells per thread: one thread takes some milliseconds for them
 
 PAPER = 10.0
-"""The paper's constant C."""
+"""The paper's constant C, without unit; a larger one gives larger jump penalties (benchmarks/penalty.py)."""
 
 Penalty = float | Literal["paper", "sharp"]
 """A constant C; ``paper`` is C = 10, ``sharp`` :func:`~agglo_polydg_mg.forms.sharp_penalty.sharp_penalty`."""

@@ -18,10 +18,11 @@ from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.gauss_points import gauss
 from agglo_polydg_mg.space.quadrature import inside, sample
 
-_FEW = 2_000  # cells; one thread takes some milliseconds for them
+_FEW = 2_000  # minimum cells per thread: one thread takes some milliseconds for them
 
 MARGIN = 0.25
-"""Smallest eigenvalue of the matrix A relative to the square of the DG norm."""
+"""Smallest eigenvalue of the matrix A relative to the square of the DG norm. A larger value gives larger
+penalties, by the factor 1 / (1 − MARGIN)² (benchmarks/penalty.py)."""
 
 
 def sharp_penalty(

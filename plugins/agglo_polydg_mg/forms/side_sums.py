@@ -9,7 +9,7 @@ from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.gauss_points import simplex_rule
 from agglo_polydg_mg.space.polynomials import monomials, orders
 
-_FEW = 2_000  # cells; one thread takes some milliseconds for them
+_FEW = 2_000  # minimum cells per thread: one thread takes some milliseconds for them
 
 
 def add_sides(basis: Basis, sides: Int, mine: Mask, sigma: Float, on_faces: Float, blocks: Float) -> None:

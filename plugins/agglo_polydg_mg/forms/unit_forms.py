@@ -12,7 +12,7 @@ from agglo_core.authoring import Field, Float, frozen_float, over_ranges
 from agglo_polydg_mg.space.basis import Basis, stiffness
 from agglo_polydg_mg.space.gauss_points import gauss
 
-_FEW: Final = 2_000  # cells or faces; one thread takes some milliseconds for them
+_FEW: Final = 2_000  # minimum cells or faces per thread: one thread takes some milliseconds for them
 _MOST: Final = 2**31
 """Memory limit in bytes; a basis needs about twice the matrix size, 2.5 kB per triangle with p = 2."""
 

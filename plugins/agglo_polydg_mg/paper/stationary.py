@@ -23,7 +23,11 @@ from agglo_core.authoring import (
 )
 
 _KEPT = 5
+"""Number of kept corrections: more of them show the error in more slow modes, and take more memory and time
+(benchmarks/solve.py, row polydg_mg_paper)."""
 _RATES = 3
+"""Number of last ratios of corrections whose maximum is the rate: more of them make the error estimate safer,
+and the iteration longer (benchmarks/solve.py, row polydg_mg_paper)."""
 _INDEPENDENT = 1e-10
 """Gram matrix eigenvalues of unit vectors below this fraction of the largest count as 0."""
 

@@ -15,17 +15,23 @@ CYCLES: Final = ("auto", "V", "W", "F", "K")
 PRECISIONS: Final = ("auto", "single", "double")
 
 _BAD: Final = 0.06
-"""Fraction of strong faces above which polygons and polyhedra are bad: slivers, boundary layers."""
+"""Fraction of strong faces above which polygons and polyhedra are bad: slivers, boundary layers
+(benchmarks/solve.py --meshes voronoi random graded layers)."""
 _BAD_SOLID: Final = 0.03
-"""Corresponding fraction for tetrahedra and hexahedra: on slivers the continuous space loses conjugacy."""
+"""Corresponding fraction for tetrahedra and hexahedra: on slivers the continuous space loses conjugacy
+(benchmarks/solve.py --meshes tetrahedra slivers)."""
 _UNEASY: Final = 0.01
-"""Fraction of strong faces above which high degrees converge faster on vertex patches, at no extra cost."""
+"""Fraction of strong faces above which high degrees converge faster on vertex patches, at no extra cost
+(benchmarks/solve.py --meshes triangles random --degrees 3)."""
 _LAYERS: Final = 0.02
-"""Fraction of weak faces above which a mesh has layers of flat cells."""
+"""Fraction of weak faces above which a mesh has layers of flat cells (benchmarks/solve.py --meshes graded
+layers)."""
 _SMOOTH: Final = 100.0
-"""Ratio κ_max / κ_min up to which aggregates serve as well as classical levels."""
+"""Ratio κ_max / κ_min up to which aggregates serve as well as classical levels (benchmarks/solve.py --meshes
+voronoi halves checks --degrees 1)."""
 _CONTRAST: Final = 1e8
-"""Ratio κ_max / κ_min above which cycles run in double precision."""
+"""Ratio κ_max / κ_min above which cycles run in double precision, which takes more time and memory than
+single precision, but keeps sixteen digits instead of seven."""
 _TETRAHEDRON, _QUADRILATERAL, _HEXAHEDRON = 4, 4, 6  # faces
 _SINGLE: Final = (1e-33, 1e35)
 """Range of diagonal entries that leaves single precision room for products and sums."""

@@ -32,7 +32,7 @@ from agglo_polydg_mg.solver.levels import build, cells_per_part, levels_by_defau
 from agglo_polydg_mg.solver.numbering import Numbering, numbering_for
 from agglo_polydg_mg.space.basis import Basis
 
-_SHIFTS: Final = (0.0, 1e-12)
+_SHIFTS: Final = (0.0, 1e-12)  # of the levels only: above rounding errors, too small to weaken the cycle
 _LARGEST_SHIFT: Final = 1e-10
 """Diagonal shifts, relative to the diagonal, tried in turn until the levels can be built."""
 

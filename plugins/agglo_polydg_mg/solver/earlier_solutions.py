@@ -11,7 +11,7 @@ from agglo_core.authoring import Float, frozen_float, frozen_index, kernel
 
 WIDE = 8
 """Number of columns of a vector table, the maximum: :func:`half_products` is unrolled for 8."""
-_ROWS = 256  # per block: 16 KiB for 8 vectors, which stay in the L1 cache
+_ROWS = 256  # per block: 16 KiB for 8 vectors, which stay in the L1 cache (benchmarks/time_steps.py)
 
 
 @kernel
@@ -77,7 +77,8 @@ def half_products(indptr, indices, blocks, table, products):
 
 
 KEPT: Final = 8
-"""Number of kept solutions: smooth changes are extrapolated, individual errors average out."""
+"""Number of kept solutions, at most WIDE: smooth changes are extrapolated, individual errors average out.
+Each takes memory, and time for the initial guess (benchmarks/time_steps.py)."""
 _PARALLEL: Final = 1e-12
 """Directions count as rounding if their scaled energy eigenvalue is at most this fraction of the largest.
 

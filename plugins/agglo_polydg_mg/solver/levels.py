@@ -16,13 +16,17 @@ from agglo_polydg_mg.solver.choose import Plan
 from agglo_polydg_mg.space.basis import Basis
 
 _LOW: Final = 1
-"""Polynomial degree on agglomerates in 3-D: levels with full degree take more time than they save."""
+"""Polynomial degree on agglomerates in 3-D: levels with full degree take more time than they save
+(benchmarks/solid_ratios.py --meshes solids --degrees 2)."""
 _CELLS_PER_PART: Final = 8
+"""Cells per agglomerate on the first default level, and agglomerates per agglomerate of the next. A larger
+value makes the set-up cheaper and takes more iterations (benchmarks/solid_ratios.py --meshes solids)."""
 _CELLS_PER_LUMP: Final = 27
 """Cells per agglomerate on the first level of polyhedra at degree 1: seven iterations more than with 8, a
-third of the set-up time."""
+third of the set-up time (benchmarks/solid_ratios.py --meshes solids)."""
 _FEWEST: Final = 60
-"""Smallest number of parts of the coarsest default level."""
+"""Smallest number of parts of the coarsest default level. A larger value leaves a larger system to the direct
+solver, a smaller value adds levels (benchmarks/solid_ratios.py --meshes solids)."""
 
 
 def build(

@@ -28,9 +28,11 @@ from agglo_polydg_mg.solver.phases import Task, iterate, set_up, solved, task_fo
 
 _MORE: Final = 1.5
 """Levels are rebuilt after a solve that takes more than this many times the iterations of fresh levels from
-0, and within a solve whose first iterations predict as many."""
+0, and within a solve whose first iterations predict as many. A larger value saves set-ups and takes more
+iterations (benchmarks/time_steps.py --rates 0.05 0.5)."""
 _FAR_MORE: Final = 3.0
-"""A solve that takes more than this many times those iterations continues with fresh levels."""
+"""A solve that takes more than this many times those iterations continues with fresh levels
+(benchmarks/time_steps.py --rates 0.5)."""
 
 
 class RepeatedSolves:

@@ -32,7 +32,8 @@ from agglo_polydg_mg.space.solid_geometry import boxes_of_solids
 from agglo_polydg_mg.space.walk import Walk, walk_through
 
 _FILL = 0.1
-"""Box fraction below which a cell may have a rotated box."""
+"""Box fraction below which a cell may have a rotated box. A smaller value leaves nearly dependent polynomials
+on thin cells, a larger value rotates more boxes (benchmarks/solve.py --meshes random)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,8 @@ from agglo_core.authoring import helper, kernel
 LANES = 64
 """Number of cells or faces per batch: the last array index, so that inner loops fill vector registers.
 
-Fewer leave registers unused or loops short, more need workspace that exceeds the caches.
+Fewer leave registers unused or loops short, more need workspace that exceeds the caches
+(benchmarks/assembly.py).
 """
 CONSTANT = np.sqrt(0.5)
 """The Legendre polynomial with degree 0."""

@@ -84,8 +84,8 @@ def _delaunay(mesh: Mesh, cells: Int) -> tuple[Int, Float]:
     return cells[owners], corners
 
 
-_FEW = 4_000  # cells; one thread integrates over them in some milliseconds
-_POINTS = 200_000  # per batch, which fits into the processor cache
+_FEW = 4_000  # minimum cells per thread: one thread integrates over them in some milliseconds
+_POINTS = 200_000  # quadrature points per batch, which fits into the processor cache
 
 
 class Batch(NamedTuple):

@@ -12,7 +12,7 @@ from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.quadrature import triangulate
 from agglo_polydg_mg.space.solid_geometry import boxes_of_solids, tetrahedra_of_solids, triangles_of_faces
 
-_INVERTED = -1e-12  # relative to the cell volume
+_INVERTED = -1e-12  # determinant relative to the cell volume: smaller in magnitude may be rounding
 
 
 def samples_of(basis: Basis, x: Float) -> Samples:
@@ -78,7 +78,7 @@ def _lattice(p: int, dim: int) -> tuple[Int, Int]:
     return frozen_int(lattice), frozen_int(small)
 
 
-_TRIANGLES = 1_000_000  # per batch
+_TRIANGLES = 1_000_000  # per batch: some hundred MB of corners, points and angles
 _INSIDE = 0.01
 """Solid angle fraction above which a point belongs to a cell: on faces both cells have half."""
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from agglo_core.authoring import Float, Int, Mesh, MeshError, frozen_float, frozen_int, over_ranges
 
-_FEW = 10_000  # cells; one thread takes some milliseconds for them
+_FEW = 10_000  # minimum cells per thread: one thread takes some milliseconds for them
 
 
 def boxes_of_solids(mesh: Mesh) -> Float:

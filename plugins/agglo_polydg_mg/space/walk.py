@@ -13,9 +13,14 @@ import numpy as np
 from agglo_core.authoring import Float, Int, Mesh, curve_order, frozen_int
 
 FEW: Final = {2: 10_000, 3: 3_000}
-"""Number of cells, by dimension, up to which any order is fast enough."""
+"""Number of cells, by dimension, up to which any order is fast enough (benchmarks/solve.py;
+benchmarks/assembly.py, row scattered)."""
 SCATTERED: Final = 4.0
-"""Limit for the mean number difference of neighbours over √n, in 3-D n^⅔: about 0.5 for rows or curves."""
+"""Limit for the mean number difference of neighbours over √n, in 3-D n^⅔: about 0.5 for rows or curves.
+
+A larger value leaves more meshes in their own order, a smaller one renumbers meshes that gain little
+(benchmarks/solve.py; benchmarks/assembly.py, row scattered).
+"""
 
 
 @dataclass(frozen=True, eq=False)
