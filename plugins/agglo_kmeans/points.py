@@ -8,18 +8,25 @@ import numpy as np
 
 from agglo_core.authoring import helper, kernel, piece_frames, piece_splits
 
-_ROUND = 0.8  # ratio of principal moments above which no axis stands out, and several are tried
+# Ratio of principal moments above which no axis stands out, and several are tried. A larger value is faster,
+# and cuts nearly square pieces less well (benchmarks/partition.py).
+_ROUND = 0.8
 # Bins along each axis; even, so that the middle is a border. More bins mean more points in every Lloyd
-# step, fewer move the separator.
+# step, fewer move the separator (benchmarks/partition.py, 2-D from 1,000,000 cells, 3-D from 100,000).
 _BINS_2D, _BINS_3D = 32, 12
 _BIN_TIE = 1e-4  # bin widths: points this close to a border lie below it
-_AXES = 8  # over the half circle, if no axis stands out in 2-D; each costs Lloyd steps
+# Number of axes over the half circle, if no axis stands out in 2-D: more find better cuts, and each costs
+# Lloyd steps (benchmarks/partition.py).
+_AXES = 8
 _COS, _SIN = np.cos(np.pi / _AXES), np.sin(np.pi / _AXES)
 # Number of cells above which a sample suffices. Samples of smaller pieces made less round parts, and saved
-# less than a hundredth of the time.
+# less than a hundredth of the time (benchmarks/partition.py).
 _MANY = 4096
 LANES = 32
-"""Number of points per loop round: points with weight 0 fill the last round, for full vector speed."""
+"""Number of points per loop round: points with weight 0 fill the last round, for full vector speed.
+
+Fewer leave vector registers unused, more add weightless points to small pieces (benchmarks/partition.py).
+"""
 
 
 class Means(NamedTuple):

@@ -9,9 +9,11 @@ from agglo_kmeans.points import axes_to_try, binned, moments, rounded
 
 _TIE = 4e-6  # relative to the size: points this close to the separator are on side 0 (single precision)
 _ITERATIONS = np.int64(100)  # maximum number of Lloyd steps: they end when nothing changes
-_TRIED = np.int64(2)  # Lloyd steps from each axis before the best continues; each reads all points
+# Lloyd steps from each axis before the best continues: more choose the axis better, and each reads all points
+# (benchmarks/partition.py).
+_TRIED = np.int64(2)
 # Number of points above which they are binned: a step then takes constant time, for a separator that may be
-# off by a fraction of a bin.
+# off by a fraction of a bin (benchmarks/partition.py --meshes tetrahedra, with 100,000 cells).
 _MANY = 16_384
 
 
