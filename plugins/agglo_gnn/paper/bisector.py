@@ -10,7 +10,7 @@ from agglo_core.authoring import Float, Graph, ImportPath, Int, OptionError, UIn
 from agglo_gnn.paper.custom import filled
 from agglo_gnn.paper.network import Neighbours, inorm
 
-WEIGHTS = Path(__file__).parents[1] / "weights" / "paper.safetensors"
+WEIGHTS = Path(__file__).parents[1] / "weights" / "paper.safetensors"  # the shipped model
 _PRECISIONS = {"double": torch.float64, "single": torch.float32}
 _ROUNDINGS = ("threshold", "sweep")
 

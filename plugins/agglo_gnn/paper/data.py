@@ -12,7 +12,7 @@ FAMILIES = ("squares", "triangles", "random_triangles", "voronoi")
 CELLS = (50, 1500)
 """Smallest and largest number of cells in a training mesh, as in the authors' generator."""
 
-_SMALLEST = 4  # cells of a piece
+_SMALLEST = 4  # minimum cells of a piece; pieces below three times as many are not cut again
 
 
 def draw(count: int, rng: np.random.Generator, pieces: float = 0.0) -> Iterator[Graph]:

@@ -18,7 +18,7 @@ from agglo_core.authoring import Float, Graph, OptionError, principal_frames
 
 ARCHITECTURE = "paper"
 FEATURES = ("measure", "x", "y")
-_HIDDEN, _LAYERS = 64, 4
+_HIDDEN, _LAYERS = 64, 4  # width of the layers, and number of SAGE layers, as in the paper
 
 
 def inorm(level: Graph) -> Float:

@@ -33,8 +33,8 @@ SHAPES: Mapping[str, tuple[int, ...]] = {
 }  # fmt: skip
 """Parameter shapes in the order of the forward pass: 4,562 numbers."""
 
-_WEIGHTS = Path(__file__).parents[1] / "weights"
-_MODELS = {2: ("fast", SHAPES), 3: ("fast3d", SPATIAL_SHAPES)}
+_WEIGHTS = Path(__file__).parents[1] / "weights"  # folder of the shipped models
+_MODELS = {2: ("fast", SHAPES), 3: ("fast3d", SPATIAL_SHAPES)}  # file name and parameter shapes by dimension
 
 
 class FastGNN:

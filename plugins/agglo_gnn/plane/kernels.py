@@ -25,15 +25,19 @@ from agglo_gnn.plane.raster_kernels import fill_raster, new_raster, to_frame
 _ONE = np.uint64(1)  # unsigned, to keep index types
 _TIE = 1e-6  # bin widths: closer values count as inside
 # Half width of the search band around the mean, in standard deviations. A wider band finds cuts into less
-# equal sides, but visits the edges of more cells, and tries fewer thresholds per unit.
+# equal sides, but visits the edges of more cells, and tries fewer thresholds per unit (benchmarks/gnn.py).
 _BAND = 0.45
 _BINS = 32  # bins in the band, as in scan_thresholds, which tries the thresholds between them
-_SMALL = 96  # cells below which some axes are swept instead, over all edges of the piece
-_AXES = 4  # number of axes tried without the network: each costs a sweep
-_FINER = 1  # halvings of their angle about the best axis: each costs two sweeps
-_LONG = 0.5  # ratio of principal moments below which a piece is long
+# Number of cells below which some axes are swept instead, over all edges of the piece: thresholds far from
+# the mean count too, but each sweep costs more (benchmarks/gnn.py recursion quality).
+_SMALL = 96
+_AXES = 4  # number of axes tried without the network: each costs a sweep (benchmarks/gnn.py recursion)
+_FINER = 1  # halvings of their angle about the best axis: each costs two sweeps (benchmarks/gnn.py recursion)
+# Ratio of principal moments below which a piece is long, and not cut lengthwise. A larger value saves sweeps,
+# and misses some lengthwise cuts (benchmarks/gnn.py recursion quality).
+_LONG = 0.5
 # Number of cells below which axes are tried instead of the network, which makes no difference there
-# (docs/reference/model-card.md).
+# (docs/reference/model-card.md, benchmarks/gnn.py recursion quality).
 _FEW = 400
 
 

@@ -25,8 +25,11 @@ from agglo_core.authoring import (
 from agglo_gnn.plane.features import rasterise
 
 _LARGEST = 4000
-"""Number of cells above which lookahead is skipped: one cut changes the number of parts little."""
-_UNEVEN = 4.0  # penalty for parts smaller than allowed
+"""Number of cells above which lookahead is skipped: one cut changes the number of parts little, and the
+time of its candidates grows with the cells."""
+# Weight of ⟨(1 − diam / h_star)²⟩, added to 1 and multiplied by the interface length: a larger value favours
+# parts near the allowed size (benchmarks/gnn.py lookahead).
+_UNEVEN = 4.0
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,11 @@ import numpy as np
 
 from agglo_core.authoring import centre_block, helper, kernel, planar_frame
 
-# The network is trained on rasters with these numbers: others require new training.
+# The network is trained on rasters with these numbers: others require new training (benchmarks/gnn.py
+# bisection quality).
 _CELLS_PER_BIN = 20  # on average; fewer cells per bin give more, and more ragged, bins
-_FEWEST, _MOST = 9, 160  # target range for occupied bins; the network time grows with their number
-_MOST_BINS = 1024  # workspace size, including empty bins
+_FEWEST, _MOST = 9, 160  # target range for occupied bins: more take network time (benchmarks/gnn.py)
+_MOST_BINS = 1024  # workspace size in bins, including empty bins: long or branched pieces get wider bins
 _TIE = 1e-6  # bin widths: closer values count as inside
 
 

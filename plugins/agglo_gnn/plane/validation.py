@@ -13,8 +13,8 @@ from agglo_gnn.plane.network import network
 from agglo_gnn.training.cut_costs import Rival, measured_costs
 from agglo_gnn.training.pieces import piece_graphs
 
-_SEED = 20_000
-_LARGE = 32  # cells
+_SEED = 20_000  # for the validation pieces
+_LARGE = 32  # minimum cells of the pieces with means of their own, the metrics with the suffix _32
 
 
 def validate(parameters: Mapping[str, Float], initial: Mapping[str, Float], count: int) -> dict[str, float]:

@@ -19,16 +19,20 @@ from agglo_core.authoring import (
 from agglo_gnn.plane.kernels import dense, number_cells
 from agglo_gnn.space.moments import fill_features, frame_by_moments, moment_room
 
-PRIOR = 4.0  # weight of the second moment in an axis score: the untrained network prefers the longest axis
+# Weight of the second moment in an axis score: the untrained network prefers the longest axis. The network is
+# trained with this number: another requires new training (benchmarks/solid_parts.py).
+PRIOR = 4.0
 _ONE = np.uint64(1)  # unsigned, to keep index types
 _TIE = 1e-6  # bin widths: closer values count as inside
 # Half width of the search band in standard deviations around the mean, for a piece with n cells at least
 # _LAYER / ∛n, 0.87 cell layers in a cube. A wider band finds cuts into less equal sides, but visits the
-# edges of more cells, and tries fewer thresholds per unit.
+# edges of more cells, and tries fewer thresholds per unit (benchmarks/solid_parts.py).
 _BAND, _LAYER = 0.45, 3.0
 _BINS = 32  # bins in the band, as in scan_thresholds, which tries the thresholds between them
-_MARGIN = 0.5  # score difference to the best axis below which an axis is tried too, by a sweep
-_FEW = 40  # cells below which all axes are tried
+# Score difference to the best axis below which an axis is tried too. A larger value finds better cuts, at one
+# sweep for each axis (benchmarks/solid_parts.py).
+_MARGIN = 0.5
+_FEW = 40  # cells below which all axes are tried: their sweeps are cheap (benchmarks/solid_parts.py)
 
 
 class Answers(NamedTuple):

@@ -7,9 +7,11 @@ import numpy as np
 from agglo_core.authoring import centre_block, helper, kernel, piece_frames
 
 _EVEN, _ODD = 16, 10  # numbers of features
-_ISOTROPIC = 0.9  # ratio of second moments above which their axes carry little information
-_TURNS = 6  # maximum number of rounds over the three planes
-_TURNED = 1e-9  # angle below which rotation ends
+# Ratio of second moments above which their axes carry little information, and fourth moments decide. The
+# network is trained with this number: another requires new training (benchmarks/solid_parts.py).
+_ISOTROPIC = 0.9
+_TURNS = 6  # maximum number of rounds over the three planes, each of at most three rotations
+_TURNED = 1e-9  # angle in radians below which rotation ends
 _SECOND, _THIRD, _FOURTH, _END = 9, 18, 45, 126  # start of each order's moments, after the frame
 
 

@@ -14,7 +14,7 @@ from click.core import ParameterSource
 
 from agglo_core.authoring import FILE, FileError, Number, OptionError
 
-_COUNT, _SHARE = Number(int, least=1), Number(float, least=0, most=1)
+_COUNT, _SHARE = Number(int, least=1), Number(float, least=0, most=1)  # types of options
 _FAST_COLUMNS = " step      loss  CPU seconds"
 _PAPER_ONLY = ("epochs", "meshes", "pieces", "rate", "network", "checkpoint", "resume", "device")
 

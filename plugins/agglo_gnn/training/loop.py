@@ -14,14 +14,17 @@ from agglo_core.authoring import Float, Int, OptionError, PluginError
 if TYPE_CHECKING:
     import torch
 
-_BATCH = 64
-_RATE = 2e-3
-_WARM_UP = 0.03
+_BATCH = 64  # pieces per step: more give smoother gradients and slower steps
+_RATE = 2e-3  # largest learning rate of Adam, after the warm-up
+_WARM_UP = 0.03  # fraction of the steps in which the learning rate rises from 0
+# Pieces are drawn in proportion to this power of their number of cells: large pieces are few, but need the
+# network most. 0 would draw all pieces equally often.
 _SIZE_POWER = 0.35
 BALANCE = 6.0
-"""Weight of ((A₁ − A₂)/A)² in a loss."""
+"""Weight of ((A₁ − A₂)/A)² in a loss, relative to the cut cost: larger favours equal sides."""
 COMPACT, GROWTH = 15.0, 4.0  # as in the sweep
-"""Weight of the inertia between the sides in a loss: the maximum of the first and √n times the second."""
+"""Weight of the inertia between the sides in a loss: the maximum of the first and √n times the second. Larger
+values favour compact sides, smaller values short cuts."""
 
 Progress = Callable[[int, float, float], None]
 

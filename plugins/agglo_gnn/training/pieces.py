@@ -25,7 +25,7 @@ RECIPE = (
     "half cut to random stars with holes and slits; split by inertial, sweep1 or sweep8 bisection, "
     "half of them refined"
 )
-FEWEST, _MOST = 10, 1200
+FEWEST, _MOST = 10, 1200  # cells of the smallest pieces, and about of the largest: larger take more time
 
 
 def piece_graphs(rng: np.random.Generator, count: int) -> Iterator[Graph]:
