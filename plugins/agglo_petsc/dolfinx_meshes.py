@@ -65,6 +65,7 @@ def from_dolfinx(domain: Any) -> Mesh:
     return Mesh.from_polyhedra(points, (np.arange(count + 1) * len(faces), loops, cells[:, faces].ravel()))
 
 
+# Number of corners of a cell, which are its first nodes.
 _CORNERS: Final = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
 
 

@@ -12,9 +12,10 @@ from agglo_core.authoring import MET, TESTS, Float, History, OptionError, frozen
 from agglo_petsc.matrices import entries, petsc
 
 _DIGIT: Final = 0.1
-"""Relative accuracy of the error estimate."""
+"""Relative residual at which the solve for the error ends, about the relative accuracy of the error estimate.
+A smaller value makes each check longer (benchmarks/petsc.py)."""
 _CHECK: Final = 60
-"""Maximum number of iterations for the error estimate."""
+"""Maximum number of iterations for the error estimate: a check that needs more counts as failed."""
 _ROUNDS: Final = 6
 """Maximum number of restarts of conjugate gradients from the true residual."""
 _WHY: Final = {

@@ -12,7 +12,8 @@ from agglo_petsc.matrices import mat_from_rows, petsc, rows_of, vector
 from agglo_petsc.messages import agree
 
 _STEPS = 12
-"""Number of conjugate gradient steps for the largest eigenvalue."""
+"""Number of conjugate gradient steps for the largest eigenvalue. Fewer underestimate it, so that the Jacobi
+step is too long; more lengthen the set-up (benchmarks/petsc.py)."""
 
 
 def own_columns(comm: Any, own: Any, widths: tuple[int, int]) -> Any:

@@ -17,7 +17,7 @@ from scipy import sparse
 from agglo_core.authoring import Int, Patches, frozen_int
 from agglo_petsc.messages import by_owner, swapped
 
-_EMPTY = frozen_int(np.empty(0, np.int64))
+_EMPTY = frozen_int(np.empty(0, np.int64))  # no parts
 
 
 @dataclass(frozen=True, eq=False)

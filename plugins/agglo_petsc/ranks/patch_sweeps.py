@@ -18,7 +18,9 @@ from agglo_petsc.messages import agree
 from agglo_petsc.ranks.border_plan import border_plan, in_blocks
 
 _TAG = 7412  # tag for messages within a sweep
-_TRIES, _PAUSE = 100, 2e-5  # number of immediate tests for a message, then seconds between tests
+# Number of immediate tests for a message, then seconds between tests. More tests or shorter pauses receive it
+# earlier, but take processor time from other ranks on the same core (benchmarks/petsc.py on several ranks).
+_TRIES, _PAUSE = 100, 2e-5
 
 
 class _RankSweeps:

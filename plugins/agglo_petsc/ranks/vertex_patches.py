@@ -11,7 +11,8 @@ from agglo_core.authoring import Int, Patches, distributed, frozen_int, multigri
 from agglo_petsc.ranks.border_plan import starts_of
 
 _MOST = 64
-"""Largest number of parts in a patch; vertices with more have none, as on one rank."""
+"""Largest number of parts in a patch; vertices with more have none, as on one rank. Memory and time of a
+patch grow faster than its number of parts."""
 
 
 def patches_across(mesh: distributed.DistributedMesh, numbers: Int, bounds: Int) -> Patches:

@@ -31,9 +31,11 @@ from agglo_core.authoring import (
 from agglo_petsc.levels.polynomials import monomials
 
 _CELLS_PER_PART: Final = 8
-"""Cells per part on the first default level, and parts per part on the next."""
+"""Cells per part on the first default level, and parts per part on the next. A larger value gives fewer
+levels and more iterations."""
 _FEWEST: Final = 60
-"""Smallest number of parts on the coarsest default level."""
+"""Smallest number of parts on the coarsest default level. A larger value leaves a larger system to the direct
+solver, a smaller value adds levels."""
 
 
 @dataclass(frozen=True, eq=False)
