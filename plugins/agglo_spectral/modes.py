@@ -15,12 +15,16 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from agglo_core.authoring import Float, Graph, Int, block_extents, block_shares, principal_frames
 
-_BATCH = 2**22  # entries in a stack of dense matrices: 32 MiB
-_SHIFT = 1e-3  # relative to the estimated lowest eigenvalue: makes the Laplacian regular
-_FAR = 0.1  # fraction of that estimate below which the matrix is refactorised
+_BATCH = 2**22  # entries in a stack of dense matrices, 32 MiB: larger stacks need more memory
+# Shift of the Laplacian relative to the estimated lowest eigenvalue, which makes it regular. A larger shift
+# takes more sweeps, a smaller shift loses digits (benchmarks/solid_parts.py quality).
+_SHIFT = 1e-3
+# Fraction of that estimate below which the matrix is refactorised. A larger value takes more factorisations
+# and fewer sweeps (benchmarks/solid_parts.py quality).
+_FAR = 0.1
 _ROUNDING = 1e-13  # relative to the largest entry: least shift and residual
-_RESIDUAL = 1e-8  # relative to the lowest eigenvalue
-_SWEEPS = 200
+_RESIDUAL = 1e-8  # relative to the lowest eigenvalue: largest residual of the wanted modes
+_SWEEPS = 200  # maximum number of subspace iterations; they end at the residual above
 _WEAKEST = 1e-6  # relative to the mean edge weight in a block: lower bound for weights
 
 
