@@ -15,7 +15,7 @@ from agglo_core.authoring import Float, Graph, Int, OptionError, PartSearch, Tar
 if TYPE_CHECKING:
     import pymetis
 
-_UNITS = 1000  # mean integer weight of a block
+_UNITS = 1000  # mean integer weight of a block: a larger value rounds less (benchmarks/quality.py)
 _SEED_MASK = np.uint64(0x7FFFFFFF)  # seed range of METIS on every platform
 
 
