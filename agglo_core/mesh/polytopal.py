@@ -17,7 +17,7 @@ from agglo_core.arrays import FieldState, Float, Int, frozen, owned, trusted, tr
 from agglo_core.errors import OptionError
 from agglo_core.mesh.checks import check_faces, check_points, check_tags, note_repairs, whole_numbers
 from agglo_core.mesh.coarsening import coarse_faces, surviving_tags
-from agglo_core.mesh.construction.closed_cells import check_cells
+from agglo_core.mesh.construction.closed_cells import check_cells, check_volumes
 from agglo_core.mesh.construction.conforming import TOLERANCE, join_outer_faces
 from agglo_core.mesh.construction.double_cover import warn_of_double_cover
 from agglo_core.mesh.construction.polygons import Faces, build_polygons
@@ -180,7 +180,9 @@ class Mesh(FieldState, Derived, Tagged):
             With cells or faces, as in :meth:`from_polygons`; also for cells with open surfaces, and for outer
             faces that overlap partially (unless ``allow_gaps=True``).
         """
-        mesh = cls._of(*build_polyhedra(points, cells, bool(merge_points), drop_flat), cell_tags, name)
+        faces, kept, n = build_polyhedra(points, cells, bool(merge_points), drop_flat)
+        mesh = cls._of(faces, kept, n, cell_tags, name)
+        check_volumes(mesh, kept)
         return mesh if allow_gaps else mesh.conforming(merge_points=merge_points is not False)
 
     @classmethod

@@ -33,6 +33,18 @@ def check_cells(mesh: Derived) -> None:
         raise MeshError(f"{name_cells(flat)}: no positive measure, or faces that are turned inside out")
 
 
+def check_volumes(mesh: Derived, numbers: Int) -> None:
+    """Raise MeshError unless all volumes are positive.
+
+    A warped face is a fan of triangles that depends on its first vertex, and two cells share one fan. So a
+    cell that was oriented by its own loops may still be inside out. ``numbers`` are the cells in messages.
+    """
+    inverted = np.flatnonzero(~(mesh.cell_measures > 0))
+    if len(inverted):
+        named = name_cells(numbers[inverted])
+        raise MeshError(f"{named}: the faces are too warped to enclose a positive volume")
+
+
 def _plane(mesh: Derived) -> tuple[Int, Int]:
     """Return 2-D cells that are not closed, and cells without positive area beyond rounding.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from itertools import pairwise
 
 import numpy as np
@@ -109,3 +110,24 @@ def test_many_faces_at_one_point_are_still_told_apart() -> None:
     assert mesh.n_faces == 4 * 399 - 398
     with pytest.raises(MeshError, match="cells 0 and 399 are duplicates"):
         Mesh.from_polyhedra(points, [*solids, solids[0]])
+
+
+DRAGGED = np.array(
+    [(4, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)], float
+)
+"""Corners of a cube, one of them far outside: the volume depends on the vertex at which each face begins."""
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_warped_faces_never_enclose_a_negative_volume(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    loops = [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]
+    turned = [np.roll(loop, rng.integers(4))[:: rng.choice((-1, 1))].tolist() for loop in loops]
+    with suppress(MeshError):
+        assert Mesh.from_polyhedra(DRAGGED, [turned]).cell_measures[0] > 0
+
+
+def test_a_cell_that_warped_faces_turn_inside_out_is_refused() -> None:
+    loops = [[0, 1, 2, 3], [5, 4, 7, 6], [0, 4, 5, 1], [1, 5, 6, 2], [6, 7, 3, 2], [0, 4, 7, 3]]
+    with pytest.raises(MeshError, match="cell 0: the faces are too warped to enclose a positive volume"):
+        Mesh.from_polyhedra(DRAGGED, [loops])
