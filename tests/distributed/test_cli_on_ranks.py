@@ -22,9 +22,9 @@ import os, signal, sys, time
 from pathlib import Path
 import agglo_core.distributed.files.writing as writing
 from agglo_core.cli import main
-from agglo_core.cli.ranks.launch import launched
+from agglo_core.cli.ranks.launch import find_launch
 
-rank, how, kept = launched(os.environ).rank, sys.argv.pop(), writing.write_pieces
+rank, how, kept = find_launch(os.environ).rank, sys.argv.pop(), writing.write_pieces
 
 def faulty(*arguments, **options):
     kept(*arguments, **options)
@@ -144,12 +144,12 @@ import os, sys
 from types import SimpleNamespace
 import numpy as np
 from agglo_core.cli import main
-from agglo_core.cli.ranks.launch import launched
+from agglo_core.cli.ranks.launch import find_launch
 from agglo_core.registry import Component, default, hookimpl
 
 class Toy:
     def bisect(self, graph, rng):
-        if launched(os.environ).rank == 1 and graph.n > 60:
+        if find_launch(os.environ).rank == 1 and graph.n > 60:
             raise ZeroDivisionError("a plugin's bug")
         order = np.argsort(np.argsort(graph.centroids[:, 0], kind="stable"))
         return order >= graph.n // 2
