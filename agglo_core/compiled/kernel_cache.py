@@ -219,10 +219,17 @@ def _place_in_package(source: Path) -> str:
 def _imported(source: Path) -> frozenset[Path]:
     """Return the files in the core and in the package of ``source`` named by its imports."""
     top = _package_of(source)
-    root = top.parent if (top / "__init__.py").is_file() else top  # modules without a package
     files: set[Path] = set()
     for module, names in _import_statements(source):
-        folder = _CORE.parent if module.partition(".")[0] == _CORE.name else root
+        first = module.partition(".")[0]
+        if first == _CORE.name:
+            folder = _CORE.parent
+        elif not (top / "__init__.py").is_file():  # a module that belongs to no package
+            folder = top
+        elif first == top.name:
+            folder = top.parent
+        else:  # another distribution: installed beside the package, or elsewhere
+            continue
         files = files.union(*(_files_of(folder.joinpath(*module.split(".")), name) for name in names))
     return frozenset(files)
 

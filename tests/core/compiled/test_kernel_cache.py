@@ -363,6 +363,21 @@ def test_all_that_a_file_of_kernels_imports_is_in_its_stamp() -> None:
     assert not missing
 
 
+def test_packages_that_are_installed_beside_are_not_in_the_stamp(tmp_path: Path) -> None:
+    """Otherwise the machine code of a wheel, built in a checkout, fits no installation."""
+    for file, text in {
+        "mine/__init__.py": "",
+        "mine/loops.py": "from numba import njit\nfrom mine.parts import part\n",
+        "mine/parts.py": "from agglo_core.compiled.sums import np\n",
+        "numba/__init__.py": "njit = None\n",
+    }.items():
+        (tmp_path / file).parent.mkdir(exist_ok=True)
+        (tmp_path / file).write_text(text)
+    beside = {file for file in sources(tmp_path / "mine/loops.py") if file.is_relative_to(tmp_path)}
+    assert beside == {tmp_path / "mine/loops.py", tmp_path / "mine/parts.py"}
+    assert SUMS in sources(tmp_path / "mine/loops.py")
+
+
 def test_every_kernel_is_kept_so() -> None:
     for one in listed():
         assert isinstance(one.kernel()._cache, KernelCache), one
