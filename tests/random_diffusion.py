@@ -12,7 +12,7 @@ from scipy.sparse.linalg import splu
 
 from agglo_core import Mesh, samples
 from agglo_core.problems import Diffusion
-from agglo_polydg_mg.forms.assembly import lifted
+from agglo_polydg_mg.forms.assembly import discretise_lifted
 from agglo_polydg_mg.forms.norms import EnergyNorm
 from agglo_polydg_mg.space.basis import Basis
 
@@ -125,7 +125,7 @@ def _data(random: Generator, offset: float) -> object:
 
 def energy_error(case: Case, x: Array) -> float:
     """Return ‖x − A⁻¹b‖_A relative to the energy norm, for a solution without the offset of the data."""
-    found = lifted(case.mesh, case.degree, case.problem)
+    found = discretise_lifted(case.mesh, case.degree, case.problem)
     A, exact = found.system.A, _eliminated(found.system.A, found.load)
     e = (x - exact).astype(float)
     norm = EnergyNorm(Basis(case.mesh, case.degree), case.problem, 10.0)(exact.astype(float))

@@ -59,7 +59,7 @@ def save(path: str | Path, arrays: Arrays, header: Mapping[str, Any]) -> None:
         raise FileError(f"{target}: the header of a model file lacks {', '.join(missing)}")
     # 2. Complete the header
     solid = {name: np.asarray(array, order="C") for name, array in arrays.items()}
-    full = {**header, "arrays": _described(solid), "sha256": _digest(solid)}
+    full = {**header, "arrays": _describe_arrays(solid), "sha256": _digest(solid)}
     try:
         text = json.dumps(full, sort_keys=True, allow_nan=False)
     except (TypeError, ValueError) as error:
@@ -104,7 +104,7 @@ def load(
         arrays = parse(_content(Path(path)))
     except (SafetensorError, KeyError, ValueError, TypeError, OverflowError) as error:
         raise FileError(f"{path}: is corrupt or truncated: {error}") from error
-    if _described(arrays) != header["arrays"]:
+    if _describe_arrays(arrays) != header["arrays"]:
         raise FileError(f"{path}: its arrays are not those its header lists")
     if _digest(arrays) != header["sha256"]:
         raise FileError(f"{path}: is corrupt: its contents do not have the digest its header gives")
@@ -173,7 +173,7 @@ def _content(path: Path, most: int = -1) -> bytes:
         raise FileError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
-def _described(arrays: Arrays) -> dict[str, Any]:
+def _describe_arrays(arrays: Arrays) -> dict[str, Any]:
     return {name: [str(array.dtype), list(array.shape)] for name, array in sorted(arrays.items())}
 
 

@@ -64,7 +64,7 @@ def new_means(m):
 
 
 @helper
-def _sampled(cells, lo, hi, sample, sampled_cells):
+def _select_sample(cells, lo, hi, sample, sampled_cells):
     """Write the sampled cells in a large piece to ``sampled_cells``, and return their number."""
     m = np.uint64(0)
     for k in range(np.uint64(lo), np.uint64(hi)):
@@ -108,7 +108,7 @@ def _first_moments(x, y, z, w, n):
 
 
 @helper
-def rounded(n):
+def round_to_lanes(n):
     """Round a point count up to a multiple of the lanes."""
     return (n + LANES - 1) // LANES * LANES
 
@@ -124,7 +124,7 @@ def load_points(cells, lo, hi, centroids, weights, units, work):
     # 1. Sample a large piece, weighted to represent all cells, unless the sample has too few cells.
     boost = one
     if hi - lo > _MANY and len(units.sample) > 0:
-        m = _sampled(cells, lo, hi, units.sample, sampled_cells)
+        m = _select_sample(cells, lo, hi, units.sample, sampled_cells)
         if 4 * piece_splits.SAMPLED * m > hi - lo:
             cells, lo, hi, boost = sampled_cells, 0, m, np.float32(piece_splits.SAMPLED)
     n, d, first = hi - lo, centroids.shape[1], cells[lo]
@@ -153,7 +153,7 @@ def load_points(cells, lo, hi, centroids, weights, units, work):
     for k in range(n):
         z[k] = (z[k] - cz) * scale if d == 3 else np.float32(0.0)
     # 4. Pad with weightless points to a full round of vector registers, and store the origin.
-    for k in range(n, rounded(n)):
+    for k in range(n, round_to_lanes(n)):
         x[k], y[k], z[k], w[k] = 0.0, 0.0, 0.0, 0.0
     length = units.length
     placing[0], placing[1] = centroids[first, 0] + cx / length, centroids[first, 1] + cy / length
@@ -276,7 +276,7 @@ def _reach(x, y, z, n, axis):
 
 
 @helper
-def binned(x, y, z, w, n, frame, planar, sums, means):
+def bin_points(x, y, z, w, n, frame, planar, sums, means):
     """Write the point means in each grid cell along the frame, and return their number.
 
     ``means (4, bins)`` are coordinates and weights, ``sums (bins, 4)`` is workspace. The unit rows of

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.authoring import helper
-from agglo_kmeans.points import axes_to_try, binned, moments, rounded
+from agglo_kmeans.points import axes_to_try, bin_points, moments, round_to_lanes
 
 _TIE = 4e-6  # relative to the size: points this close to the separator are on side 0 (single precision)
 _ITERATIONS = np.int64(100)  # maximum number of Lloyd steps: they end when nothing changes
@@ -81,7 +81,7 @@ def separator(work, planar):
     """
     points, sums, means, axes, frame, matrix, _, placing = work
     x, y, z, w = points[0], points[1], points[2], points[3]
-    n = rounded(np.int64(placing[4]))
+    n = round_to_lanes(np.int64(placing[4]))
     # 1. Starting planes: normal to the principal axis, or to several axes if none stands out.
     second = moments(x, y, z, w, n)
     total, xx, _, _, yy, _, zz = second
@@ -89,7 +89,7 @@ def separator(work, planar):
     count = axes_to_try(x, y, w, n, second, planar, matrix, frame, axes)
     # 2. Replace very many points by their means in each grid cell.
     if n > _MANY:
-        n = binned(x, y, z, w, n, frame, planar, sums, means)
+        n = bin_points(x, y, z, w, n, frame, planar, sums, means)
         x, y, z, w = means[0], means[1], means[2], means[3]
     # 3. A few Lloyd steps from each plane; the plane with the largest inertia between the sides continues.
     best = (-1.0, 1.0, 0.0, 0.0, tie)

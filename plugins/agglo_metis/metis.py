@@ -109,7 +109,7 @@ class Metis:
             if j - i > 1:
                 span = slice(ends[b], ends[b + 1])
                 starts = level.indptr[i : j + 1] - ends[b]
-                weights = _sliced(nodes, slice(i, j)), _sliced(edges, span)
+                weights = _take_span(nodes, slice(i, j)), _take_span(edges, span)
                 options.seed = int(seeds[b] & _SEED_MASK)
                 share = None if shares is None else [float(shares[b]), 1.0 - float(shares[b])]
                 sides[i:j] = _part(2, starts, adjacent[span], *weights, options, recursive=True, shares=share)
@@ -191,7 +191,7 @@ def _check_count(name: str, value: object, largest: int) -> None:
         raise OptionError(f"metis: {name} must be an integer in 1..{largest}, not {value!r}")
 
 
-def _sliced(values: Int | None, span: slice) -> Int | None:
+def _take_span(values: Int | None, span: slice) -> Int | None:
     return None if values is None else values[span]
 
 

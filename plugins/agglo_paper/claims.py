@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from agglo_paper.statistics import paired, same_sizes, sampled
+from agglo_paper.statistics import compare_pairs, fresh_values, same_sizes
 from agglo_paper.tables.record import Row, Table
 from agglo_paper.tables.runtime import curves
 from agglo_paper.work.plan import Plan
@@ -59,12 +59,12 @@ def _claim(text: str, verdict: str, rows: Sequence[Row], notes: Sequence[str] = 
     return Claim(text, verdict, Table("claim", text, rows, digits, "method", notes))
 
 
-def _learned(plan: Plan) -> list[Strategy]:
+def _learned_strategies(plan: Plan) -> list[Strategy]:
     """Return the paper's two learned strategies, and `gnn`."""
     return [each for each in plan.compared[1:] if not each.problem]
 
 
-def _judged(plan: Plan) -> list[Strategy]:
+def _judged_strategies(plan: Plan) -> list[Strategy]:
     """Return METIS as the paper runs it, and the learned strategies."""
     return [each for each in plan.compared if not each.problem]
 
@@ -72,10 +72,10 @@ def _judged(plan: Plan) -> list[Strategy]:
 def _comparison(plan: Plan, results: Results, text: str, rival: Strategy, name: str) -> Claim:
     # 1. Paired differences to the rival, per family
     rows, outcomes = [], []
-    for case in _learned(plan):
+    for case in _learned_strategies(plan):
         if case is rival:
             continue
-        pairs = {family: paired(plan, results, case, rival, family, name) for family in plan.families}
+        pairs = {family: compare_pairs(plan, results, case, rival, family, name) for family in plan.families}
         outcomes += [case.outcome for case in pairs.values()]
         digits = 1 if name == "mg" else 3
         rows.append(Row(case.name, {family: case.text(digits) for family, case in pairs.items()}))
@@ -94,10 +94,10 @@ def _comparison(plan: Plan, results: Results, text: str, rival: Strategy, name: 
 
 def _levels_claim(plan: Plan, results: Results) -> Claim:
     rows, shares = [], []
-    for strategy in _judged(plan):
+    for strategy in _judged_strategies(plan):
         cells = {}
         for family in plan.families:
-            spread = sampled(plan, results, strategy, family, "spread")
+            spread = fresh_values(plan, results, strategy, family, "spread")
             counts = spread[~np.isnan(spread)]
             if len(counts):
                 shares.append(float((counts <= 1).mean()))
@@ -112,7 +112,7 @@ def _levels_claim(plan: Plan, results: Results) -> Claim:
 def _gradients_claim(plan: Plan, results: Results) -> Claim:
     rows = []
     shares: dict[str, list[float]] = {}
-    for case in _judged(plan):
+    for case in _judged_strategies(plan):
         cells: dict[str, str] = {}
         for family in plan.families:
             fair, as_printed = (_below(plan, results, case, family, tol) for tol in ("1e-8", "1e-6"))
@@ -148,8 +148,8 @@ def _against_gradients(families: Sequence[str], learned: Sequence[float], metis:
 
 def _below(plan: Plan, results: Results, strategy: Strategy, family: str, tolerance: str) -> float:
     """Return the fresh mesh fraction on which multigrid with m = 1 takes fewer iterations than CG."""
-    multigrid_counts = sampled(plan, results, strategy, family, "m1")
-    cg_counts = sampled(plan, results, Strategy("CG", ""), family, tolerance)
+    multigrid_counts = fresh_values(plan, results, strategy, family, "m1")
+    cg_counts = fresh_values(plan, results, Strategy("CG", ""), family, tolerance)
     valid = ~np.isnan(multigrid_counts + cg_counts)
     return float((multigrid_counts < cg_counts)[valid].mean()) if valid.any() else 0.0
 

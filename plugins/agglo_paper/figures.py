@@ -35,7 +35,7 @@ _DENSE = 2000
 _ALSO = ("gnn", "kmeans", "spectral", "metis k-way")
 
 
-def _shown(plan: Plan) -> list[Strategy]:
+def _shown_strategies(plan: Plan) -> list[Strategy]:
     """Return the paper's columns and a few of agglo's."""
     return [each for each in plan.usable if each in plan.printed or each.name in _ALSO]
 
@@ -43,7 +43,7 @@ def _shown(plan: Plan) -> list[Strategy]:
 def draw_grids(plan: Plan, sources: Sequence[str], convention: str, path: Path) -> None:
     """Draw each mesh in its own row: unchanged, then agglomerated by the paper's and some other columns."""
     # 1. Panel layout: a row per mesh, or two rows for a single mesh
-    strategies = _shown(plan)
+    strategies = _shown_strategies(plan)
     n_columns = len(strategies) + 1 if len(sources) > 1 else (len(strategies) + 2) // 2
     n_rows = len(sources) if len(sources) > 1 else 2
     with picture((2.2 * n_columns, 2.45 * n_rows), path) as figure:
@@ -55,13 +55,13 @@ def draw_grids(plan: Plan, sources: Sequence[str], convention: str, path: Path) 
             _panel(panels[place], mesh, None, f"{mesh.name}, {mesh.n_cells:,} cells")
             for strategy in strategies:
                 place += 1
-                _agglomerated(panels[place], mesh, strategy, source, convention)
+                _draw_agglomeration(panels[place], mesh, strategy, source, convention)
             place += 1
         for axis in panels[place:]:
             axis.set_axis_off()
 
 
-def _agglomerated(axis: Any, mesh: Mesh, strategy: Strategy, source: str, convention: str) -> None:
+def _draw_agglomeration(axis: Any, mesh: Mesh, strategy: Strategy, source: str, convention: str) -> None:
     try:
         hierarchy = strategy.run(mesh, targets(mesh, source, convention))
     except AggloError as error:
@@ -120,7 +120,7 @@ def _path(axis: Any, lines: Iterable[Float], rasterized: bool, **style: Any) -> 
 
 def draw_boxes(plan: Plan, results: Results, sources: Mapping[str, str], convention: str, path: Path) -> None:
     """Draw box plots of UF (above) and CRc (below), one panel per source (name to source)."""
-    strategies = _shown(plan)
+    strategies = _shown_strategies(plan)
     with picture((0.4 * len(strategies) * len(sources) + 1.5, 5.0), path) as figure:
         panels = figure.subplots(2, len(sources), squeeze=False, sharey=True)
         for column, (name, source) in enumerate(sources.items()):

@@ -27,14 +27,14 @@ What is not reproduced to the digit has its reason below its table.
 
 def front(plan: Plan, results: Results, pages: Sequence[Page], quick: bool, mesh: Path | None) -> str:
     """Return the page ``README.md`` in Markdown."""
-    parts = [_INTRO, _made(quick, mesh), "## The claims\n", _claims(plan, results)]
+    parts = [_INTRO, _provenance(quick, mesh), "## The claims\n", _claims(plan, results)]
     parts += ["## The tables\n", _summary(pages), *_authors(pages)]
     if problems := plan.problems():
         parts.append("\n".join(f"*{problem}.*" for problem in problems) + "\n")
     return "\n".join(parts)
 
 
-def _made(quick: bool, mesh: Path | None) -> str:
+def _provenance(quick: bool, mesh: Path | None) -> str:
     """Return command line and versions, with only the mesh file name."""
     listed = ", ".join(f"{name} {version}" for name, version in versions().items())
     return f"Made by `{command('all', quick, mesh)}` with {listed}.\n"

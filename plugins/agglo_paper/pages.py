@@ -56,7 +56,7 @@ def build(
     # 2. Compute missing results
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        results = _computed(
+        results = _compute_results(
             plan, dict.fromkeys([*tables, *figure_words]), sources, Store(folder / "cache"), begin
         )
         # 3. Draw the figures
@@ -64,8 +64,8 @@ def build(
             _draw(plan, results, figure_words, sources, folder)
         # 4. Write the pages
         pages = [page for word in tables for page in _pages(plan, results, word, sources)]
-        pages = [_finished(page, plan, results, folder, sources) for page in pages]
-        pages = [_signed(page, quickly, mesh) for page in pages]
+        pages = [_complete_page(page, plan, results, folder, sources) for page in pages]
+        pages = [_append_command(page, quickly, mesh) for page in pages]
         for page in pages:
             _write(folder / f"{page.name}.md", page.markdown())
             _write(folder / f"{page.name}.json", json.dumps(page.data(), indent=1, allow_nan=False) + "\n")
@@ -77,7 +77,7 @@ def build(
     return pages, first
 
 
-def _finished(page: Page, plan: Plan, results: Results, folder: Path, sources: Sequence[str]) -> Page:
+def _complete_page(page: Page, plan: Plan, results: Results, folder: Path, sources: Sequence[str]) -> Page:
     """Complete a page with the existing figures and the failure messages."""
     word = next((w for w in _TABLES if w == page.name), "brain")
     failures: dict[str, str] = {}
@@ -95,14 +95,14 @@ def _finished(page: Page, plan: Plan, results: Results, folder: Path, sources: S
     )
 
 
-def _signed(page: Page, quickly: bool, mesh: Path | None) -> Page:
+def _append_command(page: Page, quickly: bool, mesh: Path | None) -> Page:
     """Append the command that reproduces the page."""
     word = page.name if page.name in _TABLES else "brain"
     own = mesh if page.name not in _TABLES else None
     return replace(page, intro=f"{page.intro}\n\nMade by `{command(word, quickly, own)}`.")
 
 
-def _computed(
+def _compute_results(
     plan: Plan, words: Iterable[str], sources: Sequence[str], store: Store, begin: Begin
 ) -> Results:
     results: dict[str, Data] = {}

@@ -39,7 +39,7 @@ def smaller(svg: str) -> str:
     text = _POLYLINES.sub(_steps, _SPACES.sub("\n", text))
     text = _PLACE.sub(lambda match: f"{float(match[0]):.1f}", text)
     # 3. Share clips, names and styles
-    text = _shared_styles(_short_names(_joined_clips(text)))
+    text = _share_styles(_short_names(_join_clips(text)))
     return re.sub(r"kept picture (\d+);", lambda match: pictures[int(match[1])], text)
 
 
@@ -96,7 +96,7 @@ def _few_colours(encoded: str) -> str:
     return base64.b64encode(min(before, after.getvalue(), key=len)).decode()
 
 
-def _joined_clips(svg: str) -> str:
+def _join_clips(svg: str) -> str:
     """Join adjacent groups with an equal clip path."""
     lines, last = [], ""
     for piece in re.split(r"(?=<g clip-path)", svg):
@@ -118,7 +118,7 @@ def _once(dots: re.Match[str]) -> str:
     return f"{dots[1]}{look}>{dots[2].replace(look, '')}</g>"
 
 
-def _shared_styles(svg: str) -> str:
+def _share_styles(svg: str) -> str:
     """Define frequent styles once, at the beginning."""
     counted = Counter(_STYLE.findall(svg))
     names = {

@@ -57,7 +57,7 @@ def units(plan: Plan) -> Iterator[Unit]:
             yield from (fresh_unit(family, number, each, plan.solver) for each in plan.usable)
 
 
-def sampled(plan: Plan, results: Results, strategy: Strategy, family: str, name: str) -> Float:
+def fresh_values(plan: Plan, results: Results, strategy: Strategy, family: str, name: str) -> Float:
     """Return one number per fresh mesh ``(plan.fresh,)``.
 
     NaN means no value, ∞ no convergence. ``name`` is a key of :data:`MEASURES`, ``spread`` (of the counts
@@ -128,9 +128,11 @@ class Paired:
         return f"{sizes}; {self.wins}:{self.losses}; p = {self.p:.1g}; {self.outcome}"
 
 
-def paired(plan: Plan, results: Results, first: Strategy, second: Strategy, family: str, name: str) -> Paired:
+def compare_pairs(
+    plan: Plan, results: Results, first: Strategy, second: Strategy, family: str, name: str
+) -> Paired:
     """Compare two strategies on a family's fresh meshes."""
-    ours, theirs = (sampled(plan, results, each, family, name) for each in (first, second))
+    ours, theirs = (fresh_values(plan, results, each, family, name) for each in (first, second))
     return Paired(ours, theirs, more=name in ("UF", "CR", "CRc"))
 
 
@@ -156,7 +158,7 @@ def _means(plan: Plan, results: Results, name: str) -> Table:
     for strategy in plan.usable:
         cells: dict[str, Any] = {}
         for family in plan.families:
-            values = sampled(plan, results, strategy, family, name)
+            values = fresh_values(plan, results, strategy, family, name)
             finite = values[np.isfinite(values)]
             failure_text = f" ({np.isinf(values).sum()} not converged)" if np.isinf(values).any() else ""
             spread = f" ± {finite.std(ddof=1):.{digits}f}" if len(finite) > 1 else ""
@@ -173,7 +175,7 @@ def _differences(plan: Plan, results: Results, rival: Strategy, name: str) -> Ta
     for strategy in plan.usable:
         if strategy.name != rival.name:
             compared = {
-                f: paired(plan, results, strategy, rival, f, name).text(digits) for f in plan.families
+                f: compare_pairs(plan, results, strategy, rival, f, name).text(digits) for f in plan.families
             }
             rows.append(Row(strategy.name, compared))
     key = f"statistics-{name}-{'by-count' if rival.by_count else 'same-sizes'}"

@@ -28,7 +28,7 @@ def agree(comm: Any, wrong: str) -> None:
         raise OptionError(messages[first] if len(messages) == 1 else f"rank {first}: {messages[first]}")
 
 
-def swapped(comm: Any, parcels: Mapping[int, T]) -> dict[int, T]:
+def exchange_parcels(comm: Any, parcels: Mapping[int, T]) -> dict[int, T]:
     """Exchange objects between all ranks, and return them by increasing rank. Collective.
 
     Parameters

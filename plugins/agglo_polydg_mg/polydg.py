@@ -22,7 +22,7 @@ from agglo_core.authoring import (
     frozen_float,
     solvers,
 )
-from agglo_polydg_mg.forms.assembly import Lifted, cell_means, lifted, load
+from agglo_polydg_mg.forms.assembly import Lifted, cell_means, discretise_lifted, load
 from agglo_polydg_mg.forms.boundary import boundary_faces
 from agglo_polydg_mg.forms.norms import EnergyNorm, errors
 from agglo_polydg_mg.forms.penalty import Penalty, require_penalty
@@ -97,7 +97,9 @@ class PolyDG:
         geometric work.
         """
         asked, basis = _diffusion(problem), basis or self.basis(mesh)
-        found = lifted(basis.mesh, self.degree, asked, penalty=self.penalty, basis=basis, units=units)
+        found = discretise_lifted(
+            basis.mesh, self.degree, asked, penalty=self.penalty, basis=basis, units=units
+        )
         return found if basis.mesh is mesh else found._replace(system=replace(found.system, mesh=mesh))
 
     def fine_system(
@@ -220,7 +222,7 @@ def corrections(problem: Problem, mesh: Mesh, labels: Int) -> Diffusion:
     """Return the problem for corrections on agglomerates: equal conditions with zero data."""
     diffusion = _diffusion(problem)
     return Diffusion(
-        kappa=_averaged(diffusion.kappa, mesh, labels),
+        kappa=_average_coefficient(diffusion.kappa, mesh, labels),
         source=0.0,
         dirichlet=dict.fromkeys(diffusion.dirichlet, 0.0),
         neumann=dict.fromkeys(diffusion.neumann, 0.0),
@@ -228,7 +230,7 @@ def corrections(problem: Problem, mesh: Mesh, labels: Int) -> Diffusion:
     )
 
 
-def _averaged(kappa: Field, mesh: Mesh, labels: Int) -> Field:
+def _average_coefficient(kappa: Field, mesh: Mesh, labels: Int) -> Field:
     """Average the coefficient over the cells of each agglomerate.
 
     A callable is evaluated at cell centroids.

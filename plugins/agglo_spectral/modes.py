@@ -62,13 +62,13 @@ def laplacian_modes(level: Graph, count: int, weighted: bool, dense_limit: int) 
 def _batches(sizes: Int, dense_limit: int) -> Iterator[Int]:
     """Yield stacks of blocks with similar sizes, and each block above ``dense_limit`` alone."""
     yield from np.flatnonzero(sizes > dense_limit)[:, None]
-    padded = np.where(sizes <= dense_limit, _padded(sizes), 0)
+    padded = np.where(sizes <= dense_limit, _padded_sizes(sizes), 0)
     for size in np.unique(padded[padded > 0]):
         blocks = np.flatnonzero(padded == size)
         yield from np.array_split(blocks, -(-len(blocks) * size**2 // _BATCH))
 
 
-def _padded(sizes: Int) -> Int:
+def _padded_sizes(sizes: Int) -> Int:
     """Return the dense matrix size for each block: 2, 3, 4, 6, 8, 12, 16, ….
 
     Other blocks have no influence.
@@ -106,7 +106,7 @@ def _dense(level: Graph, roots: Float, weights: Float, count: int) -> tuple[Floa
     """
     # 1. Scale each block by its largest degree
     sizes = np.diff(level.offsets)
-    n = int(_padded(sizes).max())
+    n = int(_padded_sizes(sizes).max())
     owners = np.repeat(np.arange(level.n), np.diff(level.indptr))
     places = np.arange(level.n) - level.offsets[level.block_ids]
     degrees = np.bincount(owners, weights, minlength=level.n) / roots**2

@@ -96,7 +96,7 @@ class Spectral:
         if choice.any():
             nodes = choice[level.block_ids]
             part, frame = level.take(np.flatnonzero(choice)), coordinates[nodes]
-            basis = _aligned(part, modes[nodes], near[choice], frame)
+            basis = _align_basis(part, modes[nodes], near[choice], frame)
             part_shares = None if shares is None else shares[choice]
             sides[nodes] = self._best(part, basis, frame, sides[nodes], part_shares)
         return sides
@@ -138,9 +138,9 @@ def _sweep(level: Graph, mode: Float, balance: float) -> tuple[Int, Flags]:
     places = np.empty(level.n, dtype=np.int64)
     places[order] = np.arange(level.n)
     # 2. Weight below and interface crossing each place
-    below = _running(level, integer_shares(level.weights, blocks)[order])
+    below = _running_sums(level, integer_shares(level.weights, blocks)[order])
     share = below / below[ends][blocks]
-    crossing = _running(level, _changes(level, places))
+    crossing = _running_sums(level, _changes(level, places))
     # 3. Lowest cut between different values, within the balance
     last = np.append(ranks[order][1:] > ranks[order][:-1], False)
     allowed = last & (share >= balance - _TIE) & (share <= 1 - balance + _TIE)
@@ -152,7 +152,7 @@ def _sweep(level: Graph, mode: Float, balance: float) -> tuple[Int, Flags]:
     return (places > cut[blocks]).astype(np.int64), np.isfinite(lowest)
 
 
-def _running(level: Graph, values: Int) -> Int:
+def _running_sums(level: Graph, values: Int) -> Int:
     """Return the exact running sum from the start of each block."""
     sums = np.cumsum(values)
     before = np.concatenate(([0], sums[level.offsets[1:-1] - 1]))
@@ -179,7 +179,7 @@ def _normalised_cut(level: Graph, sides: Int) -> Float:
     return values
 
 
-def _aligned(level: Graph, modes: Float, near: Flags, coordinates: Float) -> Float:
+def _align_basis(level: Graph, modes: Float, near: Flags, coordinates: Float) -> Float:
     """Return an orthonormal near-mode basis ``(n, d)``, closest to the linear functions.
 
     It is the orthogonal factor of the coordinate projections on the modes (Procrustes), independent of the

@@ -22,7 +22,7 @@ from agglo_core.registry import default
 from agglo_petsc.ksp.checked_solve import solve
 from agglo_petsc.ksp.pcmg import setup
 from agglo_petsc.matrices import petsc
-from agglo_petsc.solver.posed_systems import posed
+from agglo_petsc.solver.posed_systems import pose_system
 from agglo_petsc.solver.system_on_ranks import SystemOnRanks, on_ranks
 
 PETSc: Any = petsc()
@@ -48,7 +48,7 @@ def main() -> None:
     problem = agglo.Diffusion(kappa=kappa if given.jumps else 1.0)
     hierarchy = agglo.agglomerate(mesh, cells_per_part=(8, 64, 512), seed=given.seed)
     how = default().build("discretisation", "polydg", degree=given.degree)
-    system = posed(problem, hierarchy, how, given.degree, None)
+    system = pose_system(problem, hierarchy, how, given.degree, None)
     # Solvers by name.
     rivals: dict[str, Callable[[], Any]] = {
         f"petsc_mg {name}": lambda name=name: _ours(system, comm, name) for name in OURS

@@ -14,7 +14,7 @@ from agglo_core.problems import Diffusion, System
 from agglo_polydg_mg.auxiliary.conforming_kernels import cluster_vertices
 from agglo_polydg_mg.auxiliary.conforming_space import ConformingSpace, conforming_space
 from agglo_polydg_mg.auxiliary.conforming_stack import conforming_stack, labels_of_unknowns
-from agglo_polydg_mg.auxiliary.galerkin_kernels import thinned
+from agglo_polydg_mg.auxiliary.galerkin_kernels import drop_small_entries
 from agglo_polydg_mg.forms.assembly import discretise
 from agglo_polydg_mg.forms.penalty import face_penalty
 from agglo_polydg_mg.solver.choose import choose
@@ -135,7 +135,7 @@ def test_small_entries_between_vertices_go_to_the_diagonal() -> None:
 def test_small_entries_stay_where_nothing_else_joins_two_groups() -> None:
     rows, columns = np.array([0, 2, 4, 6, 7]), np.array([0, 1, 1, 2, 2, 3, 3], np.int32)
     values = np.array([2.0, -1.0, 2.0, 0.001, 2.0, -1.0, 2.0])  # 0–1 and 2–3, joined by 1–2 alone
-    starts, found, data = thinned(rows, columns, values, 4, 0.0, 0.0, 0.01)
+    starts, found, data = drop_small_entries(rows, columns, values, 4, 0.0, 0.0, 0.01)
     C = sparse.csr_array((data, found, starts), shape=(4, 4)).toarray()
     assert np.array_equal(C, C.T)
     assert C[1, 2] == 0.001

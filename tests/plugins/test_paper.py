@@ -14,7 +14,7 @@ import pytest
 from agglo_core import Component, hookimpl
 from agglo_core.cli import main
 from agglo_core.registry import Registry, default
-from agglo_paper.tables.published import printed
+from agglo_paper.tables.published import published_values
 from agglo_paper.work.strategies import columns
 
 RESULTS = Path(__file__).parents[2] / "docs" / "results"
@@ -144,7 +144,7 @@ def test_gnn_beside_the_authors_files(quick: Quick) -> None:
 def test_metis_is_asked_for_the_papers_counts(tables: Quick) -> None:
     counts = table(tables.folder, "uf", "uf-K")
     for name in ("METIS", "METIS, best options"):
-        found = [counts[name]["cells"][grid]["ours"] for grid in printed()["uf"]]
+        found = [counts[name]["cells"][grid]["ours"] for grid in published_values()["uf"]]
         assert found == [128 // 16, 286 // 16, 256 // 16, 256 // 16]
 
 

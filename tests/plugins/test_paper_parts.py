@@ -17,7 +17,7 @@ from agglo_core.registry import Registry
 from agglo_paper import figures
 from agglo_paper.statistics import Paired
 from agglo_paper.tables.multigrid import TABLES
-from agglo_paper.tables.published import Band, band, judge, judged, printed
+from agglo_paper.tables.published import Band, band, judge, judge_row, published_values
 from agglo_paper.tables.record import Cell, Page, Row, Table
 from agglo_paper.tables.shapes import ratio
 from agglo_paper.work import plan
@@ -51,20 +51,20 @@ def test_verdicts(cell: Cell, width: Band, verdict: str) -> None:
 def test_a_row_is_judged_by_kmeans_and_the_better_network() -> None:
     near, far, same = Cell(0.52, 0.5), Cell(0.9, 0.5), Cell(0.5, 0.5)
     cells = {"METIS": far, "k-means": same, "GNN": far, "gnn": same}
-    row = judged("uf", "squares", cells, SHARE)
+    row = judge_row("uf", "squares", cells, SHARE)
     assert row.verdict == "reproduced (METIS not reproduced, GNN not reproduced)"
     assert any("perfect squares" in reason for reason in row.why)
-    assert judged("uf", "random", {**cells, "k-means": near}, SHARE).verdict.startswith("within band (")
-    assert judged("uf", "random", {**cells, "k-means": far}, SHARE).verdict.startswith("not reproduced (")
-    assert judged("mg-m1", "random", {"CG": near}, SHARE).verdict == "within band"
+    assert judge_row("uf", "random", {**cells, "k-means": near}, SHARE).verdict.startswith("within band (")
+    assert judge_row("uf", "random", {**cells, "k-means": far}, SHARE).verdict.startswith("not reproduced (")
+    assert judge_row("mg-m1", "random", {"CG": near}, SHARE).verdict == "within band"
     others = {"CG": Band(0.01, True)}
-    both = judged("mg-m1", "random", {"k-means": same, "CG": Cell(110.0, 100.0)}, PART, others)
+    both = judge_row("mg-m1", "random", {"k-means": same, "CG": Cell(110.0, 100.0)}, PART, others)
     assert both.verdict == "reproduced (CG not reproduced)"
-    assert judged("uf", "random", {"k-means": same}, SHARE).why == []
+    assert judge_row("uf", "random", {"k-means": same}, SHARE).why == []
 
 
 def test_every_printed_number_has_a_place_and_ratios_fit() -> None:
-    numbers = printed()
+    numbers = published_values()
     for grid in GRIDS:
         for table in ("uf", "cr"):
             for column, value in numbers[f"{table}_relative"][grid].items():

@@ -12,7 +12,7 @@ import agglo_core as agglo
 import agglo_petsc
 from agglo_core import multigrid
 from agglo_core.errors import OptionError
-from agglo_petsc.ksp.option_database import parsed_options
+from agglo_petsc.ksp.option_database import parse_options
 from agglo_petsc.levels.labels import nested_aggregates
 from agglo_petsc.levels.polynomials import exponents, monomial
 from agglo_petsc.ranks.row_shares import row_share, usable_levels
@@ -69,10 +69,10 @@ def test_levels_that_are_not_nested_are_refused():
 
 
 def test_options_are_parsed_as_petsc_writes_them():
-    assert parsed_options("-a_b -1.5e3 -c -d 'x y'") == {"a_b": "-1.5e3", "c": "", "d": "x y"}
+    assert parse_options("-a_b -1.5e3 -c -d 'x y'") == {"a_b": "-1.5e3", "c": "", "d": "x y"}
     for wrong in ("sor", "-a 1 2", 3, {"-1": 2}, {"a": [1]}):
         with pytest.raises(OptionError, match="petsc_options"):
-            parsed_options(wrong)
+            parse_options(wrong)
 
 
 def test_unknowns_of_cells_get_nested_labels():

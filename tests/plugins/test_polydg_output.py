@@ -18,7 +18,7 @@ from agglo_polydg_mg.forms.norms import errors
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.quadrature import triangulate
-from agglo_polydg_mg.space.sampling import evaluate, locate, sampled, samples_of
+from agglo_polydg_mg.space.sampling import evaluate, locate, sample_points, samples_of
 
 Array = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ def test_injection_leaves_the_function_as_it_is(scaled: bool, coarse_degree: int
     fine, wide = Basis(mesh, 3, scaled), Basis(coarse, coarse_degree, scaled)
     y = np.random.default_rng(1).standard_normal(wide.n)
     x = project_between(fine, wide, labels) @ y
-    cells, points, _ = sampled(fine)
+    cells, points, _ = sample_points(fine)
     np.testing.assert_allclose(
         fine.evaluate(x, cells, points), wide.evaluate(y, labels[cells], points), rtol=1e-9, atol=1e-9
     )

@@ -7,7 +7,7 @@ from pathlib import Path
 import torch
 
 from agglo_core.authoring import Float, Graph, ImportPath, Int, OptionError, UInt64, sweep
-from agglo_gnn.paper.custom import filled
+from agglo_gnn.paper.custom import load_network
 from agglo_gnn.paper.network import Neighbours, inorm
 
 WEIGHTS = Path(__file__).parents[1] / "weights" / "paper.safetensors"  # the shipped model
@@ -55,7 +55,7 @@ class PaperGNN:
         if network is not None and weights is None:
             raise OptionError(f"gnn_paper: network {network!r} needs weights=FILE, trained by agglo train")
         self.rounding, self._type = rounding, _PRECISIONS[precision]
-        self._network = filled(network, WEIGHTS if weights is None else weights).to(self._type)
+        self._network = load_network(network, WEIGHTS if weights is None else weights).to(self._type)
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Float | Int:
         """Return the probability of side 1 for each node ``(n,)``, or sides if swept.

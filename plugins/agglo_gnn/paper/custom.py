@@ -29,7 +29,7 @@ from torch import nn
 from agglo_core.authoring import OptionError
 from agglo_gnn import model_file
 from agglo_gnn.paper.network import ARCHITECTURE, PaperNetwork
-from agglo_gnn.paper.trial import try_network, unseeded
+from agglo_gnn.paper.trial import keep_torch_state, try_network
 
 
 def network_class(name: str | None) -> Callable[[], nn.Module]:
@@ -84,7 +84,7 @@ def arrays_of(network: nn.Module) -> dict[str, NDArray[np.float32]]:
     return {name: value.detach().cpu().numpy() for name, value in network.state_dict().items()}
 
 
-def filled(name: str | None, weights: str | Path) -> nn.Module:
+def load_network(name: str | None, weights: str | Path) -> nn.Module:
     """Build a network with the arrays of a model file, ready for use.
 
     The file is read first: no code is imported for an invalid file.
@@ -95,7 +95,7 @@ def filled(name: str | None, weights: str | Path) -> nn.Module:
         If the file is not a valid model file for this network.
     """
     arrays, _ = model_file.load(weights, architecture=architecture_of(name))
-    with unseeded():
+    with keep_torch_state():
         network = network_class(name)()
     shapes = {key: tuple(value.shape) for key, value in network.state_dict().items()}
     model_file.check_shapes(weights, arrays, shapes)

@@ -68,7 +68,7 @@ class Training:
 
     def __init__(self, build: Callable[[], nn.Module], recipe: Recipe, device: str = "cpu") -> None:
         self.recipe, self.device, self.done = recipe, device, 0
-        with _seeded(recipe.seed, 0):
+        with _seed_torch(recipe.seed, 0):
             self.network = build().to(device)
         parameters = self.network.parameters()
         self.optimiser = torch.optim.Adam(parameters, lr=recipe.rate, weight_decay=recipe.decay)
@@ -81,7 +81,7 @@ class Training:
     def epochs(self) -> Iterator[Epoch]:
         """Train, and yield the progress after each remaining epoch."""
         while self.done < self.recipe.epochs:
-            with _seeded(self.recipe.seed, self.done + 1):
+            with _seed_torch(self.recipe.seed, self.done + 1):
                 loss = self._epoch()
             self.done += 1
             yield Epoch(self.done, loss, self.measure(self._fresh)[0], self.measure(self._pieces)[1])
@@ -170,7 +170,7 @@ def _samples(graphs: Iterator[Graph] | Sequence[Graph], device: str) -> list[Sam
 
 
 @contextmanager
-def _seeded(seed: int, step: int) -> Iterator[None]:
+def _seed_torch(seed: int, step: int) -> Iterator[None]:
     """Seed torch's generators within the block, and restore them afterwards."""
     with torch.random.fork_rng():
         torch.manual_seed((seed << 20) + step)

@@ -28,7 +28,7 @@ def try_network(name: str, build: Callable[[], nn.Module]) -> None:
         return finite logits ``(n, 2)`` that depend only on the block.
     """
     try:
-        with unseeded():
+        with keep_torch_state():
             network = build()
             before = _shapes(name, network)
             _ask(name, network)
@@ -42,7 +42,7 @@ def try_network(name: str, build: Callable[[], nn.Module]) -> None:
 
 
 @contextmanager
-def unseeded() -> Iterator[None]:
+def keep_torch_state() -> Iterator[None]:
     """Restore the state of torch's generators after the block."""
     with torch.random.fork_rng():
         yield
@@ -96,7 +96,7 @@ def _ask(name: str, network: nn.Module) -> None:
 
     def logits(x: Tensor, neighbours: Neighbours) -> Tensor:
         torch.manual_seed(0)  # fixes dropout
-        return _checked(name, network(x, neighbours), len(x))
+        return _check_logits(name, network(x, neighbours), len(x))
 
     # 2. Evaluate both modes, with the first mesh absent or changed
     network.eval()
@@ -123,7 +123,7 @@ def _culprit(network: nn.Module) -> str:
     return next((f": {key!r} is a {type(layer).__name__}" for key, layer in norms), "")
 
 
-def _checked(name: str, logits: Tensor, cells: int) -> Tensor:
+def _check_logits(name: str, logits: Tensor, cells: int) -> Tensor:
     if tuple(logits.shape) != (cells, 2):
         raise OptionError(
             f"network {name!r} returned shape {tuple(logits.shape)} for {cells} cells, "

@@ -9,7 +9,7 @@ import numpy as np
 
 from agglo_core.authoring import Float, Graph, Int
 from agglo_gnn.plane.features import rasterise
-from agglo_gnn.training.flat_arrays import joined_arrays, rows_of
+from agglo_gnn.training.flat_arrays import join_arrays, rows_of
 
 if TYPE_CHECKING:
     import torch
@@ -38,7 +38,7 @@ class Pieces:
 
 def gather(levels: list[Graph]) -> Pieces:
     """Join all blocks in flat arrays, with lengths in units of √A."""
-    return Pieces(**joined_arrays([_arrays_of(level) for level in levels]))
+    return Pieces(**join_arrays([_arrays_of(level) for level in levels]))
 
 
 def _arrays_of(level: Graph) -> dict[str, Any]:

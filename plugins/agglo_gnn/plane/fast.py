@@ -146,7 +146,7 @@ class FastGNN:
         if self._nets and dim not in self._nets:
             (other,) = self._nets
             raise OptionError(f"gnn: these weights are for meshes of dimension {other}; this one has {dim}")
-        return self._nets[dim] if self._nets else _shipped(dim)
+        return self._nets[dim] if self._nets else _shipped_parameters(dim)
 
 
 def _parameters(weights: str | os.PathLike[str] | Mapping[str, Any]) -> dict[int, tuple[Float, ...]]:
@@ -171,5 +171,5 @@ def _parameters(weights: str | os.PathLike[str] | Mapping[str, Any]) -> dict[int
 
 
 @cache  # reading and checking the file takes longer than splitting a small mesh
-def _shipped(dim: int) -> tuple[Float, ...]:
+def _shipped_parameters(dim: int) -> tuple[Float, ...]:
     return _parameters(_WEIGHTS / f"{_MODELS[dim][0]}.safetensors")[dim]

@@ -221,7 +221,7 @@ def _equal(n, shares):
 
 
 @helper
-def _pointed_cut(graph, pieces, lo, hi, work, axis):
+def _cut_near_mean(graph, pieces, lo, hi, work, axis):
     """Find the cheapest cut near the mean of the network's score.
 
     With few cells the axes are tried instead, with equal cells in addition; then the best direction is
@@ -280,7 +280,7 @@ def _cut(graph, pieces, lo, hi, extent, work, candidates, sides):
     axis[2] = 0.0
     # 1. Cut near the mean, unless the piece is small, or all its centroids coincide.
     if n >= _SMALL and scales[1] > 1e-299:
-        best = _pointed_cut(graph, pieces, lo, hi, work, axis)
+        best = _cut_near_mean(graph, pieces, lo, hi, work, axis)
     # 2. Without such a cut, the best of some axes over all thresholds, from the list of all edges.
     if best[0] == NO_CUT:
         rotations = work.finer[: n >= 24]  # few cells have few cuts

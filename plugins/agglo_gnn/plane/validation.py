@@ -10,7 +10,7 @@ from agglo_core.authoring import Float, Graph, SweepBisection, sweep
 from agglo_gnn.plane.data import batch_of, gather
 from agglo_gnn.plane.fast import FastGNN
 from agglo_gnn.plane.network import network
-from agglo_gnn.training.cut_costs import Rival, measured_costs
+from agglo_gnn.training.cut_costs import Rival, measure_costs
 from agglo_gnn.training.pieces import piece_graphs
 
 _SEED = 20_000  # for the validation pieces
@@ -29,7 +29,7 @@ def validate(parameters: Mapping[str, Float], initial: Mapping[str, Float], coun
         "network": lambda level, seeds: sweep(level, _scores(level, parameters)),
         "initial": lambda level, seeds: sweep(level, _scores(level, initial)),
     }
-    costs = measured_costs(piece_graphs(np.random.default_rng(_SEED), count), rivals)
+    costs = measure_costs(piece_graphs(np.random.default_rng(_SEED), count), rivals)
     of_means = float(costs.of["ratio"].mean() / costs.base.mean())
     return costs.mean_ratios(_LARGE) | {"of_means": of_means}
 

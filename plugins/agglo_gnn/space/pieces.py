@@ -19,8 +19,8 @@ from agglo_core.authoring import (
     frozen_int,
     samples,
 )
-from agglo_gnn.training.flat_arrays import joined_arrays, rows_of
-from agglo_gnn.training.pieces import FEWEST, halved
+from agglo_gnn.training.flat_arrays import join_arrays, rows_of
+from agglo_gnn.training.pieces import FEWEST, bisect_pieces
 
 if TYPE_CHECKING:
     import torch
@@ -43,7 +43,7 @@ def solid_graphs(rng: np.random.Generator, count: int) -> Iterator[Graph]:
         while graph.n_blocks:
             n_pieces += graph.n_blocks
             yield graph
-            graph = halved(graph, bisector, refine)
+            graph = bisect_pieces(graph, bisector, refine)
 
 
 def _domain(rng: np.random.Generator) -> Graph:
@@ -116,7 +116,7 @@ class SpatialPieces:
 
 def gather_solids(levels: list[Graph]) -> SpatialPieces:
     """Join all blocks in flat arrays, with face areas relative to typical sections."""
-    return SpatialPieces(**joined_arrays([_arrays_of(level) for level in levels]))
+    return SpatialPieces(**join_arrays([_arrays_of(level) for level in levels]))
 
 
 def _arrays_of(level: Graph) -> dict[str, Any]:

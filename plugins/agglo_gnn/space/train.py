@@ -11,7 +11,7 @@ from agglo_core.authoring import Float, Int, SweepBisection
 from agglo_gnn.plane.fast import FastGNN
 from agglo_gnn.space.network import initial_spatial, spatial_network
 from agglo_gnn.space.pieces import SpatialPieces, gather_solids, solid_graphs, tensors_of
-from agglo_gnn.training.cut_costs import measured_costs
+from agglo_gnn.training.cut_costs import measure_costs
 from agglo_gnn.training.loop import BALANCE, COMPACT, GROWTH, PieceTask, Progress, train_on_pieces
 
 if TYPE_CHECKING:
@@ -106,5 +106,5 @@ def _validate(parameters: Mapping[str, Float], initial: Mapping[str, Float], cou
         "initial": FastGNN(initial).bisect_level,
         "axes": SweepBisection().bisect_level,
     }
-    costs = measured_costs(solid_graphs(np.random.default_rng(_SEED), count), rivals)
+    costs = measure_costs(solid_graphs(np.random.default_rng(_SEED), count), rivals)
     return costs.mean_ratios(_LARGE)

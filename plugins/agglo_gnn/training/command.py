@@ -111,7 +111,7 @@ def _check_files(target: Path, checkpoint: Path | None, log: Path | None, resume
         raise OptionError("--resume needs --checkpoint FILE to go on from")
 
 
-def _given(context: click.Context) -> dict[str, Any]:
+def _given_options(context: click.Context) -> dict[str, Any]:
     """Return the options given on the command line, in the order of the help."""
     source = context.get_parameter_source
     return {key: context.params[key] for key in _names() if source(key) is ParameterSource.COMMANDLINE}
@@ -122,7 +122,7 @@ def _names() -> list[str]:
 
 
 def _refuse_foreign(context: click.Context, foreign: tuple[str, ...], preset: str) -> None:
-    if typed := [f"--{key}" for key in _given(context) if key in foreign]:
+    if typed := [f"--{key}" for key in _given_options(context) if key in foreign]:
         raise OptionError(f"{', '.join(typed)}: not for the preset {preset}; see agglo train --help")
 
 
@@ -130,7 +130,7 @@ def _command(context: click.Context) -> str:
     """Return the command as typed."""
     words = [
         f"--{key}" if value is True else f"--{key} {shlex.quote(str(value))}"
-        for key, value in _given(context).items()
+        for key, value in _given_options(context).items()
     ]
     return " ".join(["agglo train", *words])
 

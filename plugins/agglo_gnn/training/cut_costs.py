@@ -32,7 +32,7 @@ class CutCosts(NamedTuple):
         }
 
 
-def measured_costs(levels: Iterable[Graph], rivals: Mapping[str, Rival]) -> CutCosts:
+def measure_costs(levels: Iterable[Graph], rivals: Mapping[str, Rival]) -> CutCosts:
     """Cut every block of some graphs by all rivals and by 2-means."""
     two_means: Rival = default().build("bisector", "kmeans").bisect_level
     costs: dict[str, list[Float]] = {key: [] for key in rivals}

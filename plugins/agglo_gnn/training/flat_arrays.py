@@ -10,7 +10,7 @@ import numpy as np
 from agglo_core.authoring import Int
 
 
-def joined_arrays(levels: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def join_arrays(levels: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Join the arrays of several graphs by name.
 
     Arrays named ``*_offsets`` contain counts and become offsets.

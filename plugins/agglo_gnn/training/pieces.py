@@ -38,10 +38,10 @@ def piece_graphs(rng: np.random.Generator, count: int) -> Iterator[Graph]:
         while graph.n_blocks:
             n_pieces += graph.n_blocks
             yield graph
-            graph = halved(graph, bisector, refine)
+            graph = bisect_pieces(graph, bisector, refine)
 
 
-def halved(level: Graph, bisector: InertialBisection | SweepBisection, refine: bool) -> Graph:
+def bisect_pieces(level: Graph, bisector: InertialBisection | SweepBisection, refine: bool) -> Graph:
     """Return the pieces at the next depth: large enough connected pieces of both sides."""
     seeds: UInt64 = np.zeros(level.n_blocks, np.uint64)
     sides = frozen_int(bisector.bisect_level(level, seeds))

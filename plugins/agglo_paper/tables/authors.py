@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from agglo_paper.tables.published import printed
+from agglo_paper.tables.published import published_values
 from agglo_paper.tables.record import Cell, Row, Table
 from agglo_paper.tables.shapes import cell, unit
 from agglo_paper.work.plan import Plan
@@ -39,7 +39,7 @@ def authors_table(plan: Plan, results: Results, source: str, name: str) -> Table
     """Return K / UF / CR / CRc for the authors' files and for `gnn` in the default pipeline."""
     gnn, rows = _ours(plan), []
     for row, (key, mesh, convention) in _cases(source).items():
-        authors = printed()["authors"][key]
+        authors = published_values()["authors"][key]
         cells: dict[str, Cell | str] = {
             f"authors' {method}": _words([numbers[m] for m in ("K", "UF", "CR", "CRc")])
             for method, numbers in authors.items()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from agglo_core.authoring import FileError, MeshError
 from agglo_paper.tables.authors import authors_table, authors_units
-from agglo_paper.tables.published import band, judged, number, printed
+from agglo_paper.tables.published import band, judge_row, number, published_values
 from agglo_paper.tables.record import Page, Row, Table
 from agglo_paper.tables.shapes import cell, notes, ratio, units as shape_units
 from agglo_paper.work.grids import load
@@ -72,7 +72,7 @@ def _as_printed(plan: Plan, results: Results, source: str, name: str) -> Table:
     metis, *learned = plan.compared
     rows = []
     for row, metric in (("UF", "UF"), ("CR", "CRc")):
-        numbers, ratios = printed()["brain"][row], printed()["brain"][f"{row} relative"]
+        numbers, ratios = published_values()["brain"][row], published_values()["brain"][f"{row} relative"]
         direct = {
             strategy.name: cell(
                 plan, results, strategy, source, "brain", metric, number(numbers, strategy.name)
@@ -83,8 +83,8 @@ def _as_printed(plan: Plan, results: Results, source: str, name: str) -> Table:
             strategy.name: ratio(direct[strategy.name], direct[metis.name], number(ratios, strategy.name))
             for strategy in learned
         }
-        rows.append(judged("brain", row, direct, band(row.lower())))
-        rows.append(judged("brain", f"{row} relative", relative, band("ratios")))
+        rows.append(judge_row("brain", row, direct, band(row.lower())))
+        rows.append(judge_row("brain", f"{row} relative", relative, band("ratios")))
     return Table(name, "As printed (CR is CRc)", rows, 4, "metric", notes(plan))
 
 

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from agglo_paper.tables.published import band, judged, number, printed
+from agglo_paper.tables.published import band, judge_row, number, published_values
 from agglo_paper.tables.record import Cell, Page, Row, Table
 from agglo_paper.tables.shapes import notes, repeats
 from agglo_paper.work.measures import SETTINGS, SOLVER, count, plain
@@ -83,7 +83,7 @@ def _table(plan: Plan, results: Results, name: str, as_printed: bool) -> Table:
             cells = {strategy.name: _cell(plan, results, grid, strategy, index) for strategy in strategies}
             if as_printed:
                 cells["CG"] = _plain(plan, results, grid, setting.degree)
-                row = judged(name, grid, cells, band("counts"), {"CG": band("cg")})
+                row = judge_row(name, grid, cells, band("counts"), {"CG": band("cg")})
                 rows.append(replace(row, name=label))
             else:
                 rows.append(Row(label, cells))
@@ -98,7 +98,7 @@ def _table(plan: Plan, results: Results, name: str, as_printed: bool) -> Table:
 
 
 def _cell(plan: Plan, results: Results, grid: str, strategy: Strategy, index: int) -> Cell:
-    paper = number(printed()["multigrid"][grid], strategy.name, index)
+    paper = number(published_values()["multigrid"][grid], strategy.name, index)
     if strategy.problem or not plan.solver:
         return Cell(None, paper)
     found = [results[unit(plan, grid, strategy, repeat).key] for repeat in repeats(plan, strategy)]
@@ -114,7 +114,7 @@ def _cell(plan: Plan, results: Results, grid: str, strategy: Strategy, index: in
 
 
 def _plain(plan: Plan, results: Results, grid: str, degree: int) -> Cell:
-    paper = float(printed()["multigrid"][grid]["CG"][degree - 1])
+    paper = float(published_values()["multigrid"][grid]["CG"][degree - 1])
     result = results.get(plain_unit(plan, grid, degree).key, {"error": "no solver"})
     if "error" in result:
         return Cell(None, paper)

@@ -25,7 +25,7 @@ class Band(NamedTuple):
 
 
 @cache
-def printed() -> Mapping[str, Any]:
+def published_values() -> Mapping[str, Any]:
     """Return the content of ``published.toml``."""
     text = files("agglo_paper.tables").joinpath("published.toml").read_text(encoding="utf-8")
     return tomllib.loads(text)
@@ -33,7 +33,7 @@ def printed() -> Mapping[str, Any]:
 
 def band(name: str) -> Band:
     """Return the band for ``uf``, ``cr``, ``ratios``, ``counts`` or ``cg``."""
-    return Band(float(printed()["bands"][name]), name not in ("uf", "cr"))
+    return Band(float(published_values()["bands"][name]), name not in ("uf", "cr"))
 
 
 def number(table: Mapping[str, Any], column: str, place: int | None = None) -> float | None:
@@ -64,7 +64,7 @@ def judge(cell: Cell, band: Band) -> str:
     return NEAR if near else NOT
 
 
-def judged(
+def judge_row(
     table: str, name: str, cells: Mapping[str, Cell], usual: Band, others: Mapping[str, Band] | None = None
 ) -> Row:
     """Return a row with its verdict, and the reasons for all inexact cells.
@@ -105,7 +105,7 @@ def _reasons(table: str, row: str, columns: Iterable[str]) -> list[str]:
     column_set = set(columns)
     return [
         reason["text"]
-        for reason in printed()["reasons"]
+        for reason in published_values()["reasons"]
         if table in reason.get("tables", [table])
         and row in reason.get("rows", [row])
         and column_set & set(reason.get("columns", column_set))

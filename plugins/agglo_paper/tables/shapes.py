@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from agglo_paper.tables.published import band, judged, number, printed
+from agglo_paper.tables.published import band, judge_row, number, published_values
 from agglo_paper.tables.record import Cell, Page, Row, Table
 from agglo_paper.work.grids import GRIDS
 from agglo_paper.work.measures import measure
@@ -117,12 +117,12 @@ def page(plan: Plan, results: Results, name: str) -> Page:
 def _as_printed(plan: Plan, results: Results, name: str, metric: str) -> Table:
     rows = []
     for grid in GRIDS:
-        numbers, source = printed()[name][grid], f"paper:{grid}"
+        numbers, source = published_values()[name][grid], f"paper:{grid}"
         cells = {
             each.name: cell(plan, results, each, source, "run", metric, number(numbers, each.name))
             for each in plan.compared
         }
-        rows.append(judged(name, grid, cells, band(name)))
+        rows.append(judge_row(name, grid, cells, band(name)))
     return Table(name, f"{metric} as printed", rows, 4, notes=notes(plan))
 
 
@@ -130,13 +130,13 @@ def _relative(plan: Plan, results: Results, name: str, metric: str) -> Table:
     rows, table = [], f"{name}_relative"
     metis, *learned = plan.compared
     for grid in GRIDS:
-        numbers, source = printed()[table][grid], f"paper:{grid}"
+        numbers, source = published_values()[table][grid], f"paper:{grid}"
         below = cell(plan, results, metis, source, "run", metric)
         cells = {}
         for each in learned:
             above = cell(plan, results, each, source, "run", metric)
             cells[each.name] = ratio(above, below, number(numbers, each.name))
-        rows.append(judged(table, grid, cells, band("ratios")))
+        rows.append(judge_row(table, grid, cells, band("ratios")))
     return Table(table, f"{metric} relative to METIS", rows, 4, notes=notes(plan)[:1])
 
 

@@ -44,7 +44,7 @@ def load(source: str, numbering: int = 0) -> Mesh:
         mesh = _from_file(Path(name.partition(":")[2]))
     else:
         mesh = samples.brain()
-    return _renumbered(mesh, numbering) if numbering else mesh
+    return _renumber_cells(mesh, numbering) if numbering else mesh
 
 
 def targets(mesh: Mesh, source: str, convention: str) -> Targets:
@@ -71,13 +71,13 @@ def _fresh(family: str, number: int) -> Mesh:
         case "Voronoi":
             return samples.voronoi(256, seed)
         case "perturbed triangles":
-            return _perturbed(samples.triangles(8), 1 / 8, seed)
+            return _perturb_points(samples.triangles(8), 1 / 8, seed)
         case "perturbed squares":
-            return _perturbed(samples.squares(16), 1 / 16, seed)
+            return _perturb_points(samples.squares(16), 1 / 16, seed)
     raise OptionError(f"no family {family!r}; there are {', '.join(FAMILIES)}")
 
 
-def _perturbed(mesh: Mesh, spacing: float, seed: int) -> Mesh:
+def _perturb_points(mesh: Mesh, spacing: float, seed: int) -> Mesh:
     """Move inner points by up to a tenth of the spacing in x and y."""
     inner = np.all((mesh.points > 0) & (mesh.points < 1), axis=1, keepdims=True)
     moves = np.random.default_rng(seed).uniform(-1, 1, mesh.points.shape) * _JITTER * spacing
@@ -86,7 +86,7 @@ def _perturbed(mesh: Mesh, spacing: float, seed: int) -> Mesh:
     return Mesh.from_polygons(points, (loops.loop_offsets, loops.vertices), name=f"perturbed {mesh.name}")
 
 
-def _renumbered(mesh: Mesh, seed: int) -> Mesh:
+def _renumber_cells(mesh: Mesh, seed: int) -> Mesh:
     """Renumber cells at random."""
     loops = mesh.boundary_loops
     cells = np.split(loops.vertices, loops.loop_offsets[1:-1])

@@ -106,19 +106,21 @@ def columns(
     registry = default() if registry is None else registry
     # 1. Registered or chosen bisectors
     if chosen is None:
-        groups = [_offered(record, registry) for record in registry.list() if record.kind == "bisector"]
+        groups = [
+            _list_strategies(record, registry) for record in registry.list() if record.kind == "bisector"
+        ]
     else:
         groups = [
-            _offered(registry.record("bisector", name), registry, head, options)
+            _list_strategies(registry.record("bisector", name), registry, head, options)
             for head, (name, options) in chosen.items()
         ]
     # 2. Add them to the paper's columns, without its own bisectors: they have an equal pipeline there
     paper_bisectors = {strategy.bisector for strategy in paper_columns()[1:3]}
     extra = [strategy for group in groups for strategy in group if strategy.name not in paper_bisectors]
-    return [_checked(strategy, registry) for strategy in paper_columns()] + extra
+    return [_check_availability(strategy, registry) for strategy in paper_columns()] + extra
 
 
-def _checked(strategy: Strategy, registry: Registry) -> Strategy:
+def _check_availability(strategy: Strategy, registry: Registry) -> Strategy:
     try:
         record = registry.record("bisector", strategy.bisector)
     except PluginError as error:
@@ -126,7 +128,7 @@ def _checked(strategy: Strategy, registry: Registry) -> Strategy:
     return replace(strategy, package=_package(record), problem=_problem(record))
 
 
-def _offered(
+def _list_strategies(
     record: Record, registry: Registry, head: str = "", user_options: Mapping[str, Any] | None = None
 ) -> list[Strategy]:
     name = f"{record.plugin}/{record.name}" if record.state == "conflict" else record.name

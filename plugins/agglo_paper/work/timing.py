@@ -35,17 +35,17 @@ def time_one(kind: str, cells: int, bisectors: Sequence[str], runs: int, seconds
     for name in bisectors:
         run = partial(agglomerate, graph, bisector=name, n_parts=whole)
         try:
-            times[f"{name}, whole" if kind == "bisection" else name] = _clocked(run, runs, seconds)
+            times[f"{name}, whole" if kind == "bisection" else name] = _time_calls(run, runs, seconds)
         except AggloError as error:
             failures[name] = str(error)
         else:
             methods |= _alone(name, graph) if kind == "bisection" else {}
     # 3. Direct calls
-    times |= {name: _clocked(call, runs, seconds) for name, call in methods.items()}
+    times |= {name: _time_calls(call, runs, seconds) for name, call in methods.items()}
     return {"seconds": times, "failures": failures}
 
 
-def _clocked(call: Call, runs: int, seconds: float) -> list[float]:
+def _time_calls(call: Call, runs: int, seconds: float) -> list[float]:
     start = time.process_time()
     call()
     least = 3 if time.process_time() - start < seconds else 1

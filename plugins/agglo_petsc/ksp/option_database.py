@@ -15,7 +15,7 @@ from agglo_core.authoring import OptionError
 from agglo_petsc.matrices import petsc
 
 
-def parsed_options(given: str | Mapping[str, Any]) -> dict[str, str]:
+def parse_options(given: str | Mapping[str, Any]) -> dict[str, str]:
     """Parse options from a text like ``"-mg_levels_pc_type sor -ksp_view"`` or from a mapping.
 
     Names in a mapping may have a leading dash.
@@ -27,9 +27,9 @@ def parsed_options(given: str | Mapping[str, Any]) -> dict[str, str]:
 
     Examples
     --------
-    >>> parsed_options("-mg_levels_ksp_max_it 2 -ksp_view -pc_mg_distinct_smoothup")
+    >>> parse_options("-mg_levels_ksp_max_it 2 -ksp_view -pc_mg_distinct_smoothup")
     {'mg_levels_ksp_max_it': '2', 'ksp_view': '', 'pc_mg_distinct_smoothup': ''}
-    >>> parsed_options({"-ksp_rtol": 1e-3, "pc_mg_log": True})
+    >>> parse_options({"-ksp_rtol": 1e-3, "pc_mg_log": True})
     {'ksp_rtol': '0.001', 'pc_mg_log': 'true'}
     """
     if isinstance(given, Mapping):

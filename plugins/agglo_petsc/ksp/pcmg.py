@@ -8,7 +8,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from agglo_core.authoring import OptionError, Patches
-from agglo_petsc.ksp.option_database import OptionDatabase, parsed_options
+from agglo_petsc.ksp.option_database import OptionDatabase, parse_options
 from agglo_petsc.levels.aggregates import Levels, PetscLevels, levels_for
 from agglo_petsc.matrices import petsc
 from agglo_petsc.ranks.patch_sweeps import LevelSweeps, PatchSweeps, require_width
@@ -92,9 +92,9 @@ def setup(
             f"{A.getSize()[0]}"
         )
     # 2. Configure the levels
-    smoother_name = chosen_smoother(levels) if smoother == "auto" else smoother
+    smoother_name = choose_smoother(levels) if smoother == "auto" else smoother
     user_options, defaults = (
-        parsed_options(petsc_options),
+        parse_options(petsc_options),
         _coarse(A.getComm(), coarse_solver, bool(levels.prolongations)),
     )
     if levels.prolongations:
@@ -146,7 +146,7 @@ def _set_up(ksp: Any) -> None:
         )
 
 
-def chosen_smoother(levels: PetscLevels) -> str:
+def choose_smoother(levels: PetscLevels) -> str:
     """Return the smoother for ``auto``: sweeps if useful and available on all levels, otherwise SOR."""
     if any(width is None for width in levels.widths):
         return "sor"

@@ -150,7 +150,7 @@ def aggregate_levels(
     offsets, B, prolongations, widths, galerkin_matrices = *_start(A, block_offsets, near_null), [], [], []
     # Each level: aggregates, tentative prolongation, Jacobi step, Galerkin matrix
     for level, part_aggregates in enumerate(aggregates):
-        ids, count = _numbered(
+        ids, count = _number_aggregates(
             comm, level, part_aggregates, len(offsets) - 1, None if owned is None else owned[level]
         )
         start = bases_where_owned(comm, np.repeat(ids, np.diff(offsets)), count, B)
@@ -222,7 +222,7 @@ def _start(A: Any, block_offsets: ArrayLike | None, near_null: ArrayLike | None)
     n, size = A.getLocalSize()[0], A.getBlockSize()
     offsets = np.arange(0, n + 1, size) if block_offsets is None else np.asarray(block_offsets)
     if near_null is None:
-        near_null = _known(A, n, offsets)
+        near_null = _near_null_or_constants(A, n, offsets)
     B = np.asarray(near_null, np.float64)
     B = B[:, None] if B.ndim == 1 else B
     # 2. Check both on all ranks
@@ -242,7 +242,7 @@ def _start(A: Any, block_offsets: ArrayLike | None, near_null: ArrayLike | None)
     return frozen_int(offsets), frozen_float(B)
 
 
-def _known(A: Any, n: int, offsets: Any) -> Any:
+def _near_null_or_constants(A: Any, n: int, offsets: Any) -> Any:
     """Return the near-null vectors stored with the matrix, or constants."""
     found = near_null_vectors(A)
     if found is not None:
@@ -252,7 +252,9 @@ def _known(A: Any, n: int, offsets: Any) -> Any:
     return (np.arange(n)[:, None] % width == np.arange(width)).astype(float)
 
 
-def _numbered(comm: Any, level: int, aggregates: ArrayLike, parts: int, owned: int | None) -> tuple[Int, int]:
+def _number_aggregates(
+    comm: Any, level: int, aggregates: ArrayLike, parts: int, owned: int | None
+) -> tuple[Int, int]:
     """Return the aggregate of each part, −1 for none, and their number on this rank.
 
     Checked on all ranks.

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from agglo_core.authoring import Float, Int, frozen_float, frozen_int, tentative
-from agglo_petsc.messages import agree, swapped
+from agglo_petsc.messages import agree, exchange_parcels
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,9 @@ def bases_where_owned(comm: Any, holder: Any, count: int, near_null: Float) -> O
     starts = np.concatenate(([0], np.cumsum(ranks.allgather(count))))
     owner = np.where(holder < 0, -1, np.searchsorted(starts, holder, side="right") - 1)
     sent_rows = {rank: np.flatnonzero(owner == rank) for rank in np.unique(owner[owner >= 0]).tolist()}
-    arrived = swapped(ranks, {rank: (holder[rows], near_null[rows]) for rank, rows in sent_rows.items()})
+    arrived = exchange_parcels(
+        ranks, {rank: (holder[rows], near_null[rows]) for rank, rows in sent_rows.items()}
+    )
     # 2. Check that no aggregate is empty, and compute the bases
     first = int(starts[ranks.rank])
     ids = np.concatenate([np.empty(0, np.int64), *(item[0] for item in arrived.values())]) - first
@@ -73,7 +75,7 @@ def bases_where_owned(comm: Any, holder: Any, count: int, near_null: Float) -> O
         answers[rank] = np.diff(piece.indptr), piece.indices + before, piece.data
         at += len(rank_ids)
     return OwnedBases(
-        _rows(swapped(ranks, answers), sent_rows, len(holder), total), bases.offsets, bases.near_null
+        _rows(exchange_parcels(ranks, answers), sent_rows, len(holder), total), bases.offsets, bases.near_null
     )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import sparse
 
 from agglo_core.authoring import Int, Patches, frozen_int
-from agglo_petsc.messages import by_owner, swapped
+from agglo_petsc.messages import by_owner, exchange_parcels
 
 _EMPTY = frozen_int(np.empty(0, np.int64))  # no parts
 
@@ -67,7 +67,7 @@ def border_plan(comm: Any, own: Any, starts: Int, patches: Patches | None) -> Bo
     # 1. Divide the patches into inner and outer
     first, last = int(starts[comm.rank]), int(starts[comm.rank + 1])
     groups = _with_single_parts(comm, starts, patches)
-    inner, outer = _divided(groups, own, first, last)
+    inner, outer = _divide_patches(groups, own, first, last)
     # 2. Collect the rows of changed parts, and the parts to copy
     changed = frozen_int(np.unique(outer.parts))
     rows, ids = _rows_for(comm, own, starts, changed)
@@ -81,7 +81,9 @@ def border_plan(comm: Any, own: Any, starts: Int, patches: Patches | None) -> Bo
 
     # 3. Exchange the lists of copies and updates
     requests = by_owner(ghosts, starts)
-    copied = {rank: frozen_int(part_ids - first) for rank, part_ids in swapped(comm, requests).items()}
+    copied = {
+        rank: frozen_int(part_ids - first) for rank, part_ids in exchange_parcels(comm, requests).items()
+    }
     updates, tellers = _tellers(comm, starts, changed, copied)
     matrix = _square(rows, to_local(changed), to_local(ids), last - first + len(ghosts), own.blocksize[0])
     return BorderPlan(
@@ -107,7 +109,7 @@ def _with_single_parts(comm: Any, starts: Int, patches: Patches | None) -> Patch
     """Return this rank's nonempty patches, and its parts outside all patches on any rank."""
     first, last = int(starts[comm.rank]), int(starts[comm.rank + 1])
     offsets, parts = (np.zeros(1, np.int64), _EMPTY) if patches is None else (patches.offsets, patches.parts)
-    held = swapped(comm, by_owner(frozen_int(np.unique(parts)), starts)).values()
+    held = exchange_parcels(comm, by_owner(frozen_int(np.unique(parts)), starts)).values()
     alone = np.ones(last - first, bool)
     for each in held:
         alone[each - first] = False
@@ -116,7 +118,7 @@ def _with_single_parts(comm: Any, starts: Int, patches: Patches | None) -> Patch
     return Patches(starts_of(sizes), frozen_int(np.concatenate((parts, single))))
 
 
-def _divided(groups: Patches, rows: Any, first: int, last: int) -> tuple[Patches, Patches]:
+def _divide_patches(groups: Patches, rows: Any, first: int, last: int) -> tuple[Patches, Patches]:
     """Split into patches whose parts and neighbours are all own, and all others."""
     away = (rows.indices < first) | (rows.indices >= last)
     coupled = np.zeros(last - first, bool)
@@ -136,13 +138,16 @@ def _rows_for(comm: Any, rows: Any, starts: Int, parts: Int) -> tuple[tuple[Any,
     """Collect the rows of parts on any ranks, own rows first: counts, columns, blocks, and columns again."""
     first, requests = int(starts[comm.rank]), by_owner(parts, starts)
     own_parts = requests.pop(comm.rank, _EMPTY)
-    answers = {rank: _taken(rows, frozen_int(item - first)) for rank, item in swapped(comm, requests).items()}
-    pieces = [_taken(rows, frozen_int(own_parts - first)), *swapped(comm, answers).values()]
+    answers = {
+        rank: _take_rows(rows, frozen_int(item - first))
+        for rank, item in exchange_parcels(comm, requests).items()
+    }
+    pieces = [_take_rows(rows, frozen_int(own_parts - first)), *exchange_parcels(comm, answers).values()]
     counts, columns, blocks = (np.concatenate(item) for item in zip(*pieces, strict=True))
     return (counts, columns, blocks), frozen_int(columns)
 
 
-def _taken(rows: Any, selection: Int) -> tuple[Any, Any, Any]:
+def _take_rows(rows: Any, selection: Int) -> tuple[Any, Any, Any]:
     """Return some rows of a BSR: counts, columns, blocks."""
     counts = np.diff(rows.indptr)[selection]
     ends = np.cumsum(counts)
@@ -172,7 +177,7 @@ def _tellers(
     """
     # 1. Ranks that change own parts, and ranks that hold them
     first, count = int(starts[comm.rank]), int(starts[comm.rank + 1] - starts[comm.rank])
-    writers = swapped(comm, by_owner(changed, starts))
+    writers = exchange_parcels(comm, by_owner(changed, starts))
     holders = dict(copied) | {comm.rank: np.arange(count)}
     has = {rank: np.isin(np.arange(count), values) for rank, values in holders.items()}
     # 2. Answer each writer with the holders
@@ -182,11 +187,11 @@ def _tellers(
         answers[writer] = {rank: values for rank, values in shared.items() if len(values)}
     # 3. Merge the answers
     pieces: dict[int, list[Int]] = {}
-    for answer in swapped(comm, answers).values():
+    for answer in exchange_parcels(comm, answers).values():
         for rank, parts in answer.items():
             pieces.setdefault(rank, []).append(parts)
     updates = {rank: frozen_int(np.concatenate(pieces[rank])) for rank in sorted(pieces)}
-    return updates, swapped(comm, updates)
+    return updates, exchange_parcels(comm, updates)
 
 
 def _colours(comm: Any, touched: list[int]) -> dict[int, int]:

@@ -37,7 +37,7 @@ def patches_across(mesh: distributed.DistributedMesh, numbers: Int, bounds: Int)
     """
     ranks = mesh.ranks
     if ranks.size == 1 and mesh.n_cells == len(np.unique(numbers)):
-        return _numbered(multigrid.vertex_patches(mesh.local), numbers)
+        return _renumber_parts(multigrid.vertex_patches(mesh.local), numbers)
     # 1. Patches inside, and pairs of points and parts at the borders
     with ranks.together():
         inside, border = _of_own_cells(mesh, numbers), _border_pairs(mesh, numbers)
@@ -47,30 +47,32 @@ def patches_across(mesh: distributed.DistributedMesh, numbers: Int, bounds: Int)
     # 2. Join them, and send each patch to the owner of its lowest part
     with ranks.together():
         pairs = np.concatenate([np.empty((2, 0), np.int64), *arrived.values()], axis=1)
-        patches = _joined([inside, _around_points(np.unique(pairs, axis=1))])
+        patches = _join_patches([inside, _around_points(np.unique(pairs, axis=1))])
         owners = np.searchsorted(bounds, patches.parts[patches.offsets[:-1]], side="right") - 1
-        patches_by_rank = {rank: _chosen(patches, owners == rank) for rank in np.unique(owners).tolist()}
-    patches = _joined(list(ranks.exchanged(patches_by_rank).values()))
+        patches_by_rank = {
+            rank: _select_patches(patches, owners == rank) for rank in np.unique(owners).tolist()
+        }
+    patches = _join_patches(list(ranks.exchanged(patches_by_rank).values()))
     # 3. Sort, and remove contained patches
     with ranks.together():
-        return _without_contained(_ascending(patches))
+        return _without_contained(_sort_patches(patches))
 
 
 def _of_own_cells(mesh: distributed.DistributedMesh, numbers: Int) -> Patches:
     """Return the patches among own cells, complete if all cells around a vertex are own."""
     codes = 2 * np.asarray(numbers) + (mesh.owners != mesh.ranks.rank)  # odd: ghosts
     if not len(codes):
-        return _joined([])
+        return _join_patches([])
     names, labels = np.unique(codes, return_inverse=True)
     if len(names) == len(codes):  # cells are the parts
-        patches = _numbered(multigrid.vertex_patches(mesh.local), frozen_int(codes))
+        patches = _renumber_parts(multigrid.vertex_patches(mesh.local), frozen_int(codes))
     else:
-        patches = _numbered(multigrid.vertex_patches(mesh.local, frozen_int(labels)), frozen_int(names))
+        patches = _renumber_parts(multigrid.vertex_patches(mesh.local, frozen_int(labels)), frozen_int(names))
     is_own = patches.parts % 2 == 0
     group = np.repeat(np.arange(len(patches)), np.diff(patches.offsets))
     sizes = np.bincount(group[is_own], minlength=len(patches))
     cut = Patches(starts_of(sizes), frozen_int(patches.parts[is_own] // 2))
-    return _chosen(cut, sizes > 1)
+    return _select_patches(cut, sizes > 1)
 
 
 def _border_pairs(mesh: distributed.DistributedMesh, numbers: Int) -> Int:
@@ -89,10 +91,10 @@ def _border_pairs(mesh: distributed.DistributedMesh, numbers: Int) -> Int:
 def _around_points(pairs: Any) -> Patches:
     """Return the parts at each point, from sorted pairs."""
     sizes = np.unique(pairs[0], return_counts=True)[1]
-    return _chosen(Patches(starts_of(sizes), frozen_int(pairs[1])), (sizes > 1) & (sizes <= _MOST))
+    return _select_patches(Patches(starts_of(sizes), frozen_int(pairs[1])), (sizes > 1) & (sizes <= _MOST))
 
 
-def _ascending(patches: Patches) -> Patches:
+def _sort_patches(patches: Patches) -> Patches:
     """Sort the parts of each patch, and sort the patches."""
     sizes = np.diff(patches.offsets)
     group = np.repeat(np.arange(len(patches)), sizes)
@@ -114,19 +116,19 @@ def _without_contained(patches: Patches) -> Patches:
     inside = (shared.data == sizes[shared.row]) & (shared.row != shared.col)
     kept = np.ones(len(sizes), bool)
     kept[shared.row[inside]] = False
-    return _chosen(patches, kept)
+    return _select_patches(patches, kept)
 
 
-def _numbered(patches: Patches, names: Int) -> Patches:
+def _renumber_parts(patches: Patches, names: Int) -> Patches:
     return Patches(patches.offsets, frozen_int(names[patches.parts]))
 
 
-def _chosen(patches: Patches, which: Any) -> Patches:
+def _select_patches(patches: Patches, which: Any) -> Patches:
     sizes = np.diff(patches.offsets)
     return Patches(starts_of(sizes[which]), frozen_int(patches.parts[np.repeat(which, sizes)]))
 
 
-def _joined(pieces: list[Patches]) -> Patches:
+def _join_patches(pieces: list[Patches]) -> Patches:
     sizes = np.concatenate([np.empty(0, np.int64), *(np.diff(piece.offsets) for piece in pieces)])
     return Patches(
         starts_of(sizes),

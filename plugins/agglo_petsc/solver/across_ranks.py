@@ -26,7 +26,7 @@ from agglo_core.authoring import (
 )
 from agglo_petsc.ksp.checked_solve import solve
 from agglo_petsc.ksp.level_report import level_sizes, memory_of
-from agglo_petsc.ksp.pcmg import Smoother, chosen_smoother, setup
+from agglo_petsc.ksp.pcmg import Smoother, choose_smoother, setup
 from agglo_petsc.levels.aggregates import PetscLevels, aggregate_levels
 from agglo_petsc.levels.polynomials import monomials
 from agglo_petsc.matrices import mat_from_rows, petsc, vector
@@ -140,7 +140,7 @@ def solve_across(
     components = default() if registry is None else registry
     discretisation = components.build("discretisation", "polydg", degree=degree)
     options: Any = {"smoother": smoother, "petsc_options": petsc_options}
-    return solved_across(
+    return solve_discretised(
         problem,
         hierarchy,
         discretisation,
@@ -151,7 +151,7 @@ def solve_across(
     )
 
 
-def solved_across(
+def solve_discretised(
     problem: Diffusion,
     hierarchy: distributed.DistributedHierarchy,
     how: Discretisation,
@@ -172,7 +172,7 @@ def solved_across(
         raise OptionError(f"levels = {levels} with the mesh; there are {len(hierarchy.levels) + 1}")
     # 1. Assemble
     with watch("assemble"), phase(progress, "assembling"):
-        rows = _assembled(problem, mesh, how, degree)
+        rows = _assemble_own_rows(problem, mesh, how, degree)
     comm = PETSc.Comm(mesh.ranks.comm)
     # 2. Set up the levels
     with watch("setup"), phase(progress, "setting up the levels"):
@@ -189,7 +189,7 @@ def solved_across(
     with watch("solve"), phase(progress, "solving"):
         history = solve(ksp, vector(A, rows.b), tolerance=tolerance, max_iterations=max_iterations)
     ranks, sizes = mesh.ranks, level_sizes(ksp)
-    smoother = chosen_smoother(petsc_levels) if options["smoother"] == "auto" else options["smoother"]
+    smoother = choose_smoother(petsc_levels) if options["smoother"] == "auto" else options["smoother"]
     on = "one rank" if ranks.size == 1 else f"{ranks.size} ranks"
     return AcrossRanks(
         x=frozen_float(history.x),
@@ -210,7 +210,7 @@ def solved_across(
     )
 
 
-def _assembled(
+def _assemble_own_rows(
     problem: Diffusion, mesh: distributed.DistributedMesh, discretisation: Discretisation, degree: int
 ) -> _Rows:
     """Assemble the rows of own cells.

@@ -28,7 +28,7 @@ from agglo_core.authoring import (
 )
 from agglo_petsc.ksp.checked_solve import solve
 from agglo_petsc.ksp.level_report import level_matrices, level_sizes, memory_of
-from agglo_petsc.ksp.option_database import parsed_options
+from agglo_petsc.ksp.option_database import parse_options
 from agglo_petsc.ksp.pcmg import (
     COARSE_SOLVERS,
     CYCLES,
@@ -36,12 +36,12 @@ from agglo_petsc.ksp.pcmg import (
     CoarseSolver,
     Cycle,
     Smoother,
-    chosen_smoother,
+    choose_smoother,
     setup,
 )
 from agglo_petsc.matrices import entries, petsc
-from agglo_petsc.solver.across_ranks import AcrossRanks, solved_across
-from agglo_petsc.solver.posed_systems import PosedSystem, posed, solution_of
+from agglo_petsc.solver.across_ranks import AcrossRanks, solve_discretised
+from agglo_petsc.solver.posed_systems import PosedSystem, pose_system, solution_of
 from agglo_petsc.solver.system_on_ranks import COARSENINGS, Coarsening, SystemOnRanks, on_ranks
 
 _OURS = {
@@ -155,7 +155,7 @@ class PetscMultigrid:
         # 1. Assemble
         watch, comm = solvers.Stopwatch(), self._comm()
         with watch("assemble"), phase(progress, "assembling"):
-            system = posed(problem, hierarchy, self.discretisation, self.degree, self.levels)
+            system = pose_system(problem, hierarchy, self.discretisation, self.degree, self.levels)
         # 2. Set up the levels
         try:
             with watch("setup"), phase(progress, "setting up the levels"):
@@ -203,7 +203,7 @@ class PetscMultigrid:
             raise OptionError(f"a {problem.kind} problem cannot be had of a mesh that lies on several ranks")
         if self.coarsening == "matrix":
             raise OptionError("coarsening 'matrix' is for one rank; on several take 'agglomerates'")
-        return solved_across(
+        return solve_discretised(
             problem,
             hierarchy,
             self.discretisation,
@@ -235,7 +235,7 @@ class PetscMultigrid:
             raise OptionError(
                 "a preconditioner for scipy is of one rank; agglo_petsc.pc gives one of several"
             )
-        system = posed(problem, hierarchy, self.discretisation, self.degree, self.levels)
+        system = pose_system(problem, hierarchy, self.discretisation, self.degree, self.levels)
         try:
             rank_system, ksp = self._set_up(system, comm)
         except np.linalg.LinAlgError as failure:
@@ -268,7 +268,7 @@ class PetscMultigrid:
         return rank_system, ksp
 
     def _choice(self, rank_system: SystemOnRanks) -> str:
-        smoother = chosen_smoother(rank_system.levels) if self.smoother == "auto" else self.smoother
+        smoother = choose_smoother(rank_system.levels) if self.smoother == "auto" else self.smoother
         ranks = rank_system.A.getComm().getSize()
         on = "one rank" if ranks == 1 else f"{ranks} ranks"
         return f"{rank_system.choice}, {smoother}, {self.cycle}-cycle, PETSc on {on}"
@@ -284,7 +284,7 @@ def _whole(value: Any, least: int) -> bool:
 
 def _options(options: str | Mapping[str, Any]) -> dict[str, str]:
     """Parse PETSc options, and refuse options that correspond to a solver option."""
-    values = parsed_options(options)
+    values = parse_options(options)
     for petsc_name, option_name in _OURS.items():
         if petsc_name in values:
             raise OptionError(f"petsc_options: -{petsc_name} is the option {option_name} here")

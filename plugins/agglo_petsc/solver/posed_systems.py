@@ -65,7 +65,7 @@ class PosedSystem:
     mesh: Mesh | None
 
 
-def posed(
+def pose_system(
     problem: Problem, hierarchy: Hierarchy, how: Discretisation, degree: int, levels: int | None
 ) -> PosedSystem:
     """Prepare a problem on the mesh of a hierarchy.
@@ -79,13 +79,13 @@ def posed(
         See ``how``.
     """
     if isinstance(problem, Diffusion):
-        return _discretised(problem, hierarchy, how, degree, levels)
+        return _pose_diffusion(problem, hierarchy, how, degree, levels)
     if isinstance(problem, Linear):
-        return _given(problem, hierarchy, levels)
+        return _pose_linear(problem, hierarchy, levels)
     raise OptionError(f"a problem is a Diffusion or a Linear, given {type(problem).__name__}")
 
 
-def _discretised(
+def _pose_diffusion(
     problem: Diffusion, hierarchy: Hierarchy, discretisation: Discretisation, degree: int, levels: int | None
 ) -> PosedSystem:
     # 1. Assemble, and check for finite values
@@ -99,7 +99,7 @@ def _discretised(
         solvers.factor_for(float(np.abs(system.b).max())),
         discretisation.residual_measure(problem, mesh, system.b),
     )
-    labels = _chosen(hierarchy, levels) if hierarchy.levels else _made(hierarchy, levels)
+    labels = _select_levels(hierarchy, levels) if hierarchy.levels else _build_levels(hierarchy, levels)
     # 3. Near-null vectors: monomials on the mesh
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     centre, half = (low + high) / 2, float((high - low).max()) / 2
@@ -116,7 +116,7 @@ def _discretised(
     )
 
 
-def _given(problem: Linear, hierarchy: Hierarchy, levels: int | None) -> PosedSystem:
+def _pose_linear(problem: Linear, hierarchy: Hierarchy, levels: int | None) -> PosedSystem:
     matrix, b = symmetric_system(problem)
     offsets, cells = frozen_int(problem.block_offsets), hierarchy.graph.n
     sizes = np.diff(offsets)
@@ -126,20 +126,20 @@ def _given(problem: Linear, hierarchy: Hierarchy, levels: int | None) -> PosedSy
         raise OptionError(f"every cell must have an unknown; cell {int(sizes.argmin())} has {sizes.min()}")
     near, factor = problem.near_null, solvers.factor_for(float(np.abs(b).max(initial=0.0)))
     B = None if near is None else frozen_float(np.asarray(near, np.float64).reshape(len(b), -1))
-    labels = _chosen(hierarchy, levels) if hierarchy.levels else []
+    labels = _select_levels(hierarchy, levels) if hierarchy.levels else []
     scaled = frozen_float(factor * b)
     measure = multigrid.row_measure(matrix, scaled)
     return PosedSystem(matrix, scaled, factor, offsets, measure, labels, B, None)
 
 
-def _chosen(hierarchy: Hierarchy, levels: int | None) -> list[Int]:
+def _select_levels(hierarchy: Hierarchy, levels: int | None) -> list[Int]:
     """Return the labels for the requested number of levels, the mesh included."""
     if levels is not None and levels > len(hierarchy.levels) + 1:
         raise OptionError(f"levels = {levels} with the mesh; there are {len(hierarchy.levels) + 1}")
     return list(hierarchy.levels)[: None if levels is None else levels - 1]
 
 
-def _made(hierarchy: Hierarchy, levels: int | None) -> list[Int]:
+def _build_levels(hierarchy: Hierarchy, levels: int | None) -> list[Int]:
     """Build default levels, with 8 cells per part, and 8 parts per part on the next level."""
     n, sizes = hierarchy.graph.n, list[int]()
     while n // _CELLS_PER_PART ** (len(sizes) + 1) >= _FEWEST:

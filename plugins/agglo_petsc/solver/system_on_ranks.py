@@ -57,7 +57,7 @@ def on_ranks(system: PosedSystem, comm: Any, coarsening: Coarsening, smoother: S
     place[rows] = np.arange(len(rows))
     width = _width(system.offsets)
     A = mat_from_rows(
-        _renumbered(system.A[own_unknowns], place), comm, len(own_unknowns), (width or 1, width or 1)
+        _renumber_columns(system.A[own_unknowns], place), comm, len(own_unknowns), (width or 1, width or 1)
     )
     b = vector(A, frozen_float(system.b[own_unknowns]))
     # 3. Levels from the matrix, or from agglomerates
@@ -82,7 +82,7 @@ def _unknowns(offsets: Int, cells: Int) -> Int:
     return frozen_int(np.repeat(offsets[cells] - first[:-1], sizes) + np.arange(first[-1]))
 
 
-def _renumbered(rows: Any, place: Int) -> Any:
+def _renumber_columns(rows: Any, place: Int) -> Any:
     """Return the rows with renumbered columns."""
     renumbered_rows = rows.copy()
     renumbered_rows.indices = place[rows.indices].astype(rows.indices.dtype)

@@ -40,12 +40,14 @@ def project_between(fine: Basis, coarse: Basis, labels: Int) -> sparse.bsr_array
     if fine.mesh.dim == 2:
         turned = (coarse.boxes[labels, 5] != 0.0) | (fine.boxes[:, 5] != 0.0)
         some = np.flatnonzero(turned)
-        blocks[some] = _sampled(fine, coarse, frozen_int(some), frozen_int(labels[some]))
-    blocks[~turned] = _stretched(fine, coarse, frozen_int(np.flatnonzero(~turned)), labels[~turned])
+        blocks[some] = _rotated_coefficients(fine, coarse, frozen_int(some), frozen_int(labels[some]))
+    blocks[~turned] = _parallel_coefficients(
+        fine, coarse, frozen_int(np.flatnonzero(~turned)), labels[~turned]
+    )
     return one_per_row(blocks, labels, (fine.n, coarse.n))
 
 
-def _stretched(fine: Basis, coarse: Basis, cells: Int, labels: Int) -> Float:
+def _parallel_coefficients(fine: Basis, coarse: Basis, cells: Int, labels: Int) -> Float:
     """Return the coefficients ``(n, fine.n_local, coarse.n_local)`` for parallel boxes."""
     outer, inner = coarse.halves[labels], fine.halves[cells]
     shift = fine.centres[cells] - coarse.centres[labels] + (fine.mesh.origin - coarse.mesh.origin)
@@ -54,14 +56,14 @@ def _stretched(fine: Basis, coarse: Basis, cells: Int, labels: Int) -> Float:
     for axis, (into, of) in enumerate(
         zip(orders(fine.degree, dim).T, orders(coarse.degree, dim).T, strict=True)
     ):
-        axis_factors = _restricted(
+        axis_factors = _axis_coefficients(
             shift[:, axis] / outer[:, axis], inner[:, axis] / outer[:, axis], fine.degree
         )
         coefficients *= axis_factors[:, into[:, None], of]
     return np.asarray(coefficients * (coarse.scale[labels] / fine.scale[cells])[:, None, None])
 
 
-def _sampled(fine: Basis, coarse: Basis, cells: Int, labels: Int) -> Float:
+def _rotated_coefficients(fine: Basis, coarse: Basis, cells: Int, labels: Int) -> Float:
     """Return the coefficients ``(n, fine.n_local, coarse.n_local)`` for boxes in any direction.
 
     They are computed by Gauss points in the boxes of the cells.
@@ -79,7 +81,7 @@ def _sampled(fine: Basis, coarse: Basis, cells: Int, labels: Int) -> Float:
     return np.asarray(found / fine.scale[cells, None, None])
 
 
-def _restricted(shift: Float, stretch: Float, degree: int) -> Float:
+def _axis_coefficients(shift: Float, stretch: Float, degree: int) -> Float:
     """Return the coefficients ``(n, k, i)`` of L_i(shift + stretch t) in the L_k(t)."""
     nodes, weights = gauss(degree + 1)
     wide = legendre(shift[:, None] + stretch[:, None] * nodes, degree)

@@ -83,9 +83,9 @@ class ConformingSpace:
 
         ``scale (n_cells, n_local, n_local)``, if given, multiplies the rows of each cell by its block.
         """
-        from agglo_polydg_mg.auxiliary.galerkin_kernels import scaled_rows
+        from agglo_polydg_mg.auxiliary.galerkin_kernels import multiply_rows
 
-        rows = self.fitted if scale is None else scaled_rows(scale, self.offsets, self.fitted)
+        rows = self.fitted if scale is None else multiply_rows(scale, self.offsets, self.fitted)
         blocks = rows.astype(dtype)
         blocks[np.abs(blocks) < 1e-22 * np.abs(blocks).max(initial=0.0)] = 0.0  # their products: denormals
         shape = (self.fitted.shape[1] * (len(self.offsets) - 1), self.n)
@@ -105,7 +105,7 @@ class ConformingSpace:
         two vertices, entries up to ``small_vertices`` move to the diagonal, so that C acts on constants as
         before.
         """
-        from agglo_polydg_mg.auxiliary.galerkin_kernels import half_product, thinned
+        from agglo_polydg_mg.auxiliary.galerkin_kernels import drop_small_entries, half_product
 
         pattern = frozen_index(A.indptr), frozen_index(A.indices)
         width = self.fitted.shape[1]
@@ -113,7 +113,7 @@ class ConformingSpace:
         half = product(*pattern, frozen_float(A.data), self.offsets, self.unknowns, self.fitted, self.n)
         rows, columns, values = (frozen(each, each.dtype) for each in half)
         limits = small, small_bubbles, small_vertices
-        starts, indices, data = thinned(rows, columns, values, self.n_vertices, *limits)
+        starts, indices, data = drop_small_entries(rows, columns, values, self.n_vertices, *limits)
         return sparse.csr_array((data, indices, starts), shape=(self.n, self.n))
 
 
@@ -169,7 +169,7 @@ def conforming_space(
     first, n = _bubbles(mesh, starts, short, n_vertices, extra)
     at_ends = np.where(ends < 0, -1, unknowns[ends])
     corners = np.bincount(unknowns, minlength=n_vertices)
-    isolated = _held_by_a_face(mesh, at_ends, corners, orthogonal and n > n_vertices)
+    isolated = _faces_with_own_ends(mesh, at_ends, corners, orthogonal and n > n_vertices)
     nodes, weights = gauss(p + 1)
     # 4. Fit polynomials to the traces
     max_rows = len(unknowns) + 2 * (n - n_vertices)
@@ -229,7 +229,7 @@ def bubble_signs(mesh: Mesh, bubbles: Int, extra: int, n: int) -> Float:
     return frozen_float(signs)
 
 
-def _held_by_a_face(mesh: Mesh, ends: Int, corners: Int, bubbles: bool) -> Mask:
+def _faces_with_own_ends(mesh: Mesh, ends: Int, corners: Int, bubbles: bool) -> Mask:
     """Return True for faces ``(n_faces,)`` whose end unknowns belong only to the adjacent cells.
 
     ``corners (n_vertices,)`` counts the cells per unknown. Without ``bubbles`` the result is not

@@ -116,7 +116,7 @@ def _longer(array):
 
 
 @kernel
-def thinned(rows, columns, values, vertices, small, small_bubbles, small_vertices):
+def drop_small_entries(rows, columns, values, vertices, small, small_bubbles, small_vertices):
     """Drop entries c_ij that are small relative to their diagonal entries from a symmetric matrix C.
 
     C is given by its upper half, with the diagonal entry first in each row. The result is a CSR of both
@@ -195,7 +195,7 @@ def _group_of(group, i):
 
 
 @kernel(reorder_sums=True)
-def scaled_rows(blocks, offsets, rows):
+def multiply_rows(blocks, offsets, rows):
     """Multiply each of ``rows[offsets[c]:offsets[c + 1]]``, with n entries, by the ``(n, n)`` block c."""
     product = np.empty_like(rows)
     for c in range(len(blocks)):

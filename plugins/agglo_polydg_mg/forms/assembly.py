@@ -75,7 +75,7 @@ def discretise(
         missing on the boundary, or a domain component without Dirichlet faces (where the solution is unique
         only up to a constant).
     """
-    return lifted(mesh, degree, problem, penalty=penalty, scaled_basis=scaled_basis).system
+    return discretise_lifted(mesh, degree, problem, penalty=penalty, scaled_basis=scaled_basis).system
 
 
 class Lifted(NamedTuple):
@@ -98,7 +98,7 @@ class Lifted(NamedTuple):
     sigma: Float
 
 
-def lifted(
+def discretise_lifted(
     mesh: Mesh,
     degree: int,
     problem: Diffusion,
@@ -180,7 +180,7 @@ def jump_penalty(
 def _matrix(
     basis: Basis, inside: Float | None, on_faces: Float, sigma: Float, kappa: Field, units: UnitForms | None
 ) -> sparse.bsr_array:
-    from agglo_polydg_mg.forms.face_kernels import face_blocks, scaled_blocks
+    from agglo_polydg_mg.forms.face_kernels import add_scaled_blocks, face_blocks
 
     # 1. Stiffness on the diagonal blocks
     mesh = basis.mesh
@@ -202,7 +202,7 @@ def _matrix(
             face_blocks(points, pairs, cells, faces, in_strip, slots, *frames, sigma, on_faces, *rule, blocks)
         else:
             parts = slots, diagonal, sigma, frozen_float(kappa), units.stiffness, units.faces
-            scaled_blocks(cells, faces, in_strip, *parts, blocks)
+            add_scaled_blocks(cells, faces, in_strip, *parts, blocks)
 
     # 2. Faces, strip by strip
     points, pairs = mesh.local_points, mesh.face_pairs if mesh.dim == 2 else None

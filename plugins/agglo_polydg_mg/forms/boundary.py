@@ -146,14 +146,14 @@ def dirichlet_load(basis: Basis, boundary: Boundary, kappa: Float, sigma: Float)
     fluxes = np.einsum("qd,qdk->qk", normals, slopes).reshape(tests.shape)
     own = on_pieces(kappa, boundary.dirichlet, rule)
     tests = own[:, :, None] * (sigma[faces][:, None, None] * tests - fluxes)
-    return lambda g: _gathered(basis, faces, rule.weights * g, tests)
+    return lambda g: _sum_per_cell(basis, faces, rule.weights * g, tests)
 
 
 def neumann_load(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
     """Return the right-hand side ``(n_cells, n_local)`` for Neumann data: ∫ flux v."""
     rule = rule_of(basis, boundary.natural)
     g = boundary_values(basis.mesh, boundary, problem.neumann, rule.faces, rule.points, "neumann")
-    return _gathered(basis, rule.faces, rule.weights * g, _traces(basis, rule))
+    return _sum_per_cell(basis, rule.faces, rule.weights * g, _traces(basis, rule))
 
 
 def _traces(basis: Basis, rule: FaceRule) -> Float:
@@ -163,7 +163,7 @@ def _traces(basis: Basis, rule: FaceRule) -> Float:
     return basis.values(cells, rule.points.reshape(-1, dim)).reshape(count, n, basis.n_local)
 
 
-def _gathered(basis: Basis, faces: Int, values: Float, tests: Float) -> Float:
+def _sum_per_cell(basis: Basis, faces: Int, values: Float, tests: Float) -> Float:
     """Return Σ_q values (t, q) tests (t, q, k), summed over the faces of each cell."""
     load = np.zeros((basis.mesh.n_cells, basis.n_local))
     np.add.at(load, basis.mesh.face_cells[faces, 0], np.einsum("tq,tqk->tk", values, tests))

@@ -276,7 +276,7 @@ def unit_faces(
 
 
 @kernel
-def scaled_blocks(face_cells, faces, in_strip, slots, diagonal, sigma, kappa, stiffness, units, blocks):
+def add_scaled_blocks(face_cells, faces, in_strip, slots, diagonal, sigma, kappa, stiffness, units, blocks):
     """Add up the blocks of :func:`face_blocks` for ``kappa (n,)`` per cell, from :func:`unit_faces`.
 
     ``units (F, 2, m (2 m + 1))`` are the forms of all faces; entry (i, j), i >= j, of a lower half is at i

@@ -171,7 +171,7 @@ def _against(form, whole, size):
 
 
 @helper(allocates=True)
-def balancing(most, n):
+def balance_workspace(most, n):
     """Return the workspace of :func:`balance` for ``most`` faces.
 
     Separate arrays are faster than a single array.

@@ -12,7 +12,7 @@ import numpy as np
 
 from agglo_core.authoring import Field, Float, Int, Mesh, MeshError, frozen_float, over_ranges
 from agglo_polydg_mg.forms.penalty import simplex_heights
-from agglo_polydg_mg.forms.side_sums import asked_by_solids
+from agglo_polydg_mg.forms.side_sums import solid_requirements
 from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.space.basis import Basis
 from agglo_polydg_mg.space.gauss_points import gauss
@@ -68,7 +68,7 @@ def sharp_penalty(
         requirements, resolved = units.asked(kappa, penalised)
     else:
         assert blocks is not None
-        ask = _asked if basis.mesh.dim == 2 else asked_by_solids
+        ask = _plane_requirements if basis.mesh.dim == 2 else solid_requirements
         requirements, resolved = ask(basis, on_faces, blocks, penalised)
     # 2. Requirements of thin cells by simplices
     if not resolved.all():
@@ -77,7 +77,9 @@ def sharp_penalty(
     return frozen_float(requirements.sum(axis=1) / (1.0 - MARGIN) ** 2)
 
 
-def _asked(basis: Basis, on_faces: Float, blocks: Float, penalised: np.ndarray) -> tuple[Float, np.ndarray]:
+def _plane_requirements(
+    basis: Basis, on_faces: Float, blocks: Float, penalised: np.ndarray
+) -> tuple[Float, np.ndarray]:
     """Return cell requirements for their faces ``(n_faces, 2)``, and a mask of resolved cells ``(n_cells,)``.
 
     Cells too thin for the eigenvalue problem are not resolved.

@@ -217,7 +217,7 @@ def _gradients(normal, frame, lowered, powers, gradients):
 
 
 @helper
-def _transformed(form, L, R, terms, workspace, product):
+def _transform_form(form, L, R, terms, workspace, product):
     """Write (L form Rᵀ)ᵀ to ``product``, from the entries of L and R at ``terms``.
 
     Both products add rows to rows, with L form transposed between them, so that all loops run along rows.
@@ -252,7 +252,7 @@ def _add_own(form, gradients, sign, sums, T, terms, workspace, block):
     for a in range(n):
         for b in range(n):
             whole[a, b] = form[sums[a, b]] - sign * (gradients[a, b] + gradients[b, a])
-    _transformed(whole, T, T, terms, workspace, product)
+    _transform_form(whole, T, T, terms, workspace, product)
     for i in range(n):
         for j in range(i):
             block[i, j] += product[i, j]
@@ -310,7 +310,7 @@ def side_blocks(
         for a in range(n):
             for b in range(n):
                 whole[a, b] = gradients[a, b] - gradients[b, a] - stiff[sums[a, b]]
-        _transformed(whole, neighbour_T, owner_T, terms, workspace, product)
+        _transform_form(whole, neighbour_T, owner_T, terms, workspace, product)
         for j in range(n):
             for i in range(n):
                 if in_strip[neighbour]:

@@ -30,7 +30,7 @@ def add_sides(basis: Basis, sides: Int, mine: Mask, sigma: Float, on_faces: Floa
     side_blocks(mesh.local_points, *of_faces, *of_sides, *frames, *rule, *monomials(p), blocks)
 
 
-def asked_by_solids(basis: Basis, on_faces: Float, blocks: Float, held: Mask) -> tuple[Float, Mask]:
+def solid_requirements(basis: Basis, on_faces: Float, blocks: Float, held: Mask) -> tuple[Float, Mask]:
     """Return cell requirements for the ``held`` faces ``(n_faces, 2)``, and a mask of resolved cells.
 
     As in 2-D, with sides instead of faces: all faces of a side have its penalty.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.authoring import helper, kernel
-from agglo_polydg_mg.forms.form_kernels import balance, balancing, factorise, most_faces, whiten
+from agglo_polydg_mg.forms.form_kernels import balance, balance_workspace, factorise, most_faces, whiten
 from agglo_polydg_mg.forms.trace_kernels import RESOLVED
 from agglo_polydg_mg.space.legendre_kernels import LANES, legendre_at, recurrences
 
@@ -115,7 +115,12 @@ def solid_penalties(
     n, n_cells, most = len(orders) - 1, len(offsets) - 1, most_faces(offsets)
     degree = orders[len(orders) - 1, 2]
     resolved, forms = np.ones(n_cells, np.bool_), np.zeros((most, (n * (n + 1)) // 2 + 1))
-    areas, shares, factor, workspace = np.empty(most), np.ones(most), np.empty((n, n)), balancing(most, n)
+    areas, shares, factor, workspace = (
+        np.empty(most),
+        np.ones(most),
+        np.empty((n, n)),
+        balance_workspace(most, n),
+    )
     tracing = recurrences(degree), np.empty((6, degree + 1)), np.empty((1, n)), np.empty(3)
     for begin in range(0, n_cells, LANES):
         end, start = min(begin + LANES, n_cells), offsets[begin]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.authoring import helper, kernel
-from agglo_polydg_mg.forms.form_kernels import balance, balancing, factorise, most_faces, whiten
+from agglo_polydg_mg.forms.form_kernels import balance, balance_workspace, factorise, most_faces, whiten
 from agglo_polydg_mg.space.legendre_kernels import CONSTANT, LANES, along_box, recurrences
 
 # Ratio of a Cholesky pivot to its diagonal entry, times the cell's fraction of its box, below which the
@@ -58,7 +58,7 @@ def _face_form(slopes, masses, n, forms, face):
 
 
 @helper(allocates=True)
-def _tracing(rules, degree, n):
+def _trace_workspace(rules, degree, n):
     """Return the workspace of :func:`_trace`, and its polynomial recurrences."""
     return (
         recurrences(degree), np.empty((4, degree + 1)), np.empty((rules, n)), np.empty(rules),
@@ -134,7 +134,7 @@ def side_penalties(
     n, n_cells, most = (degree + 1) * (degree + 2) // 2 - 1, len(offsets) - 1, most_faces(offsets)
     resolved, forms = np.ones(n_cells, np.bool_), np.zeros((most, (n * (n + 1)) // 2 + 1))
     lengths, shares = np.empty(most), np.ones(most)
-    tracing, workspace = _tracing(len(nodes), degree, n), balancing(most, n)
+    tracing, workspace = _trace_workspace(len(nodes), degree, n), balance_workspace(most, n)
     # One batch of cells at a time: their forms, then the required penalties.
     for begin in range(0, n_cells, LANES):
         end, start = min(begin + LANES, n_cells), offsets[begin]
@@ -159,7 +159,11 @@ def whitened_forms(
     T_F of each list face h, whitened by the stiffness: the lower half, row by row, and its trace.
     """
     n, n_cells, most = (degree + 1) * (degree + 2) // 2 - 1, len(offsets) - 1, most_faces(offsets)
-    resolved, lengths, workspace = np.ones(n_cells, np.bool_), np.empty(most), _tracing(len(nodes), degree, n)
+    resolved, lengths, workspace = (
+        np.ones(n_cells, np.bool_),
+        np.empty(most),
+        _trace_workspace(len(nodes), degree, n),
+    )
     for begin in range(0, n_cells, LANES):
         end = min(begin + LANES, n_cells)
         _trace(
@@ -179,7 +183,7 @@ def scaled_penalties(
     of a face is scaled by c / κ: (1/2) κ' / (κ + κ') inside, 1 at the boundary.
     """
     n, n_cells, most = (degree + 1) * (degree + 2) // 2 - 1, len(offsets) - 1, most_faces(offsets)
-    lengths, shares, workspace = np.empty(most), np.empty(most), balancing(most, n)
+    lengths, shares, workspace = np.empty(most), np.empty(most), balance_workspace(most, n)
     for begin in range(0, n_cells, LANES):
         end, start = min(begin + LANES, n_cells), offsets[begin]
         for c in range(begin, end):

@@ -82,11 +82,11 @@ def iterate(
             energy=fine.measure.energy,
             tell=tell,
         )
-    step = FlexibleSteps(fine.A, M) if outer == "flexible_cg" else _added(fine.A, M)
+    step = FlexibleSteps(fine.A, M) if outer == "flexible_cg" else _correction_step(fine.A, M)
     return stationary(fine.A, fine.b, step, tolerance, most, fine.measure, tell)
 
 
-def _added(A: Any, M: LinearOperator) -> Step:
+def _correction_step(A: Any, M: LinearOperator) -> Step:
     return lambda b, x: x + M @ (b - A @ x if x.any() else b)
 
 

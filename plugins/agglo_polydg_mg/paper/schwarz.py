@@ -101,10 +101,10 @@ def local_solve(A: Any, block_offsets: Int) -> Solve:
         np.add.at(blocks, (k, row[in_group] - first, column[in_group] - first), values[in_group])
         groups.append((block_offsets[equal_blocks, None] + np.arange(size), np.linalg.inv(blocks)))
 
-    return partial(_grouped_blocks, groups)
+    return partial(_solve_blocks, groups)
 
 
-def _grouped_blocks(groups: Sequence[tuple[Int, Float]], r: Float) -> Float:
+def _solve_blocks(groups: Sequence[tuple[Int, Float]], r: Float) -> Float:
     x = np.zeros(len(r))
     for unknowns, inverses in groups:
         x[unknowns] = (inverses @ r[unknowns][:, :, None])[:, :, 0]
@@ -128,10 +128,10 @@ def schwarz(A: Any, local: Solve, coarse: Solve | None, steps: int) -> Smooth:
     -----
     The steps depend on ``b`` and ``x``: the smoother is nonlinear.
     """
-    return partial(_steps, A, partial(_added, local, coarse), steps)
+    return partial(_steps, A, partial(_add_corrections, local, coarse), steps)
 
 
-def _added(local: Solve, coarse: Solve | None, r: Float) -> Float:
+def _add_corrections(local: Solve, coarse: Solve | None, r: Float) -> Float:
     return local(r) if coarse is None else local(r) + coarse(r)
 
 

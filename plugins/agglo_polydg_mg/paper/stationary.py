@@ -66,10 +66,10 @@ class Corrections:
         if not (squares > 0.0).all():
             return float("inf")
         norms, stands = np.sqrt(squares), not self._pairs[-1][0].any()
-        return max(_projected(gram, vectors @ r, norms), 0.0 if stands else _remaining(norms))
+        return max(_projection_norm(gram, vectors @ r, norms), 0.0 if stands else _sum_remaining_norms(norms))
 
 
-def _projected(gram: Float, products: Float, norms: Float) -> float:
+def _projection_norm(gram: Float, products: Float, norms: Float) -> float:
     """Return the norm of a vector's projection on others.
 
     ``gram`` contains the inner products of the others, ``products`` their inner products with the
@@ -82,7 +82,7 @@ def _projected(gram: Float, products: Float, norms: Float) -> float:
     return float(np.sqrt(np.sum(along**2 / values[kept])))
 
 
-def _remaining(norms: Float) -> float:
+def _sum_remaining_norms(norms: Float) -> float:
     """Return the sum of all remaining norms, including the last, if they shrink at the recent rate."""
     rate = float((norms[1:] / norms[:-1])[-_RATES:].max(initial=0.0))
     return float(norms[-1]) / (1.0 - rate) if rate < 1.0 else float("inf")

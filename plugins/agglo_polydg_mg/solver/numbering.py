@@ -97,15 +97,15 @@ class Numbering:
         lifting = solution.lifting
         if lifting is not None:
             lifting = Lifting(
-                *(_taken(values, rows) for values in (lifting.offset, lifting.rest, lifting.load))
+                *(_take_rows(values, rows) for values in (lifting.offset, lifting.rest, lifting.load))
             )
         A, (finest, P), *coarser = solution.A, *solution.operators
         user_matrix = Deferred(partial(_matrix, A, self.cells))
         levels_of = user_matrix if finest is A else Deferred(partial(_matrix, finest, self.cells))
         return replace(
             solution,
-            x=_taken(solution.x, rows),
-            b=_taken(solution.b, rows),
+            x=_take_rows(solution.x, rows),
+            b=_take_rows(solution.b, rows),
             A=user_matrix,
             operators=Deferred(partial(_operators, levels_of, P, rows, coarser)),
             lifting=lifting,
@@ -142,7 +142,7 @@ def numbering_for(hierarchy: Hierarchy) -> Numbering:
         If the hierarchy belongs to another mesh.
     """
     mesh, graph = hierarchy.fine, hierarchy.graph
-    if mesh is None or graph.n < FEW[mesh.dim] or not _scattered(graph.indptr, graph.indices, mesh.dim):
+    if mesh is None or graph.n < FEW[mesh.dim] or not _is_scattered(graph.indptr, graph.indices, mesh.dim):
         return Numbering(hierarchy)
     cells = curve_order(graph.centroids)
     there = solvers.own_mesh(hierarchy).renumbered(cells)
@@ -150,14 +150,14 @@ def numbering_for(hierarchy: Hierarchy) -> Numbering:
     return Numbering(replace(hierarchy, fine=there, graph=there.graph, levels=levels), cells)
 
 
-def _scattered(indptr: Int, indices: Int, dim: int) -> bool:
+def _is_scattered(indptr: Int, indices: Int, dim: int) -> bool:
     """Return True if the numbers of neighbours are far apart."""
     n = len(indptr) - 1
     distances = np.abs(indices - np.repeat(np.arange(n, dtype=np.int32), np.diff(indptr)))
     return bool(distances.mean() > SCATTERED * n ** (1 - 1 / dim)) if len(distances) else False
 
 
-def _taken(values: Float, rows: Int) -> Float:
+def _take_rows(values: Float, rows: Int) -> Float:
     return frozen_float(values.take(rows))
 
 

@@ -88,10 +88,14 @@ def iterate(
     M = multigrid.cycle(stack, task.cycle)
     with watch("solve"), phase(progress, "solving") as tell:
         histories = task.iterate(M, tolerance, n_remaining, before, tell, pace)
-    return histories if before is None else [_joined(*item) for item in zip(before, histories, strict=True)]
+    return (
+        histories
+        if before is None
+        else [_join_histories(*item) for item in zip(before, histories, strict=True)]
+    )
 
 
-def solved(
+def build_solution(
     task: Task,
     histories: list[History],
     stack: multigrid.LevelStack,
@@ -113,13 +117,13 @@ def solved(
     return task.given_back(solution)
 
 
-def unsolved(task: Task, reason: str, watch: solvers.Stopwatch, tolerance: float) -> Solution:
+def zero_solution(task: Task, reason: str, watch: solvers.Stopwatch, tolerance: float) -> Solution:
     """Return the solution 0 for a task whose levels cannot be built."""
     nothing = task.solution(task.unsolved(reason), [(task.A, None)], watch, tolerance)
     return task.given_back(replace(nothing, choice=task.choice))
 
 
-def _joined(first: History, second: History) -> History:
+def _join_histories(first: History, second: History) -> History:
     """Join two histories if the second continued from the end of the first."""
     if second is first or not first.iterations:
         return second

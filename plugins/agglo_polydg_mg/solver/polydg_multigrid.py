@@ -21,7 +21,7 @@ from agglo_polydg_mg.forms.penalty import Penalty
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.solver.choose import CYCLES, PRECISIONS, RECIPES, Overrides
 from agglo_polydg_mg.solver.diffusion_task import DiffusionTask
-from agglo_polydg_mg.solver.phases import Task, iterate, set_up, solved, task_for, unsolved
+from agglo_polydg_mg.solver.phases import Task, build_solution, iterate, set_up, task_for, zero_solution
 from agglo_polydg_mg.solver.repeated_solves import RepeatedSolves
 
 
@@ -125,8 +125,8 @@ class PolyDGMultigrid:
                     task, stack, self.tolerance, self.max_iterations, watch, progress, histories
                 )
         except np.linalg.LinAlgError as error:
-            return unsolved(task, str(error), watch, self.tolerance)
-        return solved(task, histories, stack, watch, self.tolerance)
+            return zero_solution(task, str(error), watch, self.tolerance)
+        return build_solution(task, histories, stack, watch, self.tolerance)
 
     def repeated(self, hierarchy: Hierarchy) -> RepeatedSolves:
         """Return a solver for a sequence of problems on a hierarchy, as in time stepping.

@@ -24,7 +24,7 @@ from agglo_polydg_mg.solver.choose import Overrides, Plan
 from agglo_polydg_mg.solver.diffusion_task import DiffusionTask
 from agglo_polydg_mg.solver.earlier_solutions import KEPT, best_combination
 from agglo_polydg_mg.solver.numbering import Numbering
-from agglo_polydg_mg.solver.phases import Task, iterate, set_up, solved, task_for, unsolved
+from agglo_polydg_mg.solver.phases import Task, build_solution, iterate, set_up, task_for, zero_solution
 
 _MORE: Final = 1.5
 """Levels are rebuilt after a solve that takes more than this many times the iterations of fresh levels from
@@ -116,10 +116,10 @@ class RepeatedSolves:
             histories = self._histories(task, watch, progress)
         except np.linalg.LinAlgError as error:
             self._kept = None
-            return unsolved(task, str(error), watch, self._tolerance)
+            return zero_solution(task, str(error), watch, self._tolerance)
         # 4. Keep solution and levels for the next solve
         fresh = self.setups > setups
-        solution = solved(task, histories, self._kept, watch, self._tolerance, fresh=fresh)
+        solution = build_solution(task, histories, self._kept, watch, self._tolerance, fresh=fresh)
         self._judge(histories)
         return solution
 
@@ -135,7 +135,7 @@ class RepeatedSolves:
                 most = min(most, math.ceil(_FAR_MORE * self._usual))
                 pace = _MORE * self._usual + 1.0
             histories = self._iterate(task, most, histories, watch, progress, pace)
-            if _finished(histories, self._most):
+            if _all_finished(histories, self._most):
                 self._pause = 0
                 return histories
             self._pause = self._paused = max(1, 2 * self._pause)
@@ -204,7 +204,7 @@ class RepeatedSolves:
             self._kept = None
 
 
-def _finished(histories: list[History], most: int) -> bool:
+def _all_finished(histories: list[History], most: int) -> bool:
     return all(each.final or each.iterations >= most for each in histories)
 
 

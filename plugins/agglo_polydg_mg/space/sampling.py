@@ -27,11 +27,11 @@ def samples_of(basis: Basis, x: Float) -> Samples:
     MeshError
         In 3-D, for cells that are not star-shaped from their centroids.
     """
-    cells, points, simplices = sampled(basis)
+    cells, points, simplices = sample_points(basis)
     return Samples(cells, points, simplices, basis.evaluate(x, cells, points))
 
 
-def sampled(basis: Basis) -> tuple[Int, Float, Int]:
+def sample_points(basis: Basis) -> tuple[Int, Float, Int]:
     """Return sample points in every cell: cells ``(q,)``, points ``(q, d)``, simplices ``(t, d + 1)``."""
     mesh, p = basis.mesh, basis.degree
     offsets, corners = triangulate(mesh) if mesh.dim == 2 else _tetrahedra(basis)
@@ -99,7 +99,7 @@ def cells_that_hold(mesh: Mesh, points: Float) -> Int:
     while first < len(cells):
         stop = max(first + 1, int(np.searchsorted(ends, ends[first] + _TRIANGLES, "right")) - 1)
         part = slice(first, stop)
-        inside = _winding(mesh, points[candidates[part]], cells[part]) > _INSIDE
+        inside = _winding_numbers(mesh, points[candidates[part]], cells[part]) > _INSIDE
         np.minimum.at(lowest_cells, candidates[part][inside], cells[part][inside])
         first = stop
     return frozen_int(np.where(lowest_cells < mesh.n_cells, lowest_cells, -1))
@@ -120,7 +120,7 @@ def _in_boxes(mesh: Mesh, points: Float) -> tuple[Int, Int]:
     return frozen_int(at[kept]), frozen_int(cells[kept])
 
 
-def _winding(mesh: Mesh, points: Float, cells: Int) -> Float:
+def _winding_numbers(mesh: Mesh, points: Float, cells: Int) -> Float:
     """Return the winding number of each cell's surface around a point ``(m,)``.
 
     It is 1 inside, 0 outside and 1/2 on faces: the sum of the triangles' solid angles (A. van Oosterom, J.
