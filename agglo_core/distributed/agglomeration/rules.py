@@ -56,7 +56,7 @@ class Kept:
     members: Sequence[Member]
 
 
-def kept_rules(cells: Cells, pipeline: Pipeline, mesh: Mesh, registry: Registry) -> Kept:
+def evaluate_rules(cells: Cells, pipeline: Pipeline, mesh: Mesh, registry: Registry) -> Kept:
     """Return the run's constraints, evaluated on own cells and ghosts.
 
     A rule without effect on some ranks, such as a patch that lies elsewhere, still applies to the others.

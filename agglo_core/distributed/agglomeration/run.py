@@ -11,7 +11,7 @@ from agglo_core.agglomeration.run import Run, Statistics
 from agglo_core.distributed.agglomeration.domain_run import DomainRun
 from agglo_core.distributed.agglomeration.hierarchy import DistributedHierarchy
 from agglo_core.distributed.agglomeration.levels import build_levels
-from agglo_core.distributed.agglomeration.start import started
+from agglo_core.distributed.agglomeration.start import prepare_run
 from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
 from agglo_core.progress import Listener, followed, phase
@@ -77,7 +77,7 @@ def agglomerate(
     before = replace(ranks.traffic)
     is_first = ranks.rank == 0
     with followed(progress if is_first else None, verbose and is_first) as listen, using_threads(threads):
-        start = started(mesh, options, active_registry)
+        start = prepare_run(mesh, options, active_registry)
         beginning = start.begun(independent_of_ranks, block_cells)
         with ranks.together():
             run = new_run(options, active_registry)

@@ -20,7 +20,7 @@ from agglo_core.distributed.agglomeration.cells import Cells
 from agglo_core.distributed.agglomeration.domain import Domain
 from agglo_core.distributed.agglomeration.first_domains import first_domains
 from agglo_core.distributed.agglomeration.part_components import component_sizes
-from agglo_core.distributed.agglomeration.rules import Kept, kept_rules, with_ghosts
+from agglo_core.distributed.agglomeration.rules import Kept, evaluate_rules, with_ghosts
 from agglo_core.distributed.agglomeration.stages import Return, Stage, move_pieces
 from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
 from agglo_core.registry import Registry
@@ -99,14 +99,14 @@ class Beginning:
         return frozen_int(np.concatenate(found)[np.argsort(ids)])
 
 
-def started(mesh: DistributedMesh, given: Pipeline, registry: Registry) -> Start:
+def prepare_run(mesh: DistributedMesh, given: Pipeline, registry: Registry) -> Start:
     """Prepare a run with the ``given`` components and rules."""
     ranks, local = mesh.ranks, mesh.local
     pipeline = with_ghosts(given, mesh.exchange, len(mesh.own))
     with ranks.together():
         graph = local.graph if pipeline.metric is None else in_metric(local, local.graph, pipeline.metric)
     cells = Cells(ranks, graph, mesh.global_ids, mesh.owners)
-    rules = kept_rules(cells, pipeline, local, registry)
+    rules = evaluate_rules(cells, pipeline, local, registry)
     goals = _goals(mesh, pipeline, cells, rules)
     counts = isinstance(goals[0], CountGoal)
     with ranks.together():

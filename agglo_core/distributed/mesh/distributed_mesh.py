@@ -13,7 +13,7 @@ from agglo_core.arrays import Int, Mask, frozen_int
 from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.mesh.cell_values import CellValues
 from agglo_core.distributed.mesh.checks import check_laws
-from agglo_core.distributed.mesh.given_cells import given_cells
+from agglo_core.distributed.mesh.given_cells import check_given_cells
 from agglo_core.distributed.mesh.halo import LocalMesh, common_origin, ghosts, local_mesh, own_cells
 from agglo_core.distributed.mesh.local_cells import FaceTags, across_ranks
 from agglo_core.distributed.mesh.moving import check_bounds, check_destinations, move_cells
@@ -171,7 +171,7 @@ class DistributedMesh(CellValues):
         ranks = ranks or Ranks()
         with ranks.together():
             ids = whole_numbers(point_ids, "point_ids")
-        given = given_cells(points, cells, ids, cell_ids, cell_tags, ranks, weak=weak, name=name)
+        given = check_given_cells(points, cells, ids, cell_ids, cell_tags, ranks, weak=weak, name=name)
         return cls._given(ranks, across_ranks(given, face_tags, ranks), allow_gaps, name)
 
     @classmethod
@@ -197,7 +197,7 @@ class DistributedMesh(CellValues):
         4
         """
         ranks = ranks or Ranks()
-        given = given_cells(points, cells, None, cell_ids, cell_tags, ranks, weak=weak, name=name)
+        given = check_given_cells(points, cells, None, cell_ids, cell_tags, ranks, weak=weak, name=name)
         return cls._given(ranks, across_ranks(given, face_tags, ranks), allow_gaps, name)
 
     @classmethod

@@ -74,7 +74,7 @@ class _Lists(NamedTuple):
         return build(self.points, cells, cell_tags=tags, merge_points=False, allow_gaps=True, name=name)
 
 
-def given_cells(
+def check_given_cells(
     points: ArrayLike,
     cells: Any,
     point_ids: ArrayLike | None,

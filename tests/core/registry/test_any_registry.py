@@ -206,7 +206,7 @@ GROUPS: dict[Callable[[Registry, Path], None], set[str]] = {
     smoothers: {"smoother_of", "PaperMultigrid"},
     parts_of_multigrid: {"part", "Composition", "ComposedMultigrid", "solve"},
     direct: {"Direct", "discretisation"},
-    on_ranks: {"started", "kept_rules", "means"},
+    on_ranks: {"prepare_run", "evaluate_rules", "means"},
 }
 """What is asked here, and the public functions with a parameter ``registry`` that this asks."""
 PETSC = {"PetscMultigrid", "solve_across"}
