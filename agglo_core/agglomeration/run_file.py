@@ -11,7 +11,7 @@ from typing import Any
 
 from agglo_core.agglomeration.keywords import COMPONENT_LISTS, COMPONENTS, NAMES, Choice
 from agglo_core.errors import FileError
-from agglo_core.registry.code_options import written
+from agglo_core.registry.code_options import mark_texts
 from agglo_core.registry.toml_files import read_toml
 
 
@@ -41,7 +41,7 @@ def read_run_file(path: Path, *, allow_code: bool = False) -> dict[str, Any]:
             return value
         if isinstance(value, Mapping) and isinstance(value.get("name"), str):
             options = {option: item for option, item in value.items() if option != "name"}
-            return value["name"], options if allow_code else written(options)
+            return value["name"], options if allow_code else mark_texts(options)
         raise FileError(f"{path}: {key} must be a name or a table with a name, not {value!r:.60}")
 
     # 2. Convert components, single or in lists, to choices.

@@ -16,7 +16,7 @@ from agglo_core.io.atomic import staging
 from agglo_core.io.formats import KnownFormat
 from agglo_core.progress import Tell
 from agglo_core.registry.attribution import attributed
-from agglo_core.registry.containment import raised, shown
+from agglo_core.registry.containment import describe_error, shown
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
@@ -91,7 +91,7 @@ def write_by(
 
 
 @contextmanager
-def naming(path: Path) -> Iterator[None]:
+def name_in_errors(path: Path) -> Iterator[None]:
     """Prefix the file name to any error message in the block."""
     try:
         yield
@@ -134,7 +134,7 @@ def _read_with_hierarchy(file_format: KnownFormat, path: Path) -> tuple[Mesh, Hi
         check_belongs(mesh, hierarchy)
     except AggloError as error:
         raise PluginError(
-            f"{file_format.title}: read_hierarchy() returned what does not fit, {raised(error)}"
+            f"{file_format.title}: read_hierarchy() returned what does not fit, {describe_error(error)}"
         ) from error
     return mesh, hierarchy
 

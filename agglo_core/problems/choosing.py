@@ -13,7 +13,7 @@ from agglo_core.mesh import Mesh
 from agglo_core.problems.discretisation import Discretisation, Problem
 from agglo_core.registry import Registry, default, describe
 from agglo_core.registry.attribution import attributed
-from agglo_core.registry.code_options import written
+from agglo_core.registry.code_options import mark_texts
 from agglo_core.registry.construct import resolve
 from agglo_core.registry.containment import shown
 from agglo_core.registry.toml_files import read_toml
@@ -102,7 +102,7 @@ def read_problem(
         raise FileError(f"{path}: {_describe_missing_file(path, registry)}")
     table = read_toml(path)
     kind = table.pop("kind", "diffusion")
-    table = table if allow_code else written(table)
+    table = table if allow_code else mark_texts(table)
     try:
         from_table, title = _reader_of(kind, registry)
         with attributed(title, spare=(AggloError, OSError, MemoryError)):

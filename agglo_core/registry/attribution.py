@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from agglo_core.errors import AggloError, FileError, MeshError, OptionError, PluginError
-from agglo_core.registry.containment import PLUGIN_FAILURES, raised, restore_folder
+from agglo_core.registry.containment import PLUGIN_FAILURES, describe_error, restore_folder
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def attributed(owner: str, *, spare: tuple[type[Exception], ...] = ()) -> Iterat
     except AggloError as error:
         raise _family(error)(f"{owner}: {error}") from error
     except PLUGIN_FAILURES as error:
-        raise PluginError(f"{owner} raised {raised(error)}") from error
+        raise PluginError(f"{owner} raised {describe_error(error)}") from error
 
 
 def _family(error: AggloError) -> type[AggloError]:

@@ -32,14 +32,14 @@ def names_code(annotation: Any) -> bool:
     return any(names_code(argument) for argument in get_args(annotation))
 
 
-def written(value: Any) -> Any:
+def mark_texts(value: Any) -> Any:
     """Mark all texts in a value from a file, including those in lists and tables."""
     if isinstance(value, str):
         return Written(value)
     if isinstance(value, list | tuple):
-        return [written(item) for item in value]
+        return [mark_texts(item) for item in value]
     if isinstance(value, Mapping):
-        return {key: written(item) for key, item in value.items()}
+        return {key: mark_texts(item) for key, item in value.items()}
     return value
 
 

@@ -14,7 +14,7 @@ from agglo_core.registry.containment import (
     PLUGIN_FAILURES,
     LoadingError,
     contain_loading,
-    raised,
+    describe_error,
     restore_folder,
     shown,
 )
@@ -65,7 +65,7 @@ def construct(record: Record, options: Mapping[str, Any], registry: object = Non
     target = resolve(record)
     if not callable(target):
         raise PluginError(f"{describe(record)}: its target is {shown(target)}, expected a class or a factory")
-    arguments = checked_options(record, target, options)
+    arguments = check_options(record, target, options)
     try:
         with restore_folder(describe(record)):
             built = target(**arguments, **({"registry": registry} if wants_registry(target) else {}))
@@ -73,12 +73,14 @@ def construct(record: Record, options: Mapping[str, Any], registry: object = Non
         raise
     except PLUGIN_FAILURES as error:
         text = ", ".join(f"{name}={shown(value)}" for name, value in arguments.items()) or "no options"
-        raise PluginError(f"{describe(record)} could not be built with {text}: {raised(error)}") from error
+        raise PluginError(
+            f"{describe(record)} could not be built with {text}: {describe_error(error)}"
+        ) from error
     _check_built(record, built)
     return built
 
 
-def checked_options(record: Record, target: Any, options: Mapping[str, Any]) -> dict[str, Any]:
+def check_options(record: Record, target: Any, options: Mapping[str, Any]) -> dict[str, Any]:
     """Check the options and convert them to the types of the target.
 
     Raises
@@ -112,7 +114,9 @@ def _check_built(record: Record, built: Any) -> None:
         try:
             value = getattr(built, name, None)
         except PLUGIN_FAILURES as error:  # a property of the plugin
-            raise PluginError(f"{describe(record)}: its attribute {name!r} raised {raised(error)}") from error
+            raise PluginError(
+                f"{describe(record)}: its attribute {name!r} raised {describe_error(error)}"
+            ) from error
         if not isinstance(value, type_):
             wrong = f"no attribute {name!r}" if value is None else f"{name} = {shown(value)}"
             raise PluginError(

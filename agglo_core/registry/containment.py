@@ -33,7 +33,7 @@ def contain_loading(what: str) -> Iterator[None]:
     Raises
     ------
     LoadingError
-        For any exception, with the message from :func:`raised`.
+        For any exception, with the message from :func:`describe_error`.
     KeyboardInterrupt
         Unchanged, with a note about ``what``, because the user or the plugin may have caused it.
     """
@@ -45,7 +45,7 @@ def contain_loading(what: str) -> Iterator[None]:
         interrupt.add_note(f"while loading {what}")
         raise
     except BaseException as error:
-        raise LoadingError(raised(error)) from error
+        raise LoadingError(describe_error(error)) from error
 
 
 @contextmanager
@@ -67,7 +67,7 @@ def _folder() -> str:
         return ""
 
 
-def raised(error: BaseException) -> str:
+def describe_error(error: BaseException) -> str:
     """Return ``ValueError: message`` for an exception, even for one that cannot be printed."""
     try:
         message = str(error)

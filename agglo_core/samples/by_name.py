@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from agglo_core.errors import OptionError, PluginError
 from agglo_core.mesh import Mesh
 from agglo_core.registry import Record, Registry, default, describe
-from agglo_core.registry.construct import checked_options, resolve
+from agglo_core.registry.construct import check_options, resolve
 from agglo_core.registry.containment import shown
 from agglo_core.registry.option_types import Text
 from agglo_core.registry.options import Option, options_of
@@ -68,7 +68,7 @@ def from_spec(spec: str, registry: Registry | None = None) -> Mesh:
     target = resolve(record)
     accepted = options_of(target) or ()
     try:
-        options = checked_options(record, target, _parse_options(spec, option_text, accepted))
+        options = check_options(record, target, _parse_options(spec, option_text, accepted))
     except OptionError as error:
         raise OptionError(f"{error}; {_usage(record, accepted)}") from error
     # 3. Create the mesh.

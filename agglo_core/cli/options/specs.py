@@ -11,7 +11,7 @@ import click
 
 from agglo_core.errors import FileError, OptionError, PluginError
 from agglo_core.registry import default
-from agglo_core.registry.construct import checked_options, resolve
+from agglo_core.registry.construct import check_options, resolve
 from agglo_core.registry.option_types import Text, parse_value
 
 if TYPE_CHECKING:
@@ -156,7 +156,7 @@ def choice(kind: str, spec: str) -> tuple[str, dict[str, Any]]:
     """
     name, options = as_typed(spec)
     record = default().record(kind, name)
-    return name, checked_options(record, resolve(record), options)
+    return name, check_options(record, resolve(record), options)
 
 
 def refuse_duplicates(flag: str, specs: Sequence[str]) -> None:

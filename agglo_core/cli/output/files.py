@@ -20,7 +20,7 @@ from agglo_core.cli.output.tables import print_lines
 from agglo_core.cli.stopping import find_interrupt
 from agglo_core.errors import AggloError, FileError
 from agglo_core.progress import Listener, phase
-from agglo_core.registry.containment import PLUGIN_FAILURES, printable, raised
+from agglo_core.registry.containment import PLUGIN_FAILURES, describe_error, printable
 
 if TYPE_CHECKING:
     from agglo_core.measure.comparison import RunResult
@@ -79,7 +79,7 @@ class Outputs:
         for path, error in self.failures:
             if not isinstance(error, AggloError | OSError | ImportError | MemoryError):
                 click.echo("".join(traceback.format_exception(error)), err=True, nl=False)
-            reason = str(error) if isinstance(error, AggloError) else raised(error)
+            reason = str(error) if isinstance(error, AggloError) else describe_error(error)
             text = reason if str(path) in reason else f"{path}: {reason}"
             say(f"error: {printable(' '.join(text.split()))}")
         return self.code

@@ -11,7 +11,7 @@ from typing import Final
 from agglo_core.measure.comparison import RunResult
 from agglo_core.mesh import Mesh
 from agglo_core.registry import Registry, describe
-from agglo_core.registry.containment import PLUGIN_FAILURES, raised
+from agglo_core.registry.containment import PLUGIN_FAILURES, describe_error
 
 OWN: Final = ("map", "charts", "runs", "parts", "words")
 """Names of the built-in sections, in order: ``templates/section_<name>.html``."""
@@ -43,7 +43,7 @@ def _render_sections(mesh: Mesh, runs: Sequence[RunResult], registry: Registry) 
                 raise TypeError(f"html returned {type(fragment).__name__}, expected a string")
             f"{title}{fragment}".encode()  # unencodable text must not break the report
         except PLUGIN_FAILURES as error:
-            why = f"{describe(record)} is left out of the report: {raised(error)}"
+            why = f"{describe(record)} is left out of the report: {describe_error(error)}"
             logging.getLogger("agglo").warning("%s", why)
             title, fragment = record.name, f'<p class="hint">{html.escape(why)}</p>'
         if not fragment.strip():

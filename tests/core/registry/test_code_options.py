@@ -15,7 +15,7 @@ import agglo_core as agglo
 from agglo_core import Component, FileError, OptionError, Pipeline, Registry, hookimpl, samples
 from agglo_core.authoring import ImportPath
 from agglo_core.problems import read_problem
-from agglo_core.registry.code_options import Written, written
+from agglo_core.registry.code_options import Written, mark_texts
 from agglo_core.registry.construct import resolve
 from agglo_core.registry.options import options_of
 
@@ -131,7 +131,7 @@ def test_a_problem_file_is_no_way_around(tmp_path: Path, trap: Path, registry: R
 
 def test_other_texts_of_a_file_are_texts(tmp_path: Path, registry: Registry) -> None:
     """The mark of where a text comes from does not reach a component whose options have types."""
-    given = written({"a": "x", "b": ["y", {"c": "z"}], "d": 1})
+    given = mark_texts({"a": "x", "b": ["y", {"c": "z"}], "d": 1})
     assert given == {"a": "x", "b": ["y", {"c": "z"}], "d": 1}
     assert type(given["b"][1]["c"]) is Written
     file = tmp_path / "run.toml"
