@@ -13,7 +13,7 @@ from agglo_core.errors import FileError
 from agglo_core.files.regular import text_bytes
 from agglo_core.files.text_numbers import integers, line_of, reals
 from agglo_core.graph import Graph
-from agglo_core.io.file_checks import naming
+from agglo_core.io.file_checks import name_in_errors
 from agglo_core.mesh.elements import gather
 
 
@@ -66,12 +66,12 @@ def graph_from_metis(path: str | Path, coordinates: ArrayLike | str | Path) -> G
     array([0, 1, 2])
     """
     file = Path(path)
-    with naming(file):
+    with name_in_errors(file):
         numbers, words = _numbers(text_bytes(file))
         head = _head(numbers[: words[0]] if len(words) else numbers)
         rows = _rows(head, numbers[words[0] :], _vertex_lines(words[1:], head.vertices))
     places = _coordinates(coordinates, head.vertices)
-    with naming(file):
+    with name_in_errors(file):
         return Graph.from_arrays(
             rows.indptr, rows.indices, places, interface=rows.interface, weights=rows.weights
         )
@@ -145,7 +145,7 @@ def _coordinates(source: ArrayLike | str | Path, n: int) -> ArrayLike:
     if not isinstance(source, str | Path):
         return source
     file = Path(source)
-    with naming(file):
+    with name_in_errors(file):
         return places_of(reals(text_bytes(file)), n)
 
 
@@ -176,7 +176,7 @@ def parts_from_metis(path: str | Path) -> Int:
     array([0, 0, 1])
     """
     file = Path(path)
-    with naming(file):
+    with name_in_errors(file):
         content = text_bytes(file)
         labels = integers(content)
         if labels.min(initial=0) < 0:

@@ -13,7 +13,7 @@ from agglo_core.files.regular import text_bytes
 from agglo_core.files.text_numbers import integers, reals
 from agglo_core.graph import Graph
 from agglo_core.interchange.metis_read import places_of
-from agglo_core.io.file_checks import naming
+from agglo_core.io.file_checks import name_in_errors
 from agglo_core.io.text.counted_lists import record_starts
 from agglo_core.mesh.elements import gather
 
@@ -48,7 +48,7 @@ def graph_from_scotch(path: str | Path, coordinates: ArrayLike | str | Path) -> 
     [7.0, 7.0, 9.0, 9.0]
     """
     file = Path(path)
-    with naming(file):
+    with name_in_errors(file):
         numbers = integers(text_bytes(file))
         n, base, has_names, has_weights, has_loads = _head(numbers)
         names, loads, indptr, ends, weights = _rows(numbers, n, has_names, has_loads, has_weights)
@@ -60,7 +60,7 @@ def graph_from_scotch(path: str | Path, coordinates: ArrayLike | str | Path) -> 
         order = frozen_int(np.argsort(names))
         indptr, places = gather(indptr, order)
     points = _places(coordinates, n, base)
-    with naming(file):
+    with name_in_errors(file):
         return Graph.from_arrays(
             indptr,
             frozen_int(ends[places] - base),
@@ -124,7 +124,7 @@ def _places(source: ArrayLike | str | Path, n: int, base: int) -> ArrayLike:
     if not isinstance(source, str | Path):
         return source
     file = Path(source)
-    with naming(file):
+    with name_in_errors(file):
         numbers = reals(text_bytes(file))
         dim = int(numbers[0]) if len(numbers) and numbers[0] in (2, 3) else 0
         rows = numbers[2:].reshape(-1, dim + 1) if dim and len(numbers) == 2 + n * (dim + 1) else None
@@ -161,7 +161,7 @@ def parts_from_scotch(path: str | Path, *, base: int = 0) -> Int:
     [0, 1, 1]
     """
     file = Path(path)
-    with naming(file):
+    with name_in_errors(file):
         numbers = integers(text_bytes(file))
         if not len(numbers) or len(numbers) != 1 + 2 * int(numbers[0]):
             raise FileError(

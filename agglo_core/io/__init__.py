@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 from agglo_core.errors import FileError, OptionError
 from agglo_core.files.regular import check_regular
-from agglo_core.io.file_checks import naming, read_by, read_hierarchy_by, write_by
+from agglo_core.io.file_checks import name_in_errors, read_by, read_hierarchy_by, write_by
 from agglo_core.io.formats import Formats, KnownFormat
 from agglo_core.progress import Listener, followed, labelled, phase, unwrapped
 from agglo_core.registry import Registry, default
@@ -113,7 +113,7 @@ def read(
         options["allow_gaps"] = True
     if drop_flat:
         options["drop_flat"] = True
-    with naming(source):
+    with name_in_errors(source):
         return _formats(registry, options).first_accepted(source, read_by)
 
 
@@ -147,7 +147,7 @@ def read_hierarchy(
     [4]
     """
     source = _check_source(path)
-    with naming(source):
+    with name_in_errors(source):
         formats = _formats(registry, {"allow_gaps": True} if allow_gaps else {})
         return formats.first_accepted(source, read_hierarchy_by)
 
@@ -212,7 +212,7 @@ def write(
     """
     target = _check_path("write", path)
     _check_written(mesh, hierarchy)
-    with followed(progress, verbose) as followers, unwrapped(followers) as listen, naming(target):
+    with followed(progress, verbose) as followers, unwrapped(followers) as listen, name_in_errors(target):
         file_format = _writer(target, registry, {"compress": True} if compress else {})
         if hierarchy is not None:
             from agglo_core.io.levels import check_belongs
@@ -241,7 +241,7 @@ def check_writable(path: str | PathLike[str], *, registry: Registry | None = Non
     agglo_core.errors.FileError: nowhere/out.vtu: the folder nowhere does not exist
     """
     target = _check_path("write", path)
-    with naming(target):
+    with name_in_errors(target):
         _writer(target, registry, {})
 
 
@@ -268,7 +268,7 @@ def _check_source(path: object) -> Path:
     Raises FileError or OptionError otherwise.
     """
     source = _check_path("read", path)
-    with naming(source):
+    with name_in_errors(source):
         if not source.is_dir():  # some formats read folders
             check_regular(source)
     return source

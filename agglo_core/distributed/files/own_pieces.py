@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from agglo_core.arrays import Int, fits_in_index, frozen_int
 from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
-from agglo_core.io.file_checks import naming
+from agglo_core.io.file_checks import name_in_errors
 from agglo_core.io.tags import BRIDGES
 from agglo_core.io.to_mesh.listed_faces import usual_values
 from agglo_core.io.vtk.grids import Share, piece_of
 from agglo_core.io.vtk.pvtu import piece_name, pvtu_list
-from agglo_core.io.vtk.vtu import face_stream, written_by_agglo
+from agglo_core.io.vtk.vtu import face_stream, is_own_file
 from agglo_core.io.vtk.xml_write import Piece, write_document
 
 
@@ -48,7 +48,7 @@ def write_agreed(folder: Path, stem: str, piece: Piece, ranks: Ranks, *, compres
     wide = {name for name, each in data.items() if each.dtype == np.int64 and not fits_in_index(each)}
     piece = piece._replace(wide=frozenset().union(*ranks.gathered(sorted(wide))))
     sources = [piece_name(stem, rank) for rank in range(ranks.size)]
-    with ranks.together(), naming(Path(sources[ranks.rank])):
+    with ranks.together(), name_in_errors(Path(sources[ranks.rank])):
         (folder / stem).mkdir(exist_ok=True)
         write_document(folder / sources[ranks.rank], piece, compress=compress)
         if ranks.rank == 0:
@@ -79,7 +79,7 @@ def remove_pieces(folder: Path, size: int) -> None:
         found = pattern.fullmatch(file.name)
         if not found or int(found[1]) < size or file.is_symlink():
             continue
-        if written_by_agglo(file, solutions=True):
+        if is_own_file(file, solutions=True):
             file.unlink()
     if folder.is_dir() and not any(folder.iterdir()):
         folder.rmdir()

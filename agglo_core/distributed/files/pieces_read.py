@@ -17,7 +17,7 @@ from agglo_core.distributed.mesh.joining_ranks import join_across_ranks
 from agglo_core.distributed.mesh.touching_ranks import outer_faces_touch
 from agglo_core.distributed.mesh.whole_cells import WholeCells
 from agglo_core.errors import FileError, MeshError
-from agglo_core.io.file_checks import naming
+from agglo_core.io.file_checks import name_in_errors
 from agglo_core.io.to_mesh.bridges import single_loops
 from agglo_core.io.to_mesh.listed_faces import usual_values
 from agglo_core.io.to_mesh.options import ReadOptions
@@ -45,7 +45,7 @@ def mesh_of_pieces(stored: Stored, file: Path, ranks: Ranks, *, allow_gaps: bool
     FileError, MeshError
         With the file name (RankError on other ranks).
     """
-    with ranks.together(), naming(file):
+    with ranks.together(), name_in_errors(file):
         own_piece = _own_cells(stored, file.stem, allow_gaps=allow_gaps)
     # Check that the pieces of all ranks fit each other.
     reports = ranks.gathered(None if own_piece is None else _facts(own_piece))
@@ -56,7 +56,7 @@ def mesh_of_pieces(stored: Stored, file: Path, ranks: Ranks, *, allow_gaps: bool
         raise MeshError(f"{file}: some of its pieces are plane, others are solid")
     # Join by point ids if all pieces have point ids, else by coordinates.
     tags = [name for name in facts[0].cell_tags if all(name in fact.cell_tags for fact in facts)]
-    with ranks.together(), naming(file):
+    with ranks.together(), name_in_errors(file):
         usual = _common_tags(facts)
         arguments = _local_arguments(own_piece, facts, tags, usual)
     if all(fact.point_ids for fact in facts):

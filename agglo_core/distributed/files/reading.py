@@ -15,8 +15,8 @@ from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
 from agglo_core.errors import FileError
 from agglo_core.files.regular import file_bytes
 from agglo_core.io import read as read_whole
-from agglo_core.io.file_checks import naming
-from agglo_core.io.vtk.pvtu import sources_of, stored_piece, stored_together
+from agglo_core.io.file_checks import name_in_errors
+from agglo_core.io.vtk.pvtu import join_contents, read_piece, sources_of
 from agglo_core.registry import Registry
 
 
@@ -68,11 +68,11 @@ def read(
             whole = read_whole(file, allow_gaps=allow_gaps, registry=registry)
     if not pieces:
         return DistributedMesh.scatter(whole, ranks)
-    with ranks.together(), naming(file):
+    with ranks.together(), name_in_errors(file):
         shares = _share_pieces(file, ranks.size) if ranks.rank == 0 else []
     own = ranks.from_first(shares)[ranks.rank]
-    with ranks.together(), naming(file):
-        stored = stored_together([stored_piece(file.parent, source) for source in own])
+    with ranks.together(), name_in_errors(file):
+        stored = join_contents([read_piece(file.parent, source) for source in own])
     return mesh_of_pieces(stored, file, ranks, allow_gaps=allow_gaps)
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from agglo_core.distributed.communication import RankError, Ranks
 from agglo_core.errors import FileError
 from agglo_core.io.atomic import staging
-from agglo_core.io.file_checks import naming
+from agglo_core.io.file_checks import name_in_errors
 
 
 @contextmanager
@@ -32,17 +32,17 @@ def shared_staging(path: Path, ranks: Ranks) -> Iterator[Path]:
     """
     with ExitStack() as stages:
         own_folder = None
-        with ranks.together(), naming(path):
+        with ranks.together(), name_in_errors(path):
             if ranks.rank == 0:
                 own_folder = stages.enter_context(staging(path))
         folder: Path = ranks.from_first(own_folder)  # type: ignore[assignment]
-        with ranks.together(), naming(path):
+        with ranks.together(), name_in_errors(path):
             if not folder.is_dir():
                 raise FileError("the folder is not that of rank 0: all ranks write to one file system")
         if ranks.rank > 0:
             stages.enter_context(_remove_if_interrupted(folder))
         yield folder
-        with ranks.together(), naming(path):
+        with ranks.together(), name_in_errors(path):
             stages.close()
 
 

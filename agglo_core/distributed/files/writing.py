@@ -18,7 +18,7 @@ from agglo_core.distributed.files.shared_staging import shared_staging
 from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
 from agglo_core.errors import FileError, MeshError, OptionError
 from agglo_core.io.atomic import check_replaceable
-from agglo_core.io.file_checks import naming
+from agglo_core.io.file_checks import name_in_errors
 from agglo_core.io.levels import under_free_names
 from agglo_core.io.tags import BRIDGES, check_names, is_level, tags_and_levels
 from agglo_core.io.vtk.pvtu import PIECES
@@ -102,7 +102,7 @@ def check_parallel_target(target: Path) -> None:
         raise FileError(f"{target}: is a folder, expected a file name")
     if not target.parent.is_dir():
         raise FileError(f"{target}: the folder {target.parent} does not exist")
-    with naming(target):
+    with name_in_errors(target):
         check_replaceable(target)
 
 

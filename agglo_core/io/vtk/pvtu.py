@@ -35,13 +35,13 @@ class Pvtu(Reading):
         FileError, MeshError
             With the missing or broken piece, or for a piece in another location or listed twice.
         """
-        files = [stored_piece(path.parent, source) for source in sources_of(file_bytes(path))]
+        files = [read_piece(path.parent, source) for source in sources_of(file_bytes(path))]
         if not files:
             raise FileError("there is no Piece in it")
-        return mesh_from_pieces(stored_together(files), **self.reading, name=path.stem)
+        return mesh_from_pieces(join_contents(files), **self.reading, name=path.stem)
 
 
-def stored_together(files: Sequence[Stored]) -> Stored:
+def join_contents(files: Sequence[Stored]) -> Stored:
     """Join the contents of several files."""
     return Stored(
         list(chain.from_iterable(file.pieces for file in files)),
@@ -70,7 +70,7 @@ def sources_of(content: bytes) -> list[str]:
     return sources
 
 
-def stored_piece(folder: Path, source: str) -> Stored:
+def read_piece(folder: Path, source: str) -> Stored:
     """Read the pieces of one VTU file.
 
     Errors name the file.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from agglo_core.arrays import Int
 from agglo_core.errors import FileError
 from agglo_core.io.atomic import staging
-from agglo_core.io.file_checks import naming
+from agglo_core.io.file_checks import name_in_errors
 from agglo_core.io.levels import under_free_names
 from agglo_core.io.tags import check_names
 from agglo_core.io.vtk.xml_write import Piece, write_document
@@ -39,7 +39,7 @@ def write_solution(path: str | PathLike[str], mesh: Mesh, samples: Samples, *, n
     path = Path(path)
     if path.suffix.lower() != ".vtu":
         raise FileError(f"{path}: a solution is written as .vtu")
-    with naming(path), staging(path) as folder:
+    with name_in_errors(path), staging(path) as folder:
         piece = solution_piece(samples, mesh.cell_tags, name=name)
         write_document(folder / path.name, piece)
 

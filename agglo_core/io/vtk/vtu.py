@@ -94,7 +94,7 @@ class Vtu(Compressing):
 
         Raises an AggloError.
         """
-        storage = Storage(write_document, face_stream, written_by_agglo)
+        storage = Storage(write_document, face_stream, is_own_file)
         write_grids(storage, path, mesh, hierarchy, level_values, tell, compress=self.compress)
 
 
@@ -269,7 +269,7 @@ class _Arrays:
         return frozen_int(values)
 
 
-def written_by_agglo(file: Path, *, solutions: bool = False) -> bool:
+def is_own_file(file: Path, *, solutions: bool = False) -> bool:
     """Return True if a file begins like agglo's meshes (or solutions).
 
     May raise OSError.
