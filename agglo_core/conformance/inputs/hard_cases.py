@@ -203,11 +203,11 @@ def _high_grid() -> Mesh:
     return unusual_graphs.map_points(high, lambda points: points @ quarter)
 
 
-def _turned_grid() -> Mesh:
+def _transposed_grid() -> Mesh:
     return replace(small_meshes.grid(7, 9, width=3.0, jitter=0.2), name="9 by 7 grid")
 
 
-_MESHES: Sequence[Callable[[], Mesh]] = (_wide_grid, _high_grid, _turned_grid)
+_MESHES: Sequence[Callable[[], Mesh]] = (_wide_grid, _high_grid, _transposed_grid)
 
 
 def _in_parts(name: str, graph: Graph, parts: int, seed: int = 0) -> Case:
