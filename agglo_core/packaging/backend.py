@@ -38,10 +38,10 @@ _CONSTRAINTS = Path(__file__).parents[2] / "constraints.txt"
 
 def get_requires_for_build_wheel(config_settings: dict[str, Any] | None = None) -> list[str]:
     """Return the build requirements of a wheel, in addition to hatchling."""
-    return [*hatchling.get_requires_for_build_wheel(config_settings), *needed_to_compile()]
+    return [*hatchling.get_requires_for_build_wheel(config_settings), *compile_requirements()]
 
 
-def needed_to_compile() -> list[str]:
+def compile_requirements() -> list[str]:
     """Return the requirements for compiling kernels, in the tested versions unless constraints are set.
 
     ``AGGLO_PREBUILD=0`` omits them, and the hook then omits the kernels.
