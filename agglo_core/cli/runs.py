@@ -195,7 +195,10 @@ def _cells(level: Level, columns: Iterable[str]) -> list[str]:
 
     line = {**level.line, **level.objectives}
     line["connected"] = f"{number(100.0 * line['connected'])} %"
-    return [wanted(level.target), *(short(line[key]) + describe_undefined(level, key) for key in columns)]
+    return [
+        wanted(level.target),
+        *(format_ratio(line[key]) + describe_undefined(level, key) for key in columns),
+    ]
 
 
 def describe_undefined(level: Level, name: str) -> str:
@@ -204,7 +207,7 @@ def describe_undefined(level: Level, name: str) -> str:
     return f" ({count} undefined)" if count else ""
 
 
-def short(value: Any) -> str:
+def format_ratio(value: Any) -> str:
     """Format a ratio: three decimals, or four digits for large numbers."""
     if isinstance(value, float) and abs(value) < 1000.0:
         return f"{value:.3f}"

@@ -52,8 +52,8 @@ def any_names(_: click.Context, __: click.Parameter, typed: str) -> list[Complet
     """Complete all components, as ``NAME`` or ``KIND:NAME``."""
     kind, colon = typed.partition(":")[:2]
     alone = bool(colon) and kind in KINDS
-    records = _usable((kind,) if alone else tuple(KINDS))
-    items = [CompletionItem(f"{kind}:{r.name}" if alone else r.name, help=_about(r)) for r in records]
+    records = _usable_records((kind,) if alone else tuple(KINDS))
+    items = [CompletionItem(f"{kind}:{r.name}" if alone else r.name, help=_summary_of(r)) for r in records]
     return [item for item in items if item.value.startswith(typed)]
 
 
@@ -77,7 +77,9 @@ def _find_continuations(
     head = typed[: len(typed) - len(last)]
     specs = split_specs(typed) if several else [typed]
     if "=" not in last and ":" not in last and (several or not head):
-        for word, about in [(r.name, _about(r)) for r in _usable(kinds)] + [(word, "") for word in also]:
+        for word, about in [(r.name, _summary_of(r)) for r in _usable_records(kinds)] + [
+            (word, "") for word in also
+        ]:
             if word.startswith(last):
                 yield head + word, about
         specs = [f"{specs[-2]},{last}"] if len(specs) > 1 else specs
@@ -93,7 +95,9 @@ def _options(kinds: tuple[str, ...], name: str, typed: str) -> Iterator[tuple[st
     *typed_options, last = typed.split(",")
     option, equals, value = last.partition("=")
     used_names = {item.partition("=")[0] for item in typed_options}
-    candidates = [item for record in _usable(kinds) if record.name == name for item in _options_of(record)]
+    candidates = [
+        item for record in _usable_records(kinds) if record.name == name for item in _options_of(record)
+    ]
     for item in candidates:
         if equals and item.name == option:
             words = [word for word in words_of(item.type) if word.startswith(value)]
@@ -109,11 +113,11 @@ def _options_of(record: Record) -> tuple[Option, ...]:
         return ()
 
 
-def _about(record: Record) -> str:
+def _summary_of(record: Record) -> str:
     return record.component.summary if record.component else ""
 
 
-def _usable(kinds: tuple[str, ...]) -> list[Record]:
+def _usable_records(kinds: tuple[str, ...]) -> list[Record]:
     return [record for record in default().list() if record.kind in kinds and record.state == "ok"]
 
 

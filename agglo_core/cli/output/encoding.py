@@ -32,7 +32,7 @@ _GREEK = {
 }
 
 
-def _instead(character: str) -> str:
+def _substitute(character: str) -> str:
     """Return ASCII with similar appearance or sound, or else the character's number."""
     replacement = _INSTEAD.get(character) or _GREEK.get(character)
     if replacement:
@@ -50,7 +50,7 @@ def _instead(character: str) -> str:
 def _replace(error: UnicodeError) -> tuple[str, int]:
     if not isinstance(error, UnicodeEncodeError):
         raise error
-    return "".join(map(_instead, error.object[error.start : error.end])), error.end
+    return "".join(map(_substitute, error.object[error.start : error.end])), error.end
 
 
 codecs.register_error(_ERRORS, _replace)

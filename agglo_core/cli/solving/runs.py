@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from agglo_core.cli.output.console import number
 from agglo_core.cli.output.tables import print_lines, print_table
-from agglo_core.cli.runs import short
+from agglo_core.cli.runs import format_ratio
 from agglo_core.cli.solving.choice import Posed, solver_title
 from agglo_core.cli.solving.outputs import with_hierarchy
 from agglo_core.cli.stopping import find_interrupt
@@ -188,7 +188,7 @@ def show_solved(spec: str, problem: str, runs: Sequence[RunResult], solved: Sequ
     metrics = list(first_level.metrics)
     rows = []
     for run, solution in zip(runs, solved, strict=True):
-        shapes = [short(run.levels[0].line[name]) if run.levels else "–" for name in metrics]
+        shapes = [format_ratio(run.levels[0].line[name]) if run.levels else "–" for name in metrics]
         rows.append([run.name, *shapes, *solution.cells()])
     print_table(
         f"{problem} solved by {spec}; CPU seconds, set-up with assembly; metrics of the finest level",
