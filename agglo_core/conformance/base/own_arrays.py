@@ -25,7 +25,7 @@ def in_own_arrays(case: Case) -> Case:
 
     Meshes and graphs stay read-only.
     """
-    return replace(case, given=tuple(map(_own, case.given)))
+    return replace(case, given=tuple(map(_own_copy, case.given)))
 
 
 def arrays_in(case: Case) -> list[NDArray[Any]]:
@@ -39,7 +39,7 @@ def arrays_in(case: Case) -> list[NDArray[Any]]:
     return [value for value in arrays if value.flags.writeable]
 
 
-def _own(value: Any) -> Any:
+def _own_copy(value: Any) -> Any:
     if isinstance(value, Linear) and sparse.issparse(value.A) and hasattr(value.A, "indptr"):
         return replace(value, A=value.A.copy(), b=np.array(value.b))
     return np.array(value) if isinstance(value, np.ndarray) and value.dtype.kind in "if" else value

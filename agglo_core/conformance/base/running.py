@@ -118,7 +118,7 @@ def _choose_component(subject: Subject) -> tuple[Any, Registry]:
         return subject.build(), own_components()
     name = f"{record.distribution or record.plugin}/{record.name}"
     choice = (name, subject.options) if subject.options else name
-    return choice, subject.lookup if _is_registered(record, name, subject.lookup) else _with(record)
+    return choice, subject.lookup if _is_registered(record, name, subject.lookup) else _registry_with(record)
 
 
 def _is_registered(record: Record, name: str, registry: Registry) -> bool:
@@ -128,7 +128,7 @@ def _is_registered(record: Record, name: str, registry: Registry) -> bool:
         return False
 
 
-def _with(record: Record) -> Registry:
+def _registry_with(record: Record) -> Registry:
     """Return a registry with the built-in components and an unregistered declaration."""
     registry = Registry()
     registry.register(builtin, "defaults", distribution="agglo")

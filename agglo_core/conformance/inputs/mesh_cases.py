@@ -28,7 +28,7 @@ UNSAFE = '<b id="it\'s">R&D</b>'
 def on_meshes(kind: str) -> list[Case]:
     """Return cases on 2-D meshes."""
     if kind == "discretisation":
-        return [_about(kind, mesh) for mesh in small_meshes.plane_meshes()]
+        return [_case_on(kind, mesh) for mesh in small_meshes.plane_meshes()]
     if kind == "problem":
         return [Case(mesh.name, (mesh,)) for mesh in small_meshes.plane_meshes()]
     if kind == "constraint":
@@ -56,13 +56,13 @@ def in_space(kind: str) -> list[Case]:
 
     Formats also get tetrahedra, because some formats support nothing else.
     """
-    boxes = _about(kind, replace(small_meshes.boxes(3, 2, 2), name="3-D boxes"))
-    return [boxes, _about(kind, small_meshes.tetrahedra())] if kind == "format" else [boxes]
+    boxes = _case_on(kind, replace(small_meshes.boxes(3, 2, 2), name="3-D boxes"))
+    return [boxes, _case_on(kind, small_meshes.tetrahedra())] if kind == "format" else [boxes]
 
 
 def of_one_cell(kind: str) -> list[Case]:
     """Return a case on a mesh with a single cell."""
-    return [_about(kind, replace(small_meshes.grid(1, 1), name="one cell"))]
+    return [_case_on(kind, replace(small_meshes.grid(1, 1), name="one cell"))]
 
 
 def bands(mesh: Mesh, parts: int) -> Int:
@@ -89,7 +89,7 @@ def tag_cells_and_faces(mesh: Mesh) -> Mesh:
     return replace(mesh, face_tags={TAG: faces})
 
 
-def _about(kind: str, mesh: Mesh) -> Case:
+def _case_on(kind: str, mesh: Mesh) -> Case:
     arguments: Sequence[object] = (mesh,)
     if kind == "format":
         arguments = (mesh, "")

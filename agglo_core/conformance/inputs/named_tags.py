@@ -32,7 +32,7 @@ def with_tags(kind: str) -> list[Case]:
 
     Smoothers get none.
     """
-    return [] if kind == "smoother" else [_about(kind, _mesh_with_tags(names)) for names in _NAMES]
+    return [] if kind == "smoother" else [_case_on(kind, _mesh_with_tags(names)) for names in _NAMES]
 
 
 def _mesh_with_tags(names: Sequence[str]) -> Mesh:
@@ -46,7 +46,7 @@ def _mesh_with_tags(names: Sequence[str]) -> Mesh:
     )
 
 
-def _about(kind: str, mesh: Mesh) -> Case:
+def _case_on(kind: str, mesh: Mesh) -> Case:
     halves = frozen_int(np.arange(mesh.n_cells) * 2 // mesh.n_cells)
     if kind == "metric":
         return Case(mesh.name, (mesh, frozen_int(np.arange(mesh.n_cells) // 5)))

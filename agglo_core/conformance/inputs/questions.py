@@ -29,7 +29,7 @@ from agglo_core.conformance.inputs.hard_cases import (
     ragged_cases,
     unusual_cases,
 )
-from agglo_core.conformance.inputs.speed import bearable
+from agglo_core.conformance.inputs.speed import drop_slow_cases
 from agglo_core.errors import AggloError
 from agglo_core.graph import Graph
 from agglo_core.problems import Solution
@@ -76,7 +76,7 @@ def questions(subject: Subject, seed: int = 0) -> list[Case]:
     reads gets none.
     """
     extra_cases = partitions(seed) if subject.partitions else _further_problems(subject)
-    large = bearable(subject, large_case(subject.kind, seed))
+    large = drop_slow_cases(subject, large_case(subject.kind, seed))
     accepted_cases = select_accepted(subject, [*cases(subject.kind, seed), *large, *extra_cases])
     if accepted_cases or subject.kind != "format":
         return accepted_cases
@@ -97,7 +97,7 @@ def every_graph(subject: Subject) -> list[Case]:
             return [*ordinary, crowd_case(kind, 40)]
         return [*ordinary, crowd_case(kind), *([] if subject.fallback else [many_parts(kind)])]
     levels = [as_many_components(kind), crowd_case(kind), *ragged_cases(kind), many_parts(kind)]
-    return bearable(subject, [*ordinary, *levels])
+    return drop_slow_cases(subject, [*ordinary, *levels])
 
 
 def in_space(subject: Subject) -> list[Case]:
@@ -135,12 +135,12 @@ def with_suffix(subject: Subject, asked: list[Case]) -> list[Case]:
         return []
     suffixes = tuple(subject.suffixes)
     simple = cases("format")[0]
-    candidates = (s for s in suffixes if not refuses(subject, _as(simple, s)))
+    candidates = (s for s in suffixes if not refuses(subject, _with_suffix(simple, s)))
     suffix = suffixes[0] if len(suffixes) == 1 else next(candidates, suffixes[0])
-    return [_as(case, suffix) for case in asked]
+    return [_with_suffix(case, suffix) for case in asked]
 
 
-def _as(case: Case, suffix: str) -> Case:
+def _with_suffix(case: Case, suffix: str) -> Case:
     return replace(case, given=(case.given[0], suffix))
 
 

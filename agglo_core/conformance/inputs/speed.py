@@ -44,7 +44,7 @@ def too_slow(subject: Subject) -> Slow | None:
     return result
 
 
-def bearable(subject: Subject, test_cases: list[Case]) -> list[Case]:
+def drop_slow_cases(subject: Subject, test_cases: list[Case]) -> list[Case]:
     """Return the cases that do not take too long."""
     slow = too_slow(subject)
     return test_cases if slow is None else [case for case in test_cases if case.given[0].n <= slow.most]

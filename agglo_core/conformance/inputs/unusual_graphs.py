@@ -231,7 +231,7 @@ _NOISE = 0.2  # fraction of border cells in every other block that get a neighbo
 def ragged_levels() -> dict[str, tuple[Graph, Int]]:
     """Return 2-D levels by mesh name, with labels of 2 to 5 ragged parts in each block."""
     meshes = {"Voronoi cells": _voronoi, "triangles": _triangles, "hexagons": _hexagons}
-    levels = {f"a level of pieces of {name}": _afresh(make) for name, make in meshes.items()}
+    levels = {f"a level of pieces of {name}": _fresh_level(make) for name, make in meshes.items()}
     uneven = {
         f"{name} with uneven weights and faces": _with_uneven_faces(*level) for name, level in levels.items()
     }
@@ -240,7 +240,7 @@ def ragged_levels() -> dict[str, tuple[Graph, Int]]:
 
 def ragged_level_in_space() -> tuple[Graph, Int]:
     """Return a level of pieces of tetrahedra, with labels of 2 to 5 ragged parts in each block."""
-    return _afresh(_tetrahedra)
+    return _fresh_level(_tetrahedra)
 
 
 def grow_regions(graph: Graph, seeds: Int, rng: np.random.Generator) -> Int:
@@ -266,7 +266,7 @@ def _with_uneven_faces(level: Graph, labels: Int) -> tuple[Graph, Int]:
     return fresh(replace(level, weights=weights, interface=interface)), labels
 
 
-def _afresh(make: Callable[[], Mesh]) -> tuple[Graph, Int]:
+def _fresh_level(make: Callable[[], Mesh]) -> tuple[Graph, Int]:
     level, labels = _level_of(make)
     return fresh(level), frozen_int(labels.copy())
 

@@ -42,7 +42,7 @@ from agglo_core.conformance.inputs.questions import (
     same,
     select_accepted,
 )
-from agglo_core.conformance.inputs.speed import bearable, too_slow
+from agglo_core.conformance.inputs.speed import drop_slow_cases, too_slow
 from agglo_core.conformance.process.fresh_import import import_again
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
@@ -57,27 +57,27 @@ _STOPS = 4  # number of places at which a call is interrupted by another call
 _WAIT = 0.3  # seconds to wait for the second call, which may be blocked by a lock
 
 
-def _few(subject: Subject) -> list[Case]:
+def _sibling_cases(subject: Subject) -> list[Case]:
     """Return easily confused cases that are accepted.
 
     If all are refused, the ordinary cases.
     """
-    return list(_each(subject))
+    return list(_each_sibling_case(subject))
 
 
 @law(*SIBLINGS)
 def nothing_carried_over(subject: Subject) -> None:
     """Intervening calls on other meshes of equal size change no answer: no cache confuses them."""
     # Expected answers: each from a freshly imported component.
-    names = [case.name for case in _few(subject)]
+    names = [case.name for case in _sibling_cases(subject)]
     expected = []
     for place in range(len(names)):
         with import_again(subject) as unused, global_random(1):
-            expected.append(plain(unused, unused.build(), _few(subject)[place]))
+            expected.append(plain(unused, unused.build(), _sibling_cases(subject)[place]))
     # A single object must give these answers, in several rounds over all cases.
     tool = subject.build()
     for _ in range(_ROUNDS):
-        for place, case in enumerate(_each(subject)):
+        for place, case in enumerate(_each_sibling_case(subject)):
             with global_random(1):
                 result = plain(subject, tool, case)
             require(
@@ -88,7 +88,7 @@ def nothing_carried_over(subject: Subject) -> None:
             del case, result
 
 
-def _each(subject: Subject) -> Iterator[Case]:
+def _each_sibling_case(subject: Subject) -> Iterator[Case]:
     """Yield the cases one at a time, so that each may reuse the memory of the previous case."""
     none = True
     for case in siblings(subject.kind, partition=subject.partitions):
@@ -103,7 +103,7 @@ def _each(subject: Subject) -> Iterator[Case]:
 def answers_stay(subject: Subject) -> None:
     """Later calls leave the answers of earlier calls unchanged."""
     tool, records = subject.build(), []
-    for case in _few(subject):
+    for case in _sibling_cases(subject):
         returned = answer(subject, tool, case)
         values = returned.x if isinstance(returned, Solution) else returned
         records.append((case.name, values, np.array(values, copy=True)))
@@ -118,7 +118,7 @@ def answers_stay(subject: Subject) -> None:
 @law(*SIBLINGS)
 def in_two_threads(subject: Subject) -> None:
     """A call that starts while another call is running disturbs neither of them."""
-    few_cases = _few(subject)
+    few_cases = _sibling_cases(subject)
     # Count the lines of the first call, and choose some at which the second call starts.
     home = getattr(sys.modules.get(type(subject.build()).__module__), "__file__", None)
     lines = _Stepper(home, 0, lambda: None)
@@ -232,8 +232,10 @@ def _measure_usage(subject: Subject, tool: Any) -> Float:
     The rounds end when a round adds nothing. Free lists and bounded caches fill during the first rounds,
     which takes longer if a component makes many internal calls. Leaked memory grows in every round.
     """
-    sizable = bearable(subject, [case for case in unusual_cases(subject.kind) if case.size == _SIZABLE])
-    case, usage = next(iter(sizable or _each(subject))), list[tuple[int, int, int]]()
+    sizable = drop_slow_cases(
+        subject, [case for case in unusual_cases(subject.kind) if case.size == _SIZABLE]
+    )
+    case, usage = next(iter(sizable or _each_sibling_case(subject))), list[tuple[int, int, int]]()
     tracemalloc.start()
     try:
         while len(usage) < 3 or (len(usage) < _MOST_ROUNDS and not _has_settled(usage)):
@@ -258,7 +260,7 @@ def _has_settled(usage: ArrayLike) -> bool:
 
 def _call_for_references(subject: Subject, tool: Any) -> list[Any]:
     """Call the component, and return weak references to the input and its arrays."""
-    case = next(_each(subject))
+    case = next(_each_sibling_case(subject))
     answer(subject, tool, case)
     things = [value for value in case.given if isinstance(value, np.ndarray) or is_dataclass(value)]
     arrays = [attribute for value in things for attribute in getattr(value, "__dict__", {}).values()]

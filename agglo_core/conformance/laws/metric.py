@@ -84,7 +84,7 @@ def finite(subject: Subject) -> None:
         )  # fmt: skip
 
 
-@law("metric", when=lambda subject: _says(subject, "undefined"))
+@law("metric", when=lambda subject: _declares(subject, "undefined"))
 def defined_on_squares(subject: Subject) -> None:
     """Plain squares have a finite value even if ``undefined`` is set."""
     case = by_hand()[0]
@@ -127,7 +127,7 @@ def hand_values(subject: Subject) -> None:
         require_close(values, np.array(expected, float), f"on {case.name}", "see the definition", 1e-3)
 
 
-@law("metric", when=lambda subject: subject.has("measure") and _says(subject, "shape_only"))
+@law("metric", when=lambda subject: subject.has("measure") and _declares(subject, "shape_only"))
 def shape_only_is_true(subject: Subject) -> None:
     """If ``shape_only`` is set, values do not depend on the cells inside agglomerates or along outlines."""
     pairs = [(case, _coarsen_case(case)) for case in cases("metric")]
@@ -154,7 +154,7 @@ def _every_shape(subject: Subject) -> list[Case]:
     return [*plane, *solids(), *bodies()] if subject.promised("3d") else plane
 
 
-def _says(subject: Subject, attribute: str) -> bool:
+def _declares(subject: Subject, attribute: str) -> bool:
     try:
         return getattr(subject.build(), attribute, False) is True
     except Broken:
@@ -164,7 +164,7 @@ def _says(subject: Subject, attribute: str) -> bool:
 def _require_finite(subject: Subject, case: Case, remedy: str) -> None:
     values = plain(subject, subject.build(), case)
     fine = np.isfinite(values)
-    if _says(subject, "undefined"):
+    if _declares(subject, "undefined"):
         fine |= np.isnan(values)
     bad = np.flatnonzero(~fine)
     require(not len(bad), f"on {case.name}: agglomerate {bad[:1]} got {values[bad[:1]]}: {remedy}")
@@ -224,7 +224,7 @@ _MOVES = 12  # number of moves per case; each is measured twice
 def changes_add_up(subject: Subject) -> None:
     """The values of ``changes`` equal the effect of moving one cell on the sum of all values."""
     space = solids()[:2] if subject.promised("3d") else []
-    for case in [*cases("metric"), *by_hand()[:3], *various_cases()[:2], _many(), *space]:
+    for case in [*cases("metric"), *by_hand()[:3], *various_cases()[:2], _many_parts(), *space]:
         mesh, labels = case.given
         cells, parts = _moves(mesh, labels, _MOVES if mesh.n_cells < 1000 else 3)
         tool = subject.build()
@@ -249,7 +249,7 @@ def changes_add_up(subject: Subject) -> None:
 @law("metric", when=lambda subject: subject.has("changes"))
 def changes_of_these_labels(subject: Subject) -> None:
     """The values of ``changes`` refer to the current labels, even if the label array has been overwritten."""
-    for case in [*cases("metric")[3:], *by_hand()[:1], _many()]:
+    for case in [*cases("metric")[3:], *by_hand()[:1], _many_parts()]:
         mesh, labels = case.given
         tool, current_labels = subject.build(), np.array(labels)
         for _ in range(3):
@@ -278,7 +278,7 @@ def _ask_changes(name: str, tool: Any, graph: Graph, labels: Int, cells: Int, pa
     return changes
 
 
-def _many() -> Case:
+def _many_parts() -> Case:
     """Return more than a thousand parts, some with two cells."""
     mesh, names = many_alone().given
     _, labels = np.unique(np.where(names > 1000, names // 2 * 2, names), return_inverse=True)

@@ -122,10 +122,12 @@ def invariant(subject: Subject) -> None:
         _require_unmoved_in_space(subject)
     # Compare the answers after each change, up to the exchange of sides.
     for mesh, changes in mesh_changes:
-        before = [plain(subject, subject.build(), case) for case in _on(subject.kind, mesh, mesh, None)]
+        before = [plain(subject, subject.build(), case) for case in _cases_on(subject.kind, mesh, mesh, None)]
         for change in changes:
             changed_mesh, order = small_meshes.change_mesh(mesh, change)
-            for case, expected in zip(_on(subject.kind, mesh, changed_mesh, order), before, strict=True):
+            for case, expected in zip(
+                _cases_on(subject.kind, mesh, changed_mesh, order), before, strict=True
+            ):
                 result = plain(subject, subject.build(), case)
                 require(
                     same_labelling(expected[order], result, swap=subject.kind == "bisector"),
@@ -137,10 +139,12 @@ def invariant(subject: Subject) -> None:
 
 def _require_unmoved_in_space(subject: Subject) -> None:
     for solid in small_meshes.solids():
-        before = [plain(subject, subject.build(), case) for case in _on(subject.kind, solid, solid, None)]
+        before = [
+            plain(subject, subject.build(), case) for case in _cases_on(subject.kind, solid, solid, None)
+        ]
         changes = {name: (transform_mesh(solid, motion), None) for name, motion in _IN_SPACE.items()}
         for name, (mesh, order) in {**changes, "renumbered": renumber_mesh(solid)}.items():
-            for case, values in zip(_on(subject.kind, solid, mesh, order), before, strict=True):
+            for case, values in zip(_cases_on(subject.kind, solid, mesh, order), before, strict=True):
                 expected, after = (
                     values if order is None else values[order],
                     plain(subject, subject.build(), case),
@@ -210,7 +214,7 @@ def _copy_by_pickle(thing: Any) -> Any:
         ) from error
 
 
-def _on(kind: str, mesh: Mesh, changed_mesh: Mesh, order: Int | None) -> list[Case]:
+def _cases_on(kind: str, mesh: Mesh, changed_mesh: Mesh, order: Int | None) -> list[Case]:
     """Return cases on ``changed_mesh`` with the labels, if any, carried over from ``mesh``."""
     if kind == "bisector":
         return [Case(changed_mesh.name, (changed_mesh.graph, seeds_for(1)))]

@@ -45,7 +45,7 @@ def _unknowns(subject: Subject, problem: Diffusion, hierarchy: Hierarchy) -> Flo
     return None if it is None else it.x
 
 
-def _one(subject: Subject, hierarchy: Hierarchy, boundary: str = "boundary") -> Float | None:
+def _unknowns_of_one(subject: Subject, hierarchy: Hierarchy, boundary: str = "boundary") -> Float | None:
     """Return the unknowns of the constant 1."""
     problem = Diffusion(source=0.0, dirichlet=dict.fromkeys(SIDES, 1.0), boundary=boundary)
     return _unknowns(subject, problem, hierarchy)
@@ -55,7 +55,7 @@ def _one(subject: Subject, hierarchy: Hierarchy, boundary: str = "boundary") -> 
 def constant_found(subject: Subject) -> None:
     """Without source and with boundary value 1 wherever given, the solution is 1 for any κ."""
     hierarchy = plate()
-    constant = _one(subject, hierarchy)
+    constant = _unknowns_of_one(subject, hierarchy)
     if constant is None:
         return
     # Other boundary data with the solution 1.
@@ -224,7 +224,7 @@ def _sample_solution(
     subject: Subject, hierarchy: Hierarchy, problem: Diffusion
 ) -> tuple[Float, Float] | None:
     """Return points and solution values, or None if refused or if the meaning of x is unknown."""
-    constant = _one(subject, hierarchy, problem.boundary)
+    constant = _unknowns_of_one(subject, hierarchy, problem.boundary)
     x = _unknowns(subject, problem, hierarchy)
     require(
         constant is None or np.any(constant != 0.0),
