@@ -30,8 +30,8 @@ def graph_to_metis(path: str | Path, graph: Graph) -> None:
     4 4 011
     """
     target = Path(path)
-    vertex = _whole(graph.weights)
-    edge = _whole(graph.interface)
+    vertex = _scaled_integers(graph.weights)
+    edge = _scaled_integers(graph.interface)
     sizes = np.diff(graph.indptr).astype(np.int64)
     entries = np.stack((graph.indices.astype(np.int64) + 1, edge), axis=1).ravel()
     stream = np.insert(entries, 2 * np.asarray(graph.indptr[:-1], np.int64), vertex)
@@ -43,7 +43,7 @@ def graph_to_metis(path: str | Path, graph: Graph) -> None:
         np.savetxt(folder / f"{target.name}.xyz", points, fmt="%.17g")
 
 
-def _whole(values: ArrayLike) -> Int:
+def _scaled_integers(values: ArrayLike) -> Int:
     """Return positive integers approximately proportional to the values."""
     array = np.asarray(values, np.float64)
     largest = float(array.max(initial=0.0))

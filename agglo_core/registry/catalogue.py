@@ -251,7 +251,7 @@ class Registry:
             make_plain(item) if item_faults else item
             for item, item_faults in zip(declared, all_faults, strict=True)
         ]
-        records = [_of(origin, item) for item in sound]
+        records = [_record_of(origin, item) for item in sound]
         times = Counter(f"{r.kind} {r.name}" for r in records)
         for place, (record, item_faults) in enumerate(zip(records, all_faults, strict=True)):
             if times[f"{record.kind} {record.name}"] > 1:
@@ -296,7 +296,7 @@ class Registry:
         )
 
 
-def _of(origin: Record, declared: Component | Command) -> Record:
+def _record_of(origin: Record, declared: Component | Command) -> Record:
     if isinstance(declared, Component):
         return replace(origin, component=declared)
     return replace(origin, command=declared)

@@ -86,7 +86,13 @@ class VtkHdf(Compressing):
         """
         hdf5()
         write_grids(
-            Storage(_write, _faces, _ours), path, mesh, hierarchy, level_values, tell, compress=self.compress
+            Storage(_write, _faces, _is_own_file),
+            path,
+            mesh,
+            hierarchy,
+            level_values,
+            tell,
+            compress=self.compress,
         )
 
 
@@ -180,7 +186,7 @@ _VERSION, _WITH_FACES = (2, 0), (2, 5)  # format versions: for such files in gen
 _LEVEL = 1  # deflate level: higher levels take twice the time and save a few per cent
 
 
-def _ours(file: Path) -> bool:
+def _is_own_file(file: Path) -> bool:
     with hdf5().File(file) as hdf_file:
         stored = isinstance(hdf_file.get(GROUP, getlink=True), hdf5().HardLink)
         return stored and "agglo" in hdf_file[GROUP].attrs
