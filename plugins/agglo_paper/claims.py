@@ -115,7 +115,9 @@ def _gradients_claim(plan: Plan, results: Results) -> Claim:
     for case in _judged_strategies(plan):
         cells: dict[str, str] = {}
         for family in plan.families:
-            fair, as_printed = (_below(plan, results, case, family, tol) for tol in ("1e-8", "1e-6"))
+            fair, as_printed = (
+                _fraction_below_cg(plan, results, case, family, tol) for tol in ("1e-8", "1e-6")
+            )
             shares.setdefault(case.name, []).append(fair)
             cells[family] = f"{100 * fair:.0f} % ({100 * as_printed:.0f} %)"
         rows.append(Row(case.name, dict(cells)))
@@ -146,7 +148,9 @@ def _against_gradients(families: Sequence[str], learned: Sequence[float], metis:
     )
 
 
-def _below(plan: Plan, results: Results, strategy: Strategy, family: str, tolerance: str) -> float:
+def _fraction_below_cg(
+    plan: Plan, results: Results, strategy: Strategy, family: str, tolerance: str
+) -> float:
     """Return the fresh mesh fraction on which multigrid with m = 1 takes fewer iterations than CG."""
     multigrid_counts = fresh_values(plan, results, strategy, family, "m1")
     cg_counts = fresh_values(plan, results, Strategy("CG", ""), family, tolerance)

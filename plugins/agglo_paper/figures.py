@@ -21,7 +21,7 @@ from agglo_core.authoring import (
     colouring,
     staging,
 )
-from agglo_paper.small_svg import smaller
+from agglo_paper.small_svg import compress_svg
 from agglo_paper.tables.record import Cell
 from agglo_paper.tables.runtime import KINDS, curves
 from agglo_paper.tables.shapes import repeats, unit
@@ -196,6 +196,6 @@ def picture(size: tuple[float, float], path: Path) -> Iterator[Any]:
             with staging(path) as stage:
                 drawn = BytesIO()
                 figure.savefig(drawn, format="svg", metadata={"Date": None})
-                (stage / path.name).write_text(smaller(drawn.getvalue().decode()), encoding="utf-8")
+                (stage / path.name).write_text(compress_svg(drawn.getvalue().decode()), encoding="utf-8")
         except OSError as error:
             raise FileError(f"{path}: cannot be written: {error.strerror or error}") from error

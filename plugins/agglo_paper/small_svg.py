@@ -22,7 +22,7 @@ _MANY = 30
 _OFTEN = 20
 
 
-def smaller(svg: str) -> str:
+def compress_svg(svg: str) -> str:
     """Compress a drawing to within 0.06 points, with images in up to 20 colours.
 
     A compressed drawing stays unchanged.
@@ -61,14 +61,14 @@ def _steps(match: re.Match[str]) -> str:
         point = round(10 * float(words[place + 1])), round(10 * float(words[place + 2]))
         dx, dy = (_tenths(now - before) for now, before in zip(point, at, strict=True))
         if letter == "l":  # no letter needed after a move or a line
-            short += _after(dx) + _after(dy)
+            short += _separate_number(dx) + _separate_number(dy)
         elif point != at or short[-1:] in ("", "z"):  # skip moves to the current point
-            short += "m" + dx + _after(dy)
+            short += "m" + dx + _separate_number(dy)
         at, first, place = point, point if letter == "m" else first, place + 3
     return f'{match[1]}{short}"'
 
 
-def _after(number: str) -> str:
+def _separate_number(number: str) -> str:
     return number if number.startswith("-") else f" {number}"
 
 
@@ -109,7 +109,7 @@ def _join_clips(svg: str) -> str:
     return "".join(lines)
 
 
-def _once(dots: re.Match[str]) -> str:
+def _share_look(dots: re.Match[str]) -> str:
     """Move a common style of dots to their group."""
     looks = set(re.findall(r' class="\w+"', dots[2]))
     if len(looks) != 1 or dots[2].count(" class=") != dots[2].count("<use"):
@@ -128,5 +128,5 @@ def _share_styles(svg: str) -> str:
         return svg
     rules = "".join(f".{name}{{{style}}}" for style, name in names.items())
     short = _STYLE.sub(lambda found: f'class="{names[found[1]]}"' if found[1] in names else found[0], svg)
-    short = _DOTS.sub(_once, short)
+    short = _DOTS.sub(_share_look, short)
     return short.replace("<defs>", f"<defs>\n<style>{rules}</style>", 1)

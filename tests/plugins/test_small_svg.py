@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from agglo_paper.small_svg import smaller
+from agglo_paper.small_svg import compress_svg
 
 pytest.importorskip("matplotlib")
 
@@ -28,7 +28,7 @@ def drawn(draw: Any) -> tuple[str, str]:
     draw(figure.subplots())
     figure.savefig(file, format="svg")
     svg = file.getvalue().decode()
-    return svg, smaller(svg)
+    return svg, compress_svg(svg)
 
 
 def subpaths(path: str) -> list[list[tuple[float, float]]]:
@@ -60,7 +60,7 @@ def test_polylines_keep_their_corners(lines: list[tuple[list[tuple[float, float]
         words += [f"{'L' if place else 'M'} {x:f} {y:f} " for place, (x, y) in enumerate(corners)]
         words += ["z "] if closed else []
     before = f'<path d="{"".join(words)}"/>'
-    segments = [segments_of(smaller(before)), segments_of(before)]
+    segments = [segments_of(compress_svg(before)), segments_of(before)]
     assert len(segments[0]) == len(segments[1])
     assert np.abs(np.subtract(*segments)).max() <= 0.0551
 
@@ -74,7 +74,7 @@ def segments_of(svg: str) -> np.ndarray:
 def test_a_closed_loop_goes_on_from_its_first_corner() -> None:
     square = "M 0.000 0.000 L 9.000 0.000 L 9.000 9.000 z " * 5
     assert (
-        segments_of(smaller(f'<path d="{square}"/>')).tolist()
+        segments_of(compress_svg(f'<path d="{square}"/>')).tolist()
         == segments_of(f'<path d="{square}"/>').tolist()
     )
 
@@ -115,4 +115,4 @@ def embedded(svg: str) -> Any:
 
 def test_a_small_drawing_stays_as_it_is() -> None:
     after = drawn(lambda axis: axis.plot(np.random.default_rng(1).random(300), "o-"))[1]
-    assert smaller(after) == after
+    assert compress_svg(after) == after

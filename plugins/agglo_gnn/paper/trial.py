@@ -64,14 +64,14 @@ def _shapes(name: str, network: nn.Module) -> dict[str, tuple[int, ...] | None]:
 def _check_state(name: str, network: nn.Module, before: dict[str, tuple[int, ...] | None]) -> None:
     """Raise OptionError for any state that a model file could not restore."""
     for key, value in network.state_dict().items():
-        if reason := _unkept(value):
+        if reason := _unsavable_reason(value):
             raise OptionError(f"network {name!r} cannot be kept in a model file: {key!r} {reason}")
     after = _shapes(name, network)
     if odd := sorted(key for key in before.keys() | after.keys() if before.get(key) != after.get(key)):
         raise OptionError(f"network {name!r} changes shape when it is asked: {', '.join(odd)}")
 
 
-def _unkept(value: object) -> str:
+def _unsavable_reason(value: object) -> str:
     """Return the reason that prevents saving a state value, or an empty text."""
     if not isinstance(value, Tensor):
         return f"is a {type(value).__name__}, and model files hold arrays only"

@@ -60,7 +60,7 @@ def page(plan: Plan, results: Results, source: str) -> Page:
     name = page_name(source)
     tables = [
         _as_printed(plan, results, source, name),
-        _beyond(plan, results, source, name),
+        _bisector_table(plan, results, source, name),
         authors_table(plan, results, source, name),
     ]
     what = "our section" if source == "brain" else f"the mesh `{name}`"
@@ -88,7 +88,7 @@ def _as_printed(plan: Plan, results: Results, source: str, name: str) -> Table:
     return Table(name, "As printed (CR is CRc)", rows, 4, "metric", notes(plan))
 
 
-def _beyond(plan: Plan, results: Results, source: str, name: str) -> Table:
+def _bisector_table(plan: Plan, results: Results, source: str, name: str) -> Table:
     rows = []
     for strategy in plan.columns:
         values = {metric: cell(plan, results, strategy, source, "brain", metric) for metric in METRICS}

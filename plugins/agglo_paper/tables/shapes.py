@@ -94,16 +94,20 @@ def page(plan: Plan, results: Results, name: str) -> Page:
     tables = [
         _as_printed(plan, results, name, metric),
         _relative(plan, results, name, metric),
-        _beyond(plan, results, f"{name}-ours", f"{metric} of every installed bisector", metric, "run"),
+        _bisector_table(
+            plan, results, f"{name}-ours", f"{metric} of every installed bisector", metric, "run"
+        ),
     ]
     if name == "cr":
         title = "CR, circle anywhere, of every installed bisector"
-        tables.append(_beyond(plan, results, "cr-anywhere", title, "CR", "run"))
+        tables.append(_bisector_table(plan, results, "cr-anywhere", title, "CR", "run"))
     tables += [
-        _beyond(plan, results, f"{name}-K", "Number of agglomerates K", "K", "run", 0),
-        _beyond(plan, results, f"{name}-diameter", "Mean diameter over h*", "diameter", "run"),
-        _beyond(plan, results, f"{name}-text", f"{metric} with h* = 4 h0, as the text says", metric, "text"),
-        _beyond(plan, results, f"{name}-text-K", "K with h* = 4 h0", "K", "text", 0),
+        _bisector_table(plan, results, f"{name}-K", "Number of agglomerates K", "K", "run", 0),
+        _bisector_table(plan, results, f"{name}-diameter", "Mean diameter over h*", "diameter", "run"),
+        _bisector_table(
+            plan, results, f"{name}-text", f"{metric} with h* = 4 h0, as the text says", metric, "text"
+        ),
+        _bisector_table(plan, results, f"{name}-text-K", "K with h* = 4 h0", "K", "text", 0),
     ]
     title = {"uf": "Uniformity factor", "cr": "Circle ratio"}[name]
     convention = (
@@ -140,7 +144,7 @@ def _relative(plan: Plan, results: Results, name: str, metric: str) -> Table:
     return Table(table, f"{metric} relative to METIS", rows, 4, notes=notes(plan)[:1])
 
 
-def _beyond(
+def _bisector_table(
     plan: Plan, results: Results, name: str, title: str, metric: str, convention: str, digits: int = 3
 ) -> Table:
     rows = [

@@ -39,7 +39,7 @@ def time_one(kind: str, cells: int, bisectors: Sequence[str], runs: int, seconds
         except AggloError as error:
             failures[name] = str(error)
         else:
-            methods |= _alone(name, graph) if kind == "bisection" else {}
+            methods |= _bisection_calls(name, graph) if kind == "bisection" else {}
     # 3. Direct calls
     times |= {name: _time_calls(call, runs, seconds) for name, call in methods.items()}
     return {"seconds": times, "failures": failures}
@@ -57,7 +57,7 @@ def _time_calls(call: Call, runs: int, seconds: float) -> list[float]:
     return times
 
 
-def _alone(name: str, graph: Graph) -> Mapping[str, Call]:
+def _bisection_calls(name: str, graph: Graph) -> Mapping[str, Call]:
     """Return the calls for one bisection by the component itself, with variants for the paper's two."""
     if name == _KMEANS:
         tools = {"k-means, 1 start": {"n_init": 1}, "k-means, 10 starts": {"n_init": 10}}

@@ -80,7 +80,7 @@ def given_levels(
         If the matrix sizes do not match, or the number of widths or patches is wrong.
     """
     PETSc, count = petsc(), len(prolongations)
-    matrices = [P if isinstance(P, PETSc.Mat) else _single(P) for P in prolongations]
+    matrices = [P if isinstance(P, PETSc.Mat) else _petsc_matrix(P) for P in prolongations]
     sizes = [P.getSize() for P in matrices]
     wrong = next((k for k in range(1, count) if sizes[k - 1][1] != sizes[k][0]), None)
     if wrong is not None:
@@ -210,7 +210,7 @@ def _vertex_patches(levels: Any, labels: list[Int], first: list[int]) -> list[Pa
     return patches
 
 
-def _single(P: Any) -> Any:
+def _petsc_matrix(P: Any) -> Any:
     if not sparse.issparse(P):
         raise OptionError(f"a prolongation is a sparse matrix or a PETSc.Mat, given {P!r:.60}")
     return mat_from_rows(P, petsc().COMM_SELF, P.shape[1])

@@ -30,7 +30,7 @@ class _RankSweeps:
         self._comm, self._width = A.getComm().tompi4py(), width
         rows = in_blocks(rows_of(A), width)
         starts = frozen_int(np.asarray(A.getOwnershipRanges()) // width)
-        agree(A.getComm(), _beyond(patches, int(starts[-1])))
+        agree(A.getComm(), _range_fault(patches, int(starts[-1])))
         self._plan = plan = border_plan(self._comm, rows, starts, patches)
         wrong, self._inner, self._outer = "", None, None
         try:
@@ -98,7 +98,7 @@ class _RankSweeps:
         return buffer
 
 
-def _beyond(patches: Patches | None, parts: int) -> str:
+def _range_fault(patches: Patches | None, parts: int) -> str:
     """Return an error message for part numbers out of range, or an empty text."""
     given = np.empty(0, np.int64) if patches is None else np.asarray(patches.parts)
     least, most = int(given.min(initial=0)), int(given.max(initial=-1))

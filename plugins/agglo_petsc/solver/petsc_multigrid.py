@@ -127,9 +127,9 @@ class PetscMultigrid:
         ):
             if value not in choices:
                 raise OptionError(f"{name} must be one of {', '.join(choices)}; given {value!r}")
-        if levels is not None and not _whole(levels, 2):
+        if levels is not None and not _is_integer_from(levels, 2):
             raise OptionError(f"levels must be a whole number, at least 2; given {levels!r}")
-        if not _whole(max_iterations, 1):
+        if not _is_integer_from(max_iterations, 1):
             raise OptionError(f"max_iterations must be a whole number, at least 1; given {max_iterations!r}")
         if isinstance(tolerance, bool) or not isinstance(tolerance, int | float) or not 0.0 < tolerance < 1.0:
             raise OptionError(f"tolerance must be a number between 0 and 1; given {tolerance!r}")
@@ -278,7 +278,7 @@ _SOLVES = count()
 """Counter for unique PETSc option prefixes."""
 
 
-def _whole(value: Any, least: int) -> bool:
+def _is_integer_from(value: Any, least: int) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and value >= least
 
 

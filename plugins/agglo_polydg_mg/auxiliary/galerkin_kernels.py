@@ -67,7 +67,7 @@ def half_product(width: int) -> Callable[..., Any]:
                     j = np.uint32(columns[k])
                     if turn[j] < 0:
                         if count == len(near):
-                            near, product = _longer(near), _longer(product)
+                            near, product = _double_length(near), _double_length(product)
                         turn[j], near[count] = count, j
                         max_entries += offsets[j + 1] - offsets[j]
                         for b in range(n):
@@ -80,7 +80,7 @@ def half_product(width: int) -> Callable[..., Any]:
                             product[into + b] += t * blocks[k, a, b]
             # 2. ``max_entries`` bounds the entries in the row: it counts all unknowns of these cells.
             while position + max_entries > len(half_columns):
-                half_columns, values = _longer(half_columns), _longer(values)
+                half_columns, values = _double_length(half_columns), _double_length(values)
             slot[v], half_columns[position], values[position] = position, v, 0.0
             position += 1
             # 3. Row v of Pᵀ (A p), from v on: each unknown w sums the contributions of its cells. Slots
@@ -107,7 +107,7 @@ def half_product(width: int) -> Callable[..., Any]:
 
 
 @helper(allocates=True)
-def _longer(array):
+def _double_length(array):
     """Return a copy with twice the length, the second half uninitialised."""
     longer = np.empty(2 * len(array), array.dtype)
     for k in range(len(array)):

@@ -62,7 +62,7 @@ def block_pattern(offsets, faces, face_cells):
 
 
 @helper
-def _along(start, step, s, table, values, slopes):
+def _polynomials_along(start, step, s, table, values, slopes):
     """Write Legendre polynomials ``(degree + 1, LANES)`` and slopes at start + s step, a point per lane.
 
     The rows a, b, c, d of ``table`` are defined in ``recurrences``.
@@ -186,8 +186,8 @@ def _add_up(
         # once. The jump is the owner's value minus the neighbour's, and both sides share one normal.
         for q in range(len(nodes)):
             s, mean, stiff = 0.5 * (1.0 + nodes[q]), means[q], stiffs[q]
-            _along(x, along_x, s, table, lx, dx)
-            _along(y, along_y, s, table, ly, dy)
+            _polynomials_along(x, along_x, s, table, lx, dx)
+            _polynomials_along(y, along_y, s, table, ly, dy)
             k, half = side * m, 0.5 * weights[q]
             # Polynomials by total degree, first the owner's, then the neighbour's.
             for total in range(degree + 1):

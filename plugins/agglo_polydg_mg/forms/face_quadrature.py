@@ -70,9 +70,9 @@ def face_coefficients(mesh: Mesh, kappa: Field, faces: Int, n: int) -> Float:
     :func:`face_rule`, one row per piece ``(t, 2, q)``, shifted into either cell by 1e-7 of the face size.
     """
     if not callable(kappa):
-        return frozen_float(per_cell(kappa, mesh.n_cells, "kappa")[_both(mesh, faces)][:, :, None])
+        return frozen_float(per_cell(kappa, mesh.n_cells, "kappa")[_cells_of_faces(mesh, faces)][:, :, None])
     rule = face_rule(mesh, faces, n)
-    sides, points = _both(mesh, rule.faces), rule.points[:, None]
+    sides, points = _cells_of_faces(mesh, rule.faces), rule.points[:, None]
     size = mesh.face_measures[rule.faces, None]
     size = size if mesh.dim == 2 else np.sqrt(size)
     away = _INTO * (rule.normals * size)[:, None, None]
@@ -88,6 +88,6 @@ def on_pieces(coefficients: Float, faces: Int, rule: FaceRule) -> Float:
     return frozen_float(coefficients[np.searchsorted(faces, rule.faces)])
 
 
-def _both(mesh: Mesh, faces: Int) -> Int:
+def _cells_of_faces(mesh: Mesh, faces: Int) -> Int:
     owner, other = mesh.face_cells[faces].T
     return frozen_int(np.stack((owner, np.where(other < 0, owner, other)), axis=1))

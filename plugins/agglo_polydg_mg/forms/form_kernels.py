@@ -162,7 +162,7 @@ def _spread(lanes, lane, n, whole):
 
 
 @helper(reorder_sums=True)
-def _against(form, whole, size):
+def _trace_of_product(form, whole, size):
     """Return the trace of a form times a matrix from :func:`_spread`."""
     value = 0.0
     for k in range(size):
@@ -216,7 +216,7 @@ def balance(
             k = h - start
             second[k] = inverse[k] = 0.0
             if first[k] > 0.0:
-                spread = shares[k] * _against(forms[h - base], whole, last) / lengths[k]
+                spread = shares[k] * _trace_of_product(forms[h - base], whole, last) / lengths[k]
                 second[k] = traces[0, c - begin] * np.sqrt(max(0.0, spread))
                 inverse[k] = shares[k] / second[k] if second[k] > 0.0 else 0.0
     # 3. λ for the first weights, then the sum for the second weights, and their λ.

@@ -124,9 +124,11 @@ def _by_simplices(
     # 2. Largest ωκ on each face, number of faces and least κ of each cell
     kappa_in, kappa_out = on_faces[:, 0], on_faces[:, 1]
     half = 0.5 * kappa_in * (kappa_out / (kappa_in + kappa_out))  # ωκ/2, equal from both sides
-    most = _largest(np.where(_of_rows(mesh, inner, kappa_in)[:, None], half, kappa_in).max(axis=1), mesh)
+    most = _largest_per_face(
+        np.where(_of_rows(mesh, inner, kappa_in)[:, None], half, kappa_in).max(axis=1), mesh
+    )
     n_faces = np.bincount(sides.ravel(), counts.ravel(), mesh.n_cells)
-    least = _least(mesh, kappa, p)
+    least = _least_kappa(mesh, kappa, p)
     return np.asarray(
         counts * (p * (p + mesh.dim - 1) * most)[:, None] * n_faces[sides] / (heights * least[sides])
     )
@@ -139,7 +141,7 @@ def _of_rows(mesh: Mesh, values: np.ndarray, rows: Float) -> np.ndarray:
     return np.repeat(values, np.diff(mesh.face_offsets) - mesh.dim + 1)
 
 
-def _largest(rows: Float, mesh: Mesh) -> Float:
+def _largest_per_face(rows: Float, mesh: Mesh) -> Float:
     """Return the largest value per face ``(n_faces,)`` from values per face or per piece."""
     if len(rows) == mesh.n_faces:
         return rows
@@ -147,7 +149,7 @@ def _largest(rows: Float, mesh: Mesh) -> Float:
     return np.asarray(np.maximum.reduceat(rows, starts))
 
 
-def _least(mesh: Mesh, kappa: Field, degree: int) -> Float:
+def _least_kappa(mesh: Mesh, kappa: Field, degree: int) -> Float:
     """Return the least κ of each cell ``(n_cells,)``, for a callable at its quadrature points."""
     if not callable(kappa):
         return np.broadcast_to(np.asarray(kappa, float), (mesh.n_cells,))

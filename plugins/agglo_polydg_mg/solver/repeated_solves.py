@@ -192,7 +192,7 @@ class RepeatedSolves:
         if not all(history.final for history in histories):
             self._kept, self._earlier = None, []
             return
-        self._earlier = [*self._earlier[1 - KEPT :], [_nearer(history) for history in histories]]
+        self._earlier = [*self._earlier[1 - KEPT :], [_corrected_solution(history) for history in histories]]
         at = max(range(len(histories)), key=lambda j: histories[j].iterations)
         slowest = histories[at]
         if self._usual is None:
@@ -208,7 +208,7 @@ def _all_finished(histories: list[History], most: int) -> bool:
     return all(each.final or each.iterations >= most for each in histories)
 
 
-def _nearer(history: History) -> Float:
+def _corrected_solution(history: History) -> Float:
     """Return the solution plus its known correction.
 
     Extrapolation amplifies small errors, so the correction pays.
