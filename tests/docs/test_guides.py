@@ -24,6 +24,7 @@ GUIDES = sorted(
 )
 CODES = DOCS / "how-to" / "from-and-to-your-code.md"
 PLUGIN = DOCS / "how-to" / "write-a-plugin.md"
+TUTORIAL = DOCS / "tutorial.md"
 
 OFFLINE_PIP = {
     "PIP_NO_INDEX": "1",
@@ -83,6 +84,17 @@ def _with_slow_ones() -> list[object]:
 def test_every_block_of_the_guide_runs(guide: Path, tmp_path: Path) -> None:
     done = run_guide(guide, tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_numbers_under_pictures_of_the_tutorial_are_in_its_blocks() -> None:
+    written = set(re.findall(r"\d+", " ".join(block.text for block in blocks(TUTORIAL))))
+    under = re.findall(r"!\[([^]]*)\]\(", TUTORIAL.read_text(encoding="utf-8"))
+    assert {number for text in under for number in re.findall(r"\d+", text)} <= written
+
+
+def test_code_of_the_tutorial_fits_its_column() -> None:
+    lines = [line for block in blocks(TUTORIAL) for line in block.text.splitlines()]
+    assert [line for line in lines if len(line) > 76] == []
 
 
 def test_the_first_plugin_takes_less_than_thirty_lines() -> None:
