@@ -287,7 +287,7 @@ def _check_path(function: str, path: object) -> Path:
     except UnicodeEncodeError:
         encoding = sys.getfilesystemencoding()
         raise FileError(
-            f"{str(path)!a}: file names are encoded as {encoding}, which has no such characters"
+            f"{str(path)!a}: the name has characters outside {encoding}, the encoding of file names"
         ) from None
     if "\0" in str(path):
         raise FileError(f"{str(path)!a}: a file name cannot hold a null character")

@@ -186,7 +186,7 @@ def _remove_abandoned(parent: Path, prefix: str) -> None:
             continue
         if lock is not None or age > _FORGOTTEN:
             shutil.rmtree(entry.path, ignore_errors=True)
-            _log.info("removed %s, which a run that was killed left behind", entry.path)
+            _log.info("removed %s, left behind by a run that was killed", entry.path)
         _unlock(lock)
 
 

@@ -87,7 +87,7 @@ def write_by(
         with attributed(known.title, spare=_ON_PURPOSE):
             known.tool.write(target, mesh, hierarchy, *values, **options)
         if not target.is_file():
-            raise PluginError(f"{known.title}: write() left no file of the name it was given")
+            raise PluginError(f"{known.title}: write() did not create the file it was given")
 
 
 @contextmanager
@@ -120,7 +120,9 @@ def _read_with_hierarchy(file_format: KnownFormat, path: Path) -> tuple[Mesh, Hi
     with attributed(file_format.title, spare=_ON_PURPOSE):
         pair = file_format.tool.read_hierarchy(path)
     if not isinstance(pair, tuple) or len(pair) != 2:
-        raise PluginError(f"{file_format.title}: read_hierarchy() returned {shown(pair)}, expected a pair")
+        raise PluginError(
+            f"{file_format.title}: read_hierarchy() returned {shown(pair)}, expected (mesh, hierarchy)"
+        )
     # Check the types, then that the hierarchy belongs to the mesh.
     mesh, hierarchy = _check_mesh(file_format, "read_hierarchy", pair[0]), pair[1]
     if hierarchy is None:
@@ -134,7 +136,7 @@ def _read_with_hierarchy(file_format: KnownFormat, path: Path) -> tuple[Mesh, Hi
         check_belongs(mesh, hierarchy)
     except AggloError as error:
         raise PluginError(
-            f"{file_format.title}: read_hierarchy() returned what does not fit, {describe_error(error)}"
+            f"{file_format.title}: read_hierarchy() returned a hierarchy of another mesh: {describe_error(error)}"
         ) from error
     return mesh, hierarchy
 

@@ -87,14 +87,14 @@ class Formats:
                 refusals.append((file_format.title, error))
                 continue
             for title, reason in refusals:
-                _log.info("%s: %s refused it (%s); read by %s", path, title, reason, file_format.title)
+                _log.info("%s: %s could not read it (%s); read by %s", path, title, reason, file_format.title)
             return answer
         if not refusals:
             raise FileError("is a folder, expected a file") if folder else self._unknown(path, writing=False)
         if len(refusals) == 1:
             raise refusals[0][1]
         reasons = "; ".join(f"{title}: {reason}" for title, reason in refusals)
-        raise FileError(f"each format for such files refuses it: {reasons}")
+        raise FileError(f"none of the matching formats could read it: {reasons}")
 
     def writer(self, path: Path) -> KnownFormat:
         """Return the first format that claims and writes the file.
@@ -148,7 +148,7 @@ class Formats:
             if file_format is None or _claims(file_format.suffixes, path):
                 continue
             if declared or _recognises(file_format, head):
-                _log.info("%s: by its content it is a file of %s", path, file_format.title)
+                _log.info("%s: recognised by its content as a file of %s", path, file_format.title)
                 yield file_format
 
     def _of_folder(self, folder: Path) -> Iterator[KnownFormat]:
@@ -210,7 +210,7 @@ class Formats:
         formats = [file_format for file_format in self._all() if file_format.has(method)]
         suffixes = dict.fromkeys(suffix for file_format in formats for suffix in file_format.suffixes)
         if not suffixes:
-            return f"there is no format that could {method} it: agglo's own come with its plugin 'defaults'"
+            return f"no format can {method} it: agglo's own formats belong to its plugin 'defaults'"
         return f"expected one of {' '.join(suffixes)}"
 
 
@@ -249,6 +249,6 @@ def _suffixes_of(tool: Any, title: str) -> tuple[str, ...]:
         raise PluginError(f"{title}: its suffixes are {shown(suffixes)}, expected a tuple such as ('.vtu',)")
     for suffix in suffixes:
         if not is_suffix(suffix):
-            form = "lower case after a dot, such as '.vtu'"
-            raise PluginError(f"{title}: its suffix {shown(suffix)} is not of the form: {form}")
+            form = "a dot and lower-case characters, such as '.vtu'"
+            raise PluginError(f"{title}: its suffix {shown(suffix)} must be {form}")
     return suffixes

@@ -42,7 +42,7 @@ def split_levels(mesh: Mesh) -> tuple[Mesh, Hierarchy | None]:
         levels.append(mesh.check_labels(tags.pop(f"level_{len(levels)}")))
     unused_names = [name for name in tags if is_level(name)]
     if unused_names:
-        _log.warning("%s not taken for levels: there is no level_%d", ", ".join(unused_names), len(levels))
+        _log.warning("%s not read as levels: there is no level_%d", ", ".join(unused_names), len(levels))
     if not levels:
         return mesh, None
     mesh = trusted_copy(mesh, cell_tags=tags)
@@ -64,7 +64,7 @@ def check_belongs(mesh: Mesh, hierarchy: Hierarchy) -> None:
         if len(labels) != mesh.n_cells:
             raise MeshError(
                 f"the hierarchy belongs to another mesh: level {i} has {len(labels)} labels, "
-                f"the mesh {mesh.n_cells} cells"
+                f"but the mesh has {mesh.n_cells} cells"
             )
 
 
@@ -112,11 +112,13 @@ def check_level_values(hierarchy: Hierarchy | None, values: LevelValues) -> list
         count = int(labels.max()) + 1
         for name, entry in mapping.items():
             if not isinstance(name, str) or not name or not name.isprintable():
-                raise OptionError(f"level_values[{place}]: {name!r} is no name: it must be text to be shown")
+                raise OptionError(f"level_values[{place}]: the name {name!r} must be printable text")
             array = plain_array(entry, f"level_values[{place}][{name!r}]", OptionError)
             if array.dtype.kind not in "biuf" or array.shape != (count,):
                 description = f"{array.dtype} of shape {array.shape}"
-                raise OptionError(f"level_values[{place}][{name!r}]: {description}; expected {count} numbers")
+                raise OptionError(
+                    f"level_values[{place}][{name!r}]: expected {count} numbers, given {description}"
+                )
     return [{name: frozen_float(entry) for name, entry in mapping.items()} for mapping in values]
 
 
@@ -128,6 +130,6 @@ def under_free_names(data: Mapping[str, NDArray[Any]], taken: Collection[str]) -
         while free in taken or free in renamed or (free != name and free in data):
             free = f"agglo_{free}"
         if free != name:
-            _log.info("cell data %r are written as %r: the mesh has a tag of that name", name, free)
+            _log.info("cell data %r are written as %r: the mesh has a tag with that name", name, free)
         renamed[free] = values
     return renamed

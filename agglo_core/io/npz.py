@@ -128,7 +128,7 @@ class Npz(Compressing):
         text = json.dumps(meta, default=_plain).encode()
         if len(text) > _META:
             raise FileError(
-                f"names, targets and statistics take {len(text)} bytes as JSON, at most {_META} fit"
+                f"names, targets and statistics take {len(text)} bytes as JSON, expected at most {_META}"
             )
         # Write the arrays one by one to report progress.
         arrays = {"meta": np.frombuffer(text, np.uint8), **arrays}
@@ -196,9 +196,9 @@ def _meta(arrays: Archive) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise FileError(f"array 'meta' is corrupt: {error}") from None
     if not isinstance(meta, dict) or meta.get("format") != _FORMAT:
-        raise FileError("array 'meta' does not say that this is an agglo mesh")
+        raise FileError("array 'meta' does not describe an agglo mesh")
     if meta.get("version") != _VERSION:
-        raise FileError(f"format version {meta.get('version')} is unknown; this program reads {_VERSION}")
+        raise FileError(f"format version {meta.get('version')} is unknown, expected {_VERSION}")
     return meta
 
 

@@ -96,7 +96,7 @@ def read_system(path: str | PathLike[str], mesh: Mesh | None = None) -> System:
 
 def _choose_by_suffix(path: Path, by_suffix: Mapping[str, Callable[..., Any]]) -> Callable[..., Any]:
     if path.suffix.lower() not in by_suffix:
-        raise FileError(f"{path}: a system is read and written as {', '.join(by_suffix)}")
+        raise FileError(f"{path}: the suffix of a system file must be one of {', '.join(by_suffix)}")
     return by_suffix[path.suffix.lower()]
 
 
@@ -158,7 +158,7 @@ def _offsets(path: Path) -> NDArray[Any]:
     values = read_matrix_market(path)
     if isinstance(values, np.ndarray) and values.shape[1] == 1:
         return values[:, 0]
-    raise FileError("expected an array of one column")
+    raise FileError("expected an array with one column")
 
 
 def _require_file(path: Path) -> None:
@@ -185,9 +185,9 @@ _SUFFIXES = (".npz", ".mtx")
 def check_system_file(path: Path) -> None:
     """Raise FileError if a system cannot be written, as far as this can be checked in advance."""
     if path.suffix.lower() not in _SUFFIXES:
-        raise FileError(f"{path}: a system is written as {' or '.join(_SUFFIXES)}")
+        raise FileError(f"{path}: the suffix of a system file must be {' or '.join(_SUFFIXES)}")
     if not path.parent.is_dir():
-        raise FileError(f"{path}: there is no folder {path.parent}")
+        raise FileError(f"{path}: the folder {path.parent} does not exist")
     check_replaceable(path)
 
 

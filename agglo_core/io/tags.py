@@ -55,7 +55,7 @@ def check_names(names: Iterable[str], what: str = "cell") -> None:
         if not name:
             raise MeshError(f"a {what} tag has an empty name; only .npz can hold it")
         if name == BRIDGES:
-            raise MeshError(f"the name of {what} tag {name!r} is reserved for the marks of cells with holes")
+            raise MeshError(f"the name of {what} tag {name!r} is reserved for marking cells with holes")
         if _NO_XML.search(name):
             raise MeshError(f"the name of {what} tag {name!r} has control characters; only .npz can hold it")
 
@@ -66,7 +66,7 @@ def tag_values(name: str, values: NDArray[Any]) -> Int:
     Raises FileError if they exceed int64.
     """
     if values.dtype.kind == "u" and values.size and values.max() > np.iinfo(np.int64).max:
-        raise FileError(f"cell data {name!r} holds {values.max()}, more than an int64 can")
+        raise FileError(f"cell data {name!r} holds {values.max()}, more than an int64 can hold")
     return frozen_int(values)
 
 

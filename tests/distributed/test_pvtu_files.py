@@ -82,7 +82,7 @@ def test_ids_that_contradict_one_another_are_refused(by_three: Path, tmp_path: P
     with pytest.raises(FileError, match=r"cell \d+ is in several pieces"):
         read(tmp_path / "plane.pvtu")
     shutil.copy(tmp_path / "solid" / "solid_1.vtu", first)
-    with pytest.raises(FileError, match=r"point \d+ has several places"):
+    with pytest.raises(FileError, match=r"point \d+ has several positions"):
         read(tmp_path / "plane.pvtu")
 
 

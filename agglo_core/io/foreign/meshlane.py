@@ -211,7 +211,9 @@ def _drop_empty_sets(mesh: Mesh, names: set[str]) -> Mesh:
     face_tags = {name: values for name, values in face_tags.items() if (values != -1).any()}
     empty_names = sorted(names - cell_tags.keys() - face_tags.keys())
     if empty_names:
-        _log.warning("groups without a cell or face of the mesh left out: %s", ", ".join(empty_names))
+        _log.warning(
+            "groups left out because they have no cell or face of the mesh: %s", ", ".join(empty_names)
+        )
     return trusted_copy(mesh, cell_tags=cell_tags, face_tags=face_tags)
 
 

@@ -130,7 +130,7 @@ def _refuse_links(source: str) -> None:
 
         name = file.visititems_links(elsewhere)
     if name is not None:
-        raise FileError(f"{name!r} lies in another file, which is not read")
+        raise FileError(f"{name!r} is stored in another file, which is not supported")
 
 
 def _limit(seconds: int, memory: int) -> None:
@@ -176,7 +176,7 @@ def soup_from_meshlane(found: Any) -> Soup:
     """Join the blocks in a meshlane mesh into one cell list."""
     points = np.asarray(found.points, dtype=np.float64)
     if points.ndim == 2 and points.shape[1] == 1:
-        raise FileError("it holds a 1-D mesh")
+        raise FileError("it holds a 1-D mesh, expected a 2-D or 3-D one")
     # Convert block by block, then concatenate.
     parts = [_block(block.type, block.data) for block in found.cells]
     sizes = np.concatenate([np.empty(0, np.int64), *(np.diff(part[1]) for part in parts)])

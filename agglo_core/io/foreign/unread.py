@@ -27,10 +27,7 @@ def _ucd(path: Path) -> str | None:
     head, point = next(lines, []), next(lines, [])
     if len(head) != 5 or len(point) != 4 or not all(word.isdigit() for word in head):
         return None
-    return (
-        "is an AVS UCD file, which shares its suffix .inp with Abaqus and Ansys and is not read under it; "
-        "rename it to .avs"
-    )
+    return "is an AVS UCD file, but its suffix .inp also belongs to Abaqus and Ansys; rename it to .avs"
 
 
 def _avs(path: Path) -> str | None:
@@ -45,7 +42,7 @@ def _avs(path: Path) -> str | None:
     for words in islice(lines, counts[0], counts[0] + counts[1]):
         if len(words) > 2 and words[2] not in _UCD_ELEMENTS:
             return (
-                f"is an AVS UCD file with {words[2][:20]!r} cells, which its rules do not know; {_POLYGONS}"
+                f"is an AVS UCD file with {words[2][:20]!r} cells, which AVS UCD does not define; {_POLYGONS}"
             )
     return None
 
@@ -53,12 +50,12 @@ def _avs(path: Path) -> str | None:
 def _gmsh(path: Path) -> str | None:
     if next(_words(path, comments=None), [""])[0] == "$NOD":
         return (
-            "is a Gmsh file of version 1, which is not read; gmsh OLD.msh -save -format msh41 -o NEW.msh "
-            'makes one that is, and so does deal.II by GridOut().write_msh(triangulation, "mesh.msh")'
+            "is a Gmsh file of version 1, which is not supported; run gmsh OLD.msh -save -format msh41 "
+            '-o NEW.msh, or write it from deal.II with GridOut().write_msh(triangulation, "mesh.msh")'
         )
     if not any(kind in _GMSH_POLYTOPES for kind in _gmsh_types(path)):
         return None
-    return f"is a Gmsh file with polygons or polyhedra, which are not read from it yet; {_POLYGONS}"
+    return f"is a Gmsh file with polygons or polyhedra, which are not yet supported there; {_POLYGONS}"
 
 
 def _gmsh_types(path: Path) -> Iterator[str]:

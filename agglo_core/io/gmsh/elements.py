@@ -109,9 +109,7 @@ def read_nodes(numbers: Numbers) -> tuple[Int, Float]:
     for _ in range(blocks):
         first, second, parametric = numbers.ints(3).tolist()
         if parametric not in (0, 1):
-            raise FileError(
-                f"$Nodes: a block says {parametric} for whether it has parameters, expected 0 or 1"
-            )
+            raise FileError(f"$Nodes: the parametric flag of a block is {parametric}, expected 0 or 1")
         count = int(numbers.sizes(1)[0])
         # Parametric nodes have up to three more columns; only the coordinates are kept.
         width = 3 + parametric * min(max(first if version == "4.1" else second, 0), 3)
@@ -189,7 +187,7 @@ def _read_by_entity(numbers: Numbers, entities: Entities) -> Iterator[Elements]:
         groups = list(dict.fromkeys(entity.groups.tolist()))
         memberships += n * len(groups)
         if memberships > _MOST + len(numbers.content):
-            raise FileError(f"its elements belong to {memberships} groups, more than there can be")
+            raise FileError(f"its elements have {memberships} group memberships, too many for the file size")
         yield Elements(
             frozen_int(table[:, 0]),
             frozen_int(np.full(n, kind)),
@@ -207,7 +205,7 @@ def _read_by_header(numbers: Numbers, n_elements: int) -> Iterator[Elements]:
     while n_read < n_elements:
         kind, n, n_tags = numbers.ints(3).tolist()
         if n < 1 or n_tags < 0:
-            raise FileError(f"$Elements: a block holds {n} elements of {n_tags} tags")
+            raise FileError(f"$Elements: a block declares {n} elements with {n_tags} tags")
         width = 1 + n_tags + _node_count_of(kind)
         stream = numbers.ints(n * width)
         starts = np.arange(0, n * width, width)
@@ -231,7 +229,7 @@ def _read_one_by_one(numbers: Numbers, n_elements: int) -> Elements:
     for kind in np.unique(kinds).tolist():
         _node_count_of(kind)
     if n_tags.min(initial=0) < 0:
-        raise FileError(f"$Elements: an element has {n_tags.min()} tags")
+        raise FileError(f"$Elements: an element declares {n_tags.min()} tags")
     return _build_elements(stream, stream[starts], kinds, starts + 3, n_tags)
 
 
@@ -267,7 +265,7 @@ def _node_count_of(kind: int) -> int:
     Raises FileError if it is unsupported.
     """
     if not 0 <= kind < len(DIMS) or DIMS[kind] < 0:
-        raise FileError(f"elements of Gmsh's type {kind} are not supported")
+        raise FileError(f"Gmsh element type {kind} is not supported")
     return int(_NODES[kind])
 
 

@@ -92,7 +92,7 @@ def soup_of_gmsh(content: bytes) -> tuple[Soup, set[str], list[str]]:
     steps = {block.name: block.step for block in data}
     if (4 + len(names) + len(steps)) * 8 * len(cell_elements) > _SPARE + _EXPANSION * len(content):
         raise FileError(
-            f"{len(names)} groups of {len(cell_elements)} elements take more memory than there can be"
+            f"tags for {len(names)} groups of {len(cell_elements)} elements are too large for the file size"
         )
     tags = {"gmsh:geometrical": frozen_int(elements.geometrical[cell_elements])}
     if elements.partition.any():
@@ -148,7 +148,7 @@ def _element_data(numbers: Numbers) -> _Data:
         numbers.line()  # the time
     counts = [numbers.line_count() for _ in range(numbers.line_count())]
     if not titles or len(counts) < 3:
-        raise FileError("$ElementData has no name, or does not give its components and values")
+        raise FileError("$ElementData lacks its name or its numbers of components and values")
     number, values = numbers.rows(counts[2], counts[1])
     return _Data(decode_name(titles[0]), counts[0], number, values)
 
@@ -167,7 +167,7 @@ def _data_tags(
         # Only the last time step is kept.
         blocks = [block for block in data if block.name == name]
         if any(block.step != step for block in blocks):
-            _log.warning("element data %r: of several time steps the last, %d, is read", name, step)
+            _log.warning("element data %r: only the last time step, %d, is read", name, step)
         last = [block for block in blocks if block.step == step]
         values = np.concatenate([block.values.ravel() for block in last])
         whole = all(block.values.shape[1] == 1 for block in last) and (np.abs(values) < _LARGEST).all()
@@ -182,7 +182,9 @@ def _data_tags(
         if lacking:
             _log.warning("element data %r: %d of %d cells have no value and get −1", name, lacking, len(top))
         if unknown:
-            _log.warning("element data %r: %d values are of elements that the file lacks", name, unknown)
+            _log.warning(
+                "element data %r: %d values belong to elements that are not in the file", name, unknown
+            )
         tags[name] = frozen_int(tag)
     return tags
 

@@ -52,7 +52,7 @@ def sections(content: bytes) -> Iterator[tuple[str, int, int]]:
         end = b"$End" + title[1]
         stop = content.find(b"\n" + end, title.end() - 1)
         if stop < 0:
-            raise FileError(f"truncated: ${title[1].decode()} without {end.decode()}")
+            raise FileError(f"truncated: ${title[1].decode()} has no {end.decode()}")
         yield title[1].decode(), title.end(), stop + 1
         place = stop + 1 + len(end)
 
@@ -71,12 +71,12 @@ def gmsh_header(body: bytes, nodes: bytes) -> Header:
     line, _, tail = body.partition(b"\n")
     words = line.decode("ascii", "replace").split()
     if len(words) < 3 or words[1] not in ("0", "1") or words[2] not in ("4", "8"):
-        raise FileError(f"$MeshFormat is {' '.join(words)[:40]!r}, expected such as '4.1 0 8'")
+        raise FileError(f"$MeshFormat is {' '.join(words)[:40]!r}, expected a line such as '4.1 0 8'")
     version = words[0] if words[0] in ("4.0", "4.1") else words[0].split(".")[0]
     if words[0] == "4":
         version = "4.0" if words[1] == "0" and len(nodes.partition(b"\n")[0].split()) == 2 else "4.1"
     if version not in ("2", "4.0", "4.1"):
-        raise FileError(f"version {words[0][:10]} of Gmsh's format is not read, expected 2.2, 4.0 or 4.1")
+        raise FileError(f"Gmsh format version {words[0][:10]} is not supported, expected 2.2, 4.0 or 4.1")
     orders = {b"\1\0\0\0": "<", b"\0\0\0\1": ">"}
     if words[1] == "1" and tail[:4] not in orders:
         raise FileError("$MeshFormat of a binary file lacks the number 1, which gives the byte order")
@@ -149,7 +149,7 @@ class Numbers:
 
     def _take(self, dtype: Any, n: int) -> NDArray[Any]:
         if n < 0:
-            raise FileError(f"${self.name}: a count is {n}")
+            raise FileError(f"${self.name}: a count is {n}, expected 0 or more")
         if not self.header.order:
             values = self._values()
             if n > len(values):
@@ -169,7 +169,7 @@ class Numbers:
 
     def _whole(self, values: NDArray[Any]) -> Int:
         if values.dtype.kind == "u" and values.size and values.max() > _LARGEST:
-            raise FileError(f"${self.name} holds the number {values.max()}, which cannot be")
+            raise FileError(f"${self.name} holds the number {values.max()}, which is too large")
         if values.dtype.kind == "f":
             wrong = values[~(np.abs(values) < _LARGEST) | (values != np.floor(values))]
             if len(wrong):
@@ -177,4 +177,4 @@ class Numbers:
         return frozen_int(values.astype(np.int64))
 
     def _short(self) -> FileError:
-        return FileError(f"truncated: ${self.name} ends before the last of its numbers")
+        return FileError(f"truncated: ${self.name} ends before its last number")

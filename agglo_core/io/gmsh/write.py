@@ -73,11 +73,13 @@ def _check(tags: Mapping[str, Int], face_tags: Mapping[str, Int]) -> None:
     for name in (*tags, *face_tags):
         if '"' in name or "\\" in name or "\n" in name:
             raise FileError(
-                f"Gmsh's names have no quotes, backslashes and new lines; a tag is named {name!r}"
+                f"Gmsh names cannot contain quotes, backslashes or line breaks; rename the tag {name!r}"
             )
     for name, values in tags.items():
         if np.abs(values).max(initial=0) >= _LARGEST:
-            raise FileError(f"Gmsh's element data are doubles, which cannot hold all of cell tag {name!r}")
+            raise FileError(
+                f"cell tag {name!r} has values too large for Gmsh's element data, which are doubles"
+            )
 
 
 def _cells(mesh: Mesh, number: Int | None, groups: Mapping[str, Int]) -> _Elements:
@@ -88,8 +90,8 @@ def _cells(mesh: Mesh, number: Int | None, groups: Mapping[str, Int]) -> _Elemen
         cell = int(np.argmax(is_unsupported))
         kind = "polyhedron" if mesh.dim == 3 else f"polygon with {sizes[cell]} corners"
         raise FileError(
-            f"cell {cell} is a {kind}; Gmsh's files hold triangles, quadrilaterals, tetrahedra, hexahedra, "
-            "prisms and pyramids, .vtu and .npz hold all"
+            f"cell {cell} is a {kind}; Gmsh files hold only triangles, quadrilaterals, tetrahedra, "
+            "hexahedra, prisms and pyramids; write .vtu or .npz instead"
         )
     vertices = np.array(cells.vertices)
     wedges = np.flatnonzero(cells.types == 13)

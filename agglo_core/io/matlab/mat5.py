@@ -79,12 +79,12 @@ class Variable(NamedTuple):
     def _numbers(self) -> NDArray[Any]:
         """Return the numbers in their shape and stored type."""
         if not self.is_numeric:
-            raise FileError(f"{self.name} holds no numbers")
+            raise FileError(f"{self.name} is not numeric")
         kind, place, size = _element(self.words, self.start, self.stop, self.name)
         count = int(np.prod(self.shape, dtype=object))
         dtype = np.dtype(TYPES.get(kind, "V1")).newbyteorder(self.order)  # type: ignore[arg-type]
         if kind not in TYPES or size != count * dtype.itemsize:
-            raise FileError(f"{self.name}: {size} bytes of type {kind} are not {self.shape} numbers")
+            raise FileError(f"{self.name}: {size} bytes of type {kind} do not match the shape {self.shape}")
         values = self.words.reshape(-1).view(np.uint8)[place : place + size].view(dtype)
         return values.reshape(self.shape, order="F")
 
@@ -94,7 +94,7 @@ class Variable(NamedTuple):
         Raises FileError for other variables.
         """
         if not self.is_struct or any(side != 1 for side in self.shape):
-            raise FileError(f"{self.name} is no single struct")
+            raise FileError(f"{self.name} is not a single struct")
         _, place, size = _element(self.words, self.start, self.stop, self.name)
         # Names have a fixed width.
         raw = self.words.reshape(-1).view(np.uint8)
@@ -129,10 +129,10 @@ class Variable(NamedTuple):
         outer = self._children()
         _, kinds, counts = matrix_heads(self.words, outer, self.name)
         if (kinds != _CELL).any():
-            raise FileError(f"{self.name}: cell {int(np.argmax(kinds != _CELL))} is no cell array")
+            raise FileError(f"{self.name}: cell {int(np.argmax(kinds != _CELL))} is not a cell array")
         cell_offsets = np.concatenate(([0], np.cumsum(counts)))
         if cell_offsets[-1] > len(self.words):
-            raise FileError(f"{self.name}: its cells claim to hold more than the file does")
+            raise FileError(f"{self.name}: its cells declare more entries than the file can hold")
         # Remove the headers of the outer cells; the inner cells then follow one another.
         last = int(outer[-1] + 1 + -(-int(self.words[outer[-1], 1]) // 8)) if len(outer) else 0
         inner_rows = np.ones(last, bool)
@@ -147,7 +147,7 @@ class Variable(NamedTuple):
     def _children(self) -> Int:
         """Return the first row of each cell in a cell array."""
         if not self.is_cell:
-            raise FileError(f"{self.name} is no cell array")
+            raise FileError(f"{self.name} is not a cell array")
         count = int(np.prod(self.shape, dtype=object))
         starts, _ = record_starts(self.words[self.start : self.stop], count, matrix_ends)
         return frozen_int(starts + self.start)
@@ -166,7 +166,7 @@ def variables(content: bytes) -> dict[str, Variable]:
     if content[:10] == b"MATLAB 7.3" or content[:8] == b"\x89HDF\r\n\x1a\n":
         raise FileError("was saved by MATLAB with -v7.3, which is HDF5; save it with -v7")
     if len(content) < 128 or content[126:128] not in (b"IM", b"MI"):
-        raise FileError("is no MATLAB file of level 5 (as save -v7 writes); or it is truncated")
+        raise FileError("is not a MATLAB level-5 file (as written by save -v7), or is truncated")
     order: Literal["<", ">"] = "<" if content[126:128] == b"IM" else ">"
     by_name = {}
     for words in _elements(content, order):
@@ -187,11 +187,11 @@ def _elements(content: bytes, order: Literal["<", ">"]) -> Iterator[NDArray[Any]
     place, free_bytes = 128, _ROOM + _EXPANSION * len(content)
     while place < len(content):
         if len(content) - place < 8:
-            raise FileError("truncated: the last variable does not end")
+            raise FileError("truncated: the last variable is incomplete")
         kind, size = np.frombuffer(content, f"{order}u4", 2, place).tolist()
         if place + 8 + size > len(content):
             raise FileError(
-                f"truncated: a variable of {size} bytes is declared, {len(content) - place - 8} follow"
+                f"truncated: a variable of {size} bytes is declared, but {len(content) - place - 8} follow"
             )
         if kind == _COMPRESSED:
             data = _inflate_variable(content[place + 8 : place + 8 + size], order, free_bytes)
@@ -200,7 +200,7 @@ def _elements(content: bytes, order: Literal["<", ">"]) -> Iterator[NDArray[Any]
         elif kind == MATRIX:
             yield _rows(content, order, place, 8 + size)
         else:
-            raise FileError(f"an element of type {kind} stands where a variable should")
+            raise FileError(f"expected a variable, found an element of type {kind}")
         place += 8 + size
 
 
@@ -220,12 +220,12 @@ def _inflate_variable(data: bytes, order: str, max_bytes: int) -> bytes:
             raise FileError("truncated: a compressed variable ends before its size")
         kind, size = np.frombuffer(head, f"{order}u4").tolist()
         if kind != MATRIX or size > max_bytes:
-            raise FileError(f"a compressed variable of {len(data)} bytes claims to hold {size}")
+            raise FileError(f"a compressed variable of {len(data)} bytes declares a size of {size}")
         body = codec.decompress(codec.unconsumed_tail, max(size, 1))
     except zlib.error as error:
         raise FileError(f"a compressed variable is damaged: {error}") from None
     if len(body) < size:
-        raise FileError(f"truncated: a variable of {size} bytes is declared, {len(body)} were found")
+        raise FileError(f"truncated: a variable of {size} bytes is declared, but {len(body)} were found")
     return head + body[:size]
 
 
@@ -239,7 +239,7 @@ def _element(words: NDArray[Any], row: int, stop: int, name: str) -> tuple[int, 
     else:
         place = 8 * row + 8
     if size < 0 or (place % 8 and size > 4) or place + size > 8 * stop:
-        raise FileError(f"{name} is damaged: {size} bytes are declared where there are fewer")
+        raise FileError(f"{name} is damaged: it declares {size} bytes, more than there are")
     return kind, place, size
 
 
@@ -266,14 +266,14 @@ def _matrix(words: NDArray[Any], order: str, row: int, name: str) -> Variable:
     sort, place, size = _element(words, row, stop, name or "a variable")
     raw = words.reshape(-1).view(np.uint8)
     if sort != 5 or size % 4 or not 8 <= size <= 128:
-        raise FileError(f"{name or 'a variable'} has no dimensions")
+        raise FileError(f"{name or 'a variable'} lacks valid dimensions")
     shape = tuple(raw[place : place + size].view(f"{order}i4").tolist())
     if min(shape) < 0:
-        raise FileError(f"{name or 'a variable'} has the dimensions {shape}")
+        raise FileError(f"{name or 'a variable'} has negative dimensions: {shape}")
     # Name, after which the data begin.
     row = _next_row(words, row)
     _, place, size = _element(words, row, stop, name or "a variable")
     stored_name = raw[place : place + size].tobytes().decode("ascii", "replace")
     if flags & 0x800:
-        raise FileError(f"{name or stored_name} holds complex numbers")
+        raise FileError(f"{name or stored_name} holds complex numbers, expected real ones")
     return Variable(name or stored_name, kind, shape, words, order, _next_row(words, row), stop)

@@ -41,7 +41,7 @@ def matrix_heads(words: NDArray[Any], starts: Int, name: str) -> tuple[Int, Int,
             is_valid &= words[rows + shift, column] == value
     is_valid |= empty
     if not is_valid.all():
-        raise FileError(f"{name}: cell {int(np.argmin(is_valid))} is no matrix of two dimensions")
+        raise FileError(f"{name}: cell {int(np.argmin(is_valid))} is not a 2-D matrix")
     sides = np.where(empty[:, None], 0, words[rows + 4].astype(np.int64))
     if (sides < 0).any():
         raise FileError(f"{name}: cell {int(np.argmax((sides < 0).any(axis=1)))} has negative dimensions")
@@ -67,7 +67,7 @@ def gather_lists(words: NDArray[Any], order: str, starts: Int, name: str) -> tup
     width = np.where((types >= 0) & (types < 16), widths[types & 15], 0)
     fits = (counts == 0) | ((width > 0) & (sizes == counts * width) & (places + sizes <= 8 * ends))
     if not fits.all():
-        raise FileError(f"{name}: cell {int(np.argmin(fits))} holds no list of numbers, or is damaged")
+        raise FileError(f"{name}: cell {int(np.argmin(fits))} is not a list of numbers, or is damaged")
     offsets = np.concatenate(([0], np.cumsum(counts)))
     values = np.empty(offsets[-1], np.int64)
     raw = words.reshape(-1).view(np.uint8)

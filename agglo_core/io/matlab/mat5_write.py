@@ -34,7 +34,9 @@ def write_variables(path: Path, variables: Iterable[bytes], *, compress: bool) -
         stream.write(b"MATLAB 5.0 MAT-file, written by agglo".ljust(124) + b"\x00\x01IM")
         for variable in variables:
             if len(variable) > _LARGEST:
-                raise FileError(f"a variable takes {len(variable)} bytes; .mat files of -v7 hold {_LARGEST}")
+                raise FileError(
+                    f"a variable takes {len(variable)} bytes, but .mat files (-v7) hold at most {_LARGEST}"
+                )
             if compress:
                 packed = zlib.compress(variable, _LEVEL)
                 stream.write(struct.pack("<II", _COMPRESSED, len(packed)))

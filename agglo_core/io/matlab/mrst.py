@@ -37,13 +37,13 @@ def mesh_of_grid(grid: Variable) -> Mesh:
     # MATLAB counts from 1, and 0 stands for the outside.
     offsets, vertices = faces["nodePos"].integers() - 1, faces["nodes"].integers() - 1
     if not len(offsets) or offsets[0] != 0 or (np.diff(offsets) < 1).any() or offsets[-1] != len(vertices):
-        raise FileError(f"G.faces.nodePos does not rise from 1 to {len(vertices) + 1}")
+        raise FileError(f"G.faces.nodePos must increase from 1 to {len(vertices) + 1}")
     sides = faces["neighbors"]
     if sides.shape != (len(offsets) - 1, 2):
         raise FileError(f"G.faces.neighbors has the shape {sides.shape}, expected ({len(offsets) - 1}, 2)")
     cells = frozen_int(sides.integers().reshape(2, -1).T - 1)
     if not len(cells) or cells.min() < -1 or cells.max() >= 2 * len(cells) or (cells.max(axis=1) < 0).any():
-        raise FileError("G.faces.neighbors names cells that cannot be, or none beside a face")
+        raise FileError("G.faces.neighbors has an invalid cell number, or a face without a cell")
     if vertices.min(initial=0) < 0 or vertices.max(initial=-1) >= len(points):
         raise FileError(f"G.faces.nodes uses points outside 1..{len(points)}")
     # Drop unused points and reverse faces whose first neighbour is the outside.

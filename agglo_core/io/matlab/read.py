@@ -128,7 +128,7 @@ def _points(variable: Variable) -> Float:
     points = variable.reals()
     if points.ndim != 2 or points.shape[1] not in (2, 3):
         raise FileError(
-            f"{variable.name} has the shape {points.shape}, expected a row of 2 or 3 for each point"
+            f"{variable.name} has the shape {points.shape}, expected 2 or 3 columns and one row per point"
         )
     return frozen_float(points)
 
@@ -140,7 +140,7 @@ def _rows(variable: Variable) -> tuple[Int, Int]:
     """
     rows = variable.reals()
     if rows.ndim != 2:
-        raise FileError(f"{variable.name} has the shape {rows.shape}, expected a row for each cell")
+        raise FileError(f"{variable.name} has the shape {rows.shape}, expected one row per cell")
     is_vertex = np.isfinite(rows) & (rows != 0)
     if (is_vertex[:, 1:] & ~is_vertex[:, :-1]).any():
         raise FileError(f"{variable.name}: a row has a number after a missing one")
@@ -159,7 +159,9 @@ def _elements(variable: Variable, n_points: int) -> Polyhedra:
     rows = _number_from_zero(_rows(variable), n_points, variable.name)[1]
     width = variable.shape[1]
     if width not in kinds or rows.size != np.prod(variable.shape):
-        raise FileError(f"{variable.name} has rows of {width}, expected 4 (tetrahedra), 8, or a cell array")
+        raise FileError(
+            f"{variable.name} has rows of {width}, expected 4 (tetrahedra), 8 (hexahedra) or a cell array"
+        )
     return polyhedra_from_elements({kinds[width]: rows.reshape(-1, width)})
 
 
@@ -170,7 +172,7 @@ def _number_from_zero(lists: tuple[Int, Int], n_points: int, name: str) -> tuple
         wrong = int(np.argmax((values < 1) | (values > n_points)))
         cell = int(np.searchsorted(offsets, wrong, side="right")) - 1
         raise FileError(
-            f"{name}: list {cell} (from 0 on) uses point {values[wrong]}, expected 1 to {n_points}"
+            f"{name}: list {cell} (counted from 0) uses point {values[wrong]}, expected 1 to {n_points}"
         )
     return offsets, frozen_int(values - 1)
 
@@ -189,7 +191,7 @@ def _tags(contents: Mapping[str, Variable], count: int) -> dict[str, Int]:
     tags = {}
     for variable, name in names.items():
         if variable not in contents or (contents[variable].shape[:1] != (count,) and NAMES in contents):
-            raise FileError(f"{NAMES} names the variable {variable!r}, which has not a row for each cell")
+            raise FileError(f"{NAMES} lists the variable {variable!r}, which does not have one row per cell")
         with suppress(FileError):  # real values are no tags
             tags[name] = frozen_int(contents[variable].integers() - (1 if is_level(name) else 0))
     return tags
@@ -218,7 +220,7 @@ def _add_boundary_tags(mesh: Mesh, points: Float, fields: Mapping[str, Variable]
     ends, values = fields["connectivity_bc"], fields["bc_tag"].integers()
     if not ends.is_numeric or ends.shape != (len(values), 2):
         raise FileError(
-            f"region.connectivity_bc has the shape {ends.shape} for {len(values)} values of bc_tag"
+            f"region.connectivity_bc has the shape {ends.shape}, but bc_tag has {len(values)} values"
         )
     pairs = _number_from_zero((frozen_int([0, 2 * len(values)]), ends.integers()), len(points), ends.name)[1]
     tag = _tag_outer_edges(mesh, points, frozen_int(pairs.reshape(2, -1).T), values)

@@ -66,7 +66,7 @@ class FoamParser:
             return mark
         match = (_STRING if mark == b'"' else _RUN).match(self._content, self.place)
         if match is None and mark:
-            raise self._error("a string does not end" if mark == b'"' else "a comment does not end")
+            raise self._error("unterminated string" if mark == b'"' else "unterminated comment")
         word = match[0] if match is not None else b""
         if mark != b'"' and (b"(" in word or b")" in word):
             count = _COUNT.match(word)
@@ -89,7 +89,7 @@ class FoamParser:
             if not keyword or keyword in b"{()":
                 raise self._expected("an entry or }", keyword)
             if keyword.startswith(b"#"):
-                raise self._error(f"directives such as {_text(keyword)!r:.40} are not read")
+                raise self._error(f"directives such as {_text(keyword)!r:.40} are not supported")
             entries[_text(keyword)] = self._value()
         self._depth -= 1
         return entries
@@ -116,7 +116,7 @@ class FoamParser:
             yield _text(name), self.table()
             count += 1
         if declared not in (None, count):
-            raise FileError(f"{self._name}: {declared} entries are declared, {count} follow")
+            raise FileError(f"{self._name}: {declared} entries are declared, but {count} follow")
 
     def _value(self) -> Any:
         """Return a nested dictionary, or the parts of a value up to its semicolon."""
@@ -153,7 +153,7 @@ class FoamParser:
         if match is not None:
             labels = integers(re.sub(COMMENT, b" ", match[1]))
             if declared not in (None, len(labels)):
-                raise self._error(f"{declared} labels are declared, {len(labels)} follow")
+                raise self._error(f"{declared} labels are declared, but {len(labels)} follow")
             self.place = match.end()
             return labels
         parts: list[Any] = []
@@ -170,22 +170,24 @@ class FoamParser:
         if not _COUNT.fullmatch(word) or end != b"}":
             raise self._expected("one label and }", word)
         if count > self._most:
-            raise self._error(f"a list of {count} equal labels is longer than {self._most}")
+            raise self._error(f"a list of {count} equal labels is too long, expected at most {self._most}")
         return frozen_int(np.full(count, int(word)))
 
     def _binary_labels(self) -> Int:
         """Return the labels of ``n (…)``, or of ``0``."""
         word = self.token()
         if not _COUNT.fullmatch(word):
-            raise self._expected("a number of labels", word)
+            raise self._expected("the number of labels", word)
         count, dtype = int(word), np.dtype(self._label)
         if count == 0 and self._content[self.place : self.place + 1] != b"(":
             return frozen_int([])
         if self.token() != b"(":
-            raise self._error(f"no list follows the number {count}")
+            raise self._error(f"expected a list after the number {count}")
         stop = self.place + count * dtype.itemsize
         if self._content[stop : stop + 1] != b")":
-            raise self._error(f"{count} labels of {8 * dtype.itemsize} bits do not end with a bracket")
+            raise self._error(
+                f"the list of {count} {8 * dtype.itemsize}-bit labels is not closed by a bracket"
+            )
         labels = np.frombuffer(self._content, dtype, count, self.place)
         self.place = stop + 1
         return frozen_int(labels)

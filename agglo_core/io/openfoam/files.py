@@ -50,15 +50,15 @@ def open_foam(folder: Path, name: str) -> FoamFile:
     elif packed_path.is_file():
         content = _inflate_file(packed_path.read_bytes(), packed_path.name)
     else:
-        raise FileError(f"there is no file {path}, nor {packed_path.name}; blockMesh makes one")
+        raise FileError(f"neither {path} nor {packed_path.name} exists; run blockMesh to create the mesh")
     content = strip_mark(content)
     header = FoamParser(name, content)
     if header.token() != b"FoamFile" or header.token() != b"{":
-        raise FileError(f"{name}: there is no header FoamFile")
+        raise FileError(f"{name}: the header FoamFile is missing")
     words = header.table()
     form, arch = word_in(words, "format") or "ascii", word_in(words, "arch")
     if form not in ("ascii", "binary"):
-        raise FileError(f"{name}: the format {form!r} is neither ascii nor binary")
+        raise FileError(f"{name}: unknown format {form!r}, expected ascii or binary")
     order = ">" if "MSB" in arch else "<"
     label = f"{order}i{8 if 'label=64' in arch else 4}"
     scalar = f"{order}f{4 if 'scalar=32' in arch else 8}"
@@ -84,7 +84,7 @@ def points_of(file: FoamFile) -> Float:
         return frozen_float(values.reshape(-1, 3))
     values = reals(*_text(file, start))
     if len(values) != 3 * n:
-        raise FileError(f"{file.name}: {n} points are declared, {len(values)} coordinates follow")
+        raise FileError(f"{file.name}: {n} points are declared, but {len(values)} coordinates follow")
     return frozen_float(values.reshape(-1, 3))
 
 
@@ -102,13 +102,13 @@ def labels_of(file: FoamFile, most: int) -> Int:
         stop = file.content.find(b"}", start)
         value = integers(file.content, start, stop if stop >= 0 else start)
         if len(value) != 1:
-            raise FileError(f"{file.name}: a list of {n} equal labels does not say which")
+            raise FileError(f"{file.name}: a list of {n} equal labels must give one label")
         return frozen_int(np.full(n, value[0]))
     if file.binary:
         return frozen_int(_raw(file, start, n, file.label)[0])
     values = integers(*_text(file, start, file.content.find(b")", start)))
     if len(values) != n:
-        raise FileError(f"{file.name}: {n} labels are declared, {len(values)} follow")
+        raise FileError(f"{file.name}: {n} labels are declared, but {len(values)} follow")
     return values
 
 
@@ -127,14 +127,14 @@ def faces_of(file: FoamFile) -> tuple[Int, Int]:
         return offsets, frozen_int(stream[places])
     if "Compact" not in file.kind:
         raise FileError(
-            f"{file.name}: binary faces of the class {file.kind} are not read; foamFormatConvert does"
+            f"{file.name}: binary faces of class {file.kind} are not supported; run foamFormatConvert first"
         )
     starts, stop = _raw(file, start, n, file.label)
     if not n or starts[0] != 0 or (np.diff(starts) < 0).any():
-        raise FileError(f"{file.name}: the places of the faces do not rise from 0")
+        raise FileError(f"{file.name}: the face offsets must increase from 0")
     count, start, _ = _read_list_head(file, stop)
     if count != starts[-1]:
-        raise FileError(f"{file.name}: the faces end at {starts[-1]} of {count} points")
+        raise FileError(f"{file.name}: the last face offset is {starts[-1]}, but {count} points are listed")
     return frozen_int(starts), frozen_int(_raw(file, start, count, file.label)[0])
 
 
@@ -148,7 +148,7 @@ def _read_list_head(file: FoamFile, place: int, most: int | None = None) -> tupl
     if match is None or (n and not match[2]):
         raise FileError(f"{file.name}: expected a number and a list in brackets")
     if match[2] == b"{" and (most is None or n > most):
-        raise FileError(f"{file.name}: a list of {n} equal values is too long, or none is expected")
+        raise FileError(f"{file.name}: a list of {n} equal values is too long or not allowed here")
     return n, match.end(), match[2]
 
 
@@ -162,7 +162,7 @@ def _raw(file: FoamFile, start: int, n: int, kind: str) -> tuple[Float | Int, in
     if file.content[stop : stop + 1] != b")":
         wide = 8 * dtype.itemsize
         raise FileError(
-            f"{file.name}: {n} values of {wide} bits do not end with a bracket: truncated, or the header lies"
+            f"{file.name}: the list of {n} {wide}-bit values is not closed: truncated, or the header is wrong"
         )
     return np.frombuffer(file.content, dtype, n, start), stop + 1
 
@@ -175,7 +175,7 @@ def _text(file: FoamFile, start: int, stop: int | None = None) -> tuple[bytes, i
         text = text[:slash] + _COMMENT.sub(b" ", text[slash:])
     last = text.rfind(b")") if stop is None else stop
     if last < 0:
-        raise FileError(f"{file.name}: truncated: the list does not end with a bracket")
+        raise FileError(f"{file.name}: truncated: the list is not closed by a bracket")
     text = text.translate(_BRACKETS)
     return text, 0, last if stop is None else len(text)
 

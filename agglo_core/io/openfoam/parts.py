@@ -44,7 +44,10 @@ def read_part(poly: Path) -> FoamPart:
     owner = labels_of(open_foam(poly, "owner"), n_faces)
     neighbour = labels_of(open_foam(poly, "neighbour"), n_faces)
     if len(owner) != n_faces or len(neighbour) > n_faces:
-        raise FileError(f"{n_faces} faces have {len(owner)} owners and {len(neighbour)} neighbours")
+        raise FileError(
+            f"{n_faces} faces have {len(owner)} owners and {len(neighbour)} neighbours, "
+            "expected one owner per face"
+        )
     _check_ranges(offsets, vertices, len(points), owner, neighbour)
     sides = np.full((n_faces, 2), -1)
     sides[:, 0] = owner
@@ -67,7 +70,7 @@ def _check_ranges(offsets: Int, vertices: Int, n_points: int, owner: Int, neighb
     n_cells = int(max(owner.max(initial=-1), neighbour.max(initial=-1))) + 1
     if owner.min(initial=0) < 0 or neighbour.min(initial=0) < -1 or n_cells > len(owner):
         raise FileError(
-            f"owner and neighbour name cells from {owner.min()} to {n_cells - 1} beside {len(owner)} faces"
+            f"owner and neighbour list cells {owner.min()} to {n_cells - 1}, but there are {len(owner)} faces"
         )
     repeats = _faces_with_repeats(offsets, vertices)
     if len(repeats):
@@ -105,7 +108,7 @@ def _unique_entries(file: str, parser: FoamParser) -> Iterator[tuple[str, Table]
     names = set[str]()
     for name, table in parser.named_tables():
         if name in names:
-            raise FileError(f"{file}: there are two entries {name!r}")
+            raise FileError(f"{file}: two entries have the name {name!r}")
         names.add(name)
         yield name, table
 
@@ -139,8 +142,8 @@ def _zones(poly: Path, n_cells: int) -> dict[str, Int]:
     for name, table in _unique_entries("cellZones", parser_of(open_foam(poly, "cellZones"), n_cells)):
         cells = labels_in(table, "cellLabels")
         if cells is None:
-            raise FileError(f"cellZones: {name!r} has no list of cells cellLabels")
+            raise FileError(f"cellZones: {name!r} has no list cellLabels")
         if cells.min(initial=0) < 0 or cells.max(initial=-1) >= n_cells:
-            raise FileError(f"cellZones: {name!r} names cells outside 0..{n_cells - 1}")
+            raise FileError(f"cellZones: {name!r} lists cells outside 0..{n_cells - 1}")
         zones[name] = cells
     return zones

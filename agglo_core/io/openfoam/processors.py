@@ -132,7 +132,7 @@ def _pairs(parts: Sequence[FoamPart]) -> tuple[Int, Int]:
             back = parts[j].processors.get(i, frozen_int([])) if 0 <= j < len(parts) else frozen_int([])
             if len(back) != len(faces):
                 raise FileError(
-                    f"processor{i} has {len(faces)} faces to processor {j}, which has {len(back)} to it"
+                    f"processor{i} has {len(faces)} faces to processor {j}, which has {len(back)} in return"
                 )
             if i < j:
                 lower_faces.append(first_face[i] + faces)
@@ -148,7 +148,7 @@ def _merge_points(union: FoamPart, lower_faces: Int, upper_faces: Int) -> Int:
     points, offsets, vertices = union.points, union.offsets, union.vertices
     sizes = np.diff(offsets)
     if (sizes[lower_faces] != sizes[upper_faces]).any():
-        raise FileError("the two faces of a pair between processors have different numbers of points")
+        raise FileError("two matching faces of different processors have different numbers of points")
     # Match the k-th vertex of one loop with the (−k)-th of the other.
     starts, places = gather(offsets, lower_faces)
     rank = np.arange(len(places)) - np.repeat(starts[:-1], sizes[lower_faces])
@@ -180,7 +180,7 @@ def _cell_numbers(folders: Sequence[Path], parts: Sequence[FoamPart]) -> Int:
         return frozen_int(np.arange(n))
     numbers = np.concatenate([labels_of(open_foam(poly, "cellProcAddressing"), n) for poly in polys])
     if not np.array_equal(np.sort(numbers), np.arange(n)):
-        raise FileError(f"cellProcAddressing does not number the {n} cells of all processors, each once")
+        raise FileError(f"cellProcAddressing must number the {n} cells of all processors, each once")
     return frozen_int(numbers)
 
 

@@ -115,7 +115,7 @@ def _processors(case: Path, poly: Path) -> list[Path]:
             f"is an OpenFOAM case with the regions {', '.join(regions)}; read one of them by its folder, "
             f"such as {poly.parent / regions[0]}"
         )
-    raise FileError(f"is an OpenFOAM case without its mesh: there is no folder {poly}; blockMesh makes one")
+    raise FileError(f"is an OpenFOAM case without a mesh: {poly} does not exist; run blockMesh to create it")
 
 
 def _mesh(part: FoamPart, name: str) -> Mesh:

@@ -59,7 +59,7 @@ def write_foam(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compress:
         If files cannot hold a tag name.
     """
     if mesh.dim != 3:
-        raise FileError(f"OpenFOAM's meshes are 3-D, this one is {mesh.dim}-D; .vtu and .npz hold both")
+        raise FileError(f"OpenFOAM needs a 3-D mesh, given a {mesh.dim}-D one; write .vtu or .npz instead")
     tags = cell_data(mesh, hierarchy)
     check_names(tags)
     # Prepare the text of all files.
@@ -166,7 +166,7 @@ def _remove_zones(folder: Path, kept: Collection[str]) -> None:
             if not (folder / name).is_file():
                 continue
             (folder / name).unlink()
-            _log.warning("removed %s: its numbers are those of the mesh that was replaced", folder / name)
+            _log.warning("removed %s: it refers to the mesh that was replaced", folder / name)
 
 
 def _remove_fields(folder: Path, kept: Collection[str]) -> None:

@@ -70,5 +70,7 @@ def _name(quoted: bytes, content: bytes, place: int) -> str:
     except (ValueError, RecursionError):
         name = None
     if not isinstance(name, str):
-        raise FileError(f"line {line_of(content, place)}: {quoted[:30]!r} is no quoted name of cell data")
+        raise FileError(
+            f"line {line_of(content, place)}: expected a quoted name of cell data, found {quoted[:30]!r}"
+        )
     return name

@@ -121,7 +121,9 @@ def record_starts(stream: NDArray[Any], n: int, ends: Callable[[NDArray[Any]], I
         elif len(stops) and stops[0] <= len(stream) - place:
             size *= 2
         else:
-            raise FileError(f"cell {count} (of {n}, from 0 on) is longer than the rest of the file, or empty")
+            raise FileError(
+                f"cell {count} (of {n}, counted from 0) is longer than the rest of the file, or empty"
+            )
     return frozen_int(np.concatenate([np.empty(0, np.int64), *blocks])), place
 
 

@@ -82,7 +82,7 @@ class Fvca(Reading):
             If files cannot hold a tag name.
         """
         if path.suffix.lower() == ".typ1":
-            raise FileError("a .typ1 file is read, not written; .typ2 holds the same")
+            raise FileError("a .typ1 file can be read but not written; write .typ2 instead")
         write_levels(path, mesh, hierarchy, _write)
 
 
@@ -143,7 +143,8 @@ def _points(content: bytes, sections: list[_Section]) -> Float:
     n = _count(numbers[:1], first)
     if len(numbers) - 1 != 2 * n:
         raise FileError(
-            f"line {first.line}: {n} points are declared, {len(numbers) - 1} coordinates follow, not {2 * n}"
+            f"line {first.line}: {n} points are declared, but {len(numbers) - 1} coordinates follow, "
+            f"expected {2 * n}"
         )
     return frozen_float(numbers[1:].reshape(-1, 2))
 
@@ -183,7 +184,7 @@ def _lists(rows: Int, n: int, section: _Section) -> tuple[Int, Int, int]:
 
 def _count(numbers: Float | Int, section: _Section) -> int:
     if not len(numbers) or not (0 <= numbers[0] < 2**53 and numbers[0] == int(numbers[0])):
-        raise FileError(f"line {section.line}: the number of {section.title} does not follow")
+        raise FileError(f"line {section.line}: expected the number of {section.title} after this title")
     return int(numbers[0])
 
 

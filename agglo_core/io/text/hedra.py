@@ -47,11 +47,11 @@ class Hedra(Reading):
         n_points, n_faces, n_cells = (int(n) for n in counts)
         rows = numbers[3 : 3 + 3 * n_points]
         if len(rows) != 3 * n_points:
-            raise FileError(f"{n_points} points are declared, {len(rows)} coordinates follow")
+            raise FileError(f"{n_points} points are declared, but {len(rows)} coordinates follow")
         # Read the faces, then the cells; the orientation of faces is determined later.
         topology = numbers[3 + 3 * n_points :]
         if (np.abs(topology) >= 2**53).any() or (topology != np.floor(topology)).any():
-            raise FileError("its faces and cells are not all whole numbers")
+            raise FileError("its lists of faces and cells must hold whole numbers")
         stream = frozen_int(topology.astype(np.int64))
         offsets, vertices, faces_length = _lists(stream, n_faces, n_points, "faces", "point")
         cells = frozen_int(stream[faces_length:])
@@ -91,14 +91,14 @@ def _lists(stream: Int, n: int, most: int, title: str, item: str) -> tuple[Int, 
         wrong = int(np.argmax((values < 0) | (values >= most)))
         row = int(np.searchsorted(offsets, wrong, side="right")) - 1
         raise FileError(
-            f"{title}: number {row} (from 0 on) uses {item} {values[wrong] + 1}, expected 1 to {most}"
+            f"{title}: entry {row} (counted from 0) uses {item} {values[wrong] + 1}, expected 1 to {most}"
         )
     return offsets, frozen_int(values), length
 
 
 def _write(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
     if mesh.dim != 3:
-        raise FileError(f".hedra holds solid meshes, this one is {mesh.dim}-D; .vtu and .npz hold both")
+        raise FileError(f".hedra needs a 3-D mesh, given a {mesh.dim}-D one; write .vtu or .npz instead")
     points, number = used_points(mesh)
     vertices = mesh.face_vertices if number is None else number[mesh.face_vertices]
     offsets, faces = mesh.cell_faces

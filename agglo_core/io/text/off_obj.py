@@ -52,15 +52,17 @@ class Off(Reading):
         numbers = reals(text, head.end())
         counts = numbers[:3]
         if len(counts) < 3 or not all(0 <= n < 2**53 and n == int(n) for n in counts.tolist()):
-            raise FileError(f"it declares {counts.tolist()} points, faces and edges")
+            raise FileError(
+                f"its header is {counts.tolist()}, expected the numbers of points, faces and edges"
+            )
         n_points, n_faces = (int(n) for n in counts[:2])
         # One line per point and face if possible, otherwise a free stream of numbers.
         rows = _off_rows(numbers, words_per_line(body), n_points, n_faces)
         if rows is None:
             if head[1]:
                 raise FileError(
-                    f"{head[1].decode()}OFF needs a line for each of the {n_points} points, with as many "
-                    f"numbers in each, and for each of the {n_faces} faces"
+                    f"{head[1].decode()}OFF needs one line for each of the {n_points} points, all with "
+                    f"equally many numbers, and one line for each of the {n_faces} faces"
                 )
             rows = _off_stream(numbers[3:], n_points, n_faces)
         return _mesh(path, content, *rows, self.reading)
@@ -105,7 +107,7 @@ def _off_stream(numbers: Float, n_points: int, n_faces: int) -> tuple[Float, tup
     """Read points and faces from a stream with arbitrary line breaks and no other values."""
     rows, face_numbers = numbers[: 3 * n_points], numbers[3 * n_points :]
     if len(rows) != 3 * n_points:
-        raise FileError(f"{n_points} points are declared, {len(rows)} coordinates follow")
+        raise FileError(f"{n_points} points are declared, but {len(rows)} coordinates follow")
     stream = _whole(face_numbers)
     offsets, places, length = locate_lists(stream, n_faces)
     if length != len(stream):
@@ -143,7 +145,7 @@ class Obj(Reading):
         if not len(widths) or widths.min() != widths.max() or widths[0] < 3:
             widths_found = sorted(set(widths.tolist()))[:3]
             raise FileError(
-                f"its points (lines 'v x y z') have {widths_found} coordinates, expected 3 or more of each"
+                f"its points (lines 'v x y z') have {widths_found} coordinates, expected 3 or more per point"
             )
         points = frozen_float(reals(rows).reshape(-1, int(widths[0]))[:, :3])
         # Faces: lines "f v/vt/vn …", of which only v is kept.
@@ -180,7 +182,7 @@ def _check_own_counts(content: bytes, n_points: int, n_faces: int) -> None:
     if (int(match[1]), int(match[2])) != (n_points, n_faces) or not content.endswith(b"\n"):
         raise FileError(
             f"truncated: {match[1].decode()} points and {match[2].decode()} polygons are declared, "
-            f"{n_points} and {n_faces} found"
+            f"but {n_points} and {n_faces} were found"
         )
 
 

@@ -63,7 +63,7 @@ class Ovm(Reading):
         count, rows = _numbers(text, points)
         if len(rows) != 3 * count:
             raise FileError(
-                f"line {points.line}: {count} points are declared, {len(rows)} coordinates follow"
+                f"line {points.line}: {count} points are declared, but {len(rows)} coordinates follow"
             )
         # Expand the half-faces of each cell to vertex loops.
         loop_offsets, loops = _faces(text, faces, _edges(text, edges, count))
@@ -98,7 +98,7 @@ class Ovm(Reading):
 def _sections(content: bytes) -> dict[str, _Section]:
     """Return the four sections of a file by title."""
     if content.split(maxsplit=2)[:2] != [b"OVM", b"ASCII"]:
-        raise FileError("it does not begin with 'OVM ASCII'; OpenVolumeMesh's binary files are not read")
+        raise FileError("it does not begin with 'OVM ASCII'; binary OpenVolumeMesh files are not supported")
     first_property = _PROPERTY.search(content)
     end = first_property.start() if first_property is not None else len(content)
     matches = list(_TITLE.finditer(content, 0, end))
@@ -115,14 +115,14 @@ def _sections(content: bytes) -> dict[str, _Section]:
 def _numbers(content: bytes, section: _Section) -> tuple[int, Float]:
     numbers = reals(content, section.start, section.stop)
     if not len(numbers) or not (0 <= numbers[0] < 2**53 and numbers[0] == int(numbers[0])):
-        raise FileError(f"line {section.line}: the number of {section.title} does not follow")
+        raise FileError(f"line {section.line}: expected the number of {section.title} after this title")
     return int(numbers[0]), frozen_float(numbers[1:])
 
 
 def _whole(content: bytes, section: _Section) -> tuple[int, Int]:
     numbers = integers(content, section.start, section.stop)
     if not len(numbers) or numbers[0] < 0:
-        raise FileError(f"line {section.line}: the number of {section.title} does not follow")
+        raise FileError(f"line {section.line}: expected the number of {section.title} after this title")
     return int(numbers[0]), frozen_int(numbers[1:])
 
 
@@ -130,7 +130,7 @@ def _edges(content: bytes, section: _Section, n_points: int) -> Int:
     """Return the first point of each half-edge."""
     count, ends = _whole(content, section)
     if len(ends) != 2 * count:
-        raise FileError(f"line {section.line}: {count} edges are declared, {len(ends)} ends follow")
+        raise FileError(f"line {section.line}: {count} edges are declared, but {len(ends)} end points follow")
     if ends.min(initial=0) < 0 or ends.max(initial=-1) >= n_points:
         raise FileError(f"line {section.line}: edges use points outside 0..{n_points - 1}")
     return ends
@@ -144,11 +144,13 @@ def _lists(content: bytes, section: _Section, most: int) -> tuple[Int, Int]:
         raise FileError(f"line {section.line}: {section.title}: {error}") from None
     if length != len(stream):
         raise FileError(
-            f"line {section.line}: {count} {section.title} take {length} numbers, not {len(stream)}"
+            f"line {section.line}: {count} {section.title} take {length} numbers, but {len(stream)} follow"
         )
     values = stream[places]
     if values.min(initial=0) < 0 or values.max(initial=-1) >= most:
-        raise FileError(f"line {section.line}: {section.title} use halves outside 0..{most - 1}")
+        raise FileError(
+            f"line {section.line}: {section.title} use half-edges or half-faces outside 0..{most - 1}"
+        )
     return offsets, frozen_int(values)
 
 
@@ -156,19 +158,21 @@ def _faces(content: bytes, section: _Section, first: Int) -> tuple[Int, Int]:
     """Return the points of each face in the order of its half-edges."""
     offsets, halves = _lists(content, section, len(first))
     if (np.diff(offsets) < 3).any():
-        raise FileError(f"line {section.line}: face {int(np.argmax(np.diff(offsets) < 3))} has under 3 edges")
+        raise FileError(
+            f"line {section.line}: face {int(np.argmax(np.diff(offsets) < 3))} has fewer than 3 edges"
+        )
     after = np.roll(halves, -1)
     after[offsets[1:] - 1] = halves[offsets[:-1]]
     broken = np.flatnonzero(first[halves ^ 1] != first[after])
     if len(broken):
         face = int(np.searchsorted(offsets, broken[0], side="right")) - 1
-        raise FileError(f"line {section.line}: the half-edges of face {face} do not follow one another")
+        raise FileError(f"line {section.line}: the half-edges of face {face} do not form a closed loop")
     return offsets, frozen_int(first[halves])
 
 
 def _write(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
     if mesh.dim != 3:
-        raise FileError(f".ovm holds solid meshes, this one is {mesh.dim}-D; .vtu and .npz hold both")
+        raise FileError(f".ovm needs a 3-D mesh, given a {mesh.dim}-D one; write .vtu or .npz instead")
     points, number = used_points(mesh)
     tail = mesh.face_vertices if number is None else frozen_int(number[mesh.face_vertices])
     head = np.roll(tail, -1)

@@ -87,7 +87,7 @@ def _split(element: Element) -> tuple[list[Property], list[Property], list[Prope
 
 
 def _short(element: Element) -> FileError:
-    return FileError(f"{element.n} are declared, the file ends before the last")
+    return FileError(f"{element.n} entries are declared, but the file ends before the last")
 
 
 def _text(numbers: NDArray[Any], _: str, element: Element) -> tuple[Rows, int]:
@@ -115,7 +115,7 @@ def _convert_columns(properties: list[Property], table: NDArray[Any]) -> dict[st
     for prop, column in zip(properties, table.T, strict=True):
         whole = prop.type[0] != "f"
         if whole and not ((np.abs(column) < 2**53) & (column == np.floor(column))).all():
-            raise FileError(f"property {prop.name!r} is not whole everywhere")
+            raise FileError(f"property {prop.name!r} must hold whole numbers")
         values[prop.name] = column.astype(np.int64) if whole else column
     return values
 
@@ -133,7 +133,7 @@ def _binary(data: NDArray[Any], order: str, element: Element) -> tuple[Rows, int
     # Find the record starts by the list lengths, then read all columns at once.
     length, item = (np.dtype(order + kind) for kind in (listed[0].counted, listed[0].type))
     if "f" in (length.kind, item.kind):
-        raise FileError(f"the list {listed[0].name!r} is not one of whole numbers")
+        raise FileError(f"the list {listed[0].name!r} must hold whole numbers")
     fixed = head.itemsize + length.itemsize + tail.itemsize
 
     def ends(window: NDArray[Any]) -> Int:
@@ -252,7 +252,7 @@ def _header(content: bytes) -> _Header:
         else:
             raise FileError(f"its header has a line {line[:40]!r} that cannot be read")
     if order is None:
-        raise FileError(f"its header names no format; known are {', '.join(_FORMATS)}")
+        raise FileError(f"its header gives no format, expected one of {', '.join(_FORMATS)}")
     return _Header(order, elements, match.end())
 
 
@@ -260,7 +260,7 @@ def _property(line: str, words: list[str]) -> Property:
     listed = words[:1] == ["list"]
     types = [_TYPES.get(word) for word in words[listed:-1]]
     if len(types) != 1 + listed or None in types:
-        raise FileError(f"its header has a property {line[:40]!r} of no known type")
+        raise FileError(f"its header has a property {line[:40]!r} of unknown type")
     return Property(words[-1], str(types[-1]), str(types[0]) if listed else "")
 
 
@@ -285,7 +285,7 @@ def _write(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
     loops = loops_of(mesh, ".ply")
     wide = [name for name, values in tags.items() if not fits_in_index(values)]
     if wide:
-        raise FileError(f".ply holds numbers of 32 bits, cell tag {wide[0]!r} has larger ones")
+        raise FileError(f".ply holds 32-bit numbers, but cell tag {wide[0]!r} has larger ones")
     # Each row holds the corners of a polygon, followed by its tags.
     sizes = np.diff(loops.offsets)
     names = "".join(f"property int {quote(name, safe='')}\n" for name in tags)

@@ -72,7 +72,7 @@ class RegnFace(Reading):
             mesh = mesh_from_soup(soup, weak=False, name=path.stem, **self.reading)
             return note_left_out(mesh, skipped_names)
         if points.shape[1] != 3:
-            raise FileError(f"{path.stem}.node has points in the plane, {path.stem}.ele polyhedra")
+            raise FileError(f"{path.stem}.node has 2-D points, but {path.stem}.ele has polyhedra")
         solids = _solids(body, first, number, len(points), path.stem)
         tags = find_tags(cells, len(solids.cell_offsets) - 1, _COMMENT)
         return Mesh.from_polyhedra(points, solids, cell_tags=tags, **self.reading, name=path.stem)
@@ -101,7 +101,7 @@ def _content(path: Path, suffix: str) -> bytes:
     try:
         return text_bytes(file)
     except FileError as error:
-        raise FileError(f"{file.name} beside it: {error}") from None
+        raise FileError(f"its companion file {file.name}: {error}") from None
 
 
 def _head(content: bytes, file: Path) -> tuple[Int, bytes]:
@@ -128,10 +128,12 @@ def _points(content: bytes, file: Path) -> tuple[int, Float]:
     except FileError as error:
         raise FileError(f"{file.name}: {error}") from None
     if len(numbers) != n * width:
-        raise FileError(f"{file.name}: {n} points of {width} numbers are declared, {len(numbers)} follow")
+        raise FileError(
+            f"{file.name}: {n} points with {width} numbers each are declared, but {len(numbers)} follow"
+        )
     rows = numbers.reshape(n, width)
     if not n or not np.array_equal(rows[:, 0], rows[0, 0] + np.arange(n)) or rows[0, 0] not in (0, 1):
-        raise FileError(f"{file.name}: points are not numbered from 0 or 1 on")
+        raise FileError(f"{file.name}: points must be numbered consecutively from 0 or 1")
     if head[3]:
         _log.info("%s: boundary markers of points are left out", file.name)
     return int(rows[0, 0]), frozen_float(rows[:, 1 : 1 + dim])
@@ -143,7 +145,7 @@ def _simplices(body: bytes, head: Int, first: int, points: Float, file: str) -> 
     dim = points.shape[1]
     if width not in (dim + 1, (dim + 1) * (dim + 2) // 2) or n_attributes < 0:
         raise FileError(
-            f"{file} begins with {head.tolist()}; cells in {dim}-D have {dim + 1} or "
+            f"{file} begins with {head.tolist()}; {dim}-D cells have {dim + 1} or "
             f"{(dim + 1) * (dim + 2) // 2} nodes"
         )
     # Read the rows: number, nodes, attributes.
@@ -153,7 +155,9 @@ def _simplices(body: bytes, head: Int, first: int, points: Float, file: str) -> 
         raise FileError(f"{file}: {error}") from None
     columns = 1 + width + n_attributes
     if len(numbers) != n * columns:
-        raise FileError(f"{file}: {n} cells of {columns} numbers are declared, {len(numbers)} follow")
+        raise FileError(
+            f"{file}: {n} cells with {columns} numbers each are declared, but {len(numbers)} follow"
+        )
     rows = numbers.reshape(n, columns)
     nodes = rows[:, 1 : 1 + width] - first
     wrong = np.flatnonzero(~((nodes >= 0) & (nodes < len(points)) & (nodes == np.floor(nodes))).all(axis=1))
@@ -175,7 +179,7 @@ def _simplices(body: bytes, head: Int, first: int, points: Float, file: str) -> 
 
 def _solids(body: bytes, head: Int, first: int, n_points: int, name: str) -> Polyhedra:
     if head[1] != 0:
-        raise FileError(f"{name}.ele: {head[1]} attributes of each cell are declared, which are not read")
+        raise FileError(f"{name}.ele: {head[1]} attributes per cell are declared, which are not supported")
     try:
         stream = integers(body)
         cell_offsets, loop_offsets, places, length = locate_solids(stream, int(head[0]), 1)

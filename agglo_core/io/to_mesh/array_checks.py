@@ -31,5 +31,5 @@ def check_directions(mesh: Mesh) -> None:
     turned = np.setdiff1d(cell[sign < 0], unsure)
     if len(turned):
         raise FileError(
-            f"{name_cells(cells[turned])}: faces of a shell, such as that of a cavity, look into the cell"
+            f"{name_cells(cells[turned])}: the faces of a shell, such as a cavity, are oriented into the cell"
         )

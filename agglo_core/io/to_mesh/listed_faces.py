@@ -110,9 +110,9 @@ def parse_listed_faces(fields: Mapping[str, NDArray[Any]], n_points: int, n_cell
         if name.startswith(_TAG)
     }
     if len(offsets) != len(cells) + 1 or offsets[0] != 0 or offsets[-1] != len(vertices):
-        raise FileError(f"array {_OFFSETS!r} must rise from 0 to {len(vertices)} in {len(cells)} steps")
+        raise FileError(f"array {_OFFSETS!r} must increase from 0 to {len(vertices)} in {len(cells)} steps")
     if (np.diff(offsets) < 2).any():
-        raise FileError(f"array {_OFFSETS!r} has a face of fewer than two points")
+        raise FileError(f"array {_OFFSETS!r} has a face with fewer than two points")
     for name, values, most in ((_CELLS, cells, n_cells), (_POINTS, vertices, n_points)):
         if values.min(initial=0) < 0 or values.max(initial=-1) >= most:
             raise FileError(f"array {name!r} holds numbers outside 0..{most - 1}")

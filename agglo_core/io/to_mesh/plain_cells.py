@@ -39,11 +39,13 @@ def loops_of(mesh: Mesh, suffix: str) -> Loops:
         For a 3-D mesh, or a cell with a hole or a self-touching boundary.
     """
     if mesh.dim != 2:
-        raise FileError(f"{suffix} holds plane meshes, this one is {mesh.dim}-D; .vtu and .npz hold both")
+        raise FileError(f"{suffix} needs a 2-D mesh, given a {mesh.dim}-D one; write .vtu or .npz instead")
     loops = mesh.boundary_loops
     several = np.flatnonzero(np.diff(loops.cell_offsets) > 1)
     if len(several):
-        raise FileError(f"cell {several[0]} has several boundary loops (a hole); only .vtu and .npz hold it")
+        raise FileError(
+            f"cell {several[0]} has several boundary loops (a hole); only .vtu and .npz can hold it"
+        )
     points, number = used_points(mesh)
     vertices = loops.vertices if number is None else frozen_int(number[loops.vertices])
     return Loops(points, loops.loop_offsets, vertices)
@@ -58,7 +60,7 @@ def solids_of(mesh: Mesh, suffix: str) -> tuple[Float, Polyhedra]:
         For a 2-D mesh.
     """
     if mesh.dim != 3:
-        raise FileError(f"{suffix} holds solid meshes, this one is {mesh.dim}-D; .vtu and .npz hold both")
+        raise FileError(f"{suffix} needs a 3-D mesh, given a {mesh.dim}-D one; write .vtu or .npz instead")
     solids = half_faces(mesh)
     points, number = used_points(mesh)
     if number is None:

@@ -233,5 +233,5 @@ def _face_tags(mesh: Mesh, soup: Soup, loops: tuple[Int, Int], facets: Int) -> t
         tags[name][face[order]] = values[facets[order]]
         n_lost = int((tags[name][face[matches]] != values[facets[matches]]).sum())
         if n_lost and not np.isin(values[facets[matches]], (0, 1)).all():
-            _log.warning("tag %r: %d cells on faces have another value than kept, the largest", name, n_lost)
+            _log.warning("tag %r: %d cells on faces differ from the value kept, the largest", name, n_lost)
     return tags, len(matches)

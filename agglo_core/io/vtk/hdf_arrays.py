@@ -57,9 +57,9 @@ def member(group: Any, name: str) -> Any:
     if dataset is None:
         return None
     if not isinstance(dataset, hdf5().Dataset) or dataset.is_virtual or dataset.external:
-        raise FileError(f"{name!r} is not a dataset of the file itself")
+        raise FileError(f"{name!r} is not a dataset stored in the file itself")
     if dataset.dtype.kind not in "iuf" or dataset.shape is None:
-        raise FileError(f"dataset {name!r} holds no numbers")
+        raise FileError(f"dataset {name!r} is not numeric")
     return dataset
 
 
@@ -92,7 +92,7 @@ def _follow_hard_link(group: Any, name: str, kind: str) -> Any:
     if link is None:
         return None
     if not isinstance(link, hdf5().HardLink):
-        raise FileError(f"{name!r} is not a {kind} of the file itself: it is a link")
+        raise FileError(f"{name!r} is a link, expected a {kind} stored in the file itself")
     return group[name]
 
 

@@ -56,7 +56,7 @@ def join_pieces(pieces: Sequence[Soup]) -> Soup:
     Tags missing in some piece are dropped.
     """
     if not pieces:
-        raise FileError("there is no Piece in it")
+        raise FileError("it has no element Piece")
     pieces = [piece for piece in pieces if len(piece.types)] or pieces[:1]
     if len(pieces) == 1:
         return pieces[0]
@@ -102,7 +102,7 @@ def in_global_order(soup: Soup) -> Soup:
     ids = soup.cell_ids[order]
     repeats = np.flatnonzero(ids[1:] == ids[:-1])
     if len(repeats):
-        raise FileError(f"cell {ids[repeats[0]]} is in several pieces, by its GlobalCellIds")
+        raise FileError(f"GlobalCellIds: cell {ids[repeats[0]]} is in several pieces")
     return _pick_cells(soup, frozen_int(order))
 
 
@@ -115,7 +115,7 @@ def _merge_points(soup: Soup, point_ids: Int) -> Soup:
     points = frozen_float(soup.points[first])
     elsewhere = np.flatnonzero(_differ(points[number], soup.points))
     if len(elsewhere):
-        raise FileError(f"point {point_ids[elsewhere[0]]} has several places, by its GlobalPointIds")
+        raise FileError(f"GlobalPointIds: point {point_ids[elsewhere[0]]} has several positions")
     solids, listed = soup.solids, soup.listed
     return soup._replace(
         points=points,

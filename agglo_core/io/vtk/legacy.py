@@ -89,7 +89,7 @@ class _Reader:
             if words:
                 self._section(words)
         if self.points is None:
-            raise FileError("there are no POINTS in it")
+            raise FileError("it has no section POINTS")
         # Assemble the cells and attach integer cell data as tags.
         arrays = polydata_cells(self.lists) if self.types is None else self._grid(self.types)
         n = len(arrays["types"])
@@ -143,7 +143,7 @@ class _Reader:
         elif title in _WIDTHS:
             width, kind = _WIDTHS[title], _word(words, 2)
         else:
-            raise FileError(f"section {words[0][:30]!r} is not known")
+            raise FileError(f"unknown section {words[0][:30]!r}")
         self._keep(_word(words, 1), self._array(kind, self.count * width), width)
 
     def _field(self) -> None:
@@ -157,7 +157,7 @@ class _Reader:
             self._keep(words[0], self._array(kind, width * n), width)
             return
         if not self.text:
-            raise FileError(f"array {words[0]!r} holds text, which is not read from binary files")
+            raise FileError(f"array {words[0]!r} holds text, which is not supported in binary files")
         for _ in range(min(width * n, self.size)):
             self.file.readline()
         if self.ours:
@@ -186,7 +186,7 @@ class _Reader:
             stream = frozen_int(self._array("int", size))
             offsets, places, length = locate_lists(stream, n)
             if length != size:
-                raise FileError(f"{n} lists take {length} numbers, {size} are declared")
+                raise FileError(f"{n} lists take {length} numbers, but {size} are declared")
             return frozen_int(offsets[1:]), frozen_int(stream[places])
         offsets = frozen_int(self._array(_word(words, 1), n))
         words = self._next_line()
@@ -194,7 +194,7 @@ class _Reader:
             raise FileError(f"expected CONNECTIVITY after OFFSETS, found {words[0][:20]!r}")
         entries = frozen_int(self._array(_word(words, 1), size))
         if not n or offsets[0] != 0 or (np.diff(offsets) < 0).any() or offsets[-1] != size:
-            raise FileError(f"OFFSETS must rise from 0 to {size}")
+            raise FileError(f"OFFSETS must increase from 0 to {size}")
         return frozen_int(offsets[1:]), entries
 
     def _grid(self, types: Int) -> StoredArrays:
@@ -204,7 +204,7 @@ class _Reader:
         """
         ends, entries = self.lists.get("CELLS", (frozen_int([]), frozen_int([])))
         if len(ends) != len(types):
-            raise FileError(f"there are {len(ends)} CELLS and {len(types)} CELL_TYPES")
+            raise FileError(f"there are {len(ends)} CELLS, but {len(types)} CELL_TYPES")
         sizes, solid = np.diff(ends, prepend=0), types == _POLYHEDRON
         of_solid = np.repeat(solid, sizes)
         return StoredArrays(
@@ -219,7 +219,7 @@ class _Reader:
         """Read n numbers of a type."""
         kind = kind.lower()
         if kind not in _NUMBERS and kind != "bit":
-            raise FileError(f"numbers of the type {kind[:30]!r} are not known")
+            raise FileError(f"unknown number type {kind[:30]!r}")
         dtype = np.dtype(_NUMBERS.get(kind, "u1"))
         packed = kind == "bit" and not self.text
         n_items = -(-n // 8) if packed else n
@@ -245,7 +245,7 @@ class _Reader:
 
 def _word(words: list[str], place: int) -> str:
     if len(words) <= place:
-        raise FileError(f"line {' '.join(words)[:40]!r} is cut")
+        raise FileError(f"line {' '.join(words)[:40]!r} is incomplete")
     return words[place]
 
 
@@ -257,4 +257,4 @@ def _count(words: list[str], place: int) -> int:
 
 
 def _short(n: int, kind: str) -> FileError:
-    return FileError(f"truncated, or not of the form that is declared: {n} numbers of type {kind} expected")
+    return FileError(f"truncated, or not in the declared format: expected {n} numbers of type {kind}")

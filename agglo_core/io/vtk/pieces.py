@@ -121,7 +121,7 @@ def soup_of_piece(arrays: CellArrays, points: Float, n: int) -> Soup:
 def _offsets(ends: Int, size: int, name: str) -> Int:
     offsets = np.concatenate(([0], ends))
     if (np.diff(offsets) < 0).any() or offsets[-1] != size:
-        raise FileError(f"array {name!r} must rise to {size}, it ends at {offsets[-1]}")
+        raise FileError(f"array {name!r} must increase to {size}, but it ends at {offsets[-1]}")
     return frozen_int(offsets)
 
 
@@ -159,10 +159,10 @@ def _face_stream(stream: Int, stops: Int) -> Polyhedra:
     """
     starts = np.concatenate(([0], stops[:-1]))
     if (starts >= stops).any() or starts[0] < 0 or stops[-1] > len(stream):
-        raise FileError("array 'faceoffsets' does not rise within 'faces'")
+        raise FileError("array 'faceoffsets' must increase and stay within 'faces'")
     counts = stream[starts]
     if (counts < 1).any() or (counts > stops - starts).any():
-        raise FileError("array 'faces': a cell claims more faces than it holds, or none")
+        raise FileError("array 'faces': a cell declares more faces than it holds, or none")
     offsets = np.concatenate(([0], np.cumsum(counts)))
     sizes, places = np.empty(offsets[-1], np.int64), np.empty(offsets[-1], np.int64)
     cursor, cells = starts + 1, np.arange(len(stops))
@@ -172,7 +172,7 @@ def _face_stream(stream: Int, stops: Int) -> Polyhedra:
             raise FileError("array 'faces' ends before the last face of a cell")
         size = stream[cursor[cells]]
         if (size < 1).any() or (cursor[cells] + size >= stops[cells]).any():
-            raise FileError("array 'faces' holds a face of no size, or one longer than its cell")
+            raise FileError("array 'faces' has an empty face, or one longer than its cell")
         sizes[offsets[cells] + rank], places[offsets[cells] + rank] = size, cursor[cells] + 1
         cursor[cells] += size + 1
     loop_offsets = np.concatenate(([0], np.cumsum(sizes)))

@@ -37,7 +37,7 @@ class Pvtu(Reading):
         """
         files = [read_piece(path.parent, source) for source in sources_of(file_bytes(path))]
         if not files:
-            raise FileError("there is no Piece in it")
+            raise FileError("it has no element Piece")
         return mesh_from_pieces(join_contents(files), **self.reading, name=path.stem)
 
 
@@ -61,11 +61,11 @@ def sources_of(content: bytes) -> list[str]:
         source = piece.get("Source", "").replace("\\", "/")
         parts = PurePosixPath(source)
         if not parts.parts or "\0" in source:
-            raise FileError(f"piece {number} does not say its Source")
+            raise FileError(f"piece {number} has no attribute Source")
         if parts.is_absolute() or ".." in parts.parts or ":" in parts.parts[0]:
-            raise FileError(f"piece {source!r} lies elsewhere; pieces are read from the folder of the file")
+            raise FileError(f"piece {source!r} is outside the folder of the file, where all pieces must be")
         if str(parts) in sources:
-            raise FileError(f"piece {source!r} is named twice")
+            raise FileError(f"piece {source!r} is listed twice")
         sources.append(str(parts))
     return sources
 

@@ -38,7 +38,7 @@ def write_solution(path: str | PathLike[str], mesh: Mesh, samples: Samples, *, n
     """
     path = Path(path)
     if path.suffix.lower() != ".vtu":
-        raise FileError(f"{path}: a solution is written as .vtu")
+        raise FileError(f"{path}: a solution can only be written as .vtu")
     with name_in_errors(path), staging(path) as folder:
         piece = solution_piece(samples, mesh.cell_tags, name=name)
         write_document(folder / path.name, piece)

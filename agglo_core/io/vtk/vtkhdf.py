@@ -103,9 +103,9 @@ def _read_group(file: Any, max_bytes: int) -> Stored:
     kind = group.attrs.get("Type", b"")
     kind = kind.decode("ascii", "replace") if isinstance(kind, bytes) else str(kind)
     if kind != "UnstructuredGrid":
-        raise FileError(f"holds a {kind or 'data set without Type'}; of VTKHDF unstructured grids are read")
+        raise FileError(f"holds a {kind or 'data set without Type'}, expected a VTKHDF UnstructuredGrid")
     if "Steps" in group:
-        raise FileError("holds time steps, which are not read; write one of them to a file of its own")
+        raise FileError("holds time steps, which are not supported; write one of them to a separate file")
     _check_sizes(group, max_bytes)
     tags, skipped_names = _tags(group)
     pieces = list(_pieces(group, tags))
@@ -123,7 +123,7 @@ def _check_sizes(group: Any, max_bytes: int) -> None:
             size = int(dataset.nbytes)
             total += size
             if total > max_bytes:
-                raise FileError(f"dataset {name!r} declares {size} bytes, far more than there can be")
+                raise FileError(f"dataset {name!r} declares {size} bytes, far too many for the file size")
 
 
 def _tags(group: Any) -> tuple[dict[str, NDArray[Any]], list[str]]:
@@ -152,10 +152,12 @@ def _pieces(group: Any, tags: dict[str, NDArray[Any]]) -> Iterator[Soup]:
     # Check all array lengths before the first array is read.
     for name, counts in {"NumberOfPoints": n_points, **array_counts}.items():
         if len(counts) != len(n_cells):
-            raise FileError(f"{name!r} is given for {len(counts)} partitions, the cells for {len(n_cells)}")
+            raise FileError(
+                f"{name!r} is given for {len(counts)} partitions, but the cells for {len(n_cells)}"
+            )
     points = member(group, "Points")
     if points is None or points.ndim != 2 or points.shape[1] != 3 or len(points) < n_points.sum():
-        raise FileError(f"dataset 'Points' is missing, or not of the shape ({n_points.sum()}, 3)")
+        raise FileError(f"dataset 'Points' is missing, or does not have the shape ({n_points.sum()}, 3)")
     for name, values in tags.items():
         if len(values) < n_cells.sum():
             raise FileError(f"cell data {name!r} has {len(values)} values for {n_cells.sum()} cells")
@@ -178,7 +180,7 @@ def _counts(group: Any, name: str) -> Int:
         raise FileError(f"dataset {name!r} is missing, or not a list of whole numbers")
     counts = tag_values(name, np.asarray(dataset[()]))
     if not len(counts) or counts.min() < 0 or counts.max() >= 1 << 40:
-        raise FileError(f"dataset {name!r} holds {counts.tolist()[:3]}, which cannot be")
+        raise FileError(f"dataset {name!r} holds {counts.tolist()[:3]}, which are not valid counts")
     return counts
 
 
@@ -242,6 +244,6 @@ def _arrays(piece: Piece) -> list[tuple[str, NDArray[Any]]]:
     ):
         for name, values in data.items():
             if "/" in name or name == ".":
-                raise FileError(f"VTKHDF cannot hold a tag of the name {name!r}; .vtu can")
+                raise FileError(f"VTKHDF cannot hold a tag named {name!r}; .vtu can")
             arrays.append((f"{section}/{name}", values.astype(np.int32) if fits_in_index(values) else values))
     return arrays

@@ -166,9 +166,7 @@ def _piece(document: Document, piece: ElementTree.Element) -> Soup:
     try:
         n_points, *counts = (int(piece.get(f"NumberOf{name}", "")) for name in names)
     except ValueError:
-        raise FileError(
-            f"a Piece does not say its {' and '.join(f'NumberOf{name}' for name in names)}"
-        ) from None
+        raise FileError(f"a Piece has no valid {' and '.join(f'NumberOf{name}' for name in names)}") from None
     n = sum(counts)
     check_counts(n_points, n)
     points = _points(document, piece, n_points)
@@ -187,7 +185,7 @@ def _list(document: Document, piece: ElementTree.Element, kind: str, n: int) -> 
     arrays = _Arrays(document, piece, kind)
     ends = arrays.take("offsets", n)
     if len(ends) != n or (np.diff(ends, prepend=0) < 0).any():
-        raise FileError(f"array 'offsets' of {kind} must rise and have {n} values")
+        raise FileError(f"array 'offsets' of {kind} must increase and have {n} values")
     vertices = arrays.take("connectivity", int(ends[-1]))
     if len(vertices) != ends[-1]:
         raise FileError(f"array 'connectivity' of {kind} has {len(vertices)} values, expected {ends[-1]}")

@@ -91,7 +91,7 @@ class Document:
         else:
             raise ValueError(f"unknown format {form!r}")
         if len(content) % native.itemsize:
-            raise ValueError(f"{len(content)} bytes are not a whole number of {kind}")
+            raise ValueError(f"{len(content)} bytes are not a whole number of {kind} values")
         return np.frombuffer(content, native.newbyteorder(self.order)).astype(native)
 
     def _binary(self, data: bytes | memoryview, start: int, limit: _Room, *, raw: bool) -> bytes | memoryview:
@@ -127,13 +127,13 @@ class Document:
     def _inflate(self, block: bytes | memoryview, size: int) -> bytes:
         """Decompress a block with exactly ``size`` bytes."""
         if size > _EXPANSION * (len(block) + 64):
-            raise ValueError(f"a block of {len(block)} bytes claims to hold {size}")
+            raise ValueError(f"a block of {len(block)} bytes declares a size of {size}")
         zipped = self.compression == "zlib"
         codec = zlib.decompressobj() if zipped else lzma.LZMADecompressor(memlimit=_LZMA_MEMORY)
         content = codec.decompress(block, size + 1)
         if len(content) != size:
             actual_size = len(content) if len(content) < size else f"more than {size}"
-            raise ValueError(f"a block holds {actual_size} bytes, its header declares {size}")
+            raise ValueError(f"a block holds {actual_size} bytes, but its header declares {size}")
         return content
 
 
@@ -214,7 +214,7 @@ def vtk_root(text: bytes, kind: str) -> ElementTree.Element:
     Raises FileError for other content.
     """
     if any(mark in text for mark in _DOCTYPES):  # a declaration may define entities that expand without bound
-        raise FileError("it has a document type declaration, which no VTK file has; it is not read")
+        raise FileError("it has a document type declaration, which VTK files do not use; remove it")
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError, LookupError) as error:
@@ -234,7 +234,7 @@ def _split_appended(content: bytes) -> tuple[bytes, bytes | memoryview, bool]:
         return content, b"", False
     stop = content.rfind(b"</AppendedData>")
     if stop < tag.end():
-        raise FileError("truncated: AppendedData does not end")
+        raise FileError("truncated: AppendedData is not closed")
     raw = b"raw" in tag.group(1)
     data = memoryview(content)[tag.end() : stop]
     return content[: tag.start()] + b"</VTKFile>", data if raw else bytes(data).rstrip(), raw

@@ -203,7 +203,7 @@ def test_levels_that_are_none_are_noted(agglo: Agglo) -> None:
     write("in.vtu", replace(mesh, cell_tags={"level_1": np.zeros(4, int)}))
     code, out, err = agglo("quality", "in.vtu", "--json")
     assert (code, json.loads(out)["levels"][0]["level"]) == (0, "cells")
-    assert "warning: level_1 not taken for levels: there is no level_0" in err
+    assert "warning: level_1 not read as levels: there is no level_0" in err
     content = Path("in.vtu").read_bytes()
     real = b'<CellData><DataArray type="Float64" Name="level_0" format="ascii">0 0 1 1</DataArray>'
     Path("in.vtu").write_bytes(content.replace(b"<CellData>", real))

@@ -301,7 +301,7 @@ def test_names_that_the_locale_cannot_decode(
     assert done.stderr == b""
     assert lines[1:5] == [f"{shown} 8"] * 4
     assert lines[5:] == (
-        [r"'\u0142.npz': file names are encoded as ascii, which has no such characters"] if locale else []
+        [r"'\u0142.npz': the name has characters outside ascii, the encoding of file names"] if locale else []
     )
     files = os.listdir(os.fsencode(tmp_path))
     assert {name + suffix for suffix in (b".npz", b".vtu", b".ele", b".node", b".hedra", b".foam")} <= set(

@@ -121,8 +121,8 @@ def test_bombs_are_called_by_name(tmp_path: Path) -> None:
             said.append(str(caught.value))
     text = "\n".join(said)
     assert "array 'Points': it holds 50331648 values (402653184 bytes), but the file declares 18" in text
-    assert "array 'mat': a block holds more than 16 bytes, its header declares 16" in text
-    assert "array 'level_0' has shape (100663296,); by the other arrays it is (9)" in text
+    assert "array 'mat': a block holds more than 16 bytes, but its header declares 16" in text
+    assert "array 'level_0' has shape (100663296,), but the other arrays require (9)" in text
     assert "array 'meta' has 402653184 bytes, expected at most" in text
     assert "document type declaration" in text
 

@@ -69,9 +69,9 @@ def test_the_file_by_hand(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("mesh", "says"),
     [
-        (samples.voronoi(20), r"cell \d+ is a polygon with \d+ corners; Gmsh's files hold triangles"),
-        (samples.voronoi3d(5), "cell 0 is a polyhedron; Gmsh's files hold triangles"),
-        (samples.squares(2).with_tags(**{'a "rock"': [1, 0, 1, 0]}), "have no quotes"),
+        (samples.voronoi(20), r"cell \d+ is a polygon with \d+ corners; Gmsh files hold only triangles"),
+        (samples.voronoi3d(5), "cell 0 is a polyhedron; Gmsh files hold only triangles"),
+        (samples.squares(2).with_tags(**{'a "rock"': [1, 0, 1, 0]}), "cannot contain quotes"),
         (samples.squares(2).with_tags(big=np.full(4, 2**60)), "are doubles"),
     ],
 )

@@ -231,7 +231,7 @@ def test_if_all_refuse_each_is_named(tmp_path: Path) -> None:
     )
     with pytest.raises(
         FileError,
-        match=r"a.vtu: each format for such files refuses it: format 'vtu' \(plugin .*\): .*well-formed"
+        match=r"a.vtu: none of the matching formats could read it: format 'vtu' \(plugin .*\): .*well-formed"
         r".*; format 'mine' \(plugin 'mine', distribution .*\): cell 3: bad; format 'other' \(.*\): no$",
     ):
         read(tmp_path / "a.vtu", registry=registry)
@@ -365,7 +365,7 @@ def test_what_is_only_read_is_not_written(tmp_path: Path) -> None:
         (FileError("holds no triangles"), FileError, r"a\.toy: holds no triangles$"),
         (ValueError("x"), PluginError, f"{WHO} raised ValueError: x"),
         (OSError(28, "No space left on device"), FileError, r"a\.toy: No space left on device$"),
-        (None, PluginError, rf"{WHO}: write\(\) left no file"),
+        (None, PluginError, rf"{WHO}: write\(\) did not create the file"),
     ],
 )
 def test_a_failed_write_leaves_all_as_it_was(
@@ -428,7 +428,7 @@ def test_values_of_levels_go_to_those_who_keep_them(tmp_path: Path) -> None:
 
 def test_a_registry_without_formats_says_so(toy: Path) -> None:
     for use, verb in ((read, "read"), (check_writable, "write")):
-        with pytest.raises(FileError, match=rf"'.toy'; there is no format that could {verb} it: .*s'$"):
+        with pytest.raises(FileError, match=rf"'.toy'; no format can {verb} it: .*s'$"):
             use(toy, registry=Registry())
 
 
@@ -451,7 +451,7 @@ def test_the_program_without_its_own_formats(tmp_path: Path, command: str) -> No
     )  # fmt: skip
     said = " ".join(done.stderr.split())
     assert done.returncode == 2
-    assert "unknown suffix '.vtu'; there is no format that could" in said
+    assert "unknown suffix '.vtu'; no format can" in said
     assert "plugins that cannot be used: plugin 'defaults' (distribution agglo" in said
     assert said.endswith("blocked by AGGLO_BLOCK")
 
@@ -631,5 +631,5 @@ def test_declared_magic_is_checked(declared: dict[str, Any], says: str) -> None:
 
 def test_what_is_recognised_and_broken_is_refused_with_both_reasons(tmp_path: Path) -> None:
     (tmp_path / "m.dat2").write_text("OFF\n3 1 0\n0 0 0\n")
-    with pytest.raises(FileError, match=r"m\.dat2: 3 points are declared, 3 coordinates follow"):
+    with pytest.raises(FileError, match=r"m\.dat2: 3 points are declared, but 3 coordinates follow"):
         read(tmp_path / "m.dat2")

@@ -64,12 +64,12 @@ def test_what_is_written_comes_back(tmp_path: Path) -> None:
     ("old", "new", "says"),
     [
         ("4 4 1", "4 4 0.5", r"begins with \[4\.0, 4\.0, 0\.5\], expected the numbers of points"),
-        ("4 4 1", "40 4 1", "40 points are declared, 33 coordinates follow"),
+        ("4 4 1", "40 4 1", "40 points are declared, but 33 coordinates follow"),
         ("4 4 1", "4 4 2", r"cells: cell 1 \(of 2"),
-        ("3 1 3 4\n", "3 1 3 5\n", r"faces: number 3 \(from 0 on\) uses point 5, expected 1 to 4"),
+        ("3 1 3 4\n", "3 1 3 5\n", r"faces: entry 3 \(counted from 0\) uses point 5, expected 1 to 4"),
         ("4 1 2 3 -4", "4 1 2 3 -5", "cells: number 0 .* uses face 5, expected 1 to 4"),
         ("4 1 2 3 -4", "4 1 2 3 -4 7", "1 cells take 5 numbers, but 6 follow"),
-        ("4 1 2 3 -4", "4 1 2 3.5 -4", "are not all whole numbers"),
+        ("4 1 2 3 -4", "4 1 2 3.5 -4", "must hold whole numbers"),
         ("0 0 1\n", "0 0 z\n", "line 5: expected a number, found 'z'"),
     ],
 )
@@ -80,5 +80,5 @@ def test_faults_are_named(tmp_path: Path, old: str, new: str, says: str) -> None
 
 
 def test_plane_meshes_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match=r"\.hedra holds solid meshes, this one is 2-D"):
+    with pytest.raises(FileError, match=r"\.hedra needs a 3-D mesh, given a 2-D one"):
         write(tmp_path / "m.hedra", samples.squares(2))

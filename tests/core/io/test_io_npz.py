@@ -158,9 +158,9 @@ def meta(**changes: Any) -> bytes:
         (
             "face_cells",
             npy(np.full((7, 2), 2**64 - 1, np.uint64)),
-            "18446744073709551615, which an int64",
+            "18446744073709551615, more than an int64",
         ),
-        ("face_offsets", npy(np.full(8, 2**63, np.uint64)), "holds 9223372036854775808, which an int64"),
+        ("face_offsets", npy(np.full(8, 2**63, np.uint64)), "holds 9223372036854775808, more than an int64"),
     ],
 )
 def test_native_wrong(tmp_path: Path, name: str, content: bytes | None, match: str) -> None:

@@ -96,7 +96,7 @@ def test_a_written_tetrahedron_follows_the_rules_of_half_faces(tmp_path: Path) -
 
 
 def test_a_plane_mesh_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="holds solid meshes, this one is 2-D"):
+    with pytest.raises(FileError, match="needs a 3-D mesh, given a 2-D one"):
         write(tmp_path / "m.ovm", samples.squares(2))
 
 
@@ -104,11 +104,11 @@ def test_a_plane_mesh_is_refused(tmp_path: Path) -> None:
     ("old", "new", "says"),
     [
         ("OVM ASCII", "OVM BINARY", "does not begin with 'OVM ASCII'"),
-        ("Edges\n6", "Edges\n7", "7 edges are declared, 12 ends"),
-        ("0 0 1\nEdges", "0 0\nEdges", "4 points are declared, 11 coordinates"),
+        ("Edges\n6", "Edges\n7", "7 edges are declared, but 12 end"),
+        ("0 0 1\nEdges", "0 0\nEdges", "4 points are declared, but 11 coordinates"),
         ("Faces\n4", "Faces\n5", "faces: cell 4"),
         ("3 0 2 4", "3 0 2 5", "half-edges of face 0 do not follow"),
-        ("3 0 2 4", "2 0 1", "face 0 has under 3"),
+        ("3 0 2 4", "2 0 1", "face 0 has fewer than 3"),
         ("3 0 2 4", "3 0 2 44", r"outside 0\.\.11"),
         ("Faces", "Facets", "its sections are"),
         ("4 0 3 5 7", "4 0 3 5 9", r"outside 0\.\.7"),

@@ -93,10 +93,10 @@ def test_a_surface_is_refused_as_one(tmp_path: Path) -> None:
         ("property float y", "property float w", "no coordinate y"),
         ("vertex_index", "corners", "no list vertex_indices"),
         ("format ascii", "format latin", "a line 'format latin"),
-        ("property float quality", "property real quality", "of no known type"),
+        ("property float quality", "property real quality", "of unknown type"),
         ("end_header", "end", "no header"),
         ("8 3 1 4 5 -6", "8 3 1 4 9 -6", "cell 1 uses point 9"),
-        ("8 3 1 4 5 -6", "8 3 1 4 5 0.5", "'rock' is not whole"),
+        ("8 3 1 4 5 -6", "8 3 1 4 5 0.5", "'rock' must hold whole"),
         ("1 4 5 -6", "x 4 5 -6", "line .*'x'"),
     ],
 )

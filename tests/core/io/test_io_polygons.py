@@ -59,7 +59,7 @@ def test_files_of_tetgen_are_for_meshlane(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ("1 0\n", "1 2\n", "m.ele: 2 attributes of each cell"),
+        ("1 0\n", "1 2\n", "m.ele: 2 attributes per cell"),
         ("1 0\n", "2 0\n", r"m.ele: cell 1 \(of 2"),
         ("3 3 2 0 3", "3 3 2 0", r"m.ele: cell 0 \(of 1"),
         ("3 3 2 0 3", "3 3 2 0 3 3", "m.ele: 1 cells take 22 numbers, but 23 follow"),
@@ -77,10 +77,10 @@ def test_faults_of_cells_are_named(tmp_path: Path, old: str, new: str, says: str
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ("4 3 0 0", "5 3 0 0", "m.node: 5 points of 4 numbers are declared, 16 follow"),
+        ("4 3 0 0", "5 3 0 0", "m.node: 5 points with 4 numbers each are declared, but 16 follow"),
         ("4 3 0 0", "4 1 0 0", r"m.node begins with \[4, 1, 0, 0\]"),
-        ("4 3 0 0", "4 2 0 1", r"m.node has points in the plane, m.ele polyhedra"),
-        ("\n3 0 0 1", "\n4 0 0 1", "not numbered from 0 or 1 on"),
+        ("4 3 0 0", "4 2 0 1", r"m.node has 2-D points, but m.ele has polyhedra"),
+        ("\n3 0 0 1", "\n4 0 0 1", "numbered consecutively from 0 or 1"),
         ("\n3 0 0 1", "\n3 0 0 one", "m.node: line .*: expected a number, found 'one'"),
     ],
 )
@@ -174,7 +174,7 @@ def test_off_with_colours_and_normals(tmp_path: Path, head: str, more: str, colo
             "NOFF\n3 1 0\n0 0 0 0 0 1\n1 0 0\n0 1 0 0 0 1\n3 0 1 2\n",
             "NOFF needs a line for each of the 3 points",
         ),
-        ("COFF\n3 1 0\n0 0 0 9\n1 0 0 9\n0 1 0 9\n4 0 1 2\n", "and for each of the 1 faces"),
+        ("COFF\n3 1 0\n0 0 0 9\n1 0 0 9\n0 1 0 9\n4 0 1 2\n", "one line for each of the 1 faces"),
         ("4OFF\n3 1 0\n0 0 0 1\n1 0 0 1\n0 1 0 1\n3 0 1 2\n", "does not begin with OFF"),
         ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 1.5\n", "cell 0 uses point -1"),
     ],

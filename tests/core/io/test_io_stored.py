@@ -140,7 +140,7 @@ def test_other_versions_are_refused(tmp_path: Path, version: int) -> None:
     told = json.loads(np.load(tmp_path / "m.npz")["meta"].tobytes()) | {"version": version}
     meta = np.frombuffer(json.dumps(told).encode(), np.uint8)
     rewritten(tmp_path / "m.npz", tmp_path / "other.npz", meta=meta)
-    with pytest.raises(FileError, match=f"version {version} is unknown; this program reads 2"):
+    with pytest.raises(FileError, match=f"version {version} is unknown, expected 2"):
         read(tmp_path / "other.npz")
 
 

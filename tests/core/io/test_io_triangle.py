@@ -72,8 +72,8 @@ def test_tetrahedra(first: int, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ("2  3  0", "2  4  0", r"m\.ele begins with \[2, 4, 0\]; cells in 2-D have 3 or 6 nodes"),
-        ("2  3  0", "3  3  0", r"m\.ele: 3 cells of 4 numbers are declared, 8 follow"),
+        ("2  3  0", "2  4  0", r"m\.ele begins with \[2, 4, 0\]; 2-D cells have 3 or 6 nodes"),
+        ("2  3  0", "3  3  0", r"m\.ele: 3 cells with 4 numbers each are declared, but 8 follow"),
         ("2  3  0", "2  3  0  9", r"m\.ele begins with 4 numbers, expected 2 .* or 3"),
         ("2 1 3 4", "2 1 3 5", r"m\.ele: cell 1 uses points outside 1\.\.4"),
         ("2 1 3 4", "2 1 3 0", r"m\.ele: cell 1 uses points outside 1\.\.4"),
@@ -91,7 +91,7 @@ def test_faults_are_named(old: str, new: str, says: str, tmp_path: Path) -> None
 
 def test_faults_of_pairs_are_named(tmp_path: Path) -> None:
     file = save(tmp_path / "m.ele", points=[(x, y, x * y) for x, y in SQUARE])
-    with pytest.raises(FileError, match="cells in 3-D have 4 or 10 nodes"):
+    with pytest.raises(FileError, match="3-D cells have 4 or 10 nodes"):
         read(file)
     file = save(tmp_path / "m.ele", cells=[(0, 1, 2), (0, 2, 1)])
     with pytest.raises(MeshError, match="cells 0 and 1 are duplicates"):

@@ -145,8 +145,8 @@ def test_vtp(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ('NumberOfPolys="2"', "", "does not say its NumberOfPoints and NumberOfLines and NumberOfPolys"),
-        ('NumberOfPolys="2"', 'NumberOfPolys="3"', "'offsets' of Polys must rise and have 3 values"),
+        ('NumberOfPolys="2"', "", "has no valid NumberOfPoints and NumberOfLines and NumberOfPolys"),
+        ('NumberOfPolys="2"', 'NumberOfPolys="3"', "'offsets' of Polys must increase and have 3 values"),
         (">4 8<", ">8 4<", "'offsets' of Polys must rise"),
         (">4 8<", ">4 9<", "'connectivity' of Polys has 8 values, expected 9"),
         ("1 2 5 4<", "1 2 6 4<", r"points outside 0\.\.5"),
@@ -186,7 +186,7 @@ def test_surfaces_are_refused(tmp_path: Path) -> None:
         ("POINTS 6 double", "POINTS 6", "line 'POINTS 6' is cut"),
         ("2.0 1.0 0.0", "2.0 one 0.0", "truncated, or not of the form|section 'one'|expected"),
         ("POLYGONS 2 10", "POLYGONS 2 12", "truncated, or not of the form"),
-        ("POLYGONS 2 10", "POLYGONS 1 10", "1 lists take 5 numbers, 10 are declared"),
+        ("POLYGONS 2 10", "POLYGONS 1 10", "1 lists take 5 numbers, but 10 are declared"),
         ("4 1 2 5 4", "4 1 2 6 4", r"points outside 0\.\.5"),
         ("4 1 2 5 4", "5 1 2 5 4", r"cell 1 \(of 2.* is longer"),
         ("CELL_DATA 2", "CELL_DATA 3", "cell data 'rock' has 3 values for 2 cells|truncated"),

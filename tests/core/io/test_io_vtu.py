@@ -410,7 +410,7 @@ def test_levels_without_the_first_are_none(tmp_path: Path, caplog: pytest.LogCap
     back, found = read_hierarchy(tmp_path / "o.vtu")
     assert found is None
     assert list(back.cell_tags) == ["level_1"]
-    assert "level_1 not taken for levels: there is no level_0" in caplog.text
+    assert "level_1 not read as levels: there is no level_0" in caplog.text
 
 
 @pytest.mark.parametrize("suffix", [".vtu", ".vtk"])
@@ -532,7 +532,7 @@ def test_not_a_file(tmp_path: Path) -> None:
         (">9 7<", ">9 99<", "type 99 is not supported"),
         (">9 7<", ">9<", "2 cells has 1 types"),
         (">9 7<", ">9 x<", "'types'"),
-        (">4 8<", ">4 7<", "'offsets' must rise to 8"),
+        (">4 8<", ">4 7<", "'offsets' must increase to 8"),
         (">4 8<", ">5 4<", "'offsets' must rise"),
         ("0 1 2 3 1 4 5 2", "0 1 2 3 1 4 5 6", "outside 0..5"),
         ("0 1 2 3 1 4 5 2", "0 1 2 -3 1 4 5 2", "outside 0..5"),
@@ -566,7 +566,7 @@ def test_forged_sizes(tmp_path: Path) -> None:
         forged = np.array(sizes, "<u8").tobytes()
         file = tmp_path / "forged.vtu"
         file.write_bytes(content[:start] + forged + content[start + len(forged) :])
-        refused(file, "truncated|claims to hold|declares 12")
+        refused(file, "truncated|declares a size of|declares 12")
     stream = '<DataArray type="Int64" Name="faces" format="ascii">1000000000000 1</DataArray>'
     ends = '<DataArray type="Int64" Name="faceoffsets" format="ascii">2</DataArray>'
     w = Writer()

@@ -71,7 +71,10 @@ REFUSED = {
         "real.integer.pattern .*'.*complex gen",
     ),
     "hermitian": (HEAD + "coordinate real hermitian\n1 1 0\n", "line 1: expected"),
-    "array of a pattern": (HEAD + "array pattern general\n1 1\n", "an array of a pattern has no values"),
+    "array of a pattern": (
+        HEAD + "array pattern general\n1 1\n",
+        "'array' cannot be combined with 'pattern'",
+    ),
     "no sizes": (HEAD + "coordinate real general\n% only a comment", "line 2: expected numbers of rows"),
     "two sizes": (HEAD + "coordinate real general\n1 1\n", "rows, columns and entries, found '1 1'"),
     "three sizes": (HEAD + "array real general\n%\n1 1 1\n", "line 3: expected numbers of rows and columns"),
@@ -87,8 +90,11 @@ REFUSED = {
     "no row": (HEAD + "coordinate real general\n2 2 1\nnan 1 1\n", r"entry 1 of 1 is at \(nan, 1\)"),
     "cut": (HEAD + "coordinate real general\n2 2 2\n1 1 1.0\n2 2", "line 4: expected 3 numbers, found 2"),
     "word": (HEAD + "array real general\n1 1\n1 x", "line 3: expected a number, found 'x'"),
-    "values of no rows": (HEAD + "array real general\n0 1\n1.0\n", "holds 1 entries, its header declares 0"),
-    "few": (HEAD + "array real general\n2 1\n1.25\n", "holds 1 entries, its header declares 2"),
+    "values of no rows": (
+        HEAD + "array real general\n0 1\n1.0\n",
+        "holds 1 entries, but its header declares 0",
+    ),
+    "few": (HEAD + "array real general\n2 1\n1.25\n", "holds 1 entries, but its header declares 2"),
     "many": (HEAD + "coordinate real general\n2 2 1\n1 1 1\n2 2 1\n", "holds 2 entries, .* declares 1"),
     "null": (HEAD + "array real general\n2 1\n1\n\x002\n", "line 4: expected a number"),
     "glued": (HEAD + "coordinate real general\n2 2 1\n1 2-5\n", "line 3: expected a number, found '2-5'"),
@@ -100,11 +106,11 @@ REFUSED = {
     "fraction": (HEAD + "array integer general\n1 1\n1.5\n", "line 3: expected a whole number, found '1.5'"),
     "twice": (
         HEAD + "coordinate real symmetric\n3 3 3\n1 1 1\n3 1 2\n1 3 2\n",
-        r"a symmetric file lists one triangle, this one both \(1, 3\) and \(3, 1\)",
+        r"a symmetric file may list one triangle only, found both \(1, 3\) and \(3, 1\)",
     ),
     "skew diagonal": (
         HEAD + "coordinate real skew-symmetric\n2 2 1\n2 2 1\n",
-        r"no diagonal, this one \(2, 2\)",
+        r"no diagonal entries, found \(2, 2\)",
     ),
     "many rows": (HEAD + "coordinate real general\n900000000000 900000000000 0\n", "declares 900000000000 x"),
     "many columns": (HEAD + "array real general\n0 900000000000\n", "declares 0 x 900000000000 in a file of"),
@@ -191,7 +197,9 @@ def test_vectors_of_every_suffix(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="declares 3 x 1000000 in a file of"):
         read_vectors(tmp_path / "s.mtx", "near", 3)
     (tmp_path / "v.npy").write_bytes((tmp_path / "v.npy").read_bytes()[:-8])
-    with pytest.raises(FileError, match=r"array 'v' is corrupt: its header says 6 .* but 40 bytes follow"):
+    with pytest.raises(
+        FileError, match=r"array 'v' is corrupt: its header declares 6 .* but 40 bytes follow"
+    ):
         read_vectors(tmp_path / "v.npy", "near", 3)
 
 
@@ -209,21 +217,24 @@ WILD = 2**30
 UNSOUND = {
     "index": ({"indices": [0, 1, 2, WILD]}, "the index 1073741824, expected 0..3"),
     "negative index": ({"indices": [0, -1, 2, 3]}, "the index -1, expected 0..3"),
-    "large unsigned index": ({"indices": np.array([0, 2**64 - 1, 2, 3], np.uint64)}, "which an int64 cannot"),
+    "large unsigned index": (
+        {"indices": np.array([0, 2**64 - 1, 2, 3], np.uint64)},
+        "more than an int64 can",
+    ),
     "falling indptr": ({"indptr": [0, WILD, 2, 3, 4]}, "indptr must increase from 0"),
     "indptr that ends at 0": ({"indptr": [0, WILD, WILD, WILD, 0]}, "indptr must increase from 0"),
-    "few entries": ({"indptr": [0, 1, 2, 3, 9]}, "do not go together|indptr must increase"),
+    "few entries": ({"indptr": [0, 1, 2, 3, 9]}, "are inconsistent|indptr must increase"),
     "complex": ({"data": np.ones(4, complex)}, "array 'data' has dtype complex128 .* expected real numbers"),
     "few numbers": ({"data": np.ones(3)}, r"array 'data' has shape \(3,\)"),
     "format": ({"format": np.array("xyz")}, "array 'format' is 'xyz', expected csr, csc, bsr, coo or dia"),
     "wide": ({"shape": [4, 10**12]}, r"array 'shape' is \(4, 1000000000000\), but there are 4 entries"),
     "coo": (
         {"format": np.array("coo"), "row": [0, 1, 2, WILD], "col": [0, 1, 2, 3]},
-        "arrays of a coo matrix do not go together",
+        "arrays of the coo matrix are inconsistent",
     ),
     "dia": (
         {"format": np.array("dia"), "offsets": [0, 0], "data": np.ones((2, 4))},
-        "of a dia matrix do not",
+        "of the dia matrix are inconsistent",
     ),
 }
 

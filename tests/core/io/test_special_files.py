@@ -74,7 +74,7 @@ def test_files_of_a_case(tmp_path: Path, make: Callable[[Path], None], name: str
     if name == "cellZones":
         assert read(tmp_path / "m.foam").n_cells == 8
         return
-    with pytest.raises(FileError, match=f"there is no file .*{name.removesuffix('.gz')}, nor"):
+    with pytest.raises(FileError, match=f"neither .*{name.removesuffix('.gz')} nor"):
         read(tmp_path / "m.foam")
 
 

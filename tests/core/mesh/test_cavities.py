@@ -156,5 +156,5 @@ def test_a_cavity_that_openfoam_lists_inside_out_is_refused(tmp_path: Path) -> N
     loops: NDArray[np.int64] = mesh.face_vertices.reshape(-1, 4).copy()
     loops[inner] = loops[inner, ::-1]
     write(tmp_path / "m.foam", replace(mesh, face_vertices=loops.ravel()))
-    with pytest.raises(FileError, match="cell 0: faces of a shell, such as that of a cavity, look into"):
+    with pytest.raises(FileError, match="cell 0: the faces of a shell, such as a cavity, are oriented into"):
         read(tmp_path / "m.foam")
