@@ -81,7 +81,9 @@ class Archive:
         except _CORRUPT as error:
             raise FileError(f"not an npz archive, or truncated: {error}") from None
         if sum(info.compress_size for info in infos) > path.stat().st_size:
-            raise FileError("not an npz archive: its members overlap, or claim more bytes than there are")
+            raise FileError(
+                "not an npz archive: its members overlap, or declare more bytes than the file has"
+            )
         self.members = {info.filename.removesuffix(".npy"): info for info in infos}
 
     def take(self, name: str, kinds: str, shape: Shape | None, most: int | None = None) -> NDArray[Any]:
@@ -120,7 +122,7 @@ class Archive:
         values = self.take(name, WHOLE, shape)
         largest = int(values.max(initial=0))
         if largest > np.iinfo(np.int64).max:
-            raise FileError(f"array {name!r} holds {largest}, which an int64 cannot")
+            raise FileError(f"array {name!r} holds {largest}, more than an int64 can hold")
         return frozen_int(values.astype(np.int64, copy=False))
 
     def _spend(self, name: str, size: int) -> None:
@@ -136,9 +138,9 @@ class Archive:
     def _checked(self, name: str) -> zipfile.ZipInfo:
         info, file_size = self.members[name], self._path.stat().st_size
         if info.compress_type not in _METHODS:
-            raise ValueError(f"it is compressed by method {info.compress_type}, expected deflate or none")
+            raise ValueError(f"it uses compression method {info.compress_type}, expected deflate or none")
         if info.compress_size > file_size or info.file_size > _EXPANSION * info.compress_size + 1024:
-            raise ValueError(f"it claims {info.file_size} bytes in a file of {file_size}")
+            raise ValueError(f"it declares {info.file_size} bytes in a file of {file_size}")
         return info
 
 
@@ -198,7 +200,7 @@ def _header(stream: IO[bytes], size: int) -> _Header:
     for length in shape:
         count *= length
     if count * dtype.itemsize != n_bytes:
-        raise ValueError(f"its header says {count} × {dtype}, but {n_bytes} bytes follow")
+        raise ValueError(f"its header declares {count} × {dtype}, but {n_bytes} bytes follow")
     return _Header(shape, fortran, dtype, count)
 
 
@@ -215,7 +217,7 @@ def _check(name: str, header: _Header, kinds: str, shape: Shape | None, most: in
     ):
         declared = ", ".join("any" if expected is None else str(expected) for expected in shape)
         raise FileError(
-            f"array {name!r} has shape {stored_shape}; by the other arrays it is ({declared}): "
+            f"array {name!r} has shape {stored_shape}, but the other arrays require ({declared}): "
             "the file is corrupt"
         )
     size = header.size * header.dtype.itemsize
@@ -233,7 +235,7 @@ def _values(stream: IO[bytes], header: _Header) -> NDArray[Any]:
     while place < len(buffer):
         step = stream.read(min(_STEP, len(buffer) - place))
         if not step:
-            raise ValueError(f"it holds {place} bytes, its header declares {len(buffer)}")
+            raise ValueError(f"it holds {place} bytes, but its header declares {len(buffer)}")
         buffer[place : place + len(step)] = np.frombuffer(step, np.uint8)
         place += len(step)
     values = values.reshape(header.shape, order="F" if header.fortran else "C")

@@ -63,7 +63,7 @@ def read_matrix_market(path: Path, rows: int | None = None) -> Any:
     if rows is not None and n != rows:
         raise FileError(f"has {n} rows, expected {rows}")
     if n != m and header.symmetry != "general":
-        raise FileError(f"a {header.symmetry} matrix must be square, its header declares {n} x {m}")
+        raise FileError(f"a {header.symmetry} matrix must be square, but its header declares {n} x {m}")
     if max(m if n == rows else n, m) > len(content) + EMPTY_ROWS:
         raise FileError(f"its header declares {n} x {m} in a file of {len(content)} bytes")
     return _entries(content, header) if header.kind == "coordinate" else _dense(content, header)
@@ -80,7 +80,7 @@ def _header(content: bytes) -> _Header:
         raise FileError(f"line 1: expected {_BANNER}, found {excerpt!r}")
     kind, field, symmetry = words[2:]
     if kind == "array" and field == "pattern":
-        raise FileError("line 1: an array of a pattern has no values")
+        raise FileError("line 1: 'array' cannot be combined with 'pattern', which stores no values")
     comments = _COMMENTS.match(content, end)
     place = comments.end() if comments is not None else end
     start = content.find(b"\n", place) + 1 or len(content)
@@ -89,7 +89,7 @@ def _header(content: bytes) -> _Header:
     if len(sizes) != count or not all(size.isdigit() and len(size) <= _DIGITS for size in sizes):
         excerpt = content[place : min(start, place + 40)].decode("ascii", "backslashreplace").strip()
         names = "rows, columns and entries" if count == 3 else "rows and columns"
-        raise FileError(f"line {line_of(content, place)}: expected numbers of {names}, found {excerpt!r}")
+        raise FileError(f"line {line_of(content, place)}: expected the numbers of {names}, found {excerpt!r}")
     return _Header(kind, field, symmetry, tuple(int(size) for size in sizes), start)
 
 
@@ -101,7 +101,7 @@ def _table(content: bytes, header: _Header, entries: int, width: int) -> NDArray
     dtype = np.int64 if header.field in ("integer", "pattern") else np.float64
     table = number_rows(content, header.start, width, dtype)
     if len(table) != entries:
-        raise FileError(f"holds {len(table)} entries, its header declares {entries}")
+        raise FileError(f"holds {len(table)} entries, but its header declares {entries}")
     return table
 
 
@@ -135,12 +135,14 @@ def _mirror_entries(
         repeats = np.intersect1d(i[above] * n + j[above], j[below] * n + i[below])
         if len(repeats):
             a, b = (int(index) + 1 for index in divmod(repeats[0], n))
-            raise FileError(f"a {symmetry} file lists one triangle, this one both ({a}, {b}) and ({b}, {a})")
+            raise FileError(
+                f"a {symmetry} file may list one triangle only, found both ({a}, {b}) and ({b}, {a})"
+            )
     off_diagonal = above | below
     if symmetry == "skew-symmetric":
         if not off_diagonal.all():
             k = int(i[np.argmin(off_diagonal)]) + 1
-            raise FileError(f"a skew-symmetric file lists no diagonal, this one ({k}, {k})")
+            raise FileError(f"a skew-symmetric file may not list diagonal entries, found ({k}, {k})")
         opposite = -values
     else:
         opposite = values[off_diagonal]

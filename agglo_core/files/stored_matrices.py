@@ -78,7 +78,7 @@ def stored_matrix(arrays: Archive) -> Any:
     except FileError:
         raise
     except (ValueError, OverflowError) as error:  # scipy's error for inconsistent lengths
-        raise FileError(f"arrays of a {form} matrix do not go together: {error}") from None
+        raise FileError(f"the arrays of the {form} matrix are inconsistent: {error}") from None
     raise FileError(f"array 'format' is {form!r}, expected csr, csc, bsr, coo or dia")
 
 
@@ -103,7 +103,7 @@ def _read_compressed(arrays: Archive, form: str) -> Any:
     n = len(indptr) - 1
     shape = _shape(arrays, data.size) if "shape" in arrays.members else (n, n)
     if n > len(indices) + EMPTY_ROWS:
-        raise FileError(f"array 'indptr' is of {n} rows, but there are {len(indices)} entries")
+        raise FileError(f"array 'indptr' declares {n} rows, but there are {len(indices)} entries")
     return _COMPRESSED[form]((data, indices, indptr), shape=shape)
 
 

@@ -39,7 +39,7 @@ def integers(content: bytes, start: int = 0, stop: int | None = None) -> Int:
     """
     values = _parse_range(content, start, stop, np.int64)
     if values.size and (values.max() == _LARGEST or values.min() == -_LARGEST - 1):  # saturation
-        raise FileError("it holds a number that an int64 cannot")
+        raise FileError("it holds a number too large for an int64")
     return frozen_int(values)
 
 
