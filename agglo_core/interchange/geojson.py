@@ -89,7 +89,7 @@ def _agglomerates(hierarchy: Hierarchy | None, level: int) -> tuple[Mesh, dict[s
     """Return the mesh of a level, and its tags and data per agglomerate."""
     count = 0 if hierarchy is None else len(hierarchy.levels)
     if hierarchy is None or not 0 <= level < count:
-        raise OptionError(f"to_geojson: level {level!r} of a hierarchy of {count} levels")
+        raise OptionError(f"to_geojson: level {level!r} does not exist; the hierarchy has {count} levels")
     coarse = hierarchy.mesh(level)
     tags = {name: values for name, values in coarse.cell_tags.items() if not is_level(name)}
     data = coarse_cell_data(hierarchy.levels, level, coarse, {})
@@ -174,7 +174,7 @@ def _text(i: int, member: Any) -> str:
         return json.dumps(member)
     except (TypeError, ValueError, RecursionError) as error:
         reason = "nested too deeply" if isinstance(error, RecursionError) else error
-        raise MeshError(f"feature {i}: its geometry is not JSON: {reason}") from None
+        raise MeshError(f"feature {i}: its geometry cannot be written as JSON: {reason}") from None
 
 
 def _tags(rows: Sequence[Mapping[str, Any]]) -> dict[str, ArrayLike]:
@@ -189,7 +189,9 @@ def _tags(rows: Sequence[Mapping[str, Any]]) -> dict[str, ArrayLike]:
         str(name) for name in dict.fromkeys(name for row in rows for name in row) if name not in tags
     ]
     if skipped_names:
-        _log.info("properties left out, not integers everywhere: %s", ", ".join(skipped_names))
+        _log.info(
+            "properties left out because they are not integers in every feature: %s", ", ".join(skipped_names)
+        )
     return tags
 
 

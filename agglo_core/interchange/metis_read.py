@@ -93,11 +93,11 @@ def _head(line: Int) -> _Head:
         raise FileError(f"begins with {head}, expected 'vertices edges [format [constraints]]'")
     n, m, form, constraints = [*head, *(0, 1)[len(head) - 2 :]]
     if form > 111 or any(digit not in "01" for digit in str(form)):
-        raise FileError(f"the format {form} is none of METIS")
+        raise FileError(f"unknown METIS format code {form} (expected up to three digits 0 or 1)")
     if n == 0:
         raise FileError("the graph is empty: it has no vertices")
     if constraints < 1:
-        raise FileError("0 weights of each vertex are declared, expected 1 or more")
+        raise FileError("0 weights per vertex are declared, expected 1 or more")
     return _Head(n, m, form // 100, form // 10 % 10 * constraints, form % 10)
 
 
@@ -109,7 +109,7 @@ def _vertex_lines(words: Int, n: int) -> Int:
     filled_lines = np.flatnonzero(words)
     last = max(n, int(filled_lines[-1]) + 1 if len(filled_lines) else 0)
     if len(words) < n or last > n:
-        raise FileError(f"{n} vertices are declared, {min(last, len(words))} lines follow")
+        raise FileError(f"{n} vertices are declared, but {min(last, len(words))} lines follow")
     return words[:n]
 
 
@@ -119,7 +119,8 @@ def _rows(head: _Head, numbers: Int, words: Int) -> _Rows:
     counts = words - first
     if (counts < 0).any() or (counts % step).any() or counts.sum() != 2 * head.edges * step:
         raise FileError(
-            f"{head.edges} edges are declared, the lines hold {counts.sum() // step} ends of some"
+            f"{head.edges} edges are declared, but the lines list {counts.sum() // step} neighbours "
+            "(expected two per edge)"
         )
     # Separate the values per vertex from the edge entries.
     starts = np.cumsum(words) - words
@@ -155,11 +156,13 @@ def places_of(numbers: Float, n: int) -> Float:
     Raises FileError.
     """
     if len(numbers) not in (2 * n, 3 * n):
-        raise FileError(f"{len(numbers)} coordinates for {n} vertices, expected 2 or 3 of each")
+        raise FileError(f"{len(numbers)} coordinates for {n} vertices, expected 2 or 3 per vertex")
     places: Float = numbers.reshape(n, -1)
     bad = np.flatnonzero(~np.isfinite(places).all(axis=1))
     if len(bad):
-        raise FileError(f"vertex {bad[0]} lies at {places[bad[0]].tolist()}")
+        raise FileError(
+            f"vertex {bad[0]} has the coordinates {places[bad[0]].tolist()}, expected finite ones"
+        )
     return places
 
 
@@ -182,5 +185,5 @@ def parts_from_metis(path: str | Path) -> Int:
         if labels.min(initial=0) < 0:
             place = int(np.argmin(labels))
             line = line_of(content, 0) + place
-            raise FileError(f"vertex {place} is in part {labels[place]}; line {line}")
+            raise FileError(f"line {line}: vertex {place} is in part {labels[place]}, expected 0 or more")
     return labels

@@ -105,15 +105,17 @@ def graph_from_networkx(
     Graph(2-D, 4 nodes, 4 edges, 1 blocks)
     """
     if network.is_directed():
-        raise MeshError("expected an undirected graph, given a directed one; see network.to_undirected()")
+        raise MeshError(
+            "expected an undirected graph, given a directed one; call network.to_undirected() first"
+        )
     if not len(network):
         raise MeshError("the graph is empty: it has no nodes")
     nodes = dict(network.nodes(data=True))
     dtypes: Mapping[str, str] = network.graph.get("data", {})
     centroids = _column(nodes, centroid, None)
     if centroids is None or centroids.ndim != 2 or centroids.shape[1] not in (2, 3):
-        problem = "none has it" if centroids is None else f"given shape {centroids.shape}"
-        raise MeshError(f"nodes need the attribute {centroid!r}, 2 or 3 coordinates each; {problem}")
+        problem = "no node has it" if centroids is None else f"given shape {centroids.shape}"
+        raise MeshError(f"every node needs the attribute {centroid!r} with 2 or 3 coordinates; {problem}")
     # Optional attributes.
     size = _column(nodes, measure, None)
     size = np.ones(len(nodes)) if size is None else frozen_float(size)

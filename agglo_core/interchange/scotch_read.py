@@ -77,7 +77,7 @@ def _head(numbers: Int) -> tuple[int, int, int, int, int]:
         raise FileError(f"begins with {head}, expected 0, the numbers of vertices and arcs, base and flags")
     _, n, arcs, base, flags = head
     if flags not in (0, 1, 10, 11, 100, 101, 110, 111) or base not in (0, 1) or arcs < 0:
-        raise FileError(f"counts from {base}, with {arcs} arcs and flags {flags}, which is none of Scotch")
+        raise FileError(f"base {base}, {arcs} arcs and flags {flags} are not valid in a Scotch graph")
     if n < 1:
         raise FileError("the graph is empty: it has no vertices")
     return n, base, flags // 100, flags // 10 % 10, flags % 10
@@ -106,7 +106,7 @@ def _rows(
     arcs = int(numbers[2])
     if length != len(stream) or degrees.sum() != arcs:
         raise FileError(
-            f"{arcs} arcs are declared, the vertices have {degrees.sum()}; {len(stream) - length} left"
+            f"{arcs} arcs are declared, but the vertices list {degrees.sum()}; {len(stream) - length} left"
         )
     indptr = np.concatenate(([0], np.cumsum(degrees)))
     places = np.repeat(starts + n_before + 1 - step * indptr[:-1], degrees) + step * np.arange(arcs)
@@ -165,12 +165,12 @@ def parts_from_scotch(path: str | Path, *, base: int = 0) -> Int:
         numbers = integers(text_bytes(file))
         if not len(numbers) or len(numbers) != 1 + 2 * int(numbers[0]):
             raise FileError(
-                f"{max(len(numbers) - 1, 0)} numbers follow the number of vertices, expected two each"
+                f"{max(len(numbers) - 1, 0)} numbers follow the number of vertices, expected two per vertex"
             )
         vertex, part = numbers[1::2], numbers[2::2]
         order = np.argsort(vertex)
         if not np.array_equal(vertex[order], np.arange(base, len(vertex) + base)):
-            raise FileError(f"its vertices are not {base} to {len(vertex) - 1 + base}, each once")
+            raise FileError(f"its vertices are not numbered {base} to {len(vertex) - 1 + base}, each once")
         if part.min(initial=0) < 0:
             raise FileError(f"vertex {vertex[int(np.argmin(part))]} has no part")
         return frozen_int(part[order])

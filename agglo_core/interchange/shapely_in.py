@@ -136,7 +136,9 @@ def _check_items(polygons: Any) -> NDArray[np.object_]:
     import shapely
 
     if isinstance(polygons, shapely.Geometry):
-        raise MeshError(f"expected a list of polygons, given one {polygons.geom_type}; see shapely.get_parts")
+        raise MeshError(
+            f"expected a list of polygons, given one {polygons.geom_type}; call shapely.get_parts first"
+        )
     items = np.fromiter(polygons, dtype=object)
     if not len(items):
         raise MeshError("the mesh is empty: no polygons were given")
@@ -155,7 +157,7 @@ def _check_items(polygons: Any) -> NDArray[np.object_]:
     invalid = np.flatnonzero(~shapely.is_valid(items))
     if len(invalid):
         reason = shapely.is_valid_reason(items[invalid[0]])
-        raise MeshError(f"{name_cells(invalid)}: invalid, {reason}; shapely.make_valid may mend it")
+        raise MeshError(f"{name_cells(invalid)}: invalid, {reason}; shapely.make_valid may repair it")
     return items
 
 
@@ -240,7 +242,7 @@ def _faces(rings: _Rings, points: Float, items: NDArray[np.object_]) -> tuple[In
     )
     if a >= 0:
         raise MeshError(
-            f"{name_cells(np.unique(rings.cells[sharing]))} overlap: more than two share the edge "
+            f"{name_cells(np.unique(rings.cells[sharing]))} overlap: more than two cells share the edge "
             f"from {points[a].tolist()} to {points[b].tolist()}"
         )
     pairs = rings.cells[double]

@@ -252,7 +252,7 @@ def test_other_programs_read_the_matrix_market_files(tmp_path: Path) -> None:
 
 
 def test_files_that_are_no_system_are_named(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match=r"a\.vtu: a system is read and written as .npz, .mtx"):
+    with pytest.raises(FileError, match=r"a\.vtu: the suffix of a system file must be one of .npz, .mtx"):
         write_system(tmp_path / "a.vtu", System(A, b))
     with pytest.raises(FileError, match=r"none\.npz"):
         read_system(tmp_path / "none.npz")

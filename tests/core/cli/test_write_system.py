@@ -97,7 +97,7 @@ def test_cells_of_unequal_numbers_of_unknowns(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("solver", "file", "message"),
     [
-        ("fluxes", "s.mat", "s.mat: a system is written as .npz or .mtx"),
+        ("fluxes", "s.mat", "s.mat: the suffix of a system file must be .npz or .mtx"),
         ("fluxes", "no/s.npz", "there is no folder no"),
         (
             "bare",

@@ -445,7 +445,7 @@ def change(network: nx.Graph, fault: str) -> nx.Graph:
     [
         ("directed", "expected an undirected graph"),
         ("empty", "no nodes"),
-        ("no centroids", "nodes need the attribute 'centroid'"),
+        ("no centroids", "every node needs the attribute 'centroid'"),
         ("loop", "node 1 has an edge to itself"),
         ("lacking", "node 2 has no attribute 'measure'"),
         ("edge lacking", "the edge between nodes 0 and 1 has no attribute 'interface'"),
