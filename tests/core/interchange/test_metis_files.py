@@ -86,7 +86,7 @@ def test_errors_name_the_file_and_the_line_comments_counted(tmp_path: Path) -> N
     graph = graph_from_metis(put(tmp_path, PLAIN.replace("2 4", "% 7 7 7\n2 4")), PLACES)
     assert graph.indices.tolist() == [1, 0, 2, 1, 3, 2]
     (tmp_path / "xyz").write_text("0 0\n1 0\n2 nan\n3 0\n9 0\n")
-    with pytest.raises(FileError, match=r"xyz: vertex 2 lies at \[2\.0, nan\]"):
+    with pytest.raises(FileError, match=r"xyz: vertex 2 has the coordinates \[2\.0, nan\]"):
         graph_from_metis(put(tmp_path, PLAIN), tmp_path / "xyz")
 
 

@@ -60,7 +60,7 @@ def test_a_large_graph_is_that_of_its_mesh(tmp_path: Path) -> None:
     [
         ("", "whole number|begins with"),
         ("1 3 2 0 0", "begins with"),
-        ("0 3 2 0 222 1 1", "none of Scotch"),
+        ("0 3 2 0 222 1 1", "not valid in a Scotch graph"),
         ("0 0 0 0 0", "the graph is empty"),
         ("0 3 2 0 0 1 1 1 0", "vertex 2"),
         ("0 3 2 0 0 1 1 1 0 0 5", "1 left"),

@@ -158,7 +158,7 @@ def test_cell_zones_are_tags(tmp_path: Path) -> None:
     mesh = read(case)
     assert mesh.cell_tags["rotor"].tolist() == [0, 1]
     (poly(case) / "cellZones").write_text(text.replace("(\n1\n)", "(\n2\n)"))
-    with pytest.raises(FileError, match=r"cellZones: 'rotor' names cells outside 0\.\.1"):
+    with pytest.raises(FileError, match=r"cellZones: 'rotor' lists cells outside 0\.\.1"):
         read(case)
 
 
@@ -167,16 +167,16 @@ def test_cell_zones_are_tags(tmp_path: Path) -> None:
     [
         ("points", "(0 0 0)", "(0 0)", "points: 12 points are declared, but 35 coordinates follow"),
         ("points", "(0 0 0)", "(0 0 x)", "line .*: expected a number, found 'x'"),
-        ("points", "format ascii", "format asci", "points: the format 'asci' is neither"),
+        ("points", "format ascii", "format asci", "points: unknown format 'asci'"),
         ("points", "FoamFile", "File", "points: the header FoamFile is missing"),
         ("faces", "4(1 4 10 7)", "4(1 4 10 70)", r"faces: face 0 uses points outside 0\.\.11"),
         ("faces", "4(1 4 10 7)", "4(1 4 10 1)", "faces: face 0 has a repeated point"),
         ("faces", "4(1 4 10 7)", "2(1 4)", "faces: face 0 has fewer than 3 points"),
         ("faces", "4(1 4 10 7)", "5(1 4 10 7)", "faces take|longer than the rest"),
         ("faces", "4(1 4 10 7)", "4(1 7 10 4)", "the faces do not close"),
-        ("owner", "11\n", "10\n", "owner: 10 labels are declared, 11 follow"),
-        ("owner", "(\n0", "(\n90", "name cells from 0 to 90 beside 11 faces"),
-        ("neighbour", "1\n(\n1\n)", "1{1", "does not say which"),
+        ("owner", "11\n", "10\n", "owner: 10 labels are declared, but 11 follow"),
+        ("owner", "(\n0", "(\n90", "list cells 0 to 90, but there are 11 faces"),
+        ("neighbour", "1\n(\n1\n)", "1{1", "must give one label"),
         ("neighbour", "1\n(\n1\n)", "99999999999{1}", "a list of 99999999999 equal values is too long"),
         (
             "boundary",
@@ -341,9 +341,9 @@ def test_names_of_patches(tmp_path: Path, written: str, name: str) -> None:
         ("startFace 1;", "", "patch 'inlet' must lie within 11 faces, given startFace none, nFaces 1"),
         ("nFaces 1;", "nFaces 1.5;", "given startFace 1, nFaces 1.5"),
         ("startFace 1;", "startFace 0;", "face 0 of patch 'inlet' lies between two cells"),
-        ("nFaces 1;", '#include "x" nFaces 1;', "directives such as '#include' are not read"),
-        ("walls", "inlet", "there are two entries 'inlet'"),
-        ("2\n(", "3\n(", "3 entries are declared, 2 follow"),
+        ("nFaces 1;", '#include "x" nFaces 1;', "directives such as '#include' are not supported"),
+        ("walls", "inlet", "two entries have the name 'inlet'"),
+        ("2\n(", "3\n(", "3 entries are declared, but 2 follow"),
         ("walls", "/* walls", r"line \d+: unterminated comment"),
         ("walls", '"walls', r"line \d+: unterminated string"),
         ("startFace 2;", "startFace 2", r"line \d+: expected a value or ;, found '}'"),
@@ -512,7 +512,7 @@ def test_decomposed_cases_are_joined(tmp_path: Path, addressing: bool, allow_gap
             "processor0 has 1 faces to processor 1, which has 0",
         ),
         ("points", "(1 0 0)", "(1 0.1 0)", r"between two processors lies at \[1.0, 0.0, 0.0\] in one and at"),
-        ("owner", "6\n", "7\n", "processor1: owner: 7 labels are declared, 6 follow"),
+        ("owner", "6\n", "7\n", "processor1: owner: 7 labels are declared, but 6 follow"),
         ("cellProcAddressing", "(\n0", "(\n1", "cellProcAddressing must number the 2 cells"),
     ],
 )

@@ -275,7 +275,7 @@ def test_what_the_system_says_is_told_as_it_is(toy: Path) -> None:
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        (squares(2), "expected a pair"),
+        (squares(2), r"expected \(mesh, hierarchy\)"),
         ((None, None), "returned None, expected a Mesh"),
         ((squares(2), "levels"), "expected a Hierarchy or None"),
         (
@@ -315,7 +315,7 @@ def test_formats_that_cannot_be_built_are_in_nobodys_way(tmp_path: Path) -> None
         "'absent' (plugin 'mine', distribution my-dist 2): importing",
         "'nothing' (plugin 'mine', distribution my-dist 2) built",
         "'needy' (plugin 'mine', distribution my-dist 2) needs a value for depth",
-        "'big' (plugin 'mine', distribution my-dist 2): its suffix '.VTU' is not of the form: lower case",
+        "'big' (plugin 'mine', distribution my-dist 2): its suffix '.VTU' must be a dot and lower-case",
     ):
         assert reason in said
 
@@ -495,8 +495,8 @@ def test_a_format_that_declares_other_suffixes_is_not_built(tmp_path: Path) -> N
     ("suffixes", "says"),
     [
         ([".a"], r"suffixes \['\.a'\] is not a tuple such as"),
-        ((".A",), r"its suffix '\.A' is not of the form: lower case after a dot"),
-        (("a",), r"its suffix 'a' is not of the form"),
+        ((".A",), r"its suffix '\.A' must be a dot and lower-case characters"),
+        (("a",), r"its suffix 'a' must be a dot"),
     ],
 )
 def test_declared_suffixes_are_checked(suffixes: Any, says: str) -> None:

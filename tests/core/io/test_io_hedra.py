@@ -67,7 +67,7 @@ def test_what_is_written_comes_back(tmp_path: Path) -> None:
         ("4 4 1", "40 4 1", "40 points are declared, but 33 coordinates follow"),
         ("4 4 1", "4 4 2", r"cells: cell 1 \(of 2"),
         ("3 1 3 4\n", "3 1 3 5\n", r"faces: entry 3 \(counted from 0\) uses point 5, expected 1 to 4"),
-        ("4 1 2 3 -4", "4 1 2 3 -5", "cells: number 0 .* uses face 5, expected 1 to 4"),
+        ("4 1 2 3 -4", "4 1 2 3 -5", "cells: entry 0 .* uses face 5, expected 1 to 4"),
         ("4 1 2 3 -4", "4 1 2 3 -4 7", "1 cells take 5 numbers, but 6 follow"),
         ("4 1 2 3 -4", "4 1 2 3.5 -4", "must hold whole numbers"),
         ("0 0 1\n", "0 0 z\n", "line 5: expected a number, found 'z'"),

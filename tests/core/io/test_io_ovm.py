@@ -107,7 +107,7 @@ def test_a_plane_mesh_is_refused(tmp_path: Path) -> None:
         ("Edges\n6", "Edges\n7", "7 edges are declared, but 12 end"),
         ("0 0 1\nEdges", "0 0\nEdges", "4 points are declared, but 11 coordinates"),
         ("Faces\n4", "Faces\n5", "faces: cell 4"),
-        ("3 0 2 4", "3 0 2 5", "half-edges of face 0 do not follow"),
+        ("3 0 2 4", "3 0 2 5", "half-edges of face 0 do not form"),
         ("3 0 2 4", "2 0 1", "face 0 has fewer than 3"),
         ("3 0 2 4", "3 0 2 44", r"outside 0\.\.11"),
         ("Faces", "Facets", "its sections are"),

@@ -89,7 +89,7 @@ def test_faults_of_points_are_named(tmp_path: Path, old: str, new: str, says: st
     with pytest.raises(AggloError, match=says):
         RegnFace().read(tmp_path / "m.ele")
     (tmp_path / "m.node").unlink()
-    with pytest.raises(AggloError, match=r"m\.node beside it: no such file"):
+    with pytest.raises(AggloError, match=r"companion file m\.node: no such file"):
         RegnFace().read(tmp_path / "m.ele")
 
 
@@ -168,11 +168,11 @@ def test_off_with_colours_and_normals(tmp_path: Path, head: str, more: str, colo
     [
         (
             "COFF 3 1 0 0 0 0 9 9 9 1 0 0 9 9 9 0 1 0 9 9 9 3 0 1 2\n",
-            "COFF needs a line for each of the 3 points",
+            "COFF needs one line for each of the 3 points",
         ),
         (
             "NOFF\n3 1 0\n0 0 0 0 0 1\n1 0 0\n0 1 0 0 0 1\n3 0 1 2\n",
-            "NOFF needs a line for each of the 3 points",
+            "NOFF needs one line for each of the 3 points",
         ),
         ("COFF\n3 1 0\n0 0 0 9\n1 0 0 9\n0 1 0 9\n4 0 1 2\n", "one line for each of the 1 faces"),
         ("4OFF\n3 1 0\n0 0 0 1\n1 0 0 1\n0 1 0 1\n3 0 1 2\n", "does not begin with OFF"),
@@ -216,7 +216,7 @@ def test_polygons_are_written_and_read_back(tmp_path: Path, suffix: str) -> None
         (Off, "0 1 0\n2 0", "0 1 1\n2 0", "a surface, which is not supported"),
         (Off, "6 2 0", "7 2 0", "takes?|longer|follow"),
         (Off, "6 2 0", "6 3 0", r"cell 2 \(of 3"),
-        (Off, "6 2 0", "6 1e300 0", "declares"),
+        (Off, "6 2 0", "6 1e300 0", "expected the numbers of points"),
         (Off, "4 1 4 5 2", "4 1 4 5 6", "cell 1 uses point 6, but there are 6 points"),
         (Off, "OFF", "OFF BINARY", "as text"),
         (Obj, "v 0 1 0", "v 0 1 1", "a surface, which is not supported"),

@@ -97,5 +97,5 @@ def test_faults_of_pairs_are_named(tmp_path: Path) -> None:
     with pytest.raises(MeshError, match="cells 0 and 1 are duplicates"):
         read(file)
     file.with_suffix(".node").unlink()
-    with pytest.raises(FileError, match=r"m\.node beside it: no such file"):
+    with pytest.raises(FileError, match=r"companion file m\.node: no such file"):
         read(file)

@@ -147,7 +147,7 @@ def test_vtp(tmp_path: Path) -> None:
     [
         ('NumberOfPolys="2"', "", "has no valid NumberOfPoints and NumberOfLines and NumberOfPolys"),
         ('NumberOfPolys="2"', 'NumberOfPolys="3"', "'offsets' of Polys must increase and have 3 values"),
-        (">4 8<", ">8 4<", "'offsets' of Polys must rise"),
+        (">4 8<", ">8 4<", "'offsets' of Polys must increase"),
         (">4 8<", ">4 9<", "'connectivity' of Polys has 8 values, expected 9"),
         ("1 2 5 4<", "1 2 6 4<", r"points outside 0\.\.5"),
         (
@@ -182,15 +182,15 @@ def test_surfaces_are_refused(tmp_path: Path) -> None:
         ("ASCII", "TEXT", r"line 3: expected ASCII or BINARY, found b'TEXT'"),
         ("POINTS 6 double", "POINTS six double", "expected a count, found 'six'"),
         ("POINTS 6 double", "POINTS 900000000000 double", "truncated.*2700000000000 numbers of type double"),
-        ("POINTS 6 double", "POINTS 6 complex", "numbers of the type 'complex' are not known"),
-        ("POINTS 6 double", "POINTS 6", "line 'POINTS 6' is cut"),
-        ("2.0 1.0 0.0", "2.0 one 0.0", "truncated, or not of the form|section 'one'|expected"),
-        ("POLYGONS 2 10", "POLYGONS 2 12", "truncated, or not of the form"),
+        ("POINTS 6 double", "POINTS 6 complex", "unknown number type 'complex'"),
+        ("POINTS 6 double", "POINTS 6", "line 'POINTS 6' is incomplete"),
+        ("2.0 1.0 0.0", "2.0 one 0.0", "truncated, or not in the declared format|section 'one'|expected"),
+        ("POLYGONS 2 10", "POLYGONS 2 12", "truncated, or not in the declared format"),
         ("POLYGONS 2 10", "POLYGONS 1 10", "1 lists take 5 numbers, but 10 are declared"),
         ("4 1 2 5 4", "4 1 2 6 4", r"points outside 0\.\.5"),
         ("4 1 2 5 4", "5 1 2 5 4", r"cell 1 \(of 2.* is longer"),
         ("CELL_DATA 2", "CELL_DATA 3", "cell data 'rock' has 3 values for 2 cells|truncated"),
-        ("SCALARS rock int", "SCALES rock int", "section 'SCALES' is not known"),
+        ("SCALARS rock int", "SCALES rock int", "unknown section 'SCALES'"),
     ],
 )
 def test_faults_of_legacy_files(old: str, new: str, says: str, tmp_path: Path) -> None:

@@ -98,12 +98,12 @@ def test_partitions_are_joined(h5py: Any, tmp_path: Path) -> None:
         ({"Offsets": [0.0, 4, 0, 4]}, "'Offsets' must hold integers"),
         ({"Connectivity": [0, 1, 2, 3, 0, 1, 2, 4]}, r"points outside 0\.\.3"),
         ({"NumberOfPoints": [4]}, "given for 1 partitions"),
-        ({"NumberOfCells": [1, -1]}, "which cannot be"),
+        ({"NumberOfCells": [1, -1]}, "not valid counts"),
         ({"NumberOfCells": [1, 10_000_000]}, "a Piece of 10000000 cells|has 2 values"),
         ({"CellData/rock": [5]}, "cell data 'rock' has 1 values for 2"),
         ({"Types": np.array([9, 99], np.uint8)}, "VTK cell type 99"),
         ({"Steps/NSteps": 3}, "time steps"),
-        ({"Points": [["a"]]}, "holds no numbers|HDF5"),
+        ({"Points": [["a"]]}, "is not numeric|HDF5"),
     ],
 )
 def test_faults_are_named(changed: dict[str, Any], says: str, h5py: Any, tmp_path: Path) -> None:
@@ -133,7 +133,7 @@ def test_arrays_of_other_files_are_refused(h5py: Any, tmp_path: Path) -> None:
     file = two_partitions(h5py, tmp_path / "m.vtkhdf", Types=None)
     with h5py.File(file, "a") as found:
         found["VTKHDF/Types"] = h5py.ExternalLink(other, "/VTKHDF/Types")
-    with pytest.raises(FileError, match="'Types' is not a dataset stored in the file"):
+    with pytest.raises(FileError, match="'Types' is a link, expected a dataset"):
         read(file)
 
 
@@ -205,7 +205,7 @@ def test_without_h5py_the_error_says_what_to_install(tmp_path: Path, monkeypatch
 
 def test_a_name_that_hdf5_cannot_hold(h5py: Any, tmp_path: Path) -> None:
     mesh: Mesh = samples.squares(2).with_tags(**{"a/b": [1, 2, 3, 4]})
-    with pytest.raises(FileError, match="a tag of the name 'a/b'"):
+    with pytest.raises(FileError, match="a tag named 'a/b'"):
         write(tmp_path / "m.vtkhdf", mesh)
     assert not list(tmp_path.iterdir())
 

@@ -533,7 +533,7 @@ def test_not_a_file(tmp_path: Path) -> None:
         (">9 7<", ">9<", "2 cells has 1 types"),
         (">9 7<", ">9 x<", "'types'"),
         (">4 8<", ">4 7<", "'offsets' must increase to 8"),
-        (">4 8<", ">5 4<", "'offsets' must rise"),
+        (">4 8<", ">5 4<", "'offsets' must increase"),
         ("0 1 2 3 1 4 5 2", "0 1 2 3 1 4 5 6", "outside 0..5"),
         ("0 1 2 3 1 4 5 2", "0 1 2 -3 1 4 5 2", "outside 0..5"),
         ("0 1 2 3 1 4 5 2", "0 1 2 3 0 1 2 3", "duplicates"),

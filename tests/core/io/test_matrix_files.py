@@ -75,11 +75,17 @@ REFUSED = {
         HEAD + "array pattern general\n1 1\n",
         "'array' cannot be combined with 'pattern'",
     ),
-    "no sizes": (HEAD + "coordinate real general\n% only a comment", "line 2: expected numbers of rows"),
+    "no sizes": (HEAD + "coordinate real general\n% only a comment", "line 2: expected the numbers of rows"),
     "two sizes": (HEAD + "coordinate real general\n1 1\n", "rows, columns and entries, found '1 1'"),
-    "three sizes": (HEAD + "array real general\n%\n1 1 1\n", "line 3: expected numbers of rows and columns"),
-    "negative": (HEAD + "coordinate real general\n-1 1 0\n", "expected numbers of rows, columns and entries"),
-    "digits": (HEAD + "array real general\n1 " + "9" * 10_000, "expected numbers of rows and columns"),
+    "three sizes": (
+        HEAD + "array real general\n%\n1 1 1\n",
+        "line 3: expected the numbers of rows and columns",
+    ),
+    "negative": (
+        HEAD + "coordinate real general\n-1 1 0\n",
+        "expected the numbers of rows, columns and entries",
+    ),
+    "digits": (HEAD + "array real general\n1 " + "9" * 10_000, "expected the numbers of rows and columns"),
     "oblong": (HEAD + "coordinate real symmetric\n2 3 0\n", "a symmetric matrix must be square, .* 2 x 3"),
     "row 0": (
         HEAD + "coordinate real general\n2 2 1\n0 1 1\n",
