@@ -63,7 +63,7 @@ def test_graphs_and_levels_are_written(tmp_path: Path) -> None:
         (PLAIN.replace("5 3", "5 4"), "4 edges are declared, but the lines list 6"),
         (PLAIN.replace("2 4", "2 9"), r"a neighbour outside 1\.\.5"),
         (PLAIN.replace("2 4", "2 x"), "expected a whole number, found 'x'"),
-        (WEIGHTED.replace("2 80\n", "2\n"), "ends of some"),
+        (WEIGHTED.replace("2 80\n", "2\n"), "lines list 3 neighbours"),
         (WEIGHTED.replace("111 2", "111 0"), "0 weights per vertex are declared"),
         (PLAIN.replace("2 4", "2-4"), "line 5: expected a whole number, found '2-4'"),
         (PLAIN.replace("2 4", "2\0 4"), "g.graph: "),

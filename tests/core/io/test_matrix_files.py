@@ -116,7 +116,7 @@ REFUSED = {
     ),
     "skew diagonal": (
         HEAD + "coordinate real skew-symmetric\n2 2 1\n2 2 1\n",
-        r"no diagonal entries, found \(2, 2\)",
+        r"list diagonal entries, found \(2, 2\)",
     ),
     "many rows": (HEAD + "coordinate real general\n900000000000 900000000000 0\n", "declares 900000000000 x"),
     "many columns": (HEAD + "array real general\n0 900000000000\n", "declares 0 x 900000000000 in a file of"),
