@@ -136,7 +136,8 @@ def _read_with_hierarchy(file_format: KnownFormat, path: Path) -> tuple[Mesh, Hi
         check_belongs(mesh, hierarchy)
     except AggloError as error:
         raise PluginError(
-            f"{file_format.title}: read_hierarchy() returned a hierarchy of another mesh: {describe_error(error)}"
+            f"{file_format.title}: read_hierarchy() returned a hierarchy of another mesh: "
+            f"{describe_error(error)}"
         ) from error
     return mesh, hierarchy
 
