@@ -6,7 +6,7 @@ One thread, one process. ``bisection``: one split of a graph whose cells are ord
 including refinement (except for the paper's network), next to ``pymetis.part_graph(2)``; median wall
 time of the repeats. ``ncut`` is cut length · √A (1/A₁ + 1/A₂), 4 for a halved square; ``degree`` is the
 paper's normalised cut, which counts edges.
-``recursion``: down to parts of about 16 cells, CPU seconds, METIS with the same part count.
+``recursion``: down to parts of about 10 cells, CPU seconds, METIS with the same part count.
 ``quality``: UF / CR / part count, mean over seeds and four values of h*. ``lookahead``: the same values
 for ``gnn`` with candidates tried.
 """
