@@ -98,7 +98,7 @@ def test_cells_of_unequal_numbers_of_unknowns(tmp_path: Path) -> None:
     ("solver", "file", "message"),
     [
         ("fluxes", "s.mat", "s.mat: the suffix of a system file must be .npz or .mtx"),
-        ("fluxes", "no/s.npz", "there is no folder no"),
+        ("fluxes", "no/s.npz", "the folder no does not exist"),
         (
             "bare",
             "s.npz",
