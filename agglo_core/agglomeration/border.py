@@ -33,7 +33,7 @@ def bisector_for(member: Member, target: Target) -> Member:
     return Member(adapted, member.title)
 
 
-def checked_sides(member: Member, level: Graph, seeds: UInt64) -> Int:
+def request_sides(member: Member, level: Graph, seeds: UInt64) -> Int:
     """Return the sides ``(n,)`` in {0, 1} from the bisector, with probabilities rounded (1 iff p >= 0.5)."""
     with attributed(member.title):
         if callable(getattr(member.tool, "bisect_level", None)):
@@ -51,11 +51,11 @@ def sides_by_share(member: Member, level: Graph, seeds: UInt64, shares: Float | 
     """
     uneven = np.array([], np.int64) if shares is None else np.flatnonzero(shares < 0.5)
     if shares is None or len(uneven) == 0 or not member.offers("bisect_shares"):
-        return checked_sides(member, level, seeds), frozen_int(uneven)
+        return request_sides(member, level, seeds), frozen_int(uneven)
     # 1. Bisect the blocks with equal shares.
     sides, even = np.empty(level.n, np.int64), np.flatnonzero(shares == 0.5)
     if len(even):
-        sides[np.isin(level.block_ids, even)] = checked_sides(member, level.take(even), seeds[even])
+        sides[np.isin(level.block_ids, even)] = request_sides(member, level.take(even), seeds[even])
     # 2. Bisect the other blocks with their shares.
     part = level.take(uneven)
     with attributed(member.title):
@@ -99,7 +99,7 @@ def bisect_by_block(bisector: Bisector, level: Graph, seeds: UInt64) -> NDArray[
     return np.concatenate(sides)
 
 
-def checked_parts(member: Member, given: Any, n: int, parts: int) -> Int:
+def check_parts(member: Member, given: Any, n: int, parts: int) -> Int:
     """Return direct-partition labels ``(n,)`` without gaps, at most ``parts`` parts."""
     labels = _integers(member, "partition", given, n)
     if labels.min() < 0 or labels.max() >= parts:
@@ -107,13 +107,13 @@ def checked_parts(member: Member, given: Any, n: int, parts: int) -> Int:
     return frozen_int(np.unique(labels, return_inverse=True)[1])
 
 
-def checked_split(member: Member, graph: Graph, pieces: Int, quotas: Int, given: Any, *, tested: bool) -> Int:
+def check_split(member: Member, graph: Graph, pieces: Int, quotas: Int, given: Any, *, tested: bool) -> Int:
     """Return labels ``(n,)`` that split each piece into as many parts as its quota.
 
     If ``tested``, the parts must be connected.
     """
     total = int(quotas.sum())
-    labels, owner = _grown(member, graph, pieces, total, given, tested=tested)
+    labels, owner = _check_growth(member, graph, pieces, total, given, tested=tested)
     counts = np.bincount(owner[owner >= 0], minlength=len(quotas))
     if (counts != quotas).any():
         piece = int(np.flatnonzero(counts != quotas)[0])
@@ -123,19 +123,19 @@ def checked_split(member: Member, graph: Graph, pieces: Int, quotas: Int, given:
     return labels
 
 
-def checked_sizes(member: Member, graph: Graph, pieces: Int, given: Any, *, tested: bool) -> Int:
+def check_split_to_size(member: Member, graph: Graph, pieces: Int, given: Any, *, tested: bool) -> Int:
     """Return labels ``(n,)`` that split the pieces into any number of parts.
 
     If ``tested``, the parts must be connected.
     """
-    labels, owner = _grown(member, graph, pieces, graph.n, given, tested=tested)
+    labels, owner = _check_growth(member, graph, pieces, graph.n, given, tested=tested)
     part_owners = owner[: int(labels.max()) + 1]
     if (part_owners < 0).any():
         raise PluginError(f"{member.title} left out part {int(part_owners.argmin())}")
     return labels
 
 
-def checked_widths(member: Member, labels: Int, wide: Mask, limit: float) -> int:
+def check_widths(member: Member, labels: Int, wide: Mask, limit: float) -> int:
     """Count the parts ``wide (k,)``, or raise PluginError if such a part has several cells."""
     if not wide.any():
         return 0
@@ -144,7 +144,7 @@ def checked_widths(member: Member, labels: Int, wide: Mask, limit: float) -> int
     return int(np.count_nonzero(wide))
 
 
-def _grown(
+def _check_growth(
     member: Member, graph: Graph, pieces: Int, total: int, returned: Any, *, tested: bool
 ) -> tuple[Int, Int]:
     """Return the part labels and the piece ``(total,)`` of each part, −1 if unused."""
@@ -163,7 +163,7 @@ def _grown(
     return labels, frozen_int(owner)
 
 
-def checked_labels(member: Member, method: str, graph: Graph, before: Int, given: Any) -> Int:
+def check_labels(member: Member, method: str, graph: Graph, before: Int, given: Any) -> Int:
     """Check labels from a component: each block must keep its labels ``before``."""
     after = _integers(member, method, given, graph.n)
     stride = int(before.max()) + 1
@@ -182,7 +182,7 @@ def checked_labels(member: Member, method: str, graph: Graph, before: Int, given
     return after
 
 
-def checked_moves(member: Member, block: Int, before: Int, given: Any) -> Int:
+def check_moves(member: Member, block: Int, before: Int, given: Any) -> Int:
     """Check labels from ``refine_parts``: no part is emptied, and no cell leaves its block."""
     after = _integers(member, "refine_parts", given, len(before))
     if after.min() < 0 or after.max() >= len(block):

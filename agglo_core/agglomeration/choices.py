@@ -22,7 +22,7 @@ def new_run(keywords: Keywords, registry: Registry, progress: Listener | None = 
     """
     kway = keywords.method == "kway"
     # 1. Check that the bisector supports the method.
-    member, fallback = chosen("bisector", keywords.bisector, registry)
+    member, fallback = build_component("bisector", keywords.bisector, registry)
     bisects = member.offers("bisect_level", "bisect")
     if kway and not member.offers("partition"):
         raise OptionError(f"{member.title} has no k-way partition; use method='recursive'")
@@ -32,9 +32,9 @@ def new_run(keywords: Keywords, registry: Registry, progress: Listener | None = 
     stand_in = None if fallback is None else _stand_in(member, "declares the fallback", fallback, registry)
     return Run(
         bisector=member if bisects else _stand_in(member, "cannot bisect and needs", "inertial", registry),
-        refiners=[chosen("refiner", each, registry)[0] for each in keywords.refiners],
+        refiners=[build_component("refiner", each, registry)[0] for each in keywords.refiners],
         post_refiners=_polishers(keywords.post_refiners if keywords.polish else (), registry),
-        fixer=chosen("fixer", keywords.fixer, registry)[0],
+        fixer=build_component("fixer", keywords.fixer, registry)[0],
         fallback=stand_in,
         partitioner=member if kway else None,
         listen=registry.level_done,
@@ -47,17 +47,17 @@ def _polishers(choices: Sequence[Choice], registry: Registry) -> list[Member]:
     if choices is POLISH and not registry.declares("refiner", POLISH[0]):
         ours = made_by("agglo_core.refine.compactness.refiner:CompactnessRefiner")()
         return [Member(ours, f"refiner {POLISH[0]!r}")]
-    return [chosen("refiner", each, registry)[0] for each in choices]
+    return [build_component("refiner", each, registry)[0] for each in choices]
 
 
 def _stand_in(bisector: Member, reason: str, choice: Choice, registry: Registry) -> Member:
     try:
-        return chosen("bisector", choice, registry)[0]
+        return build_component("bisector", choice, registry)[0]
     except AggloError as error:
         raise PluginError(f"{bisector.title} {reason} {choice!r}: {error}") from error
 
 
-def chosen(kind: str, choice: Choice, registry: Registry) -> tuple[Member, Choice | None]:
+def build_component(kind: str, choice: Choice, registry: Registry) -> tuple[Member, Choice | None]:
     """Return the component for a choice, and the fallback that it declares."""
     if isinstance(choice, str | tuple):
         name, options = (choice, {}) if isinstance(choice, str) else name_and_options(kind, choice)

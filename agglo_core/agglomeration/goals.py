@@ -49,7 +49,7 @@ def apportion(k: int, measures: Float, cells: Int, least: Int | int = 1) -> Int:
         return frozen_int([k])
     # 1. Ideal quotas, real numbers within the limits.
     share = measures if measures.sum() > 0 else cells
-    ideal = _limited(frozen_float(k * share / share.sum()), k, least, cells)
+    ideal = _scale_to_limits(frozen_float(k * share / share.sum()), k, least, cells)
     low, high = -float(k), float(k)
     for _ in range(80):  # 2. Bisection: the sum of the rounded quotas ideal + shift increases with the shift.
         shift = 0.5 * (low + high)
@@ -62,7 +62,7 @@ def apportion(k: int, measures: Float, cells: Int, least: Int | int = 1) -> Int:
     return frozen_int(quotas)
 
 
-def _limited(ideal: Float, k: int, least: Int | int, cells: Int) -> Float:
+def _scale_to_limits(ideal: Float, k: int, least: Int | int, cells: Int) -> Float:
     """Scale the shares ``ideal`` by a common factor, clipped to the limits, so that their sum is k."""
     if (np.clip(ideal, least, cells) == ideal).all():
         return ideal

@@ -177,10 +177,10 @@ def agglomerate(
     if not isinstance(mesh, Mesh | Graph):
         raise OptionError(f"agglomerate needs a Mesh or a Graph, given {type(mesh).__name__}")
     base = _DEFAULT if config is None else Pipeline.from_toml(config, allow_code=allow_code)
-    return changed(base, keywords).run(mesh, registry, progress, verbose, threads)
+    return replace_keywords(base, keywords).run(mesh, registry, progress, verbose, threads)
 
 
-def changed(base: Pipeline, given: Mapping[str, Any]) -> Pipeline:
+def replace_keywords(base: Pipeline, given: Mapping[str, Any]) -> Pipeline:
     """Return the pipeline with the given keywords, where None keeps the ``base`` value.
 
     A target replaces any other target, and resets the keywords that it excludes. Counts reset ``merge``.

@@ -15,10 +15,10 @@ from agglo_core.agglomeration.choices import new_run, short_name
 from agglo_core.agglomeration.goals import CountGoal, Goal, check_targets, resolve_goals
 from agglo_core.agglomeration.keywords import METHODS, TARGETS
 from agglo_core.agglomeration.levels.lines import line_levels
-from agglo_core.agglomeration.levels.ordered import ordered_levels
+from agglo_core.agglomeration.levels.ordered import compute_levels
 from agglo_core.agglomeration.levels.polishing import PostPass
 from agglo_core.agglomeration.levels.recursion import warn_of_large_cells
-from agglo_core.agglomeration.rules.edges import bounded_goals, constrained, naming
+from agglo_core.agglomeration.rules.edges import naming_constraints, raise_counts, remove_forbidden_edges
 from agglo_core.agglomeration.rules.members import Rules, imbalance
 from agglo_core.agglomeration.rules.parts import part_rules
 from agglo_core.agglomeration.run_file import read_run_file
@@ -106,16 +106,16 @@ class Pipeline(Rules):
             graph = mesh.graph if isinstance(mesh, Mesh) else mesh
         members = self.members(mesh, graph, registry)
         metric_graph = graph if self.metric is None else in_metric(mesh, graph, self.metric)
-        rule_graph = constrained(graph, members, metric_graph)
+        rule_graph = remove_forbidden_edges(graph, members, metric_graph)
         # 2. Goals, components and post-passes of the run.
-        goals = bounded_goals(graph, rule_graph, members, self._goals(mesh, metric_graph, rule_graph))
+        goals = raise_counts(graph, rule_graph, members, self._goals(mesh, metric_graph, rule_graph))
         run = new_run(self, registry, listen)
         post = PostPass(self.merge, bool(run.post_refiners), part_rules(graph, members))
         counts = isinstance(goals[0], CountGoal)
         # 3. Loads by which counts are distributed, then the levels.
         loaded = self.balanced(rule_graph, counts=counts)
-        make_levels = line_levels if self.lines else ordered_levels
-        with naming(members):
+        make_levels = line_levels if self.lines else compute_levels
+        with naming_constraints(members):
             levels = make_levels(loaded, goals, run, post, kway=self.method == "kway", nested=self.nested)
         warn_of_large_cells(goals, run)
         # 4. Statistics and the hierarchy.

@@ -14,12 +14,12 @@ from agglo_core.agglomeration.border import (
     bisector_for,
     broken_blocks,
     broken_halves,
-    checked_labels,
-    checked_moves,
-    checked_parts,
-    checked_sides,
-    checked_widths,
+    check_labels,
+    check_moves,
+    check_parts,
+    check_widths,
     one_sided_blocks,
+    request_sides,
     require_no_worse,
     sides_by_share,
 )
@@ -160,7 +160,7 @@ class Run:
         if len(one_sided) and self.fallback is not None:
             self.statistics.fallbacks += len(one_sided)
             sides, nodes = sides.copy(), np.isin(level.block_ids, one_sided)
-            sides[nodes] = checked_sides(self.fallback, level.take(one_sided), seeds[one_sided])
+            sides[nodes] = request_sides(self.fallback, level.take(one_sided), seeds[one_sided])
             one_sided = one_sided_blocks(level, sides)
         if len(one_sided):
             size = level.sizes[one_sided[0]]
@@ -171,7 +171,7 @@ class Run:
 
     def note_widths(self, labels: Int, wide: Mask, limit: float) -> None:
         """Record the number of wide single cells, and check that no part ``wide (k,)`` has several cells."""
-        alone = checked_widths(self.bisector, labels, wide, limit)
+        alone = check_widths(self.bisector, labels, wide, limit)
         self.statistics.oversized_cells = max(alone, self.statistics.oversized_cells)
 
     def count_depths(self, depths: Int) -> None:
@@ -199,14 +199,14 @@ class Run:
         with attributed(member.title), self.statistics.limited():
             given = member.tool.partition(graph, target, seed)
         most = graph.n if target.parts is None or target.h_star is not None else target.parts
-        return checked_parts(member, given, graph.n, most)
+        return check_parts(member, given, graph.n, most)
 
     def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target, *, post: bool = False) -> Int:
         """Apply all (post-)refiners, each of which keeps every block's label set."""
         for member in self.post_refiners if post else self.refiners:
             with attributed(member.title), self.statistics.limited():
                 given = member.tool.refine(graph, frozen_int(labels), seeds, target)
-            refined = checked_labels(member, "refine", graph, labels, given)
+            refined = check_labels(member, "refine", graph, labels, given)
             require_no_worse(member, graph, labels, refined)
             labels = refined
         return labels
@@ -216,7 +216,7 @@ class Run:
         for member in self.post_refiners:
             with attributed(member.title), self.statistics.limited():
                 given = member.tool.refine_parts(graph, labels, block, target)
-            labels = checked_moves(member, block, labels, given)
+            labels = check_moves(member, block, labels, given)
         return labels
 
     def halve(self, level: Graph, seeds: UInt64, target: Target, shares: Float | None = None) -> Int:
@@ -249,7 +249,7 @@ class Run:
         before = frozen_int(labels[nodes])
         with attributed(self.fixer.title):
             given = self.fixer.tool.fix(piece, before)
-        fixed = checked_labels(self.fixer, "fix", piece, before, given)
+        fixed = check_labels(self.fixer, "fix", piece, before, given)
         if len(broken_blocks(piece, fixed)):
             raise PluginError(f"{self.fixer.title} left a part disconnected")
         # 3. Copy the fixed labels back.

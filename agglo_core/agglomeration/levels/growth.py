@@ -11,7 +11,7 @@ from typing import Any, Protocol, cast, runtime_checkable
 
 import numpy as np
 
-from agglo_core.agglomeration.border import checked_sizes, checked_split
+from agglo_core.agglomeration.border import check_split, check_split_to_size
 from agglo_core.agglomeration.goals import CountGoal, Goal, SizeGoal
 from agglo_core.agglomeration.levels.polishing import PostPass
 from agglo_core.agglomeration.run import Run
@@ -65,7 +65,7 @@ class Growing(Protocol):
         """
 
 
-def grown_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass) -> list[Int] | None:
+def grow_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass) -> list[Int] | None:
     """Return the coarse-level labels, finest first, or None for unsupported goals.
 
     The coarsest level comes first in the computation. Each level's parts are the initial pieces for the next
@@ -76,7 +76,7 @@ def grown_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass) 
         return None
     # 2. Request a growth object for the connected components.
     labels = graph.components()
-    growth = _offered(graph, labels, run)
+    growth = _request_growth(graph, labels, run)
     if growth is None or not all(_serves(growth, goal) for goal in goals):
         return None
     # 3. Split the pieces level by level, coarsest first. Post-passes change the pieces, so growth restarts.
@@ -84,7 +84,7 @@ def grown_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass) 
     for stage, goal in enumerate(reversed(goals)):
         level_run = run.on_level(stage, len(goals))
         if stage and post.active:
-            growth = _restarted(graph, labels, growth, level_run)
+            growth = _restart_growth(graph, labels, growth, level_run)
         if growth is None:
             raise PluginError(f"{run.bisector.title} grew one level of the run, and declines the next")
         parts = _split(graph, labels, goal, growth, level_run, stage, tested=not post.polish)
@@ -95,7 +95,7 @@ def grown_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass) 
     return result[::-1]
 
 
-def _offered(graph: Graph, pieces: Int, run: Run) -> Growth | None:
+def _request_growth(graph: Graph, pieces: Int, run: Run) -> Growth | None:
     """Request growth from the connected ``pieces (n,)`` with the run's components."""
     if not run.bisector.offers("grow"):
         return None
@@ -105,11 +105,11 @@ def _offered(graph: Graph, pieces: Int, run: Run) -> Growth | None:
     return made
 
 
-def _restarted(graph: Graph, pieces: Int, growth: Growth | None, run: Run) -> Growth | None:
+def _restart_growth(graph: Graph, pieces: Int, growth: Growth | None, run: Run) -> Growth | None:
     """Return a growth object that starts from the given pieces."""
     restart = getattr(growth, "restart", None)
     if restart is None:
-        return _offered(graph, pieces, run)
+        return _request_growth(graph, pieces, run)
     with attributed(run.bisector.title):
         restart(pieces)
     return growth
@@ -135,12 +135,12 @@ def _split(
             quotas = _quotas(graph, labels, goal)
             with attributed(owner.title):
                 raw_labels, depths = growth.split(quotas, seeds, tell)
-            parts = checked_split(owner, graph, labels, quotas, raw_labels, tested=tested)
+            parts = check_split(owner, graph, labels, quotas, raw_labels, tested=tested)
         else:
             to_size = cast(GrowthToSize, growth)  # ``_serves`` has checked it
             with attributed(owner.title):
                 raw_labels, depths = to_size.split_to_size(goal.limit, seeds, tell)
-            parts = checked_sizes(owner, graph, labels, raw_labels, tested=tested)
+            parts = check_split_to_size(owner, graph, labels, raw_labels, tested=tested)
             if tested:
                 run.note_widths(parts, graph.wide_parts(parts, goal.limit), goal.limit)
         run.count_depths(depths)

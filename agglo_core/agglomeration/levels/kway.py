@@ -82,13 +82,13 @@ def _partition_components(pieces: Graph, quotas: Int, goal: Goal, run: Run, seed
 def _finish(graph: Graph, labels: Int, quotas: Int, counts: Int, goal: Goal, run: Run, stage: int) -> Int:
     """Bisect parts that are too large, or as many parts as the exact count lacks."""
     if not isinstance(goal, SizeGoal):
-        goal = replace(goal, quotas=_missing(graph, labels, quotas, counts))
+        goal = replace(goal, quotas=_apportion_quotas(graph, labels, quotas, counts))
     tree, leaves = grow(graph, labels, goal, run, stage)
     note_oversized(tree, leaves, goal, run)
     return tree.labels(leaves)
 
 
-def _missing(graph: Graph, labels: Int, quotas: Int, counts: Int) -> Int:
+def _apportion_quotas(graph: Graph, labels: Int, quotas: Int, counts: Int) -> Int:
     """Return the number of pieces to split each part into.
 
     Component c has ``counts[c]`` parts and must reach its quota.

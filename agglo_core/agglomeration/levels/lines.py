@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from agglo_core.agglomeration.goals import CountGoal, Goal
-from agglo_core.agglomeration.levels.ordered import ordered_levels
+from agglo_core.agglomeration.levels.ordered import compute_levels
 from agglo_core.agglomeration.levels.polishing import PostPass
 from agglo_core.agglomeration.run import Run
 from agglo_core.arrays import Float, Int, Mask, frozen_int
@@ -31,7 +31,7 @@ A larger value forms fewer and shorter lines, only where cells are thinner.
 def line_levels(
     graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass, *, kway: bool, nested: bool
 ) -> list[Int]:
-    """Return the level labels ``(n,)``, finest first, in the format of ``ordered_levels``."""
+    """Return the level labels ``(n,)``, finest first, in the format of ``compute_levels``."""
     lines, inside = lines_of_cells(graph)
     count = int(lines.max()) + 1
     # 1. Sort the goals: counts up to the number of lines need whole lines, larger counts split lines. Size
@@ -44,15 +44,15 @@ def line_levels(
     if whole:
         rules = post.rules and post.rules.via(lines)
         quotient = graph.coarsen(lines)
-        coarse = ordered_levels(quotient, whole, run, replace(post, rules=rules), kway=kway, nested=nested)
+        coarse = compute_levels(quotient, whole, run, replace(post, rules=rules), kway=kway, nested=nested)
         run.statistics.oversized_cells = 0  # the count so far refers to lines
     # 3. Fine levels: split each line separately, on the graph without edges between lines.
     if split:
         alone, as_made = graph.without_edges(~inside), PostPass(False, False)
-        fine = ordered_levels(alone, split, run, as_made, kway=False, nested=nested)
+        fine = compute_levels(alone, split, run, as_made, kway=False, nested=nested)
     # 4. Combine both: where a part is a single line, use the pieces of this line.
     return [
-        _combined(
+        _replace_single_lines(
             coarse[whole.index(goal)][lines] if goal in whole else lines,
             fine[split.index(goal)] if goal in split else lines,
             lines,
@@ -61,7 +61,7 @@ def line_levels(
     ]
 
 
-def _combined(labels: Int, cut: Int, lines: Int) -> Int:
+def _replace_single_lines(labels: Int, cut: Int, lines: Int) -> Int:
     """Replace each part that is a single line by this line's pieces in ``cut``."""
     of_pairs = np.unique(np.stack((labels, lines)), axis=1)[0]
     single = np.bincount(of_pairs, minlength=int(labels.max()) + 1) == 1

@@ -13,7 +13,7 @@ _FINE = 2.0**40  # scores are rounded to multiples of 2^-40: the order of summat
 
 
 @helper
-def _renewed(c, lists, root, epochs, step, places, marks, stamp):
+def _renew_neighbours(c, lists, root, epochs, step, places, marks, stamp):
     """Replace the merged neighbours of part c by the parts that they merged into, without duplicates.
 
     For each part, ``lists`` contain a neighbour range (start, length), the shared interfaces, and whether
@@ -109,7 +109,7 @@ def _partner(c, lists, outline, owner, following, shapes, space, stamps, limit):
 
 
 @helper(allocates=True)
-def _compacted(lists, root):
+def _compact_lists(lists, root):
     """Move the remaining parts' lists to the front and return their end."""
     near, shared, fits, start, length = lists
     old = near.copy(), shared.copy(), fits.copy()
@@ -141,7 +141,7 @@ def _append(lists, a, b, top):
 
 
 @kernel
-def merged_parts(indptr, indices, interface, boundary, owner, vertex_offsets, vertices, points, limit):
+def merge_by_proposals(indptr, indices, interface, boundary, owner, vertex_offsets, vertices, points, limit):
     """Merge parts by mutual proposals and return the least member number ``(n,)`` per part.
 
     Parts of different ``owner (n,)`` do not merge. In each round every part proposes to the neighbour that
@@ -184,7 +184,7 @@ def merged_parts(indptr, indices, interface, boundary, owner, vertex_offsets, ve
         for q in range(count):
             c = proposers[q]
             stamps[1] += 1
-            _renewed(c, lists, root, epochs, step, places, marks, stamps[1])
+            _renew_neighbours(c, lists, root, epochs, step, places, marks, stamps[1])
             partner[c] = _partner(c, lists, outline, owner, following, shapes, space, stamps, limit)
         # 5. Mutual proposals become pairs, each listed once by its smaller number.
         merging = 0
@@ -202,7 +202,7 @@ def merged_parts(indptr, indices, interface, boundary, owner, vertex_offsets, ve
             a = pairs[q]
             b = partner[a]
             if top + length[a] + length[b] > capacity:
-                top = _compacted(lists, root)
+                top = _compact_lists(lists, root)
             top = _append(lists, a, b, top)
             root[b], following[last[a]], last[a] = a, b, last[b]
             sides[a] += sides[b]
@@ -214,7 +214,7 @@ def merged_parts(indptr, indices, interface, boundary, owner, vertex_offsets, ve
         for q in range(merging):
             a = pairs[q]
             stamps[1] += 1
-            _renewed(a, lists, root, epochs, step, places, marks, stamps[1])
+            _renew_neighbours(a, lists, root, epochs, step, places, marks, stamps[1])
             outline[a] = sides[a]
             for h in range(start[a], start[a] + length[a]):
                 outline[a] += shared[h]

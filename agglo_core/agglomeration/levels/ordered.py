@@ -21,7 +21,7 @@ from agglo_core.graph.ordering import curve_order
 from agglo_core.progress import phase
 
 
-def ordered_levels(
+def compute_levels(
     graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass, *, kway: bool, nested: bool
 ) -> list[Int]:
     """Return the level labels ``(n,)``, finest first, numbered by first cell."""

@@ -74,7 +74,7 @@ def merge_parts(graph: Graph, blocks: Int, labels: Int, limit: float, tell: Tell
     A union counts as rounder if a larger share of its parts' boundary becomes interior. In each round every
     part proposes its best neighbour, and mutual proposals merge.
     """
-    from agglo_core.agglomeration.levels.merging_kernels import merged_parts
+    from agglo_core.agglomeration.levels.merging_kernels import merge_by_proposals
 
     labels = by_first_cell(labels)
     parts = graph.coarsen(labels)
@@ -83,7 +83,7 @@ def merge_parts(graph: Graph, blocks: Int, labels: Int, limit: float, tell: Tell
     owner[labels] = blocks
     csr = parts.indptr, parts.indices, parts.interface
     shapes = parts.vertex_offsets, parts.vertices, parts.points
-    merged = merged_parts(*csr, parts.boundary, frozen_int(owner), *shapes, float(limit))
+    merged = merge_by_proposals(*csr, parts.boundary, frozen_int(owner), *shapes, float(limit))
     result = by_first_cell(merged[labels])
     tell(1.0, f"{int(result.max()) + 1:,} parts")
     return result
@@ -100,7 +100,7 @@ def _polish(graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage:
     if all(member.offers("refine_parts") for member in run.post_refiners):
         after = run.refine_parts(graph, labels, frozen_int(owner), target)
     else:
-        after = _refined_by_block(graph, labels, owner, target, run, stage)
+        after = _refine_by_block(graph, labels, owner, target, run, stage)
     # 3. Undo the moves that disconnect, empty or widen a part.
     result, broken, wide = _without_bad_moves(graph, labels, after, goal.limit, tested=tested)
     if broken.any():
@@ -110,7 +110,7 @@ def _polish(graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage:
     return result
 
 
-def _refined_by_block(graph: Graph, labels: Int, owner: Int, target: Target, run: Run, stage: int) -> Int:
+def _refine_by_block(graph: Graph, labels: Int, owner: Int, target: Target, run: Run, stage: int) -> Int:
     """Apply the post-refiners to the block graph, and return the labels."""
     # 1. Graph of the blocks, and the number of each part within its block.
     pieces, cells = graph.split(owner[labels])
@@ -140,7 +140,7 @@ def _without_bad_moves(
     broken, wide, bad = (np.zeros_like(check_mask) for _ in range(3))  # no part is empty after a refiner
     moved = None
     if tested:
-        moved, check_mask = _moved(before, after, len(check_mask))
+        moved, check_mask = _find_changes(before, after, len(check_mask))
     result = after
     while check_mask.any():
         # 1. Find the disconnected and the wide parts among the parts to check.
@@ -153,7 +153,7 @@ def _without_bad_moves(
                 break
         # 2. Undo the remaining moves into or out of bad parts.
         if moved is None:
-            moved = _moved(before, after, len(check_mask))[0]
+            moved = _find_changes(before, after, len(check_mask))[0]
         undo_mask = bad[result[moved]] | bad[before[moved]]
         cells = moved[undo_mask]
         if len(cells) == 0:
@@ -167,7 +167,7 @@ def _without_bad_moves(
     return frozen_int(result), broken, wide
 
 
-def _moved(before: Int, after: Int, count: int) -> tuple[Int, Mask]:
+def _find_changes(before: Int, after: Int, count: int) -> tuple[Int, Mask]:
     """Return the moved cells and a mask ``(count,)`` of changed parts."""
     moved = np.flatnonzero(after != before)
     changed = np.zeros(count, bool)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from agglo_core.agglomeration.goals import Goal, SizeGoal
-from agglo_core.agglomeration.levels.growth import grown_levels
+from agglo_core.agglomeration.levels.growth import grow_levels
 from agglo_core.agglomeration.levels.polishing import PostPass
 from agglo_core.agglomeration.run import Run
 from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int, splitmix
@@ -90,7 +90,7 @@ def grow(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int = 0) -> tup
     """Split the connected pieces ``labels (n,)`` of ``graph`` depth by depth until all meet the goal.
 
     The bisector is called once per depth. A bisector with a method ``grow`` makes all splits itself: see
-    ``grown_levels`` in ``growth``.
+    ``grow_levels`` in ``growth``.
 
     Seeds depend on the run's seed, the ``stage`` number and the place in the tree. Returns the tree, whose
     roots are the pieces, and its leaf numbers.
@@ -105,10 +105,12 @@ def grow(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int = 0) -> tup
     array([0, 0, 1, 1, 2, 2, 3, 3])
     """
     with phase(run.progress, "agglomerating") as tell:
-        return _grown(graph, labels, goal, run, stage, tell)
+        return _bisect_by_depth(graph, labels, goal, run, stage, tell)
 
 
-def _grown(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int, tell: Tell) -> tuple[Tree, Int]:
+def _bisect_by_depth(
+    graph: Graph, labels: Int, goal: Goal, run: Run, stage: int, tell: Tell
+) -> tuple[Tree, Int]:
     """Bisect the unfinished pieces depth by depth until every piece is finished."""
     tree = _TreeBuilder(graph.n, goal)
     # 1. Roots of the tree: the pieces, and whether each meets the goal.
@@ -134,7 +136,7 @@ def _grown(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int, tell: Te
         branches = np.flatnonzero(~finished)
         if nodes[0] > 0 or len(branches) < len(nodes):  # otherwise the blocks are still the roots
             with statistics.timed("split"):
-                take, starts = _taken(order, offsets, branches)
+                take, starts = _take_pieces(order, offsets, branches)
                 source, cells = source.subgraph(take, starts), cells[take]
         # 4. Bisect, refine and fix all blocks.
         seeds, state, nodes, start = seeds[branches], state[branches], nodes[branches], start[branches]
@@ -160,7 +162,7 @@ def _rows(offsets: Int, rows: Int) -> tuple[Int, Int]:
     return np.arange(sizes.sum()) + np.repeat(offsets[rows] - first, sizes), sizes
 
 
-def _taken(order: Int, offsets: Int, pieces: Int) -> tuple[Int, Int]:
+def _take_pieces(order: Int, offsets: Int, pieces: Int) -> tuple[Int, Int]:
     """Return the cells of these ``pieces`` and the piece offsets."""
     if len(pieces) == len(offsets) - 1:
         return order, offsets
@@ -183,7 +185,7 @@ def recursive_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPa
     order if there are post-passes or the bisector depends on the target.
     """
     # 1. Growth, if the bisector supports these goals.
-    grown = grown_levels(graph, goals, run, post)
+    grown = grow_levels(graph, goals, run, post)
     if grown is not None:
         return grown
     # 2. One tree for all sizes.

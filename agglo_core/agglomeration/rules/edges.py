@@ -19,7 +19,7 @@ from agglo_core.graph import Graph
 from agglo_core.registry.attribution import Member, attributed
 
 
-def constrained(graph: Graph, constraints: Sequence[Member], there: Graph) -> Graph:
+def remove_forbidden_edges(graph: Graph, constraints: Sequence[Member], there: Graph) -> Graph:
     """Return the graph ``there`` without the edges that constraints forbid.
 
     The constraints receive ``graph``, with edges equal to the edges in ``there``.
@@ -38,7 +38,7 @@ def constrained(graph: Graph, constraints: Sequence[Member], there: Graph) -> Gr
     return there.without_edges(forbidden)
 
 
-def bounded_goals(
+def raise_counts(
     graph: Graph, allowed: Graph, constraints: Sequence[Member], goals: Sequence[Goal]
 ) -> tuple[Goal, ...]:
     """Return the goals, with mean-size counts raised as far as the bounds require.
@@ -68,7 +68,7 @@ def _at_least(goal: Goal, fewest: int, title: str) -> Goal:
 
 
 @contextmanager
-def naming(constraints: Sequence[Member]) -> Iterator[None]:
+def naming_constraints(constraints: Sequence[Member]) -> Iterator[None]:
     """Context that adds the constraints to the error about too few parts for the components."""
     try:
         yield

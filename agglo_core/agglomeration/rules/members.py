@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglo_core.agglomeration.choices import chosen
+from agglo_core.agglomeration.choices import build_component
 from agglo_core.agglomeration.keywords import BALANCES, BOUNDS, Keywords, Names
 from agglo_core.arrays import Float, Int, frozen_float, plain_array
 from agglo_core.errors import OptionError, PluginError
@@ -55,7 +55,7 @@ class Rules(Keywords):
         """Return the constraints on this mesh, starting with the keyword constraints."""
         result = [Member(tool, f"constraint {name!r}") for name, tool in self._by_keyword(mesh, graph)]
         for choice in self.constraints:
-            result.append(_on_mesh(chosen("constraint", choice, registry)[0], mesh))
+            result.append(_on_mesh(build_component("constraint", choice, registry)[0], mesh))
         return result
 
     def balanced(

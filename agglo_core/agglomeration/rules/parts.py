@@ -21,7 +21,7 @@ Refused = Callable[[Int, Mask], Mask]
 Pairs = set[tuple[int, int]]
 
 
-def merged_pairs(
+def merge_pairs(
     graph: Graph,
     blocks: Int,
     labels: Int,
@@ -56,7 +56,7 @@ def merged_pairs(
         if len(pairs) == 0:
             break
         # 2. Join the pairs, and undo the refused unions.
-        labels, n_merged, refused_pairs = _joined(labels, parts.n, pairs, refused, refused_pairs)
+        labels, n_merged, refused_pairs = _join_pairs(labels, parts.n, pairs, refused, refused_pairs)
         budget -= n_merged
     return frozen_int(labels)
 
@@ -90,7 +90,7 @@ def _apart(pairs: Int, n: int) -> Int:
     return frozen_int(pairs[(first[pairs] == rank[:, None]).all(axis=1)])
 
 
-def _joined(
+def _join_pairs(
     labels: Int, count: int, pairs: Int, refused: Refused, refused_pairs: Pairs
 ) -> tuple[Int, int, Pairs]:
     """Join the pairs that the rules admit.
@@ -259,7 +259,7 @@ class _Level:
             found[labels[cells]] = True
             return found
 
-        return merged_pairs(self.graph, self.blocks, labels, split, self._refused, by_interface=True)
+        return merge_pairs(self.graph, self.blocks, labels, split, self._refused, by_interface=True)
 
     def join_small(self, labels: Int) -> Int:
         """Join small parts with the longest-interface neighbour that the rules admit."""
@@ -269,7 +269,7 @@ class _Level:
         def small(_: Graph, labels: Int) -> Mask:
             return self.rules.incomplete(labels)
 
-        return merged_pairs(self.graph, self.blocks, labels, small, self._refused, by_interface=True)
+        return merge_pairs(self.graph, self.blocks, labels, small, self._refused, by_interface=True)
 
     def to_count(self, labels: Int, goal: CountGoal) -> Int:
         """Split or merge parts to reach the goal's count.
@@ -304,7 +304,7 @@ class _Level:
         def everybody(parts: Graph, _: Int) -> Mask:
             return np.ones(parts.n, bool)
 
-        return merged_pairs(self.graph, self.blocks, labels, everybody, self._refused, most=surplus)
+        return merge_pairs(self.graph, self.blocks, labels, everybody, self._refused, most=surplus)
 
     def _more(self, labels: Int, missing: int, turn: int) -> Int:
         """Halve the ``missing`` heaviest parts."""

@@ -131,14 +131,14 @@ def agglomerate_on_ranks(
 ) -> tuple[DistributedHierarchy, float]:
     """Return the hierarchy, and the seconds until the last rank has finished."""
     from agglo_core.agglomeration import Pipeline
-    from agglo_core.agglomeration.one_call import changed
+    from agglo_core.agglomeration.one_call import replace_keywords
     from agglo_core.distributed import agglomerate
 
     with mesh.ranks.together():
         arguments = dict(given)
         config, trusted = arguments.pop("config", None), bool(arguments.pop("allow_code", False))
         base = Pipeline() if config is None else Pipeline.from_toml(config, allow_code=trusted)
-        pipeline = changed(base, arguments)
+        pipeline = replace_keywords(base, arguments)
     start = time.perf_counter()
     hierarchy = agglomerate(mesh, pipeline, independent_of_ranks=independent or None, progress=progress)
     return hierarchy, mesh.ranks.largest(time.perf_counter() - start)

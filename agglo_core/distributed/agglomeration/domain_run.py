@@ -10,9 +10,9 @@ import numpy as np
 from agglo_core.agglomeration import Pipeline
 from agglo_core.agglomeration.goals import Goal
 from agglo_core.agglomeration.levels.lines import line_levels
-from agglo_core.agglomeration.levels.ordered import ordered_levels
+from agglo_core.agglomeration.levels.ordered import compute_levels
 from agglo_core.agglomeration.levels.polishing import PostPass
-from agglo_core.agglomeration.rules.edges import naming
+from agglo_core.agglomeration.rules.edges import naming_constraints
 from agglo_core.agglomeration.rules.parts import PartRules
 from agglo_core.agglomeration.run import Run
 from agglo_core.arrays import Int, UInt64, frozen_int, splitmix
@@ -45,7 +45,7 @@ class DomainRun:
             return [frozen_int(np.empty(0))] * len(goals)
         kway = self.pipeline.method == "kway"
         run, post = self._seeded(number, turn), self._post(domain, self.kept.bounds)
-        with naming(self.kept.members):
+        with naming_constraints(self.kept.members):
             make = self._maker(domain)
             return make(domain.by_itself(), goals, run, post, kway=kway, nested=self.pipeline.nested)
 
@@ -58,7 +58,7 @@ class DomainRun:
 
     def _maker(self, domain: Domain) -> Callable[..., list[Int]]:
         """Return the function that builds levels. Agglomerates already contain whole lines."""
-        return line_levels if self.pipeline.lines and (domain.cells == 1).all() else ordered_levels
+        return line_levels if self.pipeline.lines and (domain.cells == 1).all() else compute_levels
 
     def _post(self, domain: Domain, bounds: Sequence[Member]) -> PostPass:
         members = domain.counted(bounds)

@@ -101,8 +101,8 @@ def test_numbered_as_met(values: list[int]) -> None:
 def test_growth_that_goes_on_gives_what_growth_made_anew_gives(targets, monkeypatch) -> None:
     mesh = samples.random_triangles(600, seed=5)
     one = agglo.agglomerate(mesh, **targets)
-    anew = growth._offered
-    monkeypatch.setattr(growth, "_restarted", lambda graph, pieces, _, run: anew(graph, pieces, run))
+    anew = growth._request_growth
+    monkeypatch.setattr(growth, "_restart_growth", lambda graph, pieces, _, run: anew(graph, pieces, run))
     other = agglo.agglomerate(mesh, **targets)
     for a, b in zip(one.levels, other.levels, strict=True):
         np.testing.assert_array_equal(a, b)

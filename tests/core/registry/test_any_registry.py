@@ -211,7 +211,7 @@ GROUPS: dict[Callable[[Registry, Path], None], set[str]] = {
 """What is asked here, and the public functions with a parameter ``registry`` that this asks."""
 PETSC = {"PetscMultigrid", "solve_across"}
 """Those that need petsc4py: tests/plugins/test_petsc_solver.py."""
-ELSEWHERE = {"new_run", "chosen", "columns", "members"}
+ELSEWHERE = {"new_run", "build_component", "columns", "members"}
 """Those that are only ever called by the above, or by a command, which has the program's registry."""
 
 
