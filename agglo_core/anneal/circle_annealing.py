@@ -21,14 +21,14 @@ from agglo_core.anneal.state import (
     COUNT,
     DIAMETER,
     MEASURE,
-    drawn_loss,
-    drawn_move,
+    draw_loss,
+    draw_move,
     exchange,
     may_leave,
     most_draws,
     share_seed,
 )
-from agglo_core.anneal.widths import joined_width, left_width
+from agglo_core.anneal.widths import width_with_cell, width_without_cell
 from agglo_core.compiled.compiling import helper, kernel
 
 _GROWTH = 1.3
@@ -66,7 +66,7 @@ def _of_part(p, parts, circles, params, penalty):
 
 
 @helper
-def _taken(i, p, sign, parts, cells, circles):
+def _update_sums(i, p, sign, parts, cells, circles):
     """Add the cell to the sums of part p (sign 1), or subtract it (−1)."""
     parts.tally[p, MEASURE] += sign * cells.measures[i]
     parts.tally[p, COUNT] += sign
@@ -78,8 +78,8 @@ def _taken(i, p, sign, parts, cells, circles):
 def _swap(i, p, q, parts, cells, circles):
     """Move cell i from part p to part q in lists and sums."""
     exchange(i, p, q, parts)
-    _taken(i, p, -1.0, parts, cells, circles)
-    _taken(i, q, 1.0, parts, cells, circles)
+    _update_sums(i, p, -1.0, parts, cells, circles)
+    _update_sums(i, q, 1.0, parts, cells, circles)
 
 
 @helper
@@ -109,7 +109,7 @@ def _write(p, width, circle, parts, circles):
 
 
 @helper
-def _tried(i, p, q, least, params, penalty, cells, parts, edges, circles, work, stamp):
+def _try_move(i, p, q, least, params, penalty, cells, parts, edges, circles, work, stamp):
     """Move cell i from part p to part q unless the sum of their scores falls below ``least``.
 
     Returns True if the cell moved. Bounds come first: the circle of p does not grow, and the circle of q only
@@ -117,14 +117,14 @@ def _tried(i, p, q, least, params, penalty, cells, parts, edges, circles, work, 
     """
     rings, size, evenness = circles.rings, params[0], params[1]
     # 1. Reject if the diameter penalty of q brings even the largest possible scores below ``least``.
-    target_width = joined_width(i, q, cells, parts)
+    target_width = width_with_cell(i, q, cells, parts)
     excess, most = target_width[0] / size - 1.0, evenness + 2.0 * _WIDEST * (params[2] + params[3])
     if excess > 0.0 and 2.0 * most - penalty * excess < least:
         return False
     # 2. Part p must stay connected. If so, the cell has label q from here on.
     if not may_leave(i, p, q, cells, parts, work, stamp):
         return False
-    home_width = left_width(p, cells, parts, work, stamp)
+    home_width = width_without_cell(p, cells, parts, work, stamp)
     # 3. Bounds on both scores: p keeps its radius. The radius of q only grows, by a bounded factor, if an
     #    edge between q and the cell, which disappears, touches its circle.
     home_radius = rings[p, RADIUS]
@@ -173,15 +173,15 @@ def anneal_circles(cells, edges, parts, circles, work, shares, start, stop, para
             for _ in range(np.int64(rounds[2, r] * count)):
                 mark += 1
                 # 2. Draw a cell and its target part.
-                state, i, p, q = drawn_move(state, s, shares, cells, parts)
+                state, i, p, q = draw_move(state, s, shares, cells, parts)
                 if p == q:
                     continue
                 # 3. Smallest admissible sum of both scores: the sum before the move minus the Metropolis
                 #    loss.
-                state, loss = drawn_loss(state, heat)
+                state, loss = draw_loss(state, heat)
                 least = _of_part(p, parts, circles, params, penalty) + _of_part(
                     q, parts, circles, params, penalty
                 )
                 arguments = cells, parts, edges, circles, work, mark
-                moved += _tried(i, p, q, least + loss, params, penalty, *arguments)
+                moved += _try_move(i, p, q, least + loss, params, penalty, *arguments)
     return moved

@@ -90,7 +90,7 @@ def _within(x, y, m, lines):
 
 
 @helper
-def _ascended(x, y, m, lines):
+def _enlarge_circle(x, y, m, lines):
     """Return a locally almost largest circle inside the edges, by steps away from the nearest edge.
 
     Steps shrink, because at a ridge with several nearest edges constant steps would oscillate.
@@ -145,12 +145,12 @@ def circle_inside(p, m, guess, centre, cells, parts, lines):
         return 0.0, x, y, 0.0
     # 1. From the guess, usually the previous circle.
     if _within(x, y, m, lines):
-        best, x, y = _ascended(x, y, m, lines)
+        best, x, y = _enlarge_circle(x, y, m, lines)
     # 2. From the centroid, unless the circle already surrounds it closely.
     centred = centred_radius(m, centre, lines)
     elsewhere = best < 0.0 or (x - centre[0]) ** 2 + (y - centre[1]) ** 2 > _APART * best * best
     if centred > 0.0 and elsewhere:
-        radius, at_x, at_y = _ascended(centre[0], centre[1], m, lines)
+        radius, at_x, at_y = _enlarge_circle(centre[0], centre[1], m, lines)
         if radius > best:
             best, x, y = radius, at_x, at_y
     # 3. Both lie outside: start at the cell centroid farthest from the edges.
@@ -161,7 +161,7 @@ def circle_inside(p, m, guess, centre, cells, parts, lines):
             if square > deepest:
                 deepest, x, y = square, cells.centroids[i, 0], cells.centroids[i, 1]
             i = parts.after[i]
-        best, x, y = _ascended(x, y, m, lines)
+        best, x, y = _enlarge_circle(x, y, m, lines)
     return best, x, y, centred
 
 
@@ -189,7 +189,7 @@ def _largest(p, m, centre, cells, parts, lines):
     while i >= 0:
         x, y = cells.centroids[i, 0], cells.centroids[i, 1]
         if np.sqrt(_nearest(x, y, m, lines)[0]) > _DEEP * deepest:
-            radius, x, y = _ascended(x, y, m, lines)
+            radius, x, y = _enlarge_circle(x, y, m, lines)
             if radius > best[0]:
                 best = radius, x, y, best[3]
             deepest = max(deepest, radius)

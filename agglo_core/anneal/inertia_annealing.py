@@ -17,14 +17,14 @@ from agglo_core.anneal.state import (
     MEASURE,
     Parts,
     Work,
-    drawn_loss,
-    drawn_move,
+    draw_loss,
+    draw_move,
     exchange,
     may_leave,
     most_draws,
     share_seed,
 )
-from agglo_core.anneal.widths import joined_width, left_width, widest
+from agglo_core.anneal.widths import widest, width_with_cell, width_without_cell
 from agglo_core.compiled.compiling import ONE, helper, kernel
 
 SIZE, CENTRE, _COLUMNS = 1, 4, 7
@@ -106,7 +106,7 @@ def _take(i, p, sign, cells, parts, weights, sizes):
 
 
 @helper
-def _moved(i, p, q, cells, parts, work, pursuit, stamp):
+def _move_cell(i, p, q, cells, parts, work, pursuit, stamp):
     """Move cell i from part p to q if p stays connected and q within the width limit.
 
     Returns True if the cell moved.
@@ -115,7 +115,7 @@ def _moved(i, p, q, cells, parts, work, pursuit, stamp):
     target_width = (0.0, np.int32(-1), np.int32(-1))
     # 1. A part that was too wide before may stay so, but not become wider.
     if limited:
-        target_width = joined_width(i, q, cells, parts)
+        target_width = width_with_cell(i, q, cells, parts)
         if target_width[0] > pursuit.limit and target_width[0] > parts.tally[q, DIAMETER]:
             return False
     # 2. Part p must stay connected. If so, the cell has label q from here on.
@@ -123,7 +123,7 @@ def _moved(i, p, q, cells, parts, work, pursuit, stamp):
         return False
     # 3. Update widths and cell lists, only if there is a limit.
     if limited:
-        home_width = left_width(p, cells, parts, work, stamp)
+        home_width = width_without_cell(p, cells, parts, work, stamp)
         exchange(i, p, q, parts)
         for part, width in ((p, home_width), (q, target_width)):
             parts.tally[part, DIAMETER], parts.ends[part, 0], parts.ends[part, 1] = width
@@ -149,13 +149,13 @@ def anneal_inertia(cells, parts, work, shares, start, stop, pursuit, rounds, see
             for _ in range(np.int64(rounds[2, r] * count)):
                 mark += 1
                 # 2. Draw a cell and its target part.
-                state, i, p, q = drawn_move(state, s, shares, cells, parts)
+                state, i, p, q = draw_move(state, s, shares, cells, parts)
                 if p == q:
                     continue
                 # 3. Test the Metropolis criterion before the admissibility, because it is cheaper here.
-                state, loss = drawn_loss(state, rounds[0, r])
+                state, loss = draw_loss(state, rounds[0, r])
                 if _change(i, p, q, cells, parts, pursuit, rounds[1, r]) <= -loss:
-                    moved += _moved(i, p, q, cells, parts, work, pursuit, mark)
+                    moved += _move_cell(i, p, q, cells, parts, work, pursuit, mark)
     return moved
 
 

@@ -16,14 +16,14 @@ from agglo_core.anneal.state import (
     DIAMETER,
     MEASURE,
     SURFACE,
-    drawn_loss,
-    drawn_move,
+    draw_loss,
+    draw_move,
     exchange,
     may_leave,
     most_draws,
     share_seed,
 )
-from agglo_core.anneal.widths import joined_width, left_width
+from agglo_core.anneal.widths import width_with_cell, width_without_cell
 from agglo_core.compiled.compiling import ONE, helper, kernel
 
 
@@ -45,7 +45,7 @@ def _of_part(p, parts, params, penalty):
 
 
 @helper
-def _shared(i, p, q, cells, parts):
+def _shared_measures(i, p, q, cells, parts):
     """Return the measure of the faces between cell i and the parts p and q."""
     home_area, target_area, i = 0.0, 0.0, np.uint64(i)
     for h in range(np.uint64(cells.indptr[i]), np.uint64(cells.indptr[i + ONE])):
@@ -67,14 +67,14 @@ def _put(i, p, q, widths, surfaces, cells, parts):
 
 
 @helper
-def _tried(i, p, q, least, params, penalty, cells, parts, work, stamp):
+def _try_move(i, p, q, least, params, penalty, cells, parts, work, stamp):
     """Move cell i from part p to part q unless the sum of their scores falls below ``least``.
 
     Returns True if the cell moved.
     """
     # 1. Diameter of q with the cell. No score exceeds evenness + roundness: if the penalty of q alone brings
     #    the sum below ``least``, reject.
-    target_width = joined_width(i, q, cells, parts)
+    target_width = width_with_cell(i, q, cells, parts)
     excess = target_width[0] / params[0] - 1.0
     if excess > 0.0 and 2.0 * (params[1] + params[2]) - penalty * excess < least:
         return False
@@ -82,8 +82,8 @@ def _tried(i, p, q, least, params, penalty, cells, parts, work, stamp):
     if not may_leave(i, p, q, cells, parts, work, stamp):
         return False
     # 3. The cell's faces with p become outer faces of p, its faces with q inner faces of q.
-    home_area, target_area = _shared(i, p, q, cells, parts)
-    home_width = left_width(p, cells, parts, work, stamp)
+    home_area, target_area = _shared_measures(i, p, q, cells, parts)
+    home_width = width_without_cell(p, cells, parts, work, stamp)
     measure, surface = cells.measures[i], cells.surfaces[i]
     surfaces = (
         parts.tally[p, SURFACE] - surface + 2.0 * home_area,
@@ -118,12 +118,12 @@ def anneal(cells, parts, work, shares, start, stop, params, rounds, seed, stamp)
             for _ in range(np.int64(rounds[2, r] * count)):
                 # 2. Draw a cell, and a neighbour whose part q it may join; p = q if no move is possible.
                 mark += 1
-                state, i, p, q = drawn_move(state, s, shares, cells, parts)
+                state, i, p, q = draw_move(state, s, shares, cells, parts)
                 if p == q:
                     continue
                 # 3. Draw the admissible loss at this temperature before evaluating the move, so that bounds
                 #    can reject it early.
-                state, loss = drawn_loss(state, heat)
+                state, loss = draw_loss(state, heat)
                 least = _of_part(p, parts, params, penalty) + _of_part(q, parts, params, penalty) + loss
-                moved += _tried(i, p, q, least, params, penalty, cells, parts, work, mark)
+                moved += _try_move(i, p, q, least, params, penalty, cells, parts, work, mark)
     return moved

@@ -10,7 +10,7 @@ import numpy as np
 from agglo_core.anneal.annealed_parts import ROUNDING
 from agglo_core.anneal.round_parts import round_parts
 from agglo_core.anneal.solver_parts import solver_parts
-from agglo_core.anneal.start_parts import Rival, Start, bisected_parts
+from agglo_core.anneal.start_parts import Rival, Start, partition_by_bisection
 from agglo_core.arrays import Int, frozen_int, splitmix
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
@@ -81,7 +81,7 @@ class PartSearch:
         return None if effort is None else cls(effort, objective, limit, part_balance)
 
     def parts(
-        self, graph: Graph, target: Target, seed: int, start: Start, rival: Rival = bisected_parts
+        self, graph: Graph, target: Target, seed: int, start: Start, rival: Rival = partition_by_bisection
     ) -> Int:
         """Partition a connected one-block graph into connected parts that meet the target.
 

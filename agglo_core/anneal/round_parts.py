@@ -8,7 +8,7 @@ import numpy as np
 
 from agglo_core.anneal.annealed_parts import ROUNDING, Weights
 from agglo_core.anneal.round_search import EFFORTS, Search
-from agglo_core.anneal.start_parts import Rival, Start, connected_parts
+from agglo_core.anneal.start_parts import Rival, Start, connect_parts
 from agglo_core.arrays import Int
 from agglo_core.graph import Graph
 from agglo_core.progress import TimeLimit
@@ -62,25 +62,27 @@ def round_parts(
     if large_parts:
         labels = _from_pieces(search, graph, target, seed, effort, start, rival)
     else:
-        labels = _searched(search, graph, target, parts, start, rival)
+        labels = _search_parts(search, graph, target, parts, start, rival)
     # 3. Compare with the rival.
     rival_labels = search.tool.inward(rival(graph, target))
     scores = [search.tool.shapes(candidate).score(Weights()) for candidate in (labels, rival_labels)]
     return search.tool.outward(labels if scores[0] >= scores[1] else rival_labels)
 
 
-def _searched(search: Search, graph: Graph, target: Target, parts: int, start: Start, rival: Rival) -> Int:
+def _search_parts(
+    search: Search, graph: Graph, target: Target, parts: int, start: Start, rival: Rival
+) -> Int:
     """Search from the start, and return labels in search order."""
-    first = connected_parts(graph, start(graph, parts))
+    first = connect_parts(graph, start(graph, parts))
     if target.h_star is not None:
         labels, shapes = search.thinned(*search.fitted(search.tool.inward(first)))
         return search.polished(labels, shapes)[0]
-    return _counted(
+    return _search_sizes(
         search, search.tool.inward(first if int(first.max()) + 1 == parts else rival(graph, target))
     )
 
 
-def _counted(search: Search, first: Int) -> Int:
+def _search_sizes(search: Search, first: Int) -> Int:
     """Return the best labels over several sizes, with as many parts as ``first``.
 
     The next size is larger if parts were too wide, otherwise smaller, and at least the width of the widest
@@ -112,12 +114,14 @@ def _from_pieces(
     """Return labels, in search order, starting from parts on a coarser graph of pieces."""
     size, parts = _size_and_parts(graph, target, True)
     # 1. Graph of pieces.
-    pieces = connected_parts(graph, start(graph, _PIECES * parts))
+    pieces = connect_parts(graph, start(graph, _PIECES * parts))
     coarse = graph.coarsen(pieces)
     # 2. Search on this graph.
     settings = replace(EFFORTS[effort], tries=EFFORTS[effort].tries // 2)  # pieces have many corners
     coarse_search = Search(coarse, size, seed, settings, search.weights, search.limit)
-    coarse_labels = coarse_search.tool.outward(_searched(coarse_search, coarse, target, parts, start, rival))
+    coarse_labels = coarse_search.tool.outward(
+        _search_parts(coarse_search, coarse, target, parts, start, rival)
+    )
     # 3. Cool and polish on the cells.
     search.size = coarse_search.size
     labels, shapes = search.cooled(search.tool.inward(coarse_labels[pieces]))

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from agglo_core.anneal.annealed_parts import Annealing, Shapes, Weights, too_wide
-from agglo_core.anneal.rounds import Ramps, shared_out
-from agglo_core.anneal.start_parts import cut_in_two, dissolved, dissolved_together
+from agglo_core.anneal.rounds import Ramps, divide_into_shares
+from agglo_core.anneal.start_parts import cut_in_two, dissolve_part, dissolve_parts
 from agglo_core.arrays import Float, Int, Mask, frozen_int, splitmix
 from agglo_core.graph import Graph
 from agglo_core.progress import TimeLimit
@@ -169,8 +169,8 @@ class Search:
                 break
             seed, weights, limit = self._rest()
             # 1. Divide the parts into shares, dissolve one part per share, and anneal.
-            of_part = shared_out(self.tool.graph, labels, k, k // _NEAR, seed)
-            new_parts = dissolved_together(self.tool.graph, labels, self._poorest(shapes, of_part), of_part)
+            of_part = divide_into_shares(self.tool.graph, labels, k, k // _NEAR, seed)
+            new_parts = dissolve_parts(self.tool.graph, labels, self._poorest(shapes, of_part), of_part)
             part_ids, fewer = np.unique(new_parts, return_inverse=True)
             arguments = frozen_int(fewer), self.size, _AGAIN, _TAIL * self._moves, seed, weights, limit
             after, new_shapes = self.tool.annealed(*arguments, frozen_int(of_part[part_ids]))
@@ -213,7 +213,7 @@ class Search:
         return self.tool.polished(labels, self.size, ramps, self._polish, *self._rest())
 
     def _without(self, labels: Int, part: int) -> tuple[Int, Shapes]:
-        after, shapes = self.annealed(dissolved(self.tool.graph, labels, part), _AGAIN, _TAIL)
+        after, shapes = self.annealed(dissolve_part(self.tool.graph, labels, part), _AGAIN, _TAIL)
         wide = self._wide(after, shapes)
         if wide.any():
             after, shapes = self.annealed(cut_in_two(self.tool.graph, after, wide), _AGAIN, _TAIL)

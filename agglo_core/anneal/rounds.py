@@ -109,20 +109,20 @@ def take_turns(
         if n_rounds == 0 and limit.over():
             return
         if limit.over():
-            rounds, n_rounds = _ending(rounds[:, n_rounds:]), 0
+            rounds, n_rounds = _select_rounds(rounds[:, n_rounds:]), 0
             batch_size, limit = rounds.shape[1], TimeLimit()
         # 3. Divide into shares, and run some rounds in all threads.
         batch, seeds = frozen_float(rounds[:, n_rounds : n_rounds + batch_size]), splitmix(seeds)
         labels = frozen_int(parts.labels)
         shares = _shares(
-            labels, shared_out(graph, labels, k, count, int(seeds[0])) if of_part is None else of_part
+            labels, divide_into_shares(graph, labels, k, count, int(seeds[0])) if of_part is None else of_part
         )
         _share_out(make, shares, rooms, batch, np.uint64(seeds[0]), stamp)
         stamp += n * int(np.sum(np.floor(batch[2]) + 1))
         n_rounds += batch_size
 
 
-def _ending(rounds: Float) -> Float:
+def _select_rounds(rounds: Float) -> Float:
     """Return a few of the rounds, including the last, with few draws."""
     chosen = np.unique(np.linspace(0, rounds.shape[1] - 1, _LAST_ROUNDS).round().astype(np.int64))
     few = rounds[:, chosen].copy()
@@ -143,7 +143,7 @@ def _share_out(make: _Make, shares: Any, workspaces: list[Any], rounds: Float, s
     list(mapped(make_shares, workspaces, cuts[:-1], cuts[1:]))
 
 
-def shared_out(graph: Graph, labels: Int, k: int, count: int, seed: int) -> Int:
+def divide_into_shares(graph: Graph, labels: Int, k: int, count: int, seed: int) -> Int:
     """Divide the parts into ``count`` shares ``(k,)`` along a curve with an orientation from the seed."""
     if count == 1:
         return frozen_int(np.zeros(k))

@@ -8,7 +8,7 @@ import numpy as np
 
 from agglo_core.anneal.annealed_parts import ROUNDING, OrderedBlock, corner_cells
 from agglo_core.anneal.rounds import Ramps, rooms_of, take_turns
-from agglo_core.anneal.start_parts import Rival, Start, connected_parts, parts_within
+from agglo_core.anneal.start_parts import Rival, Start, connect_parts, parts_within
 from agglo_core.arrays import Float, Int, frozen_float, frozen_index, frozen_int, splitmix
 from agglo_core.graph import Graph
 from agglo_core.graph.objectives import OBJECTIVES
@@ -114,7 +114,7 @@ def solver_parts(
     first = _first(graph, target, start, rival_labels)
     best, least = rival_labels, (True, np.inf)
     for trial in (rival_labels, first) if first is not rival_labels else (rival_labels,):
-        labels = _finished(graph, trial, target, balance)
+        labels = _even_or_polish(graph, trial, target, balance)
         worth = _worth(graph, labels, balance)
         if worth < least:
             best, least = labels, worth
@@ -126,7 +126,7 @@ def solver_parts(
         if limit.over():
             break
         annealed = tool.annealed(inner, ramps, budget.draws, trial, limit)
-        labels = _finished(graph, tool.outward(annealed), target, balance)
+        labels = _even_or_polish(graph, tool.outward(annealed), target, balance)
         worth = _worth(graph, labels, balance)
         if worth < least:
             best, least = labels, worth
@@ -136,7 +136,7 @@ def solver_parts(
 def _first(graph: Graph, target: Target, start: Start, rival_labels: Int) -> Int:
     """Return the initial labels: the start if it meets the target with no more parts than the other."""
     parts = int(rival_labels.max()) + 1
-    first = connected_parts(graph, start(graph, min(parts, target.parts or parts)))
+    first = connect_parts(graph, start(graph, min(parts, target.parts or parts)))
     if target.h_star is not None:
         first = parts_within(graph, first, target.h_star)
         return first if int(first.max()) < parts else rival_labels
@@ -149,7 +149,7 @@ def _worth(graph: Graph, labels: Int, balance: Balance) -> tuple[bool, float]:
     return off, OBJECTIVES["solver"].value(graph, labels)
 
 
-def _finished(graph: Graph, labels: Int, target: Target, balance: Balance) -> Int:
+def _even_or_polish(graph: Graph, labels: Int, target: Target, balance: Balance) -> Int:
     """Even out sizes if requested, else apply the default polish.
 
     The polish is kept if it lowers the objective and meets the target.

@@ -49,7 +49,7 @@ def _far_side(graph: Graph, cells: Int) -> Mask:
     return side
 
 
-def dissolved(graph: Graph, labels: Int, part: int) -> Int:
+def dissolve_part(graph: Graph, labels: Int, part: int) -> Int:
     """Dissolve a part: its cells join the parts with the longest common interface.
 
     Returns the labels ``(n,)`` without gaps. Cells join from the outside in. A part without neighbours stays.
@@ -78,7 +78,7 @@ def _most_shared(graph: Graph, labels: Int, cell: int) -> int:
     return int(parts[np.argmax(np.bincount(place, graph.interface[row][has_part]))])
 
 
-def dissolved_together(graph: Graph, labels: Int, chosen: Mask, of_part: Int) -> Int:
+def dissolve_parts(graph: Graph, labels: Int, chosen: Mask, of_part: Int) -> Int:
     """Dissolve the ``chosen (k,)`` parts: their cells join other parts in their share.
 
     Returns the labels ``(n,)``. Each cell joins the part with the longest common interface, from the outside
@@ -124,12 +124,12 @@ Rival = Callable[[Graph, Target], Int]
 """Returns labels of a connected graph that meet a target."""
 
 
-def connected_parts(graph: Graph, labels: Int) -> Int:
+def connect_parts(graph: Graph, labels: Int) -> Int:
     """Return labels without gaps and with every part connected."""
     return ConnectivityFixer().fix(graph, frozen_int(np.unique(labels, return_inverse=True)[1]))
 
 
-def bisected_parts(graph: Graph, target: Target) -> Int:
+def partition_by_bisection(graph: Graph, target: Target) -> Int:
     """Partition a connected graph by refined inertial bisections."""
     given, seeds = ([InterfaceRefiner()], ConnectivityFixer()), np.zeros(1, np.uint64)
     growth: Any = InertialBisection().grow(graph, frozen_int(np.zeros(graph.n)), *given)

@@ -150,7 +150,7 @@ def share_seed(seed, s):
 
 
 @helper
-def drawn_move(state, s, shares, cells, parts):
+def draw_move(state, s, shares, cells, parts):
     """Draw a cell of share s and one of its neighbours.
 
     Returns the next generator state, the cell, and the parts of cell and neighbour. If the cell cannot move,
@@ -171,7 +171,7 @@ def drawn_move(state, s, shares, cells, parts):
 
 
 @helper
-def drawn_loss(state, heat):
+def draw_loss(state, heat):
     """Draw the admissible loss heat · log(u) < 0, with u uniform in (0, 1) (Metropolis criterion)."""
     state, bits = _random(state)
     return state, heat * np.log((np.float64(bits >> _ROUGH) + 0.5) * _UNIT)

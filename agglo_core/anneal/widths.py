@@ -27,7 +27,7 @@ def _apart(i, j, centroids):
 
 
 @helper
-def _listed_vertices(p, cells, parts, work, stamp):
+def _list_vertices(p, cells, parts, work, stamp):
     """List the vertices of part p without duplicates.
 
     Returns their number, the centre of their bounding box, and its longest side.
@@ -60,7 +60,7 @@ def widest(p, cells, parts, work, stamp):
 
     Vertices near the box centre, whose distances to all others are below the longest side, are skipped.
     """
-    m, middle, span = _listed_vertices(p, cells, parts, work, stamp)
+    m, middle, span = _list_vertices(p, cells, parts, work, stamp)
     last, reach = cells.points.shape[1] - 1, 0.0
     # 1. Two passes over the vertices. The first finds the largest distance R from the centre. The second
     #    drops vertices nearer than (longest side) − R, because no vertex is as far from them as the longest
@@ -89,7 +89,7 @@ def widest(p, cells, parts, work, stamp):
 
 
 @helper
-def joined_width(i, q, cells, parts):
+def width_with_cell(i, q, cells, parts):
     """Return the diameter of part q together with cell i, and the two vertices at its ends."""
     width, end_a, end_b = parts.tally[q, DIAMETER], parts.ends[q, 0], parts.ends[q, 1]
     i, square = np.uint64(i), width * width
@@ -126,7 +126,7 @@ def _still_there(v, p, cells, parts):
 
 
 @helper
-def left_width(p, cells, parts, work, stamp):
+def width_without_cell(p, cells, parts, work, stamp):
     """Return the diameter of part p after a cell left, and the two vertices at its ends.
 
     The diameter is recomputed only if an end is gone.

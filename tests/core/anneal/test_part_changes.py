@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 from agglo_core import Graph, agglomerate, samples
 from agglo_core.anneal.annealed_parts import Weights, too_wide
 from agglo_core.anneal.round_search import Effort, Search
-from agglo_core.anneal.start_parts import cut_in_two, dissolved, dissolved_together
+from agglo_core.anneal.start_parts import cut_in_two, dissolve_part, dissolve_parts
 from agglo_core.arrays import frozen_int
 from agglo_core.progress import TimeLimit
 from agglo_core.threads import using_threads
@@ -42,21 +42,21 @@ def test_cells_all_in_one_place_are_cut_in_halves() -> None:
 def test_cells_of_a_dissolved_part_join_what_they_share_most_with() -> None:
     graph = samples.squares(4).graph  # columns, from below
     columns = frozen_int(np.arange(16) // 4)
-    assert dissolved(graph, columns, 0).reshape(4, 4).tolist() == [[0] * 4, [0] * 4, [1] * 4, [2] * 4]
+    assert dissolve_part(graph, columns, 0).reshape(4, 4).tolist() == [[0] * 4, [0] * 4, [1] * 4, [2] * 4]
     block = columns.copy()
     block[4:12] = 1
-    after = dissolved(graph, frozen_int(np.unique(block, return_inverse=True)[1]), 1)
+    after = dissolve_part(graph, frozen_int(np.unique(block, return_inverse=True)[1]), 1)
     assert after.reshape(4, 4).tolist() == [[0] * 4, [0] * 4, [1] * 4, [1] * 4]
-    assert dissolved(graph, frozen_int(np.zeros(16)), 0).tolist() == [0] * 16
+    assert dissolve_part(graph, frozen_int(np.zeros(16)), 0).tolist() == [0] * 16
 
 
 def test_parts_dissolve_together_into_others_of_their_share() -> None:
     graph = samples.squares(4).graph  # columns, from below
     columns = frozen_int(np.arange(16) // 4)
     chosen, shares = np.array([True, False, False, True]), frozen_int([0, 0, 1, 1])
-    after = dissolved_together(graph, columns, chosen, shares).reshape(4, 4)
+    after = dissolve_parts(graph, columns, chosen, shares).reshape(4, 4)
     assert after.tolist() == [[1] * 4, [1] * 4, [2] * 4, [2] * 4]
-    nowhere = dissolved_together(graph, columns, chosen, frozen_int([0, 1, 1, 1])).reshape(4, 4)
+    nowhere = dissolve_parts(graph, columns, chosen, frozen_int([0, 1, 1, 1])).reshape(4, 4)
     assert nowhere.tolist() == [[0] * 4, [1] * 4, [2] * 4, [2] * 4]
 
 
@@ -66,8 +66,10 @@ def test_dissolving_together_is_dissolving_one_by_one_where_parts_are_apart(seed
     graph = samples.voronoi(50, seed=2).graph
     labels = agglomerate(samples.voronoi(50, seed=2), n_parts=10).levels[0]
     part = seed % 10
-    after = dissolved_together(graph, labels, np.arange(10) == part, frozen_int(np.zeros(10)))
-    np.testing.assert_array_equal(np.unique(after, return_inverse=True)[1], dissolved(graph, labels, part))
+    after = dissolve_parts(graph, labels, np.arange(10) == part, frozen_int(np.zeros(10)))
+    np.testing.assert_array_equal(
+        np.unique(after, return_inverse=True)[1], dissolve_part(graph, labels, part)
+    )
 
 
 def test_on_large_meshes_parts_are_dissolved_in_many_places() -> None:
