@@ -19,10 +19,10 @@ from agglo_core.shapes.inscribed_3d import (
     ball_in_box,
     convex_solid,
     distance_to,
-    flattened,
-    gathered_triangles,
+    gather_triangles,
     inside_triangles,
-    linearised_triangles,
+    linearise_triangles,
+    lower_planes,
     lowest_plane,
     nearest_triangle,
     shorter_list,
@@ -51,7 +51,7 @@ def _radius_at(solid, x, y, z):
 
 
 @helper
-def _polished(solid, at, radius, sides, centre, some, weight, inverse, row):
+def _polish_ball(solid, at, radius, sides, centre, some, weight, inverse, row):
     """Return the radius of the largest ball nearby (Newton's method with a trust region).
 
     ``at (3,)`` is the initial centre of the ball with this ``radius``, and receives the new centre. The
@@ -63,7 +63,7 @@ def _polished(solid, at, radius, sides, centre, some, weight, inverse, row):
     for _ in range(12):
         # 1. Linearise all distances at the centre (without a box: tangents), and maximise r with r ≤ each
         #    tangent over a cube with half side ``trust``.
-        linearised_triangles(table, none, blocks, at[0], at[1], at[2], 0.0, 0.0, 0.0)
+        linearise_triangles(table, none, blocks, at[0], at[1], at[2], 0.0, 0.0, 0.0)
         first = lowest_plane(table, none, blocks, 0.0, 0.0, 0.0)
         sides[0], sides[1], sides[2] = trust, trust, trust
         most = ball_in_box(
@@ -146,7 +146,9 @@ def _largest_ball(corners, table, m, blocks, diameter, best, heap):
     #    their λ, in ``contacts`` and ``share``, give a bound below. ``polished`` is their radius.
     polished = 0.0
     if best > 0.0:
-        best = _polished((corners, table, m, blocks), at, best, cube, centre, contacts, share, inverse, row)
+        best = _polish_ball(
+            (corners, table, m, blocks), at, best, cube, centre, contacts, share, inverse, row
+        )
         polished = best
     # 3. Root: the box around all triangles, with all blocks in its list.
     _box_around_all(corners, m, centre, sides)
@@ -206,13 +208,13 @@ def _largest_ball(corners, table, m, blocks, diameter, best, heap):
                 # 8b. With the λ of the linear program over planes above all distances. If the bound does not
                 #     decide, planes of triangles in large flat faces can be lowered, and the program is
                 #     solved again.
-                linearised_triangles(table, first, last, x, y, z, sides[0], sides[1], sides[2])
+                linearise_triangles(table, first, last, x, y, z, sides[0], sides[1], sides[2])
                 for _ in range(4):
                     most = ball_in_box(
                         table, first, last, lowest_plane(table, first, last, 0.0, 0.0, 0.0), sides, enough,
                         1e-3 * enough, centre, some, weight, inverse, row,
                     )  # fmt: skip
-                    if most <= enough or not flattened(table, blocks, some, weight, x, y, z, sides):
+                    if most <= enough or not lower_planes(table, blocks, some, weight, x, y, z, sides):
                         break
                 if most <= enough:
                     continue
@@ -230,7 +232,7 @@ def _largest_ball(corners, table, m, blocks, diameter, best, heap):
             # 10. Polish a clearly larger ball, so that step 8a uses the triangles that touch it.
             if best > polished * (1.0 + _ACCURACY):
                 solid = corners, table, m, blocks
-                best = _polished(solid, at, best, cube, centre, contacts, share, inverse, row)
+                best = _polish_ball(solid, at, best, cube, centre, contacts, share, inverse, row)
                 polished = best
             # 11. Push the box with its bound, its list, and whether it lies completely inside.
             box[0, 0], box[0, 1], box[0, 2], box[0, 3] = bound, x, y, z
@@ -246,7 +248,9 @@ def _largest_ball(corners, table, m, blocks, diameter, best, heap):
         size -= 1
         parts = 2
     if best > polished:
-        best = _polished((corners, table, m, blocks), at, best, cube, centre, contacts, share, inverse, row)
+        best = _polish_ball(
+            (corners, table, m, blocks), at, best, cube, centre, contacts, share, inverse, row
+        )
     return best, table, heap
 
 
@@ -281,7 +285,7 @@ def balls(points, first, offsets, faces, face_cells, starts, triangles, centroid
         m = surface(first + c, offsets[c], offsets[c + 1], faces, face_cells, starts, triangles, triples)
         for k in range(3):
             centre[k] = centroids[first + c, k]
-        table, m, blocks = gathered_triangles(points, triples, m, centre, moments, axes, corners, table)
+        table, m, blocks = gather_triangles(points, triples, m, centre, moments, axes, corners, table)
         # 2. Radius about the centroid, then anywhere.
         radius[c] = max(_radius_at((corners, table, m, blocks), 0.0, 0.0, 0.0), 0.0)
         if anywhere:

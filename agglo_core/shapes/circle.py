@@ -18,16 +18,16 @@ from agglo_core.shapes.inscribed_2d import (
     apart,
     bounding_box,
     convex,
-    gathered,
+    gather_edges,
     is_inside,
     largest_in_box,
-    linearised,
-    majorised,
+    linearise_distances,
+    list_near_edges,
+    majorise_distances,
     nearest_edge,
     offset,
-    shortened,
     signed_distance,
-    simplified,
+    simplify_outline,
     slabs,
     tightest,
 )
@@ -45,7 +45,7 @@ _THIN = 3.0  # box side ratio above which the choice of the halved axis matters
 
 
 @helper
-def _polished(edges, m, x, y, radius, trio, weight, inverse):
+def _polish_circle(edges, m, x, y, radius, trio, weight, inverse):
     """Return centre and radius of the largest circle nearby, after up to three Newton steps.
 
     The edges that touch the circle and their λ are written to ``trio`` and ``weight``, ``(3,)`` each.
@@ -53,7 +53,7 @@ def _polished(edges, m, x, y, radius, trio, weight, inverse):
     for _ in range(3):
         # Linearise the distances at the centre, and maximise r with r ≤ each tangent in a square of half side
         # r. Where three edges touch the circle the optimum is a vertex, and steps converge quadratically.
-        linearised(edges, np.int64(0), m, x, y)
+        linearise_distances(edges, np.int64(0), m, x, y)
         first = tightest(edges, np.int64(0), m, 0.0, 0.0)
         px, py, _ = largest_in_box(
             edges, np.int64(0), m, first, radius, radius, 0.0, 1e-15 * radius, trio, weight, inverse
@@ -94,7 +94,7 @@ def _average(edges, some, weight, x, y):
 
 
 @helper
-def _decided(edges, some, weight, x, y, sx, sy, enough):
+def _excludes_box(edges, some, weight, x, y, sx, sy, enough):
     """Return True if an average of distances does not exceed ``enough`` anywhere in a box.
 
     No circle with its centre in the box is then larger. The average is convex, hence maximal at a corner. The
@@ -144,7 +144,7 @@ def _largest(edges, m, diameter, best, heap):
     #    Otherwise use the root of step 2.
     if sx > _LONG * sy:
         best_x, best_y, best, heap, size, whole = slabs(edges, m, best, 0.01 * accuracy, heap, box)
-        best_x, best_y, best = _polished(edges, m, best_x, best_y, best, trio, weight, inverse)
+        best_x, best_y, best = _polish_circle(edges, m, best_x, best_y, best, trio, weight, inverse)
         polished = best
         promising = 0
         for i in range(size):
@@ -176,26 +176,26 @@ def _largest(edges, m, diameter, best, heap):
             if thin and not inside and apart(edges, start, stop, x, y, sx, sy):
                 continue
             # 7. Bound by the edges that touch the best circle so far.
-            if polished > 0.0 and _decided(edges, trio, weight, x, y, sx, sy, best + slack):
+            if polished > 0.0 and _excludes_box(edges, trio, weight, x, y, sx, sy, best + slack):
                 continue
             # 8. Keep only edges within d + 2R of the centre; no other edge is nearest anywhere in the box.
             #    The copy lies right of all lists in use, and is overwritten unless the box is pushed.
             first, last = start, stop
             if stop - start > _SHORT:
                 limit = (d + 2.0 * reach) ** 2 * (1.0 + 1e-9)
-                edges, first, last = shortened(edges, start, stop, limit, top)
+                edges, first, last = list_near_edges(edges, start, stop, limit, top)
             # 9. Bound by the edges on both sides of a strip: the edge nearest to the centre c, and the edge
             #    nearest to the mirror image, in c, of the nearest point.
             pair[0] = nearest_edge(edges, first, last, x, y)
             dx, dy = offset(edges, pair[0], x, y)
             pair[1] = nearest_edge(edges, first, last, x + dx, y + dy)
-            if _decided(edges, pair, halves, x, y, sx, sy, best + slack):
+            if _excludes_box(edges, pair, halves, x, y, sx, sy, best + slack):
                 continue
             # 10. Few edges: find the best λ for planes above the distances by a linear program, whose
             #     maximiser is the next candidate.
             bound = signed + reach
             if last - first <= _LISTED:
-                majorised(edges, first, last, x, y, sx, sy)
+                majorise_distances(edges, first, last, x, y, sx, sy)
                 px, py, most = largest_in_box(
                     edges, first, last, pair[0], sx, sy, best + slack, 0.1 * slack, some, share, inverse
                 )
@@ -223,7 +223,7 @@ def _largest(edges, m, diameter, best, heap):
         #     bound of step 7 remains sharp at low cost.
         is_done = size == 0 or heap[0, 0] <= best + slack
         if (is_done or opened == polish) and best > polished:
-            best_x, best_y, best = _polished(edges, m, best_x, best_y, best, trio, weight, inverse)
+            best_x, best_y, best = _polish_circle(edges, m, best_x, best_y, best, trio, weight, inverse)
             polished = best
         if opened == polish:
             polish *= 2
@@ -244,7 +244,7 @@ def _radius(edges, m, diameter, anywhere, heap, links):
     """Return the radius of the largest circle, anywhere or about the origin.
 
     Also returns edges and heap for reuse. ``links`` is the workspace of
-    :func:`~agglo_core.shapes.inscribed_2d.simplified`.
+    :func:`~agglo_core.shapes.inscribed_2d.simplify_outline`.
     """
     best = max(signed_distance(edges, m, 0.0, 0.0), 0.0)
     if not anywhere:
@@ -252,14 +252,14 @@ def _radius(edges, m, diameter, anywhere, heap, links):
     # 1. Straighten chains in outlines with many edges, and search.
     table, k, is_large = edges, m, m > _MANY
     if is_large:
-        table, k = simplified(edges, m, links, _SAG * bounding_box(edges, m)[3])
+        table, k = simplify_outline(edges, m, links, _SAG * bounding_box(edges, m)[3])
     x, y, radius, table, heap = _largest(table, k, diameter, best, heap)
     if not is_large:
         return radius, table, heap
     # 2. Polish the circle so that it touches the original outline.
     some, share, inverse = np.zeros(3, np.int64), np.zeros(3), np.zeros((3, 3))
     radius = signed_distance(edges, m, x, y)
-    return max(best, _polished(edges, m, x, y, radius, some, share, inverse)[2]), edges, heap
+    return max(best, _polish_circle(edges, m, x, y, radius, some, share, inverse)[2]), edges, heap
 
 
 @kernel
@@ -301,6 +301,6 @@ def circles(points, offsets, faces, face_vertices, centroids, diameters, anywher
     for c in range(len(radius)):
         x0, y0 = centroids[c, 0], centroids[c, 1]
         # Table of the edges in principal axes, then the search.
-        edges, m = gathered(points, offsets[c], offsets[c + 1], faces, face_vertices, x0, y0, edges)
+        edges, m = gather_edges(points, offsets[c], offsets[c + 1], faces, face_vertices, x0, y0, edges)
         radius[c], edges, heap = _radius(edges, m, diameters[c], anywhere, heap, links)
     return radius

@@ -18,7 +18,7 @@ FIRST, LAST = 8, 9  # rows of the vertices a and b, until planes are written the
 
 
 @helper(allocates=True)
-def gathered(points, start, stop, faces, face_vertices, x0, y0, edges):
+def gather_edges(points, start, stop, faces, face_vertices, x0, y0, edges):
     """Return the edge table of one agglomerate, in ``edges`` if it is large enough, and the edge count.
 
     The origin is (x0, y0), the first axis is the axis of the largest moment. Edges without length are
@@ -157,7 +157,7 @@ def apart(edges, start, stop, x, y, sx, sy):
 
 
 @helper(allocates=True)
-def shortened(edges, start, stop, limit, top):
+def list_near_edges(edges, start, stop, limit, top):
     """Copy the near edges to columns from ``top`` on, if at most half of the edges are near.
 
     Near edges have a squared distance of at most ``limit``, as computed by :func:`nearest_edge`. Returns the
@@ -190,7 +190,7 @@ _STEPS = 40  # maximum number of pivots in a linear program, a safeguard; more t
 
 
 @helper
-def linearised(edges, start, stop, x, y):
+def linearise_distances(edges, start, stop, x, y):
     """Write the distances to (x, y) and their gradients, unit vectors, to the edge table."""
     for j in range(stop - start):
         i = np.uint64(start + j)
@@ -203,7 +203,7 @@ def linearised(edges, start, stop, x, y):
 
 
 @helper
-def majorised(edges, start, stop, x, y, sx, sy):
+def majorise_distances(edges, start, stop, x, y, sx, sy):
     """Write planes above the edge distances over a box to the table.
 
     The box has centre (x, y) and half sides sx, sy. A plane is stored as its value at the centre and its
@@ -491,7 +491,7 @@ def _walk(edges, seed, links, is_visited, tiny, rough, k):
 
 
 @helper(allocates=True)
-def simplified(edges, m, links, tiny):
+def simplify_outline(edges, m, links, tiny):
     """Return a table with fewer edges that deviate by less than ``tiny``, and the edge count.
 
     The outline has ``m`` edges. ``links (points, 2)`` is workspace: zeros, before and after.

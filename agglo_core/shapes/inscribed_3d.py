@@ -139,7 +139,7 @@ def fill(table, count):
 
 
 @helper(allocates=True)
-def gathered_triangles(points, triangles, m, centre, moments, axes, corners, table):
+def gather_triangles(points, triangles, m, centre, moments, axes, corners, table):
     """Return the triangle table of one agglomerate, the triangle count and the block count.
 
     The table is ``table`` if it is large enough. The origin is the centre, the axes are principal axes.
@@ -235,7 +235,7 @@ def lowest(table, start, stop):
 
 
 @helper
-def linearised_triangles(table, start, stop, x, y, z, sx, sy, sz):
+def linearise_triangles(table, start, stop, x, y, z, sx, sy, sz):
     """Write planes above the triangle distances, valid in a box, to the table.
 
     The box has centre (x, y, z) and half sides sx, sy, sz, and R is half its diagonal. For R = 0 the planes
@@ -276,7 +276,7 @@ def linearised_triangles(table, start, stop, x, y, z, sx, sy, sz):
 
 
 @helper
-def flattened(table, blocks, some, weight, x, y, z, sides):
+def lower_planes(table, blocks, some, weight, x, y, z, sides):
     """Lower the planes of triangles in large flat faces, and return True if any plane was lowered.
 
     The distance to a triangle may be replaced by the distance to its face's plane if the box, seen along the
@@ -317,7 +317,7 @@ def flattened(table, blocks, some, weight, x, y, z, sides):
 
 
 @helper
-def _crossing(corners, t, p, q, x, y):
+def _crossing_sign(corners, t, p, q, x, y):
     """Return ±1 if side pq, seen along z, crosses the ray from (x, y) in direction x, else 0.
 
     +1 is an upward crossing, −1 a downward crossing.
@@ -344,8 +344,8 @@ def inside_triangles(corners, table, m, x, y, z):
     total = 0
     for t in range(m):
         # 1. Winding of the triangle, seen along z, around the point: 0 or ±1, by its orientation.
-        winds = _crossing(corners, t, 0, 3, x, y) + _crossing(corners, t, 3, 6, x, y)
-        winds += _crossing(corners, t, 6, 0, x, y)
+        winds = _crossing_sign(corners, t, 0, 3, x, y) + _crossing_sign(corners, t, 3, 6, x, y)
+        winds += _crossing_sign(corners, t, 6, 0, x, y)
         if winds == 0:
             continue
         # 2. Count the triangle if it is above the point. Its plane decides only if the heights of its corners

@@ -90,7 +90,7 @@ def _dot(a, i, b, j):
 
 
 @helper
-def _facing(normals, edges, faces, e, f):
+def _are_antipodal(normals, edges, faces, e, f):
     """Return True if parallel planes through edges e and f enclose the hull.
 
     This holds if the arc of normals from face to face of e, on the sphere, crosses the opposite arc of f.
@@ -125,7 +125,7 @@ def _narrowest(points, edges, count, faces, normals, vertices, m, ties):
         a, b = edges[e, 0], edges[e, 1]
         ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
         for f in range(e):
-            if not _facing(normals, edges, faces, e, f):
+            if not _are_antipodal(normals, edges, faces, e, f):
                 continue
             c, d = edges[f, 0], edges[f, 1]
             vx, vy, vz = points[d, 0] - points[c, 0], points[d, 1] - points[c, 1], points[d, 2] - points[c, 2]
@@ -141,7 +141,7 @@ def _narrowest(points, edges, count, faces, normals, vertices, m, ties):
 
 
 @helper
-def _flattened(points, vertices, m, x, y, z, flat, order):
+def _project_vertices(points, vertices, m, x, y, z, flat, order):
     """Write the vertices projected along a unit vector, relative to the first vertex."""
     # Orthonormal basis u, v of the plane: u is perpendicular to the given vector and to the x or y axis,
     # whichever is farther from it.
@@ -192,7 +192,7 @@ def solid_box_ratios(points, offsets, triangles, neighbours):
         # 3. For each direction, the narrowest rectangle around the projection: ``narrow`` by narrow / value.
         #    The width is the shortest side of the box, narrow / value the longest.
         for k in range(n_ties):
-            _flattened(points, vertices, m, ties[k, 0], ties[k, 1], ties[k, 2], flat, order)
+            _project_vertices(points, vertices, m, ties[k, 0], ties[k, 1], ties[k, 2], flat, order)
             corners = one_hull(flat, order, 0, m, hull, 0)
             narrow, value = narrowest(flat, hull, 0, corners)
             ratio[c] = max(ratio[c], width * value / narrow)

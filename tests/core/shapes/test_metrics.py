@@ -14,7 +14,7 @@ from agglo_core import samples
 from agglo_core.errors import MeshError, OptionError
 from agglo_core.mesh import Mesh
 from agglo_core.registry import default
-from agglo_core.shapes.inscribed_2d import FIRST, HEIGHT, LAST, simplified
+from agglo_core.shapes.inscribed_2d import FIRST, HEIGHT, LAST, simplify_outline
 from agglo_core.shapes.metrics import (
     Cells,
     CentredCircleRatio,
@@ -180,7 +180,7 @@ def test_simplified_outlines_pass_all_vertices(tiny: float, arcs: int) -> None:
     numbers = [np.arange(300), 300 + np.arange(32), 400 + np.arange(50), 500 + np.arange(50)]
     numbers[3][0] = 400  # both ragged ones meet there
     edges, links = _table(outlines, numbers), np.zeros((600, 2), np.int32)
-    rough, k = simplified(edges, edges.shape[1], links, tiny)
+    rough, k = simplify_outline(edges, edges.shape[1], links, tiny)
     assert not links.any()
     assert 4 + 80 < k <= arcs + 5 + 100  # the circle, the square, and both ragged ones
     lines = shapely.linestrings(np.stack((rough[:2, :k], rough[4:6, :k]), axis=1).T.reshape(-1, 2, 2))
