@@ -29,7 +29,7 @@ from agglo_core.graph import Graph
 from agglo_core.progress import Listener, labelled, noted_limits
 from agglo_core.protocols import Target
 from agglo_core.registry.attribution import Member, attributed
-from agglo_core.split.side_shares import shifted
+from agglo_core.split.side_shares import shift_cuts
 
 _APART = np.uint64(0xBF58476D1CE4E5B9)  # increment between the seed roots of two stages
 
@@ -167,7 +167,7 @@ class Run:
             also = f", and so did its fallback, {self.fallback.title}" if self.fallback else ""
             raise PluginError(f"{self.bisector.title} put all {size} cells of a piece on one side{also}")
         # 3. Move the cut of the remaining uneven blocks to their share.
-        return shifted(level, sides, uneven, shares)
+        return shift_cuts(level, sides, uneven, shares)
 
     def note_widths(self, labels: Int, wide: Mask, limit: float) -> None:
         """Record the number of wide single cells, and check that no part ``wide (k,)`` has several cells."""

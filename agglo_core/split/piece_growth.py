@@ -225,7 +225,7 @@ class PieceGrowth:
 
         # 1. Lists with spare rows.
         counts = np.array([len(todo), 0, max(stamp, self._stamp)])
-        todo, postponed = _enlarged(todo), np.zeros((_ROOM, _COLUMNS), np.int64)
+        todo, postponed = _append_rows(todo), np.zeros((_ROOM, _COLUMNS), np.int64)
         limits = Limits(limit, self._floor, postponed_size, tiny, step, self._shares)
         while counts[0]:
             lists = Lists(todo, postponed, leaf, counts, tally)
@@ -234,14 +234,14 @@ class PieceGrowth:
             # 3. Repair the torn pieces if only these are left.
             if counts[0] == 0 and (torn := postponed[: counts[1], STATE] == TORN).any():
                 rows = postponed[: counts[1]]
-                todo, whole = _enlarged(self._mended(rows[torn])), rows[~torn]
+                todo, whole = _append_rows(self._mended(rows[torn])), rows[~torn]
                 postponed[: len(whole)] = whole
                 counts[:2] = len(rows) - len(whole), len(whole)
             # 4. Enlarge full lists.
             if counts[0] + 2 > len(todo):
-                todo = _enlarged(todo)
+                todo = _append_rows(todo)
             if counts[1] + 2 > len(postponed):
-                postponed = _enlarged(postponed)
+                postponed = _append_rows(postponed)
             if handled is not None:
                 handled()
         return postponed[: counts[1]], int(counts[2])
@@ -318,7 +318,7 @@ def _shape(graph: Graph, limit: float) -> CellVertices:
     return CellVertices(frozen_int([0]), frozen_index([]), graph.points)
 
 
-def _enlarged(rows: Int) -> Int:
+def _append_rows(rows: Int) -> Int:
     return np.concatenate((rows, np.zeros((max(_ROOM, len(rows)), _COLUMNS), np.int64)))
 
 

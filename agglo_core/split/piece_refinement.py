@@ -116,7 +116,7 @@ def _put(measures, tag, i, other, balance):
 
 
 @helper
-def _paying(edges, centroids, tag, gains, visits, m, pairs, normal, keys, movers):
+def _collect_movers(edges, centroids, tag, gains, visits, m, pairs, normal, keys, movers):
     """Write the cells worth moving to ``movers``, sorted along the normal, and return their number."""
     n_movers = 0
     for c in range(m):
@@ -203,7 +203,9 @@ def refine_sides(graph, pieces, left_tag, right_tag, sides, floor, edge, workspa
     pairs, pairs_tried = False, False
     for _ in range(_SWEEPS):
         # 2. Cells worth moving, in order of position along the normal, so that numbering does not matter.
-        moves = _paying(edges, graph.centroids, tag, gains, visits, m, pairs, sides.normal, keys, movers)
+        moves = _collect_movers(
+            edges, graph.centroids, tag, gains, visits, m, pairs, sides.normal, keys, movers
+        )
         stamp += 1
         sweep, m = stamp, np.int64(0)
         for c in range(moves):

@@ -129,7 +129,7 @@ def _equals(n, score, bar, tie, points):
 
 
 @helper(allocates=True)
-def _untied(columns, axis, group, gap):
+def _break_ties(columns, axis, group, gap):
     """Order equal cells by their ranks along the other axes, next axis first.
 
     Values no farther apart than ``gap`` have equal rank. Remaining ties keep their order.
@@ -162,7 +162,7 @@ def _order_of_equals(n, d, coords, axis, group):
     for step in range(1, d):
         low, high = _extremes(n, coords[(axis + step) % d])
         extent = max(extent, high - low)
-    return _untied(coords[:d, :n], axis, group, _TIE * extent)
+    return _break_ties(coords[:d, :n], axis, group, _TIE * extent)
 
 
 @helper(allocates=True)
@@ -335,7 +335,7 @@ def shift_cut(graph, pieces, lo, hi, share, candidates, sides):
 
 
 @kernel
-def shifted_sides(offsets, centroids, mass, sides, shares):
+def shift_sides(offsets, centroids, mass, sides, shares):
     """Move each cut that misses its share, and return the block sides ``(n,)``: see ``shift_cut``."""
     n, largest = len(sides), np.int64(0)
     for b in range(len(shares)):

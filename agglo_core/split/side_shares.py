@@ -29,7 +29,7 @@ def side_shares(parts: int) -> Float:
     return frozen_float(shares)
 
 
-def shifted(level: Graph, sides: Int, blocks: Int, shares: Float | None) -> Int:
+def shift_cuts(level: Graph, sides: Int, blocks: Int, shares: Float | None) -> Int:
     """Move the cuts of some blocks until the lighter side holds its mass share.
 
     Returns the sides ``(n,)``. The new cuts are straight, across the line between the centroids of both
@@ -44,11 +44,11 @@ def shifted(level: Graph, sides: Int, blocks: Int, shares: Float | None) -> Int:
     shares : (B,) float, optional
         Below 1/2 for these blocks.
     """
-    from agglo_core.split.piece_shares import shifted_sides
+    from agglo_core.split.piece_shares import shift_sides
 
     if shares is None or len(blocks) == 0:
         return sides
     nodes = np.flatnonzero(np.isin(level.block_ids, blocks))
     part, result = level.take(blocks), sides.copy()
-    result[nodes] = shifted_sides(part.offsets, part.centroids, part.mass, sides[nodes], shares[blocks])
+    result[nodes] = shift_sides(part.offsets, part.centroids, part.mass, sides[nodes], shares[blocks])
     return frozen_int(result)

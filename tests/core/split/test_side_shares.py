@@ -12,7 +12,7 @@ import agglo_core as agglo
 from agglo_core import Graph, PluginError, samples
 from agglo_core.arrays import Int, frozen_float, frozen_int
 from agglo_core.graph.blocks import split_at_median
-from agglo_core.split.side_shares import shifted, side_shares
+from agglo_core.split.side_shares import shift_cuts, side_shares
 
 BISECTORS = (
     "kmeans",
@@ -169,28 +169,28 @@ def test_a_moved_cut_leaves_the_share_to_the_lighter_side(
     )
     level = graph.subgraph(np.arange(2 * n), [0, n, 2 * n])
     sides = frozen_int(rng.integers(0, 2, 2 * n))
-    after = shifted(level, sides, frozen_int([1]), frozen_float([0.5, share]))
+    after = shift_cuts(level, sides, frozen_int([1]), frozen_float([0.5, share]))
     assert np.array_equal(after[:n], sides[:n])
     mass = level.mass[n:] if level.mass[n:].any() else np.ones(n)
     light = min(mass[after[n:] == side].sum() for side in (0, 1))
     assert 0 < after[n:].sum() < n
     assert abs(light - share * mass.sum()) <= max(mass.max(), 0.051 * share * mass.sum())
-    alone = shifted(level.take([1]), sides[n:], frozen_int([0]), frozen_float([share]))
+    alone = shift_cuts(level.take([1]), sides[n:], frozen_int([0]), frozen_float([share]))
     assert np.array_equal(after[n:], alone)
 
 
 def test_a_row_of_cells_by_hand() -> None:
     strip = samples.strip(9).graph
     for halves in (np.arange(9) >= 5, np.arange(9) < 5):
-        sides = shifted(strip, frozen_int(halves), frozen_int([0]), frozen_float([1 / 3]))
+        sides = shift_cuts(strip, frozen_int(halves), frozen_int([0]), frozen_float([1 / 3]))
         lighter = sides[8]
         assert (sides == lighter).tolist() == [False] * 6 + [True] * 3
 
 
 def test_a_cut_near_its_share_stays() -> None:
     strip, sides = samples.strip(100).graph, frozen_int(np.arange(100) >= 66)
-    assert np.array_equal(shifted(strip, sides, frozen_int([0]), frozen_float([1 / 3])), sides)
-    assert shifted(strip, sides, frozen_int([0]), frozen_float([0.3])).sum() in (30, 70)
+    assert np.array_equal(shift_cuts(strip, sides, frozen_int([0]), frozen_float([1 / 3])), sides)
+    assert shift_cuts(strip, sides, frozen_int([0]), frozen_float([0.3])).sum() in (30, 70)
 
 
 def test_equal_cells_are_taken_across_the_line() -> None:
@@ -199,7 +199,7 @@ def test_equal_cells_are_taken_across_the_line() -> None:
     order = np.random.default_rng(3).permutation(16)
     graph = squares.graph.subgraph(order, [0, 16])
     x, y = np.rint(4 * squares.cell_centroids[order] - 0.5).T
-    sides = shifted(graph, frozen_int(x >= 2), frozen_int([0]), frozen_float([6 / 16]))
+    sides = shift_cuts(graph, frozen_int(x >= 2), frozen_int([0]), frozen_float([6 / 16]))
     light = sides == np.argmin(np.bincount(sides))
     assert light.sum() == 6
     column = light & (np.bincount(x.astype(int), light)[x.astype(int)] == 2)
@@ -208,7 +208,7 @@ def test_equal_cells_are_taken_across_the_line() -> None:
 
 def test_sides_with_one_centroid_and_no_mass_are_cut_all_the_same() -> None:
     graph = Graph.from_arrays(np.zeros(10, int), [], np.zeros((9, 2)), measures=np.zeros(9))
-    sides = shifted(graph, frozen_int(np.arange(9) < 4), frozen_int([0]), frozen_float([1 / 3]))
+    sides = shift_cuts(graph, frozen_int(np.arange(9) < 4), frozen_int([0]), frozen_float([1 / 3]))
     assert sorted(np.bincount(sides).tolist()) == [3, 6]
 
 
