@@ -8,7 +8,7 @@ import numpy as np
 
 from agglo_core.compiled.compiling import helper, kernel
 from agglo_core.compiled.graphs import flood
-from agglo_core.compiled.ring_search import connected
+from agglo_core.compiled.ring_search import are_connected
 
 # Nodes per cut node below which a block is flooded as a whole, instead of searched from its cut nodes. Larger
 # floods more blocks, smaller starts more searches (benchmarks/pathologies.py, bisector metis).
@@ -61,6 +61,6 @@ def broken_halves(offsets, indptr, indices, sides):
             for c in range(m):
                 queue[filled] = edge[c]
                 filled += sides[edge[c]] == side
-            whole &= connected(indptr, indices, sides, side, (queue, root, marks), filled, stamp, n, n)
+            whole &= are_connected(indptr, indices, sides, side, (queue, root, marks), filled, stamp, n, n)
         broken[b] = not whole
     return broken

@@ -16,7 +16,7 @@ from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.progress import TimeLimit, checked_seconds
 from agglo_core.protocols import Target
-from agglo_core.refine.part_sizes import FREE, Balance, checked_size, checked_tolerance
+from agglo_core.refine.part_sizes import FREE, Balance, check_size, check_tolerance
 
 
 @dataclass(frozen=True)
@@ -71,9 +71,9 @@ class PartSearch:
         if objective not in ("solver", "roundness"):
             raise OptionError(f"{owner}: objective must be solver or roundness, given {objective!r}")
         limit = checked_seconds(owner, seconds)
-        part_balance, kind = FREE, checked_size(owner, size)
+        part_balance, kind = FREE, check_size(owner, size)
         if balance is not None:
-            part_balance = Balance(checked_tolerance(owner, balance, "balance"), kind)
+            part_balance = Balance(check_tolerance(owner, balance, "balance"), kind)
         if effort is None and (limit is not None or objective == "roundness" or part_balance.asked):
             raise OptionError(f"{owner}: objective, seconds and balance are for an effort, and none is given")
         if part_balance.asked and objective == "roundness":

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agglo_core.compiled.compiling import ONE, helper
-from agglo_core.compiled.ring_search import CROWD, REACH, connected
+from agglo_core.compiled.ring_search import CROWD, REACH, are_connected
 
 COLUMNS = 4  # number of columns of part sums
 MEASURE, SURFACE, DIAMETER, COUNT = 0, 1, 2, 3
@@ -83,7 +83,7 @@ def may_leave(i, p, q, cells, parts, work, stamp):
     #    label hides the cell from them.
     parts.labels[i] = q
     search = (work.queue, work.root, work.marks)
-    if filled > ONE and not connected(
+    if filled > ONE and not are_connected(
         cells.indptr, cells.indices, parts.labels, p, search, filled, stamp, REACH, CROWD
     ):
         parts.labels[i] = p

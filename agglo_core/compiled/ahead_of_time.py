@@ -41,13 +41,13 @@ class Signature(NamedTuple):
         return found
 
 
-def written(arguments: tuple[Any, ...]) -> str:
+def write_types(arguments: tuple[Any, ...]) -> str:
     """Return numba's argument types as text that :meth:`Signature.types` can read."""
     texts = []
     for argument in arguments:
         if isinstance(argument, numba.types.NamedTuple | numba.types.NamedUniTuple):
             home = argument.instance_class
-            texts.append(f"named({written(argument.types)}, '{home.__module__}:{home.__qualname__}')")
+            texts.append(f"named({write_types(argument.types)}, '{home.__module__}:{home.__qualname__}')")
         else:
             texts.append(repr(argument))
     return f"({', '.join(texts)},)"
@@ -59,7 +59,7 @@ def _named_tuple(types: tuple[Any, ...], home: str) -> Any:
     return made(types, getattr(import_module(module), name))
 
 
-def listed() -> list[Signature]:
+def read_signatures() -> list[Signature]:
     """Return the signatures in ``ahead_of_time.txt``, slowest to compile first."""
     lines = LISTED.read_text(encoding="utf-8").splitlines()
     return [Signature(*line.split(" ", 2)) for line in lines if not line.startswith("#")]
@@ -84,4 +84,4 @@ def _compile(signature: Signature, folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit("\n".join(compile_listed(Path(sys.argv[1]), listed())) or None)
+    sys.exit("\n".join(compile_listed(Path(sys.argv[1]), read_signatures())) or None)

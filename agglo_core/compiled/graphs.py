@@ -103,7 +103,7 @@ def take_rows(offsets, values, order):
 
 
 @kernel
-def listed_blocks(labels, block_labels, count):
+def list_blocks(labels, block_labels, count):
     """List the cells of the labels ``block_labels``, label by label, and return the offsets.
 
     There are ``count`` labels in total.
@@ -131,7 +131,7 @@ def listed_blocks(labels, block_labels, count):
 
 
 @kernel
-def numbered_as_met(values, count):
+def number_as_met(values, count):
     """Renumber values below ``count`` by first occurrence, and return the old values in that order."""
     number, order = np.full(count, -1, np.int32), np.empty(count + 1, np.int64)
     renumbered, n_distinct = np.empty(len(values), np.int32), np.uint64(0)

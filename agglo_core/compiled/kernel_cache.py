@@ -198,7 +198,7 @@ def sources(file: Path) -> set[Path]:
     while pending:
         source = pending.pop()
         files.add(source)
-        pending |= _imported(source) - files
+        pending |= _imported_files(source) - files
     return files
 
 
@@ -216,7 +216,7 @@ def _place_in_package(source: Path) -> str:
 
 
 @cache
-def _imported(source: Path) -> frozenset[Path]:
+def _imported_files(source: Path) -> frozenset[Path]:
     """Return the files in the core and in the package of ``source`` named by its imports."""
     top = _package_of(source)
     files: set[Path] = set()

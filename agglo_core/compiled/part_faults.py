@@ -98,7 +98,7 @@ def lone_cells(start, stop, indptr, indices, labels, count, lone, marks, queue):
 
 
 @helper
-def _found_apart(lone, indptr, indices, labels, part_mask, has_cell, broken, marks, queue):
+def _mark_doubtful_parts(lone, indptr, indices, labels, part_mask, has_cell, broken, marks, queue):
     """Mark the parts in ``part_mask`` with a second, possibly disconnected cell.
 
     Returns True if there are any. A cell may be listed only as the first cell of its part in a range of
@@ -139,7 +139,7 @@ def broken_parts(lone, indptr, indices, labels, part_mask):
         return broken
     # 2. Search from the other lone cells, with all earlier cells available.
     marks, nodes = np.zeros(n, np.int32), np.empty(n + 1, np.int32)
-    if not _found_apart(lone, indptr, indices, labels, part_mask, has_cell, broken, marks, nodes):
+    if not _mark_doubtful_parts(lone, indptr, indices, labels, part_mask, has_cell, broken, marks, nodes):
         return broken
     # 3. Flood doubtful parts from each cell not reached yet: a second flood is a second component.
     for i in range(n):

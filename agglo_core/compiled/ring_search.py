@@ -15,7 +15,7 @@ CROWD = np.int64(256)
 
 
 @helper
-def connected(indptr, indices, labels, label, search, filled, stamp, reach, crowd):
+def are_connected(indptr, indices, labels, label, search, filled, stamp, reach, crowd):
     """Return True if the first ``filled`` cells of the queue are connected in their part ``label``.
 
     Complete rings of cells are grown around all of them simultaneously until they meet. The search ends
@@ -79,6 +79,6 @@ def keeps_whole(indptr, indices, labels, i, search, stamp):
     if filled < 2:
         return True
     labels[i] = -1  # hide the cell from the search
-    whole = connected(indptr, indices, labels, label, search, filled, stamp, REACH, CROWD)
+    whole = are_connected(indptr, indices, labels, label, search, filled, stamp, REACH, CROWD)
     labels[i] = label
     return whole

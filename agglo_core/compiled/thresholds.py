@@ -206,7 +206,7 @@ def bar_of(threshold):
 
 
 @helper
-def _centred(start, n, column, shares, score):
+def _centre_column(start, n, column, shares, score):
     """Write the column minus its mean to ``score``, and return its extremes and standard deviation."""
     low, high, mean, square = column[start], column[start], 0.0, 0.0
     for i in range(n):
@@ -233,12 +233,12 @@ def sweep_level(offsets, indptr, indices, interface, centroids, weights, measure
         best, column = (NO_CUT, 0, 0.0, 0.0), 0
         # 2. Cheapest threshold over all columns, ties to the first column.
         for c in range(scores.shape[1]):
-            low, high, spread = _centred(start, n, scores[:, c], shares, score)
+            low, high, spread = _centre_column(start, n, scores[:, c], shares, score)
             low, rate = thresholds_between(low, high, spread)
             cost, last = sweep_block(n, low, rate, score, edges, local, shares, scales, bins, tally)
             if cost < best[0] - 1e-9 * abs(best[0]):
                 best, column = (cost, last, low, rate), c
-        _centred(start, n, scores[:, column], shares, score)
+        _centre_column(start, n, scores[:, column], shares, score)
         write_sides(start, n, best, score, bins, sides)
     return sides
 

@@ -31,13 +31,13 @@ def renumbered_arrays(mesh: Derived, cells: ArrayLike) -> Renumbered:
     MeshError
         If ``cells (n_cells,)`` is not a permutation.
     """
-    from agglo_core.compiled.graphs import numbered_as_met, take_rows
+    from agglo_core.compiled.graphs import number_as_met, take_rows
 
     order, number = _numbers(cells, mesh.n_cells)
     offsets, own = mesh.cell_faces
-    faces = frozen_int(numbered_as_met(take_rows(offsets, frozen_index(own), order)[1], mesh.n_faces)[1])
+    faces = frozen_int(number_as_met(take_rows(offsets, frozen_index(own), order)[1], mesh.n_faces)[1])
     face_offsets, vertices = take_rows(mesh.face_offsets, frozen_index(mesh.face_vertices), faces)
-    vertices, points = numbered_as_met(vertices, mesh.n_points)
+    vertices, points = number_as_met(vertices, mesh.n_points)
     return Renumbered(
         frozen_float(mesh.points.take(points, axis=0)),
         frozen_int(face_offsets),

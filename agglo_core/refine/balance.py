@@ -9,7 +9,7 @@ import numpy as np
 from agglo_core.arrays import Int, UInt64, frozen_float, frozen_int
 from agglo_core.graph import Graph
 from agglo_core.protocols import Target
-from agglo_core.refine.part_sizes import SIZES, block_sizes, checked_size, checked_tolerance, refined_blocks
+from agglo_core.refine.part_sizes import SIZES, block_sizes, check_size, check_tolerance, refine_blocks
 
 
 class BalanceRefiner:
@@ -50,13 +50,13 @@ class BalanceRefiner:
     def __init__(
         self, size: Literal["cells", "measure", "weights"] | None = None, tolerance: float = 0.0
     ) -> None:
-        self.size = checked_size("balance", size)
-        self.tolerance = checked_tolerance("balance", tolerance)
+        self.size = check_size("balance", size)
+        self.tolerance = check_tolerance("balance", tolerance)
         self.objective = SIZES[size]
 
     def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target) -> Int:
         """Return the balanced labels ``(n,)``, independent of the seeds."""
-        return refined_blocks(self, graph, labels, target)
+        return refine_blocks(self, graph, labels, target)
 
     def refine_parts(self, graph: Graph, labels: Int, block: Int, target: Target) -> Int:
         """Return the balanced labels ``(n,)``, with trades only within ``block[p]`` for part p."""

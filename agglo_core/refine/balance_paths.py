@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agglo_core.compiled.compiling import ONE, helper, kernel
-from agglo_core.compiled.ring_search import CROWD, connected
+from agglo_core.compiled.ring_search import CROWD, are_connected
 from agglo_core.compiled.sorting import put_in, take_out
 from agglo_core.refine.compactness.reach import part_lists
 
@@ -119,7 +119,7 @@ def _can_spare(indptr, indices, labels, i, rings, stamp):
     if filled < 2:
         return True
     labels[i] = -1  # hide the cell from the search
-    whole = connected(indptr, indices, labels, home, rings, filled, stamp, np.int64(len(labels)), CROWD)
+    whole = are_connected(indptr, indices, labels, home, rings, filled, stamp, np.int64(len(labels)), CROWD)
     labels[i] = home
     return whole
 
@@ -259,7 +259,7 @@ def _hand_on(graph, weights, parts, mean, length, sign, paths, stamp):
 
 
 @helper
-def _traded(graph, weights, parts, bounds, p, sign, paths, stamp):
+def _trade_cells(graph, weights, parts, bounds, p, sign, paths, stamp):
     """Pass cells from part p (sign 1) or to part p (−1) along one of several paths.
 
     Returns True if a path succeeded, and the last stamp.
@@ -326,6 +326,6 @@ def even_out(indptr, indices, centroids, weights, labels, block, mean, tolerance
             b, traded = block[p], True
             while traded and abs(parts.sizes[p] - mean[b]) > tolerance[b]:
                 sign = 1.0 if parts.sizes[p] > mean[b] else -1.0
-                traded, stamp = _traded(graph, weights, parts, bounds, p, sign, paths, stamp)
+                traded, stamp = _trade_cells(graph, weights, parts, bounds, p, sign, paths, stamp)
                 changed |= traded
     return part_labels.astype(np.int64)

@@ -12,7 +12,7 @@ from agglo_core.graph import Graph
 from agglo_core.graph.moves import boundary_moves, part_sums
 from agglo_core.graph.objectives import numbered_parts
 from agglo_core.protocols import IncrementalMetric, Target
-from agglo_core.refine.objective_choice import ChosenObjective, chosen_objective
+from agglo_core.refine.objective_choice import ChosenObjective, choose_objective
 from agglo_core.registry import Registry
 
 _FLOOR = 0.85
@@ -87,7 +87,7 @@ class DescentRefiner:
         whole = isinstance(sweeps, int | np.integer) and not isinstance(sweeps, bool)
         if not whole or sweeps < 1:
             raise OptionError(f"descent: sweeps must be a whole number, 1 or more, not {sweeps!r}")
-        self._chosen = chosen_objective(objective, registry)
+        self._chosen = choose_objective(objective, registry)
         self.objective, self.metric = self._chosen.name, self._chosen.metric
         self.sweeps = int(sweeps)
 
@@ -102,13 +102,13 @@ class DescentRefiner:
         active = np.ones(graph.n_blocks, bool)
         # 2. Sweeps: make the best independent moves, and undo them in blocks without improvement.
         for _ in range(self.sweeps):
-            moves = _chosen(self._allowed(graph, parts, floors, active[block]), k)
+            moves = _choose_moves(self._allowed(graph, parts, floors, active[block]), k)
             active &= _holds(block[moves.own], graph.n_blocks)
             if not active.any():
                 break
             moved = parts.copy()
             moved[moves.cells] = moves.parts
-            active &= _improved(self._chosen, graph, parts, frozen_int(moved), moves, block)
+            active &= _find_improved_blocks(self._chosen, graph, parts, frozen_int(moved), moves, block)
             parts = frozen_int(np.where(active[graph.block_ids], moved, parts))
         return frozen_int(local[parts])
 
@@ -142,7 +142,7 @@ def _floors(graph: Graph, parts: Int, block: Int) -> Float:
     return floors
 
 
-def _chosen(moves: _Moves, k: int) -> _Moves:
+def _choose_moves(moves: _Moves, k: int) -> _Moves:
     """Choose the best moves greedily so that no two moves share a part."""
     q = len(moves.cells)
     rank = np.empty(q, np.int64)
@@ -161,7 +161,7 @@ def _chosen(moves: _Moves, k: int) -> _Moves:
     return moves[np.concatenate(picks) if picks else free]
 
 
-def _improved(
+def _find_improved_blocks(
     objective: ChosenObjective, graph: Graph, before: Int, after: Int, moves: _Moves, block: Int
 ) -> Mask:
     """Return a mask ``(B,)`` of the blocks with a better objective after the moves.

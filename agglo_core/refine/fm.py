@@ -10,7 +10,7 @@ from agglo_core.arrays import Float, Int, UInt64, frozen_float, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.protocols import Target
-from agglo_core.refine.part_sizes import block_sizes, checked_size, checked_tolerance, refined_blocks
+from agglo_core.refine.part_sizes import block_sizes, check_size, check_tolerance, refine_blocks
 
 _OBJECTIVES = ("interface", "cut")
 _CELL = 1.000001  # size tolerance in mean cells: one cell plus a margin for rounding
@@ -74,13 +74,13 @@ class FMRefiner:
         for name, count in (("patience", patience), ("rounds", rounds)):
             if isinstance(count, bool) or not isinstance(count, int) or count < 1:
                 raise OptionError(f"fm: {name} must be a whole number, 1 or more, not {count!r}")
-        self.objective, self.size = objective, checked_size("fm", size)
-        self.tolerance = checked_tolerance("fm", tolerance)
+        self.objective, self.size = objective, check_size("fm", size)
+        self.tolerance = check_tolerance("fm", tolerance)
         self.patience, self.rounds = patience, rounds
 
     def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target) -> Int:
         """Return the labels ``(n,)`` after all rounds, independent of the seeds."""
-        return refined_blocks(self, graph, labels, target)
+        return refine_blocks(self, graph, labels, target)
 
     def refine_parts(self, graph: Graph, labels: Int, block: Int, target: Target) -> Int:
         """Return the labels ``(n,)`` after all rounds, with trades only within ``block[p]`` for part p."""

@@ -10,7 +10,7 @@ from agglo_core.graph import Graph
 from agglo_core.protocols import Target
 
 
-def checked_floor(refiner: str, floor: float) -> float:
+def check_floor(refiner: str, floor: float) -> float:
     """Check that ``floor`` is a number in [0, 1].
 
     ``floor`` is the smallest fraction of its measure that ``refiner`` leaves to a part.
@@ -50,7 +50,7 @@ class InterfaceRefiner:
     objective = "interface"
 
     def __init__(self, floor: float = 0.85) -> None:
-        self.floor = checked_floor("interface", floor)
+        self.floor = check_floor("interface", floor)
 
     def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target) -> Int:
         """Return the labels ``(n,)`` after the sweeps, independent of seeds and target."""

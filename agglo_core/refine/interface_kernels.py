@@ -173,7 +173,7 @@ def _leave(graph, measures, tally, floors, i, target, search, stamp):
 
 
 @helper
-def _paying(graph, parts, cells, m, pairs, lengths, axis, centroids, keys, movers):
+def _collect_movers(graph, parts, cells, m, pairs, lengths, axis, centroids, keys, movers):
     """Write the cells worth moving to ``movers``, sorted along ``axis``, and return their number."""
     n_movers = 0
     for c in range(m):
@@ -202,7 +202,7 @@ def _add_new(graph, i, cells, m, marks, stamp):
 
 
 @helper(allocates=True)
-def _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, floor):
+def _relax_labels(offsets, indptr, indices, interface, centroids, measures, labels, floor):
     """Return the labels after :func:`relax_interface`.
 
     ``visits`` lists the candidates for the next sweep, ``movers`` the candidates that pay. ``boundary`` lists
@@ -246,7 +246,9 @@ def _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, f
         # 3. Sweep until no cell with a changed neighbourhood is left.
         candidates, pairs, pairs_tried = edge, False, False
         for _ in range(_SWEEPS):
-            m = _paying(graph, parts, visits, candidates, pairs, lengths, axis, centroids, keys, movers)
+            m = _collect_movers(
+                graph, parts, visits, candidates, pairs, lengths, axis, centroids, keys, movers
+            )
             sweep += 1
             candidates = 0
             for c in range(m):
@@ -290,4 +292,4 @@ def relax_interface(offsets, indptr, indices, interface, centroids, measures, la
     parts: times the smaller measure). Sweeps run along the line from the block centroid to the centroid of
     its smallest part: single cells until none pays, pairs once, and single cells again.
     """
-    return _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, floor)
+    return _relax_labels(offsets, indptr, indices, interface, centroids, measures, labels, floor)

@@ -58,7 +58,7 @@ class ChosenObjective:
         return self.sign * values
 
 
-def chosen_objective(objective: str | IncrementalMetric, registry: Registry | None = None) -> ChosenObjective:
+def choose_objective(objective: str | IncrementalMetric, registry: Registry | None = None) -> ChosenObjective:
     """Return the objective for an objective name, a metric name or a metric.
 
     Raises

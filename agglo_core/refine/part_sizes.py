@@ -51,14 +51,14 @@ FREE: Final = Balance(np.inf)
 """Balance without bounds."""
 
 
-def checked_size(refiner: str, size: Any) -> Kind | None:
+def check_size(refiner: str, size: Any) -> Kind | None:
     """Return the kind of size, or raise an OptionError for an unknown kind."""
     if size not in SIZES:
         raise OptionError(f"{refiner}: size is one of {', '.join(filter(None, SIZES))}; given {size!r}")
     return size  # type: ignore[no-any-return]
 
 
-def checked_tolerance(refiner: str, tolerance: float, name: str = "tolerance") -> float:
+def check_tolerance(refiner: str, tolerance: float, name: str = "tolerance") -> float:
     """Return the tolerance as a float, or raise an OptionError for other values."""
     number = isinstance(tolerance, int | float | np.number) and not isinstance(tolerance, bool)
     if not (number and 0.0 <= tolerance < np.inf):
@@ -78,7 +78,7 @@ class _OfParts(Protocol):
     def refine_parts(self, graph: Graph, labels: Int, block: Int, target: Target) -> Int: ...
 
 
-def refined_blocks(refiner: _OfParts, graph: Graph, labels: Int, target: Target) -> Int:
+def refine_blocks(refiner: _OfParts, graph: Graph, labels: Int, target: Target) -> Int:
     """Apply ``refine_parts`` with the graph's blocks, and return labels ``(n,)`` numbered per block."""
     parts = numbered_parts(graph, labels)
     k = int(parts.max(initial=-1)) + 1

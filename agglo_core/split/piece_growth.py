@@ -103,7 +103,7 @@ class PieceGrowth:
 
     def restart(self, pieces: Int) -> None:
         """Set the connected pieces ``(n,)`` for the next call."""
-        from agglo_core.compiled.graphs import listed_blocks
+        from agglo_core.compiled.graphs import list_blocks
 
         cells, tag, count = self._pieces.cells, self._pieces.tag, int(pieces.max(initial=0)) + 1
         if count == 1:
@@ -111,7 +111,7 @@ class PieceGrowth:
             offsets = frozen_int([0, len(pieces)])
             tag.fill(0)
         else:
-            cells[:], offsets = listed_blocks(frozen_int(pieces), frozen_int(np.arange(count)), count)
+            cells[:], offsets = list_blocks(frozen_int(pieces), frozen_int(np.arange(count)), count)
             tag[:] = (2 * offsets[:-1]).astype(np.int32)[pieces]
         self._slices: Callable[[], Int] = lambda: np.stack((offsets[:-1], offsets[1:]), axis=1)
 
@@ -290,9 +290,9 @@ class PieceGrowth:
 
     def _numbered(self, leaf: Bytes) -> Int:
         """Label the finished pieces by first cell, and make them the new pieces."""
-        from agglo_core.compiled.graphs import numbered_as_met
+        from agglo_core.compiled.graphs import number_as_met
 
-        labels, places = numbered_as_met(self._places(), len(leaf))
+        labels, places = number_as_met(self._places(), len(leaf))
         self._slices = lambda: _slices_at(leaf, places)  # computed only if another level follows
         return frozen_int(labels)
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from agglo_core.compiled.compiling import ONE, helper, kernel
 from agglo_core.compiled.geometry import box, octagon
-from agglo_core.compiled.ring_search import connected
+from agglo_core.compiled.ring_search import are_connected
 
 # In mean weights: heavier cells are in every sample, and represent only themselves. A smaller value makes
 # samples larger, a larger value makes them less accurate (benchmarks/partition.py).
@@ -237,7 +237,9 @@ def sides_connected(graph, pieces, lo, hi, edge, workspace, stamp):
             queue[filled] = boundary[c]
             filled += tag[boundary[c]] == label
         search = (queue, workspace.root, pieces.marks)
-        whole &= connected(indptr, indices, tag, label, search, filled, stamp + side, everything, everything)
+        whole &= are_connected(
+            indptr, indices, tag, label, search, filled, stamp + side, everything, everything
+        )
     return whole
 
 

@@ -72,12 +72,12 @@ def loaded_kernels() -> list[tuple[str, str, str]]:
     """Return module, name and argument types of the agglo kernels loaded from disk."""
     from numba.core.dispatcher import Dispatcher
 
-    from agglo_core.compiled.ahead_of_time import written
+    from agglo_core.compiled.ahead_of_time import write_types
 
     ours = [module for name, module in sys.modules.items() if name.startswith("agglo_")]
     kernels = {each for module in ours for each in vars(module).values() if isinstance(each, Dispatcher)}
     return sorted(
-        (kernel.py_func.__module__, kernel.py_func.__qualname__, written(arguments))
+        (kernel.py_func.__module__, kernel.py_func.__qualname__, write_types(arguments))
         for kernel in kernels
         for arguments in kernel.stats.cache_hits
     )

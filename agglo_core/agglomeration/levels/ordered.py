@@ -43,18 +43,18 @@ def compute_levels(
 
 def _by_first_cell(labels: Int, order: Int) -> Int:
     """Map labels back to the cells ``order`` and number them by first cell."""
-    from agglo_core.compiled.graphs import numbered_as_met
+    from agglo_core.compiled.graphs import number_as_met
 
     given = np.empty(len(order), np.int32)
     given[order] = labels.astype(np.int32)  # one vectorised conversion, instead of one per label
-    return frozen_int(numbered_as_met(frozen_index(given), int(labels.max()) + 1)[0])
+    return frozen_int(number_as_met(frozen_index(given), int(labels.max()) + 1)[0])
 
 
 def _with_points_as_met(graph: Graph) -> Graph:
     """Renumber the graph's points in cell order."""
-    from agglo_core.compiled.graphs import numbered_as_met
+    from agglo_core.compiled.graphs import number_as_met
 
-    vertices, points = numbered_as_met(graph.vertices, len(graph.points))
+    vertices, points = number_as_met(graph.vertices, len(graph.points))
     made = trusted_copy(graph, vertices=frozen_index(vertices), points=graph.points.take(points, axis=0))
     return made.with_loads(graph.loads)
 

@@ -133,9 +133,9 @@ class Domain:
 
     def to_send(self) -> Domain:
         """Return the domain with the points reduced to its own cells."""
-        from agglo_core.compiled.graphs import numbered_as_met
+        from agglo_core.compiled.graphs import number_as_met
 
-        vertices, points = numbered_as_met(self.graph.vertices, len(self.graph.points))
+        vertices, points = number_as_met(self.graph.vertices, len(self.graph.points))
         points = self.graph.points.take(points, axis=0)
         own = trusted_copy(self.graph, vertices=frozen_index(vertices), points=points)
         return replace(self, graph=own.with_loads(self.graph.loads))

@@ -89,7 +89,7 @@ def wide_parts(
     >>> wide_parts(labels, asked, 1.0, graph.vertex_offsets, graph.vertices, graph.points)
     array([False,  True])
     """
-    from agglo_core.compiled.graphs import listed_blocks
+    from agglo_core.compiled.graphs import list_blocks
     from agglo_core.compiled.part_faults import extend_parts
 
     def bound_range(start: int, stop: int) -> Float:
@@ -116,7 +116,7 @@ def wide_parts(
     wide = asked & (lower > limit * (1 + _NEAR))
     near = np.flatnonzero(asked & ~wide & (upper >= limit * (1 - _NEAR)))
     if len(near):
-        listed, starts = listed_blocks(labels, frozen_int(near), len(asked))
+        listed, starts = list_blocks(labels, frozen_int(near), len(asked))
         offsets, shape = frozen_int(starts), (vertex_offsets, vertices, points)
         if points.shape[1] == 2:
             centres = frozen_float(least[near, :2] + 0.5 * extents[near, :2])

@@ -14,7 +14,7 @@ from agglo_core.refine.compactness.strips import slices, strip_order
 from agglo_core.threads import mapped, thread_count
 
 _SWEEPS = 12
-"""Maximum number of sweeps. Blocks with little gain stop earlier (``listed_cells`` in ``state.py``).
+"""Maximum number of sweeps. Blocks with little gain stop earlier (``list_due_cells`` in ``state.py``).
 
 More sweeps leave parts more compact, and take longer (benchmarks/polish.py).
 """
@@ -24,7 +24,7 @@ _FEW = 2_000
 (benchmarks/threads.py)."""
 
 
-def swept(graph: Graph, labels: Int, block: Int, alpha: float, floor: float, limit: float) -> Int:
+def sweep_blocks(graph: Graph, labels: Int, block: Int, alpha: float, floor: float, limit: float) -> Int:
     """Lower inertia times interface to the power ``alpha`` in each block, and return labels ``(n,)``.
 
     No part is emptied or disconnected, falls below ``floor`` times its measure, or becomes wider than
@@ -57,20 +57,20 @@ def swept(graph: Graph, labels: Int, block: Int, alpha: float, floor: float, lim
     if thread_count() == 1:
         sweep_all(cells, state, _work(n, k), *by_turns, _SWEEPS, *sweep_args)
     else:
-        _swept_together(cells, state, by_turns, sweep_args)
+        _sweep_in_parallel(cells, state, by_turns, sweep_args)
     return frozen_int(order.take(parts))
 
 
-def _swept_together(cells: Any, state: Any, by_turns: Any, sweep_args: tuple[Any, ...]) -> None:
+def _sweep_in_parallel(cells: Any, state: Any, by_turns: Any, sweep_args: tuple[Any, ...]) -> None:
     """Run the sweeps of ``sweep_all`` with several slices in parallel."""
-    from agglo_core.refine.compactness.state import listed_cells
+    from agglo_core.refine.compactness.state import list_due_cells
     from agglo_core.refine.compactness.sweeps import sweep_slices
 
     threads = thread_count()
     work = [_work(len(state.parts), len(state.tally)) for _ in range(threads)]
     for sweep in range(_SWEEPS):
         slices, before = by_turns[sweep % 2], by_turns[1 - sweep % 2]
-        n_listed = listed_cells(state, work[0], sweep, before, sweep_args[0])
+        n_listed = list_due_cells(state, work[0], sweep, before, sweep_args[0])
         if n_listed == 0:
             break
         ranges = _shares(slices.rows, state.first, threads if n_listed > _FEW else 1)

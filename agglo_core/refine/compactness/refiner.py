@@ -8,9 +8,9 @@ from agglo_core.arrays import Int, UInt64
 from agglo_core.graph import Graph
 from agglo_core.graph.moves import SHORTNESS
 from agglo_core.protocols import Target
-from agglo_core.refine.compactness.polish import swept
-from agglo_core.refine.interface import checked_floor
-from agglo_core.refine.part_sizes import refined_blocks
+from agglo_core.refine.compactness.polish import sweep_blocks
+from agglo_core.refine.interface import check_floor
+from agglo_core.refine.part_sizes import refine_blocks
 
 
 class CompactnessRefiner:
@@ -53,15 +53,15 @@ class CompactnessRefiner:
     objective = "shape"
 
     def __init__(self, floor: float = 0.5) -> None:
-        self.floor = checked_floor("compactness", floor)
+        self.floor = check_floor("compactness", floor)
 
     def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target) -> Int:
         """Return the labels ``(n,)`` after the sweeps, independent of the seeds."""
-        return refined_blocks(self, graph, labels, target)
+        return refine_blocks(self, graph, labels, target)
 
     def refine_parts(self, graph: Graph, labels: Int, block: Int, target: Target) -> Int:
         """Return the labels ``(n,)`` after the sweeps, with trades only within ``block[p]`` for part p."""
         if graph.n == 0:
             return labels
         limit = np.inf if target.h_star is None else float(target.h_star)
-        return swept(graph, labels, block, SHORTNESS, self.floor, limit)
+        return sweep_blocks(graph, labels, block, SHORTNESS, self.floor, limit)

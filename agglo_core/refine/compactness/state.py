@@ -77,7 +77,7 @@ class State(NamedTuple):
     listed : (n,) int32
         Cells due in this sweep, by part. Only the first ``first[k]`` entries are in use.
     gains : (B, 2) float
-        Workspace for ``listed_cells``: changes in J and L during the last sweep, summed over the block's
+        Workspace for ``list_due_cells``: changes in J and L during the last sweep, summed over the block's
         slices, otherwise 0.
     going : (B,) bool
         False after a sweep lowered the block's objective by less than ``_LITTLE``.
@@ -191,7 +191,7 @@ def interface_cells(cells, parts, tally, block, count):
 
 
 @kernel(allocates=False)
-def listed_cells(state, work, sweep, before, alpha):
+def list_due_cells(state, work, sweep, before, alpha):
     """List the cells due in this sweep by part, and return their number.
 
     The cells of part p begin at ``first[p]``, so the cells of a slice are a range in the list. The gains of

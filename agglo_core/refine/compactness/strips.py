@@ -35,7 +35,7 @@ def strip_order(tally: Float, block: Int, axes: Float, places: Float, dim: int) 
     if len(block) < _MANY:
         return frozen_int(np.lexsort((places, block)))
     # 2. Rank of each part in its block, and the strip of this rank.
-    order, size = _sorted(places, block), np.bincount(block)
+    order, size = _sort_in_groups(places, block), np.bincount(block)
     count = _slices_of(size, dim)
     if (count == 1).all():
         return frozen_int(order)
@@ -47,7 +47,7 @@ def strip_order(tally: Float, block: Int, axes: Float, places: Float, dim: int) 
     several, across = count[sorted_blocks] > 1, places_across(block, tally, axes, dim)[order]
     # 3. Sort by strip, and by the position across within a strip.
     strip = 2 * count.max() * sorted_blocks + np.where(several, strip, 0)
-    return frozen_int(order[_sorted(np.where(several, across, rank), strip)])
+    return frozen_int(order[_sort_in_groups(np.where(several, across, rank), strip)])
 
 
 def slices(starts: Int, shift: int, dim: int) -> Int:
@@ -76,7 +76,7 @@ def _slices_of(counts: Int, dim: int) -> Int:
     return frozen_int(np.clip(counts ** (1.0 / dim) / _WIDTH, 1.0, 16.0).astype(np.int64))
 
 
-def _sorted(values: Float, groups: Int) -> Int:
+def _sort_in_groups(values: Float, groups: Int) -> Int:
     """Sort values within groups, stable for equal values."""
     width = float(np.ptp(values))
     keys = groups + (0.5 / width if width > 0.0 else 0.0) * (values - values.min())

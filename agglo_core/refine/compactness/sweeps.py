@@ -14,9 +14,9 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.compiled.compiling import ONE, helper, kernel
-from agglo_core.compiled.ring_search import CROWD, REACH, connected
+from agglo_core.compiled.ring_search import CROWD, REACH, are_connected
 from agglo_core.refine.compactness.reach import fits, take_in
-from agglo_core.refine.compactness.state import CELLS, CENTRE, FLOOR, MASS, ROOM, listed_cells
+from agglo_core.refine.compactness.state import CELLS, CENTRE, FLOOR, MASS, ROOM, list_due_cells
 
 _TIE = 1e-9  # relative to the terms of a change, for rounding; ties go to the lower part number
 
@@ -116,7 +116,7 @@ def _leaves_whole(cells, state, i, target, work, stamp):
     # The new label hides the cell from the search.
     state.parts[i] = target
     search = (work.queue, work.root, state.marks)
-    if filled > ONE and not connected(
+    if filled > ONE and not are_connected(
         cells.indptr, cells.indices, state.parts, home, search, filled, stamp, REACH, CROWD
     ):
         state.parts[i] = home
@@ -267,6 +267,6 @@ def sweep_all(cells, state, work, even, odd, sweeps, alpha, limit, reach, corner
     by_turns = (even, odd)
     for sweep in range(sweeps):
         slices, before = by_turns[sweep % 2], by_turns[1 - sweep % 2]
-        if listed_cells(state, work, sweep, before, alpha) == 0:
+        if list_due_cells(state, work, sweep, before, alpha) == 0:
             break
         sweep_slices(cells, state, work, slices, 0, len(slices.rows), sweep, alpha, limit, reach, corners)

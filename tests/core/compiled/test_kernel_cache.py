@@ -18,7 +18,7 @@ import pytest
 from numba import int64
 
 from agglo_core.compiled import kernel, kernel_cache
-from agglo_core.compiled.ahead_of_time import compile_listed, listed
+from agglo_core.compiled.ahead_of_time import compile_listed, read_signatures
 from agglo_core.compiled.kernel_cache import KernelCache, source_stamp, sources
 from agglo_core.lazy_names import names_in_stub
 
@@ -379,7 +379,7 @@ def test_packages_that_are_installed_beside_are_not_in_the_stamp(tmp_path: Path)
 
 
 def test_every_kernel_is_kept_so() -> None:
-    for one in listed():
+    for one in read_signatures():
         assert isinstance(one.kernel()._cache, KernelCache), one
 
 
@@ -399,14 +399,14 @@ def test_a_numba_that_keeps_machine_code_otherwise_keeps_its_own_way(tmp_path: P
 
 
 def test_what_is_listed_are_kernels_with_arguments() -> None:
-    assert len(listed()) > 20
-    for one in listed():
+    assert len(read_signatures()) > 20
+    for one in read_signatures():
         function = one.kernel().py_func
         assert len(one.types()) == function.__code__.co_argcount, one
 
 
 def test_a_kernel_that_does_not_compile_is_reported(tmp_path: Path) -> None:
-    wrong = listed()[-1]._replace(arguments="(int64,)")
+    wrong = read_signatures()[-1]._replace(arguments="(int64,)")
     (line,) = compile_listed(tmp_path, [wrong])
     assert line.startswith(f"{wrong.module}.{wrong.name}: ")
     assert not list(tmp_path.iterdir())

@@ -14,7 +14,7 @@ from agglo_core import samples
 from agglo_core.agglomeration.levels import growth
 from agglo_core.arrays import frozen_index, frozen_int
 from agglo_core.compiled import part_faults
-from agglo_core.compiled.graphs import listed_blocks, numbered_as_met
+from agglo_core.compiled.graphs import list_blocks, number_as_met
 from agglo_core.errors import MeshError
 from agglo_core.graph.connection import broken_parts
 from agglo_core.refine.compactness.reach import cell_radii
@@ -78,7 +78,7 @@ def test_wide_parts_with_all_vertices_on_a_circle(count: int) -> None:
 @settings(max_examples=30, deadline=None)
 @given(st.lists(st.integers(0, 9), max_size=30), st.lists(st.integers(0, 9), unique=True))
 def test_listed_blocks(labels: list[int], chosen: list[int]) -> None:
-    cells, offsets = listed_blocks(frozen_int(labels), frozen_int(chosen), 10)
+    cells, offsets = list_blocks(frozen_int(labels), frozen_int(chosen), 10)
     found = [cells[a:b].tolist() for a, b in pairwise(offsets)]
     assert found == [[i for i, label in enumerate(labels) if label == b] for b in chosen]
 
@@ -92,7 +92,7 @@ def test_wide_parts_refuses_labels_beyond_those_asked_for() -> None:
 @settings(max_examples=30, deadline=None)
 @given(st.lists(st.integers(0, 9), max_size=30))
 def test_numbered_as_met(values: list[int]) -> None:
-    renumbered, order = numbered_as_met(frozen_index(values), 10)
+    renumbered, order = number_as_met(frozen_index(values), 10)
     assert order.tolist() == list(dict.fromkeys(values))
     assert order[renumbered].tolist() == values
 

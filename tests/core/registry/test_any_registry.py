@@ -25,7 +25,7 @@ from agglo_core.measure import comparison, measure_levels, selection, summary
 from agglo_core.multigrid import Composition, part
 from agglo_core.problems import Diffusion, choosing
 from agglo_core.refine.descent import DescentRefiner
-from agglo_core.refine.objective_choice import chosen_objective
+from agglo_core.refine.objective_choice import choose_objective
 from agglo_core.registry.construct import construct
 from agglo_core.solvers.direct import Direct
 from agglo_polydg_mg.paper.composed_multigrid import ComposedMultigrid
@@ -146,7 +146,7 @@ def agglomerations(registry: Registry, folder: Path) -> None:
 
 
 def handed_on(registry: Registry, folder: Path) -> None:
-    assert chosen_objective("crowd", registry).title.startswith("metric 'crowd'")
+    assert choose_objective("crowd", registry).title.startswith("metric 'crowd'")
     assert DescentRefiner("crowd", registry=registry).objective == "crowd"
     assert registry.build("refiner", "asks").registry is registry
     assert construct(registry.record("refiner", "asks"), {"rounds": 2}, registry).registry is registry
@@ -202,7 +202,7 @@ GROUPS: dict[Callable[[Registry, Path], None], set[str]] = {
     problems: {"named_problem", "read_problem"},
     laws: {"check", "conformance"},
     subjects: {"find", "subject_of"},
-    handed_on: {"chosen_objective", "construct", "DescentRefiner"},
+    handed_on: {"choose_objective", "construct", "DescentRefiner"},
     smoothers: {"smoother_of", "PaperMultigrid"},
     parts_of_multigrid: {"part", "Composition", "ComposedMultigrid", "solve"},
     direct: {"Direct", "discretisation"},
