@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from agglo_core.agglomeration.keywords import POLISH, Choice, Keywords
 from agglo_core.agglomeration.run import Run
 from agglo_core.errors import AggloError, OptionError, PluginError
-from agglo_core.mesh.elsewhere import made_by
+from agglo_core.mesh.elsewhere import import_function
 from agglo_core.progress import Listener
 from agglo_core.registry import KINDS, Registry, describe
 from agglo_core.registry.attribution import Member
@@ -45,7 +45,7 @@ def new_run(keywords: Keywords, registry: Registry, progress: Listener | None = 
 
 def _polishers(choices: Sequence[Choice], registry: Registry) -> list[Member]:
     if choices is POLISH and not registry.declares("refiner", POLISH[0]):
-        ours = made_by("agglo_core.refine.compactness.refiner:CompactnessRefiner")()
+        ours = import_function("agglo_core.refine.compactness.refiner:CompactnessRefiner")()
         return [Member(ours, f"refiner {POLISH[0]!r}")]
     return [build_component("refiner", each, registry)[0] for each in choices]
 

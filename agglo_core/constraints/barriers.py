@@ -8,7 +8,7 @@ from agglo_core.arrays import Int, Mask, frozen_index, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
-from agglo_core.mesh.marks import marked
+from agglo_core.mesh.marks import select_members
 
 
 class Barriers:
@@ -76,7 +76,7 @@ class BarrierTags:
     ----------
     tags : str or tuple of str
         Names of face tags, for the faces in their groups, or ``"name=3"`` for faces with that value. In
-        Python all inputs of :func:`~agglo_core.mesh.marks.marked` are accepted.
+        Python all inputs of :func:`~agglo_core.mesh.marks.select_members` are accepted.
     """
 
     def __init__(self, tags: str | tuple[str, ...] = "region") -> None:
@@ -84,5 +84,5 @@ class BarrierTags:
 
     def for_mesh(self, mesh: Mesh) -> Barriers:
         """Return the barriers on this mesh, or raise OptionError for a missing tag."""
-        chosen = marked("barriers", self.tags, mesh.face_tags, mesh.n_faces, "face")
+        chosen = select_members("barriers", self.tags, mesh.face_tags, mesh.n_faces, "face")
         return Barriers(mesh.face_cells[chosen & (mesh.face_cells[:, 1] >= 0)])

@@ -104,7 +104,7 @@ class Bounds:
         """
         for values, limits in self._bounded(whole):
             sizes = frozen_float(np.bincount(through, values, graph.n))
-            labels = _evened(graph, labels, block, sizes, *limits)
+            labels = _even_out_sizes(graph, labels, block, sizes, *limits)
         return labels
 
     def _bounded(self, graph: Graph) -> Iterator[tuple[Float | Int, tuple[float, float]]]:
@@ -129,7 +129,7 @@ def _limits(quantity: str, least: float | None, most: float | None) -> tuple[flo
     return least or 0.0, np.inf if most is None else most
 
 
-def _evened(graph: Graph, labels: Int, block: Int, sizes: Float, least: float, most: float) -> Int:
+def _even_out_sizes(graph: Graph, labels: Int, block: Int, sizes: Float, least: float, most: float) -> Int:
     from agglo_core.refine.balance_paths import even_out
 
     # 1. Parts that violate a bound, and blocks whose mean part size meets the bounds.

@@ -37,7 +37,7 @@ def in_metric(mesh: Mesh | Graph, graph: Graph, metric: ArrayLike) -> Graph:
     """
     # 1. Map positions by the square roots of the tensors.
     roots = _roots(metric, graph)
-    centroids, points = _mapped(graph, roots)
+    centroids, points = _map_to_euclidean(graph, roots)
     # 2. Measures and interfaces in the metric.
     size = np.broadcast_to(np.linalg.det(roots), graph.n)
     interface, boundary = _interfaces(mesh, graph, roots)
@@ -75,7 +75,7 @@ def _roots(metric: ArrayLike, graph: Graph) -> Float:
     return roots[0] if tensors.ndim == 2 else roots
 
 
-def _mapped(graph: Graph, roots: Float) -> tuple[Float, Float]:
+def _map_to_euclidean(graph: Graph, roots: Float) -> tuple[Float, Float]:
     """Map centroids and points so that metric lengths become Euclidean."""
     if roots.ndim == 2:
         return graph.centroids @ roots, graph.points @ roots
@@ -132,11 +132,11 @@ def _interfaces(mesh: Mesh | Graph, graph: Graph, roots: Float) -> tuple[Float, 
         normals = difference / np.maximum(np.linalg.norm(difference, axis=1), 1e-300)[:, None]
         vectors = graph.interface[:, None] * normals
         scale = np.linalg.det(roots) ** ((graph.dim - 1) / graph.dim)
-        return _measured(roots, rows, columns, vectors), graph.boundary * scale
+        return _face_measures(roots, rows, columns, vectors), graph.boundary * scale
     # 2. With a mesh: measure each face, and sum the boundary faces by cell.
     first_cell, second_cell = mesh.face_cells.T
     vectors = mesh.face_normals * mesh.face_measures[:, None]
-    size = _measured(roots, first_cell, np.where(second_cell < 0, first_cell, second_cell), vectors)
+    size = _face_measures(roots, first_cell, np.where(second_cell < 0, first_cell, second_cell), vectors)
     inner = second_cell >= 0
     outer = np.bincount(first_cell[~inner], size[~inner], graph.n)
     # 3. Sum the interior faces by cell pair, and distribute the sums to the graph entries.
@@ -147,7 +147,7 @@ def _interfaces(mesh: Mesh | Graph, graph: Graph, roots: Float) -> tuple[Float, 
     return frozen_float(total[np.searchsorted(pairs, keys)]), frozen_float(outer)
 
 
-def _measured(roots: Float, one: Int, other: Int, vectors: Float) -> Float:
+def _face_measures(roots: Float, one: Int, other: Int, vectors: Float) -> Float:
     """Return the measures ``(f,)`` of faces between the cells ``one`` and ``other``."""
     mean = roots if roots.ndim == 2 else 0.5 * (roots[one] + roots[other])
     turned = np.linalg.solve(np.broadcast_to(mean, (len(vectors), *mean.shape[-2:])), vectors[:, :, None])

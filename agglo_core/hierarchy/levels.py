@@ -20,7 +20,7 @@ from agglo_core.hierarchy.cuts import Cut, ones_by_row
 from agglo_core.hierarchy.forest import Forest, check_nested
 from agglo_core.hierarchy.tree import by_first_cell
 from agglo_core.mesh import Mesh, check_labels
-from agglo_core.mesh.elsewhere import made_by
+from agglo_core.mesh.elsewhere import import_function
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +156,9 @@ class Hierarchy(FieldState):
         path: str | PathLike[str] | None = None,
     ) -> None:
         """Show a level in 3-D, in a window or as a picture, see :func:`agglo_core.draw.solids.scene.view`."""
-        made_by("agglo_core.draw.solids.scene:view")(self, level, explode=explode, section=section, path=path)
+        import_function("agglo_core.draw.solids.scene:view")(
+            self, level, explode=explode, section=section, path=path
+        )
 
     def plot(
         self,
@@ -205,12 +207,12 @@ class Hierarchy(FieldState):
         >>> ax.figure.axes[-1].get_ylabel()  # of the colour bar
         'CR'
         """
-        return made_by("agglo_core.draw.on_axes:plot_level")(
+        return import_function("agglo_core.draw.on_axes:plot_level")(
             self, level, ax, values=values, cmap=cmap, explode=explode, section=section, registry=registry
         )
 
     def _repr_html_(self) -> str:
-        html: str = made_by("agglo_core.draw.notebook:hierarchy_html")(self)
+        html: str = import_function("agglo_core.draw.notebook:hierarchy_html")(self)
         return html
 
     # -- cuts ----------------------------------------------------------------------------------

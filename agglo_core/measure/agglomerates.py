@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from agglo_core.arrays import Float, Int, plain_array
 from agglo_core.errors import MeshError, OptionError, PluginError
 from agglo_core.measure.quality_values import Quality
-from agglo_core.measure.selection import RATIOS, Metric, built_metrics, select
+from agglo_core.measure.selection import RATIOS, Metric, build_metrics, select
 from agglo_core.mesh import Mesh
 from agglo_core.progress import Listener, Tell, followed, part, phase
 from agglo_core.registry.attribution import Member, attributed
@@ -139,7 +139,7 @@ def quality(
     """
     if not isinstance(mesh, Mesh):
         raise OptionError(f"quality needs a Mesh and its labels, given {type(mesh).__name__}")
-    labels, members = mesh.check_labels(labels), built_metrics(metrics, registry)
+    labels, members = mesh.check_labels(labels), build_metrics(metrics, registry)
     with (
         using_threads(threads),
         followed(progress, verbose) as listen,
@@ -190,7 +190,7 @@ def measure_levels(
     # 1. Metrics and objectives.
     selection = select(RATIOS if metrics is None else metrics, registry)
     names = tuple(selection.metrics)
-    members = {**selection.metrics, **built_metrics(["components"], registry)}
+    members = {**selection.metrics, **build_metrics(["components"], registry)}
     better = {name: getattr(metric.tool, "better", "high") for name, metric in selection.metrics.items()}
     levels = []
     with followed(progress, verbose) as listen, phase(listen, "measuring") as tell:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.arrays import Float
-from agglo_core.mesh.elsewhere import made_by
+from agglo_core.mesh.elsewhere import import_function
 
 
 class Quality(dict[str, Float]):
@@ -38,5 +38,5 @@ class Quality(dict[str, Float]):
         return "\n".join([f"Quality of {count} agglomerate{'s' if count != 1 else ''}", *lines])
 
     def _repr_html_(self) -> str:
-        html: str = made_by("agglo_core.draw.notebook:quality_html")(self)
+        html: str = import_function("agglo_core.draw.notebook:quality_html")(self)
         return html

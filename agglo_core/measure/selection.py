@@ -54,7 +54,7 @@ def select(chosen: Iterable[Metric], registry: Registry | None = None) -> Select
         if isinstance(item, str) and "/" not in item and item not in metric_names:
             raise PluginError(_describe_unknown_name(item, sorted(metric_names)))
     # 2. Build the metrics, and check the names.
-    metrics = built_metrics(metric_items, source)
+    metrics = build_metrics(metric_items, source)
     for name in metrics:
         if name in _RESERVED:
             raise OptionError(f"metric {name!r} cannot be listed: every level has a value of that name")
@@ -64,7 +64,7 @@ def select(chosen: Iterable[Metric], registry: Registry | None = None) -> Select
     return Selection(metrics, tuple(OBJECTIVES[name] for name in names))
 
 
-def built_metrics(chosen: Iterable[Metric], registry: Registry | None = None) -> dict[str, Member]:
+def build_metrics(chosen: Iterable[Metric], registry: Registry | None = None) -> dict[str, Member]:
     """Return metric objects by name, with their titles for error messages."""
     source = default() if registry is None else registry
     built: dict[str, Member] = {}

@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import Any
 
 
-def made_by(target: str) -> Callable[..., Any]:
+def import_function(target: str) -> Callable[..., Any]:
     """Import and return the function ``"module:name"`` of a later package."""
     module, _, name = target.partition(":")
     function: Callable[..., Any] = getattr(import_module(module), name)

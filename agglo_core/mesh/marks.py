@@ -27,7 +27,7 @@ def in_group(values: NDArray[Any]) -> Mask:
     return mask
 
 
-def marked(word: str, given: Any, tags: Mapping[str, NDArray[Any]], n: int, what: str) -> Mask:
+def select_members(word: str, given: Any, tags: Mapping[str, NDArray[Any]], n: int, what: str) -> Mask:
     """Return the mask ``(n,)`` of cells or faces selected by ``given``.
 
     A name selects the members of that group (see :func:`in_group`), ``name=value`` the members with that

@@ -23,8 +23,8 @@ from agglo_core.mesh.construction.double_cover import warn_of_double_cover
 from agglo_core.mesh.construction.polygons import Faces, build_polygons
 from agglo_core.mesh.construction.polyhedra import build_polyhedra
 from agglo_core.mesh.derived import Derived
-from agglo_core.mesh.elsewhere import made_by
-from agglo_core.mesh.renumbering import renumbered_arrays
+from agglo_core.mesh.elsewhere import import_function
+from agglo_core.mesh.renumbering import renumber_arrays
 from agglo_core.mesh.simplify.edges import MAX_TOLERANCE, fewer_edges
 from agglo_core.mesh.simplify.patches import fewer_faces
 from agglo_core.mesh.simplify.record import Simplification, record_simplification
@@ -342,7 +342,7 @@ class Mesh(FieldState, Derived, Tagged):
         MeshError
             If ``cells`` is not a permutation.
         """
-        new = renumbered_arrays(self, cells)
+        new = renumber_arrays(self, cells)
         cell_tags = {name: values[new.old_cells] for name, values in self.cell_tags.items()}
         face_tags = {name: values[new.old_faces] for name, values in self.face_tags.items()}
         return trusted(Mesh, *new[:4], cell_tags, face_tags, self.repairs, self.name)
@@ -417,10 +417,10 @@ class Mesh(FieldState, Derived, Tagged):
         >>> [text.get_text() for text in ax.get_legend().get_texts()]
         ['0', '1']
         """
-        return made_by("agglo_core.draw.on_axes:plot_mesh")(
+        return import_function("agglo_core.draw.on_axes:plot_mesh")(
             self, ax, values=values, cmap=cmap, section=section
         )
 
     def _repr_html_(self) -> str:
-        html: str = made_by("agglo_core.draw.notebook:mesh_html")(self)
+        html: str = import_function("agglo_core.draw.notebook:mesh_html")(self)
         return html

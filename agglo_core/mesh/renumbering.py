@@ -23,7 +23,7 @@ class Renumbered(NamedTuple):
     old_faces: Int
 
 
-def renumbered_arrays(mesh: Derived, cells: ArrayLike) -> Renumbered:
+def renumber_arrays(mesh: Derived, cells: ArrayLike) -> Renumbered:
     """Return the arrays for a cell order, with faces and points numbered as they are encountered.
 
     Raises

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 
 from agglo_core.arrays import Float, Int
 from agglo_core.mesh import Mesh
-from agglo_core.mesh.elsewhere import made_by
+from agglo_core.mesh.elsewhere import import_function
 from agglo_core.problems.system import System
 
 Field = float | Float | Callable[[Float], Float]
@@ -84,7 +84,7 @@ class Samples:
         >>> ax.get_xlabel(), ax.get_ylabel()
         ('x', 'y')
         """
-        return made_by("agglo_core.draw.on_axes:plot_samples")(self, ax, across=across, cmap=cmap)
+        return import_function("agglo_core.draw.on_axes:plot_samples")(self, ax, across=across, cmap=cmap)
 
 
 @runtime_checkable

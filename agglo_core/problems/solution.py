@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from agglo_core.arrays import Float
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
-from agglo_core.mesh.elsewhere import made_by
+from agglo_core.mesh.elsewhere import import_function
 from agglo_core.problems.discretisation import Discretisation, Samples
 from agglo_core.problems.iteration_history import empty_array, mean_contraction
 from agglo_core.problems.multigrid_level import LevelTable
@@ -243,8 +243,8 @@ class Solution:
         'iteration'
         """
         if convergence:
-            return made_by("agglo_core.draw.on_axes:plot_convergence")(self, ax)
-        return made_by("agglo_core.draw.on_axes:plot_solution")(self, ax, across=across, cmap=cmap)
+            return import_function("agglo_core.draw.on_axes:plot_convergence")(self, ax)
+        return import_function("agglo_core.draw.on_axes:plot_solution")(self, ax, across=across, cmap=cmap)
 
     @property
     def levels(self) -> LevelTable:
@@ -265,7 +265,7 @@ class Solution:
         return f"Solution({', '.join(parts)})"
 
     def _repr_html_(self) -> str:
-        html: str = made_by("agglo_core.draw.notebook:solution_html")(self)
+        html: str = import_function("agglo_core.draw.notebook:solution_html")(self)
         return html
 
 

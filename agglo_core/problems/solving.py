@@ -82,7 +82,7 @@ def solve(
             f"{member.title} needs levels: give agglo.agglomerate(mesh, n_parts=…) in place of the mesh"
         )
     with followed(progress, verbose) as listen:
-        return solved_by(member, problem, hierarchy, listen)
+        return run_solver(member, problem, hierarchy, listen)
 
 
 def _member(solver: Any, options: Mapping[str, Any], registry: Registry | None) -> Member:
@@ -99,7 +99,7 @@ def _member(solver: Any, options: Mapping[str, Any], registry: Registry | None) 
     return Member(solver, f"solver {type(solver).__name__}")
 
 
-def solved_by(
+def run_solver(
     solver: Member, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None
 ) -> Solution:
     """Run a solver, with progress reports if supported (``tells_progress``).

@@ -24,7 +24,7 @@ from agglo_core.cli.stopping import find_interrupt
 from agglo_core.errors import FileError, OptionError
 from agglo_core.measure import measure_levels
 from agglo_core.mesh import Mesh
-from agglo_core.problems.solving import solved_by
+from agglo_core.problems.solving import run_solver
 from agglo_core.progress import Listener, labelled, part, phase, shown, unwrapped
 from agglo_core.registry import Component, default, hookimpl
 from agglo_core.registry.attribution import Member, attributed
@@ -213,16 +213,16 @@ def test_a_component_cannot_hide_that_it_was_cancelled(work: Callable[[Listener 
 def test_solving_tells_iterations_and_residuals(name: str, unhurried: None) -> None:
     hierarchy = agglo.agglomerate(MESH, **SIZES)
     solver, told = Member(default().build("solver", name), f"solver {name}"), list[Progress]()
-    solution = solved_by(solver, Diffusion(), hierarchy, told.append)
+    solution = run_solver(solver, Diffusion(), hierarchy, told.append)
     names = assert_whole(told)
     assert (names[0], names[-1]) == ("assembling", "solving")
     solving = [now for now in told if now.phase == "solving"]
     assert len(solving) > solution.iterations
     assert re.search(r"iteration \d+, relative residual \d\.\de-0[3-9]", solving[-2].text)
-    np.testing.assert_array_equal(solution.x, solved_by(solver, Diffusion(), hierarchy).x)
+    np.testing.assert_array_equal(solution.x, run_solver(solver, Diffusion(), hierarchy).x)
     stop = Stop()
     with pytest.raises(Stop) as caught:
-        solved_by(solver, Diffusion(), hierarchy, at("solving", stop, 0.2))
+        run_solver(solver, Diffusion(), hierarchy, at("solving", stop, 0.2))
     assert caught.value is stop
 
 
@@ -232,7 +232,7 @@ def test_solvers_and_formats_of_others_need_not_tell(tmp_path: Path, unhurried: 
             return default().build("solver", "polydg_cg").solve(problem, hierarchy)
 
     told: list[Progress] = []
-    solved_by(Member(Silent(), "solver silent"), Diffusion(), agglo.agglomerate(MESH, **SIZES), told.append)
+    run_solver(Member(Silent(), "solver silent"), Diffusion(), agglo.agglomerate(MESH, **SIZES), told.append)
     assert assert_whole(told) == ["solving"]
 
 

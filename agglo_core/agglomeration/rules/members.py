@@ -16,8 +16,8 @@ from agglo_core.errors import OptionError, PluginError
 from agglo_core.graph import Graph
 from agglo_core.graph.loads import Kind, Loads
 from agglo_core.mesh import Mesh
-from agglo_core.mesh.elsewhere import made_by
-from agglo_core.mesh.marks import marked, weights_of
+from agglo_core.mesh.elsewhere import import_function
+from agglo_core.mesh.marks import select_members, weights_of
 from agglo_core.registry import Registry
 from agglo_core.registry.attribution import Member, attributed
 
@@ -114,7 +114,7 @@ class Rules(Keywords):
             tags = _component("barriers:BarrierTags")(self.barriers)
             rules.append(("barriers", tags.for_mesh(_faces(mesh, "barriers"))))
         if self.where is not None:
-            alone = ~marked("where", self.where, graph.data, graph.n, "cell")
+            alone = ~select_members("where", self.where, graph.data, graph.n, "cell")
             rules.append(("where", _component("regions:SingleCells")(alone)))
         if self.boundary_rules is not None:
             rules.append(
@@ -138,7 +138,7 @@ def imbalance(mass: Float | None, labels: Int) -> float:
 
 
 def _component(name: str) -> Callable[..., Any]:
-    return made_by(f"agglo_core.constraints.{name}")
+    return import_function(f"agglo_core.constraints.{name}")
 
 
 def _regions(regions: Names | ArrayLike) -> Any:

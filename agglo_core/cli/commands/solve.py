@@ -171,10 +171,10 @@ class _Task:
 
     def solution(self, progress: Listener | None) -> Solution:
         """Solve the problem."""
-        from agglo_core.problems.solving import solved_by
+        from agglo_core.problems.solving import run_solver
 
         solver = Member(self.tool, self.title)
-        return with_hierarchy(solved_by(solver, self.posed.problem, self.hierarchy, progress), self.made)
+        return with_hierarchy(run_solver(solver, self.posed.problem, self.hierarchy, progress), self.made)
 
     def report(self, solution: Solution, cg: bool, progress: Listener | None) -> dict[str, Any]:
         """Return the report data of a solution, with ``cg`` also plain conjugate gradient iterations."""

@@ -113,13 +113,13 @@ def collect_reports(runs: Sequence[RunResult], solved: Sequence[Solved]) -> dict
 def _attempt(
     solver: Member, posed: Posed, run: RunResult, progress: Listener | None, detailed: bool
 ) -> Solved:
-    from agglo_core.problems.solving import solved_by
+    from agglo_core.problems.solving import run_solver
 
     if run.hierarchy is None:
         return Solved(error=run.error)
     clock, start = _Clock(progress), time.process_time()
     try:
-        solution = solved_by(solver, posed.problem, run.hierarchy, clock)
+        solution = run_solver(solver, posed.problem, run.hierarchy, clock)
     except AggloError as error:
         if find_interrupt(error) is not None:
             raise
@@ -165,11 +165,11 @@ def _contraction(solution: Solution) -> float | None:
 def _warm_up(solver: Member, posed: Posed) -> None:
     """Solve tiny examples, to keep imports and compilation out of the first solution's time."""
     from agglo_core import samples
-    from agglo_core.problems.solving import solved_by
+    from agglo_core.problems.solving import run_solver
 
     for small in (samples.squares(8), samples.voronoi(64)):  # recipes differ for squares and polygons
         try:
-            solved_by(solver, type(posed.problem).example(small), _agglomerate_small_mesh(small))  # type: ignore[attr-defined]
+            run_solver(solver, type(posed.problem).example(small), _agglomerate_small_mesh(small))  # type: ignore[attr-defined]
         except (AggloError, AttributeError) as error:
             if isinstance(error, AggloError) and find_interrupt(error) is not None:
                 raise

@@ -9,7 +9,7 @@ import numpy as np
 from agglo_core.arrays import Float, Int
 from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
 from agglo_core.errors import OptionError
-from agglo_core.measure.selection import Metric, built_metrics
+from agglo_core.measure.selection import Metric, build_metrics
 from agglo_core.registry import Registry
 from agglo_core.registry.attribution import Member, attributed
 from agglo_core.shapes.metrics import UniformityFactor
@@ -30,7 +30,7 @@ def means(
     """
     ranks, largest = coarse.ranks, coarse.h
     with ranks.together():
-        members = built_metrics(metrics, registry)
+        members = build_metrics(metrics, registry)
         for member in members.values():
             _refuse_unknown(member)
         part_values = {name: _values(coarse, member, largest) for name, member in members.items()}

@@ -11,7 +11,7 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.mesh.checks import box_centre, merge_equal
 from agglo_core.mesh.construction.conforming import TOLERANCE
 from agglo_core.mesh.derived import Derived
-from agglo_core.mesh.elsewhere import made_by
+from agglo_core.mesh.elsewhere import import_function
 
 _log = logging.getLogger("agglo")
 
@@ -35,7 +35,9 @@ def warn_of_double_cover(mesh: Derived) -> None:
     grid = 2.0 ** (np.frexp(np.abs(mesh.points).max())[1] - _BITS)
     total = float(mesh.cell_measures.sum())
     union = float(
-        shapely.union_all(made_by("agglo_core.interchange:mesh_to_shapely")(mesh), grid_size=grid).area
+        shapely.union_all(
+            import_function("agglo_core.interchange:mesh_to_shapely")(mesh), grid_size=grid
+        ).area
     )
     _log.warning(
         "cells overlap: their total measure is %.10g, that of their union %.10g, so %.4g is counted twice. "

@@ -158,7 +158,7 @@ def build_polygons(
     return faces, cell_numbers, n
 
 
-def kept_cells(flat: Mask, measure: str, drop_flat: bool, own: Int | None = None) -> Int:
+def drop_flat_cells(flat: Mask, measure: str, drop_flat: bool, own: Int | None = None) -> Int:
     """Return the numbers of cells that are not flat.
 
     Parameters
@@ -201,12 +201,12 @@ def _orient_loops(
     if (fault == _REPEATED).any():
         sizes, (offsets, vertices) = np.diff(offsets), simple_loops(offsets, vertices)
         simplified = int((np.diff(offsets) < sizes).sum())
-        cell_numbers = kept_cells(np.diff(offsets) < 3, "area", drop_flat)
+        cell_numbers = drop_flat_cells(np.diff(offsets) < 3, "area", drop_flat)
         offsets, places = gather(offsets, cell_numbers)
         vertices = frozen_int(vertices[places])
         area, fault = check_polygons(local, offsets, vertices, weak)
     if (fault == _ZERO).any():
-        full = kept_cells(fault == _ZERO, "area", drop_flat, cell_numbers)
+        full = drop_flat_cells(fault == _ZERO, "area", drop_flat, cell_numbers)
         cell_numbers, area, fault = cell_numbers[full], area[full], fault[full]
         offsets, places = gather(offsets, full)
         vertices = frozen_int(vertices[places])

@@ -23,7 +23,7 @@ from agglo_core.mesh.checks import (
     note_repairs,
     whole_numbers,
 )
-from agglo_core.mesh.construction.polygons import Faces, drop_padding, kept_cells
+from agglo_core.mesh.construction.polygons import Faces, drop_flat_cells, drop_padding
 from agglo_core.mesh.construction.repeated_vertices import simple_solids
 from agglo_core.mesh.construction.shells import outward_signs
 from agglo_core.mesh.elements import Polyhedra, take_cells
@@ -80,7 +80,7 @@ def _orient_half_faces(
     points: Float, solids: Polyhedra, drop_flat: bool
 ) -> tuple[Int, Polyhedra, Float, Float]:
     """Return cells with volume, their half-faces, area vectors, and the signs that turn these outward."""
-    cell_numbers = kept_cells(np.diff(solids.cell_offsets) == 0, "volume", drop_flat)
+    cell_numbers = drop_flat_cells(np.diff(solids.cell_offsets) == 0, "volume", drop_flat)
     if len(cell_numbers) < len(solids.cell_offsets) - 1:
         solids = take_cells(solids, cell_numbers)
     _check_counts(solids, cell_numbers)
@@ -104,7 +104,7 @@ def _orient_half_faces(
     if not flat.any():
         return cell_numbers, solids, vector, sign
     # Drop cells without volume and their half-faces.
-    full = kept_cells(flat, "volume", drop_flat, cell_numbers)
+    full = drop_flat_cells(flat, "volume", drop_flat, cell_numbers)
     half = ~flat[cell_of]
     return (
         cell_numbers[full],

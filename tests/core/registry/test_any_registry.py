@@ -131,7 +131,7 @@ def measures(registry: Registry, folder: Path) -> None:
     assert measure_levels(MESH, hierarchy, registry, ["crowd", "cut"])[0].metrics == ("crowd", "cut")
     assert measure_levels(MESH, hierarchy, registry)[0].metrics == ("UF", "CR", "CRc", "J", "isoperimetric")
     assert summary(MESH, hierarchy, registry, ["crowd"])[0]["crowd"] == 256.0
-    assert list(selection.built_metrics(["crowd"], registry)) == ["crowd"]
+    assert list(selection.build_metrics(["crowd"], registry)) == ["crowd"]
     assert list(selection.select(["crowd", "interface"], registry).metrics) == ["crowd"]
 
 
@@ -194,7 +194,7 @@ def on_ranks(registry: Registry, folder: Path) -> None:
 
 GROUPS: dict[Callable[[Registry, Path], None], set[str]] = {
     agglomerations: {"agglomerate", "run"},
-    measures: {"quality", "measure_levels", "summary", "built_metrics", "select"},
+    measures: {"quality", "measure_levels", "summary", "build_metrics", "select"},
     files: {"read", "read_hierarchy", "write", "check_writable"},
     samples_by_name: {"names", "from_spec"},
     picture: {"draw", "plot", "plot_level"},
