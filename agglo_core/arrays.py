@@ -55,7 +55,7 @@ def plain_array(values: Any, name: str = "array", error: type[AggloError] = Mesh
     if any(issubclass(each, masked) for each in types) and any(
         isinstance(row, masked) and row.mask.any() for row in rows
     ):
-        raise error(f"{name} has masked entries: fill them, or leave them out")
+        raise error(f"{name} has masked entries: fill them with .filled(value), or remove them")
     try:
         return np.asarray(values)
     except ValueError as reason:

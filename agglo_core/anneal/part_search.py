@@ -75,9 +75,12 @@ class PartSearch:
         if balance is not None:
             part_balance = Balance(check_tolerance(owner, balance, "balance"), kind)
         if effort is None and (limit is not None or objective == "roundness" or part_balance.asked):
-            raise OptionError(f"{owner}: objective, seconds and balance are for an effort, and none is given")
+            raise OptionError(
+                f"{owner}: objective, seconds and balance require an effort (fast, good or best), but none "
+                "is given"
+            )
         if part_balance.asked and objective == "roundness":
-            raise OptionError(f"{owner}: balance goes with the objective solver, not with roundness")
+            raise OptionError(f"{owner}: balance requires the objective solver, not roundness")
         return None if effort is None else cls(effort, objective, limit, part_balance)
 
     def parts(
@@ -103,7 +106,10 @@ class PartSearch:
         """
         limit = TimeLimit(self.seconds)
         if target.h_star is not None and self.balance.asked:
-            raise OptionError("balance is for a number of parts, and a size is asked for")
+            raise OptionError(
+                "balance applies to a number of parts (n_parts, cells_per_part), not to a size (h_star, "
+                "h_factor)"
+            )
         if target.h_star is not None:
             return self._by_component(graph, target, seed, start, rival, limit)
         if (target.parts or 1) >= graph.n or (target.parts or 1) < 2:

@@ -88,7 +88,7 @@ class AnnealRefiner:
         self.seconds = checked_seconds("anneal", seconds)
         self.roundness, self.evenness = _weight("roundness", roundness), _weight("evenness", evenness)
         if self.roundness == self.evenness == 0.0:
-            raise OptionError("anneal: roundness and evenness are both 0: nothing is left to pursue")
+            raise OptionError("anneal: roundness and evenness must not both be 0")
 
     def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target) -> Int:
         """Return the labels ``(n,)`` after annealing block by block."""

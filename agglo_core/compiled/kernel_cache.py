@@ -172,7 +172,7 @@ def _warn_unkept(reason: str) -> None:
     if not _warned:
         _warned.add(reason)
         _log.warning(
-            "%s; they are compiled again in each run; set NUMBA_CACHE_DIR to a folder that can be written to",
+            "%s; kernels are compiled again in each run. Set NUMBA_CACHE_DIR to a writable folder",
             reason,
         )
 

@@ -26,7 +26,9 @@ class Barriers:
     def forbidden(self, graph: Graph) -> Mask:
         """Return a mask ``(m,)`` of the graph entries that cross a barrier face."""
         if self.pairs.size and self.pairs.max() >= graph.n:
-            raise OptionError(f"a barrier is beside cell {self.pairs.max()}, and there are {graph.n} cells")
+            raise OptionError(
+                f"a barrier is adjacent to cell {self.pairs.max()}, but there are only {graph.n} cells"
+            )
         # 1. Entries between cells adjacent to barriers.
         touched = np.zeros(graph.n, bool)
         touched[self.pairs] = True

@@ -125,7 +125,7 @@ def _limits(quantity: str, least: float | None, most: float | None) -> tuple[flo
         if value is not None and not (number and 0 < value < np.inf):
             raise OptionError(f"{name} must be positive and finite, given {value!r}")
     if least is not None and most is not None and least > most:
-        raise OptionError(f"min_{quantity}, {least}, is more than max_{quantity}, {most}")
+        raise OptionError(f"min_{quantity} = {least} exceeds max_{quantity} = {most}")
     return least or 0.0, np.inf if most is None else most
 
 

@@ -45,7 +45,7 @@ class Regions:
         for column in columns:
             if column.shape != (graph.n,):
                 raise OptionError(
-                    f"regions have shape {column.shape}, expected ({graph.n},): one for each cell"
+                    f"regions have shape {column.shape}, expected ({graph.n},): one value for each cell"
                 )
             small = _narrow(column)
             different |= np.repeat(small, degrees) != small.take(graph.indices)
@@ -104,6 +104,6 @@ def beside(graph: Graph, marked: Mask) -> Mask:
 
 def _of_cells(graph: Graph, tag: str) -> Int:
     if tag not in graph.data:
-        known = f"there are {', '.join(graph.data)}" if graph.data else "there is none"
+        known = f"there are {', '.join(graph.data)}" if graph.data else "there are none"
         raise OptionError(f"no cell tag is named {tag!r}; {known}")
     return graph.data[tag]

@@ -55,7 +55,9 @@ class BoundaryClasses:
 def _patches_of_cells(mesh: Mesh, tags: tuple[str, ...]) -> Mask:
     """Return a mask ``(n, patches)``: True where a cell touches a patch."""
     if not tags:
-        raise OptionError("ridges: the mesh has no boundary patches; face tags: none")
+        raise OptionError(
+            "ridges: the mesh has no boundary patches (face tags: none); add them with mesh.with_face_tags"
+        )
     # 1. Tag values on the boundary faces, 0 outside the groups.
     outer = mesh.face_cells[:, 1] < 0
     columns = [values_of("ridges", tag, mesh.face_tags, mesh.n_faces, "face")[outer] for tag in tags]

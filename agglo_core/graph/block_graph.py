@@ -99,7 +99,7 @@ class BlockGraph(FieldState, Loaded):
         """Return a block as a separate graph, with shifted indices and views of the other arrays."""
         b = block + self.n_blocks if block < 0 else block
         if not 0 <= b < self.n_blocks:
-            raise IndexError(f"block {block} of a graph with {self.n_blocks} blocks")
+            raise IndexError(f"block {block} is out of range: the graph has {self.n_blocks} blocks")
         i, j = int(self.offsets[b]), int(self.offsets[b + 1])
         nodes = slice(i, j)
         edges = slice(int(self.indptr[i]), int(self.indptr[j]))
@@ -126,7 +126,7 @@ class BlockGraph(FieldState, Loaded):
         if len(order) and (order.min() < 0 or order.max() >= self.n):
             raise MeshError(f"nodes must lie in 0..{self.n - 1}, given {order.min()}..{order.max()}")
         if len(blocks) == 0 or blocks[0] != 0 or blocks[-1] != len(order) or (np.diff(blocks) < 0).any():
-            raise MeshError(f"block offsets must rise from 0 to {len(order)}")
+            raise MeshError(f"block offsets must increase from 0 to {len(order)}")
         edges = self.indptr, self.indices, self.interface
         whole, places = self.__dict__.get("_whole", (self, None))
         rows, (centroids, measures, nodes_of_whole) = together(
@@ -238,7 +238,7 @@ class BlockGraph(FieldState, Loaded):
             if all_connected(self.indptr, self.indices):
                 return parts
         elif parts.shape != (self.n,) or parts.min() < 0:
-            raise MeshError(f"labels must be ({self.n},) integers, none negative; given shape {parts.shape}")
+            raise MeshError(f"labels must be ({self.n},) non-negative integers; given shape {parts.shape}")
         nodes, offsets = components(self.indptr, self.indices, parts)
         component = np.empty(self.n, np.int64)
         component[nodes] = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
@@ -259,7 +259,7 @@ def _permute_nodes(
     arrays = np.empty(len(order) + 1, np.int64), np.empty(capacity, np.int32), np.empty(capacity)
     n_entries = permute_graph(indptr, indices, interface, order, offsets, *arrays)
     if n_entries < 0:
-        raise MeshError(f"a node is given twice among all {len(order)}")
+        raise MeshError(f"the {len(order)} nodes must be distinct, but one is given twice")
     return frozen_int(arrays[0]), frozen_index(arrays[1][:n_entries]), frozen_float(arrays[2][:n_entries])
 
 

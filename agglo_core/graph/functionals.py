@@ -196,7 +196,7 @@ def _edge_weights(graph: Graph, edge_weights: Float | None) -> Float:
     if edge_weights is None:
         return np.ones(len(graph.indices))
     if np.shape(edge_weights) != graph.indices.shape:
-        raise OptionError(f"edge_weights must be {graph.indices.shape}, not {np.shape(edge_weights)}")
+        raise OptionError(f"edge_weights must have shape {graph.indices.shape}, not {np.shape(edge_weights)}")
     return exact_cast(
         plain_array(edge_weights, "edge_weights", OptionError), np.float64, "edge_weights", OptionError
     )

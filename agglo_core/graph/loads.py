@@ -79,7 +79,7 @@ class Loaded:
             values.shape != (self.n,)
             or not 0.0 <= values.min(initial=0.0) <= values.max(initial=0.0) < np.inf
         ):
-            raise MeshError(f"mass must be {self.n} numbers, finite and not negative; given {values.shape}")
+            raise MeshError(f"mass must be {self.n} finite, non-negative numbers; given shape {values.shape}")
         return self.with_loads(Loads(mass=frozen_float(values)))
 
     def with_loads(self, loads: Loads | None) -> Self:

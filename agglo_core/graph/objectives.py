@@ -172,7 +172,9 @@ _TABLE = (
         changes=moves.shape_changes,
     ),
     Objective(
-        "solver", "compactness and a fifth of the interface, each over that of hexagons", solver_shapes
+        "solver",
+        "compactness plus a fifth of the interface, each relative to that of hexagons",
+        solver_shapes,
     ),
     Objective(
         "balance",
@@ -188,10 +190,10 @@ _TABLE = (
         _squared_sizes(None),
     ),
     Objective("diameter", "largest diameter of a part", _diameters, "max"),
-    Objective("roundness", "by how much the parts are neither round nor alike in width", _roundness),
+    Objective("roundness", "deviation of the parts from round shapes of equal width", _roundness),
     Objective(
         "normalised_cut",
-        "sum over the parts of edges cut over volume",
+        "sum over the parts of cut edges divided by volume",
         _normalised_cuts,
         changes=moves.normalised_cut_changes,
     ),

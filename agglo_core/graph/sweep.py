@@ -57,7 +57,8 @@ def sweep(level: Graph, scores: ArrayLike) -> Int:
     columns = columns[:, None] if columns.ndim == 1 else columns
     if columns.ndim != 2 or len(columns) != level.n or columns.shape[1] == 0:
         raise OptionError(
-            f"scores must be ({level.n},) or ({level.n}, C), one row per node; given {np.shape(scores)}"
+            f"scores must have shape ({level.n},) or ({level.n}, C), one row per node; given "
+            f"{np.shape(scores)}"
         )
     if not np.isfinite(columns).all():
         row, column = np.argwhere(~np.isfinite(columns))[0]

@@ -66,7 +66,7 @@ def check_graph(graph: GraphArrays) -> None:
     # Dimensions and shapes.
     for key, count in _DIMENSIONS.items():
         if getattr(graph, key).ndim != count:
-            raise MeshError(f"{key} must have {count} dimensions, not the shape {getattr(graph, key).shape}")
+            raise MeshError(f"{key} must have {count} dimensions, not shape {getattr(graph, key).shape}")
     n, m, d = graph.n, len(graph.indices), graph.points.shape[1]
     if n == 0:
         raise MeshError("the graph is empty: it has no nodes")
@@ -102,7 +102,7 @@ def _check_vertices(graph: GraphArrays) -> None:
     ):
         values = getattr(graph, key)
         if len(values) != count or values[0] != 0 or values[-1] != end or (np.diff(values) < 0).any():
-            raise MeshError(f"{key} must have {count} entries rising from 0 to {end}")
+            raise MeshError(f"{key} must have {count} entries increasing from 0 to {end}")
     if total and (graph.vertices.min() < 0 or graph.vertices.max() >= len(graph.points)):
         raise MeshError(f"vertices must lie in 0..{len(graph.points) - 1}")
     if not np.isfinite(graph.points).all():
@@ -113,7 +113,7 @@ def _check_edges(graph: GraphArrays) -> None:
     n, m = graph.n, len(graph.indices)
     rising = len(graph.indptr) == n + 1 and graph.indptr[0] == 0 and (np.diff(graph.indptr) >= 0).all()
     if not rising or graph.indptr[-1] != m:
-        raise MeshError(f"indptr must have {n + 1} entries rising from 0 to {m}")
+        raise MeshError(f"indptr must have {n + 1} entries increasing from 0 to {m}")
     if m and (graph.indices.min() < 0 or graph.indices.max() >= n):
         raise MeshError(f"indices must lie in 0..{n - 1}")
     rows = np.repeat(np.arange(n), np.diff(graph.indptr))
@@ -124,9 +124,11 @@ def _check_edges(graph: GraphArrays) -> None:
     across = np.flatnonzero(block[rows] != block[graph.indices])
     if len(across):
         ends = rows[across[0]], graph.indices[across[0]]
-        raise MeshError(f"nodes {ends[0]} and {ends[1]} of different blocks have an edge")
+        raise MeshError(f"an edge joins nodes {ends[0]} and {ends[1]}, which are in different blocks")
     matrix = graph.to_scipy()
     pattern = sparse.csr_array((np.ones(m), matrix.indices, matrix.indptr), shape=matrix.shape)
     gap = abs(matrix - matrix.T)
     if (pattern != pattern.T).nnz or (gap.nnz and gap.max() > 1e-9 * abs(matrix).max()):
-        raise MeshError("the graph must be symmetric: each edge in both directions, the same interface")
+        raise MeshError(
+            "the graph must be symmetric: each edge must be given in both directions, with the same interface"
+        )

@@ -29,7 +29,9 @@ def best_nodes(
     if isinstance(n_parts, bool) or not isinstance(n_parts, int | np.integer):
         raise OptionError(f"n_parts must be a whole number; given {n_parts!r}")
     if n_parts < forest.n_roots:
-        raise OptionError(f"no cut has {n_parts} parts: the coarsest level has {forest.n_roots}")
+        raise OptionError(
+            f"no cut has {n_parts} parts: the coarsest level, the smallest cut, has {forest.n_roots}"
+        )
     check_grade(grade)
     value = forest.sums(_check_indicator(indicator, graph))
     if objective == "squares":
@@ -54,14 +56,16 @@ def check_grade(grade: int | None) -> None:
     if grade is not None and (
         isinstance(grade, bool) or not isinstance(grade, int | np.integer) or grade < 1
     ):
-        raise OptionError(f"grade must be None or a whole number from 1 on; given {grade!r}")
+        raise OptionError(f"grade must be None or a whole number, 1 or more; given {grade!r}")
 
 
 def _least_squares(forest: Forest, value: Float, n_parts: int, grade: int | None) -> Int:
     from agglo_core.hierarchy.tree_sums import least_cut
 
     if grade is not None:
-        raise OptionError("a grade goes with objective='largest': the least sum of a graded cut is not known")
+        raise OptionError(
+            "grade requires objective='largest': the smallest sum with a grade cannot be computed"
+        )
     most = min(n_parts, len(forest.cells))
     largest = value[: forest.n_roots].max()
     cost = frozen_float((value / largest if largest > 0 else value) ** 2)
@@ -94,11 +98,13 @@ def _check_indicator(indicator: ArrayLike | None, graph: Graph) -> Float:
     array = plain_array(indicator, "the indicator", OptionError)
     values = frozen_float(exact_cast(array, np.float64, "the indicator", OptionError))
     if values.shape != (graph.n,):
-        raise OptionError(f"the indicator has shape {values.shape}, expected ({graph.n},), one for each cell")
+        raise OptionError(
+            f"the indicator has shape {values.shape}, expected ({graph.n},), one value for each cell"
+        )
     wrong = np.flatnonzero(~((values >= 0) & (values < np.inf)))
     if len(wrong):
         raise OptionError(
-            f"an indicator is 0 or more and finite; that of cell {wrong[0]} is {values[wrong[0]]:g} "
+            f"the indicator must be finite and not negative; cell {wrong[0]} has {values[wrong[0]]:g} "
             f"({len(wrong)} such cells)"
         )
     return values

@@ -130,7 +130,9 @@ class Cut:
             If a Graph without mesh was agglomerated.
         """
         if self.fine is None:
-            raise MeshError("this cut belongs to a graph: it has no mesh")
+            raise MeshError(
+                "this cut belongs to a graph without a mesh: agglomerate the Mesh instead of its graph"
+            )
         return self.fine.coarsen(self.labels)
 
     # -- local changes -------------------------------------------------------------------------
@@ -172,8 +174,8 @@ class Cut:
             return array
         if array.ndim != 1 or (array.size and array.dtype.kind not in "iu"):
             raise OptionError(
-                f"parts must be numbers, or a mask of shape ({self.n_parts},); given shape {array.shape}, "
-                f"dtype {array.dtype}"
+                f"parts must be part numbers, or a mask of shape ({self.n_parts},); given shape "
+                f"{array.shape}, dtype {array.dtype}"
             )
         if array.size and (array.min() < 0 or array.max() >= self.n_parts):
             raise OptionError(f"parts must lie in 0..{self.n_parts - 1}; given {array.min()}..{array.max()}")
@@ -207,7 +209,9 @@ class Cut:
         self._check_same_forest(finer)
         columns = self.labels[first_of_each(finer.labels)]
         if (columns[finer.labels] != self.labels).any():
-            raise OptionError(f"{finer!r} is no refinement of {self!r}; projection takes any two cuts")
+            raise OptionError(
+                f"{finer!r} is not a refinement of {self!r}; use projection, which accepts any two cuts"
+            )
         return ones_by_row(columns, self.n_parts)
 
     def restriction(self, coarser: Cut) -> sparse.csr_array[Any, Any]:

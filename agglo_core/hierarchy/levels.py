@@ -96,7 +96,9 @@ class Hierarchy(FieldState):
 
     def _level(self, level: int) -> Int:
         if not 0 <= level < len(self.levels):
-            raise IndexError(f"level {level} of a hierarchy with levels 0..{len(self.levels) - 1}")
+            raise IndexError(
+                f"level {level} is out of range: the hierarchy has levels 0..{len(self.levels) - 1}"
+            )
         return self.levels[level]
 
     def parents(self, level: int) -> Int:
@@ -108,7 +110,9 @@ class Hierarchy(FieldState):
             If the hierarchy is not nested.
         """
         if not self.nested:
-            raise OptionError(f"the hierarchy is not nested: use overlap({level})")
+            raise OptionError(
+                f"the hierarchy is not nested: use overlap({level}), or agglomerate with nested=True"
+            )
         fine, coarse = self._level(level), self._level(level + 1)
         parents = np.empty(self.parts[level], np.int64)
         parents[fine] = coarse
@@ -144,7 +148,9 @@ class Hierarchy(FieldState):
             If a Graph without mesh was agglomerated.
         """
         if self.fine is None:
-            raise MeshError("this hierarchy belongs to a graph: it has no mesh")
+            raise MeshError(
+                "this hierarchy belongs to a graph without a mesh: agglomerate the Mesh instead of its graph"
+            )
         return self.fine.coarsen(self._level(level))
 
     def view(
@@ -227,7 +233,7 @@ class Hierarchy(FieldState):
         """
         if not self.nested:
             raise OptionError(
-                "the hierarchy is not nested: only nested levels have cuts; nested=True makes them"
+                "the hierarchy is not nested: only nested levels have cuts; agglomerate with nested=True"
             )
         return Forest.of(self.levels, self.graph.n)
 
@@ -272,7 +278,8 @@ class Hierarchy(FieldState):
         """Return the parts of a level (−1: cells) as a cut, a start for ``refine`` and ``coarsen``."""
         if not -1 <= level < len(self.levels):
             raise IndexError(
-                f"level {level} of a hierarchy with levels 0..{len(self.levels) - 1}, and -1: cells"
+                f"level {level} is out of range: the hierarchy has levels 0..{len(self.levels) - 1}, and "
+                "-1 for the cells"
             )
         check_grade(grade)
         return Cut(self.fine, self.graph, self.forest, self.forest.level(level), grade)

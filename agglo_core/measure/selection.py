@@ -57,7 +57,9 @@ def select(chosen: Iterable[Metric], registry: Registry | None = None) -> Select
     metrics = build_metrics(metric_items, source)
     for name in metrics:
         if name in _RESERVED:
-            raise OptionError(f"metric {name!r} cannot be listed: every level has a value of that name")
+            raise OptionError(
+                f"metric {name!r} cannot be selected: the name is reserved for a value of every level"
+            )
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise OptionError(f"objective {twice[0]!r} is given twice")

@@ -116,7 +116,7 @@ def trade_offs(runs: Sequence[RunResult]) -> TradeOffs:
     """
     finest_levels = [(place, run.levels[0]) for place, run in enumerate(runs) if run.levels]
     if not finest_levels:
-        raise OptionError("nothing to weigh: there is no run, or none came to an end")
+        raise OptionError("there are no trade-offs to compare: there is no run, or none completed")
     levels = [level for _, level in finest_levels]
     places = [place for place, _ in finest_levels]
     return TradeOffs(
@@ -137,7 +137,10 @@ def _roundness(levels: Sequence[Level]) -> Axis:
         if len(means) == len(levels):
             high = levels[0].better.get(name, "high") == "high"
             return Axis(f"mean {name}", frozen_float(means), high)
-    raise OptionError("nothing to weigh: there is no metric that all runs have; choose one, such as J")
+    raise OptionError(
+        "there are no trade-offs to compare: no metric is available in all runs; choose one for all runs, "
+        "such as J"
+    )
 
 
 def _evenness(levels: Sequence[Level]) -> Axis:

@@ -88,14 +88,14 @@ def check_faces(points: Float, offsets: Int, vertices: Int, cells: Int) -> None:
     # Vertex lists of the faces.
     if len(offsets) != len(cells) + 1 or offsets[0] != 0 or offsets[-1] != len(vertices):
         raise MeshError(
-            f"face_offsets must be {len(cells) + 1} numbers that rise from 0 to {len(vertices)}, the lengths "
-            "of face_cells and face_vertices"
+            f"face_offsets must be {len(cells) + 1} numbers that increase from 0 to {len(vertices)}, to "
+            "match the lengths of face_cells and face_vertices"
         )
     sizes, dim = np.diff(offsets), points.shape[1]
     wrong = np.flatnonzero(sizes != 2 if dim == 2 else sizes < 3)
     if len(wrong):
         wanted = "two vertices in 2-D" if dim == 2 else "at least three vertices in 3-D"
-        raise MeshError(f"face_offsets: a face has {wanted}, face {wrong[0]} has {sizes[wrong[0]]}")
+        raise MeshError(f"face_offsets: a face must have {wanted}, but face {wrong[0]} has {sizes[wrong[0]]}")
     if vertices.view(np.uint64).max() >= len(points):  # single pass: negative numbers become large
         raise MeshError(f"face_vertices must lie in 0..{len(points) - 1}")
     # Cells at the faces.
@@ -103,7 +103,7 @@ def check_faces(points: Float, offsets: Int, vertices: Int, cells: Int) -> None:
         raise MeshError("face_cells: every face needs an owner cell, and a neighbour cell or -1")
     n_cells = int(cells.max()) + 1
     if n_cells > cells.size:
-        raise MeshError(f"face_cells: {len(cells)} faces cannot have {n_cells} cells")
+        raise MeshError(f"face_cells: {len(cells)} faces cannot bound {n_cells} cells")
     same = np.flatnonzero(cells[:, 0] == cells[:, 1])
     if len(same):
         raise MeshError(f"face_cells: face {same[0]} has cell {cells[same[0], 0]} on both sides")
@@ -114,7 +114,7 @@ def check_extent(points: Float) -> None:
     extent = max((float(column.max()) - float(column.min()) for column in points.T), default=0.0)
     if extent > _LARGEST or 0 < extent < _SMALLEST:
         raise MeshError(
-            f"the mesh is {extent:.3g} across; areas, volumes and their moments can be computed from "
+            f"the mesh is {extent:.3g} across; areas, volumes and their moments can be computed only from "
             f"{_SMALLEST:g} to {_LARGEST:g}: choose another unit of length"
         )
 
@@ -122,7 +122,7 @@ def check_extent(points: Float) -> None:
 def check_offsets(offsets: Int, total: int, what: str) -> None:
     """Raise MeshError unless the offsets increase from 0 to ``total``."""
     if len(offsets) == 0 or offsets[0] != 0 or offsets[-1] != total or (np.diff(offsets) < 0).any():
-        raise MeshError(f"{what} offsets must rise from 0 to {total}, the number of entries they cut")
+        raise MeshError(f"{what} offsets must increase from 0 to {total}, the number of entries")
 
 
 def check_indices(offsets: Int, vertices: Int, n_points: int) -> None:
@@ -192,7 +192,7 @@ def warn_of_overlaps(pairs: Int) -> None:
     if len(pairs):
         _log.warning(
             "%d pairs of cells overlap at an edge, such as cells %d and %d: their common area is counted "
-            "twice. In a periodic mesh, cells that wrap around need points of their own on the far side",
+            "twice. In a periodic mesh, give cells that wrap around separate points on the far side",
             len(pairs),
             *sorted(pairs[0].tolist()),
         )

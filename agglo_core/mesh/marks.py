@@ -104,7 +104,7 @@ def _mask_of_name(word: str, text: str, tags: Mapping[str, NDArray[Any]], n: int
     try:
         number = int(value)
     except ValueError:
-        raise OptionError(f"{word}: {text!r} should be a tag, or a tag = a whole number") from None
+        raise OptionError(f"{word}: {text!r} must be a tag name, or tag=value with a whole number") from None
     mask: Mask = values_of(word, name, tags, n, kind) == number
     return mask
 

@@ -310,7 +310,8 @@ class Mesh(FieldState, Derived, Tagged):
         if self.dim == 3:
             if tolerance > 0:
                 raise OptionError(
-                    f"simplified: in 3-D only flat patches become one face, tolerance=0; given {tolerance!r}"
+                    "simplified: tolerance must be 0 in 3-D, where only flat patches become one face; "
+                    f"given {tolerance!r}"
                 )
             reduction = fewer_faces(self, self.face_tags)
         else:

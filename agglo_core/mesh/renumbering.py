@@ -58,5 +58,5 @@ def _numbers(cells: ArrayLike, n: int) -> tuple[Int, Int]:
     if order.shape == (n,) and order.dtype.kind in "iu" and order.min() >= 0 and order.max() < n:
         number[order] = np.arange(n)
     if n and number[:n].min() < 0:
-        raise MeshError(f"an order of the cells must hold each of 0..{n - 1} once")
+        raise MeshError(f"an order of the cells must contain each of 0..{n - 1} once")
     return frozen_int(order), frozen_int(number)

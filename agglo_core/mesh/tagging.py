@@ -144,7 +144,7 @@ def _evaluate_tags(kind: str, tags: Mapping[str, TagValues], points: Float) -> d
         arrays[name] = plain_array(result, f"{kind} tag {name!r}")
         if callable(values) and arrays[name].shape != (len(points),):
             raise MeshError(
-                f"{kind} tag {name!r}: the function was given x of shape {points.shape} and returned shape "
+                f"{kind} tag {name!r}: for x of shape {points.shape} the function returned shape "
                 f"{arrays[name].shape}, expected ({len(points)},), a value for each row of x"
             )
     return check_tags(kind, arrays, len(points))

@@ -32,13 +32,13 @@ class Rediscretised:
         """
         if step.rediscretised is None:
             raise OptionError(
-                "coarse_operator=rediscretised needs a problem that is discretised; a linear system has only "
-                "its matrix: take galerkin"
+                "coarse_operator=rediscretised requires a problem that the solver discretises; for a "
+                "linear system, which is only a matrix, use coarse_operator=galerkin"
             )
         matrix = step.rediscretised()
         if matrix.shape[0] != P.shape[1]:
             raise OptionError(
-                f"coarse_operator=rediscretised has {matrix.shape[0]} unknowns on the coarse level, the "
-                f"transfer {P.shape[1]}: take galerkin, or transfer=injection"
+                f"coarse_operator=rediscretised has {matrix.shape[0]} unknowns on the coarse level, but "
+                f"the transfer has {P.shape[1]}: use coarse_operator=galerkin, or transfer=injection"
             )
         return matrix

@@ -132,7 +132,9 @@ def dense_solve(A: Any, dtype: Any = np.float64) -> Solve:
     """
     n = A.shape[0]
     if n > _MOST:
-        raise OptionError(f"dense: {n} unknowns are too many for a dense inverse, {_MOST} at most; take lu")
+        raise OptionError(
+            f"dense: {n} unknowns are too many for a dense inverse (at most {_MOST}); use coarse=lu"
+        )
     rows = sparse.csr_array(A, dtype=np.float64)
     scale = _to_unit_diagonal(rows)
     unit = scale[:, None] * rows.toarray() * scale

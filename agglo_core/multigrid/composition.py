@@ -183,13 +183,13 @@ class Composition:
             if offsets is None:
                 if m == 0 or m % parts:
                     raise PluginError(
-                        f"P has {m} columns for {parts} parts: return a CoarseSpace, whose block_offsets say "
-                        "which columns belong to which part"
+                        f"P has {m} columns for {parts} parts: return a CoarseSpace with block_offsets "
+                        "that assign the columns to parts"
                     )
                 offsets = frozen_int(np.arange(parts + 1) * (m // parts))
             fits = np.shape(offsets) == (parts + 1,) and offsets[0] == 0 and offsets[-1] == m
             if not fits or (np.diff(offsets) < 0).any():
-                raise PluginError(f"block_offsets must rise from 0 to {m} and have {parts + 1} entries")
+                raise PluginError(f"block_offsets must increase from 0 to {m} and have {parts + 1} entries")
         return CoarseSpace(P, frozen_int(offsets), space.near_null)
 
     def _matrix(self, step: Coarsening, space: CoarseSpace) -> Any:
@@ -247,7 +247,7 @@ def _check_level_lists(labels: Sequence[Int], n: int, *sequences: Sequence[Any] 
     arrays = [frozen_int(array) for array in labels]
     for k, array in enumerate(arrays):
         if array.shape != (n,) or array.min() < 0:
-            raise OptionError(f"labels[{k}] must be {n} numbers from 0 on, one for each block of the system")
+            raise OptionError(f"labels[{k}] must be {n} numbers, 0 or more, one for each block of the system")
     for name, sequence in zip(("injected", "rediscretised"), sequences, strict=True):
         if sequence is not None and len(sequence) != len(arrays):
             raise OptionError(f"{name} must be given for each of {len(arrays)} levels; given {len(sequence)}")

@@ -50,7 +50,7 @@ def cycle(stack: LevelStack, kind: Kind = "V") -> LinearOperator:
     array([1., 2.])
     """
     if kind not in _NEXT:
-        raise OptionError(f"a cycle is one of {', '.join(_NEXT)}; given {kind!r}")
+        raise OptionError(f"cycle must be one of {', '.join(_NEXT)}; given {kind!r}")
 
     n = stack.levels[0].A.shape[0]
     apply: Callable[[Any], Any] = partial(_apply_cycle, stack, kind)

@@ -112,8 +112,8 @@ def part(kind: str, given: Any, own: Mapping[str, Callable[[], Any]], registry: 
             title = getattr(given, "__name__", type(given).__name__)
             return Member(SimpleNamespace(**{method: given}), f"{kind} {title}")
     raise OptionError(
-        f"{kind} must be a name, an object with {method}, or a function that does what {method} does; given "
-        f"{given!r:.60}"
+        f"{kind} must be a name, an object with the method {method}, or a function to call as {method}; "
+        f"given {given!r:.60}"
     )
 
 

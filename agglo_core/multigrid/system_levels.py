@@ -73,14 +73,16 @@ def build_levels(
     if hierarchy is not None and block_offsets is None:
         cells = hierarchy.graph.n
         if n % cells:
-            raise OptionError(f"block_offsets are needed: {n} unknowns in {cells} cells")
+            raise OptionError(
+                f"block_offsets are required: {n} unknowns cannot be divided equally among {cells} cells"
+            )
         block_offsets = np.arange(cells + 1) * (n // cells)
     mesh, labels = (None, ()) if hierarchy is None else (hierarchy.fine, hierarchy.levels)
     system = System(A, np.zeros(n), block_offsets, mesh, near_null)  # type: ignore[arg-type]  # it checks them
     try:
         return SystemLevels(system, stack_of_system(system, labels))
     except np.linalg.LinAlgError as failure:
-        raise OptionError(f"no levels for this matrix: {failure}") from failure
+        raise OptionError(f"cannot build levels for this matrix: {failure}") from failure
 
 
 def is_classical(system: System) -> bool:

@@ -66,7 +66,8 @@ def named_problem(
     if Path(name).suffix.lower() == ".toml" or not _is_declared(name, registry):
         if options:
             raise OptionError(
-                f"no problem is named {name!r} ({_list_problems(registry)}), and files take no options"
+                f"no problem is named {name!r} ({_list_problems(registry)}), and problem files take no "
+                "options"
             )
         problem = read_problem(Path(name), mesh, registry, allow_code=allow_code)
     else:
@@ -171,14 +172,17 @@ def _is_declared(name: str, registry: Registry) -> bool:
 
 def _check_problem(problem: Any, maker: str) -> Problem:
     if not isinstance(getattr(problem, "kind", None), str):
-        raise PluginError(f"{maker} made {shown(problem)}, expected a problem, whose kind is its name")
+        raise PluginError(
+            f"{maker} returned {shown(problem)}, expected a problem with the name of its kind in the "
+            "attribute kind"
+        )
     return problem  # type: ignore[no-any-return]
 
 
 def _reader_of(kind: Any, registry: Registry) -> tuple[Any, str]:
     """Return ``from_table`` of the class declared for a kind, and a title for errors."""
     if not isinstance(kind, str):
-        raise OptionError(f"kind must be the name of a kind of problem, given {kind!r:.60}")
+        raise OptionError(f"kind must be the name of a problem kind, given {kind!r:.60}")
     record = registry.record(_KIND, kind)
     target = resolve(record)
     from_table = getattr(target, "from_table", None)
@@ -186,7 +190,7 @@ def _reader_of(kind: Any, registry: Registry) -> tuple[Any, str]:
         raise PluginError(f"{describe(record)} has no method from_table(table, mesh, folder)")
     if from_table is None:
         raise OptionError(
-            f"kind: {describe(record)} is made by name, not from a file: choose it by its name alone"
+            f"kind: {describe(record)} cannot be read from a file: select it by its name instead"
         )
     return from_table, describe(record)
 

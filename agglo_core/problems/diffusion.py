@@ -83,7 +83,8 @@ class Diffusion:
         for name in ("kappa", "source"):
             if isinstance(getattr(self, name), str):
                 raise OptionError(
-                    f"{name} must be a number, values of cells or a callable; given {getattr(self, name)!r}"
+                    f"{name} must be a number, an array with one value per cell, or a callable; given "
+                    f"{getattr(self, name)!r}"
                 )
         for name in ("dirichlet", "neumann"):
             if not isinstance(getattr(self, name), Mapping):
@@ -111,7 +112,9 @@ class Diffusion:
         require_keys(table, _KEYS)
         empty = [key for key in ("dirichlet", "neumann") if table.get(key) == {}]
         if empty:
-            raise OptionError(f"[{empty[0]}] is empty: give a number by boundary tag, or leave it out")
+            raise OptionError(
+                f"[{empty[0]}] is empty: give a number for each boundary tag, or leave the table out"
+            )
         boundary = face_tag("boundary", table.get("boundary", _BOUNDARY), mesh, always=_BOUNDARY)
         dirichlet = boundary_values("dirichlet", table.get("dirichlet", {}), mesh, boundary)
         neumann = boundary_values("neumann", table.get("neumann", {}), mesh, boundary)
@@ -137,10 +140,7 @@ class Diffusion:
         points = _boundary_points(mesh)  # no points on a rank with inner cells only
         if not len(points) or np.abs(self.exact(points)).max() < _ZERO:
             return self
-        _log.info(
-            "what is given as exact is not 0 on this boundary, so the solution is not known: "
-            "no errors are given"
-        )
+        _log.info("exact is not 0 on this boundary, so it is not the solution: no errors are computed")
         return replace(self, exact=None)
 
 

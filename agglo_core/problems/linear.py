@@ -89,8 +89,8 @@ class Linear:
     def __post_init__(self) -> None:
         if np.ndim(self.block_offsets) != 1:
             raise OptionError(
-                f"block_offsets must be an array (n_cells + 1,), given {self.block_offsets!r:.60}; "
-                "a file names the matrix of a linear problem"
+                f"block_offsets must be an array (n_cells + 1,), given {self.block_offsets!r:.60}; to use "
+                "a matrix file, name it in a problem file"
             )
         for name in ("A", "b", "block_offsets", "near_null"):
             value = getattr(self, name)
@@ -183,7 +183,7 @@ def _near_null(table: Mapping[str, Any], matrix: Path, n: int, folder: Path) -> 
         vectors = read_vectors(path, "near_null", n)
         _require_finite(vectors)
     if vectors.ndim not in (1, 2) or len(vectors) != n or not vectors.size:
-        raise OptionError(f"near_null: {path} has the shape {vectors.shape}; the matrix has {n} rows")
+        raise OptionError(f"near_null: {path} has shape {vectors.shape}; the matrix has {n} rows")
     return frozen_float(vectors.reshape(n, -1))
 
 
@@ -221,8 +221,8 @@ def _width(unknowns: Any, n: int, mesh: Mesh) -> int:
         raise OptionError(f"unknowns must be a whole number, at least 1; given {unknowns!r:.60}")
     if unknowns * mesh.n_cells != n:
         raise OptionError(
-            f"unknowns = {unknowns} on {mesh.n_cells} cells make {unknowns * mesh.n_cells}; the matrix has "
-            f"{n} rows"
+            f"unknowns = {unknowns} on {mesh.n_cells} cells gives {unknowns * mesh.n_cells} unknowns, but "
+            f"the matrix has {n} rows"
         )
     return unknowns
 
@@ -249,7 +249,7 @@ def symmetric_system(problem: Linear) -> tuple[sparse.csr_array, Float]:
     unknowns = int(problem.block_offsets[-1])
     if A.shape != (unknowns, unknowns) or b.shape != (unknowns,):
         raise OptionError(
-            f"A has the shape {A.shape} and b {b.shape}; block_offsets are for {unknowns} unknowns"
+            f"A has shape {A.shape} and b {b.shape}, but block_offsets define {unknowns} unknowns"
         )
     require_finite(b, A)
     require_symmetric(A)
@@ -258,10 +258,12 @@ def symmetric_system(problem: Linear) -> tuple[sparse.csr_array, Float]:
 
 def _vector(array: Any) -> Float:
     if sparse.issparse(array):
-        raise OptionError(f"b must be an array (n,), given a sparse one {array.shape}: b.toarray().ravel()")
+        raise OptionError(
+            f"b must be an array (n,), given a sparse array of shape {array.shape}: pass b.toarray().ravel()"
+        )
     b = real_array("b", array)
     if b.ndim == 2:
         raise OptionError(
-            f"b must be one right-hand side (n,), given the shape {b.shape}: solve for one column at a time"
+            f"b must be one right-hand side (n,), given shape {b.shape}: solve for one column at a time"
         )
     return frozen_float(b)

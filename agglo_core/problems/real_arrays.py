@@ -34,8 +34,8 @@ def real_matrix(given: Any) -> Any:
     values = None if hasattr(given, "matvec") else real_array("A", given)
     if values is None or values.ndim != 2:
         raise OptionError(
-            f"A must be a sparse or dense matrix with entries, given {type(given).__name__}: multigrid "
-            "makes coarse matrices of them"
+            f"A must be a sparse or dense matrix, given {type(given).__name__}: multigrid computes coarse "
+            "matrices from its entries"
         )
     return canonical_matrix(sparse.csr_array(values))
 
@@ -52,7 +52,7 @@ def canonical_matrix(A: Any) -> Any:
         If indices exceed the shape. scipy does not check indices, and would access foreign memory.
     """
     if A.ndim != 2 or A.dtype.kind not in "biufc":
-        raise OptionError(f"A must be a matrix of numbers, given the shape {A.shape} of {A.dtype}")
+        raise OptionError(f"A must be a matrix of numbers, given shape {A.shape} of {A.dtype}")
     if A.format not in _COMPRESSED:
         A = _coordinates(A).tocsr()
         for name in _PARTS:  # own arrays need no copy
@@ -102,18 +102,20 @@ def _sound_parts(A: Any) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
         shapes = ", ".join(
             f"{name} {v.shape} of {v.dtype}" for name, v in zip(_PARTS, (data, indices, indptr), strict=True)
         )
-        raise OptionError(f"A is no {A.format} matrix of shape {A.shape}: it has {shapes}")
+        raise OptionError(f"A is not a valid {A.format} matrix of shape {A.shape}: it has {shapes}")
     # Check offsets and indices.
     stored = min(len(indices), len(data))
     if indptr[0] != 0 or not (indptr[1:] >= indptr[:-1]).all() or indptr[-1] > stored:
         raise OptionError(
-            f"A is no {A.format} matrix: indptr must increase from 0 to at most its {stored} entries"
+            f"A is not a valid {A.format} matrix: indptr must increase from 0 to at most its {stored} entries"
         )
     n = int(indptr[-1])
     indices = indices[:n]
     if n and not (indices.min() >= 0 and indices.max() < minor):
         wrong = indices.min() if indices.min() < 0 else indices.max()
-        raise OptionError(f"A is no {A.format} matrix: it has the index {wrong}, expected 0..{minor - 1}")
+        raise OptionError(
+            f"A is not a valid {A.format} matrix: it has the index {wrong}, expected 0..{minor - 1}"
+        )
     return data[:n].astype(_precision(data.dtype), copy=False), indices, indptr
 
 
@@ -125,7 +127,7 @@ def _coordinates(A: Any) -> Any:
             raise TypeError(f"indices of {i.dtype} and {j.dtype}")
         return sparse.coo_array((data.astype(_precision(A.dtype), copy=False), (i, j)), shape=A.shape)
     except (ValueError, TypeError, IndexError, OverflowError) as error:
-        raise OptionError(f"A is no {A.format} matrix of shape {A.shape}: {error}") from error
+        raise OptionError(f"A is not a valid {A.format} matrix of shape {A.shape}: {error}") from error
 
 
 def _triples(A: Any) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
@@ -190,7 +192,7 @@ def real_array(name: str, given: Any) -> Float:
 def require_finite(b: Float, A: Any) -> None:
     """Raise OptionError unless right-hand side and matrix are finite."""
     if not (np.isfinite(b).all() and np.isfinite(A.data).all()):
-        raise OptionError("matrix or right-hand side hold values that are not finite")
+        raise OptionError("the matrix or the right-hand side contains values that are not finite")
 
 
 def require_symmetric(A: Any) -> None:

@@ -202,8 +202,8 @@ class Solution:
         """
         if self.discretisation is None or self.mesh is None:
             raise OptionError(
-                "what x means on a mesh is known only of problems that the solver discretises, not of linear "
-                "systems; plot(convergence=True) shows how x was reached"
+                "x can be evaluated on a mesh only for problems that the solver discretises, not for "
+                "linear systems; plot(convergence=True) shows the convergence"
             )
         return self.discretisation.sample(self.mesh, self.x)
 

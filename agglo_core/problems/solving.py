@@ -79,7 +79,7 @@ def solve(
     require_accepted(member.tool, problem, member.title)
     if hierarchy is not on and getattr(member.tool, "needs_levels", True):
         raise OptionError(
-            f"{member.title} needs levels: give agglo.agglomerate(mesh, n_parts=…) in place of the mesh"
+            f"{member.title} requires levels: give agglo.agglomerate(mesh, n_parts=…) instead of the mesh"
         )
     with followed(progress, verbose) as listen:
         return run_solver(member, problem, hierarchy, listen)
@@ -95,7 +95,9 @@ def _member(solver: Any, options: Mapping[str, Any], registry: Registry | None) 
     if isinstance(solver, type) or not callable(getattr(solver, "solve", None)):
         raise OptionError(f"{solver!r} is not a solver: expected a name or an object with solve")
     if options:
-        raise OptionError(f"options are for solvers by name; given {', '.join(options)} beside an object")
+        raise OptionError(
+            f"options apply only to solvers given by name; given {', '.join(options)} with a solver object"
+        )
     return Member(solver, f"solver {type(solver).__name__}")
 
 

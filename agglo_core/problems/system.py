@@ -58,7 +58,7 @@ class System:
     def __post_init__(self) -> None:
         A = real_matrix(self.A)
         if A.shape[0] != A.shape[1] or not A.shape[0]:
-            raise OptionError(f"A must be a square matrix, given the shape {A.shape}")
+            raise OptionError(f"A must be a square matrix, given shape {A.shape}")
         b = _columns("b", self.b, A.shape[0], (1, 2))
         require_finite(b, A)
         _require_symmetric(A)
@@ -108,11 +108,13 @@ class System:
 
 def _columns(name: str, array: Any, n: int, dimensions: tuple[int, ...]) -> Float:
     if sparse.issparse(array):
-        raise OptionError(f"{name} must be an array, given a sparse one {array.shape}: {name}.toarray()")
+        raise OptionError(
+            f"{name} must be an array, given a sparse array of shape {array.shape}: pass {name}.toarray()"
+        )
     values = real_array(name, array)
     if values.ndim not in dimensions or len(values) != n or 0 in values.shape:
         shapes = " or ".join(f"({n},)" if d == 1 else f"({n}, k)" for d in dimensions)
-        raise OptionError(f"{name} must have the shape {shapes} for that A, given {values.shape}")
+        raise OptionError(f"{name} must have the shape {shapes} to match A, given {values.shape}")
     return frozen_float(values)
 
 
@@ -121,17 +123,19 @@ def _offsets(block_offsets: Any, n: int, mesh: Mesh | None) -> Int:
         return frozen_int(np.arange(n + 1))
     cells = None if mesh is None else mesh.n_cells
     if block_offsets is None:
-        raise OptionError(f"block_offsets must say which of the {n} unknowns belong to each of {cells} cells")
+        raise OptionError(f"block_offsets are required: they assign the {n} unknowns to the {cells} cells")
     values = plain_array(block_offsets, "block_offsets", OptionError)
     if values.ndim != 1 or values.dtype.kind not in "iu" or not len(values):
-        raise OptionError(f"block_offsets must be whole numbers (blocks + 1,), given {block_offsets!r:.60}")
+        raise OptionError(
+            f"block_offsets must be whole numbers of shape (blocks + 1,), given {block_offsets!r:.60}"
+        )
     fit = values[0] == 0 and values[-1] == n and (np.diff(values.astype(np.int64)) > 0).all()
     if not fit:
         raise OptionError(
             f"block_offsets must increase from 0 to the number of unknowns {n}, given {block_offsets!r:.60}"
         )
     if cells not in (None, len(values) - 1):
-        raise OptionError(f"block_offsets are of {len(values) - 1} blocks, the mesh has {cells} cells")
+        raise OptionError(f"block_offsets define {len(values) - 1} blocks, but the mesh has {cells} cells")
     return frozen_int(values)
 
 

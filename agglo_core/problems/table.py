@@ -51,7 +51,7 @@ def cell_values(key: str, given: Any, mesh: Mesh) -> float | Float:
     ((tag, values),) = given.items()
     if tag not in mesh.cell_tags or not isinstance(values, Mapping):
         choices = ", ".join(mesh.cell_tags) or "none"
-        raise OptionError(f"{key}.{tag} must be a table by a cell tag of the mesh; it has: {choices}")
+        raise OptionError(f"{key}.{tag} must be a table for a cell tag of the mesh; it has: {choices}")
     kinds = mesh.cell_kinds
     if tag not in kinds:
         raise OptionError(f"{key}.{tag}: the tag has too many values for a table on several ranks")
@@ -124,5 +124,5 @@ def _tag_value(key: str, name: str, names: Mapping[str, int]) -> int:
     try:
         return int(name)
     except ValueError:
-        named = f", nor one of its names: {', '.join(names)}" if names else ""
-        raise OptionError(f"{key}: {name!r} is not the value of a tag, a whole number{named}") from None
+        named = f" or one of its names: {', '.join(names)}" if names else ""
+        raise OptionError(f"{key}: {name!r} must be a tag value (a whole number){named}") from None

@@ -70,7 +70,7 @@ class FMRefiner:
         rounds: int = 4,
     ) -> None:
         if objective not in _OBJECTIVES:
-            raise OptionError(f"fm: objective is one of {', '.join(_OBJECTIVES)}; given {objective!r}")
+            raise OptionError(f"fm: objective must be one of {', '.join(_OBJECTIVES)}; given {objective!r}")
         for name, count in (("patience", patience), ("rounds", rounds)):
             if isinstance(count, bool) or not isinstance(count, int) or count < 1:
                 raise OptionError(f"fm: {name} must be a whole number, 1 or more, not {count!r}")

@@ -87,20 +87,22 @@ def choose_objective(objective: str | IncrementalMetric, registry: Registry | No
     # 4. Neither: explain, and suggest a similar name.
     able = [name for name, candidate in OBJECTIVES.items() if candidate.changes is not None]
     if entry is not None:
-        raise OptionError(f"objective {objective!r} cannot tell what a move changes; {', '.join(able)} can")
+        raise OptionError(
+            f"objective {objective!r} cannot evaluate single moves; use one of {', '.join(able)}"
+        )
     close = difflib.get_close_matches(objective, [*able, *names], n=1)
     hint = f" (did you mean {close[0]!r}?)" if close else ""
     raise OptionError(
-        f"no objective is named {objective!r}{hint}; there are {', '.join(able)}, and metrics with a "
-        "method changes(graph, labels, cells, parts)"
+        f"no objective is named {objective!r}{hint}; there are {', '.join(able)}, and metrics with a method "
+        "changes(graph, labels, cells, parts)"
     )
 
 
 def _of_metric(name: str, metric: Any, title: str) -> ChosenObjective:
     if isinstance(metric, type) or not callable(getattr(metric, "changes", None)):
         raise OptionError(
-            f"{title} cannot be optimised: it has no method changes(graph, labels, cells, parts), which "
-            "tells what moves change"
+            f"{title} cannot be optimised: it has no method changes(graph, labels, cells, parts) to "
+            "evaluate moves"
         )
     sign = -1.0 if getattr(metric, "better", "low") == "high" else 1.0
     return ChosenObjective(name, metric.changes, sign, metric=metric, title=title)

@@ -54,7 +54,7 @@ FREE: Final = Balance(np.inf)
 def check_size(refiner: str, size: Any) -> Kind | None:
     """Return the kind of size, or raise an OptionError for an unknown kind."""
     if size not in SIZES:
-        raise OptionError(f"{refiner}: size is one of {', '.join(filter(None, SIZES))}; given {size!r}")
+        raise OptionError(f"{refiner}: size must be one of {', '.join(filter(None, SIZES))}; given {size!r}")
     return size  # type: ignore[no-any-return]
 
 

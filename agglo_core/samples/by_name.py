@@ -74,7 +74,7 @@ def from_spec(spec: str, registry: Registry | None = None) -> Mesh:
     # 3. Create the mesh.
     mesh = source.assemble(record, options)
     if not isinstance(mesh, Mesh):
-        raise PluginError(f"{describe(record)} made {shown(mesh)}, expected a Mesh")
+        raise PluginError(f"{describe(record)} returned {shown(mesh)}, expected a Mesh")
     return mesh
 
 
@@ -87,7 +87,10 @@ def _parse_options(spec: str, option_text: str, accepted: Sequence[Option]) -> d
         if not equals and position == 0 and accepted:
             option, value = accepted[0].name, option
         if not option or not value or option in options:
-            raise OptionError(f"cannot use {item!r} in sample {spec!r}")
+            raise OptionError(
+                f"cannot use {item!r} in sample {spec!r}: expected option=value, with each option at most "
+                "once"
+            )
         options[option] = Text(value)
     return options
 

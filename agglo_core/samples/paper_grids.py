@@ -48,6 +48,6 @@ def paper(name: Literal["triangles", "squares", "random", "voronoi"]) -> Mesh:
             mesh = voronoi_mesh(seeds, "")
         case _:
             raise OptionError(
-                f"the paper has no grid {name!r}; there are triangles, squares, random, voronoi"
+                f"unknown grid {name!r}; the grids of the paper are triangles, squares, random, voronoi"
             )
     return trusted_copy(mesh, name=f"paper {name}")

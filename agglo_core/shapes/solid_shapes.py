@@ -97,8 +97,8 @@ def _hulls(mesh: Mesh) -> list[_Hulls]:
         flat_cells = np.flatnonzero(~(result[0] > 0.0))
         if len(flat_cells):
             raise MeshError(
-                f"agglomerate {start + flat_cells[0]} is too thin beside its extent to have a convex hull in "
-                "double precision"
+                f"agglomerate {start + flat_cells[0]} is too thin, relative to its extent, for a convex "
+                "hull in double precision"
             )
         volumes, ends, triangles, neighbours = result
         return volumes, frozen_int(ends), frozen_index(triangles), frozen_index(neighbours)

@@ -78,7 +78,11 @@ def advice_of_multigrid(A: Any, kind: Kind, count: int = 1, penalty: float | str
             continue
         size = f"up to about {_unknowns(A, limits.most)} unknowns of this kind"
         size += f" with {count} right-hand sides" if count >= MANY else ""
-        way = "take the solver" if count == 1 else "the inverse, for all columns, is the aspreconditioner of"
+        way = (
+            "use the solver"
+            if count == 1
+            else "for the inverse of all columns use aspreconditioner of the solver"
+        )
         return (
             f"{_TITLES[backend]} usually takes less time {size}: {way} {_spec(backend, penalty)}"
             f"{_suggest_pardiso(backend)}"
@@ -92,8 +96,9 @@ def advice_of_direct(A: Any, kind: Kind, backend: str) -> str:
     if limits is None or A.nnz < limits.other:
         return ""
     return (
-        f"multigrid usually takes less time than {_TITLES[backend]} from about {_unknowns(A, limits.other)} "
-        f"unknowns of this kind: take the solver polydg_mg{_suggest_pardiso(backend)}"
+        f"multigrid usually takes less time than {_TITLES[backend]} from about "
+        f"{_unknowns(A, limits.other)} unknowns of this kind: use the solver "
+        f"polydg_mg{_suggest_pardiso(backend)}"
     )
 
 
@@ -113,4 +118,6 @@ def _suggest_pardiso(backend: str) -> str:
     """Return a hint at PARDISO if only SuperLU is installed, else an empty text."""
     if backend != "superlu" or "pardiso" in available_backends():
         return ""
-    return f"; PARDISO is not installed, and faster on large systems (pip install {PACKAGES['pardiso'][1]})"
+    return (
+        f"; PARDISO is not installed, but is faster on large systems (pip install {PACKAGES['pardiso'][1]})"
+    )

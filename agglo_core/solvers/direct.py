@@ -121,7 +121,7 @@ class Direct:
         try:
             solves = BACKENDS[choose_backend(self.backend)](fine.A)
         except np.linalg.LinAlgError as failure:
-            raise OptionError(f"the matrix has no inverse to precondition with: {failure}") from failure
+            raise OptionError(f"cannot precondition with the inverse of this matrix: {failure}") from failure
         inverse = LinearOperator(
             fine.A.shape, matvec=solves, rmatvec=solves, matmat=solves, rmatmat=solves, dtype=np.float64
         )
@@ -154,7 +154,7 @@ def _solve_and_refine(fine: FineSystem, solves: Solves, tolerance: float, most: 
     if all(outcomes):
         return History(*iterates, True, MET, estimate, met, "met")
     sizes = f"relative residual {size:.1e}, error about {error:.1e} after {len(residuals) - 1} iterations"
-    sizes = f"{sizes}, wanted {tolerance:.1e}"
+    sizes = f"{sizes}, required {tolerance:.1e}"
     # Attribute stagnation to rounding if the backward error allows, else to a singular matrix.
     history = limit_told(History(*iterates, False, sizes, estimate, met, "stagnation"), fine.A, b)
     if history.final:

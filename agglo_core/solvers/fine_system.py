@@ -122,11 +122,11 @@ def fine_system(problem: Problem, hierarchy: Hierarchy, how: Any) -> FineSystem:
         return _system_of_problem(problem, hierarchy.graph.n)
     if how is None:
         raise OptionError(
-            f"a problem of kind {problem.kind} must be discretised, and no installed plugin offers that: "
-            "give a Linear problem, or install the plugin with the discretisation polydg"
+            f"a problem of kind {problem.kind} must be discretised, but no installed plugin provides a "
+            "discretisation: give a Linear problem, or install the plugin with the discretisation polydg"
         )
     if getattr(problem, "kind", None) not in how.accepts:
-        raise OptionError(f"a problem is a Diffusion or a Linear, given {type(problem).__name__}")
+        raise OptionError(f"problem must be a Diffusion or a Linear, given {type(problem).__name__}")
     system: FineSystem = how.fine_system(problem, own_mesh(hierarchy))
     return system
 
@@ -155,7 +155,7 @@ def _width(problem: Linear, n: int) -> int:
     """Return the number of unknowns per cell, equal in all ``n`` cells, or raise OptionError."""
     sizes = np.diff(problem.block_offsets)
     if len(sizes) != n:
-        raise OptionError(f"the system has unknowns in {len(sizes)} cells, the hierarchy {n} cells")
+        raise OptionError(f"the system has unknowns in {len(sizes)} cells, but the hierarchy has {n} cells")
     if sizes.min() != sizes.max() or sizes[0] == 0:
         raise OptionError(
             f"every cell must have the same number of unknowns; given {sizes.min()} to {sizes.max()}"
@@ -167,17 +167,20 @@ def own_mesh(hierarchy: Hierarchy) -> Mesh:
     """Return the hierarchy's mesh, or raise OptionError if graph and levels belong to another mesh."""
     mesh, measures = hierarchy.fine, hierarchy.graph.measures
     if mesh is None:
-        raise OptionError("a diffusion problem needs a mesh; this hierarchy belongs to a bare graph")
+        raise OptionError(
+            "a diffusion problem requires a mesh, but this hierarchy belongs to a graph without a mesh: "
+            "agglomerate the Mesh instead"
+        )
     if len(measures) != mesh.n_cells:
         raise OptionError(
-            f"the hierarchy belongs to another mesh: its levels have {len(measures)} cells, {mesh!r} has "
-            f"{mesh.n_cells}"
+            f"the hierarchy belongs to another mesh: its levels have {len(measures)} cells, but {mesh!r} "
+            f"has {mesh.n_cells}"
         )
     cells = np.flatnonzero(~np.isclose(measures, mesh.cell_measures, rtol=1e-6, atol=0.0))
     if len(cells):
         raise OptionError(
-            f"the hierarchy belongs to another mesh: in its graph cell {cells[0]} has the area "
-            f"{measures[cells[0]]:g}, in {mesh!r} {mesh.cell_measures[cells[0]]:g}"
+            f"the hierarchy belongs to another mesh: cell {cells[0]} has measure {measures[cells[0]]:g} in "
+            f"its graph, but {mesh.cell_measures[cells[0]]:g} in {mesh!r}"
         )
     return mesh
 
@@ -198,7 +201,9 @@ def chosen_levels(hierarchy: Hierarchy, levels: int | None = None) -> list[Int]:
     """
     most = len(hierarchy.levels) + 1
     if levels is not None and not 2 <= levels <= most:
-        raise OptionError(f"levels must lie in 2..{most}, mesh and coarse levels together; given {levels}")
+        raise OptionError(
+            f"levels must lie in 2..{most}, counting the mesh and the coarse levels; given {levels}"
+        )
     coarse_labels, finer = [], hierarchy.graph.n
     for level, labels in enumerate(hierarchy.levels[: levels - 1 if levels else None]):
         parts = int(labels.max()) + 1
@@ -206,9 +211,15 @@ def chosen_levels(hierarchy: Hierarchy, levels: int | None = None) -> list[Int]:
             coarse_labels.append(labels)
             finer = parts
         else:
-            _log.info("level %d is skipped: its %d parts are no fewer than the %d above", level, parts, finer)
+            _log.info(
+                "level %d is skipped: its %d parts are not fewer than the %d of the finer level",
+                level,
+                parts,
+                finer,
+            )
     if not coarse_labels and hierarchy.graph.n > 1:  # a single cell needs no coarse level
         raise OptionError(
-            f"no level of the hierarchy is coarser than its {hierarchy.graph.n} cells: ask for fewer parts"
+            f"no level of the hierarchy is coarser than its {hierarchy.graph.n} cells: agglomerate into "
+            "fewer parts"
         )
     return coarse_labels

@@ -48,12 +48,14 @@ class LinearTask:
         precision: str = "auto",
     ) -> None:
         if recipe not in ("auto", "agglomerates"):
-            raise OptionError(f"recipe {recipe!r} is for diffusion; linear systems take auto or agglomerates")
+            raise OptionError(
+                f"recipe {recipe!r} is for diffusion problems; for linear systems use auto or agglomerates"
+            )
         offsets, cells = np.asarray(problem.block_offsets), hierarchy.graph.n
         self._cells = cells
         if len(offsets) != cells + 1:
             raise OptionError(
-                f"the system has unknowns in {len(offsets) - 1} cells, the hierarchy {cells} cells"
+                f"the system has unknowns in {len(offsets) - 1} cells, but the hierarchy has {cells} cells"
             )
         # Cells without unknowns have no block.
         block_cells = np.flatnonzero(np.diff(offsets) != 0)
@@ -71,7 +73,10 @@ class LinearTask:
             parts = system.b, system.block_offsets, None, system.near_null
             self.system = System.trusted(self._matrix_factor * system.A, *parts)
         if recipe == "agglomerates" and not hierarchy.levels:
-            raise OptionError("recipe 'agglomerates' needs a hierarchy with levels; this one has none")
+            raise OptionError(
+                "recipe 'agglomerates' requires a hierarchy with levels, and this one has none: solve on "
+                "agglo.agglomerate(mesh, n_parts=…)"
+            )
         # Labels of coarse levels, renumbered without the cells that have no unknowns.
         self._classical = is_classical(self.system)
         labelled = recipe == "agglomerates" or not self._classical

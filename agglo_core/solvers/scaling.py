@@ -63,8 +63,8 @@ def unscaled(x: Float, factor: float) -> Float:
     result = x / factor
     if factor != 1.0 and np.abs(result * factor - x).max() > _DIGITS * np.abs(x).max():
         raise OptionError(
-            f"the solution is of size {np.abs(result).max():.0e}, beyond what floating-point numbers hold: "
-            "give the data in other units"
+            f"the solution has magnitude {np.abs(result).max():.0e}, outside the range of floating-point "
+            "numbers: give the data in other units"
         )
     return frozen_float(result)
 

@@ -28,6 +28,6 @@ def agglo_components() -> list[Component]:
             target="agglo_kmeans.sklearn_kmeans:SklearnKMeans",
             requires=("sklearn",),
             promises={"3d": True, "pickles": True},
-            summary="The paper's: scikit-learn 2-means, k-means++ and 10 restarts.",
+            summary="The paper's bisector: scikit-learn 2-means, k-means++ and 10 restarts.",
         ),
     ]

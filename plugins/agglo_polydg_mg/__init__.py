@@ -19,7 +19,7 @@ def agglo_components() -> list[Component]:
             name="polydg_mg",
             target="agglo_polydg_mg.solver.polydg_multigrid:PolyDGMultigrid",
             promises={"deterministic": True, "3d": True, "pickles": True, "symmetric": True},
-            summary="PolyDG with preconditioned conjugate gradients; the recipe is chosen by the mesh.",
+            summary="PolyDG with preconditioned conjugate gradients; the recipe depends on the mesh.",
         ),
         Component(
             kind="solver",
@@ -33,7 +33,7 @@ def agglo_components() -> list[Component]:
             name="multigrid",
             target="agglo_polydg_mg.paper.composed_multigrid:ComposedMultigrid",
             promises={"deterministic": True, "3d": True, "pickles": True, "symmetric": True},
-            summary="PolyDG by multigrid of your own choice: transfer, smoother, cycle and more by name.",
+            summary="PolyDG with configurable multigrid: transfer, smoother, cycle and more by name.",
         ),
         Component(
             kind="solver",
@@ -47,6 +47,6 @@ def agglo_components() -> list[Component]:
             name="schwarz",
             target="agglo_polydg_mg.paper.schwarz:Schwarz",
             promises={"deterministic": True, "pickles": True},
-            summary="The paper's: conjugate gradients preconditioned by additive Schwarz.",
+            summary="The paper's smoother: conjugate gradients preconditioned by additive Schwarz.",
         ),
     ]

@@ -123,7 +123,7 @@ class PolyDG:
             diffusion = solvers.times(diffusion, factor)
             system, load, offset, sigma = self.lifted(diffusion, mesh, basis, units)
         if not (_finite(system.b) and _finite(system.A.data)):
-            raise OptionError("matrix or right-hand side hold values that are not finite")
+            raise OptionError("the matrix or the right-hand side contains values that are not finite")
         return solvers.FineSystem(
             system.A,
             load,

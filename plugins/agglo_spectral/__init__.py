@@ -18,6 +18,6 @@ def agglo_components() -> list[Component]:
                 "3d": True,
                 "pickles": True,
             },
-            summary="Fiedler vector of the weighted graph Laplacian, cut where the normalised cut is least.",
+            summary="Fiedler vector of the weighted graph Laplacian, cut at the smallest normalised cut.",
         )
     ]

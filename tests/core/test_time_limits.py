@@ -83,7 +83,7 @@ def test_other_seconds_are_refused(seconds: object) -> None:
 
 @pytest.mark.parametrize("options", [{"seconds": 1.0}, {"objective": "roundness"}])
 def test_options_of_an_effort_without_one_are_refused(options: dict[str, object]) -> None:
-    with pytest.raises(OptionError, match="for an effort, and none is given"):
+    with pytest.raises(OptionError, match="require an effort"):
         KMeans(**options)
 
 

@@ -119,7 +119,7 @@ def test_singular_blocks_are_found_despite_rounding() -> None:
 def test_what_does_not_fit_is_refused() -> None:
     A = random_system(6)
     for offsets in ([0, 3], [0, 3, 7], [1, 6], [0, 4, 2, 6], [0]):
-        with pytest.raises(OptionError, match="block_offsets must rise"):
+        with pytest.raises(OptionError, match="block_offsets must increase"):
             block_matrix(A, np.array(offsets))
     with pytest.raises(OptionError, match="must be symmetric"):
         block_matrix(A + sparse.csr_array(([0.1], ([0], [5])), shape=A.shape), np.arange(7))

@@ -253,8 +253,8 @@ def test_single_precision_inside() -> None:
         ({"A": np.eye(3)}, "sparse matrix; given ndarray"),
         ({"labels": [[0, 0]]}, r"labels\[0\] has shape \(2,\)"),
         ({"theta": 0.0}, "theta must be between 0 and 1; given 0.0"),
-        ({"near_null": [1.0, 0.0, 1.0]}, "one near-null vector, of positive entries"),
-        ({"near_null": np.ones((3, 2))}, "one near-null vector, of positive entries"),
+        ({"near_null": [1.0, 0.0, 1.0]}, "one near-null vector with positive entries"),
+        ({"near_null": np.ones((3, 2))}, "one near-null vector with positive entries"),
     ],
 )
 def test_what_does_not_fit_is_refused(change: dict, message: str) -> None:

@@ -163,10 +163,13 @@ BREAKDOWNS: dict[str, tuple[Callable, str]] = {
     "indefinite matrix": (lambda: pcg(A - 0.1 * np.eye(N), b), "the matrix is not positive definite"),
     "indefinite preconditioner": (lambda: pcg(A, b, -np.eye(N)), "preconditioner is not positive definite"),
     "loss of conjugacy": (lambda: pcg(A, b, skew), "not symmetric, or not precise enough"),
-    "preconditioner not finite": (lambda: pcg(A, b, lambda r: r * np.nan), "preconditioner gave values"),
-    "matrix not finite": (lambda: pcg(np.full((N, N), np.nan), b), "the matrix gave values"),
+    "preconditioner not finite": (lambda: pcg(A, b, lambda r: r * np.nan), "preconditioner returned values"),
+    "matrix not finite": (lambda: pcg(np.full((N, N), np.nan), b), "the matrix product returned values"),
     "rounding": (lambda: pcg(A, b, inverse(0.2), tolerance=1e-30), "as accurate as double precision"),
-    "most iterations": (lambda: pcg(A, b, most=7), "relative residual .* after 7 iterations, wanted 1.0e-06"),
+    "most iterations": (
+        lambda: pcg(A, b, most=7),
+        "relative residual .* after 7 iterations, required 1.0e-06",
+    ),
     "underflow": (lambda: pcg(A, 1e-200 * b), "too small for floating-point numbers"),
 }
 
@@ -237,7 +240,7 @@ REFUSED = {
     "most": (partial(pcg, A, b, most=-1), "most must be 0 or more"),
     "beta": (partial(pcg, A, b, beta="other"), "beta is one of flexible, fletcher-reeves"),
     "stop": (partial(pcg, A, b, stop="never"), "stop is one of energy, residual, both"),
-    "shape of z": (partial(pcg, A, b, lambda r: r[:3]), r"M must map vectors \(40,\) to such"),
+    "shape of z": (partial(pcg, A, b, lambda r: r[:3]), r"M must map vectors of shape \(40,\)"),
 }
 
 

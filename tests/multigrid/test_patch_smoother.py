@@ -160,7 +160,7 @@ def test_what_cannot_be_smoothed_is_refused() -> None:
         PatchSmoother().setup(level(A, patches, np.array([0, 1, 30])))
     with pytest.raises(OptionError, match="part 14 of 15 is in no patch"):
         VertexPatches(A, Patches(np.array([0, 14]), np.arange(14)))
-    with pytest.raises(OptionError, match="patches hold part 15; the matrix has blocks for 15"):
+    with pytest.raises(OptionError, match="patches contain part 15, but the matrix has only 15 blocks"):
         VertexPatches(A, Patches(np.array([0, 16]), np.arange(16)))
     with pytest.raises(np.linalg.LinAlgError, match="not positive definite on the parts"):
         VertexPatches(sparse.bsr_array(-A), patches)

@@ -121,9 +121,9 @@ def test_a_single_level_is_solved_directly() -> None:
 
 def test_what_does_not_fit_is_refused() -> None:
     A, P = random_system(12), [injection(np.arange(12) // 2)]
-    with pytest.raises(OptionError, match=r"prolongation to level 0 has the shape \(6, 3\)"):
+    with pytest.raises(OptionError, match=r"prolongation 0 has shape \(6, 3\)"):
         build_stack(A, np.arange(13), [injection(np.arange(6) // 2)])
-    with pytest.raises(OptionError, match="block_offsets are given for 1 levels, 1 prolongations make 2"):
+    with pytest.raises(OptionError, match="block_offsets are given for 1 levels, but 1 prolongations make 2"):
         build_stack(A, [np.arange(13)], P)
     with pytest.raises(OptionError, match="labels must be given for each of 2 levels; given 1"):
         build_stack(A, np.arange(13), P, labels=[np.arange(12)])

@@ -44,7 +44,7 @@ def test_what_is_given_is_kept_as_float64() -> None:
 def test_with_a_mesh_blocks_are_cells() -> None:
     mesh = samples.squares(2)
     assert System(laplacian(4), np.ones(4), mesh=mesh).n_blocks == 4
-    with pytest.raises(OptionError, match="which of the 6 unknowns belong to each of 4 cells"):
+    with pytest.raises(OptionError, match="they assign the 6 unknowns to the 4 cells"):
         System(A, b, mesh=mesh)
     with pytest.raises(OptionError, match="of 3 blocks, the mesh has 4 cells"):
         System(A, b, [0, 2, 4, 6], mesh)
@@ -61,9 +61,9 @@ REFUSED = {
     "complex b": (lambda: System(A, b + 0j), "b holds complex128; expected real numbers"),
     "operator": (
         lambda: System(LinearOperator((6, 6), matvec=lambda x: x, dtype=float), b),
-        "A must be a sparse or dense matrix with entries, given .*LinearOperator",
+        "A must be a sparse or dense matrix, given .*LinearOperator",
     ),
-    "rectangle": (lambda: System(np.ones((2, 3)), b), r"A must be a square matrix, given the shape \(2, 3\)"),
+    "rectangle": (lambda: System(np.ones((2, 3)), b), r"A must be a square matrix, given shape \(2, 3\)"),
     "empty": (lambda: System(np.zeros((0, 0)), []), "A must be a square matrix"),
     "asymmetric": (lambda: System(with_entry(0, 1, -1.01), b), r"entry \(0, 1\) is -1.01, \(1, 0\) is -1"),
     "one side": (lambda: System(with_entry(5, 0, 1e-6), b), "A must be symmetric"),

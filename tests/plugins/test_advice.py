@@ -58,12 +58,12 @@ def test_small_systems_are_for_direct_solvers_and_large_ones_for_multigrid(
     assert advice_of_multigrid(Sized(1e9), kind) == advice_of_multigrid(Sized(1e9), "linear", MANY) == ""
     assert advice_of_direct(Sized(1e4), kind, "superlu") == ""
     back = advice_of_direct(Sized(1e9), kind, "superlu")
-    assert ("take the solver polydg_mg" in back) == (kind != "linear")
+    assert ("use the solver polydg_mg" in back) == (kind != "linear")
     for entries in np.geomspace(1e3, 1e9, 50):
         both = advice_of_multigrid(Sized(entries), kind), advice_of_direct(Sized(entries), kind, "superlu")
         assert "" in both or "PARDISO usually" in both[0], "each sends the user to the other"
         for text in filter(None, both):
-            name, options = parse_spec(re.search(r"take the solver ([^ ;]+)", text)[1])
+            name, options = parse_spec(re.search(r"use the solver ([^ ;]+)", text)[1])
             assert default().build("solver", name, **options)
 
 
@@ -71,14 +71,14 @@ def test_small_systems_are_for_direct_solvers_and_large_ones_for_multigrid(
 def test_it_says_what_would_be_used(installed: tuple[str, ...]) -> None:
     said = advice_of_multigrid(Sized(1e4), "cells", 1, "sharp")
     other = ",backend=superlu" if installed[0] == "cholmod" else ""
-    assert f"take the solver direct:penalty=sharp{other}" in said
+    assert f"use the solver direct:penalty=sharp{other}" in said
     assert ("PARDISO is not installed" in said) == ("pardiso" not in installed)
-    assert "take the solver direct;" in f"{advice_of_multigrid(Sized(8e4), 'groups', 1, 10.0)};" or other
+    assert "use the solver direct;" in f"{advice_of_multigrid(Sized(8e4), 'groups', 1, 10.0)};" or other
     many = advice_of_multigrid(Sized(1.5e5), "linear", MANY)
     assert advice_of_multigrid(Sized(1.5e5), "linear") == ""
     assert ("PARDISO" if "pardiso" in installed else "SuperLU") in many.split()[0]
     assert "with 10 right-hand sides" in many
-    assert "the inverse, for all columns, is the aspreconditioner of direct" in many
+    assert "for the inverse of all columns use aspreconditioner of the solver direct" in many
 
 
 @pytest.mark.parametrize("installed", [("superlu",)], indirect=True)
@@ -88,7 +88,7 @@ def test_solutions_carry_it(installed: tuple[str, ...]) -> None:
     limit = advice._ONE["superlu", "groups"].most * len(solution.x) / solution.A.nnz
     said = float(re.search(r"up to about ([\d,]+) unknowns", solution.advice)[1].replace(",", ""))
     assert said == pytest.approx(limit, rel=0.05)
-    assert "take the solver direct:penalty=sharp;" in solution.advice
+    assert "use the solver direct:penalty=sharp;" in solution.advice
     assert Direct().solve(SOURCE, bare(mesh)).advice == ""
     steps = PolyDGMultigrid().repeated(bare(mesh))
     assert steps.solve(SOURCE).advice
@@ -108,7 +108,7 @@ def test_direct_solvers_send_large_systems_to_multigrid(monkeypatch: pytest.Monk
     assert direct.solve(SOURCE, bare(cells)).advice == ""  # vertex patches cost more
     A = two_point_flux(cells, np.ones(60))
     linear = Linear(A, np.ones(60), np.arange(61))
-    assert "take the solver polydg_mg" in direct.solve(linear, bare(cells)).advice
+    assert "use the solver polydg_mg" in direct.solve(linear, bare(cells)).advice
 
 
 @pytest.mark.parametrize("installed", [("superlu",)], indirect=True)
@@ -128,6 +128,6 @@ def test_the_command_prints_it(agglo: Agglo) -> None:
     done = agglo("solve", "squares:n=8", "--no-cg")
     data = agglo("solve", "squares:n=8", "--no-cg", "--json").data
     assert f"advice: {data['advice']}" in " ".join(done.out.split())
-    assert "take the solver direct:penalty=sharp" in data["advice"]
-    chosen = re.search(r"take the solver ([^ ;]+)", data["advice"])[1]
+    assert "use the solver direct:penalty=sharp" in data["advice"]
+    chosen = re.search(r"use the solver ([^ ;]+)", data["advice"])[1]
     assert agglo("solve", "squares:n=8", "--no-cg", "--solver", chosen).code == 0

@@ -95,13 +95,13 @@ class ForwardSweep:
 @pytest.mark.parametrize(
     ("parts", "message"),
     [
-        ({"cycle": "F"}, "cannot use the F-cycle, which is not symmetric: take outer=flexible_cg"),
-        ({"cycle": "K"}, "cannot use the K-cycle, which is not linear: take outer=flexible_cg"),
-        ({"smoother": "schwarz"}, "smoother schwarz.* is not linear: take outer=flexible_cg"),
-        ({"smoother": ForwardSweep()}, "smoother ForwardSweep.* is not symmetric: take outer=flexible_cg"),
+        ({"cycle": "F"}, "cannot use the F-cycle, which is not symmetric: use outer=flexible_cg"),
+        ({"cycle": "K"}, "cannot use the K-cycle, which is not linear: use outer=flexible_cg"),
+        ({"smoother": "schwarz"}, "smoother schwarz.* is not linear: use outer=flexible_cg"),
+        ({"smoother": ForwardSweep()}, "smoother ForwardSweep.* is not symmetric: use outer=flexible_cg"),
         (
             {"transfer": "aggregation", "coarse_operator": "rediscretised"},
-            "rediscretised has .* unknowns on the coarse level, the transfer .*: take galerkin",
+            "rediscretised has .* unknowns on the coarse level, but the transfer .*: use",
         ),
         ({"transfer": "wavelets"}, "transfer must be one of injection, smoothed, aggregation; given 'wav"),
         ({"coarse_operator": "inherited"}, "coarse_operator must be one of galerkin, rediscretised; given"),
@@ -126,7 +126,7 @@ def test_smoothers_refused_by_conjugate_gradients_serve_the_flexible_ones(hierar
 def test_rediscretised_linear_systems_are_refused(hierarchy: Hierarchy) -> None:
     n = hierarchy.graph.n
     problem = Linear(sparse.eye_array(n).tocsr(), np.ones(n), np.arange(n + 1))
-    with pytest.raises(OptionError, match="a linear system has only its matrix: take galerkin"):
+    with pytest.raises(OptionError, match="use coarse_operator=galerkin"):
         ComposedMultigrid(coarse_operator="rediscretised").solve(problem, hierarchy)
 
 
@@ -176,4 +176,4 @@ def test_from_the_command_line(agglo: Agglo) -> None:
     assert "transfer aggregation, coarse_operator galerkin, smoother chebyshev" in data["choice"]
     refused = agglo("solve", "squares:n=8", "--cells-per-part", "8", "--solver", "multigrid:smoother=schwarz")
     assert refused.code != 0
-    assert "is not linear: take outer=flexible_cg" in " ".join(refused.err.split())
+    assert "is not linear: use outer=flexible_cg" in " ".join(refused.err.split())

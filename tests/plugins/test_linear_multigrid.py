@@ -181,7 +181,7 @@ def test_what_does_not_fit_is_named() -> None:
     ):
         with pytest.raises(OptionError, match=message):
             SOLVER.solve(problem, bare(4))
-    with pytest.raises(OptionError, match="is for diffusion; linear systems take"):
+    with pytest.raises(OptionError, match="is for diffusion problems; for linear systems use"):
         PolyDGMultigrid(recipe="patches").solve(Linear(A, b, at), bare(4))
 
 
@@ -249,8 +249,8 @@ def test_twenty_time_steps_need_few_levels_and_few_more_iterations() -> None:
         assert np.abs(one.x - other.x).max() <= 1e-6 * np.abs(other.x).max()
     assert steps.setups <= 4
     assert sum(each.iterations for each in kept) <= 1.5 * sum(each.iterations for each in fresh)
-    assert "levels of an earlier system" in kept[1].choice
-    assert "levels of an earlier system" not in kept[0].choice
+    assert "levels reused from an earlier system" in kept[1].choice
+    assert "levels reused from an earlier system" not in kept[0].choice
 
 
 def test_levels_that_no_longer_serve_are_renewed() -> None:

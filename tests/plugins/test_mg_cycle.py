@@ -144,7 +144,7 @@ def test_conjugate_gradients_that_end_early_return_the_smallest_residual() -> No
     assert not full.converged
     assert full.residuals[-1] == full.residuals.min()
     assert full.reason.startswith("smallest relative residual")
-    assert f"in iteration {full.iterations} of 8, wanted 1.0e-14" in full.reason
+    assert f"in iteration {full.iterations} of 8, required 1.0e-14" in full.reason
     assert np.linalg.norm(b - A @ full.x) == pytest.approx(full.residuals[-1])
 
 

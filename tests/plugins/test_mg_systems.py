@@ -66,14 +66,18 @@ REFUSED: dict[str, tuple[object, object, str]] = {
     "complex b": (A, B + 1j, "b holds complex128; expected real numbers"),
     "complex A": (A * 1j, B, "A holds complex128; expected real numbers"),
     "dense complex A": (A.toarray() * 1j, B, "A holds complex128; expected real numbers"),
-    "operator": (aslinearoperator(A), B, "A must be a sparse or dense matrix with entries, given Matrix"),
-    "no matrix": (None, B, "A must be a sparse or dense matrix with entries, given NoneType"),
-    "two at once": (A, np.stack([B, B], axis=1), r"one right-hand side \(n,\), given the shape \(36, 2\)"),
-    "a column": (A, B[:, None], r"one right-hand side \(n,\), given the shape \(36, 1\)"),
-    "sparse b": (A, sparse.csr_array(B[None]), r"given a sparse one \(1, 36\): b\.toarray\(\)\.ravel\(\)"),
+    "operator": (aslinearoperator(A), B, "A must be a sparse or dense matrix, given Matrix"),
+    "no matrix": (None, B, "A must be a sparse or dense matrix, given NoneType"),
+    "two at once": (A, np.stack([B, B], axis=1), r"one right-hand side \(n,\), given shape \(36, 2\)"),
+    "a column": (A, B[:, None], r"one right-hand side \(n,\), given shape \(36, 1\)"),
+    "sparse b": (
+        A,
+        sparse.csr_array(B[None]),
+        r"given a sparse array of shape \(1, 36\): pass b\.toarray\(\)\.ravel\(\)",
+    ),
     "nan in b": (A, np.where(np.arange(N) == 3, np.nan, B), "values that are not finite"),
     "infinite A": (A * np.inf, B, "values that are not finite"),
-    "short": (A, B[:-1], r"A has the shape \(36, 36\) and b \(35,\); block_offsets are for 36 unknowns"),
+    "short": (A, B[:-1], r"A has shape \(36, 36\) and b \(35,\), but block_offsets define 36 unknowns"),
     "text": (A, ["x"] * N, "b holds <U1; expected real numbers"),
     "objects": (A, [object()] * N, "b must hold real numbers, given"),
     "not symmetric": (UNSYMMETRIC, B, r"A must be symmetric: the entry \(2, 5\) is 0.3, \(5, 2\) is 0"),
@@ -126,7 +130,9 @@ def test_sources_of_any_size(size: float, solver: PaperMultigrid | PlainCG) -> N
 
 @SOLVERS
 def test_a_source_too_small_for_its_solution_is_refused(solver: PaperMultigrid | PlainCG) -> None:
-    with pytest.raises(OptionError, match="beyond what floating-point numbers hold: give the data in other"):
+    with pytest.raises(
+        OptionError, match="outside the range of floating-point numbers: give the data in other"
+    ):
         solver.solve(Diffusion(source=1e-315), levels())
 
 

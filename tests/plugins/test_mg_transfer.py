@@ -28,8 +28,8 @@ def test_levels_that_do_not_coarsen_are_skipped_with_a_notice(caplog: pytest.Log
         chosen = chosen_levels(hierarchy)
     assert [each.tolist() for each in chosen] == [[0, 0, 1, 1], [0, 0, 0, 0]]
     assert [record.getMessage() for record in caplog.records] == [
-        "level 0 is skipped: its 4 parts are no fewer than the 4 above",
-        "level 2 is skipped: its 2 parts are no fewer than the 2 above",
+        "level 0 is skipped: its 4 parts are not fewer than the 4 of the finer level",
+        "level 2 is skipped: its 2 parts are not fewer than the 2 of the finer level",
     ]
 
 

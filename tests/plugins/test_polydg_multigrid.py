@@ -113,7 +113,7 @@ def test_another_recipe_where_rounding_spoils_the_levels(monkeypatch: pytest.Mon
     mesh = samples.squares(16)
     found = solved(mesh, degree=2)
     assert "patches, W-cycle, float64" in found.choice
-    assert "in place of: continuous space" in found.choice
+    assert "instead of: continuous space" in found.choice
     assert found.iterations <= 18
     asked = PolyDGMultigrid(degree=2, recipe="conforming").solve(SOURCE, bare(mesh))
     assert (asked.converged, asked.reason) == (False, "indefinite")

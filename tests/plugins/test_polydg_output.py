@@ -77,7 +77,7 @@ def test_the_mass_of_agglomerates_is_that_of_their_cells() -> None:
 
 def test_injection_refuses_what_does_not_fit() -> None:
     mesh, coarse, labels = nested()
-    with pytest.raises(OptionError, match="degree 2 does not inject into degree 1"):
+    with pytest.raises(OptionError, match="cannot inject degree 2 into degree 1"):
         project_between(Basis(mesh, 1), Basis(coarse, 2), labels)
     with pytest.raises(OptionError, match="labels of shape"):
         project_between(Basis(mesh, 1), Basis(coarse, 1), labels[:-1])

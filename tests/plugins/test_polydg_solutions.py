@@ -301,7 +301,7 @@ def test_faces_without_data_are_insulated() -> None:
 
 @pytest.mark.parametrize("neumann", [{3: 0.0}, {1: 1.0, 2: -1.0}])
 def test_fluxes_alone_hold_nothing(neumann: dict[int, float]) -> None:
-    with pytest.raises(OptionError, match=r"only up to a constant there; give a value on some boundary tag"):
+    with pytest.raises(OptionError, match=r"only up to a constant there; give a Dirichlet value"):
         discretise(tagged(samples.squares(4)), 2, Diffusion(neumann=neumann))
 
 
@@ -351,23 +351,23 @@ BAD: dict[str, tuple[dict[str, object], type[AggloError], str]] = {
     "kappa per face": ({"kappa": np.ones(12)}, OptionError, r"kappa has shape \(12,\)"),
     "source with NaN": ({"source": lambda x: x[:, 0] * np.nan}, OptionError, "source is nan"),
     "source with inf": ({"source": float("inf")}, OptionError, "source is inf"),
-    "source of a wrong shape": ({"source": lambda x: x}, OptionError, "source returned the shape"),
+    "source of a wrong shape": ({"source": lambda x: x}, OptionError, "source returned shape"),
     "source in words": ({"source": "a"}, OptionError, "source must be a number, .* given 'a'"),
     "kappa that fails": ({"kappa": lambda x: 1 / 0}, OptionError, "kappa failed for .*: ZeroDivisionError"),
     "complex values": (
         {"source": lambda x: 1j * x[:, 0]},
         OptionError,
-        "source returned no real .* complex128",
+        "source did not return real .* complex128",
     ),
     "masked values": ({"kappa": lambda x: np.ma.masked_less(x[:, 0], 9)}, OptionError, "kappa .* masked"),
     "values in words": (
         {"source": lambda x: "a"},
         OptionError,
-        "source returned no real numbers for .*given <U1",
+        "source did not return real numbers for .*given <U1",
     ),
-    "all Neumann": ({"neumann": {0: 1.0}}, OptionError, "known only up to a constant"),
+    "all Neumann": ({"neumann": {0: 1.0}}, OptionError, "determined only up to a constant"),
     "an unknown tag": ({"dirichlet": {7: 0.0}}, OptionError, r"tag 7; the boundary has the tags \[0\]"),
-    "a tag twice": ({"dirichlet": {0: 0.0}, "neumann": {0: 0.0}}, OptionError, "give one of them"),
+    "a tag twice": ({"dirichlet": {0: 0.0}, "neumann": {0: 0.0}}, OptionError, "give only one of them"),
     "no penalty": ({"penalty": 0.0}, OptionError, "penalty constant must be positive"),
 }
 

@@ -22,10 +22,8 @@ _ROUNDING = 8  # rounding of points, in units in the last place of the largest c
 
 # name of the repair, by dimension
 _CUT = {2: "hanging vertices inserted", 3: "faces split like those of neighbours"}
-_WAYS_OUT = (
-    "merge_points=True joins faces that only have points of their own; allow_gaps=True says that it is meant"
-)
-_NARROW = f"mesh.conforming(tolerance={_NEAR:g}) joins them; allow_gaps=True says that it is meant"
+_WAYS_OUT = "merge_points=True joins faces whose points are duplicates; allow_gaps=True accepts the gap"
+_NARROW = f"mesh.conforming(tolerance={_NEAR:g}) joins them; allow_gaps=True accepts the gap"
 
 
 class Joined(NamedTuple):
@@ -89,11 +87,11 @@ def join_outer_faces(mesh: Derived, tolerance: float, merge: bool) -> Joined | N
         detail = _describe_pairs(owner[contacts.pairs[is_unjoined]])
         if mesh.dim == 3 and not contacts.alike[is_unjoined].all():
             raise MeshError(
-                f"{detail} in part, so that the cells would be no neighbours. Give both sides the same faces "
-                "and points, or one side faces that tile those of the other; or say allow_gaps=True if the "
-                "gap is meant (a fracture, bodies that touch)"
+                f"{detail} only partially, so the cells would not be neighbours. Give both sides the same "
+                "faces and points, or one side faces that tile those of the other; or pass "
+                "allow_gaps=True if the gap is intended (a fracture, bodies in contact)"
             )
-        _log.warning("%s and were left apart: the domain has a gap there. %s", detail, _WAYS_OUT)
+        _log.warning("%s but were not joined: the domain has a gap there. %s", detail, _WAYS_OUT)
     return _build_mesh(mesh, outer, pieces, place, int(is_unjoined.sum()))
 
 
@@ -116,14 +114,16 @@ def _contacts(mesh: Derived, tolerance: float) -> tuple[Outer, Contacts]:
         near = find_contacts(outer, pairs, reach(mesh, outer, pairs, _NEAR)).pairs
         near = near[~_mark_common_pairs(near, contacts.pairs, len(owner))]
         if len(near):
-            _log.warning("%s almost: the domain has a gap there. %s", _describe_pairs(owner[near]), _NARROW)
+            _log.warning(
+                "%s only approximately: the domain has a gap there. %s", _describe_pairs(owner[near]), _NARROW
+            )
     return outer, contacts
 
 
 def _describe_pairs(cells: Int) -> str:
     """Return a message about coincident outer faces for cell pairs ``(k, 2)``."""
     first, second = np.sort(cells[0]).tolist()
-    return f"{len(cells)} pairs of outer faces, such as of cells {first} and {second}, lie on one another"
+    return f"{len(cells)} pairs of outer faces, such as of cells {first} and {second}, coincide"
 
 
 def reach(mesh: Derived, outer: Outer, pairs: Int, tolerance: float) -> Float:

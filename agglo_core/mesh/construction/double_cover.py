@@ -40,9 +40,9 @@ def warn_of_double_cover(mesh: Derived) -> None:
         ).area
     )
     _log.warning(
-        "cells overlap: their total measure is %.10g, that of their union %.10g, so %.4g is counted twice. "
-        "strict=True finds the cells. In a periodic mesh, cells that wrap around need points of their own on "
-        "the far side",
+        "cells overlap: their total measure is %.10g, that of their union %.10g, so %.4g is counted "
+        "twice. strict=True reports the cells. In a periodic mesh, give cells that wrap around separate "
+        "points on the far side",
         total,
         union,
         total - union,

@@ -137,7 +137,9 @@ def classical_stack(
         smoother = CoarseFirst(matrix, stays, dtype) if groups == 1 else group_smoother(matrix, groups, dtype)
         levels.append(Level(matrix.astype(dtype), unit_offsets, P.astype(dtype), smoother))
         if not (coarse_matrix.diagonal() > 0.0).all():
-            raise np.linalg.LinAlgError("a coarse matrix is not positive definite: nor is A, or not by much")
+            raise np.linalg.LinAlgError(
+                "a coarse matrix is not positive definite: A is not positive definite either, or only barely"
+            )
         matrix, level_labels = coarse_matrix, [each[stays] for each in level_labels]
         guide = None if guide is None else csr_galerkin(guide, P)
     # 3. Smoothed aggregation for the rest.
@@ -202,7 +204,7 @@ def _scale(A: Any, near_null: Float | None) -> Float | None:
         if not (near_null > 0.0).all():  # mixed signs of couplings: ones are as good
             return None
     if near_null.shape[1] != 1 or not (near_null > 0.0).all():
-        raise OptionError("classical coarsening takes one near-null vector, of positive entries")
+        raise OptionError("classical coarsening requires one near-null vector with positive entries")
     return None if np.ptp(near_null) == 0.0 else near_null[:, 0]
 
 

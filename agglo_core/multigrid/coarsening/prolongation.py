@@ -187,7 +187,9 @@ def _inverse_blocks(A: Any, offsets: Int, part_of: Int) -> Any:
         try:
             inverse = np.linalg.inv(blocks)
         except np.linalg.LinAlgError:
-            raise OptionError(f"a diagonal block of {size} unknowns is singular; expected none") from None
+            raise OptionError(
+                f"a diagonal block with {size} unknowns is singular; all must be invertible"
+            ) from None
         lines = offsets[group][:, None] + np.arange(size)
         triplets.append(
             (inverse.ravel(), np.repeat(lines, size, axis=1).ravel(), np.tile(lines, (1, size)).ravel())

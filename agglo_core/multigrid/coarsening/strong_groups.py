@@ -46,7 +46,9 @@ def strong_groups(A: Any, most: int) -> Patches:
     ([0, 2, 3], [0, 1, 2])
     """
     if most < 1:
-        raise OptionError(f"most must be 1 or more, unknowns of a group; given {most!r}")
+        raise OptionError(
+            f"most, the largest number of unknowns in a group, must be 1 or more; given {most!r}"
+        )
     entries, root = A.tocoo(), np.sqrt(A.diagonal())
     rows, columns = entries.coords
     upper = rows < columns

@@ -48,8 +48,8 @@ class Injection:
         """
         if step.injected is None:
             raise OptionError(
-                "there is no coarse space to inject here: parts have unequal numbers of unknowns, or do not "
-                "nest; transfer=aggregation makes coarse unknowns from the matrix"
+                "transfer=injection is not possible here: parts have unequal numbers of unknowns, or are "
+                "not nested; transfer=aggregation builds coarse unknowns from the matrix"
             )
         return step.injected
 
@@ -102,7 +102,10 @@ class Aggregation:
             If a diagonal block is not positive definite and near-null vectors must be computed.
         """
         if step.parents is None:
-            raise OptionError("aggregation needs agglomerates that are unions of those of the finer level")
+            raise OptionError(
+                "aggregation requires agglomerates that are unions of agglomerates of the finer level; "
+                "agglomerate with nested=True"
+            )
         near_null = step.near_null
         if near_null is None:
             near_null = smoothed_near_null(step.A, step.block_offsets)

@@ -70,7 +70,7 @@ def _add_dots(typing, n, block, at, vector, start, into, to):
 
 def _literal(n: Any) -> int:
     if not isinstance(n, types.IntegerLiteral):
-        raise RequireLiteralValue("the size of blocks must be known to the compiler")
+        raise RequireLiteralValue("the block size must be a compile-time constant")
     return int(n.literal_value)
 
 

@@ -111,7 +111,7 @@ class Column:
         known = ", energy error unknown" if error is None else f", energy error about {error:.1e}"
         known = "" if self.rules.stop == "residual" else known
         sizes = f"relative residual {self.size:.1e}{known} after {self.done} iterations"
-        return f"{SAID.get(self.ended, '')}{sizes}, wanted {self.rules.tolerance:.1e}"
+        return f"{SAID.get(self.ended, '')}{sizes}, required {self.rules.tolerance:.1e}"
 
     # The iteration
 

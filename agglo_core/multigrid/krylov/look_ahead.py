@@ -221,7 +221,7 @@ class _LookAhead:
         """Describe an iteration without convergence."""
         near = f", energy error about {self.error:.1e}" if size <= self.tolerance else ""
         wanted = f"smallest relative residual {size:.1e} in iteration {at} of {done}{near}"
-        return f"{self._text or SAID.get(self.ended, '')}{wanted}, wanted {self.tolerance:.1e}"
+        return f"{self._text or SAID.get(self.ended, '')}{wanted}, required {self.tolerance:.1e}"
 
 
 def _weights(A: Any) -> Float | None:

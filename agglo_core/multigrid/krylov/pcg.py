@@ -110,7 +110,9 @@ def pcg(
     """
     whole = _numbers("b", b)
     if whole.ndim != 1:
-        raise OptionError(f"b must be one right-hand side (n,), given the shape {whole.shape}: pcg_columns")
+        raise OptionError(
+            f"b must be one right-hand side (n,), given shape {whole.shape}; for several use pcg_columns"
+        )
     rules = _rules(tolerance, most, beta, stop, probe, pace)
     start = np.zeros(len(whole)) if x0 is None else _numbers("x0", x0)
     _require_fit(A, M, whole, start)
@@ -154,7 +156,7 @@ def pcg_columns(
     """
     whole = _numbers("b", b)
     if whole.ndim != 2:
-        raise OptionError(f"b must be right-hand sides (n, k), given the shape {whole.shape}")
+        raise OptionError(f"b must be right-hand sides (n, k), given shape {whole.shape}; for one use pcg")
     rules = _rules(tolerance, most, beta, stop, probe, pace)
     start = np.zeros(whole.shape) if x0 is None else _numbers("x0", x0)
     _require_fit(A, M, whole, start)
@@ -228,7 +230,10 @@ def _product(name: str, operator: Any) -> Callable[[list[Float]], list[Float]]:
 def _check_result(name: str, value: Any, vector: Float) -> Float:
     result = np.asarray(value, dtype=np.float64)
     if result.shape != vector.shape:
-        raise OptionError(f"{name} must map vectors {vector.shape} to such, given back {result.shape}")
+        raise OptionError(
+            f"{name} must map vectors of shape {vector.shape} to vectors of that shape, but returned "
+            f"{result.shape}"
+        )
     return result
 
 
@@ -236,10 +241,10 @@ def _rules(tolerance: float, most: int, beta: Beta, stop: Stop, probe: bool, pac
     if not 0.0 < tolerance < 1.0:
         raise OptionError(f"tolerance must be above 0 and below 1, given {tolerance!r}")
     if most < 0:
-        raise OptionError(f"most must be 0 or more iterations, given {most!r}")
+        raise OptionError(f"most, the largest number of iterations, must be 0 or more; given {most!r}")
     for name, given, known in (("beta", beta, get_args(Beta)), ("stop", stop, get_args(Stop))):
         if given not in known:
-            raise OptionError(f"{name} is one of {', '.join(known)}; given {given!r}")
+            raise OptionError(f"{name} must be one of {', '.join(known)}; given {given!r}")
     if pace is not None and not pace > 0.0:
         raise OptionError(f"pace must be above 0, given {pace!r}")
     return Rules(tolerance, most, beta, stop, probe, pace)
@@ -257,8 +262,8 @@ def _numbers(name: str, given: Any) -> Float:
 def _require_fit(A: Any, M: Any, b: Float, x0: Float) -> None:
     n = len(b)
     if A.shape != (n, n):
-        raise OptionError(f"A has the shape {A.shape} and b {b.shape}; expected ({n}, {n}) for that b")
+        raise OptionError(f"A has shape {A.shape}, expected ({n}, {n}) for b of shape {b.shape}")
     if hasattr(M, "shape") and M.shape != (n, n):
-        raise OptionError(f"M has the shape {M.shape}, A {A.shape}")
+        raise OptionError(f"M has shape {M.shape}, but A has shape {A.shape}")
     if x0.shape != b.shape:
-        raise OptionError(f"x0 has the shape {x0.shape}, b {b.shape}")
+        raise OptionError(f"x0 has shape {x0.shape}, but b has shape {b.shape}")

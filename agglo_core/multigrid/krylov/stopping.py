@@ -34,13 +34,13 @@ Steps = Generator[Request, Float, None]
 SAID = MappingProxyType[Ended, str](
     {
         "indefinite matrix": "the matrix is not positive definite: ",
-        "singular matrix": "the matrix is singular, to rounding, and the load is not in its range: ",
+        "singular matrix": "the matrix is numerically singular, and b is not in its range: ",
         "indefinite preconditioner": "the preconditioner is not positive definite: ",
         "loss of conjugacy": "the preconditioner is not symmetric, or not precise enough: ",
-        "preconditioner not finite": "the preconditioner gave values that are not finite: ",
-        "matrix not finite": "the matrix gave values that are not finite: ",
-        "stagnation": "rounding lets b − A x fall no further: ",
-        "underflow": "r·r is too small for floating-point numbers, scale b: ",
+        "preconditioner not finite": "the preconditioner returned values that are not finite: ",
+        "matrix not finite": "the matrix product returned values that are not finite: ",
+        "stagnation": "rounding prevents a further decrease of b − A x: ",
+        "underflow": "r·r is too small for floating-point numbers; scale b: ",
     }
 )
 """Explanations of each end for reasons."""

@@ -183,8 +183,8 @@ def in_blocks(A: Any, block_offsets: Int) -> Any:
         or min(sizes) < 0
     ):
         raise OptionError(
-            f"block_offsets must rise from 0 to the unknowns of a square matrix; given {len(sizes)} parts of "
-            f"{block_offsets[-1] if len(sizes) else 0} unknowns for the shape {A.shape}"
+            "block_offsets must increase from 0 to the number of unknowns of a square matrix; given "
+            f"{len(sizes)} parts with {block_offsets[-1] if len(sizes) else 0} unknowns for shape {A.shape}"
         )
     width = int(sizes[0])
     if width and (sizes == width).all():

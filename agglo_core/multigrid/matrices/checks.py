@@ -49,7 +49,7 @@ def check_system(
     )
     offsets = frozen_int(exact_cast(array, np.int64, "block_offsets", OptionError))
     if offsets.ndim != 1 or offsets[0] != 0 or offsets[-1] != n or (np.diff(offsets) < 1).any():
-        raise OptionError(f"block_offsets must rise from 0 to {n}, the rows of the matrix")
+        raise OptionError(f"block_offsets must increase from 0 to {n}, the number of rows of the matrix")
     # Near-null vectors: by default a constant per component.
     if near_null is None:
         component = np.arange(n) - np.repeat(offsets[:-1], np.diff(offsets))

@@ -209,7 +209,7 @@ def build_stack(
     for k, P in enumerate(prolongations):
         if P.shape[0] != A.shape[0]:
             raise OptionError(
-                f"the prolongation to level {k} has the shape {P.shape}, the matrix there {A.shape}"
+                f"prolongation {k} has shape {P.shape}, but the matrix of its finer level has shape {A.shape}"
             )
         # Set up the smoother on the level.
         A = in_blocks(A, offsets[k])
@@ -245,8 +245,8 @@ def _offsets(offsets: Any, prolongations: Sequence[Any]) -> list[Int]:
     if len(offsets) and np.ndim(offsets[0]):
         if len(offsets) != len(prolongations) + 1:
             raise OptionError(
-                f"block_offsets are given for {len(offsets)} levels, {len(prolongations)} prolongations make "
-                f"{len(prolongations) + 1}"
+                f"block_offsets are given for {len(offsets)} levels, but {len(prolongations)} "
+                f"prolongations make {len(prolongations) + 1} levels"
             )
         return [frozen_int(array) for array in offsets]
     widths = [P.blocksize[1] if P.format == "bsr" else 1 for P in prolongations]

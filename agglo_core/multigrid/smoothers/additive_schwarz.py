@@ -82,9 +82,9 @@ def additive_schwarz(
     matrix, offsets, B = check_system(A, block_offsets, near_null)
     domain = frozen_int(labels)
     if domain.shape != (len(offsets) - 1,) or (domain < 0).any():
-        raise OptionError(f"labels must be {len(offsets) - 1} numbers from 0 on, one for each part of A")
+        raise OptionError(f"labels must be {len(offsets) - 1} numbers, 0 or more, one for each part of A")
     if overlap < 0:
-        raise OptionError(f"overlap is a number of layers, 0 or more; given {overlap}")
+        raise OptionError(f"overlap must be a number of layers, 0 or more; given {overlap}")
     part_of = frozen_int(np.repeat(np.arange(len(offsets) - 1), np.diff(offsets)))
     strength = Couplings.of(matrix, offsets, part_of)
     local = [

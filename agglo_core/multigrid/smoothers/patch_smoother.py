@@ -123,7 +123,7 @@ def _check_patches(A: Any, patches: Patches, some: bool) -> tuple[Int, Any]:
         A.shape[0] // A.blocksize[0],
     )
     if len(parts) and (parts.min() < 0 or parts.max() >= n_parts):
-        raise OptionError(f"patches hold part {parts.max()}; the matrix has blocks for {n_parts}")
+        raise OptionError(f"patches contain part {parts.max()}, but the matrix has only {n_parts} blocks")
     missing = np.flatnonzero(np.bincount(parts, minlength=n_parts) == 0)
     if len(missing) and not some:
         raise OptionError(f"part {missing[0]} of {n_parts} is in no patch: it would not be smoothed")
@@ -266,13 +266,14 @@ class PatchSmoother:
         """
         if level.patches is None:
             raise OptionError(
-                "vertex_patches needs the patches of the level, and the method that calls it gives none "
-                "(level.patches, as agglo_core.multigrid.vertex_patches finds them on a mesh)"
+                "vertex_patches requires the patches of the level (level.patches), and the calling method "
+                "provides none; agglo_core.multigrid.vertex_patches computes them from a mesh"
             )
         sizes = np.diff(level.block_offsets)
         if sizes.min() != sizes.max():
             raise OptionError(
-                f"vertex_patches takes parts of one number of unknowns; given {sizes.min()} to {sizes.max()}"
+                f"vertex_patches requires parts with equal numbers of unknowns; given {sizes.min()} to "
+                f"{sizes.max()}"
             )
         width = int(sizes[0])
         sweeps = VertexPatches(sparse.bsr_array(level.A, blocksize=(width, width)), level.patches)

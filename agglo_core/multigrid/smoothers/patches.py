@@ -123,6 +123,8 @@ def joined_patches(pairs: Int, n_parts: int, *, most: int = 8) -> Patches:
     """
     pairs = frozen_int(pairs)
     if pairs.size and (pairs.min() < 0 or pairs.max() >= n_parts):
-        raise OptionError(f"pairs hold {pairs.min()} to {pairs.max()}; there are parts 0 to {n_parts - 1}")
+        raise OptionError(
+            f"pairs contain parts {pairs.min()} to {pairs.max()}, but there are only parts 0 to {n_parts - 1}"
+        )
     offsets, parts = unite_pairs(pairs, n_parts, most)
     return Patches(frozen_int(offsets), frozen_int(parts))

@@ -80,7 +80,7 @@ def joints_told(A: Any) -> str:
     >>> A = np.eye(9)
     >>> A[:2, :2] += 1e12 * np.array([[1.0, -1.0], [-1.0, 1.0]])
     >>> joints_told(A)
-    '; unknowns 0 and 1 are joined so stiffly (entry -1.0e+12) that rounding hides what else holds them'
+    '; unknowns 0 and 1 are coupled so strongly (entry -1.0e+12) that rounding hides their other couplings'
     >>> joints_told(np.eye(9))
     ''
     """
@@ -89,7 +89,9 @@ def joints_told(A: Any) -> str:
         return ""
     i, j = joint
     entry = f"entry {float(sparse.csr_array(A)[i, j]):.1e}"
-    return f"; unknowns {i} and {j} are joined so stiffly ({entry}) that rounding hides what else holds them"
+    return (
+        f"; unknowns {i} and {j} are coupled so strongly ({entry}) that rounding hides their other couplings"
+    )
 
 
 def limit_told(history: History, A: Any, b: Float) -> History:

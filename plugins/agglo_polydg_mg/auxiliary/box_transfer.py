@@ -30,10 +30,16 @@ def project_between(fine: Basis, coarse: Basis, labels: Int) -> sparse.bsr_array
         If the coarse degree is higher, or the labels do not fit the meshes.
     """
     if coarse.degree > fine.degree:
-        raise OptionError(f"degree {coarse.degree} does not inject into degree {fine.degree}")
+        raise OptionError(
+            f"cannot inject degree {coarse.degree} into degree {fine.degree}: the coarse degree must not "
+            "be larger"
+        )
     labels = np.asarray(labels)
     if labels.shape != (fine.mesh.n_cells,) or labels.max() + 1 != coarse.mesh.n_cells:
-        raise OptionError(f"labels of shape {labels.shape} do not lead from {fine.mesh!r} to {coarse.mesh!r}")
+        raise OptionError(
+            f"labels of shape {labels.shape} do not map the cells of {fine.mesh!r} to those of "
+            f"{coarse.mesh!r}"
+        )
     # Rotated boxes need Gauss points, parallel boxes a product per axis
     blocks = np.empty((len(labels), fine.n_local, coarse.n_local))
     turned = np.zeros(len(labels), bool)

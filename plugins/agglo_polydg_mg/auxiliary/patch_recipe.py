@@ -75,7 +75,10 @@ def patch_stack(
         # 2. Prolongation: injection from the next level, smoothed
         nested = multigrid.parents(cell_labels, coarse)
         if nested is None:
-            raise OptionError(f"the agglomerates of level {at} are not unions of those of the level before")
+            raise OptionError(
+                f"the agglomerates of level {at} are not unions of agglomerates of the finer level; "
+                "agglomerate with nested=True"
+            )
         below = Basis(mesh.coarsen(coarse), low, basis.scaled)
         P = multigrid.smoothed_prolongation(
             A, LT @ project_between(basis, below, nested), damping, scaled=True

@@ -39,7 +39,9 @@ def boundary_faces(mesh: Mesh, problem: Diffusion) -> Boundary:
     present = np.unique(on_boundary).tolist()
     conflicts = sorted(set(problem.dirichlet) & set(problem.neumann))
     if conflicts:
-        raise OptionError(f"boundary tags {conflicts} have Dirichlet and Neumann data: give one of them")
+        raise OptionError(
+            f"boundary tags {conflicts} have both Dirichlet and Neumann data: give only one of them"
+        )
     unknown = sorted({*problem.dirichlet, *problem.neumann} - set(present))
     if unknown:
         raise OptionError(f"no boundary face has the tag {unknown[0]}; the boundary has the tags {present}")
@@ -70,9 +72,9 @@ def _require_dirichlet(component: Int, dirichlet: Mask) -> None:
     free = np.setdiff1d(component, component[dirichlet])
     if len(free):
         raise OptionError(
-            f"the component of cell {free[0]} has no boundary face with Dirichlet data: the solution is "
-            "known only up to a constant there; give a value on some boundary tag (where only others have "
-            "data, faces are insulated)"
+            f"the component of cell {free[0]} has no boundary face with Dirichlet data, so the solution is "
+            "determined only up to a constant there; give a Dirichlet value for one of its boundary tags "
+            "(if only other tags have data, its faces are insulated)"
         )
 
 

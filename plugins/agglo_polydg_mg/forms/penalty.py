@@ -60,7 +60,7 @@ def face_penalty(mesh: Mesh, degree: int, constant: float = PAPER, natural: Int 
     if len(faces):
         cells = np.unique(mesh.face_cells[faces, sides])[:5].tolist()
         raise MeshError(
-            f"nothing fits on face {faces[0]} in its cell: cells {cells} overlap themselves, or are flat"
+            f"no simplex on face {faces[0]} fits into its cell: cells {cells} overlap themselves, or are flat"
         )
     sigma = constant * degree**2 * mesh.dim / heights.min(axis=1)
     if natural is not None:
@@ -81,7 +81,7 @@ def simplex_heights(mesh: Mesh, cells: Mask) -> Float:
     if mesh.dim == 2:
         return triangle_heights(mesh)
     heights, convex = solid_heights(mesh)
-    require_convex(convex | ~cells, "a constant C of the penalty (or a cell too thin for the sharp one)")
+    require_convex(convex | ~cells, "a penalty constant C (or a cell too thin for the sharp penalty)")
     return heights
 
 

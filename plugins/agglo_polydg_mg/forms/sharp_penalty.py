@@ -120,7 +120,9 @@ def _by_simplices(
     counts[~inner, 1] = 0.0
     if (heights[counts > 0] == 0).any():
         cells = np.unique(sides[(counts > 0) & (heights == 0)])[:5].tolist()
-        raise MeshError(f"cells {cells} overlap themselves, or are flat: nothing fits on some face")
+        raise MeshError(
+            f"cells {cells} overlap themselves, or are flat: no simplex fits into them on some face"
+        )
     # 2. Largest ωκ on each face, number of faces and least κ of each cell
     kappa_in, kappa_out = on_faces[:, 0], on_faces[:, 1]
     half = 0.5 * kappa_in * (kappa_out / (kappa_in + kappa_out))  # ωκ/2, equal from both sides

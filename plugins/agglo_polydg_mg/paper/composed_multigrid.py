@@ -190,7 +190,7 @@ class ComposedMultigrid:
         try:
             M = self._cycle(parts, self._stack(parts, spaces, labels))
         except np.linalg.LinAlgError as failure:
-            raise OptionError(f"there is no preconditioner for this matrix: {failure}") from failure
+            raise OptionError(f"cannot build a preconditioner for this matrix: {failure}") from failure
         return spaces.fine.preconditioner(M)
 
     def _stack(

@@ -97,8 +97,8 @@ def _coarse_matrix(how: PolyDG, problem: Problem, mesh: Mesh, labels: Int, coars
         return how.assemble(corrections(problem, mesh, labels), coarse).A
     except MeshError as error:  # the mesh itself may work although its agglomerates overlap
         raise MeshError(
-            f"on the level of {coarse.n_cells} agglomerates: {error} (operators='inherited', or "
-            "coarse_operator='galerkin', does not need it)"
+            f"on the level with {coarse.n_cells} agglomerates: {error} (operators='inherited' or "
+            "coarse_operator='galerkin' avoids this)"
         ) from error
 
 

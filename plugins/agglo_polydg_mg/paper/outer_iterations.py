@@ -16,7 +16,7 @@ Outer = Literal["cg", "flexible_cg", "stationary"]
 CYCLES: Final = ("V", "W", "F", "K")
 OUTER: Final = ("cg", "flexible_cg", "stationary")
 
-_WAY_OUT: Final = "take outer=flexible_cg or outer=stationary"
+_WAY_OUT: Final = "use outer=flexible_cg or outer=stationary"
 _ROUNDING: Final = 1e-7
 """Tolerance for equality of two products, relative to their factors."""
 
@@ -46,7 +46,7 @@ def require_linear(M: LinearOperator, made_of: str) -> None:
     for wrong, gap in (("linear", bent), ("symmetric", apart)):
         if not gap <= _ROUNDING * size:
             raise OptionError(
-                f"conjugate gradients need a preconditioner that is linear and symmetric; the cycle made of "
+                "conjugate gradients require a linear and symmetric preconditioner, but the cycle with "
                 f"{made_of} is not {wrong}: {_WAY_OUT}"
             )
 

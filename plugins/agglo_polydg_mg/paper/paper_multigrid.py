@@ -146,7 +146,7 @@ class PaperMultigrid(ComposedMultigrid):
             Always; the message names alternatives.
         """
         raise OptionError(
-            "the paper's cycle cannot precondition Krylov methods: its smoother, some steps of conjugate "
-            "gradients, makes it a nonlinear map; take another solver, or the levels (A, P) in the operators "
+            "the paper's cycle cannot precondition Krylov methods: its smoother (conjugate gradient "
+            "steps) makes it nonlinear; use another solver, or combine the levels (A, P) in the operators "
             "of its solution with a linear smoother"
         )

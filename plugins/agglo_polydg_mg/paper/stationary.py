@@ -180,7 +180,7 @@ class _Run:
             frozen_float(self.x),
             frozen_float(self.residuals),
             self.reason == MET,
-            self.reason or f"{failure}, wanted {self.tolerance:.1e}",
+            self.reason or f"{failure}, required {self.tolerance:.1e}",
             self.error if np.isfinite(self.error) else None,
             tuple(name for name, ok in zip(TESTS, test_results, strict=True) if ok),
         )

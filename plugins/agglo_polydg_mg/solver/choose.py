@@ -154,7 +154,10 @@ def choose(
     ('cells', 'aggregates', 'W')
     """
     if overrides.recipe == "agglomerates" and mesh.dim == 2:
-        raise OptionError("recipe 'agglomerates' is for linear systems; a diffusion problem takes another")
+        raise OptionError(
+            "recipe 'agglomerates' is for linear systems and 3-D meshes; for diffusion in 2-D use "
+            "recipe='auto'"
+        )
     # 1. Measure mesh and coefficient
     faces_per_cell = np.diff(mesh.cell_faces[0])
     most_faces = int(faces_per_cell.max())

@@ -61,7 +61,10 @@ class DiffusionTask:
         numbering: Numbering | None = None,
     ) -> None:
         if hierarchy.fine is None:
-            raise OptionError("a diffusion problem needs a mesh; this hierarchy belongs to a bare graph")
+            raise OptionError(
+                "a diffusion problem requires a mesh, but this hierarchy belongs to a graph without a "
+                "mesh: agglomerate the Mesh instead"
+            )
         self.numbering = numbering or numbering_for(hierarchy)
         self.problem, self.hierarchy = self.numbering.problem(problem), self.numbering.hierarchy
         self.count, self._overrides, self._plan = count, overrides, plan
@@ -141,7 +144,7 @@ class DiffusionTask:
         failure = f"{self.plan.reason}, which failed"
         overrides = Overrides("patches", self._overrides.cycle, "double")
         plan = self._choose(overrides)
-        self._plan = replace(plan, reason=f"{plan.reason} in place of: {failure}")
+        self._plan = replace(plan, reason=f"{plan.reason} instead of: {failure}")
         self.__dict__.pop("labels", None)  # the previous recipe needed none
         return True
 
@@ -178,7 +181,8 @@ class DiffusionTask:
             except np.linalg.LinAlgError:
                 self.use_double()
         self._plan = replace(
-            self.plan, reason=f"{self.plan.reason}; levels of a diagonal larger by {_LARGEST_SHIFT:g}"
+            self.plan,
+            reason=(f"{self.plan.reason}; levels built with the diagonal increased by {_LARGEST_SHIFT:g}"),
         )
         try:
             return build(self.plan, self.problem, self._shifted(_LARGEST_SHIFT), self.basis, self.labels)

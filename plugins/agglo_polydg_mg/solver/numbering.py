@@ -56,7 +56,7 @@ class Numbering:
     @property
     def remark(self) -> str:
         """Note for the user on the renumbering."""
-        return "" if self.cells is None else "; cells along a curve, as their numbers are scattered"
+        return "" if self.cells is None else "; cells renumbered along a curve, as their order is scattered"
 
     def problem(self, problem: Diffusion) -> Diffusion:
         """Return the problem with cell values in this numbering."""

@@ -50,7 +50,7 @@ def task_for(
         return solvers.LinearTask(
             problem, hierarchy, count, overrides.recipe, overrides.cycle, overrides.precision
         )
-    raise OptionError(f"a problem is a Diffusion or a Linear, given {type(problem).__name__}")
+    raise OptionError(f"problem must be a Diffusion or a Linear, given {type(problem).__name__}")
 
 
 def set_up(
@@ -111,7 +111,7 @@ def build_solution(
         grid_complexity=stack.grid_complexity,
         parts=task.parts(stack),
         memory=stack.memory,
-        choice=task.choice + ("" if fresh else "; levels of an earlier system"),
+        choice=task.choice + ("" if fresh else "; levels reused from an earlier system"),
         advice=task.advice if fresh else "",  # reused levels are the cheapest choice
     )
     return task.given_back(solution)

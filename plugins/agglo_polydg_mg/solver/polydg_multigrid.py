@@ -159,7 +159,7 @@ class PolyDGMultigrid:
         try:
             M = multigrid.cycle(task.stack(), task.cycle)
         except np.linalg.LinAlgError as failure:
-            raise OptionError(f"there is no preconditioner for this matrix: {failure}") from failure
+            raise OptionError(f"cannot build a preconditioner for this matrix: {failure}") from failure
         return task.numbering.operator(M) if isinstance(task, DiffusionTask) else task.preconditioner(M)
 
     def _task(self, problem: Problem, hierarchy: Hierarchy) -> Task:

@@ -203,7 +203,7 @@ class Basis:
     def coefficients(self, x: Float) -> Float:
         """Return the vector ``x (n,)`` as ``(n_cells, n_local)``, or raise OptionError for a wrong length."""
         if np.shape(x) != (self.n,):
-            raise OptionError(f"the vector has shape {np.shape(x)}, this space ({self.n},) unknowns")
+            raise OptionError(f"the vector has shape {np.shape(x)}, but this space has ({self.n},) unknowns")
         return np.reshape(x, (-1, self.n_local))
 
     def constants(self, values: Float) -> Float:

@@ -228,9 +228,9 @@ def sample(field: Callable[[Float], Float], points: Float, name: str) -> Float:
     try:
         values = frozen_float(returned)
     except MeshError as error:
-        raise OptionError(f"{name} returned no real numbers for {len(points)} points: {error}") from None
+        raise OptionError(f"{name} did not return real numbers for {len(points)} points: {error}") from None
     if values.shape not in ((), (len(points),)):
-        raise OptionError(f"{name} returned the shape {values.shape} for {len(points)} points")
+        raise OptionError(f"{name} returned shape {values.shape} for {len(points)} points")
     _require_finite(values, name)
     return np.broadcast_to(values, (len(points),))
 

@@ -51,8 +51,8 @@ def _tetrahedra(basis: Basis) -> tuple[Int, Float]:
     bad = np.unique(own[np.linalg.det(edges) < _INVERTED * mesh.cell_measures[own]])
     if len(bad):
         raise MeshError(
-            f"cells {bad[:5].tolist()} are not star-shaped from their centroids: no tetrahedra to sample a "
-            "solution on them"
+            f"cells {bad[:5].tolist()} are not star-shaped from their centroids, so they cannot be divided "
+            "into tetrahedra to sample a solution"
         )
     return offsets, corners
 

@@ -77,4 +77,6 @@ def require_convex(convex: np.ndarray, what: str) -> None:
     """Raise MeshError, naming the cells, if cells are not ``convex (n_cells,)``."""
     others = np.flatnonzero(~convex)
     if len(others):
-        raise MeshError(f"{what} in 3-D needs convex cells, and cells {others[:5].tolist()} are not")
+        raise MeshError(
+            f"{what} in 3-D requires convex cells, but cells {others[:5].tolist()} are not convex"
+        )

@@ -188,7 +188,7 @@ def test_balance_needs_an_effort_for_solvers_and_a_count() -> None:
     ):
         with pytest.raises(OptionError, match=r"balance|size"):
             KMeans(**fast, **more)
-    with pytest.raises(OptionError, match="for an effort"):
+    with pytest.raises(OptionError, match="require an effort"):
         KMeans(balance=0.1)
     with pytest.raises(OptionError, match="balance is for a number of parts"):
         agglomerate(

@@ -112,8 +112,8 @@ def test_files_and_pictures_of_a_stranger(agglo: Agglo) -> None:
         ),
         (["--problem", "ring.toml"], "ring.toml: turns must be a whole number, and the only key"),
         (["--problem", "what.toml"], "what.toml: no problem is named 'rings' (did you mean 'ring'?)"),
-        (["--problem", "kind.toml"], "kind must be the name of a kind of problem, given 3"),
-        (["--problem", "named.toml"], "is made by name, not from a file: choose it by its name alone"),
+        (["--problem", "kind.toml"], "kind must be the name of a problem kind, given 3"),
+        (["--problem", "named.toml"], "cannot be read from a file: select it by its name instead"),
         (["--problem", "sine:n=2"], "problem 'sine' (plugin 'defaults', distribution agglo"),
         (
             ["--problem", "nosuch:n=2"],
@@ -121,7 +121,7 @@ def test_files_and_pictures_of_a_stranger(agglo: Agglo) -> None:
         ),
         (
             ["--problem", "diffusion:source=x"],
-            "source must be a number, values of cells or a callable; given",
+            "source must be a number, an array with one value per cell, or a callable; given",
         ),
         (
             ["--problem", "diffusion:neumann=1"],
@@ -203,7 +203,7 @@ BAD_SYSTEMS = {
         "complex.npy: array 'complex' has dtype complex128 and shape (9,), expected real numbers",
     ),
     "oblong": ({"matrix": "oblong.npz"}, "must be square, given 9 x 4"),
-    "unknowns": ({"unknowns": 2}, "unknowns = 2 on 9 cells make 18; the matrix has 9 rows"),
+    "unknowns": ({"unknowns": 2}, "unknowns = 2 on 9 cells gives 18 unknowns, but the matrix has 9 rows"),
     "half": ({"unknowns": 0.5}, "unknowns must be a whole number, at least 1; given 0.5"),
 }
 

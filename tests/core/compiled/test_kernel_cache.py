@@ -315,7 +315,7 @@ def test_a_full_disk_costs_the_kernels_and_not_the_run(tmp_path: Path) -> None:
     assert run.stdout == "14 14.0\n"
     assert re.fullmatch(
         r"WARNING compiled kernels cannot be written to .*own.*: File too large; "
-        r"they are compiled again in each run; set NUMBA_CACHE_DIR to a folder that can be written to\n",
+        r"kernels are compiled again in each run\. Set NUMBA_CACHE_DIR to a writable folder\n",
         run.stderr,
     )
     assert [file for file in (tmp_path / "own").rglob("*") if file.is_file()] == []

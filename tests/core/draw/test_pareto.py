@@ -99,9 +99,9 @@ def test_solids_are_weighed_alike_and_what_cannot_be_weighed_is_refused() -> Non
     mesh = samples.boxes(2)
     found = trade_offs([run_of("halves", np.arange(8) // 4, mesh=mesh)])
     assert found.roundness.label == "mean CR"
-    with pytest.raises(OptionError, match="no run, or none came to an end"):
+    with pytest.raises(OptionError, match="no run, or none completed"):
         trade_offs([BROKEN])
-    with pytest.raises(OptionError, match="no metric that all runs have"):
+    with pytest.raises(OptionError, match="no metric is available in all runs"):
         trade_offs([run_of("a", bands(8), metrics=["interface"])])
 
 

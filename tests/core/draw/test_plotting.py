@@ -190,7 +190,7 @@ def test_what_unknowns_of_a_linear_system_mean_is_not_known() -> None:
     system = solved(SQUARES)
     solver: Any = default().build("solver", "direct")
     linear = solver.solve(Linear(system.A, system.b, 3 * np.arange(17)), halves(SQUARES))
-    with pytest.raises(OptionError, match=r"not of linear systems; plot\(convergence=True\) shows"):
+    with pytest.raises(OptionError, match=r"not for linear systems; plot\(convergence=True\) shows"):
         linear.plot()
     assert linear.plot(convergence=True).get_xlabel() == "iteration"
 
@@ -214,7 +214,11 @@ def test_functions_of_space_are_shown_on_a_plane(across: str, names: str) -> Non
             "cmap must be the name .* not 'no'",
         ),
         (lambda: SQUARES.plot(section=(1, 0, 0)), OptionError, "section is for pictures of solids"),
-        (lambda: halves(SQUARES).plot(1), IndexError, r"level 1 of a hierarchy with levels 0\.\.0"),
+        (
+            lambda: halves(SQUARES).plot(1),
+            IndexError,
+            r"level 1 is out of range: the hierarchy has levels 0\.\.0",
+        ),
         (lambda: halves(SQUARES).plot(values="UFO"), PluginError, "UFO"),
         (lambda: halves(SQUARES).plot(values=[1.0]), OptionError, r"shape \(2,\), one for each agglomerate"),
         (lambda: halves(SQUARES).plot(explode=1), OptionError, "explode is for pictures of solids"),

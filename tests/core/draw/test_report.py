@@ -175,7 +175,7 @@ def test_choices_that_make_no_sense_are_explained() -> None:
     with pytest.raises(OptionError, match="not the text 'UF'"):
         summary(mesh, hierarchy, metrics="UF")
     parts = type("parts", (FirstCell,), {})()
-    with pytest.raises(OptionError, match="every level has a value of that name"):
+    with pytest.raises(OptionError, match="the name is reserved"):
         summary(mesh, hierarchy, metrics=[parts])
     with pytest.raises(MeshError, match="edge_ratio exists only for 2-D"):
         summary(solid, _hierarchy(solid, np.repeat([0, 1], 4)), metrics=["UF", "edge_ratio"])

@@ -90,7 +90,7 @@ def test_what_cannot_be_viewed_is_refused(
         plane.view()
     with pytest.raises(MeshError, match="belongs to a graph"):
         bare.view()
-    with pytest.raises(IndexError, match=r"level 2 of a hierarchy with levels 0\.\.1"):
+    with pytest.raises(IndexError, match=r"level 2 is out of range: the hierarchy has levels 0\.\.1"):
         hierarchy.view(2)
     with pytest.raises(OptionError, match="explode must be a number"):
         hierarchy.view(explode=-1)

@@ -143,7 +143,7 @@ def test_components_are_those_of_networkx(case: tuple[Mesh, np.ndarray]) -> None
 
 @pytest.mark.parametrize("labels", [[0, 0, -1, 0], [0, 0, 0]])
 def test_components_of_labels_that_do_not_fit(labels: list[int]) -> None:
-    with pytest.raises(MeshError, match=r"labels must be \(4,\) integers, none negative"):
+    with pytest.raises(MeshError, match=r"labels must be \(4,\) non-negative integers"):
         samples.squares(2).graph.components(labels)
 
 
@@ -230,7 +230,7 @@ def test_blocks_by_number() -> None:
     level = samples.squares(2).graph.split([0, 1, 1, 0])[0]
     same(level[-1], level[1])
     for block in (2, -3):
-        with pytest.raises(IndexError, match="of a graph with 2 blocks"):
+        with pytest.raises(IndexError, match="the graph has 2 blocks"):
             level[block]
 
 

@@ -83,7 +83,7 @@ def test_levels_beyond_the_last() -> None:
     hierarchy = hierarchy_of(samples.squares(2), np.array([0, 0, 1, 1]), np.zeros(4, int))
     assert repr(hierarchy) == "Hierarchy(4 cells -> 2, 1 parts)"
     for refused in (hierarchy.parents, hierarchy.overlap):
-        with pytest.raises(IndexError, match=r"level 2 of a hierarchy with levels 0\.\.1"):
+        with pytest.raises(IndexError, match=r"level 2 is out of range: the hierarchy has levels 0\.\.1"):
             refused(1)
     for refused in (hierarchy.mesh, hierarchy.prolongation):
         with pytest.raises(IndexError, match=r"level -1"):

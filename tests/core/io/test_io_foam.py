@@ -67,7 +67,7 @@ def test_patches_are_chosen_by_name(tmp_path: Path) -> None:
     assert problem.dirichlet == {0: 2.0}
     assert problem.neumann == {1: 0.5}
     file.write_text('boundary = "patch"\n[dirichlet]\noutlet = 2.0\n')
-    with pytest.raises(FileError, match=r"'outlet' is not the value of a tag.*names: inlet, walls"):
+    with pytest.raises(FileError, match=r"'outlet' must be a tag value .*names: inlet, walls"):
         read_problem(file, mesh)
 
 

@@ -94,10 +94,10 @@ FAULTS: dict[str, tuple[Any, Any, str]] = {
     "ragged nonsense": (GRID, [[0, [1, 2], 3]], r"cells must"),
     "three levels": (GRID, np.zeros((1, 2, 3), int), r"cells must"),
     "three levels, lists": (GRID, [[[0, 1, 4, 3]]], r"cells must"),
-    "offsets that do not start at 0": (GRID, (np.array([1, 4]), np.arange(4)), r"cell offsets must rise"),
-    "offsets that stop short": (GRID, (np.array([0, 3]), np.array([0, 1, 4, 3])), r"offsets must rise"),
-    "offsets that fall": (GRID, (np.array([0, 5, 3, 6]), np.array([0, 1, 4, 1, 2, 5])), r"offsets must rise"),
-    "no offsets": (GRID, (np.array([], int), np.array([], int)), r"offsets must rise"),
+    "offsets that do not start at 0": (GRID, (np.array([1, 4]), np.arange(4)), r"cell offsets must increase"),
+    "offsets that stop short": (GRID, (np.array([0, 3]), np.array([0, 1, 4, 3])), r"offsets must increase"),
+    "offsets that fall": (GRID, (np.array([0, 5, 3, 6]), np.array([0, 1, 4, 1, 2, 5])), "must increase"),
+    "no offsets": (GRID, (np.array([], int), np.array([], int)), r"offsets must increase"),
     "fractional offsets": (GRID, (np.array([0, 3.5]), np.array([0, 1, 4])), r"offsets must hold int"),
     "matrix of offsets": (GRID, (np.zeros((2, 2), int), np.array([0, 1, 4])), r"one-dimensional"),
 }  # fmt: skip
@@ -188,7 +188,7 @@ def test_cells_that_wrap_around_are_warned_about(
     assert mesh.cell_measures.sum() == pytest.approx(area)
     (warning,) = [each.getMessage() for each in caplog.records if each.levelno == logging.WARNING]
     assert warning.startswith(f"{pairs} pairs of cells overlap at an edge, such as cells ")
-    assert "In a periodic mesh, cells that wrap around need points of their own" in warning
+    assert "In a periodic mesh, give cells that wrap around separate points" in warning
 
 
 def test_two_cells_on_one_side_of_an_edge(caplog: pytest.LogCaptureFixture) -> None:
@@ -287,7 +287,7 @@ SOLIDS: dict[str, tuple[Any, Any, str]] = {
     "polygons": (CUBE, [[0, 1, 3, 2]], r"cells must be lists of faces"),
     "fractional": (CUBE, [[[0.5, 1, 2], [0, 1, 3], [1, 2, 3], [2, 0, 3]]], r"cells must hold integers"),
     "nothing": (CUBE, None, r"cells must be lists of faces"),
-    "wrong cell offsets": (CUBE, (np.array([0, 5]), QUADS, np.ravel(HEX)), r"offsets must rise"),
+    "wrong cell offsets": (CUBE, (np.array([0, 5]), QUADS, np.ravel(HEX)), r"offsets must increase"),
     "wrong face offsets": (CUBE, (np.array([0, 6]), QUADS[::-1], np.ravel(HEX)), r"face offsets"),
     "fractional offsets": (CUBE, (np.array([0, 6.0]), QUADS, np.ravel(HEX)), r"offsets must hold"),
 }  # fmt: skip
@@ -319,9 +319,9 @@ PATH: dict[str, Any] = {
     [
         ({"indices": [1, 0, 3, 1]}, r"indices must lie in 0..2"),
         ({"indices": [1, 0, -1, 1]}, r"indices must lie in 0..2"),
-        ({"indptr": [0, 1, 3]}, r"indptr must have 4 entries rising from 0 to 4"),
-        ({"indptr": [1, 1, 3, 4]}, r"indptr must have 4 entries rising from 0 to 4"),
-        ({"indptr": [0, 3, 1, 4]}, r"indptr must have 4 entries rising"),
+        ({"indptr": [0, 1, 3]}, r"indptr must have 4 entries increasing from 0 to 4"),
+        ({"indptr": [1, 1, 3, 4]}, r"indptr must have 4 entries increasing from 0 to 4"),
+        ({"indptr": [0, 3, 1, 4]}, r"indptr must have 4 entries increasing"),
         ({"indptr": [0, 2, 3, 4], "indices": [1, 2, 2, 1]}, r"symmetric"),
         ({"indptr": [0, 2, 4, 5], "indices": [0, 1, 0, 2, 1]}, r"node 0 has an edge to itself"),
         ({"interface": [1, 2, 3, 3]}, r"symmetric"),
@@ -389,17 +389,17 @@ def masked(array: np.ndarray) -> np.ma.MaskedArray:
         (lambda m: {"points": m.points.astype(str)}, "points must be numbers, given <U"),
         (lambda m: {"points": masked(m.points)}, "points has masked entries"),
         (lambda m: {"points": 1e60 * m.points}, "choose another unit of length"),
-        (lambda m: {"face_offsets": at(m.face_offsets, 3, 10**9)}, "face_offsets: a face has"),
+        (lambda m: {"face_offsets": at(m.face_offsets, 3, 10**9)}, "face_offsets: a face must have"),
         (lambda m: {"face_offsets": m.face_offsets + 0.25}, "face_offsets must hold integers"),
-        (lambda m: {"face_offsets": m.face_offsets[1:]}, "face_offsets must be .* numbers that rise from 0"),
-        (lambda m: {"face_offsets": m.face_offsets[::-1].copy()}, "face_offsets must be .* rise from 0"),
+        (lambda m: {"face_offsets": m.face_offsets[1:]}, "face_offsets must be .* increase from 0"),
+        (lambda m: {"face_offsets": m.face_offsets[::-1].copy()}, "face_offsets must be .* increase from 0"),
         (lambda m: {"face_vertices": at(m.face_vertices, 0, m.n_points)}, "face_vertices must lie in 0"),
         (lambda m: {"face_vertices": at(m.face_vertices, 0, -1)}, "face_vertices must lie in 0"),
         (lambda m: {"face_vertices": masked(m.face_vertices)}, "face_vertices has masked entries"),
         (lambda m: {"face_vertices": at(m.face_vertices, 0, m.face_vertices[-1])}, "faces do not close"),
         (lambda m: {"face_cells": m.face_cells + 0.4}, "face_cells must hold integers"),
         (lambda m: {"face_cells": masked(m.face_cells)}, "face_cells has masked entries"),
-        (lambda m: {"face_cells": at(m.face_cells, (0, 0), 10**11)}, "faces cannot have 100000000001 cells"),
+        (lambda m: {"face_cells": at(m.face_cells, (0, 0), 10**11)}, "faces cannot bound 100000000001 cells"),
         (lambda m: {"face_cells": at(m.face_cells, 0, 3)}, "face 0 has cell 3 on both sides"),
         (lambda m: {"face_cells": at(m.face_cells, (0, 0), -1)}, "every face needs an owner"),
         (lambda m: {"face_cells": m.face_cells + (m.face_cells > 0)}, "cell 1 of 9 have no faces"),
@@ -460,10 +460,10 @@ def test_masked_vertices_at_the_end_of_a_face_are_padding() -> None:
         ("measures", lambda g: -g.measures, "finite and not negative"),
         ("weights", lambda g: masked(g.weights), "weights has masked entries"),
         ("weights", lambda g: g.weights.astype("m8[s]"), "weights must be an array of numbers"),
-        ("vertex_offsets", lambda g: g.vertex_offsets[::-1], "vertex_offsets must have 5 entries rising"),
+        ("vertex_offsets", lambda g: g.vertex_offsets[::-1], "vertex_offsets must have 5 entries increasing"),
         ("vertices", lambda g: g.vertices + 100, "vertices must lie in 0..8"),
         ("points", lambda g: g.points[:, :1], r"points must have shape \(p, 2\)"),
-        ("offsets", lambda g: [0, 2, 4], "nodes 0 and 2 of different blocks have an edge"),
+        ("offsets", lambda g: [0, 2, 4], "an edge joins nodes 0 and 2, which are in different blocks"),
         ("origin", lambda g: np.zeros(3), r"origin must have shape \(2,\)"),
         ("data", lambda g: {"rock": masked(np.arange(4))}, "data 'rock' has masked entries"),
     ],

@@ -131,7 +131,7 @@ def test_points_kept_apart_on_purpose_are_told(caplog: pytest.LogCaptureFixture)
     mesh = Mesh.from_polygons(*SLIT, merge_points=False)
     assert (mesh.n_points, pairs(mesh)) == (6, 0)
     assert mesh.repairs == {"outer faces on one another left apart": 1}
-    assert "1 pairs of outer faces, such as of cells 0 and 1, lie on one another" in caplog.text
+    assert "1 pairs of outer faces, such as of cells 0 and 1, coincide but were not joined" in caplog.text
     caplog.clear()
     assert Mesh.from_polygons(*SLIT, allow_gaps=True).repairs == {}
     assert not caplog.text
@@ -161,7 +161,7 @@ def test_faces_that_almost_touch_are_warned_about(gap: float, caplog: pytest.Log
     blocks = together(grid(1, 2, (0, 0, 1, 2)), grid(1, 1, (1 + gap, 0, 3, 2)))
     mesh = Mesh.from_polygons(*blocks)
     assert pairs(mesh) == 1
-    assert "2 pairs of outer faces, such as of cells 0 and 2, lie on one another almost" in caplog.text
+    assert "2 pairs of outer faces, such as of cells 0 and 2, coincide only approximately" in caplog.text
     assert pairs(mesh.conforming(tolerance=1e-3)) == 3
     assert mesh.conforming(tolerance=1e-3).cell_measures.sum() == pytest.approx(6, abs=4e-4)
 
@@ -171,7 +171,7 @@ def test_a_vertex_on_an_arc_beside_a_chord_is_warned_about(caplog: pytest.LogCap
     points = [[0, 0], [1, 0], [1, 2], [0, 2], [1.008, 1], [2, 0], [2, 1], [2, 2]]
     mesh = Mesh.from_polygons(points, [[0, 1, 2, 3], [1, 5, 6, 4], [4, 6, 7, 2]])
     assert pairs(mesh) == 1
-    assert "2 pairs of outer faces, such as of cells 0 and 1, lie on one another almost" in caplog.text
+    assert "2 pairs of outer faces, such as of cells 0 and 1, coincide only approximately" in caplog.text
     assert pairs(mesh.conforming(tolerance=1e-2)) == 3
 
 
@@ -274,7 +274,7 @@ def test_equal_faces_with_points_of_their_own() -> None:
 @pytest.mark.parametrize("other", [bricks(3, 1), bricks(2, 1, 0.25), bricks(1, 1, 0.25, 0.5)])
 def test_solids_whose_faces_overlap_in_part_are_refused(other: tuple[Any, Any]) -> None:
     with pytest.raises(
-        MeshError, match=r"such as of cells \d and \d+, lie on one another in part.*allow_gaps=True"
+        MeshError, match=r"such as of cells \d and \d+, coincide only partially.*allow_gaps=True"
     ):
         solids(bricks(2, 0), other)
     assert pairs(solids(bricks(2, 0), other, allow_gaps=True)) == 12 + pairs(solids(other))
@@ -332,7 +332,7 @@ def test_a_native_file_is_told_but_never_changed(tmp_path: Path, caplog: pytest.
     back, stored = read_hierarchy(tmp_path / "old.npz")
     assert back.fingerprint == mesh.fingerprint
     assert stored is not None
-    assert "2 pairs of outer faces, such as of cells 0 and 1, lie on one another" in caplog.text
+    assert "2 pairs of outer faces, such as of cells 0 and 1, coincide but were not joined" in caplog.text
     assert "mesh.conforming() joins them" in caplog.text
     assert back.conforming().coarsen(stored.levels[0]).n_cells == 2
     caplog.clear()

@@ -88,7 +88,7 @@ def test_the_warning_names_measures_and_ways_out(caplog: pytest.LogCaptureFixtur
     soup([box(0, 0), box(0.5, 0.5)])
     assert caplog.messages == [
         "cells overlap: their total measure is 2, that of their union 1.75, so 0.25 is counted twice. "
-        "strict=True finds the cells. In a periodic mesh, cells that wrap around need points of their own on "
+        "strict=True reports the cells. In a periodic mesh, give cells that wrap around separate points on "
         "the far side"
     ]
     with pytest.raises(MeshError, match="cells 0, 1 overlap a neighbour"):

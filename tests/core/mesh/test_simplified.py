@@ -444,7 +444,7 @@ def test_faces_of_solids_with_different_tags_stay_apart() -> None:
     made = mesh.coarsen(np.zeros(8, int)).simplified()
     assert made.n_faces == 7
     assert sorted(made.face_tags["inlet"].tolist()) == [0] * 6 + [7]
-    with pytest.raises(OptionError, match="in 3-D only flat patches"):
+    with pytest.raises(OptionError, match="tolerance must be 0 in 3-D"):
         mesh.simplified(0.1)
 
 

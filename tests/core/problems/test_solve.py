@@ -41,7 +41,7 @@ def test_solvers_by_name_with_options_and_as_objects_are_the_same() -> None:
     ("arguments", "options", "message"),
     [
         ((3,), {}, "expects a Mesh or a Hierarchy first, given 3"),
-        ((MESH,), {"solver": "polydg_mg_paper"}, r"needs levels: give agglo.agglomerate\(mesh"),
+        ((MESH,), {"solver": "polydg_mg_paper"}, r"requires levels: give agglo.agglomerate\(mesh"),
         ((MESH,), {"degree": 99}, "degree must be a whole number, 1..6"),
         ((MESH,), {"solver": Diffusion}, "is not a solver: expected a name or an object with solve"),
     ],
@@ -53,7 +53,7 @@ def test_what_does_not_fit_is_refused(arguments: Any, options: Any, message: str
 
 def test_options_beside_an_object_are_refused() -> None:
     solver = agglo.registry.default().build("solver", "direct")
-    with pytest.raises(OptionError, match="options are for solvers by name; given degree"):
+    with pytest.raises(OptionError, match="options apply only to solvers given by name; given degree"):
         agglo.solve(MESH, solver=solver, degree=2)
 
 
@@ -95,7 +95,7 @@ def test_levels_of_a_hierarchy_take_equal_blocks_without_offsets() -> None:
     A, hierarchy, b = of_blocks()
     given = agglo.build_levels(A, hierarchy, block_offsets=np.arange(0, A.shape[0] + 1, 2)).solve(b)
     assert np.array_equal(agglo.build_levels(A, hierarchy).solve(b).x, given.x)
-    with pytest.raises(OptionError, match="block_offsets are needed: 1151 unknowns in 576 cells"):
+    with pytest.raises(OptionError, match="block_offsets are required: 1151 unknowns"):
         agglo.build_levels(A[:-1, :-1], hierarchy)
 
 

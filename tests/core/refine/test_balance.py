@@ -162,7 +162,7 @@ def test_components_are_evened_out_each_by_itself() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"size": "area"}, "balance: size is one of cells, measure, weights; given 'area'"),
+        ({"size": "area"}, "balance: size must be one of cells, measure, weights; given 'area'"),
         ({"tolerance": -1.0}, "balance: tolerance must be a number, 0 or more, not -1.0"),
         ({"tolerance": True}, "balance: tolerance must be a number, 0 or more, not True"),
     ],

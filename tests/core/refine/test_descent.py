@@ -162,7 +162,7 @@ def test_cells_that_hold_a_part_together_are_found() -> None:
             r"no objective is named 'compactnes' \(did you mean 'compactness'\?\); there are inter",
         ),
         ("isoperimetri", "did you mean 'isoperimetric'"),
-        ("diameter", "objective 'diameter' cannot tell what a move changes; interface, cut, "),
+        ("diameter", "objective 'diameter' cannot evaluate single moves; use one of interface, cut, "),
         ("CR", "metric 'CR' .* cannot be optimised: it has no method changes"),
         (object(), "metric object cannot be optimised"),
     ],

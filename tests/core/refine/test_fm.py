@@ -193,8 +193,8 @@ def test_it_polishes_a_run() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"objective": "length"}, "objective is one of interface, cut; given 'length'"),
-        ({"size": "area"}, "size is one of cells, measure, weights; given 'area'"),
+        ({"objective": "length"}, "objective must be one of interface, cut; given 'length'"),
+        ({"size": "area"}, "size must be one of cells, measure, weights; given 'area'"),
         ({"tolerance": -0.1}, "tolerance must be a number, 0 or more, not -0.1"),
         ({"tolerance": float("nan")}, "tolerance must be a number, 0 or more, not nan"),
         ({"patience": 0}, "patience must be a whole number, 1 or more, not 0"),

@@ -219,7 +219,7 @@ def test_an_attribute_of_another_type_is_shown(registry: Registry) -> None:
 @pytest.mark.parametrize(
     ("kind", "says"),
     [
-        ("kindless", "from_table made Kindless(), expected a problem, whose kind is its name"),
+        ("kindless", "from_table returned Kindless(), expected a problem"),
         ("bound", "raised TypeError: Bound.from_table() missing 1 required positional argument"),
         ("tableless", "has no method from_table(table, mesh, folder)"),
     ],
@@ -235,7 +235,7 @@ def test_of_a_problem(kind: str, says: str, registry: Registry, tmp_path: Path) 
 
 
 def test_of_a_problem_by_name(registry: Registry) -> None:
-    with pytest.raises(PluginError, match=r"problem 'kindless' .* made .*, expected a problem"):
+    with pytest.raises(PluginError, match=r"problem 'kindless' .* returned .*, expected a problem"):
         named_problem("kindless", MESH, registry=registry)
 
 
