@@ -126,7 +126,7 @@ UNSOUND = {
 def test_matrices_with_indices_out_of_range_are_refused(name: str) -> None:
     """Each would make scipy read or write outside its arrays."""
     matrix = damaged(UNSOUND[name][0], **UNSOUND[name][1])
-    message = f"A is no {UNSOUND[name][0]} matrix"
+    message = f"A is not a valid {UNSOUND[name][0]} matrix"
     with pytest.raises(OptionError, match=message):
         System(matrix, b)
     with pytest.raises(OptionError, match=message):
@@ -266,7 +266,9 @@ def test_files_that_are_no_system_are_named(tmp_path: Path) -> None:
     with pytest.raises(FileError, match=r"a\.mtx: line 1: expected %%MatrixMarket .*found 'not a matrix'"):
         read_system(tmp_path / "a.mtx")
     np.savez(tmp_path / "b.npz", data=np.ones(2), indices=[0, 9], indptr=[0, 1, 2], b=np.ones(2))
-    with pytest.raises(FileError, match=r"b\.npz: A is no csr matrix: it has the index 9, expected 0\.\.1"):
+    with pytest.raises(
+        FileError, match=r"b\.npz: A is not a valid csr matrix: it has the index 9, expected 0\.\.1"
+    ):
         read_system(tmp_path / "b.npz")
     write_system(tmp_path / "c.npz", System(A, b))
     whole = (tmp_path / "c.npz").read_bytes()
