@@ -46,7 +46,7 @@ def test_with_a_mesh_blocks_are_cells() -> None:
     assert System(laplacian(4), np.ones(4), mesh=mesh).n_blocks == 4
     with pytest.raises(OptionError, match="they assign the 6 unknowns to the 4 cells"):
         System(A, b, mesh=mesh)
-    with pytest.raises(OptionError, match="of 3 blocks, the mesh has 4 cells"):
+    with pytest.raises(OptionError, match="define 3 blocks, but the mesh has 4 cells"):
         System(A, b, [0, 2, 4, 6], mesh)
 
 
