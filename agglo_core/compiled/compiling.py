@@ -11,9 +11,9 @@ from numba.extending import is_jitted, register_jitable
 
 try:
     from agglo_core.compiled.kernel_cache import KernelCache
-    from agglo_core.compiled.self_contained import KernelCompiler
+    from agglo_core.compiled.self_contained import HelperCompiler, KernelCompiler
 except (ImportError, AttributeError):  # numba with other internals: use its compiler and cache
-    KernelCache = KernelCompiler = None  # type: ignore[assignment, misc]
+    KernelCache = KernelCompiler = HelperCompiler = None  # type: ignore[assignment, misc]
 
 ONE = np.uint64(1)
 """One as an unsigned integer: a plain 1 would turn unsigned indices into real numbers.
@@ -78,7 +78,7 @@ def helper(
     if function is None:
         return lambda inner: helper(inner, reorder_sums=reorder_sums, allocates=allocates, inline=inline)
     options = _options(reorder_sums, allocates) | ({"forceinline": True} if inline else {})
-    return register_jitable(**options)(function)
+    return register_jitable(pipeline_class=HelperCompiler, **options)(function)
 
 
 def _keep(compiled: Any, function: Callable[..., Any]) -> None:
