@@ -11,7 +11,7 @@ import logging
 import pickle
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from hashlib import sha256
 from io import BytesIO
@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 
+from agglo_core.compiled import compile_lock
 from agglo_core.lazy_names import names_in_stub
 
 INSTALLED = Path(__file__).with_name("machine_code")
@@ -86,6 +87,10 @@ class _CacheFiles(IndexDataCacheFile):
         kept, data = pickle.loads(content[_HASH:])
         return data if kept == key else None
 
+    def lock(self, key: Any) -> Path:
+        """Return the file that is locked while a process compiles a signature."""
+        return Path(self._cache_path, self._name(key)).with_suffix(".lock")
+
     def flush(self) -> None:
         """Remove all machine code of the kernel."""
         for file in self._files():
@@ -126,7 +131,7 @@ class KernelCache(FunctionCache):
         super().__init__(function)  # type: ignore[no-untyped-call]
         file = Path(inspect.getfile(function))
         self._stamp = source_stamp(file) if file.is_file() else self._impl.locator.get_source_stamp()
-        self._cache_file = self._files_in(Path(self._cache_path))
+        self._cache_file: _CacheFiles = self._files_in(Path(self._cache_path))
         self._installed = self._files_in(installed)
 
     @property
@@ -135,13 +140,24 @@ class KernelCache(FunctionCache):
         return None if isinstance(self._impl.locator, _Nowhere) else self._cache_path
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the machine code for a signature, or None."""
+        """Return the machine code for a signature, or None if this process should compile it.
+
+        While another process compiles the signature, wait for its result.
+        """
         target_context.refresh()
         key = self._index_key(sig, target_context.codegen())  # type: ignore[no-untyped-call]
         data = self._installed.load(key)
-        if data is None:
-            return super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
-        return self._impl.rebuild(target_context, data)
+        if data is not None:
+            return self._impl.rebuild(target_context, data)
+        found = super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+        if found is None and self.cache_path is not None:
+            with suppress(OSError):  # save_overload reports folders that cannot be written to
+                self._impl.locator.ensure_cache_path()
+            compile_lock.acquire(self._cache_file.lock(key))
+            found = super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+            if found is not None:
+                compile_lock.release(self._cache_file.lock(key))
+        return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Store compiled code, or warn once if this is impossible."""
@@ -153,12 +169,15 @@ class KernelCache(FunctionCache):
         except OSError as error:  # full disk, quota, folder removed or write-protected meanwhile
             reason = error.strerror or str(error)
             _warn_unkept(f"compiled kernels cannot be written to {self.cache_path}: {reason}")
+        finally:
+            key = self._index_key(sig, data.codegen)  # type: ignore[no-untyped-call]
+            compile_lock.release(self._cache_file.lock(key))
 
     def write_to(self, folder: Path) -> None:
         """Store all further compiled code in a folder that will become :data:`INSTALLED`."""
         self._cache_file = self._installed = self._files_in(folder)
 
-    def _files_in(self, folder: Path) -> Any:
+    def _files_in(self, folder: Path) -> _CacheFiles:
         package = self._py_func.__module__.rpartition(".")[0]
         name = f"{package}.{self._impl.filename_base}"
         return _CacheFiles(str(folder), name, self._stamp)  # type: ignore[no-untyped-call]

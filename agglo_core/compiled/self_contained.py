@@ -13,6 +13,8 @@ from numba.core.compiler import Compiler
 from numba.core.compiler_machinery import register_pass
 from numba.core.typed_passes import NativeLowering
 
+from agglo_core.compiled import compile_lock
+
 
 class _KernelLibrary(JITCodeLibrary):
     """Code of one kernel, whose machine code keeps its linked functions private.
@@ -46,6 +48,14 @@ class KernelCompiler(Compiler):
         state.library.enable_object_caching()
         return super().define_pipelines()  # type: ignore[no-untyped-call]
 
+    def compile_extra(self, func: Any) -> Any:
+        """Compile a function, and let other processes compile it if this fails."""
+        try:
+            return super().compile_extra(func)  # type: ignore[no-untyped-call]
+        except BaseException:
+            compile_lock.release_all()
+            raise
+
 
 class _HelperLibrary(JITCodeLibrary):
     """Intermediate code of one helper, which is optimised and translated only within kernels.
@@ -66,7 +76,7 @@ class _HelperLibrary(JITCodeLibrary):
         self._finalized = True
 
 
-@register_pass(mutates_CFG=True, analysis_only=False)
+@register_pass(mutates_CFG=True, analysis_only=False)  # type: ignore[no-untyped-call]
 class _HelperLowering(NativeLowering):
     """Numba pass that lowers a helper to intermediate code, for kernels to link."""
 

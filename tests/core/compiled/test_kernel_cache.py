@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numba import int64
+from numba.core.errors import TypingError
 
 from agglo_core.compiled import kernel, kernel_cache
 from agglo_core.compiled.ahead_of_time import compile_listed, read_signatures
@@ -288,6 +289,50 @@ def test_twenty_processes_share_an_empty_cache(tmp_path: Path) -> None:
     )
     assert run.stdout.split() == ["0"] * 30
     assert run.stderr == ""
+
+
+MISSES = """
+import sys
+from loops import multiplied
+sys.stdin.readline()
+multiplied(7)
+print(sum(multiplied.stats.cache_misses.values()))
+"""
+
+
+def test_of_processes_that_need_a_kernel_at_once_one_compiles_it(tmp_path: Path) -> None:
+    (tmp_path / "helpers.py").write_text(HELPERS.format(factor=5))
+    (tmp_path / "loops.py").write_text(LOOPS)
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    runs: list[Any] = [
+        subprocess.Popen([sys.executable, "-c", MISSES], cwd=tmp_path, **pipes) for _ in range(3)
+    ]
+    for run in runs:
+        run.stdin.write("\n")
+        run.stdin.flush()
+    assert sorted(run.communicate()[0] for run in runs) == ["0\n", "0\n", "1\n"]
+    assert not list(tmp_path.rglob("*.lock"))
+
+
+FAILS = """
+from agglo_core.authoring import kernel
+
+@kernel
+def added(x):
+    return x + "1"
+"""
+
+
+def test_a_kernel_that_does_not_compile_stays_unlocked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "fails.py").write_text(FAILS)
+    monkeypatch.syspath_prepend(tmp_path)
+    added = import_module("fails").added
+    for _ in range(2):
+        with pytest.raises(TypingError, match="No implementation of function"):
+            added(1)
+    assert not list(tmp_path.rglob("*.lock"))
 
 
 FULL = """
