@@ -103,7 +103,9 @@ def check_parts(member: Member, given: Any, n: int, parts: int) -> Int:
     """Return direct-partition labels ``(n,)`` without gaps, at most ``parts`` parts."""
     labels = _integers(member, "partition", given, n)
     if labels.min() < 0 or labels.max() >= parts:
-        raise PluginError(f"{member.title} returned labels {labels.min()}..{labels.max()} for {parts} parts")
+        raise PluginError(
+            f"{member.title} returned labels {labels.min()}..{labels.max()}, but there are {parts} parts"
+        )
     return frozen_int(np.unique(labels, return_inverse=True)[1])
 
 
@@ -118,7 +120,7 @@ def check_split(member: Member, graph: Graph, pieces: Int, quotas: Int, given: A
     if (counts != quotas).any():
         piece = int(np.flatnonzero(counts != quotas)[0])
         raise PluginError(
-            f"{member.title} split piece {piece} in {counts[piece]}, expected {quotas[piece]} parts"
+            f"{member.title} split piece {piece} into {counts[piece]} parts, expected {quotas[piece]}"
         )
     return labels
 
@@ -131,7 +133,7 @@ def check_split_to_size(member: Member, graph: Graph, pieces: Int, given: Any, *
     labels, owner = _check_growth(member, graph, pieces, graph.n, given, tested=tested)
     part_owners = owner[: int(labels.max()) + 1]
     if (part_owners < 0).any():
-        raise PluginError(f"{member.title} left out part {int(part_owners.argmin())}")
+        raise PluginError(f"{member.title} left part {int(part_owners.argmin())} without cells")
     return labels
 
 
@@ -140,7 +142,7 @@ def check_widths(member: Member, labels: Int, wide: Mask, limit: float) -> int:
     if not wide.any():
         return 0
     if (wide & (np.bincount(labels, minlength=len(wide)) > 1)).any():
-        raise PluginError(f"{member.title} grew a part that is wider than {limit:.6g}")
+        raise PluginError(f"{member.title} grew a part wider than {limit:.6g}")
     return int(np.count_nonzero(wide))
 
 
@@ -150,12 +152,14 @@ def _check_growth(
     """Return the part labels and the piece ``(total,)`` of each part, −1 if unused."""
     labels = _integers(member, "grow", returned, graph.n)
     if labels.min() < 0 or labels.max() >= total:
-        raise PluginError(f"{member.title} grew labels {labels.min()}..{labels.max()} for {total} parts")
+        raise PluginError(
+            f"{member.title} grew labels {labels.min()}..{labels.max()}, but there are {total} parts"
+        )
     owner = np.full(total, -1, np.int64)
     if pieces.any():
         owner[labels] = pieces
         if (owner[labels] != pieces).any():
-            raise PluginError(f"{member.title} grew a part that lies in two pieces")
+            raise PluginError(f"{member.title} grew a part that spans two pieces")
     else:  # one piece, the usual case: a connected mesh
         owner[labels] = 0
     if tested and len(broken_blocks(graph, labels)):
@@ -213,8 +217,8 @@ def require_no_worse(member: Member, graph: Graph, before: Int, after: Int) -> N
     increase = objective.worse_by(graph, before, after)
     if increase > 0.0:
         raise PluginError(
-            f"{member.title} made its own objective worse: {objective.name} grew by {increase:.6g}, "
-            f"from {objective.value(graph, before):.6g}"
+            f"{member.title} worsened its own objective: {objective.name} increased by "
+            f"{increase:.6g}, from {objective.value(graph, before):.6g}"
         )
 
 

@@ -24,7 +24,8 @@ class TooFewPartsError(OptionError):
     def __init__(self, parts: int, components: int) -> None:
         self.parts, self.components = parts, components
         super().__init__(
-            f"too few parts, {parts}: the mesh has {components} disconnected components, and each is a part"
+            f"too few parts, {parts}: the mesh has {components} disconnected components, "
+            "and each needs at least one part"
         )
 
 
@@ -268,7 +269,7 @@ def _sizes(values: Sequence[float]) -> list[SizeGoal]:
 
 def _multiples(values: Sequence[float], size: float) -> list[SizeGoal]:
     if not size > 0:
-        raise OptionError("the cells have no extent, so h_factor means nothing: give h_star or n_parts")
+        raise OptionError("the cells have zero diameter, so h_factor is undefined: give h_star or n_parts")
     return [SizeGoal(value * size, {"h_star": value * size, "h_factor": value}) for value in values]
 
 

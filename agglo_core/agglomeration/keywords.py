@@ -50,9 +50,11 @@ class Keywords:
     )
     fixer: Choice = field(default="connectivity", metadata=_about("Default connectivity.", component="fixer"))
     method: Method = field(default="recursive", metadata=_about("Default recursive."))
-    nested: bool = field(default=True, metadata=_about("Whether levels coarsen each other (default)."))
-    merge: bool = field(default=False, metadata=_about("Sizes: merge neighbours while they meet the target."))
-    polish: bool = field(default=True, metadata=_about("Whether finished levels are polished (default)."))
+    nested: bool = field(default=True, metadata=_about("Each level coarsens the finer one (default)."))
+    merge: bool = field(
+        default=False, metadata=_about("For sizes: merge neighbours while the union meets the target.")
+    )
+    polish: bool = field(default=True, metadata=_about("Polish finished levels (default)."))
     post_refiners: Sequence[Choice] = field(
         default=POLISH,
         metadata=_about(
@@ -60,24 +62,27 @@ class Keywords:
         ),
     )
     seed: int = field(default=0, metadata=_about("Default 0."))
-    h_star: Numbers | None = field(default=None, metadata=_about("Largest diameters, a level each.", "size"))
+    h_star: Numbers | None = field(default=None, metadata=_about("Largest diameters, one per level.", "size"))
     h_factor: Numbers | None = field(
-        default=None, metadata=_about("The same over h0 (default 2,4,8).", "size")
+        default=None, metadata=_about("Largest diameters divided by h0 (default 2,4,8).", "size")
     )
-    n_parts: Numbers | None = field(default=None, metadata=_about("Numbers of agglomerates.", "count"))
+    n_parts: Numbers | None = field(
+        default=None, metadata=_about("Numbers of agglomerates, one per level.", "count")
+    )
     cells_per_part: Numbers | None = field(
-        default=None, metadata=_about("Mean sizes of agglomerates.", "count")
+        default=None, metadata=_about("Mean numbers of cells per agglomerate.", "count")
     )
     _: KW_ONLY
     constraints: Sequence[Choice] = field(
         default=(), metadata=_about("A rule for the parts. Repeatable.", component="constraint")
     )
     regions: Names | ArrayLike | None = field(
-        default=None, metadata=_about("No part holds cells of two regions (cell tags): materials.", "rule")
+        default=None,
+        metadata=_about("No part contains cells of two regions (cell tags), such as materials.", "rule"),
     )
     barriers: Marks | None = field(
         default=None,
-        metadata=_about("No part lies on both sides of faces with a tag: fractures, walls.", "rule"),
+        metadata=_about("No part lies on both sides of faces with a tag, such as fractures.", "rule"),
     )
     where: Marks | None = field(
         default=None, metadata=_about("Agglomerate only cells with a tag; all others stay single.", "rule")
@@ -87,29 +92,35 @@ class Keywords:
         metadata=_about("Join cells only with those on the same boundary patches (face tags).", "rule"),
     )
     weights: str | ArrayLike | None = field(
-        default=None, metadata=_about("Cell data that counts are shared out by, or bounded.", "rule")
+        default=None, metadata=_about("Cell data by which counts are balanced, or that is bounded.", "rule")
     )
     balance: Balance | None = field(
-        default=None, metadata=_about("What counts are shared out by (default cells).", "rule")
+        default=None, metadata=_about("Quantity that counts divide evenly (default cells).", "rule")
     )
-    max_cells: int | None = field(default=None, metadata=_about("No part has more cells.", "bound"))
-    min_cells: int | None = field(default=None, metadata=_about("Smaller parts join a neighbour.", "bound"))
+    max_cells: int | None = field(
+        default=None, metadata=_about("Largest number of cells in a part.", "bound")
+    )
+    min_cells: int | None = field(
+        default=None, metadata=_about("Parts with fewer cells join a neighbour.", "bound")
+    )
     max_measure: float | None = field(
-        default=None, metadata=_about("No part is larger, but single cells.", "bound")
+        default=None, metadata=_about("Largest measure of a part, except for single cells.", "bound")
     )
     min_measure: float | None = field(
         default=None, metadata=_about("Smaller parts join a neighbour.", "bound")
     )
     max_weight: float | None = field(
-        default=None, metadata=_about("No part is heavier, but single cells.", "bound")
+        default=None, metadata=_about("Largest weight of a part, except for single cells.", "bound")
     )
     min_weight: float | None = field(
         default=None, metadata=_about("Lighter parts join a neighbour.", "bound")
     )
     metric: ArrayLike | None = field(
-        default=None, metadata=_about("Tensor that lengths are measured in, row by row: 1,0,0,100.", "rule")
+        default=None, metadata=_about("Tensor that defines lengths, row by row: 1,0,0,100.", "rule")
     )
-    lines: bool = field(default=False, metadata=_about("Keep lines of strongly coupled cells.", "rule"))
+    lines: bool = field(
+        default=False, metadata=_about("Keep lines of strongly coupled cells together.", "rule")
+    )
 
 
 def _names(*roles: Role) -> tuple[str, ...]:

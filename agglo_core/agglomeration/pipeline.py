@@ -58,7 +58,9 @@ class Pipeline(Rules):
             if not isinstance(getattr(self, name), bool):
                 raise OptionError(f"{name} must be true or false, given {getattr(self, name)!r}")
         if self.merge and (self.n_parts is not None or self.cells_per_part is not None):
-            raise OptionError("merge works on size targets; counts are met exactly without it")
+            raise OptionError(
+                "merge applies to size targets only; counts are exact without it: pass merge=False"
+            )
         for name in ("refiners", "post_refiners"):
             value = getattr(self, name)
             if isinstance(value, str) or not isinstance(value, Sequence):

@@ -42,7 +42,7 @@ def read_run_file(path: Path, *, allow_code: bool = False) -> dict[str, Any]:
         if isinstance(value, Mapping) and isinstance(value.get("name"), str):
             options = {option: item for option, item in value.items() if option != "name"}
             return value["name"], options if allow_code else mark_texts(options)
-        raise FileError(f"{path}: {key} must be a name or a table with a name, not {value!r:.60}")
+        raise FileError(f"{path}: {key} must be a name or a table with a name, given {value!r:.60}")
 
     # 2. Convert components, single or in lists, to choices.
     keywords = {key: table[key] for key in NAMES if key in table}

@@ -40,7 +40,7 @@ TOML: dict[str, tuple[bytes, str]] = {
     "two targets": (b"h_star = 1\nn_parts = 2", "give one kind of target, not h_star and n_parts"),
     "a word for a truth": (b'nested = "yes"', "nested must be true or false, given 'yes'"),
     "a word for a list": (b'refiners = "interface"', "refiners must be a list, given 'interface'"),
-    "a number for a name": (b"bisector = 3", "bisector must be a name or a table with a name, not 3"),
+    "a number for a name": (b"bisector = 3", "bisector must be a name or a table with a name, given 3"),
     "an unknown key": (b"h_stra = 1", "unknown key 'h_stra'; accepted: bisector, "),
 }
 
@@ -222,7 +222,7 @@ def test_large_cells_are_spoken_of_once(caplog: pytest.LogCaptureFixture, how: d
         hierarchy = agglo_.agglomerate(agglo_.samples.squares(4), **arguments)  # type: ignore[arg-type]
     assert hierarchy.statistics["oversized_cells"] == 16
     said = [record.getMessage() for record in caplog.records if LARGE in record.getMessage()]
-    assert said == ["16 cells are larger than h* = 0.2; such cells stay alone"]
+    assert said == ["16 cells are larger than h* = 0.2; each such cell stays a part"]
 
 
 def test_a_comparison_speaks_of_them_once(agglo: Agglo) -> None:

@@ -256,7 +256,7 @@ def test_what_cannot_be_had_is_refused_on_all_ranks() -> None:
         assert unknown == "constraint 'regions': no cell tag is named 'rock'; there are mat, load"
         assert crowd == "weights: no cell tag is named 'crowd'; there are mat, load"
         assert few.startswith("rank 0: OptionError: too few parts, 3" if rank else "too few parts, 3")
-        assert "with the constraints (constraint 'regions')" in few
+        assert "the constraints (constraint 'regions')" in few
     assert "only bounds and barriers" in refused({"constraints": [Moody()]})[0]
 
 

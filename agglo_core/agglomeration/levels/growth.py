@@ -86,7 +86,7 @@ def grow_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass) -
         if stage and post.active:
             growth = _restart_growth(graph, labels, growth, level_run)
         if growth is None:
-            raise PluginError(f"{run.bisector.title} grew one level of the run, and declines the next")
+            raise PluginError(f"{run.bisector.title} grew one level of the run, but declined the next")
         parts = _split(graph, labels, goal, growth, level_run, stage, tested=not post.polish)
         if stage == len(goals) - 1:
             growth = None  # free its arrays before the post-passes

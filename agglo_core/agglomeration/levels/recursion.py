@@ -229,5 +229,5 @@ def warn_of_large_cells(goals: Sequence[Goal], run: Run) -> None:
     count, finest = run.statistics.oversized_cells, goals[0]
     if count and isinstance(finest, SizeGoal):
         cells = "1 cell is" if count == 1 else f"{count} cells are"
-        message = "%s larger than h* = %g; such cells stay alone"
+        message = "%s larger than h* = %g; each such cell stays a part"
         logging.getLogger("agglo").warning(message, cells, finest.h_star)

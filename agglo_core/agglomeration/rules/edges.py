@@ -63,7 +63,7 @@ def _at_least(goal: Goal, fewest: int, title: str) -> Goal:
     if not isinstance(goal, CountGoal) or goal.parts >= fewest:
         return goal
     if goal.exact:
-        raise OptionError(f"too few parts, {goal.parts}: {title} needs {fewest} at least")
+        raise OptionError(f"too few parts, {goal.parts}: {title} needs at least {fewest}")
     return replace(goal, parts=fewest)
 
 
@@ -77,8 +77,8 @@ def naming_constraints(constraints: Sequence[Member]) -> Iterator[None]:
             raise
         titles = ", ".join(member.title for member in constraints)
         raise OptionError(
-            f"too few parts, {error.parts}: with the constraints ({titles}) the mesh falls into "
-            f"{error.components} components, and each is a part"
+            f"too few parts, {error.parts}: the constraints ({titles}) divide the mesh into "
+            f"{error.components} components, and each needs at least one part"
         ) from None
 
 
@@ -91,7 +91,7 @@ def forbidden_by(member: Member, graph: Graph) -> Mask:
     if mask.shape != shape or mask.dtype != bool:
         raise PluginError(
             f"{member.title}: forbidden returned shape {mask.shape} of {mask.dtype}, "
-            f"expected {shape} of bool, one for each CSR entry"
+            f"expected {shape} of bool, one entry per CSR entry"
         )
     # 2. Check the symmetry: each forbidden entry (i, j) needs the entry (j, i).
     marked = np.flatnonzero(mask)

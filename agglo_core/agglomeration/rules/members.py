@@ -42,14 +42,20 @@ class Rules(Keywords):
         if self.boundary_rules not in (None, "ridges"):
             raise OptionError(f"boundary_rules must be 'ridges', given {self.boundary_rules!r}")
         if self.balance not in (None, *BALANCES):
-            raise OptionError(f"balance is one of {', '.join(BALANCES)}; given {self.balance!r}")
+            raise OptionError(f"balance must be one of {', '.join(BALANCES)}, given {self.balance!r}")
         if self.weights is not None and self.balance not in (None, "weights") and not self.bounds_weights:
-            raise OptionError(f"weights are given, but balance is {self.balance!r}")
+            raise OptionError(
+                f"weights have no effect with balance={self.balance!r}: pass balance='weights' "
+                "or leave weights out"
+            )
         self._bounds(self.weights)
         if not isinstance(self.lines, bool):
             raise OptionError(f"lines must be true or false, given {self.lines!r}")
         if self.lines and any(getattr(self, name) is not None for name in BOUNDS if name[:3] == "max"):
-            raise OptionError("lines and a largest part cannot be had together: a line may be larger")
+            raise OptionError(
+                "lines=True cannot be combined with max_cells, max_measure or max_weight: a "
+                "line may exceed the bound"
+            )
 
     def members(self, mesh: Mesh | Graph, graph: Graph, registry: Registry) -> list[Member]:
         """Return the constraints on this mesh, starting with the keyword constraints."""
@@ -78,9 +84,13 @@ class Rules(Keywords):
         # 1. Size goals accept neither weights nor a balance.
         if not counts:
             if self.weights is not None and not self.bounds_weights:
-                raise OptionError("weights shares out a number of parts; with sizes it means nothing")
+                raise OptionError(
+                    "weights applies to counts (n_parts, cells_per_part), not to sizes (h_star, h_factor)"
+                )
             if self.balance is not None:
-                raise OptionError("balance shares out a number of parts; with sizes it means nothing")
+                raise OptionError(
+                    "balance applies to counts (n_parts, cells_per_part), not to sizes (h_star, h_factor)"
+                )
             return graph
         # 2. Balance by measure.
         if self.balance == "measure":
@@ -149,7 +159,7 @@ def _regions(regions: Names | ArrayLike) -> Any:
         return make(regions if isinstance(regions, str) else tuple(regions))
     values = plain_array(regions, "regions", OptionError)
     if values.dtype.kind not in "iubU":
-        raise OptionError(f"regions must be names of cell tags, integers or booleans, not {values.dtype}")
+        raise OptionError(f"regions must be names of cell tags, integers or booleans, given {values.dtype}")
     return make(values=values)
 
 
@@ -168,5 +178,5 @@ def _on_mesh(member: Member, mesh: Mesh | Graph) -> Member:
     with attributed(member.title):
         tool = member.tool.for_mesh(mesh)
     if not any(callable(getattr(tool, name, None)) for name in ("forbidden", "admissible", "incomplete")):
-        raise PluginError(f"{member.title}: for_mesh returned {tool!r:.60}, which is not a constraint")
+        raise PluginError(f"{member.title}: for_mesh returned {tool!r:.60}, expected a constraint")
     return Member(tool, member.title)

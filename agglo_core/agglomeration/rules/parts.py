@@ -189,9 +189,9 @@ class PartRules:
         if bad.any():
             titles = ", ".join(member.title for member in self.members)
             raise OptionError(
-                f"{int(np.count_nonzero(bad))} parts break the constraints ({titles}) and cannot be split: "
-                "they are whole lines of cells, or parts of a finer level, "
-                "or a constraint does not always answer alike"
+                f"{int(np.count_nonzero(bad))} parts violate the constraints ({titles}) and "
+                "cannot be split: they are whole lines of cells or parts of a finer level, "
+                "or a constraint gives inconsistent answers"
             )
 
     def _asked(self, method: str, labels: Int, join: Callable[..., Mask], *, fill: bool) -> Mask:
@@ -297,7 +297,7 @@ class _Level:
             return labels
         titles = ", ".join(member.title for member in self.rules.members)
         raise OptionError(
-            f"found no {count} parts that keep the constraints ({titles}): the search ended at {k}"
+            f"cannot find {count} parts that satisfy the constraints ({titles}): the search ended at {k}"
         )
 
     def _fewer(self, labels: Int, surplus: int) -> Int:
@@ -359,6 +359,6 @@ def _answer(member: Member, method: str, graph: Graph, labels: Int, count: int) 
     if mask.shape != (count,) or mask.dtype != bool:
         raise PluginError(
             f"{member.title}: {method} returned shape {mask.shape} of {mask.dtype}, "
-            f"expected ({count},) of bool, one for each part"
+            f"expected ({count},) of bool, one entry per part"
         )
     return mask

@@ -200,9 +200,9 @@ class Grows:
         (None, "grow returned None, expected \\(8,\\) integers"),
         (np.zeros(7, int), "grow returned shape \\(7,\\)"),
         (np.zeros(8), "expected \\(8,\\) integers"),
-        (np.array([0, 0, 1, 1, 2, 2, 4, 4]), "grew labels 0..4 for 4 parts"),
-        (np.array([0, 0, 1, 1, 2, 2, 2, 2]), "split piece 1 in 1, expected 2 parts"),
-        (np.array([0, 0, 1, 1, 1, 2, 3, 3]), "grew a part that lies in two pieces"),
+        (np.array([0, 0, 1, 1, 2, 2, 4, 4]), "grew labels 0..4, but there are 4 parts"),
+        (np.array([0, 0, 1, 1, 2, 2, 2, 2]), "split piece 1 into 1 parts, expected 2"),
+        (np.array([0, 0, 1, 1, 1, 2, 3, 3]), "grew a part that spans two pieces"),
         (np.array([0, 1, 1, 0, 2, 2, 3, 3]), "left a part disconnected"),
     ],
 )

@@ -195,8 +195,8 @@ def test_a_label_moved_to_another_block_is_noticed():
 BAD_PARTS = {
     "too short": (lambda g, t: np.zeros(g.n - 1, int), "shape"),
     "floats": (lambda g, t: np.zeros(g.n), "float64"),
-    "too many": (lambda g, t: np.arange(g.n), r"labels 0\.\.15 for 5 parts"),
-    "negative": (lambda g, t: np.arange(g.n) % 5 - 1, r"labels -1\.\.3 for 5 parts"),
+    "too many": (lambda g, t: np.arange(g.n), r"labels 0\.\.15, but there are 5 parts"),
+    "negative": (lambda g, t: np.arange(g.n) % 5 - 1, r"labels -1\.\.3, but there are 5 parts"),
     "raises": (explode, "raised KeyError"),
 }
 

@@ -31,7 +31,7 @@ class Scatters:
 def test_what_worsens_its_objective_is_refused(objective: str, place: str) -> None:
     others = {"refiners": (), "bisector": "inertial", "n_parts": 2}
     with pytest.raises(
-        PluginError, match=rf"refiner Scatters made its own objective worse: {objective} grew"
+        PluginError, match=rf"refiner Scatters worsened its own objective: {objective} increased"
     ):
         agglomerate(MESH, **others | {place: [Scatters(objective)]})
 
